@@ -1,0 +1,93 @@
+"""What a camera gives: a frame, and the pinhole that made it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Float32Array = npt.NDArray[np.float32]
+Float64Array = npt.NDArray[np.float64]
+UInt8Array = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class Intrinsics:
+    """A pinhole camera without lens distortion.
+
+    Attributes
+    ----------
+    fx, fy : float
+        Focal lengths in pixels.
+    cx, cy : float
+        Principal point in pixels; the centre of the top-left pixel is (0, 0).
+    width, height : int
+        Image size in pixels.
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        values = (self.fx, self.fy, self.cx, self.cy)
+        if not all(np.isfinite(values)) or self.fx <= 0 or self.fy <= 0:
+            raise ValueError(f"intrinsics need finite values and fx, fy > 0, got fx, fy, cx, cy = {values}")
+        if self.width < 1 or self.height < 1:
+            raise ValueError(f"intrinsics need a positive image size, got {self.width} x {self.height}")
+
+    def downscaled(self, factor: int) -> Intrinsics:
+        """Return the pinhole of the image whose pixels are blocks of `factor` x `factor` pixels of this one."""
+        shift = (factor - 1) / 2.0
+        return Intrinsics(
+            fx=self.fx / factor,
+            fy=self.fy / factor,
+            cx=(self.cx - shift) / factor,
+            cy=(self.cy - shift) / factor,
+            width=self.width // factor,
+            height=self.height // factor,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One color image with its aligned depth and, where known, its camera pose.
+
+    Attributes
+    ----------
+    index : int
+        Number of the frame in its recording, from 0; skipped frames keep their numbers.
+    timestamp_s : float
+        Time in seconds.
+    color : (H, W, 3) uint8
+        RGB.
+    depth_m : (H, W) float32
+        Depth along the optical axis in metres; 0 is no reading.
+    T_world_camera : (4, 4) float64 or None
+        Carries camera coordinates (x right, y down, z forward) to world coordinates.
+    """
+
+    index: int
+    timestamp_s: float
+    color: UInt8Array
+    depth_m: Float32Array
+    T_world_camera: Float64Array | None = None
+
+    def __post_init__(self) -> None:
+        if self.color.ndim != 3 or self.color.shape[2] != 3 or self.color.dtype != np.uint8:
+            raise ValueError(
+                f"frame {self.index}: color must be (H, W, 3) uint8, got {self.color.shape} {self.color.dtype}"
+            )
+        if self.depth_m.shape != self.color.shape[:2] or self.depth_m.dtype != np.float32:
+            raise ValueError(
+                f"frame {self.index}: depth must be {self.color.shape[:2]} float32 like the color image, "
+                f"got {self.depth_m.shape} {self.depth_m.dtype}"
+            )
+        if self.T_world_camera is not None and self.T_world_camera.shape != (4, 4):
+            raise ValueError(
+                f"frame {self.index}: T_world_camera must be (4, 4), got {self.T_world_camera.shape}"
+            )

@@ -1,0 +1,1 @@
+"""Pure maths: rigid transforms, the pinhole, boxes and their overlap."""

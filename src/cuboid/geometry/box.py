@@ -1,0 +1,54 @@
+"""An oriented box: nine numbers, and nothing that depends on where it came from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cuboid.frame import Float64Array
+
+# The eight corners in units of half sizes; corner k has bit 0, 1, 2 of k for +x, +y, +z.
+CORNER_SIGNS = np.array(
+    [[(k & 1) * 2 - 1, (k >> 1 & 1) * 2 - 1, (k >> 2 & 1) * 2 - 1] for k in range(8)], dtype=np.float64
+)
+# The twelve edges as pairs of corner numbers.
+EDGES = tuple((a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4))
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """An oriented box in some frame (the world unless said otherwise).
+
+    Attributes
+    ----------
+    center : (3,) float64
+        Centre in metres.
+    size : (3,) float64
+        Length, width, height along the box's own axes in metres.
+    rotation : (3, 3) float64
+        Columns are the box's axes; the third is the normal of the plane that the box rests on, away from it.
+    """
+
+    center: Float64Array
+    size: Float64Array
+    rotation: Float64Array
+
+    def __post_init__(self) -> None:
+        shapes = (np.shape(self.center), np.shape(self.size), np.shape(self.rotation))
+        if shapes != ((3,), (3,), (3, 3)):
+            raise ValueError(f"a box needs center (3,), size (3,), rotation (3, 3), got {shapes}")
+
+    @property
+    def up(self) -> Float64Array:
+        """The box's third axis, (3,)."""
+        return self.rotation[:, 2]
+
+    @property
+    def volume(self) -> float:
+        """Volume in cubic metres."""
+        return float(self.size[0] * self.size[1] * self.size[2])
+
+    def corners(self) -> Float64Array:
+        """Return the eight corners, (8, 3), in the order of `CORNER_SIGNS`."""
+        return self.center + (CORNER_SIGNS * (self.size / 2.0)) @ self.rotation.T

@@ -1,0 +1,50 @@
+"""The small interface between any 2D proposal source and the rest, which never knows which one it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from cuboid.frame import Float32Array, Frame, Intrinsics, UInt8Array
+
+
+@dataclass(frozen=True, slots=True)
+class Proposals:
+    """Class-agnostic 2D proposals of one frame.
+
+    Attributes
+    ----------
+    boxes_xyxy : (N, 4) int32
+        Rectangles in pixels, end exclusive, inside the image, at least one pixel large.
+    scores : (N,) float32
+        The source's own confidence, 0..1, the larger the better.
+    masks : tuple of (h, w) uint8, or None
+        For each rectangle, which of its pixels are meant (1) or not (0), cropped to the rectangle;
+        None where the source gives boxes alone.
+    """
+
+    boxes_xyxy: np.ndarray[tuple[int, int], np.dtype[np.int32]]
+    scores: Float32Array
+    masks: tuple[UInt8Array, ...] | None = None
+
+    def __post_init__(self) -> None:
+        n = len(self.scores)
+        if self.boxes_xyxy.shape != (n, 4) or self.scores.shape != (n,):
+            raise ValueError(
+                f"proposals need boxes (N, 4) and scores (N,), got {self.boxes_xyxy.shape}, {self.scores.shape}"
+            )
+        if self.masks is not None and len(self.masks) != n:
+            raise ValueError(f"proposals need a mask for each of the {n} boxes, got {len(self.masks)}")
+
+    def __len__(self) -> int:
+        return len(self.scores)
+
+
+class ProposalSource(Protocol):
+    """Any callable from a frame to its proposals."""
+
+    def __call__(self, frame: Frame, intrinsics: Intrinsics) -> Proposals:
+        """Return the 2D proposals of `frame`, whose image `intrinsics` describes."""
+        ...

@@ -1,0 +1,165 @@
+"""What the tracker tells: sightings in a frame, the map of objects, the planes they stand on, the point map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.geometry.box import Box
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal3D:
+    """One 3D proposal of a frame, as that frame alone gave it.
+
+    Attributes
+    ----------
+    label : int
+        The object's label; 0 while the object that it belongs to is not confirmed.
+    box : Box
+        In the world.
+    score : float
+        Mean heat of the points, 0..1.
+    rect_xyxy : (4,) float64
+        Rectangle in the frame's image, pixels, end exclusive.
+    """
+
+    label: int
+    box: Box
+    score: float
+    rect_xyxy: Float64Array
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """A confirmed object that is seen in a frame.
+
+    Attributes
+    ----------
+    label : int
+    box : Box
+        The object's box in the world as the map has it after the frame.
+    iou : float or None
+        3D IoU of the frame's own proposal with that box; None where the frame has no proposal of its own.
+    visible : float
+        Fraction of the object's near side that is seen, 0..1.
+    rect_xyxy : (4,) float64
+        Rectangle in the frame's image, pixels, end exclusive, clipped to the image.
+    """
+
+    label: int
+    box: Box
+    iou: float | None
+    visible: float
+    rect_xyxy: Float64Array
+
+
+@dataclass(frozen=True, slots=True)
+class FrameResult:
+    """What `Tracker.update` found in one frame.
+
+    Attributes
+    ----------
+    index, timestamp_s :
+        Those of the frame.
+    T_world_camera : (4, 4) float64
+    sightings : tuple of Sighting
+        Confirmed objects seen in this frame, by label.
+    proposals : tuple of Proposal3D
+        The frame's own boxes.
+    objects_known : int
+        Confirmed objects in the map, seen now or not.
+    heat : (H, W) float32
+        2D heat after depth's correction, 0..1, for views.
+    milliseconds : dict of str to float
+        Time of each stage, in the order of work.
+    """
+
+    index: int
+    timestamp_s: float
+    T_world_camera: Float64Array
+    sightings: tuple[Sighting, ...]
+    proposals: tuple[Proposal3D, ...]
+    objects_known: int
+    heat: Float32Array
+    milliseconds: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedObject:
+    """An object of the map; the fields are those of `objects.json`.
+
+    Attributes
+    ----------
+    label : int
+    box : Box
+        In the world.
+    score : float
+        Confidence that it is an object, 0..1.
+    heat : float
+        Mean heat of its points, 0..1.
+    first_frame, last_frame, frames_seen : int
+        Frames of the recording.
+    points : int
+        Points of the map that belong to it.
+    mean_color : (3,) float64
+        RGB, 0..255.
+    plane : int or None
+        Index into the tracker's planes.
+    merged_labels : tuple of int
+        Younger labels that turned out to be this object.
+    """
+
+    label: int
+    box: Box
+    score: float
+    heat: float
+    first_frame: int
+    last_frame: int
+    frames_seen: int
+    points: int
+    mean_color: Float64Array
+    plane: int | None
+    merged_labels: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class SupportPlane:
+    """A supporting plane, n.p + d = 0 in the world, n pointing up.
+
+    Attributes
+    ----------
+    normal : (3,) float64
+    offset : float
+        Metres.
+    extent : (N, 3) float64
+        Outline of what was seen of it, a polygon on the plane, in the world.
+    """
+
+    normal: Float64Array
+    offset: float
+    extent: Float64Array
+
+
+@dataclass(frozen=True, slots=True)
+class MapPoints:
+    """The global point map.
+
+    Attributes
+    ----------
+    xyz : (N, 3) float32
+        World, metres.
+    rgb : (N, 3) uint8
+    heat : (N,) float32
+        0..1.
+    label : (N,) int32
+        0 where the point belongs to no confirmed object.
+    """
+
+    xyz: Float32Array
+    rgb: UInt8Array
+    heat: Float32Array
+    label: npt.NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
