@@ -1,0 +1,164 @@
+"""Rigid motions: 4x4 matrices named destination first, and unit quaternions in the order w, x, y, z."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.frame import Float64Array
+
+# Below this angle between two quaternions (radians) the slerp weights sin(a t) / sin(a) lose digits,
+# and a straight line between them is exact to 1e-13.
+SLERP_SMALL_ANGLE = 1e-6
+
+
+def rotation_from_quat_wxyz(quat_wxyz: npt.ArrayLike) -> Float64Array:
+    """Return the rotation matrix of a quaternion.
+
+    Parameters
+    ----------
+    quat_wxyz : (4,) array-like
+        w, x, y, z; of any length above zero, since it is normalised here.
+
+    Returns
+    -------
+    (3, 3) float64
+
+    Raises
+    ------
+    ValueError
+        If the quaternion has no direction: zero, NaN or infinite.
+    """
+    w, x, y, z = _unit(np.asarray(quat_wxyz, np.float64))
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def quat_wxyz_from_rotation(rotation: npt.ArrayLike) -> Float64Array:
+    """Return the unit quaternion of a rotation matrix, with w >= 0.
+
+    Parameters
+    ----------
+    rotation : (3, 3) array-like
+        A rotation matrix.
+
+    Returns
+    -------
+    (4,) float64
+        w, x, y, z. Of the four products of the quaternion with one of its own components, the one of the
+        largest component is normalised (Shepperd 1978), so that no digit is lost at any angle.
+    """
+    R = np.asarray(rotation, np.float64)
+    trace = R[0, 0] + R[1, 1] + R[2, 2]
+    biggest = int(np.argmax((trace, R[0, 0], R[1, 1], R[2, 2])))
+    if biggest == 0:
+        quat = np.array([1 + trace, R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    else:
+        i = biggest - 1
+        j, k = (i + 1) % 3, (i + 2) % 3
+        quat = np.empty(4)
+        quat[0] = R[k, j] - R[j, k]
+        quat[1 + i] = 1 + 2 * R[i, i] - trace
+        quat[1 + j] = R[j, i] + R[i, j]
+        quat[1 + k] = R[k, i] + R[i, k]
+    quat = _unit(quat)
+    return -quat if quat[0] < 0 else quat
+
+
+def compose(quat_wxyz: npt.ArrayLike, translation: npt.ArrayLike) -> Float64Array:
+    """Return the (4, 4) matrix of a quaternion (w, x, y, z) and a translation (3,) in metres.
+
+    Raises
+    ------
+    ValueError
+        If the quaternion has no direction.
+    """
+    T = np.eye(4)
+    T[:3, :3] = rotation_from_quat_wxyz(quat_wxyz)
+    T[:3, 3] = np.asarray(translation, np.float64)
+    return T
+
+
+def inverse(T_a_b: npt.ArrayLike) -> Float64Array:
+    """Return T_b_a (4, 4), the inverse of the rigid T_a_b (4, 4)."""
+    T = np.asarray(T_a_b, np.float64)
+    T_b_a = np.eye(4)
+    T_b_a[:3, :3] = T[:3, :3].T
+    T_b_a[:3, 3] = -T[:3, :3].T @ T[:3, 3]
+    return T_b_a
+
+
+def is_rigid(T: npt.ArrayLike, tolerance: float = 1e-3) -> bool:
+    """Tell whether a 4x4 matrix is a rotation and a translation.
+
+    Parameters
+    ----------
+    T : (4, 4) array-like
+    tolerance : float
+        Largest deviation of an entry of R R^T from the identity, and of the last row from 0 0 0 1.
+        The default lets matrices pass that were written with four digits.
+
+    Returns
+    -------
+    bool
+        False for matrices of another shape, with NaN or infinity, with scale or shear, and for mirrors.
+    """
+    M = np.asarray(T, np.float64)
+    if M.shape != (4, 4) or not np.isfinite(M).all():
+        return False
+    R = M[:3, :3]
+    if np.abs(R).max() > 2.0:  # also keeps the product below from overflowing
+        return False
+    straight = np.abs(R @ R.T - np.eye(3)).max() <= tolerance
+    bottom = np.abs(M[3] - (0.0, 0.0, 0.0, 1.0)).max() <= tolerance
+    return bool(straight and bottom and np.linalg.det(R) > 0)
+
+
+def interpolate(T_a_b0: npt.ArrayLike, T_a_b1: npt.ArrayLike, s: float) -> Float64Array:
+    """Return the motion a share `s` of the way from one rigid motion to another.
+
+    Parameters
+    ----------
+    T_a_b0, T_a_b1 : (4, 4) array-like
+        At s = 0 and at s = 1.
+    s : float
+        0..1.
+
+    Returns
+    -------
+    (4, 4) float64
+        The translation goes straight, the rotation turns at an even rate the shorter way (slerp).
+    """
+    T0, T1 = np.asarray(T_a_b0, np.float64), np.asarray(T_a_b1, np.float64)
+    q0, q1 = quat_wxyz_from_rotation(T0[:3, :3]), quat_wxyz_from_rotation(T1[:3, :3])
+    if q0 @ q1 < 0:
+        q1 = -q1
+    # atan2 of the chord keeps its digits where arccos of a product near 1 does not.
+    angle = 2.0 * np.arctan2(np.linalg.norm(q1 - q0), np.linalg.norm(q1 + q0))
+    if angle < SLERP_SMALL_ANGLE:
+        quat = (1 - s) * q0 + s * q1
+    else:
+        quat = (np.sin((1 - s) * angle) * q0 + np.sin(s * angle) * q1) / np.sin(angle)
+    return compose(quat, (1 - s) * T0[:3, 3] + s * T1[:3, 3])
+
+
+def transform(T_a_b: npt.ArrayLike, points_b: npt.ArrayLike) -> Float64Array:
+    """Return points (..., 3) given in b as points (..., 3) in a."""
+    T = np.asarray(T_a_b, np.float64)
+    moved: Float64Array = np.asarray(points_b, np.float64) @ T[:3, :3].T + T[:3, 3]
+    return moved
+
+
+def _unit(quat_wxyz: Float64Array) -> Float64Array:
+    """Return the quaternion with length 1; ValueError where it has no direction."""
+    largest = np.abs(quat_wxyz).max()
+    if quat_wxyz.shape != (4,) or not np.isfinite(largest) or largest == 0:
+        raise ValueError(f"a rotation needs a finite quaternion other than zero, got {quat_wxyz.tolist()}")
+    scaled = quat_wxyz / largest  # a length of 1e-200 squared would be zero
+    unit: Float64Array = scaled / np.linalg.norm(scaled)
+    return unit
