@@ -1,0 +1,135 @@
+"""The global 3D heatmap: points averaged over all their sightings, in a hashed voxel map."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.kernels import voxels as kernel
+from cuboid.working import WorkingImage
+
+Rows = npt.NDArray[np.int64]
+
+# Voxels that a frame looks through: all of a small map each frame, a part of a large one in turn.
+LOOK_VOXELS = 40_000
+# A reading this far behind a voxel passes through it, metres (two voxels of 1 cm: pose error and edges).
+PASS_MARGIN_M = 0.02
+# The map is packed when this share of its rows is dead.
+DEAD_SHARE = 0.25
+
+
+class VoxelMap:
+    """Points of the scene with color, heat, and the object that each belongs to.
+
+    Attributes
+    ----------
+    voxel_m : float
+    count : int
+        Rows in use, dead ones included.
+    values : (capacity, 8) float32
+        x, y, z (world, metres), red, green, blue, heat, weight; weight 0 marks a dead row.
+    hits, passes : (capacity,) int32
+        Frames that saw the point, and that saw through it.
+    owner : (capacity,) int32
+        Number of the object that the point belongs to, 0 none.
+    """
+
+    def __init__(self, voxel_m: float, noise_per_m: float, max_depth_m: float) -> None:
+        self.voxel_m = voxel_m
+        self._noise_per_m = noise_per_m
+        self._max_depth_m = max_depth_m
+        self.count = 0
+        self._dead = 0
+        self._next_look = 0
+        self._allocate(1 << 17)
+
+    def _allocate(self, capacity: int) -> None:
+        self.keys = np.zeros(capacity, np.int64)
+        self.values = np.zeros((capacity, 8), np.float32)
+        self.hits = np.zeros(capacity, np.int32)
+        self.passes = np.zeros(capacity, np.int32)
+        self.owner = np.zeros(capacity, np.int32)
+        self._last_frame = np.full(capacity, -1, np.int32)
+        self._member = np.full(capacity, -1, np.int32)
+        self._table = np.zeros(2 * capacity, np.int32)
+
+    def _reserve(self, more: int) -> None:
+        """Make room for more rows: pack the living ones, into larger arrays where these are full."""
+        if self.count + more <= len(self.keys) and self._dead <= DEAD_SHARE * max(self.count, 1 << 16):
+            return
+        alive = np.flatnonzero(self.values[: self.count, kernel.WEIGHT] > 0)
+        old = (self.keys, self.values, self.hits, self.passes, self.owner, self._last_frame)
+        capacity = len(self.keys)
+        while len(alive) + more > 0.75 * capacity:
+            capacity *= 2
+        self._allocate(capacity)
+        new = (self.keys, self.values, self.hits, self.passes, self.owner, self._last_frame)
+        for target, source in zip(new, old, strict=True):
+            target[: len(alive)] = source[alive]
+        self.count, self._dead, self._next_look = len(alive), 0, 0
+        kernel.fill_table(self.keys, self.count, self._table)
+
+    def fuse(
+        self, image: WorkingImage, heat: Float32Array, T_world_camera: Float64Array, frame: int
+    ) -> npt.NDArray[np.int32]:
+        """Fuse a frame: points that match a point of the map are averaged with it, others are added.
+
+        Returns
+        -------
+        (h, w) int32
+            Row of each working pixel, -1 without a reading; valid until the next call.
+        """
+        self._reserve(heat.size)
+        slots = np.empty(heat.shape, np.int32)
+        self.count = kernel.fuse(
+            image.depth_m, image.color, heat, _pinhole(image), np.ascontiguousarray(T_world_camera), self.voxel_m,
+            self._max_depth_m, frame, self.keys, self.values, self.hits, self._last_frame, self.count, self._table, slots,
+        )  # fmt: skip
+        return slots
+
+    def look_through(self, image: WorkingImage, T_camera_world: Float64Array) -> None:
+        """Count the points that this frame sees through, and remove those that are passed more often than hit."""
+        if self.count == 0:
+            return
+        turns = -(-self.count // LOOK_VOXELS)
+        size = -(-self.count // turns)
+        first = self._next_look if self._next_look < self.count else 0
+        last = min(first + size, self.count)
+        self._dead += kernel.see_through(
+            first, last, image.depth_m, _pinhole(image), np.ascontiguousarray(T_camera_world), self._noise_per_m,
+            max(PASS_MARGIN_M, 2 * self.voxel_m), turns, self.values, self.hits, self.passes,
+        )  # fmt: skip
+        self._next_look = last
+
+    def living(self) -> Rows:
+        """Return the rows of all points."""
+        return np.flatnonzero(self.values[: self.count, kernel.WEIGHT] > 0)
+
+    def hot_rows(self, hot: float) -> Rows:
+        """Return the rows of points at least this hot."""
+        used = self.values[: self.count]
+        return np.flatnonzero((used[:, kernel.HEAT] >= hot) & (used[:, kernel.WEIGHT] > 0))
+
+    def connect(self, rows: Rows) -> tuple[npt.NDArray[np.int32], int]:
+        """Return the 26-connected component of each of these rows, and how many there are."""
+        component = np.empty(len(rows), np.int32)
+        number = kernel.connect(rows, self.keys, self._table, self._member, component)
+        return component, int(number)
+
+    def xyz(self, rows: Rows) -> Float32Array:
+        """Return world points (N, 3) of these rows."""
+        return self.values[rows, kernel.X : kernel.Z + 1]
+
+    def rgb(self, rows: Rows) -> UInt8Array:
+        """Return colors (N, 3) of these rows."""
+        return np.clip(np.rint(self.values[rows, kernel.RED : kernel.BLUE + 1]), 0, 255).astype(np.uint8)
+
+    def heat(self, rows: Rows) -> Float32Array:
+        """Return the heat (N,) of these rows, 0..1."""
+        return self.values[rows, kernel.HEAT]
+
+
+def _pinhole(image: WorkingImage) -> Float64Array:
+    c = image.camera
+    return np.array([c.fx, c.fy, c.cx, c.cy])

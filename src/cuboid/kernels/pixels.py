@@ -1,0 +1,171 @@
+"""Hot loops over the pixels of one frame: height above the plane beneath, mixed pixels, connected regions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from cuboid.kernels.voxels import find_root
+
+
+@njit(cache=True, nogil=True)
+def drop_mixed(depth, jump, out):
+    """Copy depth without mixed pixels: readings that hang between a nearer and a farther neighbour.
+
+    A reading goes when, along a row or a column, one neighbour is nearer and the other farther by more than
+    `jump` times z squared, plus 1 cm.
+    """
+    height, width = depth.shape
+    for v in range(height):
+        for u in range(width):
+            z = depth[v, u]
+            out[v, u] = z
+            if z <= 0.0 or u == 0 or v == 0 or u == width - 1 or v == height - 1:
+                continue
+            limit = 0.01 + jump * z * z
+            a, b = depth[v, u - 1], depth[v, u + 1]
+            c, d = depth[v - 1, u], depth[v + 1, u]
+            if a > 0.0 and b > 0.0 and (a - z) * (z - b) > 0.0 and min(abs(a - z), abs(b - z)) > limit:
+                out[v, u] = 0.0
+            elif c > 0.0 and d > 0.0 and (c - z) * (z - d) > 0.0 and min(abs(c - z), abs(d - z)) > limit:
+                out[v, u] = 0.0
+
+
+@njit(cache=True, nogil=True)
+def stand_on(
+    depth, camera, T_grid_camera, planes_camera, ground, origin, cell, patches, patch, noise, floor, bias, max_depth,
+    heights, support, seen,
+):  # fmt: skip
+    """Find for each pixel the supporting plane beneath it and its height above that plane.
+
+    Parameters
+    ----------
+    depth : (H, W) float32
+    camera : (4,) float64
+        fx, fy, cx, cy.
+    T_grid_camera : (4, 4) float64
+        Carries camera coordinates to the grid frame, whose third axis is up.
+    planes_camera : (P, 4) float64
+        Each plane in the camera frame, as this frame sees it: normal (up) and offset, n.p + d = height.
+    ground : (P, N, M) uint8
+        Cells that each plane covers (1), holes beneath objects filled.
+    origin : (2,) float64
+        Grid coordinates of the corner of cell (0, 0), metres.
+    cell : float
+        Edge of a cell, metres.
+    patches : (H // patch, W // patch) int8
+        Plane that each patch of the image lies on, -1 none.
+    patch : int
+        Edge of a patch, pixels.
+    noise : float
+        Standard deviation of depth is noise * z * z.
+    floor, bias : float
+        A reading is off its plane from max(floor, bias + 3 standard deviations of its height), metres.
+    max_depth : float
+    heights : (H, W) float32, output
+        Metres above the plane beneath, NaN without one.
+    support : (H, W) int8, output
+        Plane beneath, -1 none.
+    seen : (P, N, M) int32, in and out
+        Readings that lie on each plane, by cell; only those of patches that lie on it as a whole.
+
+    Notes
+    -----
+    A reading on a plane gets height 0.
+    """
+    rows, columns = depth.shape
+    count = planes_camera.shape[0]
+    nx_cells, ny_cells = ground.shape[1], ground.shape[2]
+    for v in range(rows):
+        ry = (v - camera[3]) / camera[1]
+        for u in range(columns):
+            support[v, u] = -1
+            heights[v, u] = np.nan
+            z = depth[v, u]
+            if not (0.0 < z <= max_depth):
+                continue
+            rx = (u - camera[2]) / camera[0]
+            x, y = rx * z, ry * z
+            gx = T_grid_camera[0, 0] * x + T_grid_camera[0, 1] * y + T_grid_camera[0, 2] * z + T_grid_camera[0, 3]
+            gy = T_grid_camera[1, 0] * x + T_grid_camera[1, 1] * y + T_grid_camera[1, 2] * z + T_grid_camera[1, 3]
+            ix = int(np.floor((gx - origin[0]) / cell))
+            iy = int(np.floor((gy - origin[1]) / cell))
+            if ix < 0 or iy < 0 or ix >= nx_cells or iy >= ny_cells:
+                continue
+            pr, pc = v // patch, u // patch
+            on = patches[pr, pc] if pr < patches.shape[0] and pc < patches.shape[1] else -1
+            best = np.inf
+            for p in range(count):
+                n0, n1, n2 = planes_camera[p, 0], planes_camera[p, 1], planes_camera[p, 2]
+                h = n0 * x + n1 * y + n2 * z + planes_camera[p, 3]
+                spread = noise * z * z * abs(n0 * rx + n1 * ry + n2)
+                limit = max(floor, bias + 3.0 * spread)
+                if abs(h) < limit:
+                    if on == p:
+                        seen[p, ix, iy] += 1
+                    if ground[p, ix, iy]:
+                        best = 0.0
+                        support[v, u] = p
+                        break
+                elif limit <= h < best and ground[p, ix, iy]:
+                    best = h
+                    support[v, u] = p
+            if best < np.inf:
+                heights[v, u] = best
+
+
+@njit(cache=True, nogil=True)
+def label_regions(depth, wanted, noise, jump, parent, labels):
+    """Number the 8-connected regions of wanted pixels whose depth is continuous.
+
+    Neighbours belong together when their depths differ by less than `jump` (metres) plus four standard deviations.
+
+    Parameters
+    ----------
+    depth : (H, W) float32
+    wanted : (H, W) uint8
+    noise, jump : float
+    parent : (H * W,) int32, scratch
+    labels : (H, W) int32, output
+        From 1 in the order of their first pixel, 0 elsewhere.
+
+    Returns
+    -------
+    int
+        Number of regions.
+    """
+    rows, columns = depth.shape
+    for v in range(rows):
+        for u in range(columns):
+            here = v * columns + u
+            if not wanted[v, u]:
+                parent[here] = -1
+                continue
+            parent[here] = here
+            z = depth[v, u]
+            limit = jump + 4.0 * noise * z * z
+            for k in range(4):
+                vv = v - 1 if k < 3 else v
+                uu = u + k - 1 if k < 3 else u - 1
+                if vv < 0 or uu < 0 or uu >= columns or not wanted[vv, uu]:
+                    continue
+                if abs(depth[vv, uu] - z) < limit:
+                    a, b = find_root(parent, here), find_root(parent, vv * columns + uu)
+                    if a < b:
+                        parent[b] = a
+                    elif b < a:
+                        parent[a] = b
+    number = 0
+    for v in range(rows):
+        for u in range(columns):
+            here = v * columns + u
+            if parent[here] < 0:
+                labels[v, u] = 0
+                continue
+            root = find_root(parent, here)
+            if root == here:
+                number += 1
+                labels[v, u] = number
+            else:
+                labels[v, u] = labels[root // columns, root % columns]
+    return number

@@ -1,0 +1,218 @@
+"""Hot loops of the voxel hash: fuse a frame's points, see through stray ones, find connected hot ones.
+
+The map is a set of dense arrays, one row a voxel, and an open-addressing table that leads from a voxel's key
+to its row (0 is empty, k + 1 is row k). A removed voxel keeps its row with zero weight until the map is packed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+KEY_BITS = 21
+KEY_OFFSET = 1 << (KEY_BITS - 1)  # voxel numbers run from -2^20 to 2^20 - 1: +-10 km at 1 cm
+KEY_MASK = (1 << KEY_BITS) - 1
+
+# Columns of the value array.
+X, Y, Z, RED, GREEN, BLUE, HEAT, WEIGHT = range(8)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def pack_key(ix, iy, iz):
+    """Return the key of voxel (ix, iy, iz)."""
+    return ((ix + KEY_OFFSET) << (2 * KEY_BITS)) | ((iy + KEY_OFFSET) << KEY_BITS) | (iz + KEY_OFFSET)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def find_slot(key, keys, table):
+    """Return (row, place): the row of a key or -1, and where in the table it is or would go."""
+    mask = table.size - 1
+    h = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
+    place = np.int64(h >> np.uint64(20)) & mask
+    while True:
+        entry = table[place]
+        if entry == 0:
+            return -1, place
+        if keys[entry - 1] == key:
+            return entry - 1, place
+        place = (place + 1) & mask
+
+
+@njit(cache=True, nogil=True)
+def fill_table(keys, count, table):
+    """Enter rows 0..count-1 into an empty table."""
+    for row in range(count):
+        _, place = find_slot(keys[row], keys, table)
+        table[place] = row + 1
+
+
+@njit(cache=True, nogil=True)
+def fuse(depth, color, heat, camera, T, voxel, max_depth, frame, keys, values, hits, last_frame, count, table, slots):
+    """Fuse a frame's points into the map: a weighted running mean of place, color and heat a voxel.
+
+    Parameters
+    ----------
+    depth : (H, W) float32
+        Metres, 0 none.
+    color : (H, W, 3) uint8
+    heat : (H, W) float32
+    camera : (4,) float64
+        fx, fy, cx, cy of these images.
+    T : (4, 4) float64
+        T_world_camera.
+    voxel, max_depth : float
+        Metres.
+    frame : int
+        Number of this frame; a voxel counts one hit a frame.
+    keys, values, hits, last_frame : arrays of the map
+        Must have room for H * W more rows.
+    count : int
+        Rows in use.
+    table : (C,) int32
+    slots : (H, W) int32, output
+        Row of each pixel, -1 where there is no reading.
+
+    Returns
+    -------
+    int
+        Rows in use afterwards.
+    """
+    height, width = depth.shape
+    inverse = 1.0 / voxel
+    for v in range(height):
+        for u in range(width):
+            z = depth[v, u]
+            if not (0.0 < z <= max_depth):
+                slots[v, u] = -1
+                continue
+            x = (u - camera[2]) / camera[0] * z
+            y = (v - camera[3]) / camera[1] * z
+            wx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
+            wy = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
+            wz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+            key = pack_key(
+                np.int64(np.floor(wx * inverse)), np.int64(np.floor(wy * inverse)), np.int64(np.floor(wz * inverse))
+            )
+            row, place = find_slot(key, keys, table)
+            if row < 0:
+                row = count
+                count += 1
+                table[place] = row + 1
+                keys[row] = key
+                values[row, :] = 0.0
+                hits[row] = 0
+                last_frame[row] = -1
+            slots[v, u] = row
+            # Depth's variance grows with z^4: a near sighting says more. Half a metre and nearer weigh alike.
+            near = max(z, 0.5)
+            w = 1.0 / (near * near * near * near)
+            total = values[row, WEIGHT] + w
+            a = w / total
+            values[row, X] += a * (wx - values[row, X])
+            values[row, Y] += a * (wy - values[row, Y])
+            values[row, Z] += a * (wz - values[row, Z])
+            values[row, RED] += a * (color[v, u, 0] - values[row, RED])
+            values[row, GREEN] += a * (color[v, u, 1] - values[row, GREEN])
+            values[row, BLUE] += a * (color[v, u, 2] - values[row, BLUE])
+            values[row, HEAT] += a * (heat[v, u] - values[row, HEAT])
+            values[row, WEIGHT] = total
+            if last_frame[row] != frame:
+                last_frame[row] = frame
+                hits[row] += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def see_through(first, last, depth, camera, T_camera_world, noise, margin, step, values, hits, passes):
+    """Count, for rows first..last-1, sightings that pass through them; remove those passed more often than hit.
+
+    A voxel is passed when the reading at its pixel and at the eight around it all lie behind it by more than the
+    margin and four standard deviations of depth. `step` is how many frames one such look stands for.
+    Returns how many were removed.
+    """
+    height, width = depth.shape
+    T = T_camera_world
+    removed = 0
+    for row in range(first, last):
+        if values[row, WEIGHT] <= 0.0:
+            continue
+        px, py, pz = values[row, X], values[row, Y], values[row, Z]
+        z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
+        if z < 0.1:
+            continue
+        u = int(np.rint((T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]) / z * camera[0] + camera[2]))
+        v = int(np.rint((T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]) / z * camera[1] + camera[3]))
+        if u < 1 or v < 1 or u >= width - 1 or v >= height - 1:
+            continue
+        behind = z + max(margin, 4.0 * noise * z * z)
+        passed = True
+        for dv in range(-1, 2):
+            for du in range(-1, 2):
+                if not depth[v + dv, u + du] > behind:
+                    passed = False
+        if passed:
+            passes[row] += step
+            if passes[row] >= 3 and passes[row] > hits[row]:
+                values[row, WEIGHT] = 0.0
+                hits[row] = 0
+                passes[row] = 0
+                removed += 1
+    return removed
+
+
+@njit(cache=True, nogil=True, inline="always")
+def find_root(parent, a):
+    """Return the root of a in a union-find forest, halving the path."""
+    while parent[a] != a:
+        parent[a] = parent[parent[a]]
+        a = parent[a]
+    return a
+
+
+@njit(cache=True, nogil=True)
+def connect(rows, keys, table, member, component):
+    """Number the 26-connected components of the given rows.
+
+    Parameters
+    ----------
+    rows : (N,) int64
+        Rows of the map, ascending.
+    keys, table : the map's
+    member : (capacity,) int32, scratch
+        Filled with -1 on entry and on return.
+    component : (N,) int32, output
+        Component of each row, numbered from 0 in the order of their first row.
+
+    Returns
+    -------
+    int
+        Number of components.
+    """
+    n = rows.size
+    parent = np.arange(n)
+    for i in range(n):
+        member[rows[i]] = i
+    for i in range(n):
+        key = keys[rows[i]]
+        ix = key >> (2 * KEY_BITS)
+        iy = (key >> KEY_BITS) & KEY_MASK
+        iz = key & KEY_MASK
+        for code in range(14, 27):  # the 13 neighbours after the centre: each pair is met once
+            jx, jy, jz = ix + code // 9 - 1, iy + (code // 3) % 3 - 1, iz + code % 3 - 1
+            row, _ = find_slot((jx << (2 * KEY_BITS)) | (jy << KEY_BITS) | jz, keys, table)
+            if row >= 0 and member[row] >= 0:
+                a, b = find_root(parent, i), find_root(parent, member[row])
+                if a < b:
+                    parent[b] = a
+                elif b < a:
+                    parent[a] = b
+    number = 0
+    for i in range(n):
+        root = find_root(parent, i)
+        if root == i:
+            component[i] = number
+            number += 1
+        else:
+            component[i] = component[root]
+        member[rows[i]] = -1
+    return number

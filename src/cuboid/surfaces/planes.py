@@ -1,0 +1,278 @@
+"""Supporting planes: several, horizontal relative to each other, found online, tracked and grown.
+
+Up is the direction in which the scene's horizontal surfaces face. No inertial unit tells it: it is the
+direction that collects the most flat area, where surfaces that a camera held upright would see from above
+count most.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.config import TrackerConfig
+from cuboid.frame import Float64Array
+from cuboid.surfaces.cells import Cells
+from cuboid.surfaces.grid import GroundPlan
+from cuboid.surfaces.up import UpVote
+
+# A cell whose normal is within this of up is horizontal.
+HORIZONTAL_COS = float(np.cos(np.radians(12.0)))
+# A horizontal cell belongs to a plane when it is within this of it, metres, or three standard deviations.
+ON_PLANE_M = 0.02
+# ... and within this of what was seen of the plane so far, metres.
+NEAR_PLANE_M = 0.4
+# A plane is used after it was seen in this many frames, or at once when this many times the least area is seen.
+USE_AFTER_FRAMES, USE_AT_ONCE = 3, 3.0
+# A plane that is not used yet is forgotten after so many frames without a sighting.
+FORGET_FRAMES = 60
+# Prior spread of how far a frame sees a plane from where the map has it: poses drift by centimetres and degrees.
+DRIFT_M, DRIFT_RAD = 0.03, 0.02
+# Planes at most this many are tracked.
+MOST_PLANES = 32
+
+
+@dataclass(slots=True)
+class Plane:
+    """A tracked plane; moments are in the plan frame, weighted by area over variance."""
+
+    weight: float = 0.0
+    mean: Float64Array = field(default_factory=lambda: np.zeros(3))
+    scatter: Float64Array = field(default_factory=lambda: np.zeros((3, 3)))
+    normal: Float64Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    offset: float = 0.0
+    frames: int = 0
+    last_frame: int = 0
+    in_use: bool = False
+
+    def add(self, points: Float64Array, weights: Float64Array) -> None:
+        """Take in points (N, 3) of the plane."""
+        w = float(weights.sum())
+        mean = weights @ points / w
+        centred = points - mean
+        step = mean - self.mean
+        total = self.weight + w
+        self.scatter += (centred * weights[:, None]).T @ centred + np.outer(step, step) * (self.weight * w / total)
+        self.mean = self.mean + step * (w / total)
+        self.weight = total
+
+    def absorb(self, other: Plane) -> None:
+        """Take in another plane that turned out to be the same."""
+        step = other.mean - self.mean
+        total = self.weight + other.weight
+        self.scatter += other.scatter + np.outer(step, step) * (self.weight * other.weight / total)
+        self.mean = self.mean + step * (other.weight / total)
+        self.weight = total
+        self.frames = max(self.frames, other.frames)
+        self.last_frame = max(self.last_frame, other.last_frame)
+
+    def fit(self) -> None:
+        """Find normal and offset: a horizontal plane, tilted as far as its own points demand.
+
+        The slope (a, b) of height over the plan minimises the weighted squared residual plus a prior of 2 degrees
+        that a narrow or noisy plane cannot overcome.
+        """
+        s = self.scatter / max(self.weight, 1e-12)
+        spread = 0.01**2 / 0.035**2  # a residual of 1 cm against a slope of 2 degrees
+        slope = np.linalg.solve(s[:2, :2] + spread * np.eye(2) * 0.01, s[:2, 2])
+        normal = np.array([-slope[0], -slope[1], 1.0])
+        self.normal = normal / np.linalg.norm(normal)
+        self.offset = -float(self.normal @ self.mean)
+
+    def height(self, points: Float64Array) -> Float64Array:
+        """Return the heights (N,) of points (N, 3) above the plane."""
+        return points @ self.normal + self.offset
+
+
+class PlaneTracker:
+    """Finds and tracks the supporting planes of a scene.
+
+    Attributes
+    ----------
+    T_plan_world : (4, 4) float64 or None
+        Carries the world to the plan frame, whose third axis is up; None while up is unknown.
+    planes : list of Plane
+        In the plan frame, in the order of the plan's layers.
+    plan : GroundPlan
+    """
+
+    def __init__(self, config: TrackerConfig) -> None:
+        self._config = config
+        self._vote = UpVote()
+        self.T_plan_world: Float64Array | None = None
+        self.planes: list[Plane] = []
+        self.plan = GroundPlan()
+
+    def update(self, frame: int, cells: Cells, T_world_camera: Float64Array) -> npt.NDArray[np.int8]:
+        """Take in a frame's flat cells.
+
+        Returns
+        -------
+        (rows, columns) int8
+            The plane that each cell lies on, -1 none.
+        """
+        rows, columns = cells.image_shape
+        owner = np.full(rows * columns, -1, np.int8)
+        up = self._vote.update(cells, T_world_camera)
+        if up is None:
+            return owner.reshape(rows, columns)
+        if self.T_plan_world is None or self._vote.changed:
+            self._start(up)
+        assert self.T_plan_world is not None
+        R = self.T_plan_world[:3, :3]
+        flat = np.flatnonzero(cells.normal @ R[2] > HORIZONTAL_COS)
+        centers = cells.center[flat] @ R.T
+        self.plan.reach(centers[:, :2])
+        matched = self._match(centers, cells.sigma_m[flat])
+        self._learn(frame, centers, cells.area_m2[flat], cells.sigma_m[flat], matched)
+        self._discover(frame, centers, cells.area_m2[flat], cells.sigma_m[flat], matched)
+        self._tidy(frame)
+        matched = self._match(centers, cells.sigma_m[flat])
+        owner[cells.place[flat]] = matched
+        return owner.reshape(rows, columns)
+
+    def _start(self, up: Float64Array) -> None:
+        side = np.eye(3)[int(np.argmin(np.abs(up)))]
+        first = np.cross(side, up)
+        first /= np.linalg.norm(first)
+        self.T_plan_world = np.eye(4)
+        self.T_plan_world[:3, :3] = np.stack([first, np.cross(up, first), up])
+        self.planes = []
+        self.plan = GroundPlan()
+
+    def _match(self, centers: Float64Array, sigma_m: Float64Array) -> npt.NDArray[np.int8]:
+        best = np.full(len(centers), np.inf)
+        owner = np.full(len(centers), -1, np.int8)
+        for k, plane in enumerate(self.planes):
+            off = np.abs(plane.height(centers))
+            fits = (off < np.maximum(ON_PLANE_M, 3 * sigma_m)) & (off < best)
+            if not fits.any():
+                continue
+            fits &= self.plan.near(k, centers, NEAR_PLANE_M)
+            owner[fits], best[fits] = k, off[fits]
+        return owner
+
+    def _learn(
+        self,
+        frame: int,
+        centers: Float64Array,
+        area_m2: Float64Array,
+        sigma_m: Float64Array,
+        matched: npt.NDArray[np.int8],
+    ) -> None:
+        for k, plane in enumerate(self.planes):
+            mine = matched == k
+            if np.count_nonzero(mine) < 3:
+                continue
+            plane.add(centers[mine], area_m2[mine] / sigma_m[mine] ** 2)
+            plane.fit()
+            plane.frames += 1
+            plane.last_frame = frame
+
+    def _discover(
+        self,
+        frame: int,
+        centers: Float64Array,
+        area_m2: Float64Array,
+        sigma_m: Float64Array,
+        matched: npt.NDArray[np.int8],
+    ) -> None:
+        """Start a plane at the height that collects the most unmatched area."""
+        for _ in range(3):
+            free = np.flatnonzero(matched < 0)
+            if len(free) < 6 or len(self.planes) >= MOST_PLANES:
+                return
+            order = free[np.argsort(centers[free, 2], kind="stable")]
+            heights = centers[order, 2]
+            total = np.concatenate([[0.0], np.cumsum(area_m2[order])])
+            end = np.searchsorted(heights, heights + 2 * ON_PLANE_M, side="right")
+            gain = total[end] - total[:-1]
+            first = int(np.argmax(gain))
+            members = order[first : end[first]]
+            if gain[first] < 0.5 * self._config.min_plane_area_m2 or len(members) < 6:
+                return
+            plane = Plane(frames=1, last_frame=frame)
+            plane.add(centers[members], area_m2[members] / sigma_m[members] ** 2)
+            plane.fit()
+            self.planes.append(plane)
+            self.plan.add_plane(centers[members, :2], area_m2[members])
+            matched[members] = len(self.planes) - 1
+
+    def _tidy(self, frame: int) -> None:
+        """Put planes to use, forget those that were noise, merge those that are one."""
+        least = self._config.min_plane_area_m2
+        for k, plane in enumerate(self.planes):
+            if frame % 8 == k % 8 or not plane.in_use:
+                self.plan.refresh(k)
+            if not plane.in_use:
+                area = self.plan.area_m2(k)
+                plane.in_use = area >= least and (plane.frames >= USE_AFTER_FRAMES or area >= USE_AT_ONCE * least)
+        keep = [k for k, p in enumerate(self.planes) if p.in_use or frame - p.last_frame <= FORGET_FRAMES]
+        gone = self._merge_twins() if frame % 8 == 0 else set()
+        keep = [k for k in keep if k not in gone]
+        if len(keep) < len(self.planes):
+            self.planes = [self.planes[k] for k in keep]
+            self.plan.remove_planes(np.array(keep, dtype=np.int64))
+
+    def _merge_twins(self) -> set[int]:
+        gone: set[int] = set()
+        for a in range(len(self.planes)):
+            for b in range(a + 1, len(self.planes)):
+                if a in gone or b in gone:
+                    continue
+                one, two = self.planes[a], self.planes[b]
+                apart = max(abs(float(one.height(two.mean[None])[0])), abs(float(two.height(one.mean[None])[0])))
+                if apart > 1.5 * ON_PLANE_M or not (self.plan.covered[a] & self.plan.covered[b]).any():
+                    continue
+                one.absorb(two)
+                one.fit()
+                one.in_use |= two.in_use
+                self.plan.seen[a] += self.plan.seen[b]
+                self.plan.refresh(a)
+                gone.add(b)
+        return gone
+
+    def in_frame(
+        self, cells: Cells, owner: npt.NDArray[np.int8], T_world_camera: Float64Array
+    ) -> Float64Array:
+        """Return the planes as this frame sees them, (P, 4): normal and offset in the camera frame.
+
+        The poses drift: a frame's own table may lie a centimetre off the map's. Each plane is shifted and tilted to
+        the frame's cells on it, as far as the priors of drift allow. A plane not in use yet is put out of reach.
+        """
+        assert self.T_plan_world is not None
+        T_plan_camera = self.T_plan_world @ T_world_camera
+        R = self.T_plan_world[:3, :3]
+        of_cell = owner.reshape(-1)[cells.place]
+        result = np.zeros((len(self.planes), 4))
+        for k, plane in enumerate(self.planes):
+            if not plane.in_use:
+                result[k, 3] = -1e6
+                continue
+            normal, offset = plane.normal, plane.offset
+            mine = of_cell == k
+            if np.count_nonzero(mine) >= 4:
+                normal, offset = _adapt(plane, cells.center[mine] @ R.T, cells.sigma_m[mine])
+            result[k, :3] = normal @ T_plan_camera[:3, :3]
+            result[k, 3] = normal @ T_plan_camera[:3, 3] + offset
+        return result
+
+
+def _adapt(plane: Plane, points: Float64Array, sigma_m: Float64Array) -> tuple[Float64Array, float]:
+    """Shift and tilt a plane (plan frame) to a frame's points on it: ridge regression, once reweighted."""
+    middle = points.mean(0)
+    design = np.column_stack([points[:, :2] - middle[:2], np.ones(len(points))])
+    residual = plane.height(points)
+    prior = np.diag([DRIFT_RAD**-2, DRIFT_RAD**-2, DRIFT_M**-2])
+    weights = 1.0 / (sigma_m**2 + 0.003**2)
+    solution = np.zeros(3)
+    for _ in range(2):
+        # Neighbouring cells err alike: a frame's cells count as a tenth of their number.
+        w = 0.1 * weights / (1.0 + ((residual - design @ solution) / (3 * sigma_m + 0.003)) ** 2)
+        solution = np.linalg.solve(design.T @ (design * w[:, None]) + prior, design.T @ (w * residual))
+    normal = plane.normal - np.array([solution[0], solution[1], 0.0])
+    offset = plane.offset - solution[2] + float(solution[:2] @ middle[:2])
+    norm = float(np.linalg.norm(normal))
+    return normal / norm, offset / norm
