@@ -1,0 +1,84 @@
+"""The command `cuboid`: a module for each of its commands, and only the chosen one is imported.
+
+A command module has `HELP` (one line), `add_arguments(parser)` and `run(args) -> int`; whatever is slow to
+import is imported inside `run`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from types import ModuleType
+from typing import NoReturn
+
+from cuboid import __version__
+from cuboid.errors import CuboidError
+
+COMMANDS = ("track", "demo", "bench", "doctor")
+
+OK, MISTAKE, INTERRUPTED = 0, 2, 130
+
+DESCRIPTION = "Objects that stay found: persistent labels and 3D boxes from an RGB-D video, on one CPU core."
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose complaints are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(MISTAKE, f"cuboid: error: {message} (see '{self.prog} --help')\n")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments without the program's name; those of the process unless given.
+
+    Returns
+    -------
+    int
+        0 done, 2 a mistake in the call or the input, 130 or 143 ended by Ctrl-C or SIGTERM; a fault of the
+        program is a traceback, and the interpreter then exits with 1.
+    """
+    words = list(sys.argv[1:] if argv is None else argv)
+    try:
+        return _run(words)
+    except CuboidError as error:
+        print(f"cuboid: error: {' '.join(str(error).split())}", file=sys.stderr)
+        return MISTAKE
+    except KeyboardInterrupt:
+        print("cuboid: interrupted; nothing was written", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:  # who read our output has gone: nothing is left to say, nor to be flushed at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return OK
+
+
+def _run(words: list[str]) -> int:
+    chosen = next((word for word in words if not word.startswith("-")), None)
+    known = chosen in COMMANDS
+    parser = _Parser(prog="cuboid", description=DESCRIPTION, allow_abbrev=False)
+    parser.add_argument("--version", action="version", version=f"cuboid {__version__}")
+    commands = parser.add_subparsers(title="commands", dest="command", metavar="COMMAND", required=True)
+    modules: dict[str, ModuleType] = {}
+    for name in (chosen,) if known and chosen else COMMANDS:
+        module = modules[name] = import_module(f"cuboid.cli.{name}")
+        command = commands.add_parser(
+            name,
+            help=module.HELP,
+            description=module.HELP[0].upper() + module.HELP[1:] + ".",
+            allow_abbrev=False,
+        )
+        module.add_arguments(command)
+    args = parser.parse_args(words)
+    if "threads" in args:
+        from cuboid.cli.threads import limit_threads
+
+        limit_threads(args.threads)
+    status: int = modules[args.command].run(args)
+    return status

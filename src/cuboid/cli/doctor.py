@@ -1,0 +1,125 @@
+"""`cuboid doctor`: whether all is here that a run needs."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import import_module, metadata
+from pathlib import Path
+
+from cuboid import __version__
+from cuboid.cli.threads import cores
+
+HELP = "check the installation: packages, compiled kernels, extras, threads"
+
+# Distribution, module, and whether a run is impossible without it; the others are extras.
+PACKAGES = (
+    ("numpy", "numpy", True),
+    ("scipy", "scipy", True),
+    ("numba", "numba", True),
+    ("opencv-contrib-python-headless", "cv2", True),
+    ("rich", "rich", True),
+    ("av", "av", True),
+    ("trimesh", "trimesh", True),
+    ("embreex", "embreex", True),
+    ("onnxruntime", "onnxruntime", False),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One line of the report.
+
+    Attributes
+    ----------
+    name : str
+    ok : bool
+        False where a run will fail.
+    detail : str
+    """
+
+    name: str
+    ok: bool
+    detail: str
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Take nothing."""
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the checks; 1 where one of them fails."""
+    checks = [*_system(), *_packages(), *_kernels(), *_folders()]
+    width = max(len(check.name) for check in checks)
+    for check in checks:
+        print(f"{'ok' if check.ok else 'BAD':4} {check.name:{width}}  {check.detail}")
+    return 0 if all(check.ok for check in checks) else 1
+
+
+def _system() -> Iterator[Check]:
+    yield Check("cuboid", True, __version__)
+    yield Check("python", True, f"{platform.python_version()} on {platform.system()} {platform.machine()}")
+    yield Check("threads", True, f"{cores()} cores may be used")
+
+
+def _packages() -> Iterator[Check]:
+    for distribution, module, needed in PACKAGES:
+        try:
+            import_module(module)
+            yield Check(distribution, True, metadata.version(distribution))
+        except ImportError as error:
+            detail = f"cannot be imported: {error}" if needed else "not installed: pip install 'cuboid[onnx]'"
+            yield Check(distribution, not needed, detail)
+    yield _opencv_parts()
+
+
+def _opencv_parts() -> Check:
+    """Look for the parts that only the contrib build of OpenCV has; another build may have overwritten it."""
+    try:
+        import cv2
+
+        missing = [part for part in ("ximgproc", "saliency") if not hasattr(cv2, part)]
+    except ImportError:
+        missing = ["all of it"]
+    detail = (
+        f"lacks {', '.join(missing)}: another OpenCV package overwrote the contrib one; reinstall it"
+        if missing
+        else "ximgproc, saliency"
+    )
+    return Check("opencv contrib", not missing, detail)
+
+
+def _kernels() -> Iterator[Check]:
+    from cuboid.cli.kernels import loaded_kernels
+
+    try:
+        import_module("cuboid.tracker")
+    except ImportError as error:
+        yield Check("kernels", False, f"the tracker cannot be imported: {error}")
+        return
+    kernels = loaded_kernels()
+    ready = sum(kernel.cached for kernel in kernels)
+    rest = "" if ready == len(kernels) else "; the others are compiled when they are first used"
+    yield Check("kernels", True, f"{ready} of {len(kernels)} compiled and cached{rest}")
+    for folder in sorted({kernel.folder for kernel in kernels}):
+        yield _writable("kernel cache", folder)
+
+
+def _folders() -> Iterator[Check]:
+    yield _writable("temporary folder", Path(tempfile.gettempdir()))
+
+
+def _writable(name: str, folder: Path) -> Check:
+    at = folder
+    while not at.exists() and at != at.parent:  # a cache is made when it is first written
+        at = at.parent
+    try:
+        with tempfile.TemporaryFile(dir=at):
+            pass
+    except OSError as error:
+        return Check(name, False, f"{folder}: cannot be written: {error.strerror}")
+    return Check(name, os.access(at, os.X_OK), str(folder))

@@ -1,0 +1,49 @@
+"""Ctrl-C ends a run, it does not throw it away."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+
+class Interruption:
+    """Whether a signal asked the run to end; call it to know.
+
+    Attributes
+    ----------
+    status : int
+        Exit status of a run that was ended so: 128 and the number of the signal, as shells have it.
+    """
+
+    def __init__(self) -> None:
+        self.status = 0
+
+    def __call__(self) -> bool:
+        """Return whether the run is to end."""
+        return self.status != 0
+
+    def handle(self, number: int, frame: FrameType | None) -> None:
+        """Note the signal; the second one ends the program at once."""
+        if self.status:
+            raise KeyboardInterrupt
+        self.status = 128 + number
+        print(
+            "\ncuboid: ending after this frame and writing what is done; once more drops it", file=sys.stderr
+        )
+
+
+@contextmanager
+def interruptible() -> Iterator[Interruption]:
+    """Let SIGINT and SIGTERM ask for the end of what runs inside, instead of breaking it off."""
+    interruption = Interruption()
+    before = {
+        number: signal.signal(number, interruption.handle) for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield interruption
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,96 @@
+"""What the commands that track a recording have in common."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cuboid.cli.threads import add_threads, positive
+
+if TYPE_CHECKING:
+    from cuboid.config import TrackerConfig
+    from cuboid.readers import Recording
+
+
+def add_recording(parser: argparse.ArgumentParser, default_threads: int) -> None:
+    """Add the recording and how it is read and tracked."""
+    parser.add_argument("recording", type=Path, metavar="RECORDING", help="folder of the RGB-D recording")
+    reading = parser.add_argument_group("reading")
+    reading.add_argument("--format", metavar="NAME", help="its layout, where it is not recognised")
+    reading.add_argument(
+        "--intrinsics", type=intrinsics, metavar="FX,FY,CX,CY", help="pinhole in pixels, instead of its own"
+    )
+    reading.add_argument(
+        "--depth-scale", type=depth_scale, metavar="UNITS", help="depth units a metre, instead of its own"
+    )
+    reading.add_argument("--every", type=positive, default=1, metavar="N", help="use each N-th frame")
+    reading.add_argument("--limit", type=positive, metavar="N", help="read at most N frames")
+    tracking = parser.add_argument_group("tracking")
+    tracking.add_argument(
+        "--poses", choices=("given", "estimated"), help="where the camera poses come from (default: given)"
+    )
+    tracking.add_argument(
+        "--scale",
+        type=int,
+        choices=(1, 2, 4),
+        default=1,
+        help="pixels of the recording a side that become one: faster, coarser (default: 1)",
+    )
+    tracking.add_argument("--proposals", metavar="NAME[:OPTIONS]", help="source of the 2D proposals")
+    add_threads(tracking, default_threads)
+    tracking.add_argument(
+        "--set",
+        type=setting,
+        action="append",
+        default=[],
+        dest="settings",
+        metavar="NAME=VALUE",
+        help="a field of the tracker's configuration, such as voxel_m=0.02; may be repeated",
+    )
+
+
+def open_from(args: argparse.Namespace) -> Recording:
+    """Open the recording that the arguments name."""
+    from cuboid.readers import open_recording
+
+    return open_recording(
+        args.recording, format=args.format, intrinsics=args.intrinsics, depth_scale=args.depth_scale
+    )
+
+
+def config_from(args: argparse.Namespace) -> TrackerConfig:
+    """Return the configuration that the arguments give."""
+    from cuboid.config import TrackerConfig
+
+    return TrackerConfig.from_dict(dict(args.settings))
+
+
+def intrinsics(text: str) -> tuple[float, float, float, float]:
+    """Read FX,FY,CX,CY from the command line."""
+    try:
+        fx, fy, cx, cy = (float(word) for word in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected FX,FY,CX,CY in pixels, got '{text}'") from None
+    if not (0 < fx < float("inf") and 0 < fy < float("inf") and abs(cx + cy) < float("inf")):
+        raise argparse.ArgumentTypeError(f"expected finite numbers with FX, FY > 0, got '{text}'")
+    return fx, fy, cx, cy
+
+
+def depth_scale(text: str) -> float:
+    """Read a number of depth units a metre from the command line."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"expected depth units a metre, above 0, got '{text}'")
+    return value
+
+
+def setting(text: str) -> tuple[str, str]:
+    """Read NAME=VALUE from the command line."""
+    name, equals, value = text.partition("=")
+    if not name or not equals or not value:
+        raise argparse.ArgumentTypeError(f"expected NAME=VALUE, got '{text}'")
+    return name.strip(), value.strip()

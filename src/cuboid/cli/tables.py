@@ -1,0 +1,65 @@
+"""Tables that people read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from cuboid.outputs import RunReport, Timing
+from cuboid.results import TrackedObject
+
+# A pipe has no width: tables take what they need, and no cell is cut.
+WIDE = 200
+
+# So many reasons of skipped frames are shown; run.json has all.
+REASONS_SHOWN = 5
+
+
+def console() -> Console:
+    """Return the console of standard output; without a terminal it is plain and wide."""
+    plain = Console(highlight=False, soft_wrap=True)
+    return plain if plain.is_terminal else Console(highlight=False, width=WIDE, no_color=True)
+
+
+def new_table(*columns: str, left: int = 1) -> Table:
+    """Return an empty table; the first `left` columns are text, the others numbers."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
+    for i, column in enumerate(columns):
+        table.add_column(column, justify="left" if i < left else "right", no_wrap=True)
+    return table
+
+
+def objects_table(objects: Iterable[TrackedObject]) -> Table:
+    """Return the map of objects: label, size, position, frames seen, score."""
+    table = new_table("label", "size L x W x H (cm)", "position x, y, z (m)", "frames seen", "score", left=0)
+    for item in objects:
+        size = " x ".join(f"{side * 100:.1f}" for side in item.box.size)
+        place = ", ".join(f"{value:z.2f}" for value in item.box.center)
+        table.add_row(str(item.label), size, place, str(item.frames_seen), f"{item.score:.2f}")
+    return table
+
+
+def timings_table(milliseconds: Mapping[str, Timing]) -> Table:
+    """Return median and 95th percentile of each stage."""
+    table = new_table("stage", "median ms", "p95 ms")
+    for stage, timing in milliseconds.items():
+        table.add_row(stage, f"{timing.median_ms:.2f}", f"{timing.p95_ms:.2f}")
+    return table
+
+
+def skipped_lines(report: RunReport) -> list[str]:
+    """Return the lines that say which frames were skipped, and why."""
+    if not report.skipped:
+        return []
+    reasons = report.skipped_reasons()
+    lines = [f"{len(report.skipped)} of {report.frames_read} frames skipped:"]
+    for reason, count in reasons[:REASONS_SHOWN]:
+        first = next(frame for frame, why in report.skipped if why == reason)
+        where = f"frame {first}" if count == 1 else f"{count} frames, the first is {first}"
+        lines.append(f"  {reason} ({where})")
+    if len(reasons) > REASONS_SHOWN:
+        lines.append(f"  and {len(reasons) - REASONS_SHOWN} other reasons (see run.json)")
+    return lines

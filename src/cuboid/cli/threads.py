@@ -1,0 +1,60 @@
+"""How many threads a command uses: its own, and those of the libraries under it."""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+# What OpenMP, the linear algebra under NumPy and SciPy, and numba read when they are first imported.
+POOLS = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+)
+
+
+def cores() -> int:
+    """Return how many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def pool_size(threads: int) -> int:
+    """Return what a library may use of `threads`, one of which decodes ahead where there are two."""
+    return max(1, threads - 1)
+
+
+def add_threads(parser: argparse._ArgumentGroup, default: int) -> None:
+    """Add `--threads`."""
+    parser.add_argument(
+        "--threads",
+        type=positive,
+        default=default,
+        metavar="N",
+        help="threads in use: 1 is the tracker alone, with 2 the next frames are decoded meanwhile, "
+        "more go to the libraries (default: %(default)s)",
+    )
+
+
+def positive(text: str) -> int:
+    """Read a whole number of at least 1 from the command line."""
+    try:
+        value = int(text)
+    except ValueError:
+        value = 0
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, got '{text}'")
+    return value
+
+
+def limit_threads(threads: int) -> None:
+    """Hold every library's pool to its share of `threads`; call it before they are imported."""
+    share = pool_size(threads)
+    for name in POOLS:
+        os.environ[name] = str(share)
+    import cv2
+
+    cv2.setNumThreads(share)

@@ -1,0 +1,75 @@
+"""`cuboid track`: from a recording to its objects, with a label for life."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cuboid.cli.recording import add_recording, config_from, open_from
+from cuboid.cli.threads import cores
+
+if TYPE_CHECKING:
+    from cuboid.run import RunOutcome
+
+HELP = "track the objects of a recording and write what was found"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    results = parser.add_argument_group("results")
+    results.add_argument("--output", type=Path, required=True, metavar="DIR", help="folder of the results")
+    results.add_argument("--force", action="store_true", help="replace results that lie in DIR")
+    results.add_argument("--video", action="store_true", help="also write labelled.mp4")
+    add_recording(parser, default_threads=min(2, cores()))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Track, and say what was found."""
+    from cuboid.cli.interrupt import interruptible
+
+    with interruptible() as interruption:
+        from cuboid.cli.progress import progress
+        from cuboid.run import track_recording
+
+        with progress() as shown:
+            outcome = track_recording(
+                open_from(args),
+                args.output,
+                config=config_from(args),
+                proposals=args.proposals,
+                poses=args.poses,
+                every=args.every,
+                limit=args.limit,
+                scale=args.scale,
+                threads=args.threads,
+                video=args.video,
+                force=args.force,
+                progress=shown,
+                stop=interruption,
+            )
+    print_outcome(outcome, args.output)
+    if not outcome.report.complete:
+        print("cuboid: interrupted; the results are marked as not complete", file=sys.stderr)
+        return interruption.status
+    return 0
+
+
+def print_outcome(outcome: RunOutcome, output: Path) -> None:
+    """Print the table of objects and the summary of the run."""
+    from cuboid.cli.tables import console, objects_table, skipped_lines
+
+    out, report = console(), outcome.report
+    if outcome.objects:
+        out.print(objects_table(outcome.objects))
+    else:
+        out.print("no object found")
+    for line in skipped_lines(report):
+        out.print(line, markup=False)
+    frame_ms = f", {report.milliseconds['frame'].median_ms:.1f} ms a frame" if report.frames_used else ""
+    out.print(
+        f"{report.frames_used} of {report.frames_read} frames in {report.seconds:.1f} s{frame_ms}; "
+        f"results in {output}",
+        markup=False,
+    )

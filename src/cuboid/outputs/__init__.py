@@ -1,0 +1,38 @@
+"""The files that a run leaves behind: written row by row, shown only when they are whole, and read again."""
+
+from __future__ import annotations
+
+from cuboid.outputs.folder import OUTPUT_NAMES, ResultFolder
+from cuboid.outputs.objects import ObjectsFile, read_objects, write_objects
+from cuboid.outputs.ply import read_map, write_map
+from cuboid.outputs.report import RunReport, Timing, read_run, write_run
+from cuboid.outputs.rows import (
+    PoseRow,
+    ProposalRow,
+    TrackRow,
+    read_proposals,
+    read_tracks,
+    read_trajectory,
+)
+from cuboid.outputs.writer import ResultWriter
+
+__all__ = [
+    "OUTPUT_NAMES",
+    "ObjectsFile",
+    "PoseRow",
+    "ProposalRow",
+    "ResultFolder",
+    "ResultWriter",
+    "RunReport",
+    "Timing",
+    "TrackRow",
+    "read_map",
+    "read_objects",
+    "read_proposals",
+    "read_run",
+    "read_tracks",
+    "read_trajectory",
+    "write_map",
+    "write_objects",
+    "write_run",
+]

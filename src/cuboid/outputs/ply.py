@@ -1,0 +1,91 @@
+"""`map.ply`: the global point map, binary PLY that common viewers open."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.errors import InputError
+from cuboid.results import MapPoints
+
+# Little-endian layout of a point, in the words of the PLY format (G. Turk, 1994).
+POINT = np.dtype(
+    [
+        ("xyz", "<f4", 3),
+        ("rgb", "u1", 3),
+        ("heat", "<f4"),
+        ("label", "<i4"),
+    ]
+)
+PROPERTIES = (
+    ("float", "x"),
+    ("float", "y"),
+    ("float", "z"),
+    ("uchar", "red"),
+    ("uchar", "green"),
+    ("uchar", "blue"),
+    ("float", "heat"),
+    ("int", "label"),
+)
+
+
+def _header(points: int) -> bytes:
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {points}"]
+    lines += [f"property {kind} {name}" for kind, name in PROPERTIES]
+    return ("\n".join([*lines, "end_header"]) + "\n").encode("ascii")
+
+
+def write_map(path: Path, points: MapPoints) -> None:
+    """Write `map.ply`.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    points : MapPoints
+        N points in the world, metres.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written.
+    """
+    rows: npt.NDArray[np.void] = np.zeros(len(points.xyz), dtype=POINT)
+    rows["xyz"] = points.xyz
+    rows["rgb"] = points.rgb
+    rows["heat"] = points.heat
+    rows["label"] = points.label
+    with path.open("wb") as file:
+        file.write(_header(len(rows)))
+        file.write(rows.tobytes())
+
+
+def read_map(path: Path) -> MapPoints:
+    """Read `map.ply` as `write_map` wrote it.
+
+    Raises
+    ------
+    InputError
+        The file is missing, has another layout, or is shorter than its header says.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    head, mark, body = content.partition(b"end_header\n")
+    words = head.split()
+    at = words.index(b"vertex") + 1 if b"vertex" in words else len(words)
+    count = int(words[at]) if at < len(words) and words[at].isdigit() else -1
+    if count < 0 or head + mark != _header(count):
+        raise InputError(f"{path}: expected a binary PLY with {', '.join(name for _, name in PROPERTIES)}")
+    if len(body) != count * POINT.itemsize:
+        raise InputError(f"{path}: expected {count} points, got {len(body) / POINT.itemsize:g}")
+    rows = np.frombuffer(body, dtype=POINT)
+    return MapPoints(
+        xyz=rows["xyz"].astype(np.float32),
+        rgb=rows["rgb"].copy(),
+        heat=rows["heat"].astype(np.float32),
+        label=rows["label"].astype(np.int32),
+    )

@@ -1,0 +1,157 @@
+"""`run.json`: how a run went."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cuboid.errors import InputError
+from cuboid.outputs.objects import read_json, write_json
+from cuboid.outputs.text import rounded
+
+# Digits after the point: what the clocks can tell.
+MILLISECOND = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """Milliseconds that one stage took over the used frames.
+
+    Attributes
+    ----------
+    median_ms, p95_ms : float
+    """
+
+    median_ms: float
+    p95_ms: float
+
+    @classmethod
+    def of(cls, milliseconds: Sequence[float]) -> Timing:
+        """Return the timing of at least one measurement."""
+        median, p95 = np.percentile(milliseconds, (50, 95))
+        return cls(float(median), float(p95))
+
+
+@dataclass(frozen=True, slots=True)
+class RunReport:
+    """What `run.json` holds.
+
+    Attributes
+    ----------
+    version : str
+        Of the program.
+    complete : bool
+        False where the run was interrupted.
+    recording : str
+        The path as the user gave it.
+    format : str
+        Name of the recording's layout.
+    poses : str
+        "given" or "estimated".
+    threads : int
+    config : mapping
+        The effective configuration.
+    frames_read, frames_used : int
+    skipped : tuple of (int, str)
+        Frame and reason.
+    milliseconds : mapping of str to Timing
+        "frame" is a whole used frame, decoding included; then the stages in the order of work.
+    seconds : float
+        The whole run.
+    peak_memory_mb : float
+        Of the process, in units of 2**20 bytes.
+    """
+
+    version: str
+    complete: bool
+    recording: str
+    format: str
+    poses: str
+    threads: int
+    config: Mapping[str, Any]
+    frames_read: int
+    frames_used: int
+    skipped: tuple[tuple[int, str], ...]
+    milliseconds: Mapping[str, Timing]
+    seconds: float
+    peak_memory_mb: float
+
+    def skipped_reasons(self) -> list[tuple[str, int]]:
+        """Return (reason, frames), the most frequent first."""
+        counts = Counter(reason for _, reason in self.skipped)
+        return sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the document that `run.json` holds."""
+        return {
+            "version": self.version,
+            "complete": self.complete,
+            "recording": self.recording,
+            "format": self.format,
+            "poses": self.poses,
+            "threads": self.threads,
+            "config": dict(self.config),
+            "frames": {
+                "read": self.frames_read,
+                "used": self.frames_used,
+                "skipped": [{"frame": frame, "reason": reason} for frame, reason in self.skipped],
+            },
+            "milliseconds": {
+                stage: {
+                    "median": rounded(timing.median_ms, MILLISECOND),
+                    "p95": rounded(timing.p95_ms, MILLISECOND),
+                }
+                for stage, timing in self.milliseconds.items()
+            },
+            "seconds": rounded(self.seconds, 3),
+            "peak_memory_mb": rounded(self.peak_memory_mb, 1),
+        }
+
+
+def write_run(path: Path, report: RunReport) -> None:
+    """Write `run.json`.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written.
+    """
+    write_json(path, report.to_dict())
+
+
+def read_run(path: Path) -> RunReport:
+    """Read `run.json`.
+
+    Raises
+    ------
+    InputError
+        The file is missing, is not JSON, or lacks a field.
+    """
+    document = read_json(path)
+    try:
+        frames = document["frames"]
+        return RunReport(
+            version=str(document["version"]),
+            complete=bool(document["complete"]),
+            recording=str(document["recording"]),
+            format=str(document["format"]),
+            poses=str(document["poses"]),
+            threads=int(document["threads"]),
+            config=document["config"],
+            frames_read=int(frames["read"]),
+            frames_used=int(frames["used"]),
+            skipped=tuple((int(item["frame"]), str(item["reason"])) for item in frames["skipped"]),
+            milliseconds={
+                stage: Timing(float(timing["median"]), float(timing["p95"]))
+                for stage, timing in document["milliseconds"].items()
+            },
+            seconds=float(document["seconds"]),
+            peak_memory_mb=float(document["peak_memory_mb"]),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: a field is missing or malformed: {error!r}") from error

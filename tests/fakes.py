@@ -1,0 +1,108 @@
+"""A recording and a tracker that are quick and known, for tests of what stands around them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from cuboid.errors import FrameError
+from cuboid.frame import Frame, Intrinsics
+from cuboid.geometry.box import Box
+from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
+
+INTRINSICS = Intrinsics(500.0, 500.0, 31.5, 23.5, 64, 48)
+
+
+class FakeRecording:
+    """Frames of noise at one place; some of them broken, some without a pose."""
+
+    format = "fake"
+
+    def __init__(
+        self,
+        frames: int,
+        broken: Mapping[int, str] | None = None,
+        lost: tuple[int, ...] = (),
+        poses: bool = True,
+    ) -> None:
+        self.path = Path("fake-recording")
+        self.intrinsics = INTRINSICS
+        self.has_poses = poses
+        self._frames = frames
+        self._broken = broken or {}
+        self._lost = lost
+        self.reads: list[int] = []
+
+    def __len__(self) -> int:
+        return self._frames
+
+    def read(self, index: int) -> Frame:
+        self.reads.append(index)
+        if index in self._broken:
+            raise FrameError(self._broken[index])
+        T_world_camera = np.eye(4)
+        T_world_camera[0, 3] = index * 0.01
+        return Frame(
+            index,
+            index / 30.0,
+            np.full((48, 64, 3), index % 256, np.uint8),
+            np.full((48, 64), 1.5, np.float32),
+            None if index in self._lost else T_world_camera,
+        )
+
+
+def box(x: float = 0.0) -> Box:
+    turn = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
+    return Box(np.array([x, 0.2, 1.0]), np.array([0.1, 0.2, 0.3]), turn)
+
+
+class FakeTracker:
+    """One object from the second frame on."""
+
+    def __init__(self, intrinsics: Intrinsics, config: object = None, proposals: object = None) -> None:
+        self.intrinsics = intrinsics
+        self.frames: list[int] = []
+        self.sizes: list[tuple[int, ...]] = []
+        self.refuse: dict[int, str] = {}
+        self.up = np.array([0.0, 0.0, 1.0])
+        self.planes = [SupportPlane(self.up, -0.85, np.array([[0, 0, 0.85], [1, 0, 0.85], [0, 1, 0.85]]))]
+
+    def update(self, frame: Frame) -> FrameResult:
+        if frame.index in self.refuse:
+            raise FrameError(self.refuse[frame.index])
+        assert frame.T_world_camera is not None
+        self.frames.append(frame.index)
+        self.sizes.append(frame.color.shape)
+        rect = np.array([1.0, 2.0, 11.5, 12.25])
+        seen = Sighting(1, box(), None if len(self.frames) == 2 else 0.75, 0.5, rect)
+        return FrameResult(
+            frame.index,
+            frame.timestamp_s,
+            frame.T_world_camera,
+            (seen,) if len(self.frames) > 1 else (),
+            (Proposal3D(min(len(self.frames) - 1, 1), box(0.01), 0.5, rect),),
+            1,
+            np.zeros(frame.depth_m.shape, np.float32),
+            {"proposals": 1.0, "matching": 2.0},
+        )
+
+    @property
+    def objects(self) -> list[TrackedObject]:
+        if len(self.frames) < 2:
+            return []
+        seen = len(self.frames) - 1
+        color = np.array([10.0, 20.0, 30.0])
+        return [
+            TrackedObject(1, box(), 0.9, 0.8, self.frames[1], self.frames[-1], seen, 1234, color, 0, (3, 4))
+        ]
+
+    def map_points(self) -> MapPoints:
+        n = len(self.frames)
+        return MapPoints(
+            np.arange(3 * n, dtype=np.float32).reshape(n, 3),
+            np.arange(3 * n, dtype=np.uint8).reshape(n, 3),
+            np.linspace(0, 1, n, dtype=np.float32),
+            np.ones(n, np.int32),
+        )

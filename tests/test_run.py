@@ -1,0 +1,160 @@
+from __future__ import annotations
+
+import json
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cuboid.errors import InputError, OutputError
+from cuboid.outputs import read_objects, read_run, read_tracks, read_trajectory
+from cuboid.outputs.folder import OUTPUT_NAMES, VIDEO
+from cuboid.run import RunOutcome, peak_memory_mb, track_recording
+from fakes import FakeRecording, FakeTracker
+
+RESULTS = sorted(set(OUTPUT_NAMES) - {VIDEO})
+
+
+def track(recording: FakeRecording, output: Path | None, **options: Any) -> RunOutcome:
+    options.setdefault("make_tracker", FakeTracker)
+    return track_recording(recording, output, **options)
+
+
+def test_all_files_of_the_contract_are_written_and_nothing_else(tmp_path: Path) -> None:
+    track(FakeRecording(5), tmp_path / "out")
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == RESULTS
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_frames_keep_their_numbers_with_every_limit_and_skipped_ones(tmp_path: Path) -> None:
+    recording = FakeRecording(20, broken={6: "color/000006.png: truncated"}, lost=(9,))
+    track(recording, tmp_path / "out", every=3, limit=6)
+    run = read_run(tmp_path / "out" / "run.json")
+    assert recording.reads == [0, 3, 6, 9, 12, 15]
+    assert (run.frames_read, run.frames_used) == (6, 4)
+    assert run.skipped == ((6, "color/000006.png: truncated"), (9, "no camera pose"))
+    assert [row.frame for row in read_tracks(tmp_path / "out" / "tracks.csv")] == [3, 12, 15]
+    assert len(read_trajectory(tmp_path / "out" / "trajectory.txt")) == 4
+    assert run.complete
+
+
+def test_a_frame_that_the_tracker_refuses_is_skipped(tmp_path: Path) -> None:
+    def make(*args: Any) -> FakeTracker:
+        tracker = FakeTracker(*args)
+        tracker.refuse = {1: "no depth in reach"}
+        return tracker
+
+    outcome = track(FakeRecording(4), None, make_tracker=make)
+    assert outcome.report.skipped == ((1, "no depth in reach"),)
+    assert outcome.report.frames_used == 3
+
+
+def test_more_than_half_bad_frames_is_an_error_that_leaves_nothing(tmp_path: Path) -> None:
+    broken = dict.fromkeys(range(1, 7), "depth image is truncated")
+    with pytest.raises(InputError, match=r"more than half of the 10 frames.*frame 1: depth image is trunc"):
+        track(FakeRecording(10, broken), tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_exactly_half_bad_frames_is_a_result(tmp_path: Path) -> None:
+    outcome = track(FakeRecording(10, dict.fromkeys(range(5), "bad")), tmp_path / "out")
+    assert outcome.report.frames_used == 5
+    assert outcome.report.skipped_reasons() == [("bad", 5)]
+
+
+def test_without_poses_one_line_says_so(tmp_path: Path) -> None:
+    for options, recording in (
+        ({}, FakeRecording(3, poses=False)),
+        ({"poses": "estimated"}, FakeRecording(3)),
+    ):
+        with pytest.raises(InputError, match="given poses only"):
+            track(recording, tmp_path / "out", **options)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("scale", [1, 2, 4])
+def test_results_stay_in_the_recordings_pixels(tmp_path: Path, scale: int) -> None:
+    trackers: list[FakeTracker] = []
+
+    def make(*args: Any) -> FakeTracker:
+        trackers.append(FakeTracker(*args))
+        return trackers[-1]
+
+    recording = FakeRecording(3)
+    track(recording, tmp_path / "out", scale=scale, make_tracker=make)
+    assert trackers[0].sizes == [(48 // scale, 64 // scale, 3)] * 3
+    assert trackers[0].intrinsics == recording.intrinsics.downscaled(scale)
+    rows = read_tracks(tmp_path / "out" / "tracks.csv")
+    np.testing.assert_array_equal(rows[0].rect_xyxy, np.array([1.0, 2.0, 11.5, 12.25]) * scale)
+    assert read_objects(tmp_path / "out" / "objects.json").intrinsics == recording.intrinsics
+    assert read_run(tmp_path / "out" / "run.json").config["scale"] == scale
+
+
+def test_same_input_twice_gives_the_same_bytes_with_one_thread_or_two(tmp_path: Path) -> None:
+    for name, threads in (("a", 1), ("b", 1), ("c", 2)):
+        track(FakeRecording(30, {4: "bad"}), tmp_path / name, threads=threads)
+    for name in set(RESULTS) - {"run.json"}:
+        contents = {(tmp_path / run / name).read_bytes() for run in "abc"}
+        assert len(contents) == 1, name
+
+
+def test_the_whole_frame_counts_decoding_and_every_stage() -> None:
+    timings = track(FakeRecording(30), None, scale=2).report.milliseconds
+    assert list(timings) == ["frame", "decode", "scale", "proposals", "matching"]
+    assert timings["matching"].median_ms == pytest.approx(2.0)
+    assert timings["frame"].median_ms >= timings["decode"].median_ms + timings["scale"].median_ms
+
+
+def test_with_one_thread_no_other_is_started() -> None:
+    names: dict[int, set[str]] = {1: set(), 2: set()}
+
+    class Watched(FakeRecording):
+        def read(self, index: int) -> Any:
+            names[threads].add(threading.current_thread().name)
+            return super().read(index)
+
+    for threads in names:
+        track(Watched(5), None, threads=threads)
+    assert names[1] == {threading.main_thread().name}
+    assert all(name.startswith("decode") for name in names[2])
+
+
+def test_stopping_writes_what_is_done_and_says_so(tmp_path: Path) -> None:
+    asked = iter([False] * 4 + [True])
+    recording = FakeRecording(1000)
+    track(recording, tmp_path / "out", stop=lambda: next(asked), threads=2)
+    run = read_run(tmp_path / "out" / "run.json")
+    assert not run.complete
+    assert run.frames_used == 4
+    assert len(recording.reads) < 10
+    assert json.loads((tmp_path / "out" / "objects.json").read_text())["objects"][0]["frames_seen"] == 3
+
+
+def test_a_fault_leaves_nothing(tmp_path: Path) -> None:
+    class Broken(FakeTracker):
+        def update(self, frame: Any) -> Any:
+            if frame.index == 3:
+                raise ZeroDivisionError
+            return super().update(frame)
+
+    with pytest.raises(ZeroDivisionError):
+        track(FakeRecording(5), tmp_path / "out", make_tracker=Broken, threads=2)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_recording_itself_is_no_output(tmp_path: Path) -> None:
+    recording = FakeRecording(2)
+    recording.path = tmp_path
+    with pytest.raises(OutputError, match="is the recording itself"):
+        track(recording, tmp_path, force=True)
+
+
+def test_an_empty_recording_is_an_error() -> None:
+    with pytest.raises(InputError, match="no frames"):
+        track(FakeRecording(0), None)
+
+
+def test_peak_memory_is_that_of_this_process() -> None:
+    assert 10 < peak_memory_mb() < 100_000
