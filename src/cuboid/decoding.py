@@ -1,19 +1,18 @@
-"""Frames of a recording in order, decoded ahead in a thread where there is one to spare."""
+"""Frames of a recording in order, each with what decoding it took."""
 
 from __future__ import annotations
 
 import time
-from collections import deque
-from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Protocol
 
 from cuboid.errors import FrameError
 from cuboid.frame import Frame
+from cuboid.readers.prefetch import run_ahead
 
 # How many frames are decoded ahead: enough to keep two cores busy, few enough to bound memory.
-DECODED_AHEAD = 2
+FRAMES_AHEAD = 2
 
 
 class Readable(Protocol):
@@ -44,8 +43,8 @@ class Decoded:
     milliseconds: float
 
 
-def decode(recording: Readable, indices: range, *, ahead: bool) -> Iterator[Decoded]:
-    """Iterate over frames in order.
+def decode(recording: Readable, indices: range, *, ahead: bool) -> Generator[Decoded, None, None]:
+    """Iterate over frames in order; close the iterator to end the thread behind it.
 
     Parameters
     ----------
@@ -54,31 +53,15 @@ def decode(recording: Readable, indices: range, *, ahead: bool) -> Iterator[Deco
         Frames of the recording.
     ahead : bool
         Decode the next frames in a thread while the caller works on this one.
-
-    Yields
-    ------
-    Decoded
     """
 
     def read(index: int) -> Decoded:
-        start = time.perf_counter()
+        start_s = time.perf_counter()
         try:
             frame, reason = recording.read(index), ""
         except FrameError as error:
             frame, reason = None, str(error)
-        return Decoded(index, frame, reason, (time.perf_counter() - start) * 1e3)
+        return Decoded(index, frame, reason, (time.perf_counter() - start_s) * 1e3)
 
-    if not ahead:
-        yield from map(read, indices)
-        return
-    pool = ThreadPoolExecutor(1, thread_name_prefix="decode")
-    try:
-        waiting: deque[Future[Decoded]] = deque()
-        for index in indices:
-            waiting.append(pool.submit(read, index))
-            if len(waiting) > DECODED_AHEAD:
-                yield waiting.popleft().result()
-        while waiting:
-            yield waiting.popleft().result()
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+    decoded = (read(index) for index in indices)
+    return run_ahead(decoded, FRAMES_AHEAD) if ahead else decoded

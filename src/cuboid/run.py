@@ -6,7 +6,7 @@ import sys
 import time
 from array import array
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -206,11 +206,12 @@ def track_recording(
         progress.start(len(frames))
         with _view(writer, recording, every, (make_view or _video) if video else None) as view:
             complete = True
-            for decoded in decode(recording, frames, ahead=threads > 1):
-                if stop():
-                    complete = False
-                    break
-                _step(decoded, tracker, scale, writer, view, log)
+            with closing(decode(recording, frames, ahead=threads > 1)) as stream:
+                for decoded in stream:
+                    if stop():
+                        complete = False
+                        break
+                    _step(decoded, tracker, scale, writer, view, log)
         report = RunReport(
             version=__version__,
             complete=complete,

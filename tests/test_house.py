@@ -1,0 +1,77 @@
+"""The house rules that a machine can check."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+SOURCE = REPOSITORY / "src" / "cuboid"
+
+# A stage knows only those before it; the folders that all may use know nobody but each other.
+STAGES = ("readers", "poses", "proposals", "heatmap", "surfaces", "boxes", "objects", "outputs", "views")
+GROUND = ("geometry", "kernels")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("ruff", "check"), ("ruff", "format", "--check"), ("mypy",)],
+    ids=["ruff check", "ruff format", "mypy"],
+)
+def test_the_code_is_clean(command: tuple[str, ...]) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", *command], cwd=REPOSITORY, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def imported_packages(path: Path) -> set[str]:
+    """Return the folders of this package that a module imports, at its top or inside."""
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names.add(node.module)
+        elif isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+    return {name.split(".")[1] for name in names if name.startswith("cuboid.")}
+
+
+@pytest.mark.parametrize("stage", [*GROUND, *STAGES])
+def test_a_stage_knows_only_those_before_it(stage: str) -> None:
+    later = {*STAGES[STAGES.index(stage) + 1 :]} if stage in STAGES else {*STAGES}
+    later |= {"cli", "run", "evaluation", "synthetic", "tracker"}
+    for path in sorted((SOURCE / stage).glob("**/*.py")):
+        assert not imported_packages(path) & later, f"{path.name} of {stage} looks ahead"
+
+
+@pytest.mark.parametrize("name", ["run.txt", "dev.txt"])
+def test_the_lock_has_every_requirement_with_a_hash_and_no_address(name: str) -> None:
+    text = (REPOSITORY / "requirements" / name).read_text(encoding="utf-8")
+    assert not re.search(r"https?:|file:|--(extra-)?index|--find-links", text)
+    locked: dict[str, list[str]] = {}
+    for block in re.split(r"\n(?=\S)", text.strip()):
+        requirement = Requirement(block.split("\\")[0].strip())
+        locked.setdefault(requirement.name, []).append(str(requirement.specifier).removeprefix("=="))
+        assert "--hash=sha256:" in block, requirement.name
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wanted = [
+        *project["dependencies"],
+        *(project["optional-dependencies"]["dev"] if name == "dev.txt" else ()),
+    ]
+    for requirement in map(Requirement, wanted):
+        versions = locked.get(requirement.name, [])
+        assert versions, f"{requirement.name} is not locked"
+        assert all(requirement.specifier.contains(version) for version in versions), requirement.name
+
+
+def test_ci_runs_the_line_of_the_readme() -> None:
+    line = (REPOSITORY / ".ci" / "run").read_text(encoding="utf-8").splitlines()[-1]
+    assert line.startswith("python3 -m venv")
+    assert line in (REPOSITORY / "README.md").read_text(encoding="utf-8").splitlines()
