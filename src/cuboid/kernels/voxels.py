@@ -93,7 +93,13 @@ def fuse(depth, color, heat, camera, T, voxel, max_depth, frame, keys, values, h
             key = pack_key(
                 np.int64(np.floor(wx * inverse)), np.int64(np.floor(wy * inverse)), np.int64(np.floor(wz * inverse))
             )
-            row, place = find_slot(key, keys, table)
+            # Most pixels share their voxel with the pixel to the left or above: no need to ask the table.
+            row = slots[v, u - 1] if u > 0 else np.int32(-1)
+            if row < 0 or keys[row] != key:
+                row = slots[v - 1, u] if v > 0 else np.int32(-1)
+            place = np.int64(-1)
+            if row < 0 or keys[row] != key:
+                row, place = find_slot(key, keys, table)
             if row < 0:
                 row = count
                 count += 1

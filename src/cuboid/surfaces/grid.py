@@ -14,6 +14,8 @@ CELL_M = 0.05
 CLOSE_M = 0.2
 # What is seen of a plane reaches this much further, metres: its rim is lost to mixed pixels.
 RIM_M = 0.05
+# A plane may go on this far beyond what is covered, metres.
+NEARBY_M = 0.4
 # Readings that a cell needs before it counts.
 CELL_READINGS = 8
 # A plan is never wider than this many cells (200 m).
@@ -25,7 +27,7 @@ def _disc(radius_m: float) -> UInt8Array:
     return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * r + 1, 2 * r + 1)).astype(np.uint8)
 
 
-_CLOSE, _RIM = _disc(CLOSE_M), _disc(RIM_M)
+_CLOSE, _RIM, _NEARBY = _disc(CLOSE_M), _disc(RIM_M), np.ones((2 * round(NEARBY_M / CELL_M) + 1,) * 2, np.uint8)
 
 
 class GroundPlan:
@@ -39,12 +41,15 @@ class GroundPlan:
         Readings by plane and cell.
     covered : (P, N, M) uint8
         1 where the plane is, holes under objects filled.
+    nearby : (P, N, M) uint8
+        1 where the plane is or may go on, within `NEARBY_M`.
     """
 
     def __init__(self) -> None:
         self.origin: Float64Array = np.zeros(2)
         self.seen: npt.NDArray[np.int32] = np.zeros((0, 0, 0), np.int32)
         self.covered: UInt8Array = np.zeros((0, 0, 0), np.uint8)
+        self.nearby: UInt8Array = np.zeros((0, 0, 0), np.uint8)
 
     def cells_of(self, points: Float64Array) -> npt.NDArray[np.int64]:
         """Return the cells (N, 2) of plan coordinates (N, 2)."""
@@ -67,7 +72,8 @@ class GroundPlan:
         if (shape + before + after).max() > LIMIT_CELLS:
             return
         pads = ((0, 0), (before[0], after[0]), (before[1], after[1]))
-        self.seen, self.covered = np.pad(self.seen, pads), np.pad(self.covered, pads)
+        self.seen = np.pad(self.seen, pads)
+        self.covered, self.nearby = np.pad(self.covered, pads), np.pad(self.nearby, pads)
         self.origin = self.origin - before * CELL_M
 
     def add_plane(self, points: Float64Array, area_m2: Float64Array) -> None:
@@ -79,11 +85,12 @@ class GroundPlan:
             layer[0, max(0, i - k) : i + k + 1, max(0, j - k) : j + k + 1] = CELL_READINGS
         self.seen = np.concatenate([self.seen, layer])
         self.covered = np.concatenate([self.covered, np.zeros_like(layer, np.uint8)])
+        self.nearby = np.concatenate([self.nearby, np.zeros_like(layer, np.uint8)])
         self.refresh(len(self.seen) - 1)
 
     def remove_planes(self, keep: npt.NDArray[np.int64]) -> None:
         """Keep only these planes, in this order."""
-        self.seen, self.covered = self.seen[keep], self.covered[keep]
+        self.seen, self.covered, self.nearby = self.seen[keep], self.covered[keep], self.nearby[keep]
 
     def refresh(self, plane: int) -> None:
         """Find anew what a plane covers."""
@@ -94,25 +101,25 @@ class GroundPlan:
         cv2.drawContours(filled, contours, -1, 1, cv2.FILLED)
         n = _CLOSE.shape[0]
         self.covered[plane] = cv2.dilate(filled, _RIM)[n:-n, n:-n]
+        self.nearby[plane] = cv2.dilate(self.covered[plane], _NEARBY)
 
     def area_m2(self, plane: int) -> float:
         """Return the area in which readings of a plane were seen."""
         return float(np.count_nonzero(self.seen[plane] >= CELL_READINGS)) * CELL_M**2
 
-    def near(self, plane: int, points: Float64Array, distance_m: float) -> npt.NDArray[np.bool_]:
-        """Tell which plan coordinates (N, 2) lie within a distance of a plane."""
-        wide = cv2.dilate(self.covered[plane], _disc(distance_m))
-        cells = self.cells_of(points)
-        inside = ((cells >= 0) & (cells < self.seen.shape[1:])).all(1)
-        cells = np.where(inside[:, None], cells, 0)
-        return inside & (wide[cells[:, 0], cells[:, 1]] > 0)
+    def near(self, plane: int, points: Float64Array) -> npt.NDArray[np.bool_]:
+        """Tell which plan coordinates (N, 2) lie where a plane is or may go on."""
+        return self._look_up(self.nearby[plane], points)
 
     def covers(self, plane: int, points: Float64Array) -> npt.NDArray[np.bool_]:
         """Tell which plan coordinates (N, 2) a plane covers."""
+        return self._look_up(self.covered[plane], points)
+
+    def _look_up(self, layer: UInt8Array, points: Float64Array) -> npt.NDArray[np.bool_]:
         cells = self.cells_of(points)
-        inside = ((cells >= 0) & (cells < self.seen.shape[1:])).all(1)
+        inside = ((cells >= 0) & (cells < layer.shape)).all(1)
         cells = np.where(inside[:, None], cells, 0)
-        return inside & (self.covered[plane][cells[:, 0], cells[:, 1]] > 0)
+        return inside & (layer[cells[:, 0], cells[:, 1]] > 0)
 
     def outline(self, plane: int) -> Float64Array:
         """Return the outline (N, 2) of the largest connected part of a plane, in plan coordinates."""

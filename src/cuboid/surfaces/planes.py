@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.config import TrackerConfig
-from cuboid.frame import Float64Array
+from cuboid.frame import Float32Array, Float64Array
 from cuboid.surfaces.cells import Cells
 from cuboid.surfaces.grid import GroundPlan
 from cuboid.surfaces.up import UpVote
@@ -22,8 +22,6 @@ from cuboid.surfaces.up import UpVote
 HORIZONTAL_COS = float(np.cos(np.radians(12.0)))
 # A horizontal cell belongs to a plane when it is within this of it, metres, or three standard deviations.
 ON_PLANE_M = 0.02
-# ... and within this of what was seen of the plane so far, metres.
-NEAR_PLANE_M = 0.4
 # A plane is used after it was seen in this many frames, or at once when this many times the least area is seen.
 USE_AFTER_FRAMES, USE_AT_ONCE = 3, 3.0
 # A plane that is not used yet is forgotten after so many frames without a sighting.
@@ -34,7 +32,7 @@ DRIFT_M, DRIFT_RAD = 0.03, 0.02
 MOST_PLANES = 32
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Plane:
     """A tracked plane; moments are in the plan frame, weighted by area over variance."""
 
@@ -150,7 +148,7 @@ class PlaneTracker:
             fits = (off < np.maximum(ON_PLANE_M, 3 * sigma_m)) & (off < best)
             if not fits.any():
                 continue
-            fits &= self.plan.near(k, centers, NEAR_PLANE_M)
+            fits &= self.plan.near(k, centers)
             owner[fits], best[fits] = k, off[fits]
         return owner
 
@@ -233,6 +231,75 @@ class PlaneTracker:
                 self.plan.refresh(a)
                 gone.add(b)
         return gone
+
+    @property
+    def up(self) -> Float64Array | None:
+        """Up in the world, (3,): the normal of the plane that most is known of; None while unknown."""
+        if self.T_plan_world is None:
+            return None
+        used = [plane for plane in self.planes if plane.in_use]
+        normal = max(used, key=lambda p: p.weight).normal if used else np.array([0.0, 0.0, 1.0])
+        return np.asarray(normal @ self.T_plan_world[:3, :3])
+
+    @property
+    def any_in_use(self) -> bool:
+        """Whether any supporting plane is known."""
+        return any(plane.in_use for plane in self.planes)
+
+    def to_plan(self, points: Float32Array | Float64Array) -> Float64Array:
+        """Carry world points (N, 3) to the plan frame."""
+        assert self.T_plan_world is not None
+        return np.asarray(points, dtype=np.float64) @ self.T_plan_world[:3, :3].T
+
+    def beneath(self, points: Float32Array | Float64Array, floor_m: float) -> npt.NDArray[np.int64]:
+        """Return for each world point (N, 3) the plane beneath it: the nearest one that covers it.
+
+        -1 where there is none, and where the point is within `floor_m` of a plane that covers it.
+        """
+        plan_points = self.to_plan(points)
+        best = np.full(len(plan_points), np.inf)
+        owner = np.full(len(plan_points), -1, np.int64)
+        for k, plane in enumerate(self.planes):
+            if not plane.in_use:
+                continue
+            height = plane.height(plan_points)
+            near = np.flatnonzero((height > -floor_m) & (height < best))
+            near = near[self.plan.covers(k, plan_points[near])]
+            best[near] = height[near]
+            owner[near] = k
+        owner[best < floor_m] = -1
+        return owner
+
+    def holds_up(self, points: Float32Array | Float64Array, plane: int, depth_m: float) -> bool:
+        """Tell whether a cluster of world points that stands on one plane is what holds up another one.
+
+        It is when a tenth of its points, or twenty, lie just below a higher plane and under it or at its rim.
+        """
+        plan_points = self.to_plan(points)
+        for k, other in enumerate(self.planes):
+            if k == plane or not other.in_use:
+                continue
+            height = other.height(plan_points)
+            below = np.flatnonzero((height > -depth_m) & (height < 0.5 * depth_m))
+            if len(below) < 4:
+                continue
+            touching = int(np.count_nonzero(self.plan.covers(k, plan_points[below])))
+            if touching >= min(20, max(4, len(plan_points) // 10)):
+                return True
+        return False
+
+    def plane_in_world(self, k: int) -> tuple[Float64Array, float]:
+        """Return normal (3,) and offset of a plane in the world: normal.p + offset = 0."""
+        assert self.T_plan_world is not None
+        return self.planes[k].normal @ self.T_plan_world[:3, :3], self.planes[k].offset
+
+    def outline_in_world(self, k: int) -> Float64Array:
+        """Return the outline (N, 3) of a plane in the world."""
+        assert self.T_plan_world is not None
+        plan = self.plan.outline(k)
+        n, d = self.planes[k].normal, self.planes[k].offset
+        height = -(plan @ n[:2] + d) / n[2]
+        return np.asarray(np.column_stack([plan, height]) @ self.T_plan_world[:3, :3])
 
     def in_frame(
         self, cells: Cells, owner: npt.NDArray[np.int8], T_world_camera: Float64Array

@@ -1,0 +1,1 @@
+"""Stage 6: clusters of hot points become boxes that rest on their plane."""

@@ -1,0 +1,1 @@
+"""Stage 7: matching, labels, and the map of objects."""

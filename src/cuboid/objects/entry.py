@@ -1,0 +1,74 @@
+"""An object as the map keeps it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.frame import Float64Array
+from cuboid.geometry.box import Box
+from cuboid.surfaces.planes import Plane
+
+
+@dataclass(slots=True, eq=False)
+class MapObject:
+    """An object of the map, confirmed or not.
+
+    Attributes
+    ----------
+    number : int
+        Owner number in the voxel map, from 1.
+    label : int
+        0 until confirmed.
+    rows : (N,) int64
+        Its voxels as of the last look at the map.
+    points : (N, 3) float32
+        Their places in the world.
+    box : Box
+    plane : Plane or None
+        What it stands on.
+    heat : float
+        Mean heat of its voxels.
+    mean_color : (3,) float64
+    first_frame, last_frame : int
+        First and last frame that saw it.
+    frames_seen : int
+        Frames that saw it.
+    proposed : int
+        Frames whose own proposals it matched.
+    merged_labels : list of int
+    missing : int
+        Looks at its place in which it was not found.
+    apart : int
+        Looks in a row in which a part of it stood apart.
+    retired : bool
+    """
+
+    number: int
+    rows: npt.NDArray[np.int64]
+    points: npt.NDArray[np.float32]
+    box: Box
+    plane: Plane | None
+    heat: float
+    mean_color: Float64Array
+    first_frame: int
+    last_frame: int
+    label: int = 0
+    frames_seen: int = 0
+    proposed: int = 0
+    merged_labels: list[int] = field(default_factory=list)
+    missing: int = 0
+    apart: int = 0
+    retired: bool = False
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether it has a label."""
+        return self.label > 0
+
+    @property
+    def score(self) -> float:
+        """Confidence that it is an object: hot, and proposed again and again, 0..1."""
+        return float(min(1.0, self.heat) * (1.0 - np.exp(-self.proposed / 10.0)))

@@ -1,0 +1,33 @@
+"""What counts as an object."""
+
+from __future__ import annotations
+
+from cuboid.config import TrackerConfig
+from cuboid.frame import Float64Array
+from cuboid.geometry.box import Box
+
+# What floats higher than this above its plane does not rest on it, metres: the foot of an object behind another one
+# may be hidden that far.
+FLOAT_M = 0.12
+# A box this thin, metres, is a sheet of noise.
+SHEET_M = 0.008
+
+
+def is_object(box: Box, config: TrackerConfig) -> bool:
+    """Tell whether a box has the size of an object, as configured."""
+    length, width, height = box.size
+    longest = max(length, height)
+    return bool(
+        config.min_size_m <= longest <= config.max_size_m
+        and height >= config.min_height_m
+        and max(width, height) > SHEET_M
+        and length > SHEET_M
+    )
+
+
+def rests(box: Box, plane: tuple[Float64Array, float] | None) -> bool:
+    """Tell whether a box stands on its plane (normal, offset), or stands on nothing known."""
+    if plane is None:
+        return True
+    normal, offset = plane
+    return bool(float(normal @ box.center) + offset - box.size[2] / 2 <= FLOAT_M)

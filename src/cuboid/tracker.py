@@ -1,0 +1,259 @@
+"""The tracker: one frame in, what was seen in it out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.boxes.fit import fit_box
+from cuboid.config import TrackerConfig
+from cuboid.errors import FrameError
+from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.geometry.box import Box
+from cuboid.geometry.se3 import inverse
+from cuboid.heatmap.pixel_heat import pixel_heat
+from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.kernels.pixels import stand_on
+from cuboid.objects.association import Match, associate
+from cuboid.objects.entry import MapObject
+from cuboid.objects.object_map import ObjectMap
+from cuboid.objects.visibility import in_view, look
+from cuboid.proposals import make_source
+from cuboid.proposals.types import ProposalSource
+from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
+from cuboid.surfaces.cells import CELL_PIXELS, find_cells
+from cuboid.surfaces.clusters import FrameCluster, frame_clusters, map_clusters
+from cuboid.surfaces.grid import CELL_M
+from cuboid.surfaces.planes import PlaneTracker
+from cuboid.working import WorkingImage, thin
+
+# Systematic error of depth near a plane (lens, baseline), metres; noise comes on top of it.
+DEPTH_BIAS_M = 0.005
+# Without any plane for so many frames, objects are taken from the proposals alone.
+PATIENCE_FRAMES = 15
+# Share of a frame's points that may stick out of its box at each side: strays of a single frame.
+FRAME_TRIM = 0.01
+# An image-up guess for boxes before up is known: camera y points down.
+_IMAGE_UP = np.array([0.0, -1.0, 0.0])
+
+
+class Stopwatch:
+    """Milliseconds of each stage of one frame, in the order of work."""
+
+    def __init__(self) -> None:
+        self.milliseconds: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, stage: str) -> None:
+        """Charge the time since the last lap to a stage."""
+        now = time.perf_counter()
+        self.milliseconds[stage] = (now - self._last) * 1e3
+        self._last = now
+
+
+class Tracker:
+    """Finds the objects of a static scene in a stream of posed RGB-D frames, and keeps their labels.
+
+    Parameters
+    ----------
+    intrinsics : Intrinsics
+        Of every frame.
+    config : TrackerConfig, optional
+    proposals : str or ProposalSource, optional
+        Name of a 2D proposal source, or any callable from (frame, intrinsics) to `Proposals`.
+
+    Raises
+    ------
+    InputError
+        If no proposal source has that name.
+    """
+
+    def __init__(
+        self,
+        intrinsics: Intrinsics,
+        config: TrackerConfig | None = None,
+        proposals: str | ProposalSource | None = None,
+    ) -> None:
+        self.intrinsics = intrinsics
+        self.config = config or TrackerConfig()
+        self._propose = make_source(proposals)
+        c = self.config
+        self._planes = PlaneTracker(c)
+        self._voxels = VoxelMap(c.voxel_m, c.depth_noise_per_m, c.max_depth_m)
+        self._map = ObjectMap(c, self._voxels, self._planes)
+        self._count = 0
+
+    def update(self, frame: Frame) -> FrameResult:
+        """Take in a frame.
+
+        Raises
+        ------
+        FrameError
+            If the frame has no pose, or its size is not that of the intrinsics.
+        """
+        T_world_camera = self._check(frame)
+        T_camera_world = inverse(T_world_camera)
+        watch = Stopwatch()
+        image = thin(frame, self.intrinsics, self._count)
+        proposals = self._propose(frame, self.intrinsics)
+        watch.lap("proposals")
+        heights, support = self._find_planes(image, T_world_camera)
+        watch.lap("planes")
+        candidate = self._candidates(image, heights)
+        c = self.config
+        heat = pixel_heat(image, candidate, proposals, self.intrinsics.fx, c.min_size_m, c.max_size_m)
+        watch.lap("heat")
+        slots = self._voxels.fuse(image, heat, T_world_camera, frame.index)
+        self._voxels.look_through(image, T_camera_world)
+        watch.lap("fuse")
+        clusters = frame_clusters(image, heat, support, T_world_camera, c)
+        boxes = [self._box(cluster, T_world_camera) for cluster in clusters]
+        watch.lap("boxes")
+        if self._count % c.map_every == 0:
+            self._map.settle(frame.index, map_clusters(self._voxels, self._planes, c))
+        watch.lap("map")
+        sightings, found = self._match(frame.index, image, slots, clusters, boxes, T_camera_world)
+        watch.lap("matching")
+        self._count += 1
+        return FrameResult(
+            index=frame.index,
+            timestamp_s=frame.timestamp_s,
+            T_world_camera=T_world_camera,
+            sightings=sightings,
+            proposals=found,
+            objects_known=len(self._map.confirmed()),
+            heat=heat,
+            milliseconds=watch.milliseconds,
+        )
+
+    def _check(self, frame: Frame) -> Float64Array:
+        expected = (self.intrinsics.height, self.intrinsics.width)
+        if frame.depth_m.shape != expected:
+            raise FrameError(
+                f"frame {frame.index} is {frame.depth_m.shape[1]} x {frame.depth_m.shape[0]} pixels, "
+                f"expected {expected[1]} x {expected[0]}"
+            )
+        if frame.T_world_camera is None:
+            raise FrameError(f"frame {frame.index} has no camera pose")
+        return frame.T_world_camera
+
+    def _find_planes(
+        self, image: WorkingImage, T_world_camera: Float64Array
+    ) -> tuple[Float32Array, npt.NDArray[np.int8]]:
+        """Track the supporting planes; return each pixel's height above the one beneath, and which that is."""
+        c, planes = self.config, self._planes
+        heights = np.full(image.depth_m.shape, np.nan, np.float32)
+        support = np.full(image.depth_m.shape, -1, np.int8)
+        cells = find_cells(image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m)
+        owner = planes.update(self._count, cells, T_world_camera)
+        if planes.T_plan_world is not None and planes.any_in_use:
+            k = image.camera
+            stand_on(
+                image.depth_m, np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera,
+                planes.in_frame(cells, owner, T_world_camera), planes.plan.covered, planes.plan.origin, CELL_M,
+                owner, CELL_PIXELS, c.depth_noise_per_m, c.min_height_m, DEPTH_BIAS_M, c.max_depth_m,
+                heights, support, planes.plan.seen,
+            )  # fmt: skip
+        return heights, support
+
+    def _candidates(self, image: WorkingImage, heights: Float32Array) -> UInt8Array:
+        """Return which readings may belong to an object: those above a plane; any, where no plane is to be had."""
+        if self._planes.any_in_use:
+            return (heights > 0).astype(np.uint8)
+        if self._count < PATIENCE_FRAMES:
+            return np.zeros(image.depth_m.shape, np.uint8)
+        return ((image.depth_m > 0) & (image.depth_m <= self.config.max_depth_m)).astype(np.uint8)
+
+    def _box(self, cluster: FrameCluster, T_world_camera: Float64Array) -> Box:
+        if cluster.plane >= 0:
+            return fit_box(cluster.points, *self._planes.plane_in_world(cluster.plane), trim=FRAME_TRIM)
+        up = self._planes.up
+        return fit_box(cluster.points, T_world_camera[:3, :3] @ _IMAGE_UP if up is None else up, None, FRAME_TRIM)
+
+    def _match(
+        self,
+        frame: int,
+        image: WorkingImage,
+        slots: npt.NDArray[np.int32],
+        clusters: Sequence[FrameCluster],
+        boxes: Sequence[Box],
+        T_camera_world: Float64Array,
+    ) -> tuple[tuple[Sighting, ...], tuple[Proposal3D, ...]]:
+        """Match the frame's boxes to the map, and tell which of its objects the frame sees."""
+        pixel_owner = np.where(slots >= 0, self._voxels.owner[slots], 0).astype(np.int32)
+        objects = in_view(self._map.alive(), image, T_camera_world)
+        matches = associate(clusters, boxes, objects, pixel_owner)
+        own: dict[int, Match] = {}
+        for match in matches:
+            if match.entry is not None and match.primary:
+                match.entry.proposed += 1
+                own[match.entry.number] = match
+        views = look(objects, image, pixel_owner, T_camera_world, self.config.depth_noise_per_m)
+        sightings = []
+        for entry, view in zip(objects, views, strict=True):
+            if not view.seen:
+                continue
+            first = entry.frames_seen == 0 or not entry.confirmed
+            entry.frames_seen += 1
+            entry.last_frame = frame
+            if entry.confirmed:
+                match = own.get(entry.number)
+                iou = match.iou if match is not None and not first else None
+                sightings.append(Sighting(entry.label, entry.box, iou, view.visible, view.rect_xyxy))
+        found = tuple(
+            Proposal3D(match.entry.label if match.entry else 0, box, cluster.heat, cluster.rect_xyxy)
+            for cluster, box, match in zip(clusters, boxes, matches, strict=True)
+        )
+        return tuple(sorted(sightings, key=lambda s: s.label)), found
+
+    @property
+    def objects(self) -> list[TrackedObject]:
+        """The confirmed objects of the map, by label."""
+        return [self._tracked(entry) for entry in self._map.confirmed()]
+
+    def _tracked(self, entry: MapObject) -> TrackedObject:
+        planes = [plane for plane in self._planes.planes if plane.in_use]
+        return TrackedObject(
+            label=entry.label,
+            box=entry.box,
+            score=entry.score,
+            heat=entry.heat,
+            first_frame=entry.first_frame,
+            last_frame=entry.last_frame,
+            frames_seen=entry.frames_seen,
+            points=len(entry.points),
+            mean_color=entry.mean_color,
+            plane=planes.index(entry.plane) if entry.plane in planes else None,
+            merged_labels=tuple(entry.merged_labels),
+        )
+
+    @property
+    def planes(self) -> list[SupportPlane]:
+        """The supporting planes in use."""
+        return [
+            SupportPlane(*self._planes.plane_in_world(k), self._planes.outline_in_world(k))
+            for k, plane in enumerate(self._planes.planes)
+            if plane.in_use
+        ]
+
+    @property
+    def up(self) -> Float64Array | None:
+        """Up in the world, (3,); None while unknown."""
+        return self._planes.up
+
+    def map_points(self) -> MapPoints:
+        """Return the global point map."""
+        rows = self._voxels.living()
+        label_of = np.zeros(max((o.number for o in self._map.alive()), default=0) + 1, np.int32)
+        for entry in self._map.confirmed():
+            label_of[entry.number] = entry.label
+        owner = self._voxels.owner[rows]
+        return MapPoints(
+            xyz=self._voxels.xyz(rows),
+            rgb=self._voxels.rgb(rows),
+            heat=self._voxels.heat(rows),
+            label=label_of[np.where(owner < len(label_of), owner, 0)],
+        )
