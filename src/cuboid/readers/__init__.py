@@ -1,0 +1,24 @@
+"""Recordings: a folder's frames. One format a file; other packages add theirs (entry points ``cuboid.readers``)."""
+
+from __future__ import annotations
+
+from cuboid.readers import plain, seven_scenes, tum, uw_rgbd_scenes_v2
+from cuboid.readers.locate import open_recording
+from cuboid.readers.reader import READERS, Calibration, FrameEntry, ImageSource, Listing, Reader
+from cuboid.readers.recording import Recording, SkippedFrame
+
+__all__ = [
+    "READERS",
+    "Calibration",
+    "FrameEntry",
+    "ImageSource",
+    "Listing",
+    "Reader",
+    "Recording",
+    "SkippedFrame",
+    "open_recording",
+    "plain",
+    "seven_scenes",
+    "tum",
+    "uw_rgbd_scenes_v2",
+]

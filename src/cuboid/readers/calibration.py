@@ -1,0 +1,149 @@
+"""Which pinhole and which depth scale hold for a recording: the user's, the folder's or the published ones."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from cuboid.errors import InputError
+from cuboid.frame import Intrinsics
+from cuboid.readers.posetext import data_lines, parse_numbers
+from cuboid.readers.reader import Calibration, Listing
+
+CAMERA_FILE = "camera.json"
+MATRIX_FILE = "camera-intrinsics.txt"
+_NUMBERS = ("fx", "fy", "cx", "cy", "width", "height")
+_DEPTH_UNITS = "depth_units_per_metre"
+
+HOW_TO_GIVE = f"give them with --intrinsics FX,FY,CX,CY or in {CAMERA_FILE}"
+
+
+def choose(
+    listing: Listing, intrinsics: Sequence[float] | None, depth_scale: float | None, recording: Path
+) -> tuple[Calibration, float]:
+    """Return the calibration and the depth units per metre of a recording.
+
+    The user's word comes first, then `camera.json` or `camera-intrinsics.txt` beside the images,
+    then what was published for the format.
+
+    Raises
+    ------
+    InputError
+        If one of the two is nowhere to be found, or what was found makes no sense.
+    """
+    calibration, units = listing.calibration, listing.depth_units_per_metre
+    found = _find_file(listing.camera_folders)
+    if found is not None:
+        calibration, units_in_file = _read(found)
+        units = units_in_file or units
+    if intrinsics is not None:
+        calibration = _from_user(intrinsics)
+    if depth_scale is not None:
+        if not (math.isfinite(depth_scale) and depth_scale > 0):
+            raise InputError(
+                f"the depth scale must be a number of units per metre above 0, got {depth_scale}"
+            )
+        units = float(depth_scale)
+    if calibration is None:
+        raise InputError(f"{recording}: the intrinsics are not known; {HOW_TO_GIVE}")
+    if units is None:
+        raise InputError(
+            f"{recording}: the depth scale is not known; "
+            f"give it with --depth-scale UNITS_PER_METRE or as {_DEPTH_UNITS} in {CAMERA_FILE}"
+        )
+    return calibration, units
+
+
+def for_size(calibration: Calibration, width: int, height: int, recording: Path) -> Intrinsics:
+    """Return the pinhole of images of this size.
+
+    Raises
+    ------
+    InputError
+        If the calibration is for another image size.
+    """
+    if calibration.size not in (None, (width, height)):
+        raise InputError(
+            f"{recording}: the images are {width}x{height}, but the intrinsics ({calibration.source}) "
+            f"are for {'x'.join(map(str, calibration.size))}; {HOW_TO_GIVE}"
+        )
+    if not (0 <= calibration.cx < width and 0 <= calibration.cy < height):
+        raise InputError(
+            f"{recording}: the principal point ({calibration.cx:g}, {calibration.cy:g}), "
+            f"from {calibration.source}, lies outside the {width}x{height} images; are the intrinsics for another image size?"
+        )
+    return Intrinsics(calibration.fx, calibration.fy, calibration.cx, calibration.cy, width, height)
+
+
+def _find_file(folders: Sequence[Path]) -> Path | None:
+    for folder in folders:
+        for name in (CAMERA_FILE, MATRIX_FILE):
+            if (folder / name).is_file():
+                return folder / name
+    return None
+
+
+def _read(path: Path) -> tuple[Calibration, float | None]:
+    return _read_json(path) if path.name == CAMERA_FILE else (_read_matrix(path), None)
+
+
+def _read_json(path: Path) -> tuple[Calibration, float | None]:
+    """Read a camera.json: fx, fy, cx, cy, width, height and, where it is needed, depth_units_per_metre."""
+    try:
+        document: Any = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from None
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path} line {error.lineno}: not valid JSON ({error.msg})") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not a text file") from None
+    if not isinstance(document, dict):
+        raise InputError(f"{path}: expected an object with {', '.join(_NUMBERS)}")
+    known = (*_NUMBERS, _DEPTH_UNITS)
+    for name in document:
+        if name not in known:
+            raise InputError(f"{path}: unknown field '{name}', expected {', '.join(known)}")
+    for name in _NUMBERS:
+        if name not in document:
+            raise InputError(f"{path}: '{name}' is missing, expected {', '.join(_NUMBERS)}")
+    for name, value in document.items():
+        number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+        if not number or (value <= 0 and name not in ("cx", "cy")):
+            raise InputError(
+                f"{path}: '{name}' must be a number{' above 0' * (name[0] != 'c')}, got {value!r}"
+            )
+    for name in ("width", "height"):
+        if document[name] != int(document[name]):
+            raise InputError(f"{path}: '{name}' must be a whole number of pixels, got {document[name]!r}")
+    fx, fy, cx, cy = (float(document[name]) for name in _NUMBERS[:4])
+    size = (int(document["width"]), int(document["height"]))
+    return Calibration(fx, fy, cx, cy, size, path.name), document.get(_DEPTH_UNITS)
+
+
+def _read_matrix(path: Path) -> Calibration:
+    """Read the three rows of a 3x3 camera matrix."""
+    rows = []
+    for number, line in data_lines(path):
+        try:
+            rows.append(parse_numbers(line, "three numbers each"))
+        except ValueError as error:
+            raise InputError(f"{path} line {number}: {error}") from None
+    if len(rows) != 3:
+        raise InputError(f"{path}: expected a 3x3 camera matrix, got {len(rows)} rows")
+    fx, fy, cx, cy = rows[0][0], rows[1][1], rows[0][2], rows[1][2]
+    rest = (rows[0][1], rows[1][0], rows[2][0], rows[2][1])
+    whole = all(map(math.isfinite, (fx, fy, cx, cy))) and fx > 0 and fy > 0
+    if not whole or any(rest) or rows[2][2] != 1:
+        raise InputError(f"{path}: expected the matrix fx 0 cx, 0 fy cy, 0 0 1 with fx, fy > 0")
+    return Calibration(fx, fy, cx, cy, None, path.name)
+
+
+def _from_user(intrinsics: Sequence[float]) -> Calibration:
+    values = [float(value) for value in intrinsics]
+    if len(values) != 4 or not all(map(math.isfinite, values)) or min(values[:2]) <= 0:
+        raise InputError(f"intrinsics must be four numbers fx, fy, cx, cy with fx, fy > 0, got {values}")
+    fx, fy, cx, cy = values
+    return Calibration(fx, fy, cx, cy, None, "the user")

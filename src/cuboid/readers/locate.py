@@ -1,0 +1,113 @@
+"""From what the user names to the one recording that is meant."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from cuboid.errors import InputError
+from cuboid.readers import calibration as calibrations
+from cuboid.readers.reader import READERS, Reader
+from cuboid.readers.recording import Recording
+
+# A user may name a dataset's folder: recordings lie at most two folders deeper (rgbd-scenes-v2/imgs/scene_01).
+LEVELS = 2
+# So many recordings are named when there are several to choose from.
+NAMED = 8
+
+
+def open_recording(
+    path: str | os.PathLike[str],
+    *,
+    format: str | None = None,  # noqa: A002 - the flag's own name
+    intrinsics: Sequence[float] | None = None,
+    depth_scale: float | None = None,
+) -> Recording:
+    """Open an RGB-D recording; its format is recognised from its content.
+
+    Parameters
+    ----------
+    path : str or path
+        The recording's folder (or file), or a folder up to two levels above it if it is the only one there.
+    format : str, optional
+        Name of the reader: "plain", "tum", "7-scenes", "uw-rgbd-scenes-v2", or one of another package.
+    intrinsics : sequence of 4 floats, optional
+        fx, fy, cx, cy in pixels, instead of those found with the recording.
+    depth_scale : float, optional
+        Units per metre of the depth images, instead of the format's own.
+
+    Returns
+    -------
+    Recording
+        Of its images only the first few are decoded, to learn their size.
+
+    Raises
+    ------
+    InputError
+        If there is no recording, or more than one, or it cannot be used; one line says why.
+
+    Examples
+    --------
+    >>> recording = open_recording("rgbd-scenes-v2/imgs/scene_01")  # doctest: +SKIP
+    >>> for frame in recording.iterate():  # doctest: +SKIP
+    ...     ...
+    """
+    given = Path(os.path.abspath(path))  # not resolved: a link's neighbours are those of the link
+    if not given.exists():
+        raise InputError(f"{path} does not exist")
+    readers = list(READERS.items()) if format is None else [(format, READERS.get(format))]
+    name, reader, found = _find(given, readers)
+    listing = reader.read(found)
+    calibration, depth_units_per_metre = calibrations.choose(listing, intrinsics, depth_scale, found)
+    return Recording(found, name, listing, calibration, depth_units_per_metre)
+
+
+def _find(given: Path, readers: list[tuple[str, Reader]]) -> tuple[str, Reader, Path]:
+    """Return the one recording at or beneath a path, the highest level that has any."""
+    level = [given]
+    for depth in range(LEVELS + 1):
+        found = [
+            (name, reader, path) for path in level for name, reader in readers if reader.recognises(path)
+        ]
+        if found:
+            return _only_one(found, given)
+        if depth < LEVELS:
+            level = [folder for path in level for folder in _folders(path)]
+    raise InputError(_nothing_found(given, readers))
+
+
+def _only_one(found: list[tuple[str, Reader, Path]], given: Path) -> tuple[str, Reader, Path]:
+    paths = list(dict.fromkeys(path for _, _, path in found))
+    if len(paths) > 1:
+        names = ", ".join(str(path.relative_to(given)) for path in paths[:NAMED])
+        more = f" and {len(paths) - NAMED} more" if len(paths) > NAMED else ""
+        raise InputError(f"{given} holds {len(paths)} recordings, name one of them: {names}{more}")
+    if len(found) > 1:
+        formats = " and ".join(f"'{name}'" for name, _, _ in found)
+        raise InputError(f"{paths[0]} looks like {formats}; say which with --format")
+    return found[0]
+
+
+def _folders(path: Path) -> list[Path]:
+    """Return the folders in a folder, sorted, hidden ones and those that may not be read left out."""
+    if not path.is_dir():
+        return []
+    try:
+        items = sorted(
+            item.name for item in os.scandir(path) if item.is_dir() and not item.name.startswith(".")
+        )
+    except PermissionError:
+        return []
+    return [path / name for name in items if os.access(path / name, os.R_OK | os.X_OK)]
+
+
+def _nothing_found(given: Path, readers: list[tuple[str, Reader]]) -> str:
+    above = [path for path in given.parents[:LEVELS] for _, reader in readers if reader.recognises(path)]
+    if above:
+        return f"{given} is a part of a recording; name {above[0]}"
+    expected = "; ".join(f"{name} ({reader.expects})" for name, reader in readers)
+    what = (
+        "is a file" if given.is_file() else "is empty" if not any(given.iterdir()) else "holds no recording"
+    )
+    return f"{given} {what}; a folder of one of these forms is expected: {expected}"

@@ -1,0 +1,108 @@
+"""What a reader is: it tells whether a path holds its format, and lists the frames without decoding any."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.frame import Float64Array
+from cuboid.registry import Registry
+
+# An image file, or, for recordings that are one big file, a function that gives the decoded image:
+# color (H, W, 3) uint8 RGB, depth (H, W) uint16. It raises FrameError where it cannot.
+ImageSource = Path | Callable[[], npt.NDArray[np.integer[Any]]]
+
+
+@dataclass(frozen=True, slots=True)
+class FrameEntry:
+    """Where one frame of a recording lies; nothing of it is decoded.
+
+    Attributes
+    ----------
+    color, depth : Path, callable or None
+        None where the recording lacks it; the frame is then skipped.
+    timestamp_s : float or None
+        Seconds; None in recordings without timestamps.
+    pose : callable or None
+        Gives T_world_camera (4, 4), rigid, or raises FrameError with the reason why this frame has none
+        (`cuboid.readers.posetext` has the checks).
+    fault : str or None
+        A reason known beforehand why the frame cannot be used, one line.
+    """
+
+    color: ImageSource | None
+    depth: ImageSource | None
+    timestamp_s: float | None = None
+    pose: Callable[[], Float64Array] | None = None
+    fault: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """A pinhole and where it was found.
+
+    Attributes
+    ----------
+    fx, fy, cx, cy : float
+        Pixels.
+    size : (int, int) or None
+        Width and height in pixels of the images that it holds for; None where that is not said.
+    source : str
+        Where it comes from, for messages: "camera.json", "published for freiburg1".
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    size: tuple[int, int] | None
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Listing:
+    """What a reader found in a recording.
+
+    Attributes
+    ----------
+    frames : sequence of FrameEntry
+        In the order of the recording, those known to be bad included.
+    depth_units_per_metre : float or None
+        The format's own depth scale; None where each recording has to say.
+    calibration : Calibration or None
+        The pinhole that was published for the recording or its format, used where no file gives another.
+    camera_folders : tuple of Path
+        Folders in which a ``camera.json`` or ``camera-intrinsics.txt`` counts, the first find wins.
+    """
+
+    frames: Sequence[FrameEntry]
+    depth_units_per_metre: float | None = None
+    calibration: Calibration | None = None
+    camera_folders: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Reader:
+    """A format of recordings.
+
+    Attributes
+    ----------
+    expects : str
+        What a recording of this format holds, in a few words, for messages.
+    recognises : callable
+        Path -> bool: whether exactly this path (not something beneath it) is a recording of this format.
+    read : callable
+        Path -> Listing; raises InputError where the recording as a whole is faulty.
+    """
+
+    expects: str
+    recognises: Callable[[Path], bool]
+    read: Callable[[Path], Listing]
+
+
+READERS: Registry[Reader] = Registry("format", "cuboid.readers")

@@ -1,0 +1,208 @@
+"""A recording: frames that are decoded when they are asked for, never all at once."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.errors import FrameError, InputError
+from cuboid.frame import Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.readers import calibration as calibrations
+from cuboid.readers.images import decode_color, decode_depth, depth_in_metres
+from cuboid.readers.prefetch import run_ahead
+from cuboid.readers.reader import Calibration, FrameEntry, ImageSource, Listing
+
+# Frames per second of recordings that do not say: all common depth cameras of this kind run at 30.
+DEFAULT_RATE_HZ = 30.0
+# The image size of a recording is the one that most of its first decodable frames have.
+SIZE_VOTERS = 5
+# Frames decoded ahead: one in work and one ready are enough to hide decoding; each holds 2 MB at 640x480.
+FRAMES_AHEAD = 2
+
+
+@dataclass(frozen=True, slots=True)
+class SkippedFrame:
+    """A frame that cannot be used.
+
+    Attributes
+    ----------
+    index : int
+        Number of the frame in its recording, from 0.
+    reason : str
+        One line, with the name of the file.
+    """
+
+    index: int
+    reason: str
+
+
+class Recording:
+    """An RGB-D recording; `cuboid.open_recording` makes it.
+
+    Attributes
+    ----------
+    format : str
+        Name of the reader.
+    path : Path
+        What holds the frames.
+    intrinsics : Intrinsics
+    calibration : Calibration
+        The same pinhole with where it was found.
+    depth_units_per_metre : float
+    has_poses : bool
+        Whether frames come with a camera pose; those of them without one are then skipped.
+    has_timestamps : bool
+        Whether times are the recording's own; else they are index / 30 s.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        format: str,  # noqa: A002 - the public name of the attribute
+        listing: Listing,
+        calibration: Calibration,
+        depth_units_per_metre: float,
+    ) -> None:
+        self.path = path
+        self.format = format
+        self.calibration = calibration
+        self.depth_units_per_metre = depth_units_per_metre
+        self._frames: Sequence[FrameEntry] = listing.frames
+        self.has_poses = any(entry.pose is not None for entry in listing.frames)
+        self.has_timestamps = all(entry.timestamp_s is not None for entry in listing.frames)
+        width, height = self._vote_on_size()
+        self.intrinsics: Intrinsics = calibrations.for_size(calibration, width, height, path)
+
+    def __len__(self) -> int:
+        """Return the number of frames, bad ones included."""
+        return len(self._frames)
+
+    def without_poses(self) -> Recording:
+        """Return the same recording with its camera poses, and the faults in them, left aside."""
+        bare = object.__new__(Recording)
+        bare.__dict__.update(self.__dict__)
+        bare.has_poses = False
+        return bare
+
+    def timestamp_s(self, index: int) -> float:
+        """Return the time of a frame in seconds."""
+        time_s = self._frames[index].timestamp_s
+        return index / DEFAULT_RATE_HZ if time_s is None else time_s
+
+    def pose(self, index: int) -> Float64Array | None:
+        """Return T_world_camera (4, 4) of a frame without decoding it; None where the recording has no poses.
+
+        Raises
+        ------
+        FrameError
+            If the recording has poses but this frame has none, or one that is not rigid.
+        """
+        if not self.has_poses:
+            return None
+        load = self._frames[index].pose
+        if load is None:
+            raise FrameError("the frame has no camera pose")
+        return load()
+
+    def read(self, index: int) -> Frame:
+        """Return one frame, decoded.
+
+        Parameters
+        ----------
+        index : int
+            0 to len - 1.
+
+        Raises
+        ------
+        FrameError
+            With the reason, one line, if the frame cannot be used.
+        """
+        if not 0 <= index < len(self):
+            raise IndexError(f"frame {index} of a recording with {len(self)} frames")
+        T_world_camera = self.pose(index)  # first: it costs the least
+        color, raw, depth_name = self._decode(self._frames[index])
+        expected = (self.intrinsics.height, self.intrinsics.width)
+        if color.shape[:2] != expected:
+            raise FrameError(
+                f"the frame is {_size(color)}, the recording {_size(np.empty(expected))}: {depth_name}"
+            )
+        depth_m = depth_in_metres(raw, self.depth_units_per_metre, depth_name)
+        return Frame(index, self.timestamp_s(index), color, depth_m, T_world_camera)
+
+    def iterate(
+        self, every: int = 1, limit: int | None = None, prefetch: bool = True
+    ) -> Generator[Frame | SkippedFrame, None, None]:
+        """Iterate over frames in order; bad ones come as `SkippedFrame`.
+
+        Parameters
+        ----------
+        every : int
+            Take every so many frames, from frame 0.
+        limit : int or None
+            At most so many frames, skipped ones included.
+        prefetch : bool
+            Decode the next frames in a thread of their own while the consumer works on this one.
+        """
+        if every < 1 or (limit is not None and limit < 0):
+            raise ValueError(f"every must be at least 1 and limit at least 0, got {every} and {limit}")
+        indices = range(0, len(self), every)[:limit]
+        decoded = (self._read_or_skip(index) for index in indices)
+        if prefetch:
+            yield from run_ahead(decoded, FRAMES_AHEAD)
+        else:
+            yield from decoded
+
+    def _read_or_skip(self, index: int) -> Frame | SkippedFrame:
+        try:
+            return self.read(index)
+        except FrameError as error:
+            return SkippedFrame(index, str(error))
+
+    def _decode(self, entry: FrameEntry) -> tuple[UInt8Array, npt.NDArray[np.uint16], str]:
+        """Return color, depth as stored, and depth's name; FrameError unless both are there and of one size."""
+        if entry.fault is not None:
+            raise FrameError(entry.fault)
+        if entry.color is None or entry.depth is None:
+            there, lacking = ("color", "depth") if entry.depth is None else ("depth", "color")
+            source = entry.color if entry.depth is None else entry.depth
+            raise FrameError(f"{there} without {lacking}: {self._name(source)}")
+        color_name, depth_name = self._name(entry.color), self._name(entry.depth)
+        color, raw = decode_color(entry.color, color_name), decode_depth(entry.depth, depth_name)
+        if color.shape[:2] != raw.shape:
+            raise FrameError(
+                f"color is {_size(color)} but depth {_size(raw)}, they must be aligned: {color_name}, {depth_name}"
+            )
+        return color, raw, depth_name
+
+    def _vote_on_size(self) -> tuple[int, int]:
+        """Return (width, height) that most of the first decodable frames have."""
+        shapes: Counter[tuple[int, int]] = Counter()
+        first_fault = ""
+        for entry in self._frames:
+            try:
+                shapes[self._decode(entry)[1].shape] += 1
+            except FrameError as error:
+                first_fault = first_fault or str(error)
+            if shapes.total() == SIZE_VOTERS:
+                break
+        if not shapes:
+            raise InputError(
+                f"{self.path}: none of its {len(self)} frames can be used; the first: {first_fault}"
+            )
+        height, width = shapes.most_common(1)[0][0]  # of equals the one that came first
+        return width, height
+
+    def _name(self, source: ImageSource | None) -> str:
+        """Return a file's name as seen from the recording."""
+        if not isinstance(source, Path):
+            return "(in the recording's file)"
+        return str(source.relative_to(self.path)) if source.is_relative_to(self.path) else str(source)
+
+
+def _size(image: npt.NDArray[np.generic]) -> str:
+    return f"{image.shape[1]}x{image.shape[0]}"
