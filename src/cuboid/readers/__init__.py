@@ -1,4 +1,4 @@
-"""Recordings: a folder's frames. One format a file; other packages add theirs (entry points ``cuboid.readers``)."""
+"""Recordings: a folder's frames. Other packages add formats (entry points ``cuboid.readers``)."""
 
 from __future__ import annotations
 

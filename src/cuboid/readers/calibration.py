@@ -1,4 +1,4 @@
-"""Which pinhole and which depth scale hold for a recording: the user's, the folder's or the published ones."""
+"""Which pinhole and depth scale hold for a recording: the user's, the folder's or the published ones."""
 
 from __future__ import annotations
 
@@ -73,7 +73,8 @@ def for_size(calibration: Calibration, width: int, height: int, recording: Path)
     if not (0 <= calibration.cx < width and 0 <= calibration.cy < height):
         raise InputError(
             f"{recording}: the principal point ({calibration.cx:g}, {calibration.cy:g}), "
-            f"from {calibration.source}, lies outside the {width}x{height} images; are the intrinsics for another image size?"
+            f"from {calibration.source}, lies outside the {width}x{height} images; "
+            "are the intrinsics for another image size?"
         )
     return Intrinsics(calibration.fx, calibration.fy, calibration.cx, calibration.cy, width, height)
 

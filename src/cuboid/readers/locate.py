@@ -11,7 +11,7 @@ from cuboid.readers import calibration as calibrations
 from cuboid.readers.reader import READERS, Reader
 from cuboid.readers.recording import Recording
 
-# A user may name a dataset's folder: recordings lie at most two folders deeper (rgbd-scenes-v2/imgs/scene_01).
+# A user may name a dataset's folder: recordings lie up to two folders deeper (rgbd-scenes-v2/imgs/scene_01).
 LEVELS = 2
 # So many recordings are named when there are several to choose from.
 NAMED = 8
@@ -64,17 +64,20 @@ def open_recording(
 
 
 def _find(given: Path, readers: list[tuple[str, Reader]]) -> tuple[str, Reader, Path]:
-    """Return the one recording at or beneath a path, the highest level that has any."""
+    """Return the one recording at or beneath a path; what lies inside a recording is none of its own."""
+    found: list[tuple[str, Reader, Path]] = []
     level = [given]
     for depth in range(LEVELS + 1):
-        found = [
-            (name, reader, path) for path in level for name, reader in readers if reader.recognises(path)
-        ]
-        if found:
-            return _only_one(found, given)
-        if depth < LEVELS:
-            level = [folder for path in level for folder in _folders(path)]
-    raise InputError(_nothing_found(given, readers))
+        inner = []
+        for path in level:
+            here = [(name, reader, path) for name, reader in readers if reader.recognises(path)]
+            found += here
+            if not here and depth < LEVELS:
+                inner += _folders(path)
+        level = inner
+    if not found:
+        raise InputError(_nothing_found(given, readers))
+    return _only_one(found, given)
 
 
 def _only_one(found: list[tuple[str, Reader, Path]], given: Path) -> tuple[str, Reader, Path]:

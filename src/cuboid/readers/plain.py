@@ -9,7 +9,7 @@ Expected tree::
       poses.txt              lines "number tx ty tz qx qy qz qw", camera to world; may be absent
       timestamps.txt         lines "number seconds"; may be absent
 
-The number in a name is what puts color, depth, pose and time together; it may be the time itself (12.033.png).
+The number in a name puts color, depth, pose and time together; it may be the time itself (12.033.png).
 """
 
 from __future__ import annotations
@@ -90,7 +90,8 @@ def _numbered_lines(path: Path, fields: str, numbers: list[Decimal]) -> dict[Dec
     if rows.keys().isdisjoint(numbers):
         begins = f"its lines begin with {next(iter(rows))}, ..." if rows else "it has no lines"
         raise InputError(
-            f"{path}: no line begins with the number of a frame; {begins}, the frames' names with {numbers[0]}, ..."
+            f"{path}: no line begins with the number of a frame; {begins}, "
+            f"the frames' numbers are {numbers[0]}, ..."
         )
     return rows
 

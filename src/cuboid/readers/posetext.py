@@ -12,15 +12,15 @@ from cuboid.errors import FrameError, InputError
 from cuboid.frame import Float64Array
 from cuboid.geometry import se3
 
-# A quaternion's length may differ from 1 by this: files with 4 digits differ by 1e-4. Beyond it the four numbers
-# are probably no quaternion, or in another order with a translation among them.
+# A quaternion's length may differ from 1 by this: files with 4 digits differ by 1e-4. Beyond it the four
+# numbers are probably no quaternion, or in another order with a translation among them.
 QUATERNION_LENGTH_TOLERANCE = 0.01
 
 # How far a matrix may be from a rotation; files with 3 digits stay below. What passes is made a rotation.
 RIGID_TOLERANCE = 0.01
 
-# Between two poses this far apart in time (seconds) the pose is interpolated: a hand-held camera's acceleration
-# of 2 m/s^2 makes that wrong by a t^2 / 8 = 2.5 mm, the noise of depth at 1.3 m.
+# Between two poses this far apart in time (seconds) the pose is interpolated: a hand-held camera's
+# acceleration of 2 m/s^2 makes that wrong by a t^2 / 8 = 2.5 mm, the noise of depth at 1.3 m.
 LARGEST_GAP_S = 0.1
 # Elsewhere the nearest pose counts if it is this close (seconds): at 0.25 m/s, TUM fr1/xyz's mean, 5 mm.
 NEAREST_WITHIN_S = 0.02
@@ -141,7 +141,8 @@ class Trajectory:
     def at(self, time_s: float) -> Float64Array:
         """Return T_world_camera (4, 4) at a time.
 
-        Interpolated between neighbours at most `LARGEST_GAP_S` apart, else the nearest within `NEAREST_WITHIN_S`.
+        Interpolated between neighbours at most `LARGEST_GAP_S` apart,
+        else the nearest within `NEAREST_WITHIN_S`.
 
         Raises
         ------

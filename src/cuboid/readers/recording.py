@@ -164,7 +164,7 @@ class Recording:
             return SkippedFrame(index, str(error))
 
     def _decode(self, entry: FrameEntry) -> tuple[UInt8Array, npt.NDArray[np.uint16], str]:
-        """Return color, depth as stored, and depth's name; FrameError unless both are there and of one size."""
+        """Return color, depth as stored and its name; FrameError unless both are there and of one size."""
         if entry.fault is not None:
             raise FrameError(entry.fault)
         if entry.color is None or entry.depth is None:
@@ -175,7 +175,8 @@ class Recording:
         color, raw = decode_color(entry.color, color_name), decode_depth(entry.depth, depth_name)
         if color.shape[:2] != raw.shape:
             raise FrameError(
-                f"color is {_size(color)} but depth {_size(raw)}, they must be aligned: {color_name}, {depth_name}"
+                f"color is {_size(color)} but depth {_size(raw)}, they must be aligned: "
+                f"{color_name}, {depth_name}"
             )
         return color, raw, depth_name
 

@@ -1,4 +1,4 @@
-"""7-Scenes (Shotton et al., "Scene coordinate regression forests", CVPR 2013), and what was written in its form.
+"""7-Scenes (Shotton et al., "Scene coordinate regression forests", CVPR 2013), and its form.
 
 Expected tree::
 

@@ -14,10 +14,10 @@ Color, depth and poses run on clocks of their own. Each color image takes the de
 one to one; the frame's time, and its pose, are those of the depth image, since depth is what is measured.
 
 Color and depth are taken pixel to pixel as they are. The dataset's page gives a lens distortion for the color
-images of freiburg1 and 2, but the depth images were registered to the color images as they come: on fr1/xyz the
-mean distance from a depth edge to the nearest color edge (capped at 6 pixels), where the distortion is over
-3 pixels, is 3.04 pixels as they are and 3.30 with the color undistorted. Undistorting both changes nothing that
-can be measured (depth of one frame in another by the given poses: 1.72 cm apart on average, before and after).
+images of freiburg1 and 2, but the depth images were registered to the color images as they come: on fr1/xyz
+the mean distance from a depth edge to the nearest color edge (at most 6 pixels), where the distortion is over
+3 pixels, is 3.04 pixels as they are and 3.30 with the color undistorted. Undistorting both changes nothing
+that can be measured (depth of one frame in another by the given poses: 1.72 cm apart on average either way).
 """
 
 from __future__ import annotations
@@ -64,8 +64,8 @@ def read(path: Path) -> Listing:
     ]
     if not frames:
         raise InputError(
-            f"{path}: no color image of rgb.txt ({len(colors)}) has a depth image of depth.txt ({len(depths)}) "
-            f"within {1000 * ASSOCIATE_WITHIN_S:g} ms"
+            f"{path}: no color image of rgb.txt ({len(colors)}) has a depth image of depth.txt "
+            f"({len(depths)}) within {1000 * ASSOCIATE_WITHIN_S:g} ms"
         )
     return Listing(frames, DEPTH_UNITS_PER_METRE, _published(path), camera_folders=(path,))
 

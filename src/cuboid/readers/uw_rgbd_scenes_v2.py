@@ -30,7 +30,7 @@ POSE_FIELDS = "qw qx qy qz tx ty tz"
 DEPTH_UNITS_PER_METRE = 10000.0
 
 # Not the 570.3, (320, 240) of the dataset's page: with those the given poses do not fit together, and every
-# object comes out as two or three ghosts 2-3 cm apart. Of scene 01, fused with its poses, the cloud is sharpest here.
+# object comes out as two or three ghosts 2-3 cm apart. Scene 01, fused with its poses, is sharpest here.
 CALIBRATION = Calibration(534.8, 534.8, 320.9, 246.9, (640, 480), "fitted to the poses of UW RGB-D Scenes v2")
 
 
