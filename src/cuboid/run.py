@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 import time
-from array import array
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +15,8 @@ from cuboid.decoding import Decoded, decode
 from cuboid.downscaling import downscale
 from cuboid.errors import FrameError, InputError, OutputError
 from cuboid.frame import Float64Array, Frame, Intrinsics
-from cuboid.outputs import ObjectsFile, ResultWriter, RunReport, Timing
+from cuboid.measuring import FrameClock, FrameLog, peak_memory_mb
+from cuboid.outputs import ObjectsFile, ResultWriter, RunReport
 from cuboid.outputs.folder import VIDEO
 from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
 
@@ -25,10 +24,6 @@ if TYPE_CHECKING:
     from cuboid.proposals.types import ProposalSource
 
 SCALES = (1, 2, 4)
-
-# The first used frames pay for compiling or loading the kernels and for filling caches: the stage times leave
-# them out, unless the run is so short that hardly anything would be left.
-WARM_UP_FRAMES = 10
 
 VIDEO_FRAMES_PER_SECOND = 30.0
 SLOWEST_VIDEO_FRAMES_PER_SECOND = 5.0
@@ -202,16 +197,15 @@ def track_recording(
     with ExitStack() as results:
         writer = _writer(results, recording, output, force)
         tracker = (make_tracker or _tracker)(recording.intrinsics.downscaled(scale), config, proposals)
-        log = _Log(recording.path, len(frames), progress)
+        log = FrameLog()
         progress.start(len(frames))
-        with _view(writer, recording, every, (make_view or _video) if video else None) as view:
-            complete = True
-            with closing(decode(recording, frames, ahead=threads > 1)) as stream:
-                for decoded in stream:
-                    if stop():
-                        complete = False
-                        break
-                    _step(decoded, tracker, scale, writer, view, log)
+        view_of = (make_view or _video) if video else None
+        with (
+            _view(writer, recording, every, view_of) as view,
+            closing(decode(recording, frames, ahead=threads > 1)) as decoded,
+        ):
+            pipeline = _Pipeline(recording.path, len(frames), tracker, scale, writer, view, log, progress)
+            complete = pipeline.follow(decoded, stop)
         report = RunReport(
             version=__version__,
             complete=complete,
@@ -234,117 +228,64 @@ def track_recording(
     return RunOutcome(report, objects, planes, up, log.milliseconds, log.frames_per_second())
 
 
-class _Log:
-    """Counts frames, keeps the reasons of skipped ones and the times of used ones."""
+@dataclass(frozen=True, slots=True)
+class _Pipeline:
+    """What a frame passes through: scaling, tracking, writing, drawing."""
 
-    def __init__(self, path: Path, planned: int, progress: Progress) -> None:
-        self.path = path
-        self.planned = planned
-        self.progress = progress
-        self.used = 0
-        self.skipped: list[tuple[int, str]] = []
-        self.milliseconds: dict[str, array[float]] = {"frame": array("d")}
-        self._finished_s = array("d")
+    path: Path
+    planned: int
+    tracker: TrackerLike
+    scale: int
+    writer: ResultWriter | None
+    view: View | None
+    log: FrameLog
+    progress: Progress
 
-    @property
-    def read(self) -> int:
-        return self.used + len(self.skipped)
+    def follow(self, frames: Iterable[Decoded], stop: Callable[[], bool]) -> bool:
+        """Take in all frames; return False where `stop` ended it before."""
+        for decoded in frames:
+            if stop():
+                return False
+            reason = self._step(decoded)
+            if reason:
+                self._skip(decoded.index, reason)
+        return True
 
-    def skip(self, index: int, reason: str) -> None:
-        """Count a bad frame; more than half of them end the run."""
-        self.skipped.append((index, reason))
+    def _step(self, decoded: Decoded) -> str:
+        """Take in one frame; return why it cannot be used, or nothing."""
+        frame = decoded.frame
+        if frame is None:
+            return decoded.reason
+        if frame.T_world_camera is None:
+            return "the frame has no camera pose"
+        clock = FrameClock({"decode": decoded.milliseconds})
+        small = downscale(frame, self.scale)
+        if self.scale > 1:
+            clock.lap("scale")
+        try:
+            result = self.tracker.update(small)
+        except FrameError as error:
+            return str(error)
+        clock.laps(result.milliseconds)
+        if self.writer is not None:
+            self.writer.add(result, self.scale)
+            clock.lap("write")
+        if self.view is not None:
+            self.view.add(frame, result)
+            clock.lap("draw")
+        self.log.use(clock.done())
+        self.progress.frame(result)
+        return ""
+
+    def _skip(self, index: int, reason: str) -> None:
+        self.log.skip(index, reason)
         self.progress.skipped(index, reason)
-        if 2 * len(self.skipped) > self.planned:
-            first, why = self.skipped[0]
+        if 2 * len(self.log.skipped) > self.planned:
+            first, why = self.log.skipped[0]
             raise InputError(
                 f"{self.path}: more than half of the {self.planned} frames cannot be used; "
                 f"the first is frame {first}: {why}"
             )
-
-    def use(self, result: FrameResult, milliseconds: Mapping[str, float]) -> None:
-        """Count a used frame and its times."""
-        self.used += 1
-        self._finished_s.append(time.perf_counter())
-        for stage, time_ms in milliseconds.items():
-            # a stage that did no work in a frame took no time there
-            values = self.milliseconds.setdefault(stage, array("d", [0.0] * (self.used - 1)))
-            values.append(time_ms)
-        for values in self.milliseconds.values():
-            values.extend([0.0] * (self.used - len(values)))
-        self.progress.frame(result)
-
-    @property
-    def _warm(self) -> int:
-        return WARM_UP_FRAMES if self.used >= 2 * WARM_UP_FRAMES else 0
-
-    def frames_per_second(self) -> float:
-        """Return used frames a second of the clock after warm-up; 0 for fewer than two frames."""
-        finished_s = self._finished_s[self._warm :]
-        return (len(finished_s) - 1) / (finished_s[-1] - finished_s[0]) if len(finished_s) > 1 else 0.0
-
-    def timings(self) -> dict[str, Timing]:
-        """Return median and p95 of each stage after warm-up."""
-        start = self._warm
-        return {
-            stage: Timing.of(values[start:]) for stage, values in self.milliseconds.items() if len(values)
-        }
-
-
-def _step(
-    decoded: Decoded,
-    tracker: TrackerLike,
-    scale: int,
-    writer: ResultWriter | None,
-    view: View | None,
-    log: _Log,
-) -> None:
-    """Take one frame through scaling, tracking, writing and drawing."""
-    frame = decoded.frame
-    if frame is None:
-        return log.skip(decoded.index, decoded.reason)
-    if frame.T_world_camera is None:
-        return log.skip(decoded.index, "no camera pose")
-    clock = _Clock({"decode": decoded.milliseconds})
-    small = downscale(frame, scale)
-    if scale > 1:
-        clock.lap("scale")
-    try:
-        result = tracker.update(small)
-    except FrameError as error:
-        return log.skip(decoded.index, str(error))
-    clock.laps(result.milliseconds)
-    if writer is not None:
-        writer.add(result, scale)
-        clock.lap("write")
-    if view is not None:
-        view.add(frame, result)
-        clock.lap("draw")
-    log.use(result, clock.done())
-    return None
-
-
-class _Clock:
-    """Milliseconds of the stages of one frame, "frame" for the whole of it."""
-
-    def __init__(self, before: dict[str, float]) -> None:
-        self._stages = before
-        self._before_ms = sum(before.values())
-        self._begun_s = self._last_s = time.perf_counter()
-
-    def lap(self, stage: str) -> None:
-        """Give the time since the last lap to a stage."""
-        now_s = time.perf_counter()
-        self._stages[stage] = (now_s - self._last_s) * 1e3
-        self._last_s = now_s
-
-    def laps(self, milliseconds: Mapping[str, float]) -> None:
-        """Take over times that were measured inside."""
-        self._stages.update(milliseconds)
-        self._last_s = time.perf_counter()
-
-    def done(self) -> dict[str, float]:
-        """Return the times of the whole and of the stages."""
-        return {"frame": self._before_ms + (time.perf_counter() - self._begun_s) * 1e3, **self._stages}
 
 
 def _origin_of_poses(recording: RecordingLike, poses: str | None) -> str:
@@ -396,16 +337,3 @@ def _effective(
         "proposals": name or "default",
         "tracker": config.to_dict(),
     }
-
-
-def peak_memory_mb() -> float:
-    """Return the largest amount of memory that this process has held, in units of 2**20 bytes."""
-    status = Path("/proc/self/status")
-    if status.exists():  # getrusage counts what the parent held before it started this process
-        for line in status.read_text().splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) / 1024.0
-    import resource
-
-    unit = 2**20 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit

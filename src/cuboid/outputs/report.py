@@ -48,7 +48,7 @@ class RunReport:
     complete : bool
         False where the run was interrupted.
     recording : str
-        The path as the user gave it.
+        Where it lies.
     format : str
         Name of the recording's layout.
     poses : str

@@ -1,0 +1,107 @@
+"""What a run counts and times."""
+
+from __future__ import annotations
+
+import sys
+import time
+from array import array
+from collections.abc import Mapping
+from pathlib import Path
+
+from cuboid.outputs import Timing
+
+# The first used frames pay for compiling or loading the kernels and for filling caches: the stage times leave
+# them out, unless the run is so short that hardly anything would be left.
+WARM_UP_FRAMES = 10
+
+
+class FrameLog:
+    """Counts frames, keeps the reasons of skipped ones and the times of used ones.
+
+    Attributes
+    ----------
+    used : int
+    skipped : list of (int, str)
+        Frame and reason.
+    milliseconds : dict of str to array
+        For "frame" and each stage its time in every used frame.
+    """
+
+    def __init__(self) -> None:
+        self.used = 0
+        self.skipped: list[tuple[int, str]] = []
+        self.milliseconds: dict[str, array[float]] = {"frame": array("d")}
+        self._finished_s = array("d")
+
+    @property
+    def read(self) -> int:
+        """Frames read, used or not."""
+        return self.used + len(self.skipped)
+
+    def skip(self, index: int, reason: str) -> None:
+        """Count a bad frame."""
+        self.skipped.append((index, reason))
+
+    def use(self, milliseconds: Mapping[str, float]) -> None:
+        """Count a used frame and its times."""
+        self.used += 1
+        self._finished_s.append(time.perf_counter())
+        for stage, time_ms in milliseconds.items():
+            # a stage that did no work in a frame took no time there
+            values = self.milliseconds.setdefault(stage, array("d", [0.0] * (self.used - 1)))
+            values.append(time_ms)
+        for values in self.milliseconds.values():
+            values.extend([0.0] * (self.used - len(values)))
+
+    @property
+    def _warm(self) -> int:
+        return WARM_UP_FRAMES if self.used >= 2 * WARM_UP_FRAMES else 0
+
+    def frames_per_second(self) -> float:
+        """Return used frames a second of the clock after warm-up; 0 for fewer than two frames."""
+        finished_s = self._finished_s[self._warm :]
+        return (len(finished_s) - 1) / (finished_s[-1] - finished_s[0]) if len(finished_s) > 1 else 0.0
+
+    def timings(self) -> dict[str, Timing]:
+        """Return median and p95 of each stage after warm-up."""
+        start = self._warm
+        return {
+            stage: Timing.of(values[start:]) for stage, values in self.milliseconds.items() if len(values)
+        }
+
+
+class FrameClock:
+    """Milliseconds of the stages of one frame, "frame" for the whole of it."""
+
+    def __init__(self, before: dict[str, float]) -> None:
+        self._stages = before
+        self._before_ms = sum(before.values())
+        self._begun_s = self._last_s = time.perf_counter()
+
+    def lap(self, stage: str) -> None:
+        """Give the time since the last lap to a stage."""
+        now_s = time.perf_counter()
+        self._stages[stage] = (now_s - self._last_s) * 1e3
+        self._last_s = now_s
+
+    def laps(self, milliseconds: Mapping[str, float]) -> None:
+        """Take over times that were measured inside."""
+        self._stages.update(milliseconds)
+        self._last_s = time.perf_counter()
+
+    def done(self) -> dict[str, float]:
+        """Return the times of the whole and of the stages."""
+        return {"frame": self._before_ms + (time.perf_counter() - self._begun_s) * 1e3, **self._stages}
+
+
+def peak_memory_mb() -> float:
+    """Return the largest amount of memory that this process has held, in units of 2**20 bytes."""
+    status = Path("/proc/self/status")
+    if status.exists():  # getrusage counts what the parent held before it started this process
+        for line in status.read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) / 1024.0
+    import resource
+
+    unit = 2**20 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
