@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from cuboid.errors import FrameError
@@ -106,3 +108,20 @@ class FakeTracker:
             np.linspace(0, 1, n, dtype=np.float32),
             np.ones(n, np.int32),
         )
+
+
+def write_recording(path: Path, frames: int, shape: tuple[int, int] = (48, 64), poses: bool = True) -> Path:
+    """Write a recording in the plain layout: a wall at 1.5 m, the camera moving 1 cm a frame."""
+    height, width = shape
+    for folder in ("color", "depth"):
+        (path / folder).mkdir(parents=True)
+    color = np.random.default_rng(0).integers(0, 255, (height, width, 3), np.uint8)
+    for i in range(frames):
+        cv2.imwrite(str(path / "color" / f"{i:06d}.png"), color)
+        cv2.imwrite(str(path / "depth" / f"{i:06d}.png"), np.full(shape, 1500, np.uint16))
+    camera = {"fx": width, "fy": width, "cx": width / 2, "cy": height / 2, "width": width, "height": height}
+    (path / "camera.json").write_text(json.dumps({**camera, "depth_units_per_metre": 1000}))
+    if poses:
+        lines = [f"{i} {i * 0.01:.3f} 0 0 0 0 0 1" for i in range(frames)]
+        (path / "poses.txt").write_text("\n".join(lines) + "\n")
+    return path

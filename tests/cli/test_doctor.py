@@ -1,0 +1,53 @@
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+import pytest
+
+from cuboid.cli import doctor, main
+
+
+def lines_of(capsys: pytest.CaptureFixture[str]) -> dict[str, tuple[str, str]]:
+    """Return state and detail by the name of the check."""
+    found = {}
+    for line in capsys.readouterr().out.splitlines():
+        state, rest = line.split(maxsplit=1)
+        name, _, detail = rest.partition("  ")
+        found[name] = (state, detail.strip())
+    return found
+
+
+def test_a_sound_installation(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor"]) == 0
+    lines = lines_of(capsys)
+    assert {"numpy", "numba", "opencv contrib", "kernels", "kernel cache", "temporary folder"} <= set(lines)
+    assert all(state == "ok" for state, _ in lines.values())
+    ready, _, total, *_ = lines["kernels"][1].split()
+    assert 0 <= int(ready) <= int(total)
+    assert int(total) >= 5
+
+
+def without(monkeypatch: pytest.MonkeyPatch, missing: str) -> None:
+    def load(name: str) -> Any:
+        if name == missing:
+            raise ImportError(f"No module named '{name}'")
+        return import_module(name)
+
+    monkeypatch.setattr(doctor, "import_module", load)
+
+
+def test_a_missing_package_fails_and_is_named(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without(monkeypatch, "embreex")
+    assert main(["doctor"]) == 1
+    assert lines_of(capsys)["embreex"] == ("BAD", "cannot be imported: No module named 'embreex'")
+
+
+def test_a_missing_extra_is_no_fault_and_says_how_to_get_it(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without(monkeypatch, "onnxruntime")
+    assert main(["doctor"]) == 0
+    assert lines_of(capsys)["onnxruntime"] == ("ok", "not installed: pip install 'cuboid[onnx]'")
