@@ -59,9 +59,13 @@ def test_more_than_half_bad_frames_is_an_error_that_leaves_nothing(tmp_path: Pat
 
 
 def test_exactly_half_bad_frames_is_a_result(tmp_path: Path) -> None:
-    outcome = track(FakeRecording(10, dict.fromkeys(range(5), "bad")), tmp_path / "out")
-    assert outcome.report.frames_used == 5
-    assert outcome.report.skipped_reasons() == [("bad", 5)]
+    broken = {0: "no pose", **{i: f"depth/{i:03d}.png is empty ({i} bytes)" for i in range(1, 5)}}
+    report = track(FakeRecording(10, broken), tmp_path / "out").report
+    assert report.frames_used == 5
+    assert [(kind.frame, kind.reason, kind.count) for kind in report.skipped_kinds()] == [
+        (1, "depth/001.png is empty (1 bytes)", 4),
+        (0, "no pose", 1),
+    ]
 
 
 def test_without_poses_one_line_says_so(tmp_path: Path) -> None:

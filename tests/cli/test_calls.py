@@ -22,6 +22,7 @@ Call = Callable[..., tuple[int, str, str]]
 def call(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Call:
     """Return a function that calls the command line and gives status, output and errors."""
     monkeypatch.setattr("cuboid.run._tracker", FakeTracker)
+    monkeypatch.setattr("cuboid.cli.progress.loaded_kernels", list)
 
     def run(*words: str | Path) -> tuple[int, str, str]:
         try:
@@ -126,8 +127,8 @@ def test_skipped_frames_are_in_the_summary_with_their_reasons(
     status, out, _ = call("track", recording, "--output", tmp_path / "out")
     assert status == 0
     assert "2 of 6 frames skipped:" in out
-    assert "000002.png" in out
-    assert "color without depth" in out
+    assert "frame 2: color image color/000002.png is empty" in out
+    assert "frame 4: color without depth" in out
     assert [frame for frame, _ in read_run(tmp_path / "out" / "run.json").skipped] == [2, 4]
 
 

@@ -63,8 +63,7 @@ class TerminalProgress(Progress):
 
     def start(self, frames: int) -> None:
         """Show the empty bar."""
-        compiling = any(not kernel.cached for kernel in loaded_kernels())
-        self._bar.update(self._task, total=frames, state=COMPILING if compiling else "")
+        self._bar.update(self._task, total=frames, state=COMPILING if _compiling() else "")
 
     def frame(self, result: FrameResult) -> None:
         """Advance the bar."""
@@ -97,7 +96,7 @@ class LineProgress(Progress):
     def start(self, frames: int) -> None:
         """Note how many frames there are."""
         self._frames = frames
-        if any(not kernel.cached for kernel in loaded_kernels()):
+        if _compiling():
             print(f"cuboid: {COMPILING}", file=sys.stderr, flush=True)
 
     def frame(self, result: FrameResult) -> None:
@@ -122,6 +121,12 @@ def progress() -> TerminalProgress | LineProgress:
     """Return what fits standard error."""
     console = Console(stderr=True)
     return TerminalProgress(console) if console.is_terminal else LineProgress()
+
+
+def _compiling() -> bool:
+    """Tell whether most kernels are still to be compiled, which takes long enough to be said."""
+    kernels = loaded_kernels()
+    return 2 * sum(not kernel.cached for kernel in kernels) > len(kernels)
 
 
 def _objects(count: int) -> str:

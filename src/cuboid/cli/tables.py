@@ -14,8 +14,8 @@ from cuboid.results import TrackedObject
 # A pipe has no width: tables take what they need, and no cell is cut.
 WIDE = 200
 
-# So many reasons of skipped frames are shown; run.json has all.
-REASONS_SHOWN = 5
+# So many kinds of skipped frames are shown; run.json has every frame.
+KINDS_SHOWN = 8
 
 
 def console() -> Console:
@@ -54,12 +54,11 @@ def skipped_lines(report: RunReport) -> list[str]:
     """Return the lines that say which frames were skipped, and why."""
     if not report.skipped:
         return []
-    reasons = report.skipped_reasons()
+    kinds = report.skipped_kinds()
     lines = [f"{len(report.skipped)} of {report.frames_read} frames skipped:"]
-    for reason, count in reasons[:REASONS_SHOWN]:
-        first = next(frame for frame, why in report.skipped if why == reason)
-        where = f"frame {first}" if count == 1 else f"{count} frames, the first is {first}"
-        lines.append(f"  {reason} ({where})")
-    if len(reasons) > REASONS_SHOWN:
-        lines.append(f"  and {len(reasons) - REASONS_SHOWN} other reasons (see run.json)")
+    for kind in kinds[:KINDS_SHOWN]:
+        more = f" and {kind.count - 1} more like it" if kind.count > 1 else ""
+        lines.append(f"  frame {kind.frame}{more}: {kind.reason}")
+    if len(kinds) > KINDS_SHOWN:
+        lines.append(f"  and {sum(kind.count for kind in kinds[KINDS_SHOWN:])} others")
     return lines

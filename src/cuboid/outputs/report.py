@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +35,25 @@ class Timing:
         """Return the timing of at least one measurement."""
         median, p95 = np.percentile(milliseconds, (50, 95))
         return cls(float(median), float(p95))
+
+
+@dataclass(frozen=True, slots=True)
+class SkippedKind:
+    """Frames that were skipped for the same kind of reason.
+
+    Attributes
+    ----------
+    frame : int
+        The first of them.
+    reason : str
+        Its reason.
+    count : int
+        How many they are.
+    """
+
+    frame: int
+    reason: str
+    count: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,10 +100,16 @@ class RunReport:
     seconds: float
     peak_memory_mb: float
 
-    def skipped_reasons(self) -> list[tuple[str, int]]:
-        """Return (reason, frames), the most frequent first."""
-        counts = Counter(reason for _, reason in self.skipped)
-        return sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    def skipped_kinds(self) -> list[SkippedKind]:
+        """Return what kinds of bad frames there were, the most frequent first.
+
+        Reasons that differ only in words with digits in them (names of files, numbers, sizes) are one kind.
+        """
+        kinds: dict[str, list[tuple[int, str]]] = {}
+        for frame, reason in self.skipped:
+            kinds.setdefault(re.sub(r"\S*\d\S*", "#", reason), []).append((frame, reason))
+        found = [SkippedKind(*same[0], len(same)) for same in kinds.values()]
+        return sorted(found, key=lambda kind: (-kind.count, kind.frame))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the document that `run.json` holds."""
