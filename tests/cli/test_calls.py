@@ -55,7 +55,7 @@ def test_help_names_every_command_and_loads_nothing_heavy() -> None:
         "import sys; from cuboid.cli import main\n"
         "try: main(['--help'])\n"
         "except SystemExit: pass\n"
-        "print(sorted({'cv2', 'numba', 'scipy', 'rich', 'av'} & set(sys.modules)))"
+        "print(sorted({'numpy', 'cv2', 'numba', 'scipy', 'rich', 'av'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     *shown, loaded = done.stdout.splitlines()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-HELP = "make a recording of a table, track it, and compare with the truth"
+HELP = "make a recording, track it, and compare with the truth"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 from cuboid import __version__
 from cuboid.cli.threads import cores
 
-HELP = "check the installation: packages, compiled kernels, extras, threads"
+HELP = "check packages, compiled kernels, extras and threads"
 
 # Distribution, module, and whether a run is impossible without it; the others are extras.
 PACKAGES = (
