@@ -129,7 +129,7 @@ def _read_matrix(path: Path) -> Calibration:
     rows = []
     for number, line in data_lines(path):
         try:
-            rows.append(parse_numbers(line, "three numbers each"))
+            rows.append(parse_numbers(line, 3, "three numbers a row"))
         except ValueError as error:
             raise InputError(f"{path} line {number}: {error}") from None
     if len(rows) != 3:

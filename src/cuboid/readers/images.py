@@ -105,8 +105,8 @@ def _refuse_implausible(
     if not ((readings >= low) & (readings <= high)).any():
         nearest, farthest = readings.min() / units_per_metre, readings.max() / units_per_metre
         raise FrameError(
-            f"depth image {name} has nothing between {PLAUSIBLE_M[0]:g} and {PLAUSIBLE_M[1]:g} m: "
-            f"{nearest:.3g} to {farthest:.3g} m at {units_per_metre:g} units per metre; check --depth-scale"
+            f"depth image {name} reads {nearest:.4g} to {farthest:.4g} m at {units_per_metre:g} units per "
+            f"metre, nothing between {PLAUSIBLE_M[0]:g} and {PLAUSIBLE_M[1]:g} m; check --depth-scale"
         )
 
 

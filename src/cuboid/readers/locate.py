@@ -97,12 +97,11 @@ def _folders(path: Path) -> list[Path]:
     if not path.is_dir():
         return []
     try:
-        items = sorted(
-            item.name for item in os.scandir(path) if item.is_dir() and not item.name.startswith(".")
-        )
+        with os.scandir(path) as items:
+            names = sorted(item.name for item in items if item.is_dir() and not item.name.startswith("."))
     except PermissionError:
         return []
-    return [path / name for name in items if os.access(path / name, os.R_OK | os.X_OK)]
+    return [path / name for name in names if os.access(path / name, os.R_OK | os.X_OK)]
 
 
 def _nothing_found(given: Path, readers: list[tuple[str, Reader]]) -> str:

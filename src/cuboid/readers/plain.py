@@ -80,7 +80,7 @@ def _numbered_lines(path: Path, fields: str, numbers: list[Decimal]) -> dict[Dec
     rows: dict[Decimal, PoseLine] = {}
     for line_number, line in data_lines(path):
         try:
-            values = parse_numbers(line, fields)
+            values = parse_numbers(line, len(fields.split()), fields)
             number = Decimal(line.split()[0])
         except (ValueError, InvalidOperation) as error:
             raise InputError(f"{path} line {line_number}: {error or f'expected {fields}'}") from None

@@ -50,21 +50,21 @@ def data_lines(path: Path) -> Iterator[tuple[int, str]]:
             yield number, stripped
 
 
-def parse_numbers(text: str, expected: str) -> list[float]:
-    """Return the numbers of a line; `expected` names them, separated by blanks.
+def parse_numbers(text: str, count: int, expected: str) -> list[float]:
+    """Return the `count` numbers of a line; `expected` says in messages what they are.
 
     Raises
     ------
     ValueError
         If there are more or fewer, or one is no number (nan and inf are numbers).
     """
-    words, names = text.split(), expected.split()
+    words = text.split()
     try:
         values = [float(word) for word in words]
     except ValueError:
         values = []
-    if len(values) != len(names):
-        shown = text.strip()
+    if len(values) != count:
+        shown = " ".join(words)
         raise ValueError(f"expected {expected}, got '{shown if len(shown) <= 60 else shown[:57] + '...'}'")
     return values
 
@@ -123,7 +123,7 @@ class Trajectory:
         poses: list[tuple[float, Float64Array]] = []
         for number, line in data_lines(path):
             try:
-                t, tx, ty, tz, qx, qy, qz, qw = parse_numbers(line, "timestamp tx ty tz qx qy qz qw")
+                t, tx, ty, tz, qx, qy, qz, qw = parse_numbers(line, 8, "timestamp tx ty tz qx qy qz qw")
             except ValueError as error:
                 raise InputError(f"{path} line {number}: {error}") from None
             length = np.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)

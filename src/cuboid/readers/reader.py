@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.errors import InputError
 from cuboid.frame import Float64Array
 from cuboid.registry import Registry
 
@@ -103,6 +106,23 @@ class Reader:
     expects: str
     recognises: Callable[[Path], bool]
     read: Callable[[Path], Listing]
+
+
+def holds(path: Path, name: re.Pattern[str]) -> bool:
+    """Tell whether a path is a folder with a file whose whole name matches; stops at the first.
+
+    Raises
+    ------
+    InputError
+        If the folder may not be read.
+    """
+    if not path.is_dir():
+        return False
+    try:
+        with os.scandir(path) as items:
+            return any(name.fullmatch(item.name) for item in items)
+    except PermissionError:
+        raise InputError(f"{path} cannot be read: permission denied") from None
 
 
 READERS: Registry[Reader] = Registry("format", "cuboid.readers")

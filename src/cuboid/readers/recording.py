@@ -23,6 +23,9 @@ DEFAULT_RATE_HZ = 30.0
 SIZE_VOTERS = 5
 # Frames decoded ahead: one in work and one ready are enough to hide decoding; each holds 2 MB at 640x480.
 FRAMES_AHEAD = 2
+# glibc gives freed blocks back to the kernel and faults them in anew at the next frame, page by page (1 ms a
+# frame), until it has seen a block of this size freed (its limit is 32 MB); then it keeps them.
+LARGE_BLOCK_BYTES = 31 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +78,7 @@ class Recording:
         self._frames: Sequence[FrameEntry] = listing.frames
         self.has_poses = any(entry.pose is not None for entry in listing.frames)
         self.has_timestamps = all(entry.timestamp_s is not None for entry in listing.frames)
+        np.empty(LARGE_BLOCK_BYTES, np.uint8)  # freed at once, never touched: see above
         width, height = self._vote_on_size()
         self.intrinsics: Intrinsics = calibrations.for_size(calibration, width, height, path)
 

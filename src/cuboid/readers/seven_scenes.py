@@ -23,7 +23,7 @@ from pathlib import Path
 from cuboid.errors import FrameError
 from cuboid.frame import Float64Array
 from cuboid.readers.posetext import parse_numbers, pose_from_matrix
-from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
+from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, holds
 
 FRAME_FILE = re.compile(r"frame-(\d+)\.(color|depth|pose)\.(png|jpg|jpeg|txt)")
 DEPTH_UNITS_PER_METRE = 1000.0
@@ -33,15 +33,13 @@ CALIBRATION = Calibration(585.0, 585.0, 320.0, 240.0, (640, 480), "published for
 
 def recognises(path: Path) -> bool:
     """Tell whether the folder holds files named frame-NNNNNN.color, .depth or .pose."""
-    return path.is_dir() and any(FRAME_FILE.fullmatch(item.name) for item in os.scandir(path))
+    return holds(path, FRAME_FILE)
 
 
 def read(path: Path) -> Listing:
     """List the frames of a sequence; poses are read with their frames."""
     files: dict[str, dict[str, Path]] = {}
-    for name in sorted(
-        os.listdir(path), reverse=True
-    ):  # of two forms of an image .png, the original, comes last
+    for name in sorted(os.listdir(path)):  # of two forms of an image .png, the original, comes last and stays
         if match := FRAME_FILE.fullmatch(name):
             files.setdefault(match[1], {})[match[2]] = path / name
     has_poses = any("pose" in of_frame for of_frame in files.values())
@@ -59,14 +57,15 @@ def read(path: Path) -> Listing:
 def _pose(path: Path) -> Float64Array:
     """Read T_world_camera from the file of one frame."""
     try:
-        text = path.read_text(encoding="utf-8")
-        values = parse_numbers(text, " ".join(["16"] * 16))
+        values = parse_numbers(path.read_text(encoding="utf-8"), 16, "the 16 numbers of a 4x4 matrix")
     except FileNotFoundError:
         raise FrameError(f"the camera pose is missing: {path.name}") from None
     except OSError as error:
         raise FrameError(f"{path.name} cannot be read: {error.strerror}") from None
-    except ValueError:  # also text that is none
-        raise FrameError(f"{path.name}: expected the 16 numbers of a 4x4 matrix") from None
+    except UnicodeDecodeError:
+        raise FrameError(f"{path.name} is not a text file") from None
+    except ValueError as error:
+        raise FrameError(f"{path.name}: {error}") from None
     return pose_from_matrix([values[row : row + 4] for row in range(0, 16, 4)], path.name)
 
 

@@ -23,7 +23,7 @@ from pathlib import Path
 from cuboid.errors import FrameError, InputError
 from cuboid.frame import Float64Array
 from cuboid.readers.posetext import parse_numbers, pose_from_quaternion, read_lines
-from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
+from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, holds
 
 IMAGE = re.compile(r"(\d+)-(color|depth)\.(png|jpg|jpeg)")
 POSE_FIELDS = "qw qx qy qz tx ty tz"
@@ -36,15 +36,13 @@ CALIBRATION = Calibration(534.8, 534.8, 320.9, 246.9, (640, 480), "fitted to the
 
 def recognises(path: Path) -> bool:
     """Tell whether the folder holds images named NNNNN-color and NNNNN-depth."""
-    return path.is_dir() and any(IMAGE.fullmatch(item.name) for item in os.scandir(path))
+    return holds(path, IMAGE)
 
 
 def read(path: Path) -> Listing:
     """List the frames of a scene; InputError if the pose file is empty."""
     images: dict[int, dict[str, Path]] = {}
-    for name in sorted(
-        os.listdir(path), reverse=True
-    ):  # of two forms of an image .png, the original, comes last
+    for name in sorted(os.listdir(path)):  # of two forms of an image .png, the original, comes last and stays
         if match := IMAGE.fullmatch(name):
             images.setdefault(int(match[1]), {})[match[2]] = path / name
     dataset = path.parent.parent if path.parent.name == "imgs" else path
@@ -82,7 +80,7 @@ def _pose(name: str, lines: list[str], number: int) -> Float64Array:
         raise FrameError(f"{name} has {len(lines)} lines, none for frame number {number}")
     where = f"{name} line {number + 1}"
     try:
-        values = parse_numbers(lines[number], POSE_FIELDS)
+        values = parse_numbers(lines[number], 7, POSE_FIELDS)
     except ValueError as error:
         raise FrameError(f"{where}: {error}") from None
     return pose_from_quaternion(values[:4], values[4:], where)

@@ -1,0 +1,150 @@
+from __future__ import annotations
+
+import os
+from importlib.metadata import EntryPoint, EntryPoints
+
+import numpy as np
+import pytest
+from made_recordings import color_image, depth_image, make_plain, write_image
+
+from cuboid.errors import FrameError, InputError
+from cuboid.readers import READERS, Calibration, FrameEntry, Listing, Reader, open_recording
+
+
+def read_npz(path):
+    """List the frames of a recording that is one file; the second one is broken."""
+    arrays = np.load(path)
+
+    def broken():
+        raise FrameError("block 2 is damaged")
+
+    frames = [
+        FrameEntry(lambda: arrays["color"], lambda: arrays["depth"], timestamp_s=5.0, pose=lambda: np.eye(4))
+    ]
+    frames.append(FrameEntry(broken, lambda: arrays["depth"], timestamp_s=6.0))
+    return Listing(frames, 1000.0, Calibration(60, 60, 32, 24, None, "the file"))
+
+
+NPZ_READER = Reader("one .npz file", lambda path: path.suffix == ".npz", read_npz)
+
+
+@pytest.fixture
+def foreign_reader(monkeypatch):
+    """A reader "npz" that another package names in its entry points."""
+    point = EntryPoint("npz", f"{__name__}:NPZ_READER", "cuboid.readers")
+    monkeypatch.setattr(
+        "cuboid.registry.entry_points", lambda group: EntryPoints([point]).select(group=group)
+    )
+    monkeypatch.setattr(READERS, "_scanned", False)
+    monkeypatch.setattr(READERS, "_items", dict(READERS._items))
+
+
+@pytest.mark.usefixtures("foreign_reader")
+def test_a_reader_of_another_package_takes_part(tmp_path):
+    file = tmp_path / "scan.npz"
+    np.savez(file, color=color_image(1), depth=depth_image(1, 1000))
+    recording = open_recording(file)
+    assert (recording.format, len(recording), recording.has_timestamps) == ("npz", 2, True)
+    frame = recording.read(0)
+    assert frame.depth_m[0, 1] == pytest.approx(1.01)
+    assert frame.timestamp_s == 5.0
+    with pytest.raises(FrameError, match="the frame has no camera pose"):
+        recording.read(1)
+    with pytest.raises(FrameError, match="block 2 is damaged"):
+        recording.without_poses().read(1)
+    with pytest.raises(InputError, match=r"npz \(one \.npz file\)"):
+        open_recording(_empty(tmp_path))
+
+
+def _empty(tmp_path):
+    folder = tmp_path / "empty"
+    folder.mkdir()
+    return folder
+
+
+def test_absent_empty_and_unrecognised(tmp_path):
+    with pytest.raises(InputError, match="nowhere does not exist"):
+        open_recording(tmp_path / "nowhere")
+    expected = (
+        r"one of these forms is expected: 7-scenes \(.*\); plain \(.*\); tum \(.*\); uw-rgbd-scenes-v2 \("
+    )
+    with pytest.raises(InputError, match=f"empty is empty; a folder of {expected}"):
+        open_recording(_empty(tmp_path))
+    (tmp_path / "notes.txt").write_text("hello")
+    with pytest.raises(InputError, match=f"holds no recording; a folder of {expected}"):
+        open_recording(tmp_path)
+    with pytest.raises(InputError, match=f"notes.txt is a file; a folder of {expected}") as raised:
+        open_recording(tmp_path / "notes.txt")
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("inside", ["color", "color/000001.png", "poses.txt"])
+def test_a_part_of_a_recording_points_to_the_whole(plain, inside):
+    with pytest.raises(InputError, match=f"is a part of a recording; name {plain.path}$"):
+        open_recording(plain.path / inside)
+
+
+def test_relative_paths_and_links(plain, tmp_path, monkeypatch):
+    monkeypatch.chdir(plain.path)
+    assert open_recording(".").path == plain.path
+    (tmp_path / "link").symlink_to(plain.path)
+    assert open_recording(os.fspath(tmp_path / "link")).path == tmp_path / "link"
+
+
+def test_format_by_name(plain):
+    assert open_recording(plain.path, format="plain").format == "plain"
+    with pytest.raises(
+        InputError, match=r"a folder of one of these forms is expected: tum \(rgb\.txt, depth\.txt\)$"
+    ):
+        open_recording(plain.path, format="tum")
+    with pytest.raises(InputError, match="unknown format 'bag'; there are: 7-scenes, plain, tum, uw"):
+        open_recording(plain.path, format="bag")
+
+
+def test_a_folder_of_two_forms_asks_which(plain):
+    for name in ("rgb.txt", "depth.txt"):
+        (plain.path / name).write_text("0 0.png\n")
+    with pytest.raises(InputError, match="looks like 'plain' and 'tum'; say which with --format"):
+        open_recording(plain.path)
+    assert open_recording(plain.path, format="plain").format == "plain"
+
+
+def test_many_recordings_are_cut_short(tmp_path):
+    for k in range(10):
+        make_plain(tmp_path / f"day-{k}", frames=1)
+    with pytest.raises(
+        InputError, match=r"holds 10 recordings, name one of them: day-0/mine.*day-7/mine and 2 more$"
+    ):
+        open_recording(tmp_path)
+
+
+def test_the_user_has_the_last_word(plain):
+    recording = open_recording(plain.path, intrinsics=(50, 51, 30, 20), depth_scale=2000)
+    assert (recording.intrinsics.fx, recording.intrinsics.cy) == (50, 20)
+    assert recording.depth_units_per_metre == 2000
+    assert recording.read(0).depth_m[0, 1] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ({"intrinsics": (1, 2, 3)}, "intrinsics must be four numbers fx, fy, cx, cy"),
+        ({"intrinsics": (0, 2, 3, 3)}, "fx, fy > 0"),
+        ({"intrinsics": (60, 60, float("nan"), 3)}, "four numbers"),
+        (
+            {"intrinsics": (500, 500, 320, 240)},
+            r"principal point \(320, 240\), from the user, lies outside the 64x48",
+        ),
+        ({"depth_scale": 0}, "depth scale must be a number of units per metre above 0, got 0"),
+        ({"depth_scale": float("inf")}, "depth scale must be"),
+    ],
+)
+def test_nonsense_given_by_the_user(plain, given, reason):
+    with pytest.raises(InputError, match=reason):
+        open_recording(plain.path, **given)
+
+
+def test_a_recording_is_not_searched_for_more(plain):
+    """Pictures that lie inside a recording's folder are no second recording."""
+    write_image(plain.path / "extra" / "00000-color.png", color_image(0))
+    assert open_recording(plain.path.parent).path == plain.path

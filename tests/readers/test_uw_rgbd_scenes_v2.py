@@ -1,0 +1,141 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from made_recordings import CAMERA, Made, color_image, write_frames, write_image
+
+from cuboid.errors import FrameError, InputError
+from cuboid.frame import Intrinsics
+from cuboid.readers import open_recording
+
+
+def make_scene(root, number="01", frames=4, start=0, shape=(48, 64)):
+    folder = root / "rgbd-scenes-v2" / "imgs" / f"scene_{number}"
+    made = Made(
+        folder,
+        lambda k: folder / f"{start + k:05d}-color.png",
+        lambda k: folder / f"{start + k:05d}-depth.png",
+        10000.0,
+    )
+    write_frames(made, frames, shape)
+    (folder / "camera.json").write_text(json.dumps(CAMERA))
+    return made
+
+
+def write_poses(made, text):
+    file = made.path.parents[1] / "pc" / f"{made.path.name[-2:]}.pose"
+    file.parent.mkdir(exist_ok=True)
+    file.write_text(text)
+
+
+@pytest.mark.parametrize("named", ["rgbd-scenes-v2", "rgbd-scenes-v2/imgs", "rgbd-scenes-v2/imgs/scene_01"])
+def test_the_real_scene_by_whatever_folder_is_named(data_dir, named):
+    recording = open_recording(data_dir / named)
+    assert (recording.format, len(recording)) == ("uw-rgbd-scenes-v2", 888)
+    assert recording.intrinsics == Intrinsics(534.8, 534.8, 320.9, 246.9, 640, 480)
+    assert recording.has_poses
+    frame = recording.read(0)
+    np.testing.assert_allclose(frame.T_world_camera, np.eye(4), atol=1e-12)
+    seen = frame.depth_m[frame.depth_m > 0]
+    assert 0.4 < np.percentile(seen, 1) < np.percentile(seen, 99) < 4.0
+
+
+def test_real_depth_of_one_frame_falls_on_that_of_another(data_dir):
+    """Scale, intrinsics, and the order of a pose line are right when two views of the table agree."""
+    recording = open_recording(data_dir / "rgbd-scenes-v2")
+    K = recording.intrinsics
+    a, b = recording.read(100), recording.read(130)
+    v, u = np.mgrid[0 : K.height : 6, 0 : K.width : 6]
+    z = a.depth_m[v, u]
+    near = (z > 0) & (z < 1.5)
+    points = np.stack(((u - K.cx) / K.fx * z, (v - K.cy) / K.fy * z, z, np.ones_like(z)))[:, near]
+    x, y, z_in_b, _ = np.linalg.inv(b.T_world_camera) @ a.T_world_camera @ points
+    column, row = np.rint(K.fx * x / z_in_b + K.cx).astype(int), np.rint(K.fy * y / z_in_b + K.cy).astype(int)
+    inside = (column >= 0) & (column < K.width) & (row >= 0) & (row < K.height)
+    measured = b.depth_m[row[inside], column[inside]]
+    apart = np.abs(z_in_b[inside] - measured)[measured > 0]
+    moved = np.linalg.norm(a.T_world_camera[:3, 3] - b.T_world_camera[:3, 3])
+    assert moved > 0.05
+    assert len(apart) > 1000
+    assert np.median(apart) < 0.01
+
+
+def test_poses_by_number_in_a_part_of_a_scene(tmp_path):
+    made = make_scene(tmp_path, start=7)
+    write_poses(made, "".join(f"1 0 0 0 {k} 0 0\n" for k in range(10)) + "\n")
+    recording = open_recording(made.path)
+    assert recording.read(0).T_world_camera[0, 3] == 7
+    with pytest.raises(FrameError, match=r"01\.pose has 10 lines, none for frame number 10"):
+        recording.read(3)
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ("1 0 0", r"01\.pose line 2: expected qw qx qy qz tx ty tz, got '1 0 0'"),
+        ("nan 0 0 0 1 1 1", r"01\.pose line 2: the pose has NaN"),
+        ("0 0 0 0 1 1 1", r"01\.pose line 2: the pose's quaternion has length 0"),
+    ],
+)
+def test_a_bad_pose_line_costs_its_frame_only(tmp_path, line, reason):
+    made = make_scene(tmp_path)
+    write_poses(made, f"1 0 0 0 0 0 0\n{line}\n1 0 0 0 0 0 0\n1 0 0 0 0 0 0\n")
+    recording = open_recording(made.path)
+    with pytest.raises(FrameError, match=reason):
+        recording.read(1)
+    recording.read(2)
+
+
+def test_without_pose_file_and_with_an_empty_one(tmp_path):
+    made = make_scene(tmp_path)
+    recording = open_recording(made.path)
+    assert not recording.has_poses
+    assert recording.read(0).T_world_camera is None
+    write_poses(made, "\n")
+    with pytest.raises(InputError, match=r"01\.pose is empty"):
+        open_recording(made.path)
+
+
+def test_pose_file_inside_a_scene_that_lies_alone(tmp_path):
+    made = make_scene(tmp_path)
+    (made.path / "01.pose").write_text("1 0 0 0 5 0 0\n" * 4)
+    alone = made.path.rename(tmp_path / "scene_01")
+    assert open_recording(alone).read(0).T_world_camera[0, 3] == 5
+
+
+def test_jpg_counts_and_png_goes_before_it(tmp_path):
+    made = make_scene(tmp_path)
+    for k in range(2):
+        write_image(made.color(k).with_suffix(".jpg"), color_image(100 + k))
+    made.color(1).unlink()
+    recording = open_recording(made.path)
+    assert recording.read(0).color[0, 0, 1] == 10
+    assert abs(int(recording.read(1).color[0, 0, 1]) - 111) < 5
+
+
+def test_camera_file_goes_before_the_published_intrinsics_and_may_lie_above(tmp_path):
+    made = make_scene(tmp_path)
+    assert open_recording(made.path).intrinsics.fx == 60
+    (made.path / "camera.json").rename(made.path.parents[1] / "camera.json")
+    assert open_recording(made.path).intrinsics.fx == 60
+
+
+def test_published_intrinsics_are_for_their_image_size_only(tmp_path):
+    made = make_scene(tmp_path)
+    (made.path / "camera.json").unlink()
+    with pytest.raises(
+        InputError, match=r"images are 64x48, but the intrinsics .* are for 640x480; give them with"
+    ):
+        open_recording(made.path)
+    assert open_recording(made.path, intrinsics=(50, 50, 32, 24)).intrinsics.fx == 50
+
+
+def test_several_scenes_are_listed(tmp_path):
+    for number in ("01", "02", "03"):
+        make_scene(tmp_path, number, frames=1)
+    with pytest.raises(
+        InputError, match="holds 3 recordings, name one of them: imgs/scene_01, imgs/scene_02, imgs"
+    ):
+        open_recording(tmp_path / "rgbd-scenes-v2")
