@@ -76,7 +76,8 @@ def for_size(calibration: Calibration, width: int, height: int, recording: Path)
             f"from {calibration.source}, lies outside the {width}x{height} images; "
             "are the intrinsics for another image size?"
         )
-    return Intrinsics(calibration.fx, calibration.fy, calibration.cx, calibration.cy, width, height)
+    fx, fy, cx, cy = map(float, (calibration.fx, calibration.fy, calibration.cx, calibration.cy))
+    return Intrinsics(fx, fy, cx, cy, width, height)
 
 
 def _find_file(folders: Sequence[Path]) -> Path | None:
