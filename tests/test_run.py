@@ -5,6 +5,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
+import av
 import numpy as np
 import pytest
 
@@ -145,6 +146,32 @@ def test_a_fault_leaves_nothing(tmp_path: Path) -> None:
 
     with pytest.raises(ZeroDivisionError):
         track(FakeRecording(5), tmp_path / "out", make_tracker=Broken, threads=2)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("scale", [1, 2])
+def test_the_video_has_every_used_frame_at_full_size(tmp_path: Path, scale: int) -> None:
+    track(FakeRecording(5, {2: "bad"}), tmp_path / "out", video=True, scale=scale, every=2)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(OUTPUT_NAMES)
+    with av.open(str(tmp_path / "out" / VIDEO)) as container:
+        frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+        assert container.streams.video[0].average_rate == 15
+    assert [frame.shape for frame in frames] == [(48, 64, 3)] * 2
+
+
+def test_a_video_that_cannot_be_written_names_the_output_folder(tmp_path: Path) -> None:
+    class Full:
+        def __init__(self, path: Path, *_: object) -> None:
+            self.path = path
+
+        def show(self, *_: object) -> None:
+            raise OutputError(f"{self.path}: cannot be written: the disk is full")
+
+        def close(self, complete: bool) -> None:
+            assert not complete
+
+    with pytest.raises(OutputError, match=rf"{tmp_path}/out/labelled.mp4: cannot be written"):
+        track(FakeRecording(3), tmp_path / "out", video=True, make_view=Full)
     assert list(tmp_path.iterdir()) == []
 
 

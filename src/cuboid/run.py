@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -22,6 +22,7 @@ from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
 
 if TYPE_CHECKING:
     from cuboid.proposals.types import ProposalSource
+    from cuboid.views.video import View
 
 SCALES = (1, 2, 4)
 
@@ -90,15 +91,8 @@ class Progress:
         """Tell that a frame was skipped."""
 
 
-class View(Protocol):
-    """Draws frames as they are tracked."""
-
-    def add(self, frame: Frame, result: FrameResult) -> None:
-        """Draw one frame, at the recording's size."""
-
-
 MakeTracker = Callable[[Intrinsics, TrackerConfig, "str | ProposalSource | None"], TrackerLike]
-MakeView = Callable[[Path, Intrinsics, float], AbstractContextManager[View]]
+MakeView = Callable[[Path, Intrinsics, float], "View"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,7 +265,7 @@ class _Pipeline:
             self.writer.add(result, self.scale)
             clock.lap("write")
         if self.view is not None:
-            self.view.add(frame, result)
+            self.view.show(frame, result, self.tracker.objects)
             clock.lap("draw")
         self.log.use(clock.done())
         self.progress.frame(result)
@@ -305,13 +299,22 @@ def _writer(
     return results.enter_context(ResultWriter(output, force=force))
 
 
+@contextmanager
 def _view(
     writer: ResultWriter | None, recording: RecordingLike, every: int, make: MakeView | None
-) -> AbstractContextManager[View | None]:
+) -> Iterator[View | None]:
     if make is None or writer is None:
-        return nullcontext()
+        yield None
+        return
     rate = max(VIDEO_FRAMES_PER_SECOND / every, SLOWEST_VIDEO_FRAMES_PER_SECOND)
-    return make(writer.file(VIDEO), recording.intrinsics, rate)
+    with writer.naming(VIDEO) as path:
+        view = make(path, recording.intrinsics, rate)
+        try:
+            yield view
+        except BaseException:
+            view.close(complete=False)
+            raise
+        view.close(complete=True)
 
 
 def _tracker(
@@ -322,8 +325,10 @@ def _tracker(
     return Tracker(intrinsics, config, proposals)
 
 
-def _video(path: Path, intrinsics: Intrinsics, frames_per_second: float) -> AbstractContextManager[View]:
-    raise NotImplementedError
+def _video(path: Path, intrinsics: Intrinsics, frames_per_second: float) -> View:
+    from cuboid.views.video import VideoView
+
+    return VideoView(path, intrinsics, frames_per_second)
 
 
 def _effective(

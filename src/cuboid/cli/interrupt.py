@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import signal
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+
+STDERR = 2
+NOTICE = b"\ncuboid: ending after this frame and writing what is done; once more drops it\n"
 
 
 class Interruption:
@@ -30,9 +33,7 @@ class Interruption:
         if self.status:
             raise KeyboardInterrupt
         self.status = 128 + number
-        print(
-            "\ncuboid: ending after this frame and writing what is done; once more drops it", file=sys.stderr
-        )
+        os.write(STDERR, NOTICE)  # print may be at work already
 
 
 @contextmanager

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import TextIO
 
+from cuboid.errors import OutputError
 from cuboid.outputs.folder import (
     MAP,
     OBJECTS,
@@ -68,9 +69,17 @@ class ResultWriter:
                 file.close()
         self._folder.__exit__(kind, error, trace)
 
-    def file(self, name: str) -> Path:
-        """Return where another file of the results (the video) is written until `finish`."""
-        return self._folder.file(name)
+    @contextmanager
+    def naming(self, name: str) -> Iterator[Path]:
+        """Give the place where another file of the results (the video) is written until `finish`.
+
+        Complaints about it that are raised inside name the output folder, not the hidden working folder.
+        """
+        path = self._folder.file(name)
+        try:
+            yield path
+        except OutputError as error:
+            raise OutputError(str(error).replace(str(path), str(self._shown / name))) from error
 
     def add(self, result: FrameResult, pixels: int = 1) -> None:
         """Write the rows of one frame.
