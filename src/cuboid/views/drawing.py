@@ -1,0 +1,253 @@
+"""A frame with its objects drawn into it: boxes that look solid, tags that can be read, a strip of facts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Protocol
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.frame import Float64Array, Intrinsics, UInt8Array
+from cuboid.geometry.box import Box
+from cuboid.views.palette import color_of
+from cuboid.views.projection import TOP, Wireframe, wireframe
+from cuboid.views.tags import TAG_PX, place_tag, put_tag
+from cuboid.views.text import Color, put_text
+
+# Sizes in pixels of an image 640 wide; larger images have them in proportion.
+FRONT_PX = 2
+THIN_PX = 1
+HALO_PX = 2
+DASH_PX = 7.0
+GAP_PX = 5.0
+STRIP_PX = 24
+STRIP_TEXT_PX = 14
+
+# Shares of the drawing in what is seen: a hint of a surface, the top more than the sides as if lit from
+# above; halos, hidden edges and hidden objects shine through.
+TOP_SHARE = 0.30
+SIDE_SHARE = 0.12
+BEHIND_SHARE = 0.62
+STRIP_SHARE = 0.70
+
+DARK = (14, 16, 20)
+WHITE = (245, 246, 248)
+MUTED = (170, 176, 186)
+
+# Fixed-point digits of coordinates that cv2 draws: a sixteenth of a pixel.
+SHIFT = 4
+
+
+class Labelled(Protocol):
+    """Something with a label and a box: a sighting or an object of the map."""
+
+    @property
+    def label(self) -> int:
+        """Its label."""
+
+    @property
+    def box(self) -> Box:
+        """Its box in the world."""
+
+
+class Scored(Labelled, Protocol):
+    """Something with a label, a box and a score: a proposal."""
+
+    @property
+    def score(self) -> float:
+        """How good it is, 0..1."""
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """What the strip under the picture says.
+
+    Attributes
+    ----------
+    frame : int
+        Of the recording.
+    frames_per_second : float or None
+        Of the tracker; None where it is not known.
+    seen, known : int
+        Objects in this frame and in the map.
+    """
+
+    frame: int
+    frames_per_second: float | None
+    seen: int
+    known: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Drawn:
+    """One box on its way into the picture."""
+
+    color: Color
+    text: str
+    wire: Wireframe
+    rect_xyxy: Float64Array
+    dashed: bool
+
+
+def draw_frame(
+    color: UInt8Array,
+    T_world_camera: Float64Array,
+    intrinsics: Intrinsics,
+    sightings: Iterable[Labelled],
+    hidden_objects: Iterable[Labelled],
+    status: Status | None,
+) -> UInt8Array:
+    """Return a picture with the boxes of its objects.
+
+    Edges behind a box are thin and dim, those in front thick; each line has a dark halo, so that it reads on
+    any ground. Objects that are known but not seen are dashed. Nearer boxes are drawn over farther ones.
+
+    Parameters
+    ----------
+    color : (H, W, 3) uint8
+        RGB; not changed.
+    T_world_camera : (4, 4) float64
+    intrinsics : Intrinsics
+        Of `color`.
+    sightings : iterable of Sighting
+        Objects seen in the frame.
+    hidden_objects : iterable of TrackedObject
+        Objects known but not seen; those out of the view leave no trace.
+    status : Status or None
+        None leaves the strip out.
+
+    Returns
+    -------
+    (H, W, 3) uint8
+    """
+    drawn = [
+        _Drawn(color_of(item.label), f"#{item.label}", wire, rect, dashed)
+        for items, dashed in ((hidden_objects, True), (sightings, False))
+        for item in items
+        if (rect := (wire := wireframe(item.box, T_world_camera, intrinsics)).rect_xyxy(intrinsics))
+        is not None
+    ]
+    return _draw(color, intrinsics, drawn, status)
+
+
+def draw_proposals(
+    color: UInt8Array,
+    T_world_camera: Float64Array,
+    intrinsics: Intrinsics,
+    proposals: Iterable[Scored],
+    status: Status | None,
+) -> UInt8Array:
+    """Return a picture with a frame's own 3D proposals and their scores.
+
+    Those of objects that have no label are grey and dashed. Parameters and result are those of `draw_frame`.
+    """
+    drawn = [
+        _Drawn(color_of(own.label), f"{own.score:.2f}", wire, rect, own.label == 0)
+        for own in proposals
+        if (rect := (wire := wireframe(own.box, T_world_camera, intrinsics)).rect_xyxy(intrinsics))
+        is not None
+    ]
+    return _draw(color, intrinsics, drawn, status)
+
+
+def _draw(
+    color: UInt8Array, intrinsics: Intrinsics, drawn: list[_Drawn], status: Status | None
+) -> UInt8Array:
+    unit = max(1.0, intrinsics.width / 640.0)
+    drawn = sorted(drawn, key=lambda item: -item.wire.depth_m)
+    picture = color.copy()
+    _fill(picture, drawn)
+    _draw_behind(picture, drawn, unit)
+    for item in drawn:
+        if not item.dashed:
+            _lines(picture, _fixed(item.wire.front), item.color, _px(FRONT_PX, unit))
+    strip_px = _px(STRIP_PX, unit) if status is not None else 0
+    _put_tags(picture, drawn, unit, strip_px)
+    if status is not None:
+        put_strip(picture, status, unit)
+    return picture
+
+
+def _fill(picture: UInt8Array, drawn: list[_Drawn]) -> None:
+    """Lay a hint of color over the sides of seen boxes that look at the camera."""
+    for wanted, share in ((False, SIDE_SHARE), (True, TOP_SHARE)):
+        layer = picture.copy()
+        for item in drawn:
+            for face, outline in item.wire.faces if not item.dashed else ():
+                if (face == TOP) == wanted:
+                    cv2.fillConvexPoly(layer, _fixed(outline), item.color, cv2.LINE_AA, SHIFT)
+        _blend(picture, layer, share)
+
+
+def _draw_behind(picture: UInt8Array, drawn: list[_Drawn], unit: float) -> None:
+    """Draw halos, hidden edges and dashed boxes, all of which let the picture shine through."""
+    layer = picture.copy()
+    front, thin, halo = _px(FRONT_PX, unit), _px(THIN_PX, unit), _px(HALO_PX, unit)
+    for item in drawn:
+        if item.dashed:
+            strokes = _fixed(dashes(item.wire.front, DASH_PX * unit, GAP_PX * unit))
+            _lines(layer, strokes, DARK, front + halo)
+            _lines(layer, strokes, item.color, front)
+            continue
+        _lines(layer, _fixed(item.wire.back), DARK, thin + halo)
+        _lines(layer, _fixed(item.wire.back), item.color, thin)
+        _lines(layer, _fixed(item.wire.front), DARK, front + 2 * halo)
+    _blend(picture, layer, BEHIND_SHARE)
+
+
+def dashes(segments: Float64Array, dash_px: float, gap_px: float) -> Float64Array:
+    """Return segments (N, 2, 2) in pixels as dashes (M, 2, 2); each begins and ends with a dash."""
+    parts = [np.zeros((0, 2, 2))]
+    for start, end in segments:
+        length = float(np.hypot(*(end - start)))
+        count = max(1, round((length + gap_px) / (dash_px + gap_px)))
+        period = (length + gap_px) / count
+        from_px = np.arange(count) * period
+        shares = np.stack((from_px, from_px + period - gap_px), axis=1) / max(length, 1e-9)
+        parts.append(start + shares[:, :, None] * (end - start))
+    return np.concatenate(parts)
+
+
+def _put_tags(picture: UInt8Array, drawn: list[_Drawn], unit: float, strip_px: int) -> None:
+    """Give each box a tag above it; the nearest chooses its place first, and none covers another."""
+    size_px = _px(TAG_PX, unit)
+    free = (picture.shape[0] - strip_px, picture.shape[1])
+    taken: list[tuple[int, int, int, int]] = []
+    for item in sorted(drawn, key=lambda item: (item.dashed, item.wire.depth_m)):
+        place = place_tag(item.text, size_px, item.rect_xyxy, taken, free)
+        taken.append(place)
+        put_tag(picture, item.text, size_px, item.color, item.dashed, place)
+
+
+def put_strip(picture: UInt8Array, status: Status, unit: float) -> None:
+    """Write frame, frames a second and objects into a dark strip at the bottom of a picture (H, W, 3)."""
+    height, size_px = _px(STRIP_PX, unit), _px(STRIP_TEXT_PX, unit)
+    strip = picture[-height:]
+    _blend(strip, np.full_like(strip, DARK), STRIP_SHARE)
+    top = picture.shape[0] - height + (height - round(1.25 * size_px)) // 2
+    left = _px(10, unit)
+    rate = "" if status.frames_per_second is None else f"{status.frames_per_second:.0f} frames/s"
+    counts = f"{status.seen} seen / {status.known} known"
+    for text, at_px, tint in ((f"frame {status.frame}", 0, WHITE), (rate, 110, MUTED), (counts, 220, WHITE)):
+        if text:
+            put_text(picture, text, left + round(at_px * unit), top, size_px, tint)
+
+
+def _blend(picture: UInt8Array, layer: UInt8Array, share: float) -> None:
+    cv2.addWeighted(layer, share, picture, 1.0 - share, 0.0, dst=picture)
+
+
+def _fixed(points: Float64Array) -> npt.NDArray[np.int32]:
+    return np.round(points * (1 << SHIFT)).astype(np.int32)
+
+
+def _lines(picture: UInt8Array, segments: npt.NDArray[np.int32], color: Color, thickness: int) -> None:
+    if len(segments):
+        cv2.polylines(picture, list(segments), False, color, thickness, cv2.LINE_AA, SHIFT)
+
+
+def _px(size: float, unit: float) -> int:
+    return max(1, round(size * unit))

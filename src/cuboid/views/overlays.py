@@ -1,0 +1,149 @@
+"""Numbers of pixels as colors: heat over the picture, depth in its place."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from cuboid.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
+from cuboid.geometry.se3 import inverse, transform
+from cuboid.results import MapPoints
+from cuboid.views.projection import NEAR_M, project
+
+# Share of the colormap in a pixel of heat 1; colder ones have less, cold ones none.
+HEAT_SHARE = 0.80
+
+# Depths of the two ends of the colormap, metres: what indoor depth cameras measure well. Equal steps are
+# equal steps of disparity, as in the sensor, so that near objects get most of the colors.
+NEAREST_M, FARTHEST_M = 0.5, 5.0
+
+# The relief: where the light shines to in the camera frame (a unit vector), how much of a pixel it decides,
+# how bright the farthest and the nearest surface are, and over how many pixels the depth's noise is averaged.
+LIGHT = (0.48, 0.60, 0.64)
+SHADED_SHARE = 0.75
+DARKEST, BRIGHTEST = 0.25, 0.85
+SMOOTH_PX = 5
+
+# Map points are splatted on cells of so many pixels a side: at 1 m a cell of 4 pixels spans 8 mm, less
+# than the spacing of the map's points, which the blur then closes.
+CELL_PX = 4
+BLUR_CELLS = 5
+# Share of the blur's window that must hold points: less is a stray point.
+LEAST_COVER = 0.15
+# Points so much behind the surface that the camera sees are hidden by it, share of the depth.
+BEHIND = 0.04
+
+
+def heat_over(color: UInt8Array, heat: Float32Array) -> UInt8Array:
+    """Return a picture with its heat laid over it.
+
+    Parameters
+    ----------
+    color : (H, W, 3) uint8
+        RGB.
+    heat : (h, w) float32
+        0..1; of the picture's size, or smaller (a tracker that runs on fewer pixels).
+
+    Returns
+    -------
+    (H, W, 3) uint8
+        Cold pixels stay as they are, hot ones take the colors of the perceptual colormap "inferno".
+    """
+    height, width = color.shape[:2]
+    if heat.shape != (height, width):
+        heat = np.asarray(cv2.resize(heat, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
+    level = np.clip(heat * np.float32(255.0), 0.0, 255.0).astype(np.uint8)
+    share = cv2.merge([level] * 3).astype(np.float32) * np.float32(HEAT_SHARE / 255.0)
+    mixed = color + share * (_colors(level, cv2.COLORMAP_INFERNO).astype(np.float32) - color)
+    return np.asarray(np.round(mixed), np.uint8)
+
+
+def depth_picture(depth_m: Float32Array, intrinsics: Intrinsics) -> UInt8Array:
+    """Return depth as a shaded relief: near bright, far dark, no reading black, lit from the upper left.
+
+    The colormap is all but grey, so that the colors of labels stand out from it.
+
+    Parameters
+    ----------
+    depth_m : (H, W) float32
+        Metres; 0 is no reading.
+    intrinsics : Intrinsics
+        Of the depth image.
+
+    Returns
+    -------
+    (H, W, 3) uint8
+    """
+    known = depth_m > 0
+    disparity = np.reciprocal(np.where(known, depth_m, np.float32(FARTHEST_M)))
+    level = np.clip((disparity - 1.0 / FARTHEST_M) / (1.0 / NEAREST_M - 1.0 / FARTHEST_M), 0.0, 1.0)
+    light = (1.0 - SHADED_SHARE) + SHADED_SHARE * _lit(depth_m, disparity, intrinsics)
+    brightness = (DARKEST + (BRIGHTEST - DARKEST) * level) * light
+    picture = _colors((255.0 * brightness).astype(np.uint8), cv2.COLORMAP_BONE)
+    picture[~known] = 0
+    return picture
+
+
+def _lit(depth_m: Float32Array, disparity: Float32Array, intrinsics: Intrinsics) -> Float32Array:
+    """Return how much of the light each surface gets, (H, W), 0..1; from the slope of the smoothed depth."""
+    smooth = cv2.blur(cv2.medianBlur(depth_m, 5), (SMOOTH_PX, SMOOTH_PX))
+    gx = cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=intrinsics.fx / 32.0) * disparity
+    gy = cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=intrinsics.fy / 32.0) * disparity
+    along = (LIGHT[2] - LIGHT[0] * gx - LIGHT[1] * gy) / np.sqrt(gx * gx + gy * gy + 1.0)
+    lit: Float32Array = np.clip(along, 0.0, 1.0).astype(np.float32)
+    return lit
+
+
+def map_heat(
+    points: MapPoints, depth_m: Float32Array, T_world_camera: Float64Array, intrinsics: Intrinsics
+) -> Float32Array:
+    """Return the heat of the global map as a camera sees it.
+
+    The nearest point in a cell of the image is the one that counts; points behind the surface that the depth
+    image shows do not. A blur that leaves empty cells out of account closes the gaps between points.
+
+    Parameters
+    ----------
+    points : MapPoints
+        N points in the world.
+    depth_m : (H, W) float32
+        The camera's depth image, metres; 0 is no reading.
+    T_world_camera : (4, 4) float64
+    intrinsics : Intrinsics
+        Of the depth image.
+
+    Returns
+    -------
+    (H, W) float32
+        0..1; 0 where no point of the map is seen.
+    """
+    height, width = depth_m.shape
+    xyz = transform(inverse(T_world_camera), points.xyz)
+    heat, xyz = points.heat[xyz[:, 2] > NEAR_M], xyz[xyz[:, 2] > NEAR_M]
+    u, v = np.rint(project(xyz, intrinsics)).astype(np.int64).T
+    inside = np.flatnonzero((u >= 0) & (u < width) & (v >= 0) & (v < height))
+    u, v, z, heat = u[inside], v[inside], xyz[inside, 2], heat[inside]
+    surface_m = depth_m[v, u]
+    seen = np.flatnonzero((surface_m == 0) | (z <= surface_m * (1.0 + BEHIND)))
+    order = seen[np.argsort(-z[seen], kind="stable")]
+    cells = (-(-height // CELL_PX), -(-width // CELL_PX))
+    value, cover = np.zeros(cells, np.float32), np.zeros(cells, np.float32)
+    at = (v[order] // CELL_PX, u[order] // CELL_PX)
+    value[at] = heat[order]  # far to near: the last one stays
+    cover[at] = 1.0
+    return _closed(value, cover, height, width)
+
+
+def _closed(value: Float32Array, cover: Float32Array, height: int, width: int) -> Float32Array:
+    window = (BLUR_CELLS, BLUR_CELLS)
+    weight = cv2.GaussianBlur(cover, window, 0, borderType=cv2.BORDER_REPLICATE)
+    total = cv2.GaussianBlur(value, window, 0, borderType=cv2.BORDER_REPLICATE)
+    mean = np.where(weight > LEAST_COVER, total / np.maximum(weight, 1e-6), 0.0).astype(np.float32)
+    larger = cv2.resize(mean, None, fx=CELL_PX, fy=CELL_PX, interpolation=cv2.INTER_LINEAR)
+    return np.asarray(larger[:height, :width], np.float32)
+
+
+def _colors(level: UInt8Array, colormap: int) -> UInt8Array:
+    """Return RGB (H, W, 3) of levels (H, W), 0..255."""
+    blue_first = cv2.applyColorMap(level, colormap)
+    return np.asarray(cv2.cvtColor(blue_first, cv2.COLOR_BGR2RGB), np.uint8)

@@ -1,0 +1,181 @@
+"""Boxes as a camera sees them: edges and faces cut to the view, projected, and told front from back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cuboid.frame import Float64Array, Intrinsics
+from cuboid.geometry.box import EDGES, Box
+from cuboid.geometry.se3 import inverse, transform
+
+# Nothing nearer than this is drawn, metres: before the shortest depth that any RGB-D camera measures.
+NEAR_M = 0.05
+
+# What is drawn reaches so far beyond the image, pixels: room for the ends of thick lines.
+MARGIN_PX = 16.0
+
+# Corners of the faces in order around them: -x, +x, -y, +y, -z, +z.
+FACES = ((0, 2, 6, 4), (1, 3, 7, 5), (0, 1, 5, 4), (2, 3, 7, 6), (0, 1, 3, 2), (4, 5, 7, 6))
+FACES_OF_EDGE = tuple(
+    tuple(f for f, corners in enumerate(FACES) if a in corners and b in corners) for a, b in EDGES
+)
+TOP = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Wireframe:
+    """A box in an image, cut to the view.
+
+    Attributes
+    ----------
+    front : (N, 2, 2) float64
+        Ends in pixels of the edges that the box itself does not hide.
+    back : (M, 2, 2) float64
+        Ends in pixels of the edges behind the box.
+    faces : tuple of (number, (K, 2) float64)
+        The faces that look at the camera: number in `FACES`, outline in pixels.
+    depth_m : float
+        Of the box's centre along the optical axis.
+    """
+
+    front: Float64Array
+    back: Float64Array
+    faces: tuple[tuple[int, Float64Array], ...]
+    depth_m: float
+
+    def rect_xyxy(self, intrinsics: Intrinsics) -> Float64Array | None:
+        """Return its rectangle in the image, pixels, (4,); None where nothing of it is in the image."""
+        ends = np.concatenate((self.front, self.back)).reshape(-1, 2)
+        if len(ends) == 0:
+            return None
+        low = np.maximum(ends.min(axis=0), 0.0)
+        high = np.minimum(ends.max(axis=0), (intrinsics.width - 1.0, intrinsics.height - 1.0))
+        return np.concatenate((low, high)) if (low < high).all() else None
+
+
+def project(points_camera: Float64Array, intrinsics: Intrinsics) -> Float64Array:
+    """Return pixels (..., 2) of points (..., 3) in front of the camera."""
+    z = points_camera[..., 2:]
+    pixels: Float64Array = points_camera[..., :2] / z * (intrinsics.fx, intrinsics.fy)
+    pixels += (intrinsics.cx, intrinsics.cy)
+    return pixels
+
+
+def wireframe(box: Box, T_world_camera: Float64Array, intrinsics: Intrinsics) -> Wireframe:
+    """Return a box of the world as the camera sees it.
+
+    A face looks at the camera where the camera lies on its outer side; an edge is in front where one of its
+    two faces looks at the camera. From inside a box every edge is in front.
+
+    Parameters
+    ----------
+    box : Box
+        In the world, metres.
+    T_world_camera : (4, 4) float64
+    intrinsics : Intrinsics
+
+    Returns
+    -------
+    Wireframe
+    """
+    corners = transform(inverse(T_world_camera), box.corners())
+    facing = _facing(box, T_world_camera[:3, 3])
+    ends = corners[np.array(EDGES)]
+    inside = not any(facing)
+    is_front = np.array([inside or facing[f] or facing[g] for f, g in FACES_OF_EDGE])
+    planes = _view_planes(intrinsics)
+    whole = bool((corners @ planes[:, :3].T + planes[:, 3] >= 0).all())
+    front, back = ends[is_front], ends[~is_front]
+    outlines = [(f, corners[list(FACES[f])]) for f in range(6) if facing[f]]
+    if not whole:
+        front, back = clip_segments(front, planes), clip_segments(back, planes)
+        outlines = [(f, clip_polygon(outline, planes)) for f, outline in outlines]
+    return Wireframe(
+        front=project(front, intrinsics),
+        back=project(back, intrinsics),
+        faces=tuple((f, project(outline, intrinsics)) for f, outline in outlines if len(outline)),
+        depth_m=float(corners[:, 2].mean()),
+    )
+
+
+def clip_segments(ends: Float64Array, planes: Float64Array) -> Float64Array:
+    """Return the parts of segments that lie inside all planes (Y.-D. Liang and B. Barsky, 1984).
+
+    Parameters
+    ----------
+    ends : (N, 2, 3) float64
+        Both ends of each segment.
+    planes : (P, 4) float64
+        n, d; inside is n.p + d >= 0.
+
+    Returns
+    -------
+    (M, 2, 3) float64
+        M <= N; what lies outside is left out.
+    """
+    distance = ends @ planes[:, :3].T + planes[:, 3]
+    d0, d1 = distance[:, 0], distance[:, 1]
+    slope = d1 - d0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = -d0 / slope
+    entry = np.where(slope > 0, at, -np.inf).max(axis=1, initial=0.0)
+    leave = np.where(slope < 0, at, np.inf).min(axis=1, initial=1.0)
+    outside = ((slope == 0) & (d0 < 0)).any(axis=1)
+    kept = (entry < leave) & ~outside
+    start, way = ends[kept, :1], ends[kept, 1:] - ends[kept, :1]
+    shares = np.stack((entry[kept], leave[kept]), axis=1)[:, :, None]
+    parts: Float64Array = start + shares * way
+    return parts
+
+
+def clip_polygon(outline: Float64Array, planes: Float64Array) -> Float64Array:
+    """Return the part of a convex polygon inside all planes (I. Sutherland and G. Hodgman, 1974).
+
+    Parameters
+    ----------
+    outline : (N, 3) float64
+        Corners in order.
+    planes : (P, 4) float64
+        n, d; inside is n.p + d >= 0.
+
+    Returns
+    -------
+    (M, 3) float64
+        Corners in order; none where nothing is inside.
+    """
+    for plane in planes:
+        distance = outline @ plane[:3] + plane[3]
+        kept: list[Float64Array] = []
+        for i in range(len(outline)):
+            a, b, da, db = outline[i - 1], outline[i], distance[i - 1], distance[i]
+            if (da >= 0) != (db >= 0):
+                kept.append(a + (b - a) * (da / (da - db)))
+            if db >= 0:
+                kept.append(b)
+        outline = np.array(kept).reshape(-1, 3)
+    return outline
+
+
+def _facing(box: Box, camera: Float64Array) -> list[bool]:
+    """Tell for each of `FACES` whether the camera's centre (3,) in the world lies on its outer side."""
+    own = (camera - box.center) @ box.rotation
+    half = box.size / 2.0
+    return [bool(side * own[axis] > half[axis]) for axis in range(3) for side in (-1.0, 1.0)]
+
+
+def _view_planes(intrinsics: Intrinsics) -> Float64Array:
+    """Return near plane and the four sides of the view, (5, 4), in the camera frame, with `MARGIN_PX`."""
+    K = intrinsics
+    left, top = -(K.cx + MARGIN_PX) / K.fx, -(K.cy + MARGIN_PX) / K.fy
+    right, bottom = (K.width + MARGIN_PX - K.cx) / K.fx, (K.height + MARGIN_PX - K.cy) / K.fy
+    return np.array(
+        [
+            [0.0, 0.0, 1.0, -NEAR_M],
+            [1.0, 0.0, -left, 0.0],
+            [-1.0, 0.0, right, 0.0],
+            [0.0, 1.0, -top, 0.0],
+            [0.0, -1.0, bottom, 0.0],
+        ]
+    )

@@ -1,0 +1,103 @@
+"""The tag of a box: its text on a rounded plate, placed where it covers no other tag."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from cuboid.frame import Float64Array, UInt8Array
+from cuboid.views.palette import ink_on
+from cuboid.views.text import Color, ink, mixed
+
+# Height of a tag's letters, in an image 640 wide.
+TAG_PX = 14
+
+# Ground of the tag of what is not seen.
+GROUND = (24, 27, 33)
+
+# Plates are drawn so many times larger and averaged: smooth corners.
+FINER = 4
+
+TAGS_KEPT = 1024
+
+Rect = tuple[int, int, int, int]
+
+
+def place_tag(
+    text: str, size_px: int, rect_xyxy: Float64Array, taken: list[Rect], free: tuple[int, int]
+) -> Rect:
+    """Return where the tag of a box goes: left, top, right, bottom in pixels.
+
+    Above the middle of the box where it fits; else higher, then inside the box, then below it.
+
+    Parameters
+    ----------
+    text : str
+    size_px : int
+        Height of the letters.
+    rect_xyxy : (4,) float64
+        The box in the image, pixels.
+    taken : list of (left, top, right, bottom)
+        Tags that are there already.
+    free : (int, int)
+        Height and width of what may be covered.
+    """
+    height, width = _size(text, size_px)
+    x0, y0, x1, y1 = rect_xyxy
+    left = round(min(max((x0 + x1 - width) / 2, 1), max(free[1] - width - 1, 1)))
+    gap, step = size_px // 3, height + 1
+    above = [y0 - gap - height - i * step for i in range(3)]
+    other = [y0 + gap + i * step for i in range(3)] + [y1 + gap]
+    tops = [round(top) for top in above + other if 1 <= top <= free[0] - height - 1]
+    places = [(left, top, left + width, top + height) for top in tops]
+    fallback = (left, 1, left + width, 1 + height)  # an image hardly higher than the tag
+    alone = (place for place in places if not any(_overlap(place, other) for other in taken))
+    return next(alone, (places or [fallback])[0])
+
+
+def put_tag(picture: UInt8Array, text: str, size_px: int, color: Color, outlined: bool, place: Rect) -> None:
+    """Lay a tag over a picture (H, W, 3): a plate of `color`, or, outlined, a dark one with a border."""
+    plate, cover = _tag(text, size_px, color, outlined)
+    left, top = max(place[0], 0), max(place[1], 0)
+    under = picture[top : top + plate.shape[0], left : left + plate.shape[1]]
+    height, width = under.shape[:2]
+    under[:] = mixed(under, cover[:height, :width], plate[:height, :width])
+
+
+def _overlap(a: Rect, b: Rect) -> bool:
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+
+
+def _size(text: str, size_px: int) -> tuple[int, int]:
+    letters = ink(text, size_px)
+    return letters.shape[0] + size_px // 7 * 2, letters.shape[1] + size_px // 2 * 2
+
+
+@lru_cache(maxsize=TAGS_KEPT)
+def _tag(text: str, size_px: int, color: Color, outlined: bool) -> tuple[UInt8Array, UInt8Array]:
+    """Return a tag's colors (h, w, 3) and how much each pixel is covered (h, w), 0..255."""
+    height, width = _size(text, size_px)
+    border = max(1, size_px // 8)
+    outer = _rounded(height, width, 0, size_px // 3)
+    inner = _rounded(height, width, border, size_px // 3 - border)
+    letters = np.zeros((height, width), np.uint8)
+    word = ink(text, size_px)
+    top, left = (height - word.shape[0]) // 2, (width - word.shape[1]) // 2
+    letters[top : top + word.shape[0], left : left + word.shape[1]] = word
+    plate = mixed(np.full((height, width, 3), color, np.uint8), inner, GROUND if outlined else color)
+    return mixed(plate, letters, color if outlined else ink_on(color)), outer
+
+
+def _rounded(height: int, width: int, inset: int, radius: int) -> UInt8Array:
+    """Return the cover of a rounded rectangle that lies `inset` inside an area (height, width)."""
+    canvas = np.zeros((height * FINER, width * FINER), np.uint8)
+    low, r = inset * FINER, max(radius, 1) * FINER
+    high_x, high_y = width * FINER - 1 - low, height * FINER - 1 - low
+    cv2.rectangle(canvas, (low + r, low), (high_x - r, high_y), (255,), cv2.FILLED)
+    cv2.rectangle(canvas, (low, low + r), (high_x, high_y - r), (255,), cv2.FILLED)
+    for x in (low + r, high_x - r):
+        for y in (low + r, high_y - r):
+            cv2.circle(canvas, (x, y), r, (255,), cv2.FILLED)
+    return np.asarray(cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA), np.uint8)

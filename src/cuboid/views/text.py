@@ -1,0 +1,71 @@
+"""Text on pictures: set once, kept, and laid over pixels."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from cuboid.frame import UInt8Array
+
+Color = tuple[int, int, int]
+
+# Weight of the letters: 400 is regular, 700 bold.
+WEIGHT = 600
+
+# Words that are set once and kept: labels come again in every frame, frame numbers never do.
+WORDS_KEPT = 512
+
+
+@lru_cache(maxsize=1)
+def _font() -> cv2.FontFace:
+    return cv2.FontFace("sans")
+
+
+@lru_cache(maxsize=WORDS_KEPT)
+def ink(text: str, size_px: int) -> UInt8Array:
+    """Return the ink of a line of text, (h, w) uint8, 255 where a pixel is wholly covered.
+
+    Parameters
+    ----------
+    text : str
+        One line.
+    size_px : int
+        Height of the font in pixels; all texts of a size have the same height.
+    """
+    height = round(1.25 * size_px)
+    canvas = np.zeros((height, (len(text) + 1) * size_px), np.uint8)
+    end, _ = cv2.putText(canvas, text, (0, round(0.95 * size_px)), (255,), _font(), size_px, WEIGHT)
+    cut: UInt8Array = np.ascontiguousarray(canvas[:, : max(end[0], 1)])
+    cut.flags.writeable = False
+    return cut
+
+
+def put_text(picture: UInt8Array, text: str, left: int, top: int, size_px: int, color: Color) -> None:
+    """Lay a line of text over a picture; what would lie outside is cut off.
+
+    Parameters
+    ----------
+    picture : (H, W, 3) uint8
+        Changed in place.
+    text : str
+    left, top : int
+        Corner of the text in pixels.
+    size_px : int
+    color : tuple of int
+    """
+    letters = ink(text, size_px)
+    top, left = max(top, 0), max(left, 0)
+    under = picture[top : top + letters.shape[0], left : left + letters.shape[1]]
+    under[:] = mixed(under, letters[: under.shape[0], : under.shape[1]], color)
+
+
+def mixed(picture: UInt8Array, cover: UInt8Array, color: Color | UInt8Array) -> UInt8Array:
+    """Return a picture (h, w, 3) with a color, or another picture, laid over it.
+
+    `cover` (h, w) is 0 where the picture stays and 255 where nothing of it is left.
+    """
+    share = cover[..., None].astype(np.uint16)
+    both = (255 - share) * picture + share * np.asarray(color, np.uint16)
+    return ((both + 127) // 255).astype(np.uint8)
