@@ -26,9 +26,6 @@ if TYPE_CHECKING:
 
 SCALES = (1, 2, 4)
 
-VIDEO_FRAMES_PER_SECOND = 30.0
-SLOWEST_VIDEO_FRAMES_PER_SECOND = 5.0
-
 
 class RecordingLike(Protocol):
     """What the loop needs of a recording; `cuboid.open_recording` gives one."""
@@ -92,7 +89,7 @@ class Progress:
 
 
 MakeTracker = Callable[[Intrinsics, TrackerConfig, "str | ProposalSource | None"], TrackerLike]
-MakeView = Callable[[Path, Intrinsics, float], "View"]
+MakeView = Callable[[Path, Intrinsics, int], "View"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,9 +303,8 @@ def _view(
     if make is None or writer is None:
         yield None
         return
-    rate = max(VIDEO_FRAMES_PER_SECOND / every, SLOWEST_VIDEO_FRAMES_PER_SECOND)
     with writer.naming(VIDEO) as path:
-        view = make(path, recording.intrinsics, rate)
+        view = make(path, recording.intrinsics, every)
         try:
             yield view
         except BaseException:
@@ -325,10 +321,10 @@ def _tracker(
     return Tracker(intrinsics, config, proposals)
 
 
-def _video(path: Path, intrinsics: Intrinsics, frames_per_second: float) -> View:
-    from cuboid.views.video import VideoView
+def _video(path: Path, intrinsics: Intrinsics, every: int) -> View:
+    from cuboid.views.video import VideoView, video_rate
 
-    return VideoView(path, intrinsics, frames_per_second)
+    return VideoView(path, intrinsics, video_rate(every))
 
 
 def _effective(
