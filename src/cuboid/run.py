@@ -178,6 +178,10 @@ def track_recording(
     OutputError
         The results cannot be written; nothing half-written is left.
     """
+    if scale not in SCALES or every < 1 or (limit is not None and limit < 1):
+        raise ValueError(
+            f"scale must be one of {SCALES}, every and limit >= 1, got {scale}, {every}, {limit}"
+        )
     begun_s = time.perf_counter()
     config = config or TrackerConfig()
     progress = progress or Progress()
