@@ -46,7 +46,7 @@ class TrackerConfig:
     voxel_m: float = _field(0.01, 0.003, 0.1, "m")
     max_depth_m: float = _field(4.0, 0.5, 20.0, "m")
     depth_noise_per_m: float = _field(1.425e-3, 1e-5, 0.05, "1/m")
-    min_height_m: float = _field(0.015, 0.003, 0.2, "m")
+    min_height_m: float = _field(0.01, 0.003, 0.2, "m")
     min_size_m: float = _field(0.03, 0.01, 1.0, "m")
     max_size_m: float = _field(1.0, 0.05, 5.0, "m")
     min_plane_area_m2: float = _field(0.08, 0.005, 10.0, "m2")

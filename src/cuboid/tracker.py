@@ -25,7 +25,7 @@ from cuboid.proposals import make_source
 from cuboid.proposals.types import ProposalSource
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
 from cuboid.surfaces.cells import CELL_PIXELS, find_cells
-from cuboid.surfaces.clusters import FrameCluster, frame_clusters, map_clusters
+from cuboid.surfaces.clusters import FrameCluster, frame_clusters
 from cuboid.surfaces.grid import CELL_M
 from cuboid.surfaces.planes import PlaneTracker
 from cuboid.working import WorkingImage, thin
@@ -35,7 +35,9 @@ DEPTH_BIAS_M = 0.005
 # Without any plane for so many frames, objects are taken from the proposals alone.
 PATIENCE_FRAMES = 15
 # Share of a frame's points that may stick out of its box at each side: strays of a single frame.
-FRAME_TRIM = 0.01
+FRAME_STRAYS = 0.01
+# Points of a frame's cluster that its box is fitted to, at most; more do not change it.
+FRAME_POINTS = 600
 # An image-up guess for boxes before up is known: camera y points down.
 _IMAGE_UP = np.array([0.0, -1.0, 0.0])
 
@@ -109,11 +111,11 @@ class Tracker:
         slots = self._voxels.fuse(image, heat, T_world_camera, frame.index)
         self._voxels.look_through(image, T_camera_world)
         watch.lap("fuse")
-        clusters = frame_clusters(image, heat, support, T_world_camera, c)
+        clusters = frame_clusters(image, heat, support, self._planes, T_world_camera, c)
         boxes = [self._box(cluster, T_world_camera) for cluster in clusters]
         watch.lap("boxes")
         if self._count % c.map_every == 0:
-            self._map.settle(frame.index, map_clusters(self._voxels, self._planes, c))
+            self._map.settle(frame.index)
         watch.lap("map")
         sightings, found = self._match(frame.index, image, slots, clusters, boxes, T_camera_world)
         watch.lap("matching")
@@ -168,10 +170,11 @@ class Tracker:
         return ((image.depth_m > 0) & (image.depth_m <= self.config.max_depth_m)).astype(np.uint8)
 
     def _box(self, cluster: FrameCluster, T_world_camera: Float64Array) -> Box:
-        if cluster.plane >= 0:
-            return fit_box(cluster.points, *self._planes.plane_in_world(cluster.plane), trim=FRAME_TRIM)
+        points = cluster.points[:: 1 + len(cluster.points) // FRAME_POINTS]
+        if cluster.plane is not None:
+            return fit_box(points, *self._planes.in_world(cluster.plane), FRAME_STRAYS)
         up = self._planes.up
-        return fit_box(cluster.points, T_world_camera[:3, :3] @ _IMAGE_UP if up is None else up, None, FRAME_TRIM)
+        return fit_box(points, T_world_camera[:3, :3] @ _IMAGE_UP if up is None else up, None, FRAME_STRAYS)
 
     def _match(
         self,
@@ -234,7 +237,7 @@ class Tracker:
     def planes(self) -> list[SupportPlane]:
         """The supporting planes in use."""
         return [
-            SupportPlane(*self._planes.plane_in_world(k), self._planes.outline_in_world(k))
+            SupportPlane(*self._planes.in_world(plane), self._planes.outline_in_world(k))
             for k, plane in enumerate(self._planes.planes)
             if plane.in_use
         ]

@@ -15,6 +15,8 @@ Rows = npt.NDArray[np.int64]
 LOOK_VOXELS = 40_000
 # A reading this far behind a voxel passes through it, metres (two voxels of 1 cm: pose error and edges).
 PASS_MARGIN_M = 0.02
+# Owner of points of walls, furniture and what else is hot but no object.
+REFUSED = -1
 # The map is packed when this share of its rows is dead.
 DEAD_SHARE = 0.25
 
@@ -32,7 +34,8 @@ class VoxelMap:
     hits, passes : (capacity,) int32
         Frames that saw the point, and that saw through it.
     owner : (capacity,) int32
-        Number of the object that the point belongs to, 0 none.
+        Number of the object that the point belongs to, 0 none, `REFUSED` where it belongs to something that is
+        no object.
     """
 
     def __init__(self, voxel_m: float, noise_per_m: float, max_depth_m: float) -> None:
@@ -78,7 +81,7 @@ class VoxelMap:
         Returns
         -------
         (h, w) int32
-            Row of each working pixel, -1 without a reading; valid until the next call.
+            Row of each working pixel, -1 where it was not fused; valid until the next call.
         """
         self._reserve(heat.size)
         slots = np.empty(heat.shape, np.int32)
@@ -106,16 +109,43 @@ class VoxelMap:
         """Return the rows of all points."""
         return np.flatnonzero(self.values[: self.count, kernel.WEIGHT] > 0)
 
-    def hot_rows(self, hot: float) -> Rows:
-        """Return the rows of points at least this hot."""
-        used = self.values[: self.count]
-        return np.flatnonzero((used[:, kernel.HEAT] >= hot) & (used[:, kernel.WEIGHT] > 0))
+    def solid_hot_rows(self, hot: float, since: int, numbers: int) -> tuple[Rows, UInt8Array]:
+        """Return the solid hot rows seen since a frame with all those of the objects they belong to.
+
+        Parameters
+        ----------
+        hot : float
+            Least heat.
+        since : int
+            First frame that counts; 0 or less for all rows.
+        numbers : int
+            Objects have numbers below this.
+
+        Returns
+        -------
+        (N,) int64
+            Rows, ascending.
+        (numbers,) uint8
+            1 for each object with a row among those seen.
+        """
+        rows = np.empty(self.count, np.int64)
+        touched = np.zeros(numbers, np.uint8)
+        n = kernel.select(
+            self.count, hot, since, self.values, self.hits, self.passes, self._last_frame, self.owner, touched, rows
+        )  # fmt: skip
+        return rows[:n], touched
 
     def connect(self, rows: Rows) -> tuple[npt.NDArray[np.int32], int]:
         """Return the 26-connected component of each of these rows, and how many there are."""
         component = np.empty(len(rows), np.int32)
         number = kernel.connect(rows, self.keys, self._table, self._member, component)
         return component, int(number)
+
+    def flood(self, rows: Rows, holder: npt.NDArray[np.int32], holders: int) -> npt.NDArray[np.int64]:
+        """Give the rows of a connected set to their nearest holders, in place; return who touches whom, (K, K)."""
+        contact = np.zeros((holders, holders), np.int64)
+        kernel.flood(rows, self.keys, self._table, self._member, holder, contact)
+        return contact
 
     def xyz(self, rows: Rows) -> Float32Array:
         """Return world points (N, 3) of these rows."""
@@ -124,6 +154,10 @@ class VoxelMap:
     def rgb(self, rows: Rows) -> UInt8Array:
         """Return colors (N, 3) of these rows."""
         return np.clip(np.rint(self.values[rows, kernel.RED : kernel.BLUE + 1]), 0, 255).astype(np.uint8)
+
+    def weight(self, rows: Rows) -> Float64Array:
+        """Return the summed weight (N,) of the sightings of these rows: the larger, the nearer and the more."""
+        return self.values[rows, kernel.WEIGHT].astype(np.float64)
 
     def heat(self, rows: Rows) -> Float32Array:
         """Return the heat (N,) of these rows, 0..1."""

@@ -70,7 +70,7 @@ def fuse(depth, color, heat, camera, T, voxel, max_depth, frame, keys, values, h
         Rows in use.
     table : (C,) int32
     slots : (H, W) int32, output
-        Row of each pixel, -1 where there is no reading.
+        Row of each pixel, -1 where there is no reading and where another cold pixel speaks for it.
 
     Returns
     -------
@@ -82,9 +82,15 @@ def fuse(depth, color, heat, camera, T, voxel, max_depth, frame, keys, values, h
     for v in range(height):
         for u in range(width):
             z = depth[v, u]
+            slots[v, u] = -1
             if not (0.0 < z <= max_depth):
-                slots[v, u] = -1
                 continue
+            share = 1.0
+            if heat[v, u] <= 0.0:
+                # Of what is cold one pixel in four speaks for all, in turn.
+                if (u & 1) + 2 * (v & 1) != frame & 3:
+                    continue
+                share = 4.0
             x = (u - camera[2]) / camera[0] * z
             y = (v - camera[3]) / camera[1] * z
             wx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
@@ -93,10 +99,10 @@ def fuse(depth, color, heat, camera, T, voxel, max_depth, frame, keys, values, h
             key = pack_key(
                 np.int64(np.floor(wx * inverse)), np.int64(np.floor(wy * inverse)), np.int64(np.floor(wz * inverse))
             )
-            # Most pixels share their voxel with the pixel to the left or above: no need to ask the table.
-            row = slots[v, u - 1] if u > 0 else np.int32(-1)
+            # Most hot pixels share their voxel with the one to the left or above: no need to ask the table.
+            row = np.int64(slots[v, u - 1]) if u > 0 else np.int64(-1)
             if row < 0 or keys[row] != key:
-                row = slots[v - 1, u] if v > 0 else np.int32(-1)
+                row = np.int64(slots[v - 1, u]) if v > 0 else np.int64(-1)
             place = np.int64(-1)
             if row < 0 or keys[row] != key:
                 row, place = find_slot(key, keys, table)
@@ -111,7 +117,7 @@ def fuse(depth, color, heat, camera, T, voxel, max_depth, frame, keys, values, h
             slots[v, u] = row
             # Depth's variance grows with z^4: a near sighting says more. Half a metre and nearer weigh alike.
             near = max(z, 0.5)
-            w = 1.0 / (near * near * near * near)
+            w = share / (near * near * near * near)
             total = values[row, WEIGHT] + w
             a = w / total
             values[row, X] += a * (wx - values[row, X])
@@ -176,6 +182,45 @@ def find_root(parent, a):
 
 
 @njit(cache=True, nogil=True)
+def select(count, hot, since, values, hits, passes, last_frame, owner, touched, rows):
+    """Gather the solid hot rows that were seen of late, and all of the objects that these belong to.
+
+    Parameters
+    ----------
+    count : int
+        Rows in use.
+    hot : float
+        Least heat.
+    since : int
+        First frame that counts as of late.
+    values, hits, passes, last_frame, owner : the map's
+    touched : (M,) uint8, output
+        1 for each object, by number, with a row seen of late.
+    rows : (count,) int64, output
+
+    Returns
+    -------
+    int
+        How many rows were gathered; they are in ascending order.
+    """
+    touched[:] = 0
+    for row in range(count):
+        if owner[row] > 0 and last_frame[row] >= since:
+            touched[owner[row]] = 1
+    n = 0
+    for row in range(count):
+        if last_frame[row] < since and (owner[row] <= 0 or not touched[owner[row]]):
+            continue
+        if values[row, HEAT] < hot or values[row, WEIGHT] <= 0.0:
+            continue
+        # A point that is passed as often as it is hit is the edge of something, not its surface.
+        if hits[row] >= 2 and 2 * passes[row] <= hits[row] + 2:
+            rows[n] = row
+            n += 1
+    return n
+
+
+@njit(cache=True, nogil=True)
 def connect(rows, keys, table, member, component):
     """Number the 26-connected components of the given rows.
 
@@ -222,3 +267,57 @@ def connect(rows, keys, table, member, component):
             component[i] = component[root]
         member[rows[i]] = -1
     return number
+
+
+@njit(cache=True, nogil=True)
+def flood(rows, keys, table, member, holder, contact):
+    """Give every row of a connected set to the holder that reaches it first, and count where holders touch.
+
+    Parameters
+    ----------
+    rows : (N,) int64
+        Rows of the map: a 26-connected set.
+    keys, table : the map's
+    member : (capacity,) int32, scratch
+        Filled with -1 on entry and on return.
+    holder : (N,) int32, in and out
+        Holder of each row, 0..K-1, or -1 where it is yet to be given; at least one row has a holder.
+    contact : (K, K) int64, output
+        How many rows of holder i have a neighbour of holder j.
+    """
+    n = rows.size
+    for i in range(n):
+        member[rows[i]] = i
+    queue = np.empty(n, np.int64)
+    last = 0
+    for i in range(n):
+        if holder[i] >= 0:
+            queue[last] = i
+            last += 1
+    first = 0
+    touched = np.full(contact.shape[0], -1, np.int64)
+    contact[:] = 0
+    for visit in range(2):  # flood, then count
+        first = 0
+        while first < last:
+            i = queue[first]
+            first += 1
+            key = keys[rows[i]]
+            ix = key >> (2 * KEY_BITS)
+            iy = (key >> KEY_BITS) & KEY_MASK
+            iz = key & KEY_MASK
+            for code in range(27):
+                jx, jy, jz = ix + code // 9 - 1, iy + (code // 3) % 3 - 1, iz + code % 3 - 1
+                row, _ = find_slot((jx << (2 * KEY_BITS)) | (jy << KEY_BITS) | jz, keys, table)
+                if row < 0 or member[row] < 0:
+                    continue
+                j = member[row]
+                if visit == 0 and holder[j] < 0:
+                    holder[j] = holder[i]
+                    queue[last] = j
+                    last += 1
+                elif visit == 1 and holder[j] != holder[i] and touched[holder[j]] != i:
+                    touched[holder[j]] = i
+                    contact[holder[i], holder[j]] += 1
+    for i in range(n):
+        member[rows[i]] = -1

@@ -9,12 +9,14 @@ import numpy as np
 
 from cuboid.boxes.fit import fit_box
 from cuboid.config import TrackerConfig
+from cuboid.frame import Float64Array
+from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
-from cuboid.heatmap.voxel_map import Rows, VoxelMap
+from cuboid.heatmap.voxel_map import REFUSED, Rows, VoxelMap
 from cuboid.objects.entry import MapObject
-from cuboid.objects.ownership import CONTACT_SHARE, Piece, contact, gap_m, owners_of, share_out
+from cuboid.objects.ownership import CONTACT_SHARE, Piece, gap_m, owners_of, share_out, wraps
 from cuboid.objects.validity import is_object, rests
-from cuboid.surfaces.clusters import MapCluster
+from cuboid.surfaces.clusters import MapCluster, map_clusters
 from cuboid.surfaces.planes import PlaneTracker
 
 # Two labelled objects that touch as one in so many looks at the map are one.
@@ -25,8 +27,21 @@ MERGE_OVERLAP = 0.5
 SPLIT_LOOKS = 8
 # A part farther from its object than this, metres, is no part of it.
 FRAGMENT_GAP_M = 0.04
-# An object that was not found in so many looks at its place is retired.
-RETIRE_LOOKS = 5
+# Every so many looks at the map take in all of it.
+WHOLE_EVERY = 8
+# A cluster that was refused to this share stays so until all is looked at.
+REFUSED_SHARE = 0.3
+# An object that was not found in so many looks at all of the map is retired.
+RETIRE_LOOKS = 3
+# A part that bends around its object may be so far from it, as a share of the object's longest side.
+PART_REACH = 0.5
+# What shows fewer voxels than this (of 1 cm: a side of 8 cm) is often a part, or the noise of an edge.
+SMALL_VOXELS, SMALL_PATIENCE = 64, 4
+# What floats above its plane, or lies beside an object, may be a part whose link is not seen yet: it is proposed so
+# many times as often before it gets a label of its own.
+FLOATING_PATIENCE, BESIDE_PATIENCE = 6, 4
+# Share of an object's trust that lies outside its surface at each side: the tails of the sensor's noise.
+STRAY_SHARE = 0.012
 # What stands where a retired object stood is that object, when this share of the smaller box is common.
 RETURN_OVERLAP = 0.3
 
@@ -49,6 +64,8 @@ class ObjectMap:
         self._together: dict[tuple[int, int], int] = {}
         self._next_number = 1
         self._next_label = 1
+        self._looks = 0
+        self._last_look = -1
 
     def alive(self) -> list[MapObject]:
         """Return all objects that are not retired, confirmed or not, in order of their numbers."""
@@ -58,56 +75,87 @@ class ObjectMap:
         """Return the objects of the map that have a label, by label."""
         return sorted((o for o in self.alive() if o.confirmed), key=lambda o: o.label)
 
-    def settle(self, frame: int, clusters: Sequence[MapCluster]) -> None:
-        """Bring the objects up to date with the map's clusters."""
-        pieces = self._divide(clusters)
-        before = np.flatnonzero(self._voxels.owner[: self._voxels.count] > 0)
-        self._voxels.owner[before] = 0
+    def settle(self, frame: int) -> None:
+        """Bring the objects up to date with the map: those seen of late, and now and then all.
+
+        Only points seen since the last look and the objects they belong to are clustered, so that the cost follows
+        from the view, not from the map. What was refused before stays refused until all is looked at again.
+        """
+        whole = self._looks % WHOLE_EVERY == 0
+        self._looks += 1
+        voxels = self._voxels
+        since = 0 if whole else self._last_look + 1
+        self._last_look = frame
+        rows, touched = voxels.solid_hot_rows(self._config.hot, since, self._next_number)
+        clusters = map_clusters(rows, voxels, self._planes, self._config)
+        known = self._next_number
+        pieces, refused = self._divide(clusters, whole)
+        held = voxels.owner[: voxels.count]
+        if whole:
+            held[held == REFUSED] = 0
+        held[touched[np.maximum(held, 0)] > 0] = 0
+        for rows in refused:
+            voxels.owner[rows] = REFUSED
         for number, own in pieces.items():
             if number:
                 self._update(self._objects[number], own, frame)
         for piece in pieces.get(0, []):
             self._start(piece, frame)
-        self._age(pieces.keys())
+        if whole:
+            self._age([entry for entry in self.alive() if entry.number < known and entry.number not in pieces])
         self._confirm()
 
-    def _divide(self, clusters: Sequence[MapCluster]) -> dict[int, list[Piece]]:
-        """Give each cluster to its owner; share contested ones out unless their owners turn out to be one."""
-        pieces: dict[int, list[Piece]] = defaultdict(list)
-        for cluster in clusters:
-            owners = owners_of(cluster.rows, self._voxels, self._objects)
-            while len(owners) > 1:
-                shares = share_out(cluster.rows, owners, self._voxels)
-                pair = self._pair_to_merge(owners, shares)
-                if pair is None:
-                    for number, rows in zip(owners, shares, strict=True):
-                        pieces[number].append(Piece(number, rows, cluster.plane))
-                    break
-                kept, gone = self._merge(*pair)
-                self._voxels.owner[self._voxels.owner == gone] = kept
-                for piece in pieces.pop(gone, []):
-                    pieces[kept].append(piece)
-                owners = [number for number in owners if number != gone]
-            else:
-                number = owners[0] if owners else 0
-                pieces[number].append(Piece(number, cluster.rows, cluster.plane))
-        return pieces
+    def _divide(self, clusters: Sequence[MapCluster], whole: bool) -> tuple[dict[int, list[Piece]], list[Rows]]:
+        """Give each cluster to its owner; share contested ones out unless their owners turn out to be one.
 
-    def _pair_to_merge(self, owners: list[int], shares: list[Rows]) -> tuple[int, int] | None:
-        for i in range(len(owners)):
-            for j in range(i + 1, len(owners)):
-                a, b = self._objects[owners[i]], self._objects[owners[j]]
-                key = (min(owners[i], owners[j]), max(owners[i], owners[j]))
-                if len(shares[i]) == 0 or len(shares[j]) == 0:
-                    return key
-                overlap = overlap_min_matrix(pack([a.box]), pack([b.box]))[0, 0]
-                touch = contact(self._voxels.xyz(shares[i]), self._voxels.xyz(shares[j]), self._voxels.voxel_m)
-                if touch >= CONTACT_SHARE or overlap >= MERGE_OVERLAP:
-                    self._together[key] = self._together.get(key, 0) + 1
-                else:
+        Returns the pieces by owner, 0 for those of no one yet, and the rows that belong to no object.
+        """
+        pieces: dict[int, list[Piece]] = defaultdict(list)
+        refused: list[Rows] = []
+        for cluster in clusters:
+            owner = self._voxels.owner[cluster.rows]
+            known_refused = 0 if whole else np.count_nonzero(owner == REFUSED)
+            if cluster.furniture or known_refused > REFUSED_SHARE * len(owner):
+                # An object that touches a wall keeps what it has.
+                for number in owners_of(cluster.rows, self._voxels, self._objects):
+                    if self._objects[number].confirmed:
+                        pieces[number].append(Piece(number, cluster.rows[owner == number], cluster.plane))
+                refused.append(cluster.rows[owner <= 0])
+                continue
+            self._give(cluster, pieces)
+        return pieces, refused
+
+    def _give(self, cluster: MapCluster, pieces: dict[int, list[Piece]]) -> None:
+        owners = owners_of(cluster.rows, self._voxels, self._objects)
+        while len(owners) > 1:
+            shares, touch = share_out(cluster.rows, owners, self._voxels)
+            pair = self._pair_to_merge(owners, touch)
+            if pair is None:
+                for number, rows in zip(owners, shares, strict=True):
+                    pieces[number].append(Piece(number, rows, cluster.plane))
+                return
+            kept, gone = self._merge(*pair)
+            self._voxels.owner[self._voxels.owner == gone] = kept
+            pieces[kept].extend(pieces.pop(gone, []))
+            owners = [number for number in owners if number != gone]
+        number = owners[0] if owners else 0
+        pieces[number].append(Piece(number, cluster.rows, cluster.plane))
+
+    def _pair_to_merge(self, owners: list[int], touch: Float64Array) -> tuple[int, int] | None:
+        """Return two owners of a cluster that have proved to be one object, if any."""
+        entries = [self._objects[number] for number in owners]
+        packed = pack([entry.box for entry in entries])
+        overlap = overlap_min_matrix(packed, packed)
+        for i, a in enumerate(entries):
+            for j in range(i + 1, len(entries)):
+                b = entries[j]
+                key = (min(a.number, b.number), max(a.number, b.number))
+                if touch[i, j] < CONTACT_SHARE and overlap[i, j] < MERGE_OVERLAP:
                     self._together.pop(key, None)
-                sure = overlap >= MERGE_OVERLAP or not (a.confirmed and b.confirmed)
-                if self._together.get(key, 0) >= (2 if sure else MERGE_LOOKS):
+                    continue
+                self._together[key] = self._together.get(key, 0) + 1
+                sure = overlap[i, j] >= MERGE_OVERLAP or not (a.confirmed and b.confirmed)
+                if self._together[key] >= (2 if sure else MERGE_LOOKS):
                     return key
         return None
 
@@ -131,7 +179,11 @@ class ObjectMap:
         main = pieces[0]
         own, apart = [main.rows], []
         for piece in pieces[1:]:
-            if gap_m(self._voxels.xyz(piece.rows), self._voxels.xyz(main.rows)) > FRAGMENT_GAP_M:
+            part, body = self._voxels.xyz(piece.rows), self._voxels.xyz(main.rows)
+            gap = gap_m(part, body)
+            if gap <= PART_REACH * float(entry.box.size.max()) and wraps(part, body, entry.box.up):
+                own.append(piece.rows)
+            elif gap > FRAGMENT_GAP_M:
                 apart.append((piece, True))
             elif is_object(self._box(piece), self._config) and rests(self._box(piece), self._plane(piece)):
                 apart.append((piece, False))
@@ -189,45 +241,70 @@ class ObjectMap:
         if not is_object(box, self._config):
             return False
         entry.rows, entry.box = piece.rows, box
-        entry.plane = self._planes.planes[piece.plane] if piece.plane >= 0 else None
+        entry.plane = piece.plane
         entry.points = self._voxels.xyz(piece.rows)
         entry.heat = float(self._voxels.heat(piece.rows).mean())
         entry.mean_color = self._voxels.rgb(piece.rows).mean(0)
         entry.missing = 0
         return True
 
-    def _plane(self, piece: Piece):  # type: ignore[no-untyped-def]
-        return self._planes.plane_in_world(piece.plane) if piece.plane >= 0 else None
+    def _plane(self, piece: Piece) -> tuple[Float64Array, float] | None:
+        return None if piece.plane is None else self._planes.in_world(piece.plane)
 
-    def _box(self, piece: Piece):  # type: ignore[no-untyped-def]
-        rows = piece.rows
-        hits = self._voxels.hits[rows]
-        solid = rows[hits >= min(3.0, 0.1 * float(np.median(hits)))]
+    def _box(self, piece: Piece) -> Box:
+        """Fit a box to a piece; a voxel is believed by how often and from how near it was seen, up to the median.
+
+        Beyond the median more sightings prove no more: else the side that the camera dwelt on would be all.
+        """
+        hits = self._voxels.hits[piece.rows].astype(np.float64)
+        precision = self._voxels.weight(piece.rows) / hits
+        trust = np.minimum(hits, np.median(hits)) * np.minimum(precision, np.median(precision))
+        points = self._voxels.xyz(piece.rows)
         plane = self._plane(piece)
         if plane is not None:
-            return fit_box(self._voxels.xyz(solid), *plane)
+            return fit_box(points, *plane, STRAY_SHARE, trust)
         up = self._planes.up
-        return fit_box(self._voxels.xyz(solid), up if up is not None else np.array([0.0, -1.0, 0.0]), None)
+        return fit_box(points, np.array([0.0, 0.0, 1.0]) if up is None else up, None, STRAY_SHARE, trust)
 
-    def _age(self, found: Iterable[int]) -> None:
+    def _age(self, missing: Iterable[MapObject]) -> None:
         """Retire what was not found at its place again and again; forget it where it never had a label."""
-        present = set(found)
-        for entry in self.alive():
-            if entry.number in present:
-                continue
+        for entry in missing:
             entry.missing += 1
-            if not entry.confirmed and entry.missing >= 2:
+            if not entry.confirmed:
                 self._objects.pop(entry.number, None)
             elif entry.missing >= RETIRE_LOOKS:
                 entry.retired = True
 
     def _confirm(self) -> None:
-        for entry in self.alive():
-            if entry.confirmed or entry.proposed < self._config.confirm_frames:
-                continue
-            plane = None
-            if entry.plane is not None:
-                plane = self._planes.plane_in_world(self._planes.planes.index(entry.plane))
-            if rests(entry.box, plane):
+        """Label what was proposed often enough; what may be a part of something else has to wait longer."""
+        waiting = [e for e in self.alive() if not e.confirmed and e.proposed >= self._config.confirm_frames]
+        # The largest first: what lies beside it may be its part.
+        for entry in sorted(waiting, key=lambda e: -len(e.rows)):
+            patience = 1
+            if not rests(entry.box, None if entry.plane is None else self._planes.in_world(entry.plane)):
+                patience = FLOATING_PATIENCE
+            other = self._beside(entry)
+            if len(entry.rows) < SMALL_VOXELS:
+                patience = max(patience, SMALL_PATIENCE)
+            if other is not None:
+                if wraps(entry.points, other.points, entry.box.up):
+                    kept, gone = self._merge(other.number, entry.number)
+                    self._voxels.owner[self._voxels.owner == gone] = kept
+                    continue
+                patience = max(patience, BESIDE_PATIENCE)
+            if entry.proposed >= patience * self._config.confirm_frames:
                 entry.label = self._next_label
                 self._next_label += 1
+
+    def _beside(self, entry: MapObject) -> MapObject | None:
+        """Return the object that this one may be a part of: a labelled or larger one nearby."""
+        for other in self.alive():
+            if other is entry or not (other.confirmed or len(other.rows) > len(entry.rows)):
+                continue
+            near = max(FRAGMENT_GAP_M, PART_REACH * float(other.box.size.max()))
+            reach = 0.5 * float(np.linalg.norm(other.box.size) + np.linalg.norm(entry.box.size))
+            if float(np.linalg.norm(other.box.center - entry.box.center)) > reach + near:
+                continue
+            if gap_m(entry.points, other.points) <= near:
+                return other
+        return None

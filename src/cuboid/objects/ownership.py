@@ -8,11 +8,16 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from cuboid.boxes.fit import plane_axes
+from cuboid.frame import Float64Array
 from cuboid.heatmap.voxel_map import Rows, VoxelMap
 from cuboid.objects.entry import MapObject
+from cuboid.surfaces.planes import Plane
 
 # An object has a say in a cluster when it owns this many of its voxels, and this share of the cluster or of its own.
 SAY_VOXELS, SAY_SHARE = 5, 0.05
+# A surface that bends towards another one with less than this radius wraps it, metres.
+WRAP_RADIUS_M = 0.4
 # Two objects touch as one when this share of the smaller one's voxels lies at the other.
 CONTACT_SHARE = 0.12
 
@@ -23,7 +28,7 @@ class Piece:
 
     owner: int
     rows: Rows
-    plane: int
+    plane: Plane | None
 
 
 def owners_of(rows: Rows, voxels: VoxelMap, objects: dict[int, MapObject]) -> list[int]:
@@ -39,26 +44,56 @@ def owners_of(rows: Rows, voxels: VoxelMap, objects: dict[int, MapObject]) -> li
     return [number for _, number in sorted(has_say)]
 
 
-def share_out(rows: Rows, owners: list[int], voxels: VoxelMap) -> list[Rows]:
-    """Divide a contested cluster: every voxel goes to the owner of the nearest owned one."""
+def share_out(
+    rows: Rows, owners: list[int], voxels: VoxelMap
+) -> tuple[list[Rows], npt.NDArray[np.float64]]:
+    """Divide a contested cluster: every voxel goes to the owner that reaches it first.
+
+    Returns
+    -------
+    list of (N,) int64
+        Each owner's rows.
+    (K, K) float64
+        How closely two owners touch: the voxels of one at the other, as a share of the smaller one's.
+    """
     held = voxels.owner[rows]
-    known = np.isin(held, owners)
-    points = voxels.xyz(rows)
-    if not known.all():
-        _, nearest = cKDTree(points[known]).query(points[~known])
-        held = held.copy()
-        held[~known] = held[known][nearest]
-    return [rows[held == number] for number in owners]
-
-
-def contact(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32], voxel_m: float) -> float:
-    """Return the share of the smaller point set (N, 3) that lies within a voxel's diagonal of the other."""
-    small, large = (a, b) if len(a) <= len(b) else (b, a)
-    distance, _ = cKDTree(large).query(small, distance_upper_bound=1.75 * voxel_m)
-    return float(np.count_nonzero(np.isfinite(distance))) / max(1, len(small))
+    holder = np.full(len(rows), -1, np.int32)
+    for k, number in enumerate(owners):
+        holder[held == number] = k
+    touching = voxels.flood(rows, holder, len(owners))
+    sizes = np.bincount(holder, minlength=len(owners))
+    share = np.minimum(touching, touching.T) / np.maximum(1, np.minimum(sizes[:, None], sizes[None]))
+    return [rows[holder == k] for k in range(len(owners))], share
 
 
 def gap_m(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32]) -> float:
     """Return the least distance between two point sets (N, 3), metres."""
     distance, _ = cKDTree(b).query(a)
     return float(distance.min())
+
+
+def wraps(part: npt.NDArray[np.float32], main: npt.NDArray[np.float32], up: Float64Array) -> bool:
+    """Tell whether a part bends around another one, as the far wall of a bowl does around the near one.
+
+    Seen from above, with x from the main part to this one and y across, the part follows x = a + b y + c y^2. A
+    body of its own bulges towards the viewer and so towards what stands before it (c > 0) or is flat; an inner
+    wall, a brim, a handle bends back (c < 0). It must not reach farther to the sides than the main part does.
+    """
+    first, second = plane_axes(up)
+    plan = np.column_stack([part @ first, part @ second])
+    other = np.column_stack([main @ first, main @ second])
+    step = plan.mean(0) - other.mean(0)
+    norm = float(np.linalg.norm(step))
+    if norm < 1e-3 or len(part) < 6:
+        return True
+    ahead = step / norm
+    across = np.array([-ahead[1], ahead[0]])
+    x, y = plan @ ahead, plan @ across
+    side = other @ across
+    margin = 0.1 * (side.max() - side.min())
+    if y.min() < side.min() - margin or y.max() > side.max() + margin:
+        return False
+    y = y - y.mean()
+    design = np.column_stack([np.ones(len(y)), y, y * y])
+    bend = np.linalg.lstsq(design, x, rcond=None)[0][2]
+    return bool(bend < -0.5 / WRAP_RADIUS_M)

@@ -6,9 +6,9 @@ from cuboid.config import TrackerConfig
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 
-# What floats higher than this above its plane does not rest on it, metres: the foot of an object behind another one
-# may be hidden that far.
-FLOAT_M = 0.12
+# What floats higher than this above its plane does not rest on it, metres: below that a plane's noise floor and an
+# object's own belly hide its foot. The far wall of a bowl, seen over its rim, floats higher.
+FLOAT_M = 0.035
 # A box this thin, metres, is a sheet of noise.
 SHEET_M = 0.008
 

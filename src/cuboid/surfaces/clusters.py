@@ -11,7 +11,7 @@ from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, Float64Array
 from cuboid.heatmap.voxel_map import Rows, VoxelMap
 from cuboid.kernels.pixels import label_regions
-from cuboid.surfaces.planes import PlaneTracker
+from cuboid.surfaces.planes import Plane, PlaneTracker
 from cuboid.working import WorkingImage
 
 # Neighbouring readings of one surface differ by less than this plus four standard deviations, metres: 2.5 mm apart
@@ -35,8 +35,8 @@ class FrameCluster:
         Numbers of its pixels in the flattened working image.
     points : (N, 3) float64
         World, metres.
-    plane : int
-        Plane beneath, -1 none.
+    plane : Plane or None
+        The plane beneath.
     heat : float
         Mean heat, 0..1.
     rect_xyxy : (4,) float64
@@ -47,7 +47,7 @@ class FrameCluster:
 
     pixels: npt.NDArray[np.int64]
     points: Float64Array
-    plane: int
+    plane: Plane | None
     heat: float
     rect_xyxy: Float64Array
     cut: bool
@@ -61,18 +61,23 @@ class MapCluster:
     ----------
     rows : (N,) int64
         Rows of the map.
-    plane : int
-        Plane beneath, -1 none.
+    plane : Plane or None
+        The plane beneath.
+    furniture : bool
+        It holds up another plane, or is far larger than an object (the diagonal of its extent along the world's
+        axes passes twice the largest side).
     """
 
     rows: Rows
-    plane: int
+    plane: Plane | None
+    furniture: bool
 
 
 def frame_clusters(
     image: WorkingImage,
     heat: Float32Array,
     support: npt.NDArray[np.int8],
+    planes: PlaneTracker,
     T_world_camera: Float64Array,
     config: TrackerConfig,
 ) -> list[FrameCluster]:
@@ -89,7 +94,7 @@ def frame_clusters(
     for k in range(number):
         pixels = hot[order[ends[k] : ends[k + 1]]]
         if len(pixels) >= LEAST_PIXELS:
-            clusters.append(_describe(pixels, image, heat, support, T_world_camera))
+            clusters.append(_describe(pixels, image, heat, support, planes, T_world_camera))
     return clusters
 
 
@@ -98,20 +103,21 @@ def _describe(
     image: WorkingImage,
     heat: Float32Array,
     support: npt.NDArray[np.int8],
+    planes: PlaneTracker,
     T_world_camera: Float64Array,
 ) -> FrameCluster:
     c, step = image.camera, image.step
     v, u = np.divmod(pixels, c.width)
     z = image.depth_m.ravel()[pixels].astype(np.float64)
     points = np.column_stack([(u - c.cx) / c.fx * z, (v - c.cy) / c.fy * z, z])
-    planes = support.ravel()[pixels]
-    standing = planes[planes >= 0]
+    standing = support.ravel()[pixels]
+    standing = standing[standing >= 0]
     left, top, right, bottom = u.min(), v.min(), u.max(), v.max()
     x, y = image.phase
     return FrameCluster(
         pixels=pixels,
         points=points @ T_world_camera[:3, :3].T + T_world_camera[:3, 3],
-        plane=int(np.bincount(standing).argmax()) if len(standing) else -1,
+        plane=planes.planes[int(np.bincount(standing).argmax())] if len(standing) else None,
         heat=float(heat.ravel()[pixels].mean()),
         rect_xyxy=np.array(
             [x + left * step, y + top * step, x + right * step + step, y + bottom * step + step], dtype=np.float64
@@ -120,11 +126,8 @@ def _describe(
     )
 
 
-def map_clusters(voxels: VoxelMap, planes: PlaneTracker, config: TrackerConfig) -> list[MapCluster]:
-    """Find the connected sets of hot voxels that stand on a plane, or on nothing known where there is no plane."""
-    rows = voxels.hot_rows(config.hot)
-    rows = rows[voxels.hits[rows] >= 2]
-    rows = rows[2 * voxels.passes[rows] <= voxels.hits[rows] + 2]
+def map_clusters(rows: Rows, voxels: VoxelMap, planes: PlaneTracker, config: TrackerConfig) -> list[MapCluster]:
+    """Find the connected sets among hot rows that stand on a plane, or on nothing known where there is no plane."""
     support = np.full(len(rows), -1, np.int64)
     if planes.any_in_use:
         support = planes.beneath(voxels.xyz(rows), 0.6 * config.min_height_m)
@@ -137,8 +140,10 @@ def map_clusters(voxels: VoxelMap, planes: PlaneTracker, config: TrackerConfig) 
         members = order[ends[k] : ends[k + 1]]
         if len(members) < LEAST_VOXELS:
             continue
+        points = voxels.xyz(rows[members])
         beneath = support[members]
-        plane = int(np.bincount(beneath).argmax()) if beneath[0] >= 0 else -1
-        if plane < 0 or not planes.holds_up(voxels.xyz(rows[members]), plane, RIM_DEPTH_M):
-            clusters.append(MapCluster(rows[members], plane))
+        plane = planes.planes[int(np.bincount(beneath).argmax())] if beneath[0] >= 0 else None
+        reach = float(np.linalg.norm(points.max(0) - points.min(0)))
+        furniture = reach > 2.0 * config.max_size_m or (plane is not None and planes.holds_up(points, plane, RIM_DEPTH_M))
+        clusters.append(MapCluster(rows[members], plane, furniture))
     return clusters

@@ -270,14 +270,14 @@ class PlaneTracker:
         owner[best < floor_m] = -1
         return owner
 
-    def holds_up(self, points: Float32Array | Float64Array, plane: int, depth_m: float) -> bool:
+    def holds_up(self, points: Float32Array | Float64Array, plane: Plane, depth_m: float) -> bool:
         """Tell whether a cluster of world points that stands on one plane is what holds up another one.
 
         It is when a tenth of its points, or twenty, lie just below a higher plane and under it or at its rim.
         """
         plan_points = self.to_plan(points)
         for k, other in enumerate(self.planes):
-            if k == plane or not other.in_use:
+            if other is plane or not other.in_use:
                 continue
             height = other.height(plan_points)
             below = np.flatnonzero((height > -depth_m) & (height < 0.5 * depth_m))
@@ -288,10 +288,10 @@ class PlaneTracker:
                 return True
         return False
 
-    def plane_in_world(self, k: int) -> tuple[Float64Array, float]:
+    def in_world(self, plane: Plane) -> tuple[Float64Array, float]:
         """Return normal (3,) and offset of a plane in the world: normal.p + offset = 0."""
         assert self.T_plan_world is not None
-        return self.planes[k].normal @ self.T_plan_world[:3, :3], self.planes[k].offset
+        return plane.normal @ self.T_plan_world[:3, :3], plane.offset
 
     def outline_in_world(self, k: int) -> Float64Array:
         """Return the outline (N, 3) of a plane in the world."""
