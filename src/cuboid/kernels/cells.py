@@ -77,10 +77,10 @@ def fit_cells(depth, camera, size, max_depth, cells):
                 continue
             z = 1.0 / mw
             rx, ry = (u0 - cx) / fx, (v0 - cy) / fy
-            cosine = (nx * rx + ny * ry + nz) / (norm * np.sqrt(rx * rx + ry * ry + 1.0))
-            if cosine < 0.05:  # grazing: the fit says nothing
+            facing = (nx * rx + ny * ry + nz) / norm
+            if facing < 0.05 * np.sqrt(rx * rx + ry * ry + 1.0):  # grazing: the fit says nothing
                 continue
             out[NX], out[NY], out[NZ] = -nx / norm, -ny / norm, -nz / norm
             out[CX], out[CY], out[CZ] = rx * z, ry * z, z
-            out[AREA] = n * z * z / (fx * fy) / cosine
+            out[AREA] = n * z * z / (fx * fy) / facing
             out[RMS] = np.sqrt(max(0.0, vww - a * vwu - b * vwv))

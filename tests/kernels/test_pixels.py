@@ -1,0 +1,90 @@
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from cuboid.kernels.pixels import drop_mixed, label_regions, stand_on
+
+CAMERA = np.array([50.0, 50.0, 31.5, 23.5])
+
+
+def test_a_reading_that_hangs_between_two_surfaces_goes() -> None:
+    depth = np.full((5, 7), 1.0, np.float32)
+    depth[:, 4:] = 2.0
+    depth[2, 3] = 1.5
+    out = np.empty_like(depth)
+    drop_mixed(depth, 0.014, out)
+    assert out[2, 3] == 0
+    out[2, 3] = depth[2, 3]
+    np.testing.assert_array_equal(out, depth)
+
+
+def test_an_edge_and_a_slope_stay() -> None:
+    depth = np.tile(np.linspace(1.0, 1.06, 7, dtype=np.float32), (5, 1))
+    depth[:, 4:] += 1.0
+    out = np.empty_like(depth)
+    drop_mixed(depth, 0.014, out)
+    np.testing.assert_array_equal(out, depth)
+
+
+def regions_by_scipy(depth: np.ndarray, wanted: np.ndarray, noise: float, jump: float) -> np.ndarray:
+    h, w = depth.shape
+    pairs = []
+    for v in range(h):
+        for u in range(w):
+            for dv, du in ((-1, -1), (-1, 0), (-1, 1), (0, -1)):
+                y, x = v + dv, u + du
+                if 0 <= y and 0 <= x < w and wanted[v, u] and wanted[y, x]:
+                    z = float(depth[v, u])
+                    if abs(float(depth[y, x]) - z) < jump + 4 * noise * z * z:
+                        pairs.append((v * w + u, y * w + x))
+    i, j = np.array(pairs).T
+    graph = coo_matrix((np.ones(len(i)), (i, j)), (h * w, h * w))
+    return connected_components(graph, directed=False)[1].reshape(h, w)
+
+
+def test_regions_are_those_of_a_graph_search() -> None:
+    rng = np.random.default_rng(2)
+    depth = rng.choice([1.0, 1.005, 1.1, 2.0], (30, 40)).astype(np.float32)
+    wanted = (rng.random(depth.shape) < 0.7).astype(np.uint8)
+    labels, parent = np.empty(depth.shape, np.int32), np.empty(depth.size, np.int32)
+    number = label_regions(depth, wanted, 1.4e-3, 0.01, parent, labels)
+    truth = regions_by_scipy(depth, wanted, 1.4e-3, 0.01)
+    inside = wanted > 0
+    assert (labels[~inside] == 0).all()
+    assert number == len(np.unique(truth[inside]))
+    assert len(set(zip(labels[inside].tolist(), truth[inside].tolist(), strict=True))) == number
+    first = [np.flatnonzero(labels.ravel() == k)[0] for k in range(1, number + 1)]
+    assert (np.diff(first) > 0).all()
+
+
+def test_height_is_taken_above_the_highest_plane_beneath() -> None:
+    """A camera looks straight down from 2 m: floor at 0, a table top at 0.7 m in one half, a box of 0.2 m on each."""
+    depth = np.full((48, 64), 2.0, np.float32)
+    depth[:, 32:] = 1.3
+    depth[10:20, 5:15] = 1.8
+    depth[10:20, 45:55] = 1.1
+    T_plan_camera = np.array([[1.0, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 2.0], [0, 0, 0, 1]])
+    planes = np.array([[0, 0, -1.0, 2.0], [0, 0, -1.0, 1.3]])
+    ground = np.ones((2, 80, 80), np.uint8)
+    ground[1, :40] = 0  # plan x < 0 is beyond the table's rim
+    heights, support = np.empty(depth.shape, np.float32), np.empty(depth.shape, np.int8)
+    seen = np.zeros((2, 80, 80), np.int32)
+    patches = np.zeros((6, 8), np.int8)
+    patches[:, 4:] = 1
+    stand_on(
+        depth, CAMERA, T_plan_camera, planes, ground, np.array([-2.0, -2.0]), 0.05, patches, 8,
+        1.4e-3, 0.01, 0.005, 4.0, heights, support, seen,
+    )  # fmt: skip
+    assert heights[0, 0] == 0
+    assert support[0, 0] == 0
+    np.testing.assert_allclose(heights[12, 8], 0.2, atol=1e-6)
+    assert support[12, 8] == 0
+    assert heights[0, 60] == 0
+    assert support[0, 60] == 1
+    np.testing.assert_allclose(heights[12, 50], 0.2, atol=1e-6)
+    assert support[12, 50] == 1
+    on_floor, on_table = depth == 2.0, depth == np.float32(1.3)
+    assert seen[0].sum() == on_floor.sum()
+    assert seen[1].sum() == on_table.sum()

@@ -1,0 +1,188 @@
+"""The voxel hash against a dictionary that does the same in plain Python."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+import numpy as np
+import pytest
+from scipy.ndimage import generate_binary_structure, label
+
+from cuboid.frame import Intrinsics
+from cuboid.heatmap.voxel_map import REFUSED, VoxelMap
+from cuboid.working import WorkingImage
+
+CAMERA = Intrinsics(60.0, 60.0, 31.5, 23.5, 64, 48)
+VOXEL = 0.05
+
+
+def image_of(depth: np.ndarray, seed: int = 0) -> WorkingImage:
+    color = np.random.default_rng(seed).integers(0, 256, (*depth.shape, 3), dtype=np.uint8)
+    return WorkingImage(depth.astype(np.float32), color, CAMERA, 1, (0, 0))
+
+
+def turned(angle: float, shift: tuple[float, float, float]) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    T = np.eye(4)
+    T[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
+    T[:3, 3] = shift
+    return T
+
+
+def points_of(image: WorkingImage, T: np.ndarray) -> np.ndarray:
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
+    z = image.depth_m.astype(np.float64)
+    p = np.stack([(u - CAMERA.cx) / CAMERA.fx * z, (v - CAMERA.cy) / CAMERA.fy * z, z], -1)
+    return p @ T[:3, :3].T + T[:3, 3]
+
+
+def test_fuse_is_the_weighted_mean_of_all_sightings() -> None:
+    rng = np.random.default_rng(1)
+    voxels = VoxelMap(VOXEL, 1e-3, 3.5)
+    truth: dict[tuple[int, int, int], list[tuple[float, ...]]] = defaultdict(list)
+    frames: dict[tuple[int, int, int], set[int]] = defaultdict(set)
+    for frame in range(3):
+        depth = rng.uniform(0.8, 4.0, (48, 64))
+        depth[rng.random(depth.shape) < 0.2] = 0
+        image = image_of(depth, frame)
+        heat = np.where(rng.random(depth.shape) < 0.5, rng.random(depth.shape), 0).astype(np.float32)
+        T = turned(0.2 * frame, (0.1 * frame, 0.0, -0.2))
+        slots = voxels.fuse(image, heat, T, frame)
+        points = points_of(image, T)
+        for v in range(48):
+            for u in range(64):
+                z = float(image.depth_m[v, u])
+                speaks = heat[v, u] > 0 or (u % 2) + 2 * (v % 2) == frame % 4
+                if not 0 < z <= 3.5 or not speaks:
+                    assert slots[v, u] == -1
+                    continue
+                key = tuple(np.floor(points[v, u] / VOXEL).astype(int))
+                weight = (1.0 if heat[v, u] > 0 else 4.0) / max(z, 0.5) ** 4
+                truth[key].append((weight, *points[v, u], *image.color[v, u], float(heat[v, u])))
+                frames[key].add(frame)
+                assert slots[v, u] >= 0
+    assert voxels.count == len(truth)
+    rows = voxels.living()
+    for row in rows:
+        xyz = voxels.values[row, :3].astype(np.float64)
+        key = tuple(np.floor(xyz / VOXEL).astype(int))
+        if key not in truth:  # the mean of points on a voxel's face may round into the next one
+            continue
+        samples = np.array(truth[key])
+        mean = samples[:, 0] @ samples[:, 1:] / samples[:, 0].sum()
+        np.testing.assert_allclose(voxels.values[row, :7], mean, rtol=1e-4, atol=1e-4)
+        np.testing.assert_allclose(voxels.values[row, 7], samples[:, 0].sum(), rtol=1e-4)
+        assert voxels.hits[row] == len(frames[key])
+
+
+def test_a_point_that_is_seen_through_goes_and_the_surface_behind_stays() -> None:
+    voxels = VoxelMap(VOXEL, 1e-3, 5.0)
+    near, far = np.full((48, 64), 1.0), np.full((48, 64), 2.0)
+    hot = np.ones((48, 64), np.float32)
+    voxels.fuse(image_of(near), hot, np.eye(4), 0)
+    in_front = voxels.count
+    for frame in range(1, 5):
+        image = image_of(far)
+        voxels.fuse(image, hot, np.eye(4), frame)
+        voxels.look_through(image, np.eye(4))
+    z = voxels.xyz(voxels.living())[:, 2]
+    inner = np.abs(voxels.xyz(voxels.living())[:, :2]).max(1) < 0.35
+    assert in_front > 100
+    assert (z[inner] > 1.5).all()
+    assert (z > 1.5).sum() > 100
+
+
+def test_a_surface_that_is_hit_as_often_stays() -> None:
+    voxels = VoxelMap(VOXEL, 1e-3, 5.0)
+    hot = np.ones((48, 64), np.float32)
+    for frame in range(8):
+        image = image_of(np.full((48, 64), 1.0))
+        voxels.fuse(image, hot, np.eye(4), frame)
+    count = len(voxels.living())
+    for frame in range(8, 12):
+        voxels.look_through(image_of(np.full((48, 64), 2.0)), np.eye(4))
+    assert len(voxels.living()) == count
+
+
+def test_memory_follows_the_surface_and_not_the_frames() -> None:
+    voxels = VoxelMap(VOXEL, 1e-3, 5.0)
+    hot = np.ones((48, 64), np.float32)
+    image = image_of(np.full((48, 64), 1.5))
+    voxels.fuse(image, hot, np.eye(4), 0)
+    count, capacity = voxels.count, len(voxels.keys)
+    for frame in range(1, 100):
+        voxels.fuse(image, hot, np.eye(4), frame)
+    assert (voxels.count, len(voxels.keys)) == (count, capacity)
+
+
+def test_points_survive_the_growth_of_the_map() -> None:
+    voxels = VoxelMap(0.01, 1e-3, 50.0)
+    rng = np.random.default_rng(0)
+    hot = np.ones((48, 64), np.float32)
+    seen: set[tuple[int, ...]] = set()
+    for frame in range(60):
+        image = image_of(rng.uniform(1, 40, (48, 64)))
+        T = turned(0.1 * frame, (frame, 0, 0))
+        voxels.fuse(image, hot, T, frame)
+        seen |= {tuple(k) for k in np.floor(points_of(image, T).reshape(-1, 3) / 0.01).astype(int)}
+    assert len(voxels.keys) > 1 << 17
+    assert voxels.count == pytest.approx(len(seen), rel=1e-3)
+    assert len(np.unique(voxels.keys[: voxels.count])) == voxels.count
+
+
+def test_components_are_those_of_scipy() -> None:
+    rng = np.random.default_rng(3)
+    grid = rng.random((14, 12, 10)) < 0.12
+    voxels, rows = map_of_grid(grid)
+    component, number = voxels.connect(rows)
+    expected, n = label(grid, generate_binary_structure(3, 3))
+    cells = np.floor(voxels.xyz(rows) / VOXEL).astype(int)
+    theirs = expected[tuple(cells.T)]
+    assert number == n
+    assert len({(a, b) for a, b in zip(component.tolist(), theirs.tolist(), strict=True)}) == n
+    assert (np.diff([np.flatnonzero(component == k)[0] for k in range(number)]) > 0).all()
+
+
+def map_of_grid(grid: np.ndarray) -> tuple[VoxelMap, np.ndarray]:
+    """A map with one point in the middle of each set cell."""
+    voxels = VoxelMap(VOXEL, 1e-3, 100.0)
+    cells = np.argwhere(grid)
+    centres = (cells + 0.5) * VOXEL
+    camera = Intrinsics(1.0, 1.0, 0.0, 0.0, 1, 1)
+    color = np.zeros((1, 1, 3), np.uint8)
+    depth = np.ones((1, 1), np.float32)
+    for k, p in enumerate(centres):
+        T = np.eye(4)
+        T[:3, 3] = p - np.array([0, 0, 1.0])
+        voxels.fuse(WorkingImage(depth, color, camera, 1, (0, 0)), np.ones((1, 1), np.float32), T, k)
+    return voxels, voxels.living()
+
+
+def test_flood_gives_a_bar_to_the_holders_at_its_ends() -> None:
+    grid = np.zeros((11, 1, 1), bool)
+    grid[:, 0, 0] = True
+    voxels, rows = map_of_grid(grid)
+    x = voxels.xyz(rows)[:, 0]
+    holder = np.full(len(rows), -1, np.int32)
+    holder[int(x.argmin())], holder[int(x.argmax())] = 0, 1
+    contact = voxels.flood(rows, holder, 2)
+    assert (holder[x < 5 * VOXEL] == 0).all()
+    assert (holder[x > 6 * VOXEL] == 1).all()
+    assert contact.tolist() == [[0, 1], [1, 0]]
+
+
+def test_only_what_was_seen_of_late_and_its_object_is_looked_at() -> None:
+    voxels, rows = map_of_grid(np.ones((5, 1, 1), bool))
+    voxels.hits[rows] = 3
+    voxels.owner[rows] = [1, 1, 2, 0, REFUSED]
+    found, touched = voxels.solid_hot_rows(0.3, 1, 3)
+    assert found.tolist() == rows.tolist()
+    assert touched.tolist() == [0, 1, 1]
+    found, touched = voxels.solid_hot_rows(
+        0.3, 2, 3
+    )  # frame 2 saw the point of object 2 only, frames 3, 4 the rest
+    assert found.tolist() == rows[2:].tolist()
+    assert touched.tolist() == [0, 0, 1]
+    voxels.passes[rows[2]] = 9
+    found, _ = voxels.solid_hot_rows(0.3, 2, 3)
+    assert found.tolist() == rows[3:].tolist()
