@@ -35,10 +35,16 @@ def loaded_kernels() -> list[Kernel]:
     for module_name, module in sorted(sys.modules.items()):
         if module_name.startswith("cuboid."):
             for item in vars(module).values():
-                if isinstance(item, Dispatcher) and item.py_func.__module__ == module_name:
+                if isinstance(item, Dispatcher) and _compiled_in(item, module_name):
                     kernel = _kernel(module_name, item)
                     found[kernel.name] = kernel
     return [found[name] for name in sorted(found)]
+
+
+def _compiled_in(dispatcher: Any, module_name: str) -> bool:
+    """Tell whether a kernel is of this module and compiled by itself, not only inside others."""
+    own = dispatcher.py_func.__module__ == module_name
+    return own and dispatcher.targetoptions.get("inline") != "always"
 
 
 def _kernel(module_name: str, dispatcher: Any) -> Kernel:
