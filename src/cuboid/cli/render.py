@@ -132,6 +132,8 @@ def _drawing(what: str, results: Path, replay: Replay) -> Draw:
         if what == "proposals":
             return draw_proposals(frame.color, found.T_world_camera, K, found.proposals, status)
         picture = ground(frame, found)
-        return draw_frame(picture, found.T_world_camera, K, found.sightings, found.hidden, status)
+        return draw_frame(
+            picture, found.T_world_camera, K, found.sightings, found.hidden, status, tinted=what != "heat"
+        )
 
     return draw

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from cuboid.frame import Float64Array, Intrinsics, UInt8Array
 from cuboid.geometry.box import Box
 from cuboid.views.palette import color_of
-from cuboid.views.projection import TOP, Wireframe, wireframe
+from cuboid.views.projection import TOP, Wireframe, may_be_in_view, wireframe
 from cuboid.views.tags import TAG_PX, place_tag, put_tag
 from cuboid.views.text import Color, put_text
 
@@ -99,6 +99,7 @@ def draw_frame(
     sightings: Iterable[Labelled],
     hidden_objects: Iterable[Labelled],
     status: Status | None,
+    tinted: bool = True,
 ) -> UInt8Array:
     """Return a picture with the boxes of its objects.
 
@@ -118,19 +119,17 @@ def draw_frame(
         Objects known but not seen; those out of the view leave no trace.
     status : Status or None
         None leaves the strip out.
+    tinted : bool
+        Whether the sides of boxes have a hint of their color; False where the picture's colors are figures.
 
     Returns
     -------
     (H, W, 3) uint8
     """
-    drawn = [
-        _Drawn(color_of(item.label), f"#{item.label}", wire, rect, dashed)
-        for items, dashed in ((hidden_objects, True), (sightings, False))
-        for item in items
-        if (rect := (wire := wireframe(item.box, T_world_camera, intrinsics)).rect_xyxy(intrinsics))
-        is not None
-    ]
-    return _draw(color, intrinsics, drawn, status)
+    items = [(item, f"#{item.label}", True) for item in hidden_objects]
+    items += [(item, f"#{item.label}", False) for item in sightings]
+    drawn = _in_view(items, T_world_camera, intrinsics)
+    return _draw(color, intrinsics, drawn, status, tinted)
 
 
 def draw_proposals(
@@ -144,23 +143,36 @@ def draw_proposals(
 
     Those of objects that have no label are grey and dashed. Parameters and result are those of `draw_frame`.
     """
-    drawn = [
-        _Drawn(color_of(own.label), f"{own.score:.2f}", wire, rect, own.label == 0)
-        for own in proposals
-        if (rect := (wire := wireframe(own.box, T_world_camera, intrinsics)).rect_xyxy(intrinsics))
-        is not None
-    ]
-    return _draw(color, intrinsics, drawn, status)
+    items = [(own, f"{own.score:.2f}", own.label == 0) for own in proposals]
+    drawn = _in_view(items, T_world_camera, intrinsics)
+    return _draw(color, intrinsics, drawn, status, tinted=True)
+
+
+def _in_view(
+    items: Sequence[tuple[Labelled, str, bool]], T_world_camera: Float64Array, intrinsics: Intrinsics
+) -> list[_Drawn]:
+    """Return what is in the image of things with a text for their tag and whether they are dashed."""
+    near = may_be_in_view([item.box for item, _, _ in items], T_world_camera, intrinsics)
+    drawn = []
+    for (item, text, dashed), possible in zip(items, near, strict=True):
+        if not possible:
+            continue
+        wire = wireframe(item.box, T_world_camera, intrinsics)
+        rect_xyxy = wire.rect_xyxy(intrinsics)
+        if rect_xyxy is not None:
+            drawn.append(_Drawn(color_of(item.label), text, wire, rect_xyxy, dashed))
+    return sorted(drawn, key=lambda one: -one.wire.depth_m)
 
 
 def _draw(
-    color: UInt8Array, intrinsics: Intrinsics, drawn: list[_Drawn], status: Status | None
+    color: UInt8Array, intrinsics: Intrinsics, drawn: list[_Drawn], status: Status | None, tinted: bool
 ) -> UInt8Array:
     unit = max(1.0, intrinsics.width / 640.0)
-    drawn = sorted(drawn, key=lambda item: -item.wire.depth_m)
     picture = color.copy()
-    _fill(picture, drawn)
-    _draw_behind(picture, drawn, unit)
+    layer = np.empty_like(color)  # one for all steps: fresh memory costs more than drawing
+    if tinted:
+        _tint(picture, layer, drawn)
+    _draw_behind(picture, layer, drawn, unit)
     for item in drawn:
         if not item.dashed:
             _lines(picture, _fixed(item.wire.front), item.color, _px(FRONT_PX, unit))
@@ -171,10 +183,10 @@ def _draw(
     return picture
 
 
-def _fill(picture: UInt8Array, drawn: list[_Drawn]) -> None:
+def _tint(picture: UInt8Array, layer: UInt8Array, drawn: list[_Drawn]) -> None:
     """Lay a hint of color over the sides of seen boxes that look at the camera."""
     for wanted, share in ((False, SIDE_SHARE), (True, TOP_SHARE)):
-        layer = picture.copy()
+        np.copyto(layer, picture)
         for item in drawn:
             for face, outline in item.wire.faces if not item.dashed else ():
                 if (face == TOP) == wanted:
@@ -182,9 +194,9 @@ def _fill(picture: UInt8Array, drawn: list[_Drawn]) -> None:
         _blend(picture, layer, share)
 
 
-def _draw_behind(picture: UInt8Array, drawn: list[_Drawn], unit: float) -> None:
+def _draw_behind(picture: UInt8Array, layer: UInt8Array, drawn: list[_Drawn], unit: float) -> None:
     """Draw halos, hidden edges and dashed boxes, all of which let the picture shine through."""
-    layer = picture.copy()
+    np.copyto(layer, picture)
     front, thin, halo = _px(FRONT_PX, unit), _px(THIN_PX, unit), _px(HALO_PX, unit)
     for item in drawn:
         if item.dashed:

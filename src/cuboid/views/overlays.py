@@ -32,6 +32,8 @@ BLUR_CELLS = 5
 LEAST_COVER = 0.15
 # Points so much behind the surface that the camera sees are hidden by it, share of the depth.
 BEHIND = 0.04
+# A cell so much farther than one beside it is seen through a gap between points, share of the depth.
+THROUGH = 0.10
 
 
 def heat_over(color: UInt8Array, heat: Float32Array) -> UInt8Array:
@@ -127,11 +129,13 @@ def map_heat(
     seen = np.flatnonzero((surface_m == 0) | (z <= surface_m * (1.0 + BEHIND)))
     order = seen[np.argsort(-z[seen], kind="stable")]
     cells = (-(-height // CELL_PX), -(-width // CELL_PX))
-    value, cover = np.zeros(cells, np.float32), np.zeros(cells, np.float32)
+    value, nearest_m = np.zeros(cells, np.float32), np.full(cells, np.inf, np.float32)
     at = (v[order] // CELL_PX, u[order] // CELL_PX)
-    value[at] = heat[order]  # far to near: the last one stays
-    cover[at] = 1.0
-    return _closed(value, cover, height, width)
+    value[at], nearest_m[at] = heat[order], z[order]  # far to near: the last one stays
+    around_m = cv2.erode(nearest_m, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE)
+    cover = (nearest_m <= around_m * (1.0 + THROUGH)) & np.isfinite(nearest_m)
+    value *= cover
+    return _closed(value, cover.astype(np.float32), height, width)
 
 
 def _closed(value: Float32Array, cover: Float32Array, height: int, width: int) -> Float32Array:

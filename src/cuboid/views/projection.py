@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import EDGES, Box
@@ -98,6 +100,27 @@ def wireframe(box: Box, T_world_camera: Float64Array, intrinsics: Intrinsics) ->
         faces=tuple((f, project(outline, intrinsics)) for f, outline in outlines if len(outline)),
         depth_m=float(corners[:, 2].mean()),
     )
+
+
+def may_be_in_view(
+    boxes: Sequence[Box], T_world_camera: Float64Array, intrinsics: Intrinsics
+) -> npt.NDArray[np.bool_]:
+    """Tell for each box whether the ball around it reaches into the view; quick, for maps of many objects.
+
+    Returns
+    -------
+    (N,) bool
+        False only where nothing of the box is in view.
+    """
+    if not boxes:
+        return np.zeros(0, np.bool_)
+    planes = _view_planes(intrinsics)
+    planes /= np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+    centers = transform(inverse(T_world_camera), np.array([box.center for box in boxes]))
+    radius_m = np.linalg.norm(np.array([box.size for box in boxes]), axis=1) / 2.0
+    reach = centers @ planes[:, :3].T + planes[:, 3] + radius_m[:, None]
+    near: npt.NDArray[np.bool_] = (reach >= 0).all(axis=1)
+    return near
 
 
 def clip_segments(ends: Float64Array, planes: Float64Array) -> Float64Array:

@@ -1,0 +1,196 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cuboid.frame import Float64Array, Intrinsics, UInt8Array
+from cuboid.geometry.box import EDGES, Box
+from cuboid.views.drawing import STRIP_PX, Status, dashes, draw_frame, draw_proposals
+from cuboid.views.palette import UNLABELLED, color_of
+from cuboid.views.projection import project
+from cuboid.views.replay import Known
+from cuboid.views.tags import place_tag
+
+INTRINSICS = Intrinsics(500.0, 500.0, 319.5, 239.5, 640, 480)
+LOOK = np.eye(4)
+GREY = np.full((480, 640, 3), 128, np.uint8)
+
+# Seen from above, left and in front: three faces, nine edges in front, three behind.
+CORNERED = Box(np.array([0.25, 0.2, 1.0]), np.array([0.24, 0.2, 0.22]), np.eye(3))
+
+
+def draw(
+    seen: list[Known],
+    hidden: list[Known] | None = None,
+    status: Status | None = None,
+    ground: UInt8Array = GREY,
+) -> UInt8Array:
+    return draw_frame(ground, LOOK, INTRINSICS, seen, hidden or [], status)
+
+
+def along_edges(box: Box, picture: UInt8Array) -> Float64Array:
+    """Return the pixels (12, 9, 3) at nine places between the ends of each edge."""
+    shares = np.linspace(0.1, 0.9, 9)[:, None]
+    corners = box.corners()
+    points = np.array([corners[a] + shares * (corners[b] - corners[a]) for a, b in EDGES])
+    u, v = np.rint(project(points, INTRINSICS)).astype(int).reshape(-1, 2).T
+    return picture[v, u].astype(float).reshape(12, 9, 3)
+
+
+def edges_behind(box: Box) -> list[bool]:
+    """The three edges that meet in the corner 7, which lies behind."""
+    return [7 in ends for ends in EDGES]
+
+
+def test_edges_in_front_have_the_color_of_the_label_and_those_behind_are_dimmer() -> None:
+    pixels = along_edges(CORNERED, draw([Known(6, CORNERED)]))
+    behind = edges_behind(CORNERED)
+    distance = np.median(np.linalg.norm(pixels - color_of(6), axis=2), axis=1)
+    np.testing.assert_array_less(distance[np.logical_not(behind)], 25)
+    np.testing.assert_array_less(35, distance[behind])
+    plain = along_edges(CORNERED, GREY)
+    assert (np.median(np.abs(pixels - plain).max(axis=2), axis=1)[behind] > 10).all()
+
+
+def test_edges_in_front_are_thicker() -> None:
+    def width(start: Float64Array, end: Float64Array) -> int:
+        """Pixels of the label's hue across the middle of an edge that runs down the image."""
+        u, v = np.rint(project((start + end) / 2, INTRINSICS)).astype(int)
+        row = picture[v, u - 6 : u + 7].astype(int)
+        return int((row[:, 2] - row[:, 0] > 60).sum())
+
+    picture = draw([Known(6, CORNERED)])  # label 6 is blue
+    corners = CORNERED.corners()
+    assert width(corners[0], corners[2]) > width(corners[5], corners[7])
+
+
+@pytest.mark.parametrize("level", [0, 128, 255])
+def test_lines_stand_out_from_any_ground(level: int) -> None:
+    ground = np.full((480, 640, 3), level, np.uint8)
+    picture = draw([Known(5, CORNERED)], ground=ground)  # label 5 is yellow, hard to see on white
+    corners = project(CORNERED.corners(), INTRINSICS)
+    u, v = np.rint((corners[0] + corners[2]) / 2).astype(int)
+    profile = picture[v, u - 6 : u + 7].astype(int).sum(axis=1)
+    assert profile.max() - profile.min() > 250
+
+
+def test_a_hidden_object_is_dashed_and_a_seen_one_is_not() -> None:
+    def gaps(picture: UInt8Array) -> int:
+        corners = project(CORNERED.corners(), INTRINSICS)
+        shares = np.linspace(0, 1, 400)[:, None]
+        u, v = np.rint(corners[0] + shares * (corners[2] - corners[0])).astype(int).T
+        drawn = picture[v, u, 2].astype(int) - picture[v, u, 0] > 40  # label 6 is blue
+        return int((np.diff(drawn.astype(int)) == -1).sum())
+
+    assert gaps(draw([], [Known(6, CORNERED)])) >= 5
+    assert gaps(draw([Known(6, CORNERED)])) == 0
+
+
+def test_the_nearer_of_two_boxes_is_drawn_over_the_farther() -> None:
+    near = Box(np.array([0.0, 0.0, 0.9]), np.full(3, 0.2), np.eye(3))
+    far = Box(np.array([0.0, 0.08, 1.5]), np.array([0.6, 0.2, 0.2]), np.eye(3))
+    for order in ([Known(1, near), Known(7, far)], [Known(7, far), Known(1, near)]):
+        picture = draw(order)
+        left_px = round(
+            319.5 - 500 * 0.1 / 0.8
+        )  # the near box's left edge, where the far one's top edge crosses it
+        top_px = round(239.5 + 500 * -0.02 / 1.4)
+        assert np.linalg.norm(picture[top_px, left_px].astype(float) - color_of(1)) < 25
+
+
+def test_a_tag_of_the_labels_color_stands_above_its_box() -> None:
+    picture = draw([Known(2, CORNERED)])
+    corners = project(CORNERED.corners(), INTRINSICS)
+    top_px, middle_px = int(corners[:, 1].min()), int((corners[:, 0].min() + corners[:, 0].max()) / 2)
+    above = picture[top_px - 24 : top_px - 6, middle_px - 16 : middle_px + 16].reshape(-1, 3).astype(int)
+    assert (np.abs(above - color_of(2)).sum(axis=1) < 12).sum() > 200
+    assert (above.sum(axis=1) < 120).sum() > 30  # its text
+
+
+def test_tags_do_not_cover_each_other() -> None:
+    taken: list[tuple[int, int, int, int]] = []
+    for _ in range(4):
+        taken.append(place_tag("#12", 14, np.array([300.0, 200.0, 360.0, 260.0]), taken, (480, 640)))
+    for i, a in enumerate(taken):
+        for b in taken[:i]:
+            assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
+
+
+@pytest.mark.parametrize("corner", [(0, 0), (600, 0), (0, 440), (600, 440)])
+def test_tags_stay_in_the_image(corner: tuple[int, int]) -> None:
+    rect_xyxy = np.array([corner[0], corner[1], corner[0] + 30.0, corner[1] + 30.0])
+    left, top, right, bottom = place_tag("#1234", 14, rect_xyxy, [], (456, 640))
+    assert left >= 0
+    assert top >= 0
+    assert right <= 640
+    assert bottom <= 456
+
+
+def test_the_strip_changes_with_each_of_its_figures_and_only_the_strip_does() -> None:
+    figures = [
+        (1, 20.0, 3, 4),
+        (2, 20.0, 3, 4),
+        (1, 21.0, 3, 4),
+        (1, 20.0, 2, 4),
+        (1, 20.0, 3, 5),
+        (1, None, 3, 4),
+    ]
+    pictures = [draw([], status=Status(*values)) for values in figures]
+    assert len({picture.tobytes() for picture in pictures}) == len(figures)
+    for picture in pictures:
+        assert (picture[: 480 - STRIP_PX] == 128).all()
+
+
+def test_the_frame_itself_is_not_changed_and_nothing_known_draws_nothing() -> None:
+    ground = np.random.default_rng(0).integers(0, 256, (480, 640, 3)).astype(np.uint8)
+    before = ground.copy()
+    draw([Known(1, CORNERED)], status=Status(0, 1.0, 1, 1), ground=ground)
+    np.testing.assert_array_equal(ground, before)
+    np.testing.assert_array_equal(draw([], ground=ground), before)
+
+
+def test_a_box_partly_behind_the_camera_is_drawn() -> None:
+    long = Box(np.array([0.0, 0.3, 0.5]), np.array([0.3, 0.3, 2.0]), np.eye(3))
+    assert long.corners()[:, 2].min() < 0 < long.corners()[:, 2].max()
+    picture = draw([Known(6, long)])
+    end = project(np.array([0.0, 0.15, 1.5]), INTRINSICS)  # the far end of its upper face
+    u, v = np.rint(end).astype(int)
+    assert np.linalg.norm(picture[v - 2 : v + 3, u].astype(float) - color_of(6), axis=1).min() < 60
+    assert (picture != GREY).any(axis=2)[-1].sum() > 50  # it runs out of the image below
+
+
+def test_proposals_without_a_label_are_grey() -> None:
+    class Own:
+        label, box, score = 0, CORNERED, 0.5
+
+    picture = draw_proposals(np.zeros_like(GREY), LOOK, INTRINSICS, [Own()], None).astype(int)
+    drawn = picture[(picture.sum(axis=2) > 200)]
+    assert len(drawn) > 200
+    assert (np.abs(drawn - drawn.mean(axis=1, keepdims=True)) <= 16).all()
+    assert drawn.max() <= max(UNLABELLED) + 1
+
+
+def test_the_same_is_drawn_twice() -> None:
+    pictures = [draw([Known(1, CORNERED)], [Known(2, CORNERED)], Status(3, 9.0, 1, 2)) for _ in range(2)]
+    np.testing.assert_array_equal(*pictures)
+
+
+@pytest.mark.parametrize("shape", [(48, 64), (121, 161), (1080, 1920)])
+def test_images_of_any_size_are_drawn(shape: tuple[int, int]) -> None:
+    height, width = shape
+    K = Intrinsics(width, width, width / 2, height / 2, width, height)
+    ground = np.full((height, width, 3), 90, np.uint8)
+    box = Box(np.array([0.1, 0.05, 1.0]), np.full(3, 0.2), np.eye(3))
+    picture = draw_frame(ground, LOOK, K, [Known(1, box)], [Known(2, box)], Status(1, 30.0, 1, 2))
+    assert picture.shape == ground.shape
+    assert (picture != ground).any()
+
+
+def test_dashes_cover_both_ends_of_a_line_and_leave_gaps() -> None:
+    line = np.array([[[10.0, 10.0], [110.0, 10.0]], [[0.0, 0.0], [3.0, 0.0]]])
+    parts = dashes(line, 7.0, 5.0)
+    long, short = parts[:-1], parts[-1]
+    np.testing.assert_allclose(long[0, 0], (10, 10))
+    np.testing.assert_allclose(long[-1, 1], (110, 10))
+    np.testing.assert_allclose(long[1:, 0, 0] - long[:-1, 1, 0], 5.0)
+    np.testing.assert_allclose(short, line[1])
