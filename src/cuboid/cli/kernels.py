@@ -44,7 +44,7 @@ def loaded_kernels() -> list[Kernel]:
 def _compiled_in(dispatcher: Any, module_name: str) -> bool:
     """Tell whether a kernel is of this module and compiled by itself, not only inside others."""
     own = dispatcher.py_func.__module__ == module_name
-    return own and dispatcher.targetoptions.get("inline") != "always"
+    return bool(own and dispatcher.targetoptions.get("inline") != "always")
 
 
 def _kernel(module_name: str, dispatcher: Any) -> Kernel:
