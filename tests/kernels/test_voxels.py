@@ -92,6 +92,23 @@ def test_a_point_that_is_seen_through_goes_and_the_surface_behind_stays() -> Non
     assert (z > 1.5).sum() > 100
 
 
+def test_stray_points_go_also_while_the_map_grows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A large map is looked through in turns; new points at its end must not keep the turn from coming round."""
+    monkeypatch.setattr("cuboid.heatmap.voxel_map.LOOK_VOXELS", 100)
+    voxels = VoxelMap(VOXEL, 1e-3, 30.0)
+    hot = np.ones((48, 64), np.float32)
+    voxels.fuse(image_of(np.full((48, 64), 1.0)), hot, np.eye(4), 0)
+    stray = voxels.living()
+    inner = stray[np.abs(voxels.xyz(stray)[:, :2]).max(1) < 0.3]
+    rng = np.random.default_rng(0)
+    for frame in range(1, 250):
+        image = image_of(rng.uniform(5, 25, (48, 64)))
+        voxels.fuse(image, hot, np.eye(4), frame)
+        voxels.look_through(image, np.eye(4))
+    assert len(inner) > 50
+    assert (voxels.xyz(voxels.living())[:, 2] > 1.5).all()
+
+
 def test_a_surface_that_is_hit_as_often_stays() -> None:
     voxels = VoxelMap(VOXEL, 1e-3, 5.0)
     hot = np.ones((48, 64), np.float32)
@@ -135,7 +152,8 @@ def test_components_are_those_of_scipy() -> None:
     grid = rng.random((14, 12, 10)) < 0.12
     voxels, rows = map_of_grid(grid)
     component, number = voxels.connect(rows)
-    expected, n = label(grid, generate_binary_structure(3, 3))
+    # Points in the middle of their voxels are within 1.6 voxels across faces and edges, not across corners.
+    expected, n = label(grid, generate_binary_structure(3, 2))
     cells = np.floor(voxels.xyz(rows) / VOXEL).astype(int)
     theirs = expected[tuple(cells.T)]
     assert number == n

@@ -17,6 +17,9 @@ LOOK_VOXELS = 40_000
 PASS_MARGIN_M = 0.02
 # Owner of points of walls, furniture and what else is hot but no object.
 REFUSED = -1
+# Points of neighbouring voxels this many voxels apart are connected: a surface's are, those across a gap of two
+# voxels are not.
+CONNECT_VOXELS = 1.6
 # The map is packed when this share of its rows is dead.
 DEAD_SHARE = 0.25
 
@@ -97,13 +100,13 @@ class VoxelMap:
             return
         turns = -(-self.count // LOOK_VOXELS)
         size = -(-self.count // turns)
-        first = self._next_look if self._next_look < self.count else 0
+        first = self._next_look
         last = min(first + size, self.count)
         self._dead += kernel.see_through(
             first, last, image.depth_m, _pinhole(image), np.ascontiguousarray(T_camera_world), self._noise_per_m,
             max(PASS_MARGIN_M, 2 * self.voxel_m), turns, self.values, self.hits, self.passes,
         )  # fmt: skip
-        self._next_look = last
+        self._next_look = last if last < self.count else 0
 
     def living(self) -> Rows:
         """Return the rows of all points."""
@@ -136,15 +139,18 @@ class VoxelMap:
         return rows[:n], touched
 
     def connect(self, rows: Rows) -> tuple[npt.NDArray[np.int32], int]:
-        """Return the 26-connected component of each of these rows, and how many there are."""
+        """Return the connected component of each of these rows, and how many there are."""
         component = np.empty(len(rows), np.int32)
-        number = kernel.connect(rows, self.keys, self._table, self._member, component)
+        number = kernel.connect(
+            rows, self.values, CONNECT_VOXELS * self.voxel_m, self.keys, self._table, self._member, component
+        )
         return component, int(number)
 
     def flood(self, rows: Rows, holder: npt.NDArray[np.int32], holders: int) -> npt.NDArray[np.int64]:
         """Give the rows of a connected set to their nearest holders, in place; return who touches whom, (K, K)."""
         contact = np.zeros((holders, holders), np.int64)
-        kernel.flood(rows, self.keys, self._table, self._member, holder, contact)
+        reach = CONNECT_VOXELS * self.voxel_m
+        kernel.flood(rows, self.values, reach, self.keys, self._table, self._member, holder, contact)
         return contact
 
     def xyz(self, rows: Rows) -> Float32Array:

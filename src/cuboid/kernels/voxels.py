@@ -181,6 +181,13 @@ def find_root(parent, a):
     return a
 
 
+@njit(cache=True, nogil=True, inline="always")
+def near(values, a, b, reach):
+    """Tell whether the points of two rows are within reach of each other."""
+    dx, dy, dz = values[a, X] - values[b, X], values[a, Y] - values[b, Y], values[a, Z] - values[b, Z]
+    return dx * dx + dy * dy + dz * dz <= reach * reach
+
+
 @njit(cache=True, nogil=True)
 def select(count, hot, since, values, hits, passes, last_frame, owner, touched, rows):
     """Gather the solid hot rows that were seen of late, and all of the objects that these belong to.
@@ -221,14 +228,16 @@ def select(count, hot, since, values, hits, passes, last_frame, owner, touched, 
 
 
 @njit(cache=True, nogil=True)
-def connect(rows, keys, table, member, component):
-    """Number the 26-connected components of the given rows.
+def connect(rows, values, reach, keys, table, member, component):
+    """Number the connected components of the given rows: neighbours (of 26) whose points are within reach.
 
     Parameters
     ----------
     rows : (N,) int64
         Rows of the map, ascending.
-    keys, table : the map's
+    values, keys, table : the map's
+    reach : float
+        Metres. Voxels that touch may hold points up to two voxels apart: a gap that wide parts them.
     member : (capacity,) int32, scratch
         Filled with -1 on entry and on return.
     component : (N,) int32, output
@@ -251,7 +260,7 @@ def connect(rows, keys, table, member, component):
         for code in range(14, 27):  # the 13 neighbours after the centre: each pair is met once
             jx, jy, jz = ix + code // 9 - 1, iy + (code // 3) % 3 - 1, iz + code % 3 - 1
             row, _ = find_slot((jx << (2 * KEY_BITS)) | (jy << KEY_BITS) | jz, keys, table)
-            if row >= 0 and member[row] >= 0:
+            if row >= 0 and member[row] >= 0 and near(values, rows[i], row, reach):
                 a, b = find_root(parent, i), find_root(parent, member[row])
                 if a < b:
                     parent[b] = a
@@ -270,14 +279,16 @@ def connect(rows, keys, table, member, component):
 
 
 @njit(cache=True, nogil=True)
-def flood(rows, keys, table, member, holder, contact):
+def flood(rows, values, reach, keys, table, member, holder, contact):
     """Give every row of a connected set to the holder that reaches it first, and count where holders touch.
 
     Parameters
     ----------
     rows : (N,) int64
-        Rows of the map: a 26-connected set.
-    keys, table : the map's
+        Rows of the map: a set that `connect` found.
+    values, keys, table : the map's
+    reach : float
+        As for `connect`.
     member : (capacity,) int32, scratch
         Filled with -1 on entry and on return.
     holder : (N,) int32, in and out
@@ -309,7 +320,7 @@ def flood(rows, keys, table, member, holder, contact):
             for code in range(27):
                 jx, jy, jz = ix + code // 9 - 1, iy + (code // 3) % 3 - 1, iz + code % 3 - 1
                 row, _ = find_slot((jx << (2 * KEY_BITS)) | (jy << KEY_BITS) | jz, keys, table)
-                if row < 0 or member[row] < 0:
+                if row < 0 or member[row] < 0 or not near(values, rows[i], row, reach):
                     continue
                 j = member[row]
                 if visit == 0 and holder[j] < 0:

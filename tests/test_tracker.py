@@ -1,0 +1,229 @@
+"""The tracker on scenes whose truth is known to the last digit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+import pytest
+from made_scenes import CAMERA, frame_of, look_at, upright
+
+from cuboid.errors import FrameError
+from cuboid.frame import Frame
+from cuboid.geometry.box import Box
+from cuboid.geometry.overlap import iou
+from cuboid.results import FrameResult
+from cuboid.tracker import Tracker
+
+FLOOR = upright((0, 0), (8, 8, 0.1), z=-0.85)
+TABLE = upright((0, 0), (1.4, 1.0, 0.05), z=-0.05)
+THINGS = [upright((-0.25, 0.1), (0.12, 0.08, 0.15), 0.4), upright((0.2, -0.1), (0.1, 0.1, 0.1), 0.2)]
+
+
+def orbit(n: int, start: float = -0.6, end: float = 0.6, radius: float = 1.3, height: float = 0.8) -> list[np.ndarray]:
+    angles = np.linspace(start, end, n) - np.pi / 2
+    return [look_at([radius * np.cos(a), radius * np.sin(a), height], [0, 0, 0.05]) for a in angles]
+
+
+def follow(tracker: Tracker, frames: Iterable[Frame]) -> list[FrameResult]:
+    return [tracker.update(frame) for frame in frames]
+
+
+def matched(tracker: Tracker, truth: list[Box]) -> list[tuple[int, float]]:
+    """For each true box the label and IoU of the best object."""
+    pairs = []
+    for box in truth:
+        label, best = max(((o.label, iou(o.box, box)) for o in tracker.objects), key=lambda p: p[1], default=(0, 0.0))
+        pairs.append((label, best))
+    return pairs
+
+
+def test_two_boxes_on_a_table() -> None:
+    tracker = Tracker(CAMERA)
+    results = follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, k) for k, T in enumerate(orbit(40))))
+    assert len(tracker.objects) == 2
+    assert [o.label for o in tracker.objects] == [1, 2]
+    for _, overlap in matched(tracker, THINGS):
+        assert overlap > 0.7
+    for o in tracker.objects:
+        assert o.plane is not None
+        plane = tracker.planes[o.plane]
+        foot = o.box.center - o.box.up * o.box.size[2] / 2
+        assert abs(float(plane.normal @ foot) + plane.offset) < 1e-3
+        assert abs(float(plane.normal @ o.box.up)) == pytest.approx(1, abs=1e-5)
+        assert plane.offset == pytest.approx(0, abs=0.01)
+    assert {s.label for s in results[-1].sightings} == {1, 2}
+    assert all(s.visible > 0.5 for s in results[-1].sightings)
+    np.testing.assert_allclose(tracker.up, [0, 0, 1], atol=0.02)
+
+
+def test_rectangles_hold_the_objects_pixels() -> None:
+    from made_scenes import cast
+
+    tracker = Tracker(CAMERA)
+    poses = orbit(30)
+    last = follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, k) for k, T in enumerate(poses)))[-1]
+    _, hit = cast([FLOOR, TABLE, *THINGS], poses[-1])
+    label_of = [label for label, _ in matched(tracker, THINGS)]
+    for k, label in enumerate(label_of):
+        v, u = np.nonzero(hit == k + 2)
+        true = np.array([u.min(), v.min(), u.max() + 1, v.max() + 1])
+        rect = next(s.rect_xyxy for s in last.sightings if s.label == label)
+        np.testing.assert_allclose(rect, true, atol=5)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_any_world_frame_will_do(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    Q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    T_new_world = np.eye(4)
+    T_new_world[:3, :3] = Q * np.sign(np.linalg.det(Q))
+    T_new_world[:3, 3] = rng.normal(size=3)
+    tracker = Tracker(CAMERA)
+    frames = (
+        frame_of([FLOOR, TABLE, *THINGS], T, k, T_shown=T_new_world @ T) for k, T in enumerate(orbit(30))
+    )
+    follow(tracker, frames)
+    turned = [
+        Box(T_new_world[:3, :3] @ b.center + T_new_world[:3, 3], b.size, T_new_world[:3, :3] @ b.rotation)
+        for b in THINGS
+    ]
+    assert len(tracker.objects) == 2
+    assert min(overlap for _, overlap in matched(tracker, turned)) > 0.6
+    np.testing.assert_allclose(tracker.up, T_new_world[:3, 2], atol=0.03)
+
+
+def test_a_hidden_object_has_its_old_label_when_it_comes_back() -> None:
+    """A screen stands before one of the things for 60 frames."""
+    screen = upright((0.2, -0.35), (0.3, 0.01, 0.35))
+    tracker = Tracker(CAMERA)
+    poses = orbit(40, -0.3, 0.3) + orbit(40, 0.3, -0.3)
+    hidden = [FLOOR, TABLE, *THINGS, screen]
+    before = follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, k) for k, T in enumerate(poses[:40])))
+    label = matched(tracker, THINGS)[1][0]
+    assert label in {s.label for s in before[-1].sightings}
+    # The camera goes down, behind the screen: the thing is out of sight.
+    low = [look_at([0.2, -1.1, 0.2], [0.2, 0, 0.05])] * 60
+    away = follow(tracker, (frame_of(hidden, T, 40 + k) for k, T in enumerate(low)))
+    assert label not in {s.label for s in away[-1].sightings}
+    assert label in {o.label for o in tracker.objects}
+    after = follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, 100 + k) for k, T in enumerate(poses[:20])))
+    assert matched(tracker, THINGS)[1][0] == label
+    assert label in {s.label for s in after[2].sightings}
+
+
+def test_labels_last_while_the_camera_is_turned_away() -> None:
+    wall = upright((0, 4), (8, 0.1, 3), z=-0.85)
+    scene = [FLOOR, TABLE, wall, *THINGS]
+    tracker = Tracker(CAMERA)
+    follow(tracker, (frame_of(scene, T, k) for k, T in enumerate(orbit(30))))
+    labels = matched(tracker, THINGS)
+    away = [look_at([0, -1.3, 0.8], [2.5 * np.cos(a), -1.3 + 2.5 * np.sin(a), 0.9]) for a in np.linspace(0.2, 2.9, 60)]
+    results = follow(tracker, (frame_of(scene, T, 30 + k) for k, T in enumerate(away)))
+    assert not any(s.label in dict(labels) for s in results[0].sightings)
+    back = follow(tracker, (frame_of(scene, T, 90 + k) for k, T in enumerate(orbit(20))))
+    assert {label for label, _ in labels} <= {s.label for s in back[0].sightings}
+    assert [label for label, _ in matched(tracker, THINGS)] == [label for label, _ in labels]
+
+
+def test_first_frames_without_any_plane() -> None:
+    """The camera looks at a far wall first; nothing there becomes an object, and the table is found all the same."""
+    wall = upright((0, 3), (8, 0.1, 3), z=-0.85)
+    scene = [FLOOR, TABLE, wall, *THINGS]
+    up_there = [look_at([0, -1.3, 0.8], [0.2 * k / 40, 2.5, 1.4]) for k in range(40)]
+    tracker = Tracker(CAMERA)
+    follow(tracker, (frame_of(scene, T, k) for k, T in enumerate([*up_there, *orbit(40)])))
+    assert len(tracker.objects) == 2
+    assert min(overlap for _, overlap in matched(tracker, THINGS)) > 0.6
+
+
+def test_neighbours_two_centimetres_apart_are_two() -> None:
+    pair = [upright((-0.06, 0), (0.1, 0.1, 0.12)), upright((0.06, 0), (0.1, 0.1, 0.12))]
+    tracker = Tracker(CAMERA)
+    follow(tracker, (frame_of([FLOOR, TABLE, *pair], T, k) for k, T in enumerate(orbit(60, radius=0.9))))
+    assert len(tracker.objects) == 2
+    assert min(overlap for _, overlap in matched(tracker, pair)) > 0.6
+
+
+def test_a_partial_view_starts_no_second_label() -> None:
+    """The first frames see a third of a long box; it grows, and stays one."""
+    long = upright((0, 0), (0.5, 0.12, 0.15))
+    sweep = [look_at([x, -0.9, 0.6], [x, 0, 0.05]) for x in np.linspace(-0.9, 0.5, 60)]
+    tracker = Tracker(CAMERA)
+    results = follow(tracker, (frame_of([FLOOR, TABLE, long], T, k) for k, T in enumerate(sweep)))
+    assert {s.label for r in results for s in r.sightings} == {1}
+    assert len(tracker.objects) == 1
+    assert matched(tracker, [long])[0][1] > 0.7
+
+
+def test_poses_that_drift_do_not_double_an_object() -> None:
+    tracker = Tracker(CAMERA)
+    labels = set()
+    for k, T in enumerate(orbit(90)):
+        shown = T.copy()
+        shown[:3, 3] += np.array([0.03, 0.01, 0.015]) * k / 90
+        labels |= {s.label for s in tracker.update(frame_of([FLOOR, TABLE, *THINGS], T, k, T_shown=shown)).sightings}
+    assert labels == {1, 2}
+
+
+def test_things_on_a_table_and_on_the_floor_stand_on_their_own_planes() -> None:
+    on_floor = upright((0.95, 0.0), (0.25, 0.2, 0.3), z=-0.75)
+    scene = [FLOOR, TABLE, THINGS[0], on_floor]
+    poses = [look_at([1.0 + x, -1.6, 0.9], [0.35, 0, -0.2]) for x in np.linspace(-0.5, 0.5, 50)]
+    tracker = Tracker(CAMERA)
+    follow(tracker, (frame_of(scene, T, k) for k, T in enumerate(poses)))
+    pairs = matched(tracker, [THINGS[0], on_floor])
+    assert min(overlap for _, overlap in pairs) > 0.6
+    heights = []
+    for label, _ in pairs:
+        plane = next(o.plane for o in tracker.objects if o.label == label)
+        assert plane is not None
+        heights.append(-tracker.planes[plane].offset)
+    np.testing.assert_allclose(heights, [0.0, -0.75], atol=0.02)
+
+
+def test_an_object_that_proves_not_to_be_there_is_retired_and_its_label_not_used_again() -> None:
+    tracker = Tracker(CAMERA)
+    follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, k) for k, T in enumerate(orbit(20))))
+    assert len(tracker.objects) == 2
+    gone = matched(tracker, THINGS)[1][0]
+    left = [FLOOR, TABLE, THINGS[0]]
+    poses = orbit(20)[::-1] + orbit(20)
+    follow(tracker, (frame_of(left, poses[k % 40], 20 + k) for k in range(240)))
+    assert gone not in {o.label for o in tracker.objects}
+    new = upright((0.45, 0.25), (0.1, 0.1, 0.1))
+    follow(tracker, (frame_of([*left, new], poses[k % 40], 260 + k) for k in range(60)))
+    assert matched(tracker, [new])[0][1] > 0.5
+    assert matched(tracker, [new])[0][0] == 3
+
+
+def empty_wall(k: int) -> Frame:
+    return frame_of([upright((0, 3), (8, 0.1, 3), z=-0.85)], look_at([0, 0, 0.8], [0.1, 2.5, 0.8]), k)
+
+
+@pytest.mark.parametrize("make", [empty_wall])
+def test_nothing_to_see_is_no_error(make: Callable[[int], Frame]) -> None:
+    tracker = Tracker(CAMERA)
+    results = follow(tracker, (make(k) for k in range(40)))
+    assert tracker.objects == []
+    assert results[-1].sightings == ()
+
+
+def test_a_frame_that_cannot_be_used_says_why() -> None:
+    tracker = Tracker(CAMERA)
+    good = frame_of([TABLE], orbit(1)[0], 0)
+    with pytest.raises(FrameError, match="no camera pose"):
+        tracker.update(Frame(0, 0.0, good.color, good.depth_m, None))
+    with pytest.raises(FrameError, match="160 x 120 pixels, expected 320 x 240"):
+        tracker.update(Frame(0, 0.0, good.color[::2, ::2], good.depth_m[::2, ::2], np.eye(4)))
+
+
+def test_the_same_frames_give_the_same_bytes() -> None:
+    def once() -> tuple[bytes, ...]:
+        tracker = Tracker(CAMERA)
+        follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, k) for k, T in enumerate(orbit(25))))
+        points = tracker.map_points()
+        boxes = b"".join(o.box.center.tobytes() + o.box.size.tobytes() + o.box.rotation.tobytes() for o in tracker.objects)
+        return boxes, points.xyz.tobytes(), points.rgb.tobytes(), points.heat.tobytes(), points.label.tobytes()
+
+    assert once() == once()
