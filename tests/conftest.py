@@ -4,6 +4,11 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# The same examples in every run; the first one of a kernel also compiles it, which no deadline allows for.
+settings.register_profile("cuboid", deadline=None, derandomize=True)
+settings.load_profile("cuboid")
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 

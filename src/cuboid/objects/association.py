@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import iou_matrix, overlap_min_matrix, pack
+from cuboid.geometry.overlap import overlaps, pack
 from cuboid.objects.entry import MapObject
 from cuboid.objects.matching import assign
 from cuboid.surfaces.clusters import FrameCluster
@@ -58,9 +58,7 @@ def associate(
     """
     if not clusters or not objects:
         return [Match(None, 0.0, False) for _ in clusters]
-    mine, theirs = pack(boxes), pack([o.box for o in objects])
-    iou = iou_matrix(mine, theirs)
-    inside = overlap_min_matrix(mine, theirs)
+    iou, inside = overlaps(pack(boxes), pack([o.box for o in objects]))
     common = _common_points(clusters, objects, pixel_owner)
     likeness = np.maximum(iou, common)
     partner = dict(assign(likeness, SAME))
