@@ -1,0 +1,14 @@
+"""Recordings with exact truth, from a seed: scenes, camera paths, sensors, faults.
+
+`make_scene` (or `demo_scene`) decides what stands where and how the camera goes; `render_recording` writes
+the recording and its truth.
+"""
+
+from __future__ import annotations
+
+from cuboid.synthetic.demo import demo_scene
+from cuboid.synthetic.kinds import KINDS, make_scene
+from cuboid.synthetic.recording import render_recording
+from cuboid.synthetic.scene import Scene
+
+__all__ = ["KINDS", "Scene", "demo_scene", "make_scene", "render_recording"]

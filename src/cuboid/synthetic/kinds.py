@@ -1,0 +1,390 @@
+"""The kinds of scenes: what stands where and how the camera goes, drawn from a seed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from cuboid.errors import InputError
+from cuboid.frame import Float64Array
+from cuboid.synthetic import furniture as made
+from cuboid.synthetic.footprint import hull
+from cuboid.synthetic.mesh import shift, turn
+from cuboid.synthetic.paths import CAMERAS, STEP_M, STEP_RAD, around, fly, random_motion
+from cuboid.synthetic.placement import Arrangement
+from cuboid.synthetic.scene import Furniture, Scene, Surface
+from cuboid.synthetic.shapes import MAKERS, Model
+
+# Gap between objects where nothing else is said, metres.
+APART_M = 0.06
+# From the middle of a room to its walls, metres.
+ROOM_HALF_M = 2.6
+# Small things for shelves and crowded tables.
+SMALL = ("can", "mug", "carton", "jar", "milk", "bowl", "bottle", "plant")
+
+
+@dataclass
+class Draft:
+    """A scene in the making.
+
+    Attributes
+    ----------
+    rng : numpy.random.Generator
+    frames : int
+    camera : str
+        Of `CAMERAS`.
+    meshes : sequence of Model
+        The user's own; they come before the made ones.
+    furniture : list of Furniture
+    objects : Arrangement
+        Set when the surfaces are known.
+    waypoints : (K, 6) float64
+    whole : bool
+        Whether the way must be flown to its end.
+    """
+
+    rng: np.random.Generator
+    frames: int
+    camera: str
+    meshes: Sequence[Model]
+    furniture: list[Furniture]
+    objects: Arrangement
+    waypoints: Float64Array
+    whole: bool = False
+
+    def add(self, model: Model, T_room_model: Float64Array, *, doubtful: bool = False) -> None:
+        """Put up furniture."""
+        self.furniture.append(Furniture(model, T_room_model, doubtful))
+
+    def models(self, count: int, names: Sequence[str] = tuple(MAKERS)) -> list[Model]:
+        """Draw models, the same kind at most as often as needed; the user's own come first."""
+        own = [self.meshes[int(k)] for k in self.rng.permutation(len(self.meshes))][:count]
+        drawn: list[str] = []
+        while len(drawn) < count - len(own):
+            drawn += [names[int(k)] for k in self.rng.permutation(len(names))]
+        return own + [MAKERS[name](self.rng) for name in drawn[: count - len(own)]]
+
+
+Builder = Callable[[Draft], None]
+
+
+def build_table(draft: Draft) -> None:
+    """One table in the middle of a room; the camera goes round it."""
+    _room(draft)
+    _middle_table(draft)
+    for model in draft.models(int(draft.rng.integers(6, 10))):
+        draft.objects.put(model, 0, APART_M, within=0.9)
+    draft.waypoints = _circling(draft, 0, radius=draft.rng.uniform(1.1, 1.45))
+
+
+def build_occluders(draft: Draft) -> None:
+    """A table behind screens and large boxes, which the camera passes."""
+    _room(draft)
+    _middle_table(draft)
+    for model in draft.models(int(draft.rng.integers(6, 9))):
+        draft.objects.put(model, 0, APART_M, within=0.8)
+    way = _circling(draft, 0, radius=1.85, height=draft.rng.uniform(1.25, 1.4), steady=True)
+    draft.waypoints = way
+    angle = np.unwrap(np.arctan2(way[:, 1], way[:, 0]))
+    for share, low in ((0.3, False), (0.68, bool(draft.rng.random() < 0.5))):
+        at = float(np.interp(share + draft.rng.uniform(-0.05, 0.05), np.linspace(0, 1, len(angle)), angle))
+        place = turn(at) @ shift((draft.rng.uniform(1.08, 1.16), 0, 0)) @ turn(-np.pi / 2)
+        if low:
+            size = (draft.rng.uniform(0.45, 0.6), 0.4, draft.rng.uniform(1.0, 1.1))
+            draft.add(made.crate(draft.rng, size), place, doubtful=True)
+        else:
+            width = draft.rng.uniform(0.55, 0.8)
+            draft.add(made.screen(draft.rng, width, 1.3), place, doubtful=True)
+
+
+def build_leave(draft: Draft) -> None:
+    """A table that the camera turns away from for a second or more, and comes back to."""
+    _room(draft)
+    _middle_table(draft)
+    for model in draft.models(int(draft.rng.integers(5, 9))):
+        draft.objects.put(model, 0, APART_M, within=0.85)
+    angle = draft.rng.uniform(np.radians(70), np.radians(95)) * (1 if draft.rng.random() < 0.5 else -1)
+    turning = 2 * abs(angle) / STEP_RAD
+    walk = max(draft.frames - turning, 0.25 * draft.frames)
+    draft.waypoints = _leaving(draft, 0, angle, walk * STEP_M * 0.8)
+    draft.whole = True
+
+
+def build_tables(draft: Draft) -> None:
+    """Two tables of other heights and a shelf; the camera walks from one to the next and back."""
+    rng = draft.rng
+    _room(draft, half=3.0)
+    surfaces = [
+        Surface(
+            "table",
+            rng.uniform(0.68, 0.78),
+            np.array([-1.1, 0.9]),
+            np.array([0.62, 0.4]),
+            rng.uniform(-0.3, 0.3),
+        ),
+        Surface(
+            "round table", rng.uniform(0.42, 0.55), np.array([0.85, 1.0]), np.full(2, 0.5), 0.0, round=True
+        ),
+    ]
+    boards = (0.32, rng.uniform(0.78, 0.9))
+    surfaces += [
+        Surface(f"board {k + 1}", h, np.array([2.45, -0.5]), np.array([0.55, 0.17]), -np.pi / 2)
+        for k, h in enumerate(boards)
+    ]
+    draft.objects = Arrangement(tuple(surfaces), rng)
+    table, low = surfaces[0], surfaces[1]
+    draft.add(made.table(rng, (1.24, 0.8, table.height_m)), _on_floor(table))
+    draft.add(made.round_table(rng, 0.5, low.height_m), _on_floor(low))
+    draft.add(made.shelf(rng, (1.1, 0.34, boards[1] + 0.02), boards), _on_floor(surfaces[2]))
+    for surface, count, names in ((0, 5, tuple(MAKERS)), (1, 4, tuple(MAKERS)), (2, 2, SMALL), (3, 4, SMALL)):
+        for model in draft.models(count, names):
+            draft.objects.put(model, surface, APART_M, within=0.85)
+    draft.waypoints = _tour(
+        draft, [0, 1, 3, 1, 0], eyes=((-0.7, -0.45), (0.6, -0.35), (1.05, -0.75)), order=(0, 1, 2, 1, 0)
+    )
+
+
+def build_clutter(draft: Draft) -> None:
+    """A crowded table: gaps of 2 to 4 cm, two pairs that touch, one object on another."""
+    rng = draft.rng
+    _room(draft)
+    _middle_table(draft)
+    first = draft.objects.put(draft.models(1)[0], 0, APART_M, within=0.2)
+    assert first is not None, "an empty table has room"
+    for number, model in enumerate(draft.models(int(rng.integers(10, 14)))):
+        touch = number in (2, 5)
+        for k in rng.permutation(len(draft.objects.objects)):
+            other = draft.objects.objects[int(k)]
+            gap = 0.0 if touch else rng.uniform(0.02, 0.04)
+            if not (touch and other.touches) and draft.objects.put_beside(model, other, gap, 0.02):
+                break
+    _stack(draft)
+    draft.waypoints = _circling(draft, 0, radius=rng.uniform(1.05, 1.3))
+
+
+def build_room(draft: Draft) -> None:
+    """A living room, first seen at a curtain: table, shelf, sofa, chair, and things on the floor."""
+    rng = draft.rng
+    _room(draft, half=3.0)
+    board = rng.uniform(0.75, 0.9)
+    surfaces = (
+        Surface(
+            "table",
+            rng.uniform(0.42, 0.74),
+            np.array([0.1, 0.5]),
+            np.array([0.6, 0.38]),
+            rng.uniform(-0.4, 0.4),
+        ),
+        Surface("board", board, np.array([2.5, 1.0]), np.array([0.5, 0.17]), -np.pi / 2),
+        Surface("floor", 0.0, np.array([0.75, -0.7]), np.array([0.55, 0.45])),
+    )
+    draft.objects = Arrangement(surfaces, rng)
+    draft.add(made.table(rng, (1.2, 0.76, surfaces[0].height_m)), _on_floor(surfaces[0]))
+    draft.add(made.shelf(rng, (1.0, 0.34, board + 0.02), (0.35, board)), _on_floor(surfaces[1]))
+    draft.add(made.sofa(rng), shift((-1.3, 0.9, 0)) @ turn(rng.uniform(-0.2, 0.2)), doubtful=True)
+    draft.add(
+        made.chair(rng), shift((0.2, 1.45, 0)) @ turn(-np.pi / 2 + rng.uniform(-0.4, 0.4)), doubtful=True
+    )
+    for surface, count, names in (
+        (0, 5, tuple(MAKERS)),
+        (1, 3, SMALL),
+        (2, 3, ("parcel", "ball", "hat_box", "plant")),
+    ):
+        for model in draft.models(count, names):
+            draft.objects.put(model, surface, APART_M, within=0.85)
+    tour = _tour(
+        draft, [0, 2, 1, 0], eyes=((-0.6, -0.75), (0.3, -1.85), (1.15, 0.1), (0.9, -0.75)), order=(0, 1, 2, 3)
+    )
+    draft.waypoints = np.concatenate([_curtain_first(tour[0]), tour])
+
+
+KINDS: Mapping[str, Builder] = MappingProxyType(
+    {
+        "table": build_table,
+        "occluders": build_occluders,
+        "leave": build_leave,
+        "tables": build_tables,
+        "clutter": build_clutter,
+        "room": build_room,
+    }
+)
+# Frames of a recording where none are asked for: what the way of the kind takes.
+FRAMES: Mapping[str, int] = MappingProxyType(
+    {"table": 160, "occluders": 200, "leave": 220, "tables": 300, "clutter": 160, "room": 300}
+)
+
+
+def make_scene(
+    kind: str,
+    seed: int,
+    *,
+    frames: int | None = None,
+    camera: str | None = None,
+    meshes: Sequence[Model] = (),
+) -> Scene:
+    """Make a scene; the same arguments make the same scene.
+
+    Parameters
+    ----------
+    kind : str
+        Of `KINDS`.
+    seed : int
+        0 or more.
+    frames : int, optional
+        Length of the recording; what suits the kind unless given.
+    camera : str, optional
+        Of `CAMERAS`: how the camera is carried; drawn from the seed unless given.
+    meshes : sequence of Model, optional
+        The user's own objects, which are taken before the made ones.
+
+    Raises
+    ------
+    InputError
+        If the kind or the camera is not known.
+    """
+    if kind not in KINDS:
+        raise InputError(f"no kind of scene is called '{kind}'; there are {', '.join(KINDS)}")
+    if camera is not None and camera not in CAMERAS:
+        raise InputError(f"no camera is called '{camera}'; there are {', '.join(CAMERAS)}")
+    rng = np.random.default_rng([seed, list(KINDS).index(kind)])
+    drawn = tuple(CAMERAS)[int(rng.integers(len(CAMERAS)))]
+    T_world_room, focal = random_motion(rng), float(rng.uniform(525, 600))
+    draft = Draft(
+        rng, frames or FRAMES[kind], camera or drawn, meshes, [], Arrangement((), rng), np.empty((0, 6))
+    )
+    KINDS[kind](draft)
+    return finish(draft, f"synthetic {kind} {seed}", kind, seed, T_world_room, focal)
+
+
+def finish(
+    draft: Draft, name: str, kind: str, seed: int, T_world_room: Float64Array, focal_px: float
+) -> Scene:
+    """Return the scene of a draft."""
+    way = fly(draft.waypoints, draft.frames, CAMERAS[draft.camera], draft.rng, whole=draft.whole)
+    return Scene(
+        name=name,
+        kind=kind,
+        seed=seed,
+        objects=tuple(draft.objects.objects),
+        furniture=tuple(draft.furniture),
+        surfaces=draft.objects.surfaces,
+        T_world_room=T_world_room,
+        T_room_camera=way,
+        focal_px=focal_px,
+    )
+
+
+def _on_floor(surface: Surface) -> Float64Array:
+    return shift((*surface.center, 0)) @ turn(surface.angle_rad)
+
+
+def _room(draft: Draft, half: float = ROOM_HALF_M) -> None:
+    """Put up floor, walls, and a curtain at -y."""
+    draft.add(made.floor(draft.rng, half + 0.1), np.eye(4))
+    for k in range(4):
+        draft.add(made.wall(draft.rng, 2 * half), turn(k * np.pi / 2) @ shift((0, half, 0)))
+    draft.add(made.curtain(draft.rng, 2 * half), turn(np.pi) @ shift((0, half - 0.2, 0)))
+
+
+def _middle_table(draft: Draft) -> None:
+    rng = draft.rng
+    height, angle = rng.uniform(0.42, 0.85), rng.uniform(0, np.pi)
+    if rng.random() < 0.3:
+        radius = rng.uniform(0.5, 0.62)
+        surface = Surface("round table", height, np.zeros(2), np.full(2, radius), 0.0, round=True)
+        draft.add(made.round_table(rng, radius, height), np.eye(4))
+    else:
+        half = np.array([rng.uniform(0.55, 0.75), rng.uniform(0.4, 0.5)])
+        surface = Surface("table", height, np.zeros(2), half, angle)
+        draft.add(made.table(rng, (*(2 * half), height)), _on_floor(surface))
+    draft.objects = Arrangement((surface,), rng)
+
+
+def _circling(
+    draft: Draft, surface: int, radius: float, height: float | None = None, *, steady: bool = False
+) -> Float64Array:
+    """Return waypoints round a surface, as far as the frames allow."""
+    rng, top = draft.rng, draft.objects.surfaces[surface]
+    middle = (*top.center, top.height_m + 0.05)
+    level = top.height_m + rng.uniform(0.5, 0.85) if height is None else height
+    angle = draft.frames * STEP_M * 0.95 / radius
+    if draft.camera == "orbit" or steady:
+        count, radii, levels = 24, np.full(24, radius), np.full(24, level)
+        angles = np.linspace(0, angle, count)
+    else:
+        count = max(4, draft.frames // 28)
+        wide = 0.3 if draft.camera == "drone" else 0.2
+        radii = radius + rng.uniform(-0.5 * wide, wide, count)
+        levels = level + rng.uniform(-0.6 * wide, (2.2 if draft.camera == "drone" else 1.0) * wide, count)
+        angles = np.linspace(0, 0.8 * angle, count)
+    way = around(
+        middle, rng.uniform(0, 2 * np.pi) + (1 if rng.random() < 0.5 else -1) * angles, radii, levels
+    )
+    if not steady:
+        way[:, 3:] += rng.uniform(-0.06, 0.06, (len(way), 3)) * (draft.camera != "orbit")
+    return way
+
+
+def _leaving(draft: Draft, surface: int, angle: float, length_m: float) -> Float64Array:
+    """Return waypoints that look at a surface, then `angle` beside it, then at it again."""
+    rng, top = draft.rng, draft.objects.surfaces[surface]
+    radius, level = rng.uniform(1.15, 1.45), top.height_m + rng.uniform(0.5, 0.8)
+    start, arc = rng.uniform(0, 2 * np.pi), length_m / radius
+    middle = (*top.center, top.height_m + 0.05)
+    angles = start + arc * np.array([0, 0.2, 0.4, 0.5, 0.6, 0.8, 1.0])
+    way = around(middle, angles, radius, level)
+    # Turned away, the target swings about the camera's place; in steps, so that the curve keeps its distance.
+    rows = [way[:3]]
+    eye, toward = way[3, :3], np.arctan2(*(way[3, 3:5] - way[3, :2])[::-1])
+    for share in (0.25, 0.5, 0.75, 1.0, 1.0, 0.75, 0.5, 0.25):
+        bearing = toward + share * angle
+        drop = (top.height_m - level) * (1 - 0.6 * share)
+        target = eye + radius * np.array([np.cos(bearing), np.sin(bearing), 0]) + (0, 0, drop)
+        rows.append(np.concatenate([eye, target])[None])
+    return np.concatenate([*rows, way[4:]])
+
+
+def _tour(
+    draft: Draft, surfaces: Sequence[int], eyes: Sequence[tuple[float, float]], order: Sequence[int]
+) -> Float64Array:
+    """Return waypoints that look at one surface after the other, from places in the room."""
+    rows = []
+    for surface, eye in zip(surfaces, order, strict=True):
+        top = draft.objects.surfaces[surface]
+        for k in (-1, 1):
+            aside = top.at(*(draft.rng.uniform(0.1, 0.4, 2) * k))
+            level = top.height_m + draft.rng.uniform(0.55, 0.8)
+            height = np.clip(level, 1.15, 1.65)
+            place = np.array(eyes[eye]) + draft.rng.uniform(-0.12, 0.12, 2)
+            rows.append([*place, height, *aside, top.height_m + 0.05])
+    return np.array(rows)
+
+
+def _curtain_first(first: Float64Array) -> Float64Array:
+    """Return waypoints at the place of another, (6,), that look at the curtain and turn round to it."""
+    eye, toward = first[:3], first[3:] - first[:3]
+    end = np.arctan2(toward[1], toward[0])
+    far = float(np.linalg.norm(toward[:2]))
+    begin = end - 2.3 if abs(np.sin(end - 2.3) + 1) < abs(np.sin(end + 2.3) + 1) else end + 2.3
+    rows = []
+    for share in (0.0, 0.02, 0.25, 0.5, 0.75):
+        bearing = begin + share * (end - begin)
+        drop = 0.1 + share * (toward[2] - 0.1)
+        rows.append([*eye, *(eye + (far * np.cos(bearing), far * np.sin(bearing), drop))])
+    return np.array(rows)
+
+
+def _stack(draft: Draft) -> None:
+    """Put a can or a mug on a flat object that touches none; a stack of two may be called one object."""
+    flat = [o for o in draft.objects.objects if o.model.name in ("book", "parcel", "box") and not o.touches]
+    if flat:
+        top = draft.objects.put_on(MAKERS[("can", "mug")[int(draft.rng.integers(2))]](draft.rng), flat[0])
+        draft.objects.not_judged(top.id, flat[0].id)
+
+
+def outline_of(model: Model) -> Float64Array:
+    """Return a model's convex outline from above, (K, 2)."""
+    return hull(model.mesh().vertices[:, :2])

@@ -1,0 +1,120 @@
+"""Ways of a camera: waypoints, the curve through them at a hand's or a drone's speed, and its tremble."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.frame import Float64Array
+from cuboid.geometry import se3
+from cuboid.synthetic.mesh import turn
+
+# The fastest motion a frame at 30 frames a second: 0.5 m/s, 36 degrees/s.
+STEP_M = 0.0165
+STEP_RAD = np.radians(1.2)
+# Waypoints are joined by this many pieces a step at most; their poses are read off between them.
+_PIECES = 2400
+
+
+@dataclass(frozen=True, slots=True)
+class Style:
+    """How a camera is carried.
+
+    Attributes
+    ----------
+    sway_m, sway_rad : float
+        Size of the slow sway in place and direction.
+    hertz : float
+        Its highest frequency.
+    bank : float
+        Roll into a curve: radians per metre a frame sideways.
+    """
+
+    sway_m: float
+    sway_rad: float
+    hertz: float
+    bank: float
+
+
+CAMERAS = {
+    "orbit": Style(0.0015, np.radians(0.1), 0.5, 0.0),
+    "handheld": Style(0.012, np.radians(0.7), 1.3, 0.0),
+    "drone": Style(0.02, np.radians(0.5), 0.4, 6.0),
+}
+
+
+def look_at(eye: npt.ArrayLike, target: npt.ArrayLike, roll_rad: float = 0.0) -> Float64Array:
+    """Return T_room_camera (4, 4) of a camera at `eye` that looks at `target`, upright but for a roll."""
+    place = np.asarray(eye, np.float64)
+    forward = np.asarray(target, np.float64) - place
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    T = np.eye(4)
+    T[:3, :3] = np.column_stack([right, np.cross(forward, right), forward])
+    T[:3, 3] = place
+    return T @ turn(roll_rad)
+
+
+def fly(
+    waypoints: npt.ArrayLike, frames: int, style: Style, rng: np.random.Generator, *, whole: bool
+) -> Float64Array:
+    """Return the poses (frames, 4, 4) of a camera that passes waypoints (K, 6) of eye and target.
+
+    The speed is even and within `STEP_M` and `STEP_RAD` a frame. Where the frames do not suffice, the way
+    ends early; with `whole` it is flown faster instead.
+    """
+    from scipy.interpolate import PchipInterpolator
+
+    points = np.asarray(waypoints, np.float64)
+    knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1) + 1e-6)])
+    curve = PchipInterpolator(knots, points)(np.linspace(0, knots[-1], _PIECES))
+    forward = curve[:, 3:] - curve[:, :3]
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    moved = np.linalg.norm(np.diff(curve[:, :3], axis=0), axis=1) / STEP_M
+    turned = np.linalg.norm(np.diff(forward, axis=0), axis=1) / STEP_RAD
+    clock = np.concatenate([[0.0], np.cumsum(np.maximum(moved, turned) + 1e-9)])
+    end = clock[-1] if whole else min(clock[-1], float(max(frames - 1, 1)))
+    at = np.linspace(0, end, frames)
+    way = np.column_stack([np.interp(at, clock, column) for column in curve.T])
+    return _carried(way, style, rng)
+
+
+def _carried(way: Float64Array, style: Style, rng: np.random.Generator) -> Float64Array:
+    frames = len(way)
+    sway = smooth_noise(frames, 6, style.hertz, rng) * ([style.sway_m] * 3 + [style.sway_rad] * 3)
+    velocity = np.gradient(way[:, :3], axis=0) if frames > 1 else np.zeros((1, 3))
+    poses = np.empty((frames, 4, 4))
+    for k in range(frames):
+        level = look_at(way[k, :3], way[k, 3:])
+        roll = style.bank * float(velocity[k] @ level[:3, 0]) + sway[k, 5]
+        poses[k] = level @ turn(sway[k, 3], 0) @ turn(sway[k, 4], 1) @ turn(roll, 2)
+        poses[k, :3, 3] += sway[k, :3]
+    return poses
+
+
+def smooth_noise(frames: int, channels: int, hertz: float, rng: np.random.Generator) -> Float64Array:
+    """Return noise (frames, channels) of deviation about 1 without frequencies above `hertz`, at 30 a second."""
+    waves = 7
+    frequency = hertz * rng.uniform(0.15, 1.0, (waves, channels))
+    phase = rng.uniform(0, 2 * np.pi, (waves, channels))
+    seconds = np.arange(frames)[:, None, None] / 30.0
+    noise: Float64Array = np.sin(2 * np.pi * frequency * seconds + phase).sum(axis=1) * np.sqrt(2 / waves)
+    return noise
+
+
+def around(
+    center: npt.ArrayLike, angles_rad: npt.ArrayLike, radius_m: npt.ArrayLike, height_m: npt.ArrayLike
+) -> Float64Array:
+    """Return waypoints (K, 6) on an arc about a point (3,), looking at it; heights are the room's."""
+    angle, radius, height = np.broadcast_arrays(np.asarray(angles_rad, np.float64), radius_m, height_m)
+    middle = np.asarray(center, np.float64)
+    eye = np.column_stack([middle[0] + radius * np.cos(angle), middle[1] + radius * np.sin(angle), height])
+    return np.column_stack([eye, np.broadcast_to(middle, eye.shape)])
+
+
+def random_motion(rng: np.random.Generator) -> Float64Array:
+    """Return a motion (4, 4): a turn drawn evenly from all turns, and a shift of some metres."""
+    return se3.compose(rng.standard_normal(4), rng.uniform(-2, 2, 3))

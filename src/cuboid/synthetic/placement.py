@@ -1,0 +1,118 @@
+"""Puts models on surfaces: apart, side by side with a given gap, or one on another."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cuboid.frame import Float64Array
+from cuboid.synthetic.footprint import gap_m, hull
+from cuboid.synthetic.mesh import shift
+from cuboid.synthetic.scene import SceneObject, Surface
+from cuboid.synthetic.shapes import Model, turned
+
+# Draws for a free place before a model is left out.
+TRIES = 300
+# Objects keep this much from the edge of what carries them, metres.
+EDGE_M = 0.025
+# Below this gap (metres) two objects count as touching: no depth camera tells it from none.
+TOUCH_M = 0.002
+
+
+class Arrangement:
+    """The surfaces of a scene and the objects on them so far.
+
+    Parameters
+    ----------
+    surfaces : sequence of Surface
+    rng : numpy.random.Generator
+    """
+
+    def __init__(self, surfaces: tuple[Surface, ...], rng: np.random.Generator) -> None:
+        self.surfaces = surfaces
+        self.objects: list[SceneObject] = []
+        self._outlines: dict[int, Float64Array] = {}
+        self._kept: list[tuple[int, Float64Array]] = []
+        self._rng = rng
+
+    def keep_free(self, surface: int, outline: Float64Array) -> None:
+        """Let no object be put on a part of a surface, (K, 2) convex, counter-clockwise."""
+        self._kept.append((surface, outline))
+
+    def put(self, model: Model, surface: int, gap: float, within: float = 1.0) -> SceneObject | None:
+        """Put a model anywhere on a surface, at least `gap` metres from all others.
+
+        `within` is the share of the surface, around its middle, where the model's centre may lie.
+        Returns None where there is no room.
+        """
+        model = turned(model, self._rng.uniform(0, 2 * np.pi))
+        outline = hull(model.mesh().vertices[:, :2])
+        for _ in range(TRIES):
+            place = self.surfaces[surface].at(*(within * self._rng.uniform(-1, 1, 2)))
+            if self._free(outline + place, surface, gap):
+                return self._add(model, place, surface)
+        return None
+
+    def put_at(self, model: Model, surface: int, place: tuple[float, float]) -> SceneObject:
+        """Put a model at a place (coordinates -1..1 of the surface), as it is."""
+        return self._add(model, self.surfaces[surface].at(*place), surface)
+
+    def put_beside(
+        self, model: Model, other: SceneObject, gap: float, others_gap: float
+    ) -> SceneObject | None:
+        """Put a model `gap` metres from another, on the same surface; `others_gap` from the rest."""
+        for _ in range(TRIES // 5):
+            model = turned(model, self._rng.uniform(0, 2 * np.pi))
+            outline = hull(model.mesh().vertices[:, :2])
+            angle = self._rng.uniform(0, 2 * np.pi)
+            away = np.array([np.cos(angle), np.sin(angle)])
+            near = self._outlines[other.id]
+            start, low, high = other.T_room_model[:2, 3], 0.0, 1.0
+            while high - low > 1e-5:
+                middle = (low + high) / 2
+                if gap_m(outline + start + middle * away, near) > max(gap, TOUCH_M / 4):
+                    high = middle
+                else:
+                    low = middle
+            place = start + high * away
+            if self._free(outline + place, other.surface, others_gap, ignoring=other.id):
+                added = self._add(model, place, other.surface)
+                return self._touching(added, other) if gap < TOUCH_M else added
+        return None
+
+    def put_on(self, model: Model, other: SceneObject) -> SceneObject:
+        """Put a model on the flat top of another."""
+        top = float(other.mesh().vertices[:, 2].max())
+        added = self._add(model, other.T_room_model[:2, 3], other.surface, top)
+        return self._touching(added, other)
+
+    def not_judged(self, *ids: int) -> None:
+        """Let objects count neither way."""
+        self.objects = [replace(o, judged=o.judged and o.id not in ids) for o in self.objects]
+
+    def _free(self, outline: Float64Array, surface: int, gap: float, ignoring: int = 0) -> bool:
+        if not self.surfaces[surface].holds(outline, EDGE_M):
+            return False
+        if any(at == surface and gap_m(outline, kept) <= 0.0 for at, kept in self._kept):
+            return False
+        return all(
+            gap_m(outline, self._outlines[other.id]) >= gap
+            for other in self.objects
+            if other.surface == surface and other.id != ignoring
+        )
+
+    def _add(
+        self, model: Model, place: Float64Array, surface: int, bottom: float | None = None
+    ) -> SceneObject:
+        height = self.surfaces[surface].height_m if bottom is None else bottom
+        added = SceneObject(model, shift((*place, height)), id=len(self.objects) + 1, surface=surface)
+        self.objects.append(added)
+        self._outlines[added.id] = hull(model.mesh().vertices[:, :2]) + place
+        return added
+
+    def _touching(self, first: SceneObject, second: SceneObject) -> SceneObject:
+        for one, other in ((first, second), (second, first)):
+            now = self.objects[one.id - 1]
+            self.objects[one.id - 1] = replace(now, touches=(*now.touches, other.id))
+        return self.objects[first.id - 1]

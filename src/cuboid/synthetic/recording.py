@@ -1,0 +1,225 @@
+"""Renders a scene into a plain recording folder, with its truth beside it.
+
+::
+
+    output/
+      camera.json  color/000000.jpg  depth/000000.png  poses.txt     the recording, as docs/recordings.md has it
+      truth.json  true_trajectory.txt  true_cloud.ply                what it shows
+      faults.json                                                    what was broken on purpose, if anything
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.errors import InputError
+from cuboid.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
+from cuboid.outputs.folder import ResultFolder, writing
+from cuboid.synthetic import truth
+from cuboid.synthetic.faults import spoil
+from cuboid.synthetic.poses import POSE_NOISES
+from cuboid.synthetic.raycast import pixel_rays
+from cuboid.synthetic.scene import Scene
+from cuboid.synthetic.sensors import SENSORS
+from cuboid.synthetic.view import Rendered, SceneView
+
+# Units of the depth images: 0.2 mm, a seventh of a structured-light step at 0.7 m; the largest number is 13 m.
+DEPTH_UNITS_PER_M = 5000
+JPEG_QUALITY = 92
+# Fast, and a few percent larger than the best.
+PNG_COMPRESSION = 1
+# Frames and pixels that the labelled cloud is made of.
+CLOUD_EVERY_FRAMES, CLOUD_EVERY_PIXELS = 5, 3
+# The smallest image: below it an object is a few pixels.
+SMALLEST_SIZE = (64, 48)
+
+Progress = Callable[[int, int], None]
+CloudPart = tuple[Float32Array, UInt8Array, npt.NDArray[np.int32]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Done:
+    """What a rendered frame leaves besides its images: visible shares (M,), and points of the cloud."""
+
+    shares: Float64Array
+    cloud: CloudPart | None
+
+
+class _Renderer:
+    """Renders frames of a scene into the files of a folder."""
+
+    def __init__(self, scene: Scene, intrinsics: Intrinsics, sensor: str, folder: Path) -> None:
+        self._view = SceneView(scene, intrinsics)
+        self._poses = scene.T_world_camera
+        self._rays = pixel_rays(intrinsics)
+        self._sensor = sensor
+        self._folder = folder
+
+    def __call__(self, frame: int) -> _Done:
+        rendered = self._view.render(frame, self._sensor)
+        name = f"{frame:06d}"
+        (self._folder / "color" / f"{name}.jpg").write_bytes(encode_color(rendered.color))
+        (self._folder / "depth" / f"{name}.png").write_bytes(encode_depth(rendered.depth_m))
+        shares = self._view.visible_shares(frame, rendered.hits)
+        return _Done(shares, self._cloud(frame, rendered) if frame % CLOUD_EVERY_FRAMES == 0 else None)
+
+    def _cloud(self, frame: int, rendered: Rendered) -> CloudPart:
+        each = (slice(None, None, CLOUD_EVERY_PIXELS),) * 2
+        depth = rendered.hits.depth_m[each]
+        seen = depth > 0
+        T = self._poses[frame]
+        points = (self._rays[each] * depth[..., None])[seen] @ T[:3, :3].T + T[:3, 3]
+        return (
+            points.astype(np.float32),
+            rendered.color[each][seen],
+            self._view.labels(rendered.hits)[each][seen],
+        )
+
+
+def render_recording(
+    scene: Scene,
+    path: Path,
+    *,
+    sensor: str = "structured-light",
+    pose_noise: str = "none",
+    faults: Sequence[str] = (),
+    size: tuple[int, int] = (640, 480),
+    workers: int = 1,
+    force: bool = False,
+    progress: Progress | None = None,
+) -> None:
+    """Render a scene into a plain recording folder; the same arguments write the same bytes.
+
+    Parameters
+    ----------
+    scene : Scene
+    path : Path
+        The folder; it appears when it is complete.
+    sensor : str
+        Of `SENSORS`.
+    pose_noise : str
+        Of `POSE_NOISES`: what becomes of the poses that are written; the truth keeps the true ones.
+    faults : sequence of str
+        Of `cuboid.synthetic.faults.FAULTS`: what is broken in the end.
+    size : (int, int)
+        Width and height of the images, pixels.
+    workers : int
+        Processes that render; they change the time it takes and nothing else.
+    force : bool
+        Whether a made recording that lies at `path` may be replaced.
+    progress : callable, optional
+        Called with the number of frames done and of all.
+
+    Raises
+    ------
+    InputError
+        An argument is unknown or out of its range.
+    OutputError
+        The folder exists and is no made recording or `force` is not given, or it cannot be written.
+    """
+    _check(sensor, pose_noise, size)
+    if force and (path / truth.TRUTH).is_file():
+        with writing(path):
+            shutil.rmtree(path)
+    intrinsics = scene.intrinsics(*size)
+    with ResultFolder(path) as folder, writing(path):
+        work = folder.file("")
+        (work / "color").mkdir()
+        (work / "depth").mkdir()
+        done: list[_Done] = []
+        with _results(partial(_Renderer, scene, intrinsics, sensor, work), scene.frames, workers) as results:
+            for result in results:
+                done.append(result)
+                if progress is not None:
+                    progress(len(done), scene.frames)
+        _write_texts(work, scene, intrinsics, pose_noise)
+        truth.write_truth(work / truth.TRUTH, scene, intrinsics, np.array([one.shares for one in done]))
+        cloud = truth.LabelledCloud()
+        for one in done:
+            if one.cloud is not None:
+                cloud.add(*one.cloud)
+        cloud.write(work / truth.CLOUD)
+        if faults:
+            spoil(work, faults, scene.frames, np.random.default_rng([scene.seed, 3]))
+        folder.commit()
+
+
+def encode_color(color: UInt8Array) -> bytes:
+    """Return an RGB image (H, W, 3) as JPEG."""
+    return _encode(".jpg", color[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+
+
+def encode_depth(depth_m: Float32Array) -> bytes:
+    """Return depth in metres (H, W) as a 16-bit PNG in `DEPTH_UNITS_PER_M`."""
+    units = np.rint(np.minimum(depth_m * np.float32(DEPTH_UNITS_PER_M), 65534)).astype(np.uint16)
+    return _encode(".png", units, [cv2.IMWRITE_PNG_COMPRESSION, PNG_COMPRESSION])
+
+
+def _encode(suffix: str, image: npt.NDArray[Any], options: list[int]) -> bytes:
+    done, data = cv2.imencode(suffix, np.ascontiguousarray(image), options)
+    if not done:
+        raise RuntimeError(f"OpenCV cannot write {suffix}")
+    return data.tobytes()
+
+
+def _check(sensor: str, pose_noise: str, size: tuple[int, int]) -> None:
+    if sensor not in SENSORS:
+        raise InputError(f"no sensor is called '{sensor}'; there are {', '.join(SENSORS)}")
+    if pose_noise not in POSE_NOISES:
+        raise InputError(f"no pose noise is called '{pose_noise}'; there are {', '.join(POSE_NOISES)}")
+    if size[0] < SMALLEST_SIZE[0] or size[1] < SMALLEST_SIZE[1]:
+        raise InputError(
+            f"images must be at least {SMALLEST_SIZE[0]}x{SMALLEST_SIZE[1]}, got {size[0]}x{size[1]}"
+        )
+
+
+def _write_texts(folder: Path, scene: Scene, intrinsics: Intrinsics, pose_noise: str) -> None:
+    camera = {name: getattr(intrinsics, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
+    camera["depth_units_per_metre"] = DEPTH_UNITS_PER_M
+    (folder / "camera.json").write_text(json.dumps(camera) + "\n", encoding="utf-8")
+    poses = POSE_NOISES[pose_noise](scene.T_world_camera, np.random.default_rng([scene.seed, 2]))
+    lines = truth.pose_lines([str(k) for k in range(scene.frames)], poses)
+    (folder / "poses.txt").write_text("# number tx ty tz qx qy qz qw\n" + lines, encoding="utf-8")
+    truth.write_trajectory(folder / truth.TRAJECTORY, scene.T_world_camera)
+
+
+_renderer: _Renderer | None = None
+
+
+def _begin(make: Callable[[], _Renderer]) -> None:
+    """Make a worker's own renderer."""
+    global _renderer
+    cv2.setNumThreads(1)
+    _renderer = make()
+
+
+def _render(frame: int) -> _Done:
+    assert _renderer is not None, "a worker begins with _begin"
+    return _renderer(frame)
+
+
+@contextmanager
+def _results(make: Callable[[], _Renderer], frames: int, workers: int) -> Iterator[Iterator[_Done]]:
+    """Give the rendered frames in order."""
+    if workers <= 1:
+        yield map(make(), range(frames))
+        return
+    with ProcessPoolExecutor(workers, get_context("spawn"), _begin, (make,)) as pool:
+        try:
+            yield pool.map(_render, range(frames), chunksize=4)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise

@@ -1,0 +1,180 @@
+"""A scene: what stands where, what carries it, and the camera's way; all in a room whose z is up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cuboid.frame import Float64Array, Intrinsics
+from cuboid.geometry import se3
+from cuboid.geometry.box import Box
+from cuboid.synthetic.footprint import hull, smallest_rectangle
+from cuboid.synthetic.mesh import Mesh
+from cuboid.synthetic.shapes import Model
+
+FRAMES_PER_S = 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """A level face that carries objects.
+
+    Attributes
+    ----------
+    name : str
+    height_m : float
+        Above the room's floor.
+    center : (2,) float64
+    half : (2,) float64
+        Half its size along its own axes, metres; a round one has twice the same.
+    angle_rad : float
+        Of its first axis.
+    round : bool
+    """
+
+    name: str
+    height_m: float
+    center: Float64Array
+    half: Float64Array
+    angle_rad: float = 0.0
+    round: bool = False
+
+    def holds(self, points: Float64Array, margin_m: float) -> bool:
+        """Tell whether points (N, 2) in the room all lie on it, `margin_m` from its edge."""
+        c, s = np.cos(self.angle_rad), np.sin(self.angle_rad)
+        own = (points - self.center) @ np.array([[c, -s], [s, c]])
+        if self.round:
+            return bool((np.linalg.norm(own, axis=1) <= self.half[0] - margin_m).all())
+        return bool((np.abs(own) <= self.half - margin_m).all())
+
+    def at(self, first: float, second: float) -> Float64Array:
+        """Return the point (2,) in the room at coordinates -1..1 along its axes."""
+        c, s = np.cos(self.angle_rad), np.sin(self.angle_rad)
+        point: Float64Array = self.center + np.array([[c, -s], [s, c]]) @ (self.half * (first, second))
+        return point
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """A model in the room.
+
+    Attributes
+    ----------
+    model : Model
+    T_room_model : (4, 4) float64
+    """
+
+    model: Model
+    T_room_model: Float64Array
+
+    def mesh(self) -> Mesh:
+        """Return all its parts in the room."""
+        return self.model.mesh().moved(self.T_room_model)
+
+
+@dataclass(frozen=True, slots=True)
+class SceneObject(Placed):
+    """A thing that a tracker should find.
+
+    Attributes
+    ----------
+    id : int
+        From 1.
+    surface : int
+        Of `Scene.surfaces`; what it stands on, directly or by what lies between.
+    judged : bool
+        False where it is open whether it is one object: it counts neither way.
+    touches : tuple of int
+        Objects at no distance.
+    """
+
+    id: int = 0
+    surface: int = 0
+    judged: bool = True
+    touches: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Furniture(Placed):
+    """A thing that is no object: what carries objects, walls, and what is in the way.
+
+    Attributes
+    ----------
+    doubtful : bool
+        True for what stands alone, such as a chair, which others may well call an object.
+    """
+
+    doubtful: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A room, and the way of a camera through it.
+
+    Attributes
+    ----------
+    name, kind : str
+    seed : int
+    objects : tuple of SceneObject
+    furniture : tuple of Furniture
+    surfaces : tuple of Surface
+    T_world_room : (4, 4) float64
+        Turned and shifted any way: in the world, up is no axis.
+    T_room_camera : (N, 4, 4) float64
+        True poses.
+    focal_px : float
+        At a width of 640 pixels.
+    lamp : (L, 3) float64
+        Points of the lamp, in the room.
+    """
+
+    name: str
+    kind: str
+    seed: int
+    objects: tuple[SceneObject, ...]
+    furniture: tuple[Furniture, ...]
+    surfaces: tuple[Surface, ...]
+    T_world_room: Float64Array
+    T_room_camera: Float64Array
+    focal_px: float
+    lamp: Float64Array = field(
+        default_factory=lambda: np.array(
+            [[0.95, -0.75, 2.55], [0.6, -0.5, 2.6], [0.75, -0.9, 2.6], [0.9, -0.45, 2.5]]
+        )
+    )
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return len(self.T_room_camera)
+
+    @property
+    def T_world_camera(self) -> Float64Array:
+        """True poses, (N, 4, 4)."""
+        poses: Float64Array = self.T_world_room @ self.T_room_camera
+        return poses
+
+    def intrinsics(self, width: int = 640, height: int = 480) -> Intrinsics:
+        """Return the pinhole for images of a size; the horizontal field of view stays."""
+        focal = self.focal_px * width / 640
+        return Intrinsics(focal, focal, (width - 1) / 2, (height - 1) / 2, width, height)
+
+    def plane(self, surface: int) -> tuple[Float64Array, float]:
+        """Return normal (3,) and offset of a surface in the world: normal.p + offset = 0."""
+        normal = self.T_world_room[:3, 2]
+        point = se3.transform(self.T_world_room, (0, 0, self.surfaces[surface].height_m))
+        return normal, -float(normal @ point)
+
+    def box(self, placed: Placed) -> Box:
+        """Return the box of least footprint around a body that stands upright, in the world."""
+        points = placed.mesh().vertices
+        center, size, angle = smallest_rectangle(hull(points[:, :2]))
+        low, high = float(points[:, 2].min()), float(points[:, 2].max())
+        c, s = np.cos(angle), np.sin(angle)
+        rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        return Box(
+            center=se3.transform(self.T_world_room, (*center, (low + high) / 2)),
+            size=np.array([*size, high - low]),
+            rotation=self.T_world_room[:3, :3] @ rotation,
+        )

@@ -1,0 +1,147 @@
+"""The files that say what a made recording shows: `truth.json`, the true trajectory, the labelled cloud.
+
+``docs/synthetic.md`` describes them; the form of `truth.json` is that of truth files of real recordings.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
+from cuboid.geometry import se3
+from cuboid.geometry.box import Box
+from cuboid.outputs.ply import write_map
+from cuboid.outputs.text import DIRECTION, LENGTH, number, numbers, rounded, rounded_list
+from cuboid.results import MapPoints
+from cuboid.synthetic.scene import FRAMES_PER_S, Scene
+
+TRUTH, TRAJECTORY, CLOUD = "truth.json", "true_trajectory.txt", "true_cloud.ply"
+
+# An object counts as shown from this share on, in at least so many frames; what was shown less is not judged.
+SHOWN_SHARE, SHOWN_FRAMES = 0.3, 8
+# Points of the cloud are thinned to one in a cube of this size, metres.
+CLOUD_CELL_M = 0.008
+
+
+def write_truth(path: Path, scene: Scene, intrinsics: Intrinsics, shares: Float64Array) -> None:
+    """Write `truth.json`.
+
+    Parameters
+    ----------
+    path : Path
+    scene : Scene
+    intrinsics : Intrinsics
+        Of the recording.
+    shares : (N, M) float64
+        Visible share of each object in each frame, in the order of `scene.objects`.
+    """
+    truth = {
+        "format": "cuboid-truth",
+        "version": 1,
+        "name": scene.name,
+        "frames": scene.frames,
+        "K": [
+            rounded(value, LENGTH) for value in (intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy)
+        ],
+        "note": "exact, from the geometry that the recording was rendered from",
+        "planes": [_plane(scene, k) for k in range(len(scene.surfaces))],
+        "objects": _objects(scene, shares),
+        "judged_region": None,
+        "ignore": [
+            {"name": body.model.name, **_box(scene.box(body))} for body in scene.furniture if body.doubtful
+        ],
+        "visibility": {
+            "frames": scene.frames,
+            "note": "share of the camera-facing points that true depth shows within 2 cm; 0.05 steps, "
+            "[value, run length]; 0 = not visible",
+            "objects": {str(body.id): run_lengths(shares[:, k]) for k, body in enumerate(scene.objects)},
+        },
+    }
+    path.write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
+
+
+def run_lengths(values: npt.ArrayLike) -> list[list[float | int]]:
+    """Return values as [value, how often in a row]."""
+    runs: list[list[float | int]] = []
+    for value in np.asarray(values, np.float64).tolist():
+        if runs and runs[-1][0] == value:
+            runs[-1][1] += 1
+        else:
+            runs.append([value, 1])
+    return runs
+
+
+def _plane(scene: Scene, surface: int) -> dict[str, Any]:
+    normal, offset = scene.plane(surface)
+    return {
+        "name": scene.surfaces[surface].name,
+        "normal": rounded_list(normal, DIRECTION),
+        "offset": rounded(offset, LENGTH),
+    }
+
+
+def _box(box: Box) -> dict[str, Any]:
+    return {
+        "center": rounded_list(box.center, LENGTH),
+        "size": rounded_list(box.size, LENGTH),
+        "rotation": [rounded_list(row, DIRECTION) for row in box.rotation],
+    }
+
+
+def _objects(scene: Scene, shares: Float64Array) -> list[dict[str, Any]]:
+    needed = min(SHOWN_FRAMES, max(1, scene.frames // 4))
+    rows = []
+    for k, body in enumerate(scene.objects):
+        shown = int((shares[:, k] >= SHOWN_SHARE).sum()) >= needed
+        rows.append(
+            {
+                "id": body.id,
+                "name": body.model.name,
+                "judged": body.judged and shown,
+                **_box(scene.box(body)),
+                "plane": body.surface,
+                "touches": list(body.touches),
+                "frames_present": int((shares[:, k] > 0).sum()),
+            }
+        )
+    return rows
+
+
+def pose_lines(keys: Sequence[str], T_world_camera: Float64Array) -> str:
+    """Return lines `key tx ty tz qx qy qz qw`."""
+    lines = []
+    for key, T in zip(keys, T_world_camera, strict=True):
+        w, x, y, z = se3.quat_wxyz_from_rotation(T[:3, :3])
+        lines.append(f"{key} {numbers(T[:3, 3], LENGTH, ' ')} {numbers((x, y, z, w), DIRECTION, ' ')}\n")
+    return "".join(lines)
+
+
+def write_trajectory(path: Path, T_world_camera: Float64Array) -> None:
+    """Write the true poses (N, 4, 4) in the TUM form, `timestamp tx ty tz qx qy qz qw`."""
+    times = [number(k / FRAMES_PER_S, LENGTH) for k in range(len(T_world_camera))]
+    path.write_text(pose_lines(times, T_world_camera), encoding="utf-8")
+
+
+class LabelledCloud:
+    """The surfaces that the camera saw, thinned, each point with the object it lies on."""
+
+    def __init__(self) -> None:
+        self._parts: list[tuple[Float32Array, UInt8Array, npt.NDArray[np.int32]]] = []
+
+    def add(self, xyz: Float32Array, rgb: UInt8Array, label: npt.NDArray[np.int32]) -> None:
+        """Add points (n, 3) in the world with colors (n, 3) and labels (n,); 0 is no object."""
+        self._parts.append((xyz, rgb, label))
+
+    def write(self, path: Path) -> None:
+        """Write the cloud in the form of `map.ply`; heat is 1 on objects and 0 elsewhere."""
+        xyz, rgb, label = (np.concatenate(columns) for columns in zip(*self._parts, strict=True))
+        cell = np.floor(xyz / CLOUD_CELL_M).astype(np.int64)
+        first = np.sort(np.unique(cell, axis=0, return_index=True)[1])
+        heat = (label[first] > 0).astype(np.float32)
+        write_map(path, MapPoints(xyz=xyz[first], rgb=rgb[first], heat=heat, label=label[first]))

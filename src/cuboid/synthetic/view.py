@@ -1,0 +1,119 @@
+"""A scene ready to be looked at: its triangles in the world, and what belongs to which object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
+from cuboid.geometry import se3
+from cuboid.synthetic.mesh import Mesh, corner_normals, merged, sample_surface
+from cuboid.synthetic.raycast import Hits, RayCaster
+from cuboid.synthetic.scene import Placed, Scene, SceneObject
+from cuboid.synthetic.sensors import SENSORS
+from cuboid.synthetic.shading import Look, part_rows, shade
+
+# Points an object's surface is sampled with for its visible share: 0.05 is then 30 of them.
+SURFACE_POINTS = 600
+# A point is seen where true depth agrees with its own, metres.
+AGREES_M = 0.02
+# Steps of the visible share.
+SHARE_STEPS = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Rendered:
+    """A frame of a scene.
+
+    Attributes
+    ----------
+    color : (H, W, 3) uint8
+        RGB.
+    depth_m : (H, W) float32
+        As the sensor measured it.
+    hits : Hits
+        The true first hits.
+    """
+
+    color: UInt8Array
+    depth_m: Float32Array
+    hits: Hits
+
+
+class SceneView:
+    """A scene that can be rendered.
+
+    Parameters
+    ----------
+    scene : Scene
+    intrinsics : Intrinsics
+    """
+
+    def __init__(self, scene: Scene, intrinsics: Intrinsics) -> None:
+        self._seed = scene.seed
+        self._poses = scene.T_world_camera
+        self._intrinsics = intrinsics
+        placed: tuple[Placed, ...] = (*scene.objects, *scene.furniture)
+        meshes, materials, T_body_world, labels = [], [], [], []
+        for body in placed:
+            T_world_model = scene.T_world_room @ body.T_room_model
+            for mesh, material in body.model.parts:
+                meshes.append(mesh.moved(T_world_model))
+                materials.append(material)
+                T_body_world.append(se3.inverse(T_world_model))
+                labels.append(body.id if isinstance(body, SceneObject) else 0)
+        faces = [len(mesh.faces) for mesh in meshes]
+        whole = merged(meshes)
+        self._caster = RayCaster(whole.corners())
+        self.face_label: npt.NDArray[np.int32] = np.repeat(np.array(labels, np.int32), faces)
+        self._look = Look(
+            face_part=np.repeat(np.arange(len(meshes), dtype=np.int32), faces),
+            normals=np.concatenate([corner_normals(mesh) for mesh in meshes]).astype(np.float32),
+            parts=part_rows(materials, T_body_world),
+            lamp=se3.transform(scene.T_world_room, scene.lamp),
+            up=np.ascontiguousarray(scene.T_world_room[:3, 2]),
+        )
+        self._surfaces = [_surface(scene, body) for body in scene.objects]
+
+    def render(self, frame: int, sensor: str) -> Rendered:
+        """Render a frame with a sensor of `SENSORS`."""
+        T = self._poses[frame]
+        hits = self._caster.first_hits(self._intrinsics, T)
+        color_rng, depth_rng = (np.random.default_rng([self._seed, frame, k]) for k in range(2))
+        color, cosine = shade(self._caster, self._look, hits, self._intrinsics, T, color_rng)
+        depth = SENSORS[sensor](hits.depth_m, cosine, self._intrinsics, depth_rng)
+        return Rendered(color, depth, hits)
+
+    def labels(self, hits: Hits) -> npt.NDArray[np.int32]:
+        """Return the object that each pixel sees, (H, W) int32, 0 for none."""
+        return np.where(hits.face >= 0, self.face_label[hits.face], 0).astype(np.int32)
+
+    def visible_shares(self, frame: int, hits: Hits) -> Float64Array:
+        """Return for each object which share of its points that face the camera is seen, in steps of 0.05."""
+        T_camera_world = se3.inverse(self._poses[frame])
+        return np.array(
+            [self._share(points, normals, T_camera_world, hits) for points, normals in self._surfaces]
+        )
+
+    def _share(
+        self, points: Float64Array, normals: Float64Array, T_camera_world: Float64Array, hits: Hits
+    ) -> float:
+        seen_from = se3.transform(T_camera_world, points)
+        facing = np.einsum("ij,ij->i", seen_from, normals @ T_camera_world[:3, :3].T) < 0
+        if not facing.any():
+            return 0.0
+        k = self._intrinsics
+        front = seen_from[facing & (seen_from[:, 2] > 0.05)]
+        x = np.rint(front[:, 0] / front[:, 2] * k.fx + k.cx)
+        y = np.rint(front[:, 1] / front[:, 2] * k.fy + k.cy)
+        inside = (x >= 0) & (x < k.width) & (y >= 0) & (y < k.height)
+        depth = hits.depth_m[y[inside].astype(np.int64), x[inside].astype(np.int64)]
+        agrees = np.abs(depth - front[inside, 2]) <= AGREES_M
+        return round(float(agrees.sum() / facing.sum()) * SHARE_STEPS) / SHARE_STEPS
+
+
+def _surface(scene: Scene, body: SceneObject) -> tuple[Float64Array, Float64Array]:
+    mesh: Mesh = body.mesh().moved(scene.T_world_room)
+    return sample_surface(mesh, SURFACE_POINTS, np.random.default_rng([scene.seed, body.id]))
