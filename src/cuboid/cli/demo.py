@@ -3,14 +3,65 @@
 from __future__ import annotations
 
 import argparse
+import sys
+from pathlib import Path
+
+from cuboid.cli.threads import add_threads, cores, positive
 
 HELP = "make a recording, track it, and compare with the truth"
+
+RECORDING, RESULTS = "recording", "results"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
+    parser.add_argument(
+        "--output",
+        type=Path,
+        default=Path("cuboid-demo"),
+        metavar="DIR",
+        help="folder of recording and results; an earlier demo there is replaced (default: %(default)s)",
+    )
+    parser.add_argument("--frames", type=positive, metavar="N", help="length of the recording")
+    parser.add_argument("--no-video", action="store_true", help="leave out labelled.mp4")
+    add_threads(parser, default=min(2, cores()))
 
 
 def run(args: argparse.Namespace) -> int:
     """Make, track, compare."""
-    raise SystemExit(1)
+    from cuboid.cli.interrupt import interruptible
+    from cuboid.cli.progress import progress
+    from cuboid.cli.track import print_outcome
+    from cuboid.readers import open_recording
+    from cuboid.run import track_recording
+
+    recording, results = args.output / RECORDING, args.output / RESULTS
+    _make(recording, args.frames, args.threads)
+    with interruptible() as interruption, progress() as shown:
+        outcome = track_recording(
+            open_recording(recording),
+            results,
+            threads=args.threads,
+            video=not args.no_video,
+            force=True,
+            progress=shown,
+            stop=interruption,
+        )
+    print_outcome(outcome, results)
+    if not outcome.report.complete:
+        print("cuboid: interrupted; the results are marked as not complete", file=sys.stderr)
+        return interruption.status
+    return 0
+
+
+def _make(path: Path, frames: int | None, threads: int) -> None:
+    from cuboid.cli.progress import counting
+    from cuboid.errors import OutputError
+    from cuboid.synthetic import demo_scene, render_recording
+    from cuboid.synthetic.truth import TRUTH
+
+    if path.exists() and not (path / TRUTH).is_file():
+        raise OutputError(f"{path}: exists and was not made by a demo; name another --output")
+    with counting("making a recording") as count:
+        scene = demo_scene() if frames is None else demo_scene(frames)
+        render_recording(scene, path, workers=threads, force=True, progress=count)

@@ -27,7 +27,7 @@ def pool_size(threads: int) -> int:
     return max(1, threads - 1)
 
 
-def add_threads(parser: argparse._ArgumentGroup, default: int) -> None:
+def add_threads(parser: argparse._ActionsContainer, default: int) -> None:
     """Add `--threads`."""
     parser.add_argument(
         "--threads",
