@@ -25,12 +25,17 @@ class Hits:
         -1 where nothing is hit.
     u, v : (H, W) float32
         Barycentric coordinates: weights of the face's second and third corner.
+    eye : (3,) float32
+    rays : (H, W, 3) float32
+        The rays that were cast: what a pixel sees is at eye + depth * ray.
     """
 
     depth_m: Float32Array
     face: npt.NDArray[np.int32]
     u: Float32Array
     v: Float32Array
+    eye: Float32Array
+    rays: Float32Array
 
 
 class RayCaster:
@@ -49,16 +54,21 @@ class RayCaster:
         self._scene = EmbreeScene()
         TriangleMesh(self._scene, np.ascontiguousarray(corners, np.float32))
 
-    def first_hits(self, intrinsics: Intrinsics, T_world_camera: Float64Array) -> Hits:
-        """Cast a ray through the centre of each pixel."""
-        shape = (intrinsics.height, intrinsics.width)
-        # Rays of unit depth: the parameter of a hit is its depth.
-        directions = pixel_rays(intrinsics).reshape(-1, 3) @ T_world_camera[:3, :3].T.astype(np.float32)
-        origins = np.broadcast_to(T_world_camera[:3, 3].astype(np.float32), directions.shape)
-        hit = self._scene.run(np.ascontiguousarray(origins), np.ascontiguousarray(directions), output=True)
+    def first_hits(self, eye: Float32Array, rays: Float32Array) -> Hits:
+        """Cast a ray through each pixel.
+
+        Parameters
+        ----------
+        eye : (3,) float32
+        rays : (H, W, 3) float32
+            Of unit depth (`pixel_rays`), so that the parameter of a hit is its depth.
+        """
+        shape, directions = rays.shape[:2], rays.reshape(-1, 3)
+        origins = np.ascontiguousarray(np.broadcast_to(eye, directions.shape))
+        hit = self._scene.run(origins, directions, output=True)
         face = hit["primID"].reshape(shape)
         depth = np.where(face >= 0, hit["tfar"].reshape(shape), np.float32(0))
-        return Hits(depth, face, hit["u"].reshape(shape), hit["v"].reshape(shape))
+        return Hits(depth, face, hit["u"].reshape(shape), hit["v"].reshape(shape), eye, rays)
 
     def reaches(self, points: Float32Array, light: Float64Array) -> npt.NDArray[np.uint8]:
         """Tell for points (N, 3) whether nothing lies between them and a light (3,): 1 or 0."""
@@ -67,9 +77,10 @@ class RayCaster:
         return (blocked != 0).astype(np.uint8)
 
 
-def pixel_rays(intrinsics: Intrinsics) -> Float32Array:
-    """Return the point at depth 1 of each pixel in camera coordinates, (H, W, 3)."""
-    rays = np.ones((intrinsics.height, intrinsics.width, 3), np.float32)
+def pixel_rays(intrinsics: Intrinsics, T_room_camera: Float64Array) -> Float32Array:
+    """Return the way from the camera to depth 1 of each pixel, turned to the room, (H, W, 3)."""
+    rays = np.ones((intrinsics.height, intrinsics.width, 3))
     rays[..., 0] = (np.arange(intrinsics.width) - intrinsics.cx) / intrinsics.fx
     rays[..., 1] = ((np.arange(intrinsics.height) - intrinsics.cy) / intrinsics.fy)[:, None]
-    return rays
+    turned: Float32Array = (rays.reshape(-1, 3) @ T_room_camera[:3, :3].T).astype(np.float32)
+    return turned.reshape(rays.shape)

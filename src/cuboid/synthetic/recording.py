@@ -27,11 +27,11 @@ import numpy.typing as npt
 
 from cuboid.errors import InputError
 from cuboid.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
+from cuboid.geometry import se3
 from cuboid.outputs.folder import ResultFolder, writing
 from cuboid.synthetic import truth
 from cuboid.synthetic.faults import spoil
 from cuboid.synthetic.poses import POSE_NOISES
-from cuboid.synthetic.raycast import pixel_rays
 from cuboid.synthetic.scene import Scene
 from cuboid.synthetic.sensors import SENSORS
 from cuboid.synthetic.view import Rendered, SceneView
@@ -63,8 +63,7 @@ class _Renderer:
 
     def __init__(self, scene: Scene, intrinsics: Intrinsics, sensor: str, folder: Path) -> None:
         self._view = SceneView(scene, intrinsics)
-        self._poses = scene.T_world_camera
-        self._rays = pixel_rays(intrinsics)
+        self._T_world_room = scene.T_world_room
         self._sensor = sensor
         self._folder = folder
 
@@ -74,19 +73,14 @@ class _Renderer:
         (self._folder / "color" / f"{name}.jpg").write_bytes(encode_color(rendered.color))
         (self._folder / "depth" / f"{name}.png").write_bytes(encode_depth(rendered.depth_m))
         shares = self._view.visible_shares(frame, rendered.hits)
-        return _Done(shares, self._cloud(frame, rendered) if frame % CLOUD_EVERY_FRAMES == 0 else None)
+        return _Done(shares, self._cloud(rendered) if frame % CLOUD_EVERY_FRAMES == 0 else None)
 
-    def _cloud(self, frame: int, rendered: Rendered) -> CloudPart:
+    def _cloud(self, rendered: Rendered) -> CloudPart:
         each = (slice(None, None, CLOUD_EVERY_PIXELS),) * 2
-        depth = rendered.hits.depth_m[each]
+        hits, depth = rendered.hits, rendered.hits.depth_m[each]
         seen = depth > 0
-        T = self._poses[frame]
-        points = (self._rays[each] * depth[..., None])[seen] @ T[:3, :3].T + T[:3, 3]
-        return (
-            points.astype(np.float32),
-            rendered.color[each][seen],
-            self._view.labels(rendered.hits)[each][seen],
-        )
+        points = se3.transform(self._T_world_room, (hits.eye + hits.rays[each] * depth[..., None])[seen])
+        return points.astype(np.float32), rendered.color[each][seen], self._view.labels(hits)[each][seen]
 
 
 def render_recording(

@@ -14,13 +14,18 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from cuboid.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
+from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.synthetic.material import Material, linear
-from cuboid.synthetic.raycast import SHADOW_BIAS_M, Hits, RayCaster, pixel_rays
+from cuboid.synthetic.raycast import SHADOW_BIAS_M, Hits, RayCaster
 
 # Light from everywhere, at a surface that looks down and at one that looks up; the rest is the lamp's.
 AMBIENT_DOWN, AMBIENT_UP = 0.16, 0.34
-LAMP = 0.78
+# The lamp: light at a distance of 1 m, falling with its square, and the most it gives near by.
+LAMP, LAMP_MOST = 4.3, 1.25
+# Highlights: strength, and the power that makes them small.
+GLOSS, GLOSS_POWER = 0.55, 40.0
+# Size of the fine unevenness that every surface has, metres.
+FINE_M = 0.012
 # The blur of a small lens, pixels; it also softens the steps of one ray a pixel.
 BLUR_PX = 0.55
 # Noise of the color sensor, grey levels.
@@ -39,25 +44,23 @@ class Look:
     ----------
     face_part : (F,) int32
     normals : (F, 3, 3) float32
-        Of each face's corners, in the world.
+        Of each face's corners, in the room.
     parts : (P, 21) float64
-        color, second (linear), texture, scale, shine, T_body_world (3 x 4, by rows).
+        color, second (linear), texture, scale, shine, T_body_room (3 x 4, by rows).
     lamp : (L, 3) float64
-        Points of the lamp, in the world.
-    up : (3,) float64
+        Points of the lamp, in the room.
     """
 
     face_part: npt.NDArray[np.int32]
     normals: Float32Array
     parts: Float64Array
     lamp: Float64Array
-    up: Float64Array
 
 
-def part_rows(materials: Sequence[Material], T_body_world: Sequence[Float64Array]) -> Float64Array:
+def part_rows(materials: Sequence[Material], T_body_room: Sequence[Float64Array]) -> Float64Array:
     """Return the table `Look.parts`."""
     rows = np.empty((len(materials), 21))
-    for row, look, T in zip(rows, materials, T_body_world, strict=True):
+    for row, look, T in zip(rows, materials, T_body_room, strict=True):
         row[0:3], row[3:6] = linear(look.color), linear(look.second)
         row[6:9] = look.texture, look.scale_m, look.shine
         row[9:] = T[:3].reshape(-1)
@@ -68,41 +71,32 @@ def shade(
     caster: RayCaster,
     look: Look,
     hits: Hits,
-    intrinsics: Intrinsics,
-    T_world_camera: Float64Array,
     rng: np.random.Generator,
 ) -> tuple[UInt8Array, Float32Array]:
     """Return the color image (H, W, 3) RGB, and the cosine between each pixel's ray and its surface (H, W)."""
-    height, width = hits.depth_m.shape
-    rays = pixel_rays(intrinsics)
-    lit = _lit_share(caster, look, hits, rays, T_world_camera)
-    color = np.empty((height, width, 3), np.float32)
-    cosine = np.empty((height, width), np.float32)
-    arrays = (hits.depth_m, hits.face, hits.u, hits.v, rays, np.ascontiguousarray(T_world_camera))
-    _shade_pixels(
-        *arrays, look.face_part, look.normals, look.parts, look.lamp, look.up, lit, _NOISE, color, cosine
+    shape = hits.depth_m.shape
+    points, normals = np.empty((2, *shape, 3), np.float32)
+    cosine = np.empty(shape, np.float32)
+    _places(
+        hits.depth_m, hits.face, hits.u, hits.v, hits.rays, hits.eye, look.normals, points, normals, cosine
     )
+    lit = _lit_share(caster, look, points[::2, ::2], normals[::2, ::2])
+    color = np.empty((*shape, 3), np.float32)
+    part = np.where(hits.face >= 0, look.face_part[hits.face], np.int32(-1))
+    _colors(part, points, normals, hits.eye, look.parts, look.lamp.mean(axis=0), lit, _NOISE, color)
     color = cv2.GaussianBlur(color, (0, 0), BLUR_PX)
-    seen = _GAMMA[np.clip(color * 1023, 0, 1023).astype(np.int32)]
-    noise = rng.standard_normal((height, width), np.float32) * np.float32(COLOR_NOISE)
-    return np.clip(seen + noise[..., None] + 0.5, 0, 255).astype(np.uint8), cosine
+    seen = _GAMMA[(np.clip(color, 0, 1) * np.float32(len(_GAMMA) - 1)).astype(np.uint16)]
+    seen += (rng.standard_normal(shape, np.float32) * np.float32(COLOR_NOISE))[..., None]
+    return np.clip(np.rint(seen), 0, 255).astype(np.uint8), cosine
 
 
-def _lit_share(
-    caster: RayCaster, look: Look, hits: Hits, rays: Float32Array, T_world_camera: Float64Array
-) -> Float32Array:
-    """Return the share of the lamp that each second pixel sees, (ceil(H/2), ceil(W/2))."""
-    depth, face = hits.depth_m[::2, ::2], hits.face[::2, ::2]
-    normal = look.normals[face].mean(axis=2)
-    toward_camera = rays[::2, ::2] @ -T_world_camera[:3, :3].T.astype(np.float32)
-    facing = np.sign(np.einsum("hwk,hwk->hw", normal, toward_camera))
-    points = (rays[::2, ::2] * depth[..., None]) @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
-    points = points + normal * (SHADOW_BIAS_M * facing)[..., None]
-    flat = np.ascontiguousarray(points.reshape(-1, 3), np.float32)
-    lit = np.zeros(len(flat), np.float32)
+def _lit_share(caster: RayCaster, look: Look, points: Float32Array, normals: Float32Array) -> Float32Array:
+    """Return the share of the lamp that reaches points (h, w, 3) with normals (h, w, 3), (h, w)."""
+    start = np.ascontiguousarray((points + normals * np.float32(SHADOW_BIAS_M)).reshape(-1, 3))
+    lit = np.zeros(len(start), np.float32)
     for point in look.lamp:
-        lit += caster.reaches(flat, point)
-    return (lit / np.float32(len(look.lamp))).reshape(depth.shape)
+        lit += caster.reaches(start, point)
+    return (lit / np.float32(len(look.lamp))).reshape(points.shape[:2])
 
 
 @njit(cache=True, nogil=True)
@@ -165,59 +159,90 @@ def _second_share(
 
 @njit(cache=True, nogil=True)
 def _smooth_lit(
-    lit: Float32Array, face: npt.NDArray[np.int32], face_part: npt.NDArray[np.int32], r: int, c: int
+    lit: Float32Array, part: npt.NDArray[np.int32], r: int, c: int
 ) -> float:  # pragma: no cover (compiled)
     """Spread the lamp's share from the pixels that have it to their neighbours on the same part."""
-    part = face_part[face[r, c]]
     total, weight = 0.0, 1e-6
     for i in range((r - 1) // 2, (r + 1) // 2 + 1):
         for j in range((c - 1) // 2, (c + 1) // 2 + 1):
             if 0 <= i < lit.shape[0] and 0 <= j < lit.shape[1]:
-                other = face[2 * i, 2 * j]
-                near = 1.0 if other >= 0 and face_part[other] == part else 1e-5
+                near = 1.0 if part[2 * i, 2 * j] == part[r, c] else 1e-5
                 total += near * lit[i, j]
                 weight += near
     return total / weight
 
 
 @njit(cache=True, nogil=True)
-def _shade_pixels(depth, face, u, v, rays, T, face_part, normals, parts, lamp, up, lit, noise, color, cosine):  # type: ignore[no-untyped-def]  # pragma: no cover (compiled)
-    """Fill `color` (linear light) and `cosine`; the arguments are those of `Hits`, `Look` and `shade`."""
-    lamp_middle = lamp.sum(axis=0) / lamp.shape[0]
-    for r in range(depth.shape[0]):
-        for c in range(depth.shape[1]):
-            f = face[r, c]
+def _places(
+    depth_m: Float32Array,
+    face: npt.NDArray[np.int32],
+    u: Float32Array,
+    v: Float32Array,
+    rays: Float32Array,
+    eye: Float32Array,
+    corner_normals: Float32Array,
+    points: Float32Array,
+    normals: Float32Array,
+    cosine: Float32Array,
+) -> None:  # pragma: no cover (compiled)
+    """Fill the place (H, W, 3) that each pixel sees, its normal toward the camera, and its ray's cosine."""
+    for r in range(depth_m.shape[0]):
+        for c in range(depth_m.shape[1]):
+            f, z = face[r, c], depth_m[r, c]
+            x, y, h = rays[r, c, 0], rays[r, c, 1], rays[r, c, 2]
+            points[r, c, 0], points[r, c, 1], points[r, c, 2] = eye[0] + x * z, eye[1] + y * z, eye[2] + h * z
             if f < 0:
-                color[r, c, :] = 0.02
+                normals[r, c, :] = 0.0
                 cosine[r, c] = 0.0
                 continue
-            z = depth[r, c]
-            ray = T[:3, :3] @ rays[r, c].astype(np.float64)
-            place = T[:3, 3] + ray * z
             a, b = u[r, c], v[r, c]
-            n = ((1 - a - b) * normals[f, 0] + a * normals[f, 1] + b * normals[f, 2]).astype(np.float64)
-            n /= np.sqrt(n @ n) + 1e-12
-            ray /= np.sqrt(ray @ ray)
-            facing = -(n @ ray)
-            if facing < 0:
-                n, facing = -n, -facing
-            cosine[r, c] = facing
-            row = parts[face_part[f]]
-            scale = row[7]
-            x = (row[9] * place[0] + row[10] * place[1] + row[11] * place[2] + row[12]) / scale
-            y = (row[13] * place[0] + row[14] * place[1] + row[15] * place[2] + row[16]) / scale
-            h = (row[17] * place[0] + row[18] * place[1] + row[19] * place[2] + row[20]) / scale
-            share = _second_share(noise, int(row[6]), x, y, h)
-            fine = 0.94 + 0.12 * _noise_at(noise, x * scale / 0.012, y * scale / 0.012, h * scale / 0.012)
-            to_lamp = lamp_middle - place
-            far = np.sqrt(to_lamp @ to_lamp)
-            to_lamp /= far
-            sees = _smooth_lit(lit, face, face_part, r, c)
-            direct = LAMP * sees * max(n @ to_lamp, 0.0) * min(5.5 / (far * far), 1.6)
-            light = direct + AMBIENT_DOWN + (AMBIENT_UP - AMBIENT_DOWN) * (0.5 + 0.5 * (n @ up))
-            half = to_lamp - ray
-            half /= np.sqrt(half @ half) + 1e-12
-            gloss = row[8] * sees * 0.55 * max(n @ half, 0.0) ** 40
+            n = corner_normals[f]
+            nx = (1 - a - b) * n[0, 0] + a * n[1, 0] + b * n[2, 0]
+            ny = (1 - a - b) * n[0, 1] + a * n[1, 1] + b * n[2, 1]
+            nz = (1 - a - b) * n[0, 2] + a * n[1, 2] + b * n[2, 2]
+            along = nx * x + ny * y + nz * h
+            length = np.sqrt(nx * nx + ny * ny + nz * nz) * (-1.0 if along > 0 else 1.0)
+            normals[r, c, 0], normals[r, c, 1], normals[r, c, 2] = nx / length, ny / length, nz / length
+            cosine[r, c] = -along / length / np.sqrt(x * x + y * y + h * h)
+
+
+@njit(cache=True, nogil=True)
+def _colors(
+    part: npt.NDArray[np.int32],
+    points: Float32Array,
+    normals: Float32Array,
+    eye: Float32Array,
+    parts: Float64Array,
+    lamp: Float64Array,
+    lit: Float32Array,
+    noise: Float32Array,
+    color: Float32Array,
+) -> None:  # pragma: no cover (compiled)
+    """Fill `color` (H, W, 3), linear light, from what `_places` found and the tables of `Look`."""
+    for r in range(part.shape[0]):
+        for c in range(part.shape[1]):
+            if part[r, c] < 0:
+                color[r, c, :] = 0.02
+                continue
+            look = parts[part[r, c]]
+            px, py, pz = points[r, c, 0], points[r, c, 1], points[r, c, 2]
+            nx, ny, nz = normals[r, c, 0], normals[r, c, 1], normals[r, c, 2]
+            x = look[9] * px + look[10] * py + look[11] * pz + look[12]
+            y = look[13] * px + look[14] * py + look[15] * pz + look[16]
+            z = look[17] * px + look[18] * py + look[19] * pz + look[20]
+            share = _second_share(noise, int(look[6]), x / look[7], y / look[7], z / look[7])
+            fine = 0.94 + 0.12 * _noise_at(noise, x / FINE_M, y / FINE_M, z / FINE_M)
+            lx, ly, lz = lamp[0] - px, lamp[1] - py, lamp[2] - pz
+            far = np.sqrt(lx * lx + ly * ly + lz * lz)
+            lx, ly, lz = lx / far, ly / far, lz / far
+            sees = _smooth_lit(lit, part, r, c)
+            direct = sees * max(nx * lx + ny * ly + nz * lz, 0.0) * min(LAMP / (far * far), LAMP_MOST)
+            lifted = 0.5 + 0.5 * nz
+            light = direct + AMBIENT_DOWN + (AMBIENT_UP - AMBIENT_DOWN) * lifted
+            ex, ey, ez = eye[0] - px, eye[1] - py, eye[2] - pz
+            length = np.sqrt(ex * ex + ey * ey + ez * ez)
+            hx, hy, hz = lx + ex / length, ly + ey / length, lz + ez / length
+            half = max(nx * hx + ny * hy + nz * hz, 0.0) / np.sqrt(hx * hx + hy * hy + hz * hz + 1e-12)
+            gloss = look[8] * sees * GLOSS * half**GLOSS_POWER
             for k in range(3):
-                albedo = (row[k] * (1 - share) + row[3 + k] * share) * fine
-                color[r, c, k] = albedo * light + gloss
+                color[r, c, k] = (look[k] * (1 - share) + look[3 + k] * share) * fine * light + gloss

@@ -1,4 +1,8 @@
-"""A scene ready to be looked at: its triangles in the world, and what belongs to which object."""
+"""A scene ready to be looked at: its triangles, and what belongs to which object.
+
+Rays are cast in the room, where walls and tops lie along the axes: their bounding boxes are then thin, and
+the rays three times as fast as in a world that is turned.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ import numpy.typing as npt
 from cuboid.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
 from cuboid.geometry import se3
 from cuboid.synthetic.mesh import Mesh, corner_normals, merged, sample_surface
-from cuboid.synthetic.raycast import Hits, RayCaster
+from cuboid.synthetic.raycast import Hits, RayCaster, pixel_rays
 from cuboid.synthetic.scene import Placed, Scene, SceneObject
 from cuboid.synthetic.sensors import SENSORS
 from cuboid.synthetic.shading import Look, part_rows, shade
@@ -53,16 +57,15 @@ class SceneView:
 
     def __init__(self, scene: Scene, intrinsics: Intrinsics) -> None:
         self._seed = scene.seed
-        self._poses = scene.T_world_camera
+        self._poses = scene.T_room_camera
         self._intrinsics = intrinsics
         placed: tuple[Placed, ...] = (*scene.objects, *scene.furniture)
-        meshes, materials, T_body_world, labels = [], [], [], []
+        meshes, materials, T_body_room, labels = [], [], [], []
         for body in placed:
-            T_world_model = scene.T_world_room @ body.T_room_model
             for mesh, material in body.model.parts:
-                meshes.append(mesh.moved(T_world_model))
+                meshes.append(mesh.moved(body.T_room_model))
                 materials.append(material)
-                T_body_world.append(se3.inverse(T_world_model))
+                T_body_room.append(se3.inverse(body.T_room_model))
                 labels.append(body.id if isinstance(body, SceneObject) else 0)
         faces = [len(mesh.faces) for mesh in meshes]
         whole = merged(meshes)
@@ -71,18 +74,18 @@ class SceneView:
         self._look = Look(
             face_part=np.repeat(np.arange(len(meshes), dtype=np.int32), faces),
             normals=np.concatenate([corner_normals(mesh) for mesh in meshes]).astype(np.float32),
-            parts=part_rows(materials, T_body_world),
-            lamp=se3.transform(scene.T_world_room, scene.lamp),
-            up=np.ascontiguousarray(scene.T_world_room[:3, 2]),
+            parts=part_rows(materials, T_body_room),
+            lamp=scene.lamp,
         )
         self._surfaces = [_surface(scene, body) for body in scene.objects]
 
     def render(self, frame: int, sensor: str) -> Rendered:
         """Render a frame with a sensor of `SENSORS`."""
         T = self._poses[frame]
-        hits = self._caster.first_hits(self._intrinsics, T)
+        rays = pixel_rays(self._intrinsics, T)
+        hits = self._caster.first_hits(T[:3, 3].astype(np.float32), rays)
         color_rng, depth_rng = (np.random.default_rng([self._seed, frame, k]) for k in range(2))
-        color, cosine = shade(self._caster, self._look, hits, self._intrinsics, T, color_rng)
+        color, cosine = shade(self._caster, self._look, hits, color_rng)
         depth = SENSORS[sensor](hits.depth_m, cosine, self._intrinsics, depth_rng)
         return Rendered(color, depth, hits)
 
@@ -92,16 +95,16 @@ class SceneView:
 
     def visible_shares(self, frame: int, hits: Hits) -> Float64Array:
         """Return for each object which share of its points that face the camera is seen, in steps of 0.05."""
-        T_camera_world = se3.inverse(self._poses[frame])
+        T_camera_room = se3.inverse(self._poses[frame])
         return np.array(
-            [self._share(points, normals, T_camera_world, hits) for points, normals in self._surfaces]
+            [self._share(points, normals, T_camera_room, hits) for points, normals in self._surfaces]
         )
 
     def _share(
-        self, points: Float64Array, normals: Float64Array, T_camera_world: Float64Array, hits: Hits
+        self, points: Float64Array, normals: Float64Array, T_camera_room: Float64Array, hits: Hits
     ) -> float:
-        seen_from = se3.transform(T_camera_world, points)
-        facing = np.einsum("ij,ij->i", seen_from, normals @ T_camera_world[:3, :3].T) < 0
+        seen_from = se3.transform(T_camera_room, points)
+        facing = np.einsum("ij,ij->i", seen_from, normals @ T_camera_room[:3, :3].T) < 0
         if not facing.any():
             return 0.0
         k = self._intrinsics
@@ -115,5 +118,4 @@ class SceneView:
 
 
 def _surface(scene: Scene, body: SceneObject) -> tuple[Float64Array, Float64Array]:
-    mesh: Mesh = body.mesh().moved(scene.T_world_room)
-    return sample_surface(mesh, SURFACE_POINTS, np.random.default_rng([scene.seed, body.id]))
+    return sample_surface(body.mesh(), SURFACE_POINTS, np.random.default_rng([scene.seed, body.id]))
