@@ -151,7 +151,7 @@ def test_components_are_those_of_scipy() -> None:
     rng = np.random.default_rng(3)
     grid = rng.random((14, 12, 10)) < 0.12
     voxels, rows = map_of_grid(grid)
-    component, number = voxels.connect(rows)
+    component, number, edges = voxels.connect(rows)
     # Points in the middle of their voxels are within 1.6 voxels across faces and edges, not across corners.
     expected, n = label(grid, generate_binary_structure(3, 2))
     cells = np.floor(voxels.xyz(rows) / VOXEL).astype(int)
@@ -159,6 +159,11 @@ def test_components_are_those_of_scipy() -> None:
     assert number == n
     assert len({(a, b) for a, b in zip(component.tolist(), theirs.tolist(), strict=True)}) == n
     assert (np.diff([np.flatnonzero(component == k)[0] for k in range(number)]) > 0).all()
+    steps = np.abs(cells[edges[:, 0]] - cells[edges[:, 1]])
+    assert (component[edges[:, 0]] == component[edges[:, 1]]).all()
+    pairs = np.abs(cells[:, None] - cells[None])
+    assert len(edges) == np.count_nonzero((pairs.max(-1) == 1) & (pairs.sum(-1) <= 2)) // 2
+    assert (steps.max(1) == 1).all()
 
 
 def map_of_grid(grid: np.ndarray) -> tuple[VoxelMap, np.ndarray]:
@@ -176,31 +181,26 @@ def map_of_grid(grid: np.ndarray) -> tuple[VoxelMap, np.ndarray]:
     return voxels, voxels.living()
 
 
-def test_flood_gives_a_bar_to_the_holders_at_its_ends() -> None:
-    grid = np.zeros((11, 1, 1), bool)
-    grid[:, 0, 0] = True
-    voxels, rows = map_of_grid(grid)
-    x = voxels.xyz(rows)[:, 0]
-    holder = np.full(len(rows), -1, np.int32)
-    holder[int(x.argmin())], holder[int(x.argmax())] = 0, 1
-    contact = voxels.flood(rows, holder, 2)
-    assert (holder[x < 5 * VOXEL] == 0).all()
-    assert (holder[x > 6 * VOXEL] == 1).all()
-    assert contact.tolist() == [[0, 1], [1, 0]]
-
-
 def test_only_what_was_seen_of_late_and_its_object_is_looked_at() -> None:
     voxels, rows = map_of_grid(np.ones((5, 1, 1), bool))
     voxels.hits[rows] = 3
     voxels.owner[rows] = [1, 1, 2, 0, REFUSED]
-    found, touched = voxels.solid_hot_rows(0.3, 1, 3)
+    found, touched = voxels.solid_hot_rows(0.3, 0, 3)
     assert found.tolist() == rows.tolist()
     assert touched.tolist() == [0, 1, 1]
-    found, touched = voxels.solid_hot_rows(
-        0.3, 2, 3
-    )  # frame 2 saw the point of object 2 only, frames 3, 4 the rest
-    assert found.tolist() == rows[2:].tolist()
+    found, touched = voxels.solid_hot_rows(0.3, 1, 3)  # frame 0 saw one of the two points of object 1
+    assert found.tolist() == rows[:4].tolist()
+    found, touched = voxels.solid_hot_rows(0.3, 2, 3)
+    assert found.tolist() == rows[2:4].tolist()
     assert touched.tolist() == [0, 0, 1]
     voxels.passes[rows[2]] = 9
     found, _ = voxels.solid_hot_rows(0.3, 2, 3)
-    assert found.tolist() == rows[3:].tolist()
+    assert found.tolist() == rows[3:4].tolist()
+
+
+def test_rows_beside_an_owner_are_counted() -> None:
+    voxels, rows = map_of_grid(np.ones((6, 1, 1), bool))
+    voxels.owner[rows] = [REFUSED, 0, 0, 0, 7, 7]
+    assert voxels.count_beside(rows[1:4], REFUSED) == 1
+    assert voxels.count_beside(rows[1:4], 7) == 1
+    assert voxels.count_beside(rows[2:3], 7) == 0

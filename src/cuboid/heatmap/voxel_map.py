@@ -120,7 +120,7 @@ class VoxelMap:
         hot : float
             Least heat.
         since : int
-            First frame that counts; 0 or less for all rows.
+            First frame that counts; 0 or less for all rows, those refused before included.
         numbers : int
             Objects have numbers below this.
 
@@ -138,20 +138,30 @@ class VoxelMap:
         )  # fmt: skip
         return rows[:n], touched
 
-    def connect(self, rows: Rows) -> tuple[npt.NDArray[np.int32], int]:
-        """Return the connected component of each of these rows, and how many there are."""
-        component = np.empty(len(rows), np.int32)
-        number = kernel.connect(
-            rows, self.values, CONNECT_VOXELS * self.voxel_m, self.keys, self._table, self._member, component
-        )
-        return component, int(number)
+    def connect(self, rows: Rows) -> tuple[npt.NDArray[np.int32], int, npt.NDArray[np.int32]]:
+        """Find the connected components among rows.
 
-    def flood(self, rows: Rows, holder: npt.NDArray[np.int32], holders: int) -> npt.NDArray[np.int64]:
-        """Give the rows of a connected set to their nearest holders, in place; return who touches whom, (K, K)."""
-        contact = np.zeros((holders, holders), np.int64)
+        Returns
+        -------
+        (N,) int32
+            Component of each row, from 0.
+        int
+            How many there are.
+        (E, 2) int32
+            Places in `rows` of each pair of neighbours.
+        """
+        component = np.empty(len(rows), np.int32)
+        edges = np.empty((13 * len(rows), 2), np.int32)
         reach = CONNECT_VOXELS * self.voxel_m
-        kernel.flood(rows, self.values, reach, self.keys, self._table, self._member, holder, contact)
-        return contact
+        number, pairs = kernel.connect(
+            rows, self.values, reach, self.keys, self._table, self._member, component, edges
+        )
+        return component, int(number), edges[:pairs]
+
+    def count_beside(self, rows: Rows, number: int) -> int:
+        """Return how many of these rows have a neighbour that belongs to an object, or is `REFUSED`."""
+        reach = CONNECT_VOXELS * self.voxel_m
+        return int(kernel.count_beside(rows, self.values, reach, self.keys, self._table, self.owner, number))
 
     def xyz(self, rows: Rows) -> Float32Array:
         """Return world points (N, 3) of these rows."""

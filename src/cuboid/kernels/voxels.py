@@ -47,7 +47,23 @@ def fill_table(keys, count, table):
 
 
 @njit(cache=True, nogil=True)
-def fuse(depth, color, heat, camera, T, voxel, max_depth, frame, keys, values, hits, last_frame, count, table, slots):
+def fuse(
+    depth,
+    color,
+    heat,
+    camera,
+    T,
+    voxel,
+    max_depth,
+    frame,
+    keys,
+    values,
+    hits,
+    last_frame,
+    count,
+    table,
+    slots,
+):
     """Fuse a frame's points into the map: a weighted running mean of place, color and heat a voxel.
 
     Parameters
@@ -97,7 +113,9 @@ def fuse(depth, color, heat, camera, T, voxel, max_depth, frame, keys, values, h
             wy = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
             wz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
             key = pack_key(
-                np.int64(np.floor(wx * inverse)), np.int64(np.floor(wy * inverse)), np.int64(np.floor(wz * inverse))
+                np.int64(np.floor(wx * inverse)),
+                np.int64(np.floor(wy * inverse)),
+                np.int64(np.floor(wz * inverse)),
             )
             # Most hot pixels share their voxel with the one to the left or above: no need to ask the table.
             row = np.int64(slots[v, u - 1]) if u > 0 else np.int64(-1)
@@ -192,6 +210,8 @@ def near(values, a, b, reach):
 def select(count, hot, since, values, hits, passes, last_frame, owner, touched, rows):
     """Gather the solid hot rows that were seen of late, and all of the objects that these belong to.
 
+    Rows that were refused (owner below 0) are left out, unless all rows are asked for.
+
     Parameters
     ----------
     count : int
@@ -199,7 +219,7 @@ def select(count, hot, since, values, hits, passes, last_frame, owner, touched, 
     hot : float
         Least heat.
     since : int
-        First frame that counts as of late.
+        First frame that counts as of late; 0 or less asks for all.
     values, hits, passes, last_frame, owner : the map's
     touched : (M,) uint8, output
         1 for each object, by number, with a row seen of late.
@@ -216,7 +236,9 @@ def select(count, hot, since, values, hits, passes, last_frame, owner, touched, 
             touched[owner[row]] = 1
     n = 0
     for row in range(count):
-        if last_frame[row] < since and (owner[row] <= 0 or not touched[owner[row]]):
+        if owner[row] < 0 and since > 0:
+            continue
+        if last_frame[row] < since and (owner[row] == 0 or not touched[owner[row]]):
             continue
         if values[row, HEAT] < hot or values[row, WEIGHT] <= 0.0:
             continue
@@ -228,7 +250,7 @@ def select(count, hot, since, values, hits, passes, last_frame, owner, touched, 
 
 
 @njit(cache=True, nogil=True)
-def connect(rows, values, reach, keys, table, member, component):
+def connect(rows, values, reach, keys, table, member, component, edges):
     """Number the connected components of the given rows: neighbours (of 26) whose points are within reach.
 
     Parameters
@@ -242,13 +264,15 @@ def connect(rows, values, reach, keys, table, member, component):
         Filled with -1 on entry and on return.
     component : (N,) int32, output
         Component of each row, numbered from 0 in the order of their first row.
+    edges : (13 N, 2) int32, output
+        Places in `rows` of each pair of neighbours.
 
     Returns
     -------
-    int
-        Number of components.
+    (int, int)
+        Number of components, and of edges.
     """
-    n = rows.size
+    n, pairs = rows.size, 0
     parent = np.arange(n)
     for i in range(n):
         member[rows[i]] = i
@@ -261,6 +285,8 @@ def connect(rows, values, reach, keys, table, member, component):
             jx, jy, jz = ix + code // 9 - 1, iy + (code // 3) % 3 - 1, iz + code % 3 - 1
             row, _ = find_slot((jx << (2 * KEY_BITS)) | (jy << KEY_BITS) | jz, keys, table)
             if row >= 0 and member[row] >= 0 and near(values, rows[i], row, reach):
+                edges[pairs, 0], edges[pairs, 1] = i, member[row]
+                pairs += 1
                 a, b = find_root(parent, i), find_root(parent, member[row])
                 if a < b:
                     parent[b] = a
@@ -275,60 +301,22 @@ def connect(rows, values, reach, keys, table, member, component):
         else:
             component[i] = component[root]
         member[rows[i]] = -1
-    return number
+    return number, pairs
 
 
 @njit(cache=True, nogil=True)
-def flood(rows, values, reach, keys, table, member, holder, contact):
-    """Give every row of a connected set to the holder that reaches it first, and count where holders touch.
-
-    Parameters
-    ----------
-    rows : (N,) int64
-        Rows of the map: a set that `connect` found.
-    values, keys, table : the map's
-    reach : float
-        As for `connect`.
-    member : (capacity,) int32, scratch
-        Filled with -1 on entry and on return.
-    holder : (N,) int32, in and out
-        Holder of each row, 0..K-1, or -1 where it is yet to be given; at least one row has a holder.
-    contact : (K, K) int64, output
-        How many rows of holder i have a neighbour of holder j.
-    """
-    n = rows.size
-    for i in range(n):
-        member[rows[i]] = i
-    queue = np.empty(n, np.int64)
-    last = 0
-    for i in range(n):
-        if holder[i] >= 0:
-            queue[last] = i
-            last += 1
-    first = 0
-    touched = np.full(contact.shape[0], -1, np.int64)
-    contact[:] = 0
-    for visit in range(2):  # flood, then count
-        first = 0
-        while first < last:
-            i = queue[first]
-            first += 1
-            key = keys[rows[i]]
-            ix = key >> (2 * KEY_BITS)
-            iy = (key >> KEY_BITS) & KEY_MASK
-            iz = key & KEY_MASK
-            for code in range(27):
-                jx, jy, jz = ix + code // 9 - 1, iy + (code // 3) % 3 - 1, iz + code % 3 - 1
-                row, _ = find_slot((jx << (2 * KEY_BITS)) | (jy << KEY_BITS) | jz, keys, table)
-                if row < 0 or member[row] < 0 or not near(values, rows[i], row, reach):
-                    continue
-                j = member[row]
-                if visit == 0 and holder[j] < 0:
-                    holder[j] = holder[i]
-                    queue[last] = j
-                    last += 1
-                elif visit == 1 and holder[j] != holder[i] and touched[holder[j]] != i:
-                    touched[holder[j]] = i
-                    contact[holder[i], holder[j]] += 1
-    for i in range(n):
-        member[rows[i]] = -1
+def count_beside(rows, values, reach, keys, table, owner, who):
+    """Return how many of the rows have a neighbour within reach (as for `connect`) of the given owner."""
+    count = 0
+    for i in range(rows.size):
+        key = keys[rows[i]]
+        ix = key >> (2 * KEY_BITS)
+        iy = (key >> KEY_BITS) & KEY_MASK
+        iz = key & KEY_MASK
+        for code in range(27):
+            jx, jy, jz = ix + code // 9 - 1, iy + (code // 3) % 3 - 1, iz + code % 3 - 1
+            row, _ = find_slot((jx << (2 * KEY_BITS)) | (jy << KEY_BITS) | jz, keys, table)
+            if row >= 0 and owner[row] == who and near(values, rows[i], row, reach):
+                count += 1
+                break
+    return count

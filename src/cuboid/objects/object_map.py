@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.boxes.fit import fit_box
 from cuboid.config import TrackerConfig
@@ -29,8 +30,8 @@ SPLIT_LOOKS = 8
 FRAGMENT_GAP_M = 0.04
 # Every so many looks at the map take in all of it.
 WHOLE_EVERY = 8
-# A cluster that was refused to this share stays so until all is looked at.
-REFUSED_SHARE = 0.3
+# A new cluster that lies to this share along what was refused is more of that.
+REFUSED_SHARE = 0.05
 # An object that was not found in so many looks at all of the map is retired.
 RETIRE_LOOKS = 3
 # A part that bends around its object may be so far from it, as a share of the object's longest side.
@@ -102,10 +103,14 @@ class ObjectMap:
         for piece in pieces.get(0, []):
             self._start(piece, frame)
         if whole:
-            self._age([entry for entry in self.alive() if entry.number < known and entry.number not in pieces])
+            self._age(
+                [entry for entry in self.alive() if entry.number < known and entry.number not in pieces]
+            )
         self._confirm()
 
-    def _divide(self, clusters: Sequence[MapCluster], whole: bool) -> tuple[dict[int, list[Piece]], list[Rows]]:
+    def _divide(
+        self, clusters: Sequence[MapCluster], whole: bool
+    ) -> tuple[dict[int, list[Piece]], list[Rows]]:
         """Give each cluster to its owner; share contested ones out unless their owners turn out to be one.
 
         Returns the pieces by owner, 0 for those of no one yet, and the rows that belong to no object.
@@ -114,8 +119,7 @@ class ObjectMap:
         refused: list[Rows] = []
         for cluster in clusters:
             owner = self._voxels.owner[cluster.rows]
-            known_refused = 0 if whole else np.count_nonzero(owner == REFUSED)
-            if cluster.furniture or known_refused > REFUSED_SHARE * len(owner):
+            if cluster.furniture or (not whole and self._joins_refused(cluster.rows, owner)):
                 # An object that touches a wall keeps what it has.
                 for number in owners_of(cluster.rows, self._voxels, self._objects):
                     if self._objects[number].confirmed:
@@ -125,10 +129,16 @@ class ObjectMap:
             self._give(cluster, pieces)
         return pieces, refused
 
+    def _joins_refused(self, rows: Rows, owner: npt.NDArray[np.int32]) -> bool:
+        """Tell whether a cluster of no one's is more of what was refused before."""
+        if (owner > 0).any():
+            return False
+        return self._voxels.count_beside(rows, REFUSED) > REFUSED_SHARE * len(rows)
+
     def _give(self, cluster: MapCluster, pieces: dict[int, list[Piece]]) -> None:
         owners = owners_of(cluster.rows, self._voxels, self._objects)
         while len(owners) > 1:
-            shares, touch = share_out(cluster.rows, owners, self._voxels)
+            shares, touch = share_out(cluster, owners, self._voxels)
             pair = self._pair_to_merge(owners, touch)
             if pair is None:
                 for number, rows in zip(owners, shares, strict=True):
@@ -164,7 +174,9 @@ class ObjectMap:
         a, b = self._objects[first], self._objects[second]
         rank_a, rank_b = (a.label or np.inf, a.number), (b.label or np.inf, b.number)
         kept, gone = (a, b) if rank_a < rank_b else (b, a)
-        kept.merged_labels = sorted({*kept.merged_labels, *gone.merged_labels, *([gone.label] if gone.label else [])})
+        kept.merged_labels = sorted(
+            {*kept.merged_labels, *gone.merged_labels, *([gone.label] if gone.label else [])}
+        )
         kept.first_frame = min(kept.first_frame, gone.first_frame)
         kept.last_frame = max(kept.last_frame, gone.last_frame)
         kept.frames_seen = max(kept.frames_seen, gone.frames_seen)
@@ -180,8 +192,9 @@ class ObjectMap:
         own, apart = [main.rows], []
         for piece in pieces[1:]:
             part, body = self._voxels.xyz(piece.rows), self._voxels.xyz(main.rows)
-            gap = gap_m(part, body)
-            if gap <= PART_REACH * float(entry.box.size.max()) and wraps(part, body, entry.box.up):
+            reach = PART_REACH * float(entry.box.size.max())
+            gap = gap_m(part, body, max(reach, FRAGMENT_GAP_M))
+            if gap <= reach and wraps(part, body, entry.box.up):
                 own.append(piece.rows)
             elif gap > FRAGMENT_GAP_M:
                 apart.append((piece, True))
@@ -305,6 +318,6 @@ class ObjectMap:
             reach = 0.5 * float(np.linalg.norm(other.box.size) + np.linalg.norm(entry.box.size))
             if float(np.linalg.norm(other.box.center - entry.box.center)) > reach + near:
                 continue
-            if gap_m(entry.points, other.points) <= near:
+            if gap_m(entry.points, other.points, near) <= near:
                 return other
         return None

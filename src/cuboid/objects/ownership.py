@@ -12,6 +12,7 @@ from cuboid.boxes.fit import plane_axes
 from cuboid.frame import Float64Array
 from cuboid.heatmap.voxel_map import Rows, VoxelMap
 from cuboid.objects.entry import MapObject
+from cuboid.surfaces.clusters import MapCluster
 from cuboid.surfaces.planes import Plane
 
 # An object has a say in a cluster when it owns this many of its voxels, and this share of the cluster or of its own.
@@ -38,16 +39,15 @@ def owners_of(rows: Rows, voxels: VoxelMap, objects: dict[int, MapObject]) -> li
     has_say = [
         (-int(count), int(number))
         for number, count in zip(numbers, counts, strict=True)
-        if count >= SAY_VOXELS
-        and count >= SAY_SHARE * min(len(rows), len(objects[int(number)].rows))
+        if count >= SAY_VOXELS and count >= SAY_SHARE * min(len(rows), len(objects[int(number)].rows))
     ]
     return [number for _, number in sorted(has_say)]
 
 
 def share_out(
-    rows: Rows, owners: list[int], voxels: VoxelMap
+    cluster: MapCluster, owners: list[int], voxels: VoxelMap
 ) -> tuple[list[Rows], npt.NDArray[np.float64]]:
-    """Divide a contested cluster: every voxel goes to the owner that reaches it first.
+    """Divide a contested cluster: every voxel goes to the owner that reaches it in the fewest steps.
 
     Returns
     -------
@@ -56,19 +56,35 @@ def share_out(
     (K, K) float64
         How closely two owners touch: the voxels of one at the other, as a share of the smaller one's.
     """
-    held = voxels.owner[rows]
-    holder = np.full(len(rows), -1, np.int32)
+    held = voxels.owner[cluster.rows]
+    holder = np.full(len(cluster.rows), -1, np.int64)
     for k, number in enumerate(owners):
         holder[held == number] = k
-    touching = voxels.flood(rows, holder, len(owners))
-    sizes = np.bincount(holder, minlength=len(owners))
-    share = np.minimum(touching, touching.T) / np.maximum(1, np.minimum(sizes[:, None], sizes[None]))
-    return [rows[holder == k] for k in range(len(owners))], share
+    a, b = cluster.edges.T
+    while (holder < 0).any():
+        # One step from all owned voxels at once; of two owners that arrive together the first one takes it.
+        old = holder.copy()
+        for k in range(len(owners) - 1, -1, -1):
+            holder[a[(old[a] < 0) & (old[b] == k)]] = k
+            holder[b[(old[b] < 0) & (old[a] == k)]] = k
+    touches = np.zeros((len(holder), len(owners)), bool)
+    touches[a, holder[b]] = True
+    touches[b, holder[a]] = True
+    touching = np.array([touches[holder == k].sum(0) for k in range(len(owners))])
+    sizes = np.maximum(1, np.bincount(holder, minlength=len(owners)))
+    share = np.minimum(touching, touching.T) / np.minimum(sizes[:, None], sizes[None])
+    return [cluster.rows[holder == k] for k in range(len(owners))], share
 
 
-def gap_m(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32]) -> float:
-    """Return the least distance between two point sets (N, 3), metres."""
-    distance, _ = cKDTree(b).query(a)
+def gap_m(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32], limit_m: float) -> float:
+    """Return the least distance between two point sets (N, 3), metres; infinity beyond the limit."""
+    a = a[((a > b.min(0) - limit_m) & (a < b.max(0) + limit_m)).all(1)]
+    if len(a) == 0:
+        return float("inf")
+    b = b[((b > a.min(0) - limit_m) & (b < a.max(0) + limit_m)).all(1)]
+    if len(b) == 0:
+        return float("inf")
+    distance, _ = cKDTree(b).query(a, distance_upper_bound=limit_m)
     return float(distance.min())
 
 

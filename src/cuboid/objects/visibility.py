@@ -38,7 +38,9 @@ class View:
     seen: bool
 
 
-def in_view(objects: Sequence[MapObject], image: WorkingImage, T_camera_world: Float64Array) -> list[MapObject]:
+def in_view(
+    objects: Sequence[MapObject], image: WorkingImage, T_camera_world: Float64Array
+) -> list[MapObject]:
     """Return the objects whose centre is in front of the camera and near enough to the picture to be in it."""
     if not objects:
         return []
@@ -49,7 +51,13 @@ def in_view(objects: Sequence[MapObject], image: WorkingImage, T_camera_world: F
     near = np.maximum(z, 0.05)
     reach_u, reach_v = radius / near * c.fx, radius / near * c.fy
     u, v = x / near * c.fx + c.cx, y / near * c.fy + c.cy
-    inside = (z > 0.05) & (u + reach_u > 0) & (u - reach_u < c.width) & (v + reach_v > 0) & (v - reach_v < c.height)
+    inside = (
+        (z > 0.05)
+        & (u + reach_u > 0)
+        & (u - reach_u < c.width)
+        & (v + reach_v > 0)
+        & (v - reach_v < c.height)
+    )
     return [objects[k] for k in np.flatnonzero(inside)]
 
 

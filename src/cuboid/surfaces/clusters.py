@@ -61,6 +61,8 @@ class MapCluster:
     ----------
     rows : (N,) int64
         Rows of the map.
+    edges : (E, 2) int32
+        Places in `rows` of each pair of neighbours.
     plane : Plane or None
         The plane beneath.
     furniture : bool
@@ -69,6 +71,7 @@ class MapCluster:
     """
 
     rows: Rows
+    edges: npt.NDArray[np.int32]
     plane: Plane | None
     furniture: bool
 
@@ -120,21 +123,30 @@ def _describe(
         plane=planes.planes[int(np.bincount(standing).argmax())] if len(standing) else None,
         heat=float(heat.ravel()[pixels].mean()),
         rect_xyxy=np.array(
-            [x + left * step, y + top * step, x + right * step + step, y + bottom * step + step], dtype=np.float64
+            [x + left * step, y + top * step, x + right * step + step, y + bottom * step + step],
+            dtype=np.float64,
         ),
         cut=bool(left <= 1 or top <= 1 or right >= c.width - 2 or bottom >= c.height - 2),
     )
 
 
-def map_clusters(rows: Rows, voxels: VoxelMap, planes: PlaneTracker, config: TrackerConfig) -> list[MapCluster]:
+def map_clusters(
+    rows: Rows, voxels: VoxelMap, planes: PlaneTracker, config: TrackerConfig
+) -> list[MapCluster]:
     """Find the connected sets among hot rows that stand on a plane, or on nothing known where there is no plane."""
     support = np.full(len(rows), -1, np.int64)
     if planes.any_in_use:
         support = planes.beneath(voxels.xyz(rows), 0.6 * config.min_height_m)
         rows, support = rows[support >= 0], support[support >= 0]
-    component, number = voxels.connect(rows)
+    component, number, edges = voxels.connect(rows)
     order = np.argsort(component, kind="stable")
     ends = np.searchsorted(component[order], np.arange(number + 1))
+    place = np.empty(len(rows), np.int32)
+    place[order] = np.arange(len(rows)) - ends[component[order]]
+    of_edge = component[edges[:, 0]]
+    edge_order = np.argsort(of_edge, kind="stable")
+    edges = place[edges[edge_order]]
+    edge_ends = np.searchsorted(of_edge[edge_order], np.arange(number + 1))
     clusters = []
     for k in range(number):
         members = order[ends[k] : ends[k + 1]]
@@ -144,6 +156,8 @@ def map_clusters(rows: Rows, voxels: VoxelMap, planes: PlaneTracker, config: Tra
         beneath = support[members]
         plane = planes.planes[int(np.bincount(beneath).argmax())] if beneath[0] >= 0 else None
         reach = float(np.linalg.norm(points.max(0) - points.min(0)))
-        furniture = reach > 2.0 * config.max_size_m or (plane is not None and planes.holds_up(points, plane, RIM_DEPTH_M))
-        clusters.append(MapCluster(rows[members], plane, furniture))
+        furniture = reach > 2.0 * config.max_size_m or (
+            plane is not None and planes.holds_up(points, plane, RIM_DEPTH_M)
+        )
+        clusters.append(MapCluster(rows[members], edges[edge_ends[k] : edge_ends[k + 1]], plane, furniture))
     return clusters

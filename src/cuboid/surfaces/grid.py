@@ -27,7 +27,11 @@ def _disc(radius_m: float) -> UInt8Array:
     return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * r + 1, 2 * r + 1)).astype(np.uint8)
 
 
-_CLOSE, _RIM, _NEARBY = _disc(CLOSE_M), _disc(RIM_M), np.ones((2 * round(NEARBY_M / CELL_M) + 1,) * 2, np.uint8)
+_CLOSE, _RIM, _NEARBY = (
+    _disc(CLOSE_M),
+    _disc(RIM_M),
+    np.ones((2 * round(NEARBY_M / CELL_M) + 1,) * 2, np.uint8),
+)
 
 
 class GroundPlan:

@@ -52,7 +52,9 @@ class Plane:
         centred = points - mean
         step = mean - self.mean
         total = self.weight + w
-        self.scatter += (centred * weights[:, None]).T @ centred + np.outer(step, step) * (self.weight * w / total)
+        self.scatter += (centred * weights[:, None]).T @ centred + np.outer(step, step) * (
+            self.weight * w / total
+        )
         self.mean = self.mean + step * (w / total)
         self.weight = total
 
@@ -206,7 +208,9 @@ class PlaneTracker:
                 self.plan.refresh(k)
             if not plane.in_use:
                 area = self.plan.area_m2(k)
-                plane.in_use = area >= least and (plane.frames >= USE_AFTER_FRAMES or area >= USE_AT_ONCE * least)
+                plane.in_use = area >= least and (
+                    plane.frames >= USE_AFTER_FRAMES or area >= USE_AT_ONCE * least
+                )
         keep = [k for k, p in enumerate(self.planes) if p.in_use or frame - p.last_frame <= FORGET_FRAMES]
         gone = self._merge_twins() if frame % 8 == 0 else set()
         keep = [k for k in keep if k not in gone]
@@ -221,7 +225,9 @@ class PlaneTracker:
                 if a in gone or b in gone:
                     continue
                 one, two = self.planes[a], self.planes[b]
-                apart = max(abs(float(one.height(two.mean[None])[0])), abs(float(two.height(one.mean[None])[0])))
+                apart = max(
+                    abs(float(one.height(two.mean[None])[0])), abs(float(two.height(one.mean[None])[0]))
+                )
                 if apart > 1.5 * ON_PLANE_M or not (self.plan.covered[a] & self.plan.covered[b]).any():
                     continue
                 one.absorb(two)
