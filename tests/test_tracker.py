@@ -20,7 +20,9 @@ TABLE = upright((0, 0), (1.4, 1.0, 0.05), z=-0.05)
 THINGS = [upright((-0.25, 0.1), (0.12, 0.08, 0.15), 0.4), upright((0.2, -0.1), (0.1, 0.1, 0.1), 0.2)]
 
 
-def orbit(n: int, start: float = -0.6, end: float = 0.6, radius: float = 1.3, height: float = 0.8) -> list[np.ndarray]:
+def orbit(
+    n: int, start: float = -0.6, end: float = 0.6, radius: float = 1.3, height: float = 0.8
+) -> list[np.ndarray]:
     angles = np.linspace(start, end, n) - np.pi / 2
     return [look_at([radius * np.cos(a), radius * np.sin(a), height], [0, 0, 0.05]) for a in angles]
 
@@ -33,7 +35,9 @@ def matched(tracker: Tracker, truth: list[Box]) -> list[tuple[int, float]]:
     """For each true box the label and IoU of the best object."""
     pairs = []
     for box in truth:
-        label, best = max(((o.label, iou(o.box, box)) for o in tracker.objects), key=lambda p: p[1], default=(0, 0.0))
+        label, best = max(
+            ((o.label, iou(o.box, box)) for o in tracker.objects), key=lambda p: p[1], default=(0, 0.0)
+        )
         pairs.append((label, best))
     return pairs
 
@@ -118,7 +122,10 @@ def test_labels_last_while_the_camera_is_turned_away() -> None:
     tracker = Tracker(CAMERA)
     follow(tracker, (frame_of(scene, T, k) for k, T in enumerate(orbit(30))))
     labels = matched(tracker, THINGS)
-    away = [look_at([0, -1.3, 0.8], [2.5 * np.cos(a), -1.3 + 2.5 * np.sin(a), 0.9]) for a in np.linspace(0.2, 2.9, 60)]
+    away = [
+        look_at([0, -1.3, 0.8], [2.5 * np.cos(a), -1.3 + 2.5 * np.sin(a), 0.9])
+        for a in np.linspace(0.2, 2.9, 60)
+    ]
     results = follow(tracker, (frame_of(scene, T, 30 + k) for k, T in enumerate(away)))
     assert not any(s.label in dict(labels) for s in results[0].sightings)
     back = follow(tracker, (frame_of(scene, T, 90 + k) for k, T in enumerate(orbit(20))))
@@ -162,7 +169,9 @@ def test_poses_that_drift_do_not_double_an_object() -> None:
     for k, T in enumerate(orbit(90)):
         shown = T.copy()
         shown[:3, 3] += np.array([0.03, 0.01, 0.015]) * k / 90
-        labels |= {s.label for s in tracker.update(frame_of([FLOOR, TABLE, *THINGS], T, k, T_shown=shown)).sightings}
+        labels |= {
+            s.label for s in tracker.update(frame_of([FLOOR, TABLE, *THINGS], T, k, T_shown=shown)).sightings
+        }
     assert labels == {1, 2}
 
 
@@ -223,7 +232,24 @@ def test_the_same_frames_give_the_same_bytes() -> None:
         tracker = Tracker(CAMERA)
         follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, k) for k, T in enumerate(orbit(25))))
         points = tracker.map_points()
-        boxes = b"".join(o.box.center.tobytes() + o.box.size.tobytes() + o.box.rotation.tobytes() for o in tracker.objects)
-        return boxes, points.xyz.tobytes(), points.rgb.tobytes(), points.heat.tobytes(), points.label.tobytes()
+        boxes = b"".join(
+            o.box.center.tobytes() + o.box.size.tobytes() + o.box.rotation.tobytes() for o in tracker.objects
+        )
+        return (
+            boxes,
+            points.xyz.tobytes(),
+            points.rgb.tobytes(),
+            points.heat.tobytes(),
+            points.label.tobytes(),
+        )
 
     assert once() == once()
+
+
+def test_the_top_of_a_box_is_no_supporting_plane() -> None:
+    """A box of 36 x 30 cm, 20 cm high: its top is larger than the least plane, and still it is an object."""
+    big = upright((0.1, 0.05), (0.36, 0.3, 0.2), 0.3)
+    tracker = Tracker(CAMERA)
+    follow(tracker, (frame_of([FLOOR, TABLE, big], T, k) for k, T in enumerate(orbit(40))))
+    assert len(tracker.objects) == 1
+    assert matched(tracker, [big])[0][1] > 0.7

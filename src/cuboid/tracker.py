@@ -151,11 +151,11 @@ class Tracker:
         support = np.full(image.depth_m.shape, -1, np.int8)
         cells = find_cells(image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m)
         owner = planes.update(self._count, cells, T_world_camera)
-        if planes.T_plan_world is not None and planes.any_in_use:
+        if planes.T_plan_world is not None and planes.planes:
             k = image.camera
             stand_on(
                 image.depth_m, np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera,
-                planes.in_frame(cells, owner, T_world_camera), planes.plan.covered, planes.plan.origin, CELL_M,
+                planes.in_frame(cells, owner, T_world_camera), planes.ground(), planes.plan.origin, CELL_M,
                 owner, CELL_PIXELS, c.depth_noise_per_m, c.min_height_m, DEPTH_BIAS_M, c.max_depth_m,
                 heights, support, planes.plan.seen,
             )  # fmt: skip

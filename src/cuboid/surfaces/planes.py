@@ -24,6 +24,9 @@ HORIZONTAL_COS = float(np.cos(np.radians(12.0)))
 ON_PLANE_M = 0.02
 # A plane is used after it was seen in this many frames, or at once when this many times the least area is seen.
 USE_AFTER_FRAMES, USE_AT_ONCE = 3, 3.0
+# The top of a box: smaller than this, square metres, at most so high above the plane that the box stands on, metres,
+# and that plane so many times as large. Seats, shelves and stools are larger or higher.
+LID_AREA_M2, LID_HEIGHT_M, LID_RATIO = 0.2, 0.3, 3.0
 # A plane that is not used yet is forgotten after so many frames without a sighting.
 FORGET_FRAMES = 60
 # Prior spread of how far a frame sees a plane from where the map has it: poses drift by centimetres and degrees.
@@ -206,17 +209,33 @@ class PlaneTracker:
         for k, plane in enumerate(self.planes):
             if frame % 8 == k % 8 or not plane.in_use:
                 self.plan.refresh(k)
-            if not plane.in_use:
-                area = self.plan.area_m2(k)
-                plane.in_use = area >= least and (
-                    plane.frames >= USE_AFTER_FRAMES or area >= USE_AT_ONCE * least
-                )
+            area = self.plan.area_m2(k)
+            if not plane.in_use and area < least:
+                continue
+            if self._is_lid(k, area):
+                plane.in_use = False
+            elif not plane.in_use:
+                plane.in_use = plane.frames >= USE_AFTER_FRAMES or area >= USE_AT_ONCE * least
         keep = [k for k, p in enumerate(self.planes) if p.in_use or frame - p.last_frame <= FORGET_FRAMES]
         gone = self._merge_twins() if frame % 8 == 0 else set()
         keep = [k for k in keep if k not in gone]
         if len(keep) < len(self.planes):
             self.planes = [self.planes[k] for k in keep]
             self.plan.remove_planes(np.array(keep, dtype=np.int64))
+
+    def _is_lid(self, k: int, area_m2: float) -> bool:
+        """Tell whether a plane is the top of an object: small, and not high above a far larger plane."""
+        if area_m2 >= LID_AREA_M2:
+            return False
+        center = self.planes[k].mean[None]
+        return any(
+            other.in_use
+            and ON_PLANE_M < float(other.height(center)[0]) <= LID_HEIGHT_M
+            and self.plan.area_m2(j) >= LID_RATIO * area_m2
+            and bool(self.plan.covers(j, center)[0])
+            for j, other in enumerate(self.planes)
+            if j != k
+        )
 
     def _merge_twins(self) -> set[int]:
         gone: set[int] = set()
@@ -251,6 +270,11 @@ class PlaneTracker:
     def any_in_use(self) -> bool:
         """Whether any supporting plane is known."""
         return any(plane.in_use for plane in self.planes)
+
+    def ground(self) -> npt.NDArray[np.uint8]:
+        """Return where planes in use are, (P, N, M), 1 or 0; see `GroundPlan.covered`."""
+        used = np.array([plane.in_use for plane in self.planes], dtype=np.uint8)
+        return self.plan.covered * used[:, None, None]
 
     def to_plan(self, points: Float32Array | Float64Array) -> Float64Array:
         """Carry world points (N, 3) to the plan frame."""
@@ -313,7 +337,7 @@ class PlaneTracker:
         """Return the planes as this frame sees them, (P, 4): normal and offset in the camera frame.
 
         The poses drift: a frame's own table may lie a centimetre off the map's. Each plane is shifted and tilted to
-        the frame's cells on it, as far as the priors of drift allow. A plane not in use yet is put out of reach.
+        the frame's cells on it, as far as the priors of drift allow.
         """
         assert self.T_plan_world is not None
         T_plan_camera = self.T_plan_world @ T_world_camera
@@ -321,9 +345,6 @@ class PlaneTracker:
         of_cell = owner.reshape(-1)[cells.place]
         result = np.zeros((len(self.planes), 4))
         for k, plane in enumerate(self.planes):
-            if not plane.in_use:
-                result[k, 3] = -1e6
-                continue
             normal, offset = plane.normal, plane.offset
             mine = of_cell == k
             if np.count_nonzero(mine) >= 4:
