@@ -12,11 +12,15 @@ from cuboid.geometry.box import Box
 CAMERA = Intrinsics(270.0, 270.0, 159.5, 119.5, 320, 240)
 
 
-def upright(center_xy: tuple[float, float], size: tuple[float, float, float], turn: float = 0.0, z: float = 0.0) -> Box:
+def upright(
+    center_xy: tuple[float, float], size: tuple[float, float, float], turn: float = 0.0, z: float = 0.0
+) -> Box:
     """A box that stands at height z, third axis along +z."""
     c, s = np.cos(turn), np.sin(turn)
     return Box(
-        np.array([*center_xy, z + size[2] / 2]), np.array(size, float), np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+        np.array([*center_xy, z + size[2] / 2]),
+        np.array(size, float),
+        np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]),
     )
 
 
@@ -32,7 +36,9 @@ def look_at(eye: Sequence[float], target: Sequence[float]) -> np.ndarray:
     return T
 
 
-def cast(boxes: Sequence[Box], T_world_camera: np.ndarray, camera: Intrinsics = CAMERA) -> tuple[np.ndarray, np.ndarray]:
+def cast(
+    boxes: Sequence[Box], T_world_camera: np.ndarray, camera: Intrinsics = CAMERA
+) -> tuple[np.ndarray, np.ndarray]:
     """Depth (H, W) in metres and the number of the box hit (H, W), -1 none; by the slab method."""
     v, u = np.mgrid[: camera.height, : camera.width]
     rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], -1)

@@ -77,7 +77,7 @@ class TrackerConfig:
             If a name is unknown, or a value is not a number in its range.
         """
         fields = {item.name: item for item in dataclasses.fields(cls)}
-        numbers: dict[str, float | int] = {}
+        numbers: dict[str, Any] = {}
         for name, value in values.items():
             if name not in fields:
                 raise ConfigError(f"unknown setting '{name}'; there are: {', '.join(fields)}")

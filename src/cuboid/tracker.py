@@ -20,7 +20,7 @@ from cuboid.kernels.pixels import stand_on
 from cuboid.objects.association import Match, associate
 from cuboid.objects.entry import MapObject
 from cuboid.objects.object_map import ObjectMap
-from cuboid.objects.visibility import in_view, look
+from cuboid.objects.visibility import look
 from cuboid.proposals import make_source
 from cuboid.proposals.types import ProposalSource
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
@@ -187,7 +187,7 @@ class Tracker:
     ) -> tuple[tuple[Sighting, ...], tuple[Proposal3D, ...]]:
         """Match the frame's boxes to the map, and tell which of its objects the frame sees."""
         pixel_owner = np.where(slots >= 0, self._voxels.owner[slots], 0).astype(np.int32)
-        objects = in_view(self._map.alive(), image, T_camera_world)
+        objects = self._map.in_view(image, T_camera_world)
         matches = associate(clusters, boxes, objects, pixel_owner)
         own: dict[int, Match] = {}
         for match in matches:
@@ -203,8 +203,8 @@ class Tracker:
             entry.frames_seen += 1
             entry.last_frame = frame
             if entry.confirmed:
-                match = own.get(entry.number)
-                iou = match.iou if match is not None and not first else None
+                own_match = own.get(entry.number)
+                iou = own_match.iou if own_match is not None and not first else None
                 sightings.append(Sighting(entry.label, entry.box, iou, view.visible, view.rect_xyxy))
         found = tuple(
             Proposal3D(match.entry.label if match.entry else 0, box, cluster.heat, cluster.rect_xyxy)

@@ -35,7 +35,7 @@ def regions_by_scipy(depth: np.ndarray, wanted: np.ndarray, noise: float, jump: 
         for u in range(w):
             for dv, du in ((-1, -1), (-1, 0), (-1, 1), (0, -1)):
                 y, x = v + dv, u + du
-                if 0 <= y and 0 <= x < w and wanted[v, u] and wanted[y, x]:
+                if y >= 0 and 0 <= x < w and wanted[v, u] and wanted[y, x]:
                     z = float(depth[v, u])
                     if abs(float(depth[y, x]) - z) < jump + 4 * noise * z * z:
                         pairs.append((v * w + u, y * w + x))

@@ -116,7 +116,7 @@ def test_a_surface_that_is_hit_as_often_stays() -> None:
         image = image_of(np.full((48, 64), 1.0))
         voxels.fuse(image, hot, np.eye(4), frame)
     count = len(voxels.living())
-    for frame in range(8, 12):
+    for _ in range(4):
         voxels.look_through(image_of(np.full((48, 64), 2.0)), np.eye(4))
     assert len(voxels.living()) == count
 

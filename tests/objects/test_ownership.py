@@ -31,7 +31,7 @@ def test_a_bar_is_shared_by_the_owners_of_its_ends() -> None:
 def test_gap_is_the_least_distance_within_the_limit() -> None:
     rng = np.random.default_rng(0)
     a = rng.random((200, 3)).astype(np.float32)
-    b = (rng.random((300, 3)) + [1.05, 0, 0]).astype(np.float32)
+    b = (rng.random((300, 3)) + np.array([1.05, 0, 0])).astype(np.float32)
     true = np.linalg.norm(a[:, None] - b[None], axis=-1).min()
     assert gap_m(a, b, 0.5) == pytest.approx(true, rel=1e-5)
     assert gap_m(a, b, 0.5 * true) == float("inf")

@@ -54,7 +54,8 @@ def pixel_heat(
     boxes = np.ascontiguousarray(proposals.boxes_xyxy, dtype=np.int32)
     scores = np.ascontiguousarray(proposals.scores, dtype=np.float32)
     kernel.weigh(
-        image.depth_m, candidate, boxes, scores, masks, starts, image.step, phase, focal_px, min_size_m, max_size_m, weights
+        image.depth_m, candidate, boxes, scores, masks, starts, image.step, phase, focal_px, min_size_m, max_size_m,
+        weights,
     )  # fmt: skip
     kernel.vote(candidate, boxes, weights, masks, starts, image.step, phase, heat)
     sure = max(LEAST_SURE, float(np.sort(weights)[::-1][:STRONGEST].mean()))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -60,18 +62,20 @@ class VoxelMap:
         self._member = np.full(capacity, -1, np.int32)
         self._table = np.zeros(2 * capacity, np.int32)
 
+    def _columns(self) -> tuple[npt.NDArray[Any], ...]:
+        return (self.keys, self.values, self.hits, self.passes, self.owner, self._last_frame)
+
     def _reserve(self, more: int) -> None:
         """Make room for more rows: pack the living ones, into larger arrays where these are full."""
         if self.count + more <= len(self.keys) and self._dead <= DEAD_SHARE * max(self.count, 1 << 16):
             return
         alive = np.flatnonzero(self.values[: self.count, kernel.WEIGHT] > 0)
-        old = (self.keys, self.values, self.hits, self.passes, self.owner, self._last_frame)
+        old = self._columns()
         capacity = len(self.keys)
         while len(alive) + more > 0.75 * capacity:
             capacity *= 2
         self._allocate(capacity)
-        new = (self.keys, self.values, self.hits, self.passes, self.owner, self._last_frame)
-        for target, source in zip(new, old, strict=True):
+        for target, source in zip(self._columns(), old, strict=True):
             target[: len(alive)] = source[alive]
         self.count, self._dead, self._next_look = len(alive), 0, 0
         kernel.fill_table(self.keys, self.count, self._table)
@@ -90,7 +94,8 @@ class VoxelMap:
         slots = np.empty(heat.shape, np.int32)
         self.count = kernel.fuse(
             image.depth_m, image.color, heat, _pinhole(image), np.ascontiguousarray(T_world_camera), self.voxel_m,
-            self._max_depth_m, frame, self.keys, self.values, self.hits, self._last_frame, self.count, self._table, slots,
+            self._max_depth_m, frame, self.keys, self.values, self.hits, self._last_frame, self.count, self._table,
+            slots,
         )  # fmt: skip
         return slots
 
@@ -134,7 +139,7 @@ class VoxelMap:
         rows = np.empty(self.count, np.int64)
         touched = np.zeros(numbers, np.uint8)
         n = kernel.select(
-            self.count, hot, since, self.values, self.hits, self.passes, self._last_frame, self.owner, touched, rows
+            self.count, hot, since, self.values, self.hits, self.passes, self._last_frame, self.owner, touched, rows,
         )  # fmt: skip
         return rows[:n], touched
 
@@ -173,11 +178,11 @@ class VoxelMap:
 
     def weight(self, rows: Rows) -> Float64Array:
         """Return the summed weight (N,) of the sightings of these rows: the larger, the nearer and the more."""
-        return self.values[rows, kernel.WEIGHT].astype(np.float64)
+        return np.asarray(self.values[rows, kernel.WEIGHT], dtype=np.float64)
 
     def heat(self, rows: Rows) -> Float32Array:
         """Return the heat (N,) of these rows, 0..1."""
-        return self.values[rows, kernel.HEAT]
+        return np.asarray(self.values[rows, kernel.HEAT])
 
 
 def _pinhole(image: WorkingImage) -> Float64Array:

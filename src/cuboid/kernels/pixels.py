@@ -25,9 +25,9 @@ def drop_mixed(depth, jump, out):
             limit = 0.01 + jump * z * z
             a, b = depth[v, u - 1], depth[v, u + 1]
             c, d = depth[v - 1, u], depth[v + 1, u]
-            if a > 0.0 and b > 0.0 and (a - z) * (z - b) > 0.0 and min(abs(a - z), abs(b - z)) > limit:
-                out[v, u] = 0.0
-            elif c > 0.0 and d > 0.0 and (c - z) * (z - d) > 0.0 and min(abs(c - z), abs(d - z)) > limit:
+            across = a > 0.0 and b > 0.0 and (a - z) * (z - b) > 0.0 and min(abs(a - z), abs(b - z)) > limit
+            along = c > 0.0 and d > 0.0 and (c - z) * (z - d) > 0.0 and min(abs(c - z), abs(d - z)) > limit
+            if across or along:
                 out[v, u] = 0.0
 
 
@@ -86,8 +86,18 @@ def stand_on(
                 continue
             rx = (u - camera[2]) / camera[0]
             x, y = rx * z, ry * z
-            gx = T_grid_camera[0, 0] * x + T_grid_camera[0, 1] * y + T_grid_camera[0, 2] * z + T_grid_camera[0, 3]
-            gy = T_grid_camera[1, 0] * x + T_grid_camera[1, 1] * y + T_grid_camera[1, 2] * z + T_grid_camera[1, 3]
+            gx = (
+                T_grid_camera[0, 0] * x
+                + T_grid_camera[0, 1] * y
+                + T_grid_camera[0, 2] * z
+                + T_grid_camera[0, 3]
+            )
+            gy = (
+                T_grid_camera[1, 0] * x
+                + T_grid_camera[1, 1] * y
+                + T_grid_camera[1, 2] * z
+                + T_grid_camera[1, 3]
+            )
             ix = int(np.floor((gx - origin[0]) / cell))
             iy = int(np.floor((gy - origin[1]) / cell))
             if ix < 0 or iy < 0 or ix >= nx_cells or iy >= ny_cells:

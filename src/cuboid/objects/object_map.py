@@ -17,8 +17,10 @@ from cuboid.heatmap.voxel_map import REFUSED, Rows, VoxelMap
 from cuboid.objects.entry import MapObject
 from cuboid.objects.ownership import CONTACT_SHARE, Piece, gap_m, owners_of, share_out, wraps
 from cuboid.objects.validity import is_object, rests
+from cuboid.objects.visibility import in_view
 from cuboid.surfaces.clusters import MapCluster, map_clusters
 from cuboid.surfaces.planes import PlaneTracker
+from cuboid.working import WorkingImage
 
 # Two labelled objects that touch as one in so many looks at the map are one.
 MERGE_LOOKS = 6
@@ -62,6 +64,7 @@ class ObjectMap:
         self._voxels = voxels
         self._planes = planes
         self._objects: dict[int, MapObject] = {}
+        self._boxes = np.full((64, 15), np.nan)
         self._together: dict[tuple[int, int], int] = {}
         self._next_number = 1
         self._next_label = 1
@@ -75,6 +78,10 @@ class ObjectMap:
     def confirmed(self) -> list[MapObject]:
         """Return the objects of the map that have a label, by label."""
         return sorted((o for o in self.alive() if o.confirmed), key=lambda o: o.label)
+
+    def in_view(self, image: WorkingImage, T_camera_world: Float64Array) -> list[MapObject]:
+        """Return the objects, confirmed or not, whose boxes reach into the picture, in order of their numbers."""
+        return [self._objects[number] for number in in_view(self._boxes, image, T_camera_world).tolist()]
 
     def settle(self, frame: int) -> None:
         """Bring the objects up to date with the map: those seen of late, and now and then all.
@@ -107,6 +114,16 @@ class ObjectMap:
                 [entry for entry in self.alive() if entry.number < known and entry.number not in pieces]
             )
         self._confirm()
+        self._list_boxes()
+
+    def _list_boxes(self) -> None:
+        """Keep the boxes of living objects in one table, a row a number: what a frame is matched with."""
+        if len(self._boxes) < self._next_number:
+            more = max(len(self._boxes), self._next_number - len(self._boxes))
+            self._boxes = np.concatenate([self._boxes, np.full((more, 15), np.nan)])
+        alive = self.alive()
+        self._boxes[: self._next_number] = np.nan
+        self._boxes[[entry.number for entry in alive]] = pack([entry.box for entry in alive])
 
     def _divide(
         self, clusters: Sequence[MapCluster], whole: bool

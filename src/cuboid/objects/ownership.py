@@ -85,7 +85,7 @@ def gap_m(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32], limit_m: float
     if len(b) == 0:
         return float("inf")
     distance, _ = cKDTree(b).query(a, distance_upper_bound=limit_m)
-    return float(distance.min())
+    return float(np.min(distance))
 
 
 def wraps(part: npt.NDArray[np.float32], main: npt.NDArray[np.float32], up: Float64Array) -> bool:

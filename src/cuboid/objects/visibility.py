@@ -38,27 +38,19 @@ class View:
     seen: bool
 
 
-def in_view(
-    objects: Sequence[MapObject], image: WorkingImage, T_camera_world: Float64Array
-) -> list[MapObject]:
-    """Return the objects whose centre is in front of the camera and near enough to the picture to be in it."""
-    if not objects:
-        return []
-    centers = np.array([o.box.center for o in objects])
-    radius = np.array([0.5 * float(np.linalg.norm(o.box.size)) for o in objects])
-    x, y, z = (centers @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]).T
+def in_view(boxes: Float64Array, image: WorkingImage, T_camera_world: Float64Array) -> npt.NDArray[np.int64]:
+    """Return which boxes (N, 15), see `pack`, reach into the picture with their bounding spheres, ascending.
+
+    A row of NaN is in no picture.
+    """
+    x, y, z = (boxes[:, :3] @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]).T
+    radius = 0.5 * np.sqrt((boxes[:, 3:6] ** 2).sum(1))
     c = image.camera
     near = np.maximum(z, 0.05)
     reach_u, reach_v = radius / near * c.fx, radius / near * c.fy
     u, v = x / near * c.fx + c.cx, y / near * c.fy + c.cy
-    inside = (
-        (z > 0.05)
-        & (u + reach_u > 0)
-        & (u - reach_u < c.width)
-        & (v + reach_v > 0)
-        & (v - reach_v < c.height)
-    )
-    return [objects[k] for k in np.flatnonzero(inside)]
+    inside = (z > 0.05) & (u + reach_u > 0) & (u - reach_u < c.width) & (v + reach_v > 0) & (v - reach_v < c.height)
+    return np.flatnonzero(inside)
 
 
 def look(

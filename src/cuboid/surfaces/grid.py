@@ -121,7 +121,7 @@ class GroundPlan:
 
     def _look_up(self, layer: UInt8Array, points: Float64Array) -> npt.NDArray[np.bool_]:
         cells = self.cells_of(points)
-        inside = ((cells >= 0) & (cells < layer.shape)).all(1)
+        inside = np.asarray((cells >= 0).all(1) & (cells < layer.shape).all(1))
         cells = np.where(inside[:, None], cells, 0)
         return inside & (layer[cells[:, 0], cells[:, 1]] > 0)
 

@@ -361,7 +361,7 @@ def _adapt(plane: Plane, points: Float64Array, sigma_m: Float64Array) -> tuple[F
     residual = plane.height(points)
     prior = np.diag([DRIFT_RAD**-2, DRIFT_RAD**-2, DRIFT_M**-2])
     weights = 1.0 / (sigma_m**2 + 0.003**2)
-    solution = np.zeros(3)
+    solution: Float64Array = np.zeros(3)
     for _ in range(2):
         # Neighbouring cells err alike: a frame's cells count as a tenth of their number.
         w = 0.1 * weights / (1.0 + ((residual - design @ solution) / (3 * sigma_m + 0.003)) ** 2)
