@@ -4,27 +4,28 @@ from __future__ import annotations
 
 import numpy as np
 
+from cuboid.frame import Float64Array
 from cuboid.geometry import se3
 from cuboid.synthetic import furniture as made
 from cuboid.synthetic.kinds import Draft, finish
 from cuboid.synthetic.material import Material, Texture
-from cuboid.synthetic.mesh import shift, turn
+from cuboid.synthetic.mesh import box, shift, turn
 from cuboid.synthetic.paths import around
 from cuboid.synthetic.placement import Arrangement
 from cuboid.synthetic.scene import Scene, Surface
 from cuboid.synthetic.shapes import MAKERS, Model, turned
 
-DEMO_FRAMES = 140
+DEMO_FRAMES = 150
 # What stands where: kind, seed of its making, place on the table (-1..1), turn in degrees.
 _LAID: tuple[tuple[str, int, float, float, float], ...] = (
-    ("carton", 3, -0.62, 0.45, 20.0),
-    ("bowl", 5, 0.05, 0.42, 0.0),
-    ("cap", 2, 0.60, 0.38, 250.0),
-    ("mug", 1, -0.42, -0.42, 310.0),
-    ("can", 4, 0.10, -0.38, 0.0),
-    ("milk", 6, 0.72, -0.45, 35.0),
-    ("book", 8, -0.80, -0.35, 80.0),
-    ("ball", 7, 0.40, -0.05, 0.0),
+    ("carton", 13, -0.62, 0.45, 20.0),
+    ("bowl", 3, 0.05, 0.42, 0.0),
+    ("cap", 13, 0.60, 0.38, 250.0),
+    ("mug", 15, -0.42, -0.42, 310.0),
+    ("can", 1, 0.10, -0.38, 0.0),
+    ("milk", 8, 0.72, -0.45, 35.0),
+    ("book", 20, -0.80, -0.35, 80.0),
+    ("ball", 5, 0.40, -0.05, 0.0),
 )
 
 
@@ -51,26 +52,25 @@ def demo_scene(frames: int = DEMO_FRAMES) -> Scene:
 def _furnish(draft: Draft) -> None:
     half = 2.4
     draft.add(made.floor(draft.rng, half + 0.1), np.eye(4))
+    draft.add(made.ceiling(half + 0.1), np.eye(4))
     for k in range(4):
         draft.add(made.wall(draft.rng, 2 * half), turn(k * np.pi / 2) @ shift((0, half, 0)))
     draft.add(made.table(draft.rng, (1.24, 0.84, 0.72)), np.eye(4))
     draft.add(made.chair(draft.rng), shift((-0.35, 0.85, 0)) @ turn(-1.3), doubtful=True)
     pillar = Material((0.32, 0.36, 0.42), (0.42, 0.46, 0.52), Texture.STRIPES, 0.1)
-    post = Model("screen", ((made.box((0.34, 0.03, 1.28)), pillar),))
-    draft.add(post, turn(-0.75) @ shift((0.92, 0, 0)) @ turn(np.pi / 2), doubtful=True)
+    post = Model("screen", ((box((0.2, 0.03, 1.16)), pillar),))
+    draft.add(post, turn(np.radians(-79)) @ shift((0.72, 0, 0)) @ turn(np.pi / 2), doubtful=True)
 
 
-def _way() -> np.ndarray:
+def _way() -> Float64Array:
     """Return waypoints: along the table, behind the screen, aside to the wall, and back."""
     middle = (0.0, 0.0, 0.76)
-    arc = around(
-        middle, np.radians([-118, -98, -78, -58, -40, -24]), 1.32, [1.28, 1.3, 1.34, 1.36, 1.36, 1.38]
-    )
+    arc = around(middle, np.radians([-106, -98, -90, -82, -74, -66, -60]), 1.3, np.linspace(1.3, 1.38, 7))
     eye, toward = arc[-1, :3], np.arctan2(*(arc[-1, 3:5] - arc[-1, :2])[::-1])
     rows = [arc]
-    for share in (0.35, 0.7, 1.0, 1.0, 0.7, 0.35):
-        bearing = toward - share * np.radians(62)
-        target = eye + 1.32 * np.array([np.cos(bearing), np.sin(bearing), -0.4 * (1 - 0.5 * share)])
+    for share in (0.25, 0.5, 0.75, 1.0, 1.0, 0.75, 0.5, 0.25):
+        bearing = toward - share * np.radians(58)
+        target = eye + 1.3 * np.array([np.cos(bearing), np.sin(bearing), -0.47 * (1 - 0.7 * share)])
         rows.append(np.concatenate([eye, target])[None])
-    rows.append(around(middle, np.radians([-20, -8]), 1.3, [1.38, 1.4]))
+    rows.append(around(middle, np.radians([-57, -50]), 1.28, [1.38, 1.4]))
     return np.concatenate(rows)

@@ -6,11 +6,15 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.errors import InputError
+
+Image = npt.NDArray[Any]
 
 FAULTS_FILE = "faults.json"
 
@@ -21,6 +25,10 @@ def _color(folder: Path, frame: int) -> Path:
 
 def _depth(folder: Path, frame: int) -> Path:
     return folder / "depth" / f"{frame:06d}.png"
+
+
+def _fill(path: Path, data: bytes) -> None:
+    path.write_bytes(data)
 
 
 def _cut(path: Path) -> None:
@@ -38,7 +46,7 @@ def _halve(folder: Path, frame: int) -> None:
         _rewrite(path, lambda image: image[::2, ::2])
 
 
-def _rewrite(path: Path, change: Callable[[np.ndarray], np.ndarray]) -> None:
+def _rewrite(path: Path, change: Callable[[Image], Image]) -> None:
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     assert image is not None, "the recording was whole before"
     done, data = cv2.imencode(path.suffix, np.ascontiguousarray(change(image)))
@@ -78,10 +86,10 @@ FRAME_FAULTS: Mapping[str, Fault] = MappingProxyType(
     {
         "truncated-color": lambda folder, k: _cut(_color(folder, k)),
         "truncated-depth": lambda folder, k: _cut(_depth(folder, k)),
-        "empty-color": lambda folder, k: _color(folder, k).write_bytes(b"") and None,
-        "empty-depth": lambda folder, k: _depth(folder, k).write_bytes(b"") and None,
+        "empty-color": lambda folder, k: _fill(_color(folder, k), b""),
+        "empty-depth": lambda folder, k: _fill(_depth(folder, k), b""),
         "damaged-depth": lambda folder, k: _flip(_depth(folder, k)),
-        "no-image": lambda folder, k: _color(folder, k).write_bytes(b"no image\n" * 40) and None,
+        "no-image": lambda folder, k: _fill(_color(folder, k), b"no image\n" * 40),
         "color-only": lambda folder, k: _depth(folder, k).unlink(),
         "depth-only": lambda folder, k: _color(folder, k).unlink(),
         "other-size": _halve,

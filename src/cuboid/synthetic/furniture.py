@@ -10,6 +10,9 @@ from cuboid.synthetic.material import Color, Material, Texture, paint, wood
 from cuboid.synthetic.mesh import box, grid, lathe, merged, shift, turn
 from cuboid.synthetic.shapes import Model
 
+# Height of a room, metres.
+WALL_M = 2.7
+
 CLOTH: tuple[tuple[Color, Color], ...] = (
     ((0.33, 0.38, 0.45), (0.27, 0.32, 0.39)),
     ((0.52, 0.33, 0.28), (0.45, 0.28, 0.24)),
@@ -35,7 +38,7 @@ def round_table(rng: np.random.Generator, radius: float, height: float) -> Model
 
 
 def shelf(rng: np.random.Generator, size: Sequence[float], boards: Sequence[float]) -> Model:
-    """Return an open shelf of `size` (x, y, height), its back at +y, with boards whose tops are at `boards`."""
+    """Return an open shelf of `size` (x, y, height), its back at +y; `boards` are the heights of its tops."""
     x, y, height = size
     side = [box((0.025, y, height), (s * (x / 2 + 0.0125), 0, 0)) for s in (-1, 1)]
     back = box((x + 0.05, 0.012, height), (0, y / 2 + 0.006, 0))
@@ -54,12 +57,16 @@ def floor(rng: np.random.Generator, half_m: float) -> Model:
     return Model("floor", ((box(size, (0, 0, -0.02)), looks[int(rng.integers(len(looks)))]),))
 
 
-def wall(rng: np.random.Generator, length_m: float, height_m: float = 2.6) -> Model:
+def ceiling(half_m: float) -> Model:
+    """Return a ceiling at 2.7 m."""
+    size = (2 * half_m, 2 * half_m, 0.02)
+    return Model("ceiling", ((box(size, (0, 0, WALL_M)), Material((0.9, 0.9, 0.88))),))
+
+
+def wall(rng: np.random.Generator, length_m: float, height_m: float = WALL_M) -> Model:
     """Return a wall along x with a skirting and two pictures, its face at y = 0 looking to -y."""
     tint = float(rng.uniform(0.0, 0.08))
-    plaster = Material(
-        (0.86 - tint, 0.85 - tint, 0.80), (0.80 - tint, 0.79 - tint, 0.74), Texture.MARBLE, 0.25
-    )
+    plaster = Material((0.86 - tint, 0.85 - tint, 0.80), (0.80 - tint, 0.79 - tint, 0.74), Texture.MARBLE, 0.25)
     parts = [
         (box((length_m, 0.05, height_m), (0, 0.025, 0)), plaster),
         (box((length_m, 0.012, 0.09), (0, -0.006, 0)), Material((0.93, 0.93, 0.92))),
@@ -67,9 +74,7 @@ def wall(rng: np.random.Generator, length_m: float, height_m: float = 2.6) -> Mo
     for side in (-1, 1):
         wide, high = rng.uniform(0.4, 0.8), rng.uniform(0.35, 0.6)
         place = (side * length_m * rng.uniform(0.12, 0.3), -0.012, 1.2)
-        picture = Material(
-            paint(rng), paint(rng), (Texture.MARBLE, Texture.CHECKER)[int(rng.integers(2))], 0.12
-        )
+        picture = Material(paint(rng), paint(rng), (Texture.MARBLE, Texture.CHECKER)[int(rng.integers(2))], 0.12)
         parts.append((box((wide, 0.024, high), place), picture))
     return Model("wall", tuple(parts))
 

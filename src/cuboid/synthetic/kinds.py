@@ -11,7 +11,6 @@ import numpy as np
 from cuboid.errors import InputError
 from cuboid.frame import Float64Array
 from cuboid.synthetic import furniture as made
-from cuboid.synthetic.footprint import hull
 from cuboid.synthetic.mesh import shift, turn
 from cuboid.synthetic.paths import CAMERAS, STEP_M, STEP_RAD, around, fly, random_motion
 from cuboid.synthetic.placement import Arrangement
@@ -86,17 +85,17 @@ def build_occluders(draft: Draft) -> None:
     _middle_table(draft)
     for model in draft.models(int(draft.rng.integers(6, 9))):
         draft.objects.put(model, 0, APART_M, within=0.8)
-    way = _circling(draft, 0, radius=1.85, height=draft.rng.uniform(1.25, 1.4), steady=True)
+    way = _circling(draft, 0, radius=2.0, height=draft.rng.uniform(1.25, 1.4), steady=True)
     draft.waypoints = way
     angle = np.unwrap(np.arctan2(way[:, 1], way[:, 0]))
-    for share, low in ((0.3, False), (0.68, bool(draft.rng.random() < 0.5))):
+    for share, low in ((0.4, False), (0.8, bool(draft.rng.random() < 0.5))):
         at = float(np.interp(share + draft.rng.uniform(-0.05, 0.05), np.linspace(0, 1, len(angle)), angle))
-        place = turn(at) @ shift((draft.rng.uniform(1.08, 1.16), 0, 0)) @ turn(-np.pi / 2)
+        place = turn(at) @ shift((draft.rng.uniform(1.02, 1.1), 0, 0)) @ turn(-np.pi / 2)
         if low:
-            size = (draft.rng.uniform(0.45, 0.6), 0.4, draft.rng.uniform(1.0, 1.1))
+            size = (draft.rng.uniform(0.3, 0.4), 0.3, draft.rng.uniform(1.0, 1.1))
             draft.add(made.crate(draft.rng, size), place, doubtful=True)
         else:
-            width = draft.rng.uniform(0.55, 0.8)
+            width = draft.rng.uniform(0.36, 0.5)
             draft.add(made.screen(draft.rng, width, 1.3), place, doubtful=True)
 
 
@@ -125,9 +124,7 @@ def build_tables(draft: Draft) -> None:
             np.array([0.62, 0.4]),
             rng.uniform(-0.3, 0.3),
         ),
-        Surface(
-            "round table", rng.uniform(0.42, 0.55), np.array([0.85, 1.0]), np.full(2, 0.5), 0.0, round=True
-        ),
+        Surface("round table", rng.uniform(0.42, 0.55), np.array([0.85, 1.0]), np.full(2, 0.5), 0.0, round=True),
     ]
     boards = (0.32, rng.uniform(0.78, 0.9))
     surfaces += [
@@ -185,9 +182,7 @@ def build_room(draft: Draft) -> None:
     draft.add(made.table(rng, (1.2, 0.76, surfaces[0].height_m)), _on_floor(surfaces[0]))
     draft.add(made.shelf(rng, (1.0, 0.34, board + 0.02), (0.35, board)), _on_floor(surfaces[1]))
     draft.add(made.sofa(rng), shift((-1.3, 0.9, 0)) @ turn(rng.uniform(-0.2, 0.2)), doubtful=True)
-    draft.add(
-        made.chair(rng), shift((0.2, 1.45, 0)) @ turn(-np.pi / 2 + rng.uniform(-0.4, 0.4)), doubtful=True
-    )
+    draft.add(made.chair(rng), shift((0.2, 1.45, 0)) @ turn(-np.pi / 2 + rng.uniform(-0.4, 0.4)), doubtful=True)
     for surface, count, names in (
         (0, 5, tuple(MAKERS)),
         (1, 3, SMALL),
@@ -195,9 +190,7 @@ def build_room(draft: Draft) -> None:
     ):
         for model in draft.models(count, names):
             draft.objects.put(model, surface, APART_M, within=0.85)
-    tour = _tour(
-        draft, [0, 2, 1, 0], eyes=((-0.6, -0.75), (0.3, -1.85), (1.15, 0.1), (0.9, -0.75)), order=(0, 1, 2, 3)
-    )
+    tour = _tour(draft, [0, 2, 1, 0], eyes=((-0.6, -0.75), (0.3, -1.85), (1.15, 0.1), (0.9, -0.75)), order=(0, 1, 2, 3))
     draft.waypoints = np.concatenate([_curtain_first(tour[0]), tour])
 
 
@@ -252,16 +245,12 @@ def make_scene(
     rng = np.random.default_rng([seed, list(KINDS).index(kind)])
     drawn = tuple(CAMERAS)[int(rng.integers(len(CAMERAS)))]
     T_world_room, focal = random_motion(rng), float(rng.uniform(525, 600))
-    draft = Draft(
-        rng, frames or FRAMES[kind], camera or drawn, meshes, [], Arrangement((), rng), np.empty((0, 6))
-    )
+    draft = Draft(rng, frames or FRAMES[kind], camera or drawn, meshes, [], Arrangement((), rng), np.empty((0, 6)))
     KINDS[kind](draft)
     return finish(draft, f"synthetic {kind} {seed}", kind, seed, T_world_room, focal)
 
 
-def finish(
-    draft: Draft, name: str, kind: str, seed: int, T_world_room: Float64Array, focal_px: float
-) -> Scene:
+def finish(draft: Draft, name: str, kind: str, seed: int, T_world_room: Float64Array, focal_px: float) -> Scene:
     """Return the scene of a draft."""
     way = fly(draft.waypoints, draft.frames, CAMERAS[draft.camera], draft.rng, whole=draft.whole)
     return Scene(
@@ -282,8 +271,9 @@ def _on_floor(surface: Surface) -> Float64Array:
 
 
 def _room(draft: Draft, half: float = ROOM_HALF_M) -> None:
-    """Put up floor, walls, and a curtain at -y."""
+    """Put up floor, ceiling, walls, and a curtain at -y."""
     draft.add(made.floor(draft.rng, half + 0.1), np.eye(4))
+    draft.add(made.ceiling(half + 0.1), np.eye(4))
     for k in range(4):
         draft.add(made.wall(draft.rng, 2 * half), turn(k * np.pi / 2) @ shift((0, half, 0)))
     draft.add(made.curtain(draft.rng, 2 * half), turn(np.pi) @ shift((0, half - 0.2, 0)))
@@ -320,9 +310,7 @@ def _circling(
         radii = radius + rng.uniform(-0.5 * wide, wide, count)
         levels = level + rng.uniform(-0.6 * wide, (2.2 if draft.camera == "drone" else 1.0) * wide, count)
         angles = np.linspace(0, 0.8 * angle, count)
-    way = around(
-        middle, rng.uniform(0, 2 * np.pi) + (1 if rng.random() < 0.5 else -1) * angles, radii, levels
-    )
+    way = around(middle, rng.uniform(0, 2 * np.pi) + (1 if rng.random() < 0.5 else -1) * angles, radii, levels)
     if not steady:
         way[:, 3:] += rng.uniform(-0.06, 0.06, (len(way), 3)) * (draft.camera != "orbit")
     return way
@@ -373,18 +361,14 @@ def _curtain_first(first: Float64Array) -> Float64Array:
     for share in (0.0, 0.02, 0.25, 0.5, 0.75):
         bearing = begin + share * (end - begin)
         drop = 0.1 + share * (toward[2] - 0.1)
-        rows.append([*eye, *(eye + (far * np.cos(bearing), far * np.sin(bearing), drop))])
+        target = eye + np.array([far * np.cos(bearing), far * np.sin(bearing), drop])
+        rows.append([*eye, *target])
     return np.array(rows)
 
 
 def _stack(draft: Draft) -> None:
-    """Put a can or a mug on a flat object that touches none; a stack of two may be called one object."""
-    flat = [o for o in draft.objects.objects if o.model.name in ("book", "parcel", "box") and not o.touches]
+    """Put a can or a jar on a wide flat object that touches none; the two may be called one object."""
+    flat = [o for o in draft.objects.objects if o.model.name in ("book", "parcel") and not o.touches]
     if flat:
-        top = draft.objects.put_on(MAKERS[("can", "mug")[int(draft.rng.integers(2))]](draft.rng), flat[0])
+        top = draft.objects.put_on(MAKERS[("can", "jar")[int(draft.rng.integers(2))]](draft.rng), flat[0])
         draft.objects.not_judged(top.id, flat[0].id)
-
-
-def outline_of(model: Model) -> Float64Array:
-    """Return a model's convex outline from above, (K, 2)."""
-    return hull(model.mesh().vertices[:, :2])

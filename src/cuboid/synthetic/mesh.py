@@ -1,4 +1,4 @@
-"""Triangle meshes and the few ways to make one: lathe, prism, tube, grid. Metres, z up, faces wind outward."""
+"""Triangle meshes and the few ways to make one: lathe, prism, tube, grid; metres, z up."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def corner_normals(mesh: Mesh, crease_deg: float = CREASE_DEG) -> Float64Array:
 
 
 def sample_surface(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[Float64Array, Float64Array]:
-    """Return `count` points (count, 3) spread evenly over the surface, and their outward normals (count, 3)."""
+    """Return `count` points spread evenly over the surface (count, 3), and their normals (count, 3)."""
     normals = mesh.area_normals()
     area = np.linalg.norm(normals, axis=1)
     steps = (np.arange(count) + rng.random(count)) / count

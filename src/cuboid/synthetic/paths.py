@@ -10,10 +10,13 @@ import numpy.typing as npt
 from cuboid.frame import Float64Array
 from cuboid.geometry import se3
 from cuboid.synthetic.mesh import turn
+from cuboid.synthetic.scene import FRAMES_PER_S
 
 # The fastest motion a frame at 30 frames a second: 0.5 m/s, 36 degrees/s.
 STEP_M = 0.0165
 STEP_RAD = np.radians(1.2)
+# A camera has weight: its way is smooth over this many frames.
+INERTIA_FRAMES = 5.0
 # Waypoints are joined by this many pieces a step at most; their poses are read off between them.
 _PIECES = 2400
 
@@ -58,15 +61,14 @@ def look_at(eye: npt.ArrayLike, target: npt.ArrayLike, roll_rad: float = 0.0) ->
     return T @ turn(roll_rad)
 
 
-def fly(
-    waypoints: npt.ArrayLike, frames: int, style: Style, rng: np.random.Generator, *, whole: bool
-) -> Float64Array:
+def fly(waypoints: npt.ArrayLike, frames: int, style: Style, rng: np.random.Generator, *, whole: bool) -> Float64Array:
     """Return the poses (frames, 4, 4) of a camera that passes waypoints (K, 6) of eye and target.
 
     The speed is even and within `STEP_M` and `STEP_RAD` a frame. Where the frames do not suffice, the way
     ends early; with `whole` it is flown faster instead.
     """
     from scipy.interpolate import PchipInterpolator
+    from scipy.ndimage import gaussian_filter1d
 
     points = np.asarray(waypoints, np.float64)
     knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1) + 1e-6)])
@@ -79,6 +81,7 @@ def fly(
     end = clock[-1] if whole else min(clock[-1], float(max(frames - 1, 1)))
     at = np.linspace(0, end, frames)
     way = np.column_stack([np.interp(at, clock, column) for column in curve.T])
+    way = gaussian_filter1d(way, INERTIA_FRAMES, axis=0, mode="nearest")
     return _carried(way, style, rng)
 
 
@@ -96,11 +99,11 @@ def _carried(way: Float64Array, style: Style, rng: np.random.Generator) -> Float
 
 
 def smooth_noise(frames: int, channels: int, hertz: float, rng: np.random.Generator) -> Float64Array:
-    """Return noise (frames, channels) of deviation about 1 without frequencies above `hertz`, at 30 a second."""
+    """Return noise (frames, channels) of deviation 1 without frequencies above `hertz`."""
     waves = 7
     frequency = hertz * rng.uniform(0.15, 1.0, (waves, channels))
     phase = rng.uniform(0, 2 * np.pi, (waves, channels))
-    seconds = np.arange(frames)[:, None, None] / 30.0
+    seconds = np.arange(frames)[:, None, None] / FRAMES_PER_S
     noise: Float64Array = np.sin(2 * np.pi * frequency * seconds + phase).sum(axis=1) * np.sqrt(2 / waves)
     return noise
 

@@ -58,9 +58,7 @@ class Arrangement:
         """Put a model at a place (coordinates -1..1 of the surface), as it is."""
         return self._add(model, self.surfaces[surface].at(*place), surface)
 
-    def put_beside(
-        self, model: Model, other: SceneObject, gap: float, others_gap: float
-    ) -> SceneObject | None:
+    def put_beside(self, model: Model, other: SceneObject, gap: float, others_gap: float) -> SceneObject | None:
         """Put a model `gap` metres from another, on the same surface; `others_gap` from the rest."""
         for _ in range(TRIES // 5):
             model = turned(model, self._rng.uniform(0, 2 * np.pi))
@@ -102,9 +100,7 @@ class Arrangement:
             if other.surface == surface and other.id != ignoring
         )
 
-    def _add(
-        self, model: Model, place: Float64Array, surface: int, bottom: float | None = None
-    ) -> SceneObject:
+    def _add(self, model: Model, place: Float64Array, surface: int, bottom: float | None = None) -> SceneObject:
         height = self.surfaces[surface].height_m if bottom is None else bottom
         added = SceneObject(model, shift((*place, height)), id=len(self.objects) + 1, surface=surface)
         self.objects.append(added)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from cuboid.frame import Float32Array, Float64Array, Intrinsics
 
-# A shadow ray starts this far off its surface, metres: single precision at 5 m is 0.5 micrometres.
+# A ray from a surface starts this far off its surface, metres: single precision at 5 m is 0.5 micrometres.
 SHADOW_BIAS_M = 2e-3
 
 
@@ -70,11 +70,11 @@ class RayCaster:
         depth = np.where(face >= 0, hit["tfar"].reshape(shape), np.float32(0))
         return Hits(depth, face, hit["u"].reshape(shape), hit["v"].reshape(shape), eye, rays)
 
-    def reaches(self, points: Float32Array, light: Float64Array) -> npt.NDArray[np.uint8]:
-        """Tell for points (N, 3) whether nothing lies between them and a light (3,): 1 or 0."""
-        towards = light.astype(np.float32) - points
+    def reaches(self, points: Float32Array, target: Float32Array | Float64Array) -> npt.NDArray[np.uint8]:
+        """Tell for points (N, 3) whether nothing lies between them and a target (3,) or (N, 3): 1 or 0."""
+        towards = target.astype(np.float32) - points
         blocked = self._scene.run(points, towards, dists=np.ones(len(points), np.float32), query="OCCLUDED")
-        return (blocked != 0).astype(np.uint8)
+        return np.asarray(blocked != 0, np.uint8)
 
 
 def pixel_rays(intrinsics: Intrinsics, T_room_camera: Float64Array) -> Float32Array:

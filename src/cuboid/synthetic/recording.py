@@ -3,7 +3,7 @@
 ::
 
     output/
-      camera.json  color/000000.jpg  depth/000000.png  poses.txt     the recording, as docs/recordings.md has it
+      camera.json  color/000000.jpg  depth/000000.png  poses.txt     the recording (docs/recordings.md)
       truth.json  true_trajectory.txt  true_cloud.ply                what it shows
       faults.json                                                    what was broken on purpose, if anything
 """
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -36,7 +37,7 @@ from cuboid.synthetic.scene import Scene
 from cuboid.synthetic.sensors import SENSORS
 from cuboid.synthetic.view import Rendered, SceneView
 
-# Units of the depth images: 0.2 mm, a seventh of a structured-light step at 0.7 m; the largest number is 13 m.
+# Units of the depth images: 0.2 mm, a seventh of a structured-light step at 0.7 m; up to 13 m.
 DEPTH_UNITS_PER_M = 5000
 JPEG_QUALITY = 92
 # Fast, and a few percent larger than the best.
@@ -175,9 +176,7 @@ def _check(sensor: str, pose_noise: str, size: tuple[int, int]) -> None:
     if pose_noise not in POSE_NOISES:
         raise InputError(f"no pose noise is called '{pose_noise}'; there are {', '.join(POSE_NOISES)}")
     if size[0] < SMALLEST_SIZE[0] or size[1] < SMALLEST_SIZE[1]:
-        raise InputError(
-            f"images must be at least {SMALLEST_SIZE[0]}x{SMALLEST_SIZE[1]}, got {size[0]}x{size[1]}"
-        )
+        raise InputError(f"images must be at least {SMALLEST_SIZE[0]}x{SMALLEST_SIZE[1]}, got {size[0]}x{size[1]}")
 
 
 def _write_texts(folder: Path, scene: Scene, intrinsics: Intrinsics, pose_noise: str) -> None:
@@ -197,6 +196,7 @@ def _begin(make: Callable[[], _Renderer]) -> None:
     """Make a worker's own renderer."""
     global _renderer
     cv2.setNumThreads(1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to all; the parent ends its workers
     _renderer = make()
 
 

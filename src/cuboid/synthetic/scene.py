@@ -139,9 +139,7 @@ class Scene:
     T_room_camera: Float64Array
     focal_px: float
     lamp: Float64Array = field(
-        default_factory=lambda: np.array(
-            [[0.95, -0.75, 2.55], [0.6, -0.5, 2.6], [0.75, -0.9, 2.6], [0.9, -0.45, 2.5]]
-        )
+        default_factory=lambda: np.array([[1.0, -0.7, 2.55], [0.65, -0.5, 2.6], [0.75, -0.95, 2.6]])
     )
 
     @property

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
+from typing import Any
 
 import cv2
 import numpy as np
@@ -49,7 +50,7 @@ EDGE_SHARE = 0.02
 EDGE_HOLES, STRAY_HOLES = 0.35, 0.0008
 # Angles of incidence (degrees) from which readings begin to be lost, and at which all are.
 GRAZING_DEG = (74.0, 85.0)
-LARGEST_ANGLE = np.radians(88.0)
+LARGEST_ANGLE = np.float32(np.radians(88.0))
 
 
 def structured_light(
@@ -66,15 +67,12 @@ def structured_light(
     intrinsics : Intrinsics
     rng : numpy.random.Generator
     """
-    angle = np.minimum(np.arccos(np.clip(cosine, 0, 1)), np.float32(LARGEST_ANGLE))
-    slant = angle / (np.float32(np.pi / 2) - angle)
+    angle, slant = _incidence(cosine)
     edge = _edges(depth_m)
     depth = _ragged(depth_m, edge, slant, rng)
     seen = np.maximum(depth, np.float32(1e-3))
     steps = _window_noise(depth.shape, rng) * np.float32(NOISE_STEPS)
-    steep = np.where(
-        angle > np.radians(60), np.float32(SLANT_M) / np.sqrt(seen) * slant * slant, np.float32(0)
-    )
+    steep = np.where(angle > np.radians(60), np.float32(SLANT_M) / np.sqrt(seen) * slant * slant, np.float32(0))
     extra = rng.standard_normal(depth.shape, np.float32) * np.minimum(steep, np.float32(0.05))
     inverse = 1 / (seen + extra).clip(0.05) + np.float32(STEP_PER_M) * steps
     measured = 1 / (np.maximum(np.rint(inverse / np.float32(STEP_PER_M)), 1) * np.float32(STEP_PER_M))
@@ -92,8 +90,7 @@ def time_of_flight(
 
     At edges some pixels get light from both surfaces and read a depth between the two (flying pixels).
     """
-    angle = np.minimum(np.arccos(np.clip(cosine, 0, 1)), np.float32(LARGEST_ANGLE))
-    slant = angle / (np.float32(np.pi / 2) - angle)
+    angle, slant = _incidence(cosine)
     z = depth_m
     deviation_mm = 1.5 - 0.5 * z + 0.3 * z * z + 0.1 * z * np.sqrt(z) * slant * slant
     noise = rng.standard_normal(z.shape, np.float32) * np.minimum(deviation_mm, 50).astype(np.float32) / 1000
@@ -119,6 +116,13 @@ SENSORS: Mapping[str, Sensor] = MappingProxyType(
 
 _CROSS = np.ones((3, 3), np.uint8)
 _NOWHERE_M = np.float32(60.0)
+
+
+def _incidence(cosine: Float32Array) -> tuple[Float32Array, Float32Array]:
+    """Return the angle t between ray and normal, radians, and t / (pi/2 - t), both (H, W)."""
+    angle: Float32Array = np.minimum(np.arccos(np.clip(cosine, 0, 1)), LARGEST_ANGLE)
+    slant: Float32Array = angle / (np.float32(np.pi / 2) - angle)
+    return angle, slant
 
 
 def _filled(depth_m: Float32Array) -> Float32Array:
@@ -152,8 +156,8 @@ def _window_noise(shape: tuple[int, ...], rng: np.random.Generator) -> Float32Ar
     """Return noise (H, W) of deviation 1 that is alike for neighbours."""
     kernel = cv2.getGaussianKernel(5, WINDOW_PX).astype(np.float32)
     noise = rng.standard_normal(shape, np.float32)
-    blurred: Float32Array = cv2.sepFilter2D(noise, cv2.CV_32F, kernel, kernel)
-    return blurred / np.float32((kernel**2).sum())
+    blurred = cv2.sepFilter2D(noise, cv2.CV_32F, kernel, kernel)
+    return np.asarray(blurred / np.float32((kernel**2).sum()), np.float32)
 
 
 def _grazing(angle: Float32Array, draw: Float32Array) -> Mask:
@@ -163,7 +167,7 @@ def _grazing(angle: Float32Array, draw: Float32Array) -> Mask:
 
 
 def _within(
-    measured: Float32Array, true: Float32Array, lost: Mask, range_m: tuple[float, float]
+    measured: npt.NDArray[np.floating[Any]], true: Float32Array, lost: Mask, range_m: tuple[float, float]
 ) -> Float32Array:
     near, far = range_m
     kept = (true > 0) & ~lost & (measured >= near) & (measured <= far)

@@ -19,11 +19,11 @@ from cuboid.synthetic.material import Material, linear
 from cuboid.synthetic.raycast import SHADOW_BIAS_M, Hits, RayCaster
 
 # Light from everywhere, at a surface that looks down and at one that looks up; the rest is the lamp's.
-AMBIENT_DOWN, AMBIENT_UP = 0.16, 0.34
+AMBIENT_DOWN, AMBIENT_UP = 0.27, 0.42
 # The lamp: light at a distance of 1 m, falling with its square, and the most it gives near by.
-LAMP, LAMP_MOST = 4.3, 1.25
-# Highlights: strength, and the power that makes them small.
-GLOSS, GLOSS_POWER = 0.55, 40.0
+LAMP, LAMP_MOST = 4.8, 1.3
+# Strength of highlights.
+GLOSS = 0.55
 # Size of the fine unevenness that every surface has, metres.
 FINE_M = 0.012
 # The blur of a small lens, pixels; it also softens the steps of one ray a pixel.
@@ -33,7 +33,7 @@ COLOR_NOISE = 1.6
 
 _NOISE_CELLS = 32
 _NOISE = np.random.default_rng(20).random((_NOISE_CELLS,) * 3, np.float32)
-_GAMMA = (np.clip(np.linspace(0.0, 1.0, 1024), 0, 1) ** (1 / 2.2) * 255).astype(np.float32)
+_GAMMA = np.rint(np.linspace(0.0, 1.0, 4096) ** (1 / 2.2) * 255).astype(np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,21 +73,19 @@ def shade(
     hits: Hits,
     rng: np.random.Generator,
 ) -> tuple[UInt8Array, Float32Array]:
-    """Return the color image (H, W, 3) RGB, and the cosine between each pixel's ray and its surface (H, W)."""
+    """Return the color image (H, W, 3) RGB, and the cosine of each pixel's ray to its surface (H, W)."""
     shape = hits.depth_m.shape
     points, normals = np.empty((2, *shape, 3), np.float32)
     cosine = np.empty(shape, np.float32)
-    _places(
-        hits.depth_m, hits.face, hits.u, hits.v, hits.rays, hits.eye, look.normals, points, normals, cosine
-    )
+    _places(hits.depth_m, hits.face, hits.u, hits.v, hits.rays, hits.eye, look.normals, points, normals, cosine)
     lit = _lit_share(caster, look, points[::2, ::2], normals[::2, ::2])
-    color = np.empty((*shape, 3), np.float32)
     part = np.where(hits.face >= 0, look.face_part[hits.face], np.int32(-1))
-    _colors(part, points, normals, hits.eye, look.parts, look.lamp.mean(axis=0), lit, _NOISE, color)
+    color = np.empty((*shape, 3), np.uint8)
+    _colors(part, points, normals, hits.eye, look.parts, look.lamp.mean(axis=0), lit, _NOISE, _GAMMA, color)
     color = cv2.GaussianBlur(color, (0, 0), BLUR_PX)
-    seen = _GAMMA[(np.clip(color, 0, 1) * np.float32(len(_GAMMA) - 1)).astype(np.uint16)]
-    seen += (rng.standard_normal(shape, np.float32) * np.float32(COLOR_NOISE))[..., None]
-    return np.clip(np.rint(seen), 0, 255).astype(np.uint8), cosine
+    noise = rng.standard_normal(shape, np.float32) * np.float32(COLOR_NOISE)
+    noisy: UInt8Array = cv2.add(color, cv2.merge([noise] * 3), dtype=cv2.CV_8U).astype(np.uint8, copy=False)
+    return noisy, cosine
 
 
 def _lit_share(caster: RayCaster, look: Look, points: Float32Array, normals: Float32Array) -> Float32Array:
@@ -113,14 +111,14 @@ def _noise_at(noise: Float32Array, x: float, y: float, z: float) -> float:  # pr
     high = (noise[i, j, k1] * (1 - a) + noise[i1, j, k1] * a) * (1 - b) + (
         noise[i, j1, k1] * (1 - a) + noise[i1, j1, k1] * a
     ) * b
-    return low * (1 - c) + high * c
+    return float(low * (1 - c) + high * c)
 
 
 @njit(cache=True, nogil=True)
 def _cell(noise: Float32Array, x: float, y: float, z: float) -> float:  # pragma: no cover (compiled)
     """Return a number 0..1 that is one for each cell of the unit lattice."""
     i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
-    return noise[(i * 7 + j * 3) & 31, (j * 11 + k * 5) & 31, (k * 13 + i) & 31]
+    return float(noise[(i * 7 + j * 3) & 31, (j * 11 + k * 5) & 31, (k * 13 + i) & 31])
 
 
 @njit(cache=True, nogil=True)
@@ -132,11 +130,12 @@ def _second_share(
         even = int(np.floor(x + 0.37)) + int(np.floor(y + 0.37)) + int(np.floor(z + 0.37))
         return float(even & 1)
     if texture == 2:  # stripes
-        return min(max(0.5 + 3.0 * np.sin(2 * np.pi * (0.5 * x + 0.3 * y + z)), 0.0), 1.0)
+        wave = np.sin(2 * np.pi * (0.5 * x + 0.3 * y + z))
+        return float(min(max(0.5 + 3.0 * wave, 0.0), 1.0))
     if texture == 3:  # wood: growth rings along x, and its grain
         bend = _noise_at(noise, x * 0.13, y * 0.5, z * 0.5)
         ring = 0.5 + 0.5 * np.sin(2 * np.pi * (y * 0.9 + 3.0 * bend))
-        return 0.65 * ring + 0.35 * _noise_at(noise, x * 0.8, y * 9.0, z * 9.0)
+        return float(0.65 * ring + 0.35 * _noise_at(noise, x * 0.8, y * 9.0, z * 9.0))
     if texture == 4:  # marble
         coarse = _noise_at(noise, x, y, z)
         return min(max(0.7 * coarse + 0.5 * _noise_at(noise, x * 2.7 + 5, y * 2.7, z * 2.7) - 0.1, 0.0), 1.0)
@@ -158,9 +157,7 @@ def _second_share(
 
 
 @njit(cache=True, nogil=True)
-def _smooth_lit(
-    lit: Float32Array, part: npt.NDArray[np.int32], r: int, c: int
-) -> float:  # pragma: no cover (compiled)
+def _smooth_lit(lit: Float32Array, part: npt.NDArray[np.int32], r: int, c: int) -> float:  # pragma: no cover (compiled)
     """Spread the lamp's share from the pixels that have it to their neighbours on the same part."""
     total, weight = 0.0, 1e-6
     for i in range((r - 1) // 2, (r + 1) // 2 + 1):
@@ -216,13 +213,14 @@ def _colors(
     lamp: Float64Array,
     lit: Float32Array,
     noise: Float32Array,
-    color: Float32Array,
+    gamma: UInt8Array,
+    color: UInt8Array,
 ) -> None:  # pragma: no cover (compiled)
-    """Fill `color` (H, W, 3), linear light, from what `_places` found and the tables of `Look`."""
+    """Fill `color` (H, W, 3) from what `_places` found and the tables of `Look`."""
     for r in range(part.shape[0]):
         for c in range(part.shape[1]):
             if part[r, c] < 0:
-                color[r, c, :] = 0.02
+                color[r, c, :] = 30
                 continue
             look = parts[part[r, c]]
             px, py, pz = points[r, c, 0], points[r, c, 1], points[r, c, 2]
@@ -243,6 +241,8 @@ def _colors(
             length = np.sqrt(ex * ex + ey * ey + ez * ez)
             hx, hy, hz = lx + ex / length, ly + ey / length, lz + ez / length
             half = max(nx * hx + ny * hy + nz * hz, 0.0) / np.sqrt(hx * hx + hy * hy + hz * hz + 1e-12)
-            gloss = look[8] * sees * GLOSS * half**GLOSS_POWER
+            half *= half
+            gloss = look[8] * sees * GLOSS * half**20 if half > 0.5 else 0.0
             for k in range(3):
-                color[r, c, k] = (look[k] * (1 - share) + look[3 + k] * share) * fine * light + gloss
+                amount = (look[k] * (1 - share) + look[3 + k] * share) * fine * light + gloss
+                color[r, c, k] = gamma[int(min(max(amount, 0.0), 1.0) * 4095)]

@@ -101,9 +101,7 @@ def bowl(rng: np.random.Generator) -> Model:
     """Return a hollow bowl on a foot ring."""
     r, h, foot = rng.uniform(0.07, 0.105), rng.uniform(0.055, 0.085), 0.035
     rise = np.linspace(0.0, 1.0, 14)
-    outer = np.column_stack(
-        [foot + (r - foot) * np.sin(rise * np.pi / 2) ** 0.9, 0.008 + (h - 0.008) * rise**1.6]
-    )
+    outer = np.column_stack([foot + (r - foot) * np.sin(rise * np.pi / 2) ** 0.9, 0.008 + (h - 0.008) * rise**1.6])
     inner = outer[::-1] - (0.005, 0.0)
     inner[:, 1] = np.maximum(inner[:, 1], 0.014)
     profile = np.concatenate([[(0, 0.004), (foot - 0.005, 0), (foot, 0)], outer, inner, [(0, 0.014)]])
@@ -127,10 +125,9 @@ def cap(rng: np.random.Generator) -> Model:
     )
     button = lathe([(0.009, h - 0.002), (0.008, h + 0.004), (0, h + 0.006)], 16)
     second = PAINTS[int(rng.integers(len(PAINTS)))]
-    cloth = Material(color, second, Texture.SPECKLE, 0.008)
-    return Model(
-        "cap", ((dome, cloth), (merged([_brim(r), button]), Material(second, color, Texture.SPECKLE, 0.008)))
-    )
+    shade = (0.72 * color[0], 0.72 * color[1], 0.72 * color[2])
+    cloth = Material(color, shade, Texture.SPECKLE, 0.01)
+    return Model("cap", ((dome, cloth), (merged([_brim(r), button]), Material(second, color, Texture.SPECKLE, 0.008))))
 
 
 def _brim(r: float) -> Mesh:
@@ -140,9 +137,7 @@ def _brim(r: float) -> Mesh:
     reach = 0.075 * np.cos(angle / 1.15 * np.pi / 2) ** 0.6
     radius = r * 0.97 + np.outer(out, reach)
     height = 0.022 - 0.018 * (angle / 1.15) ** 2 - 0.01 * np.outer(out, np.ones(25)) + 0.004
-    top = np.stack(
-        [radius * np.cos(angle), radius * np.sin(angle) * 0.98, np.maximum(height, 0.004)], axis=-1
-    )
+    top = np.stack([radius * np.cos(angle), radius * np.sin(angle) * 0.98, np.maximum(height, 0.004)], axis=-1)
     bottom = top - (0, 0, 0.004)
     around = np.concatenate([top, bottom[::-1], top[:1]])
     return _closed_sheet(around)
@@ -159,12 +154,8 @@ def bottle(rng: np.random.Generator) -> Model:
     r, h = rng.uniform(0.03, 0.042), rng.uniform(0.2, 0.29)
     shoulder = h * rng.uniform(0.6, 0.7)
     neck = np.linspace(0, 1, 10)
-    curve = np.column_stack(
-        [r + (0.014 - r) * (3 * neck**2 - 2 * neck**3), shoulder + (h * 0.88 - shoulder) * neck]
-    )
-    glass = lathe(
-        np.concatenate([[(0, 0), (r - 0.004, 0), (r, 0.005), (r, shoulder)], curve[1:], [(0.014, h * 0.92)]])
-    )
+    curve = np.column_stack([r + (0.014 - r) * (3 * neck**2 - 2 * neck**3), shoulder + (h * 0.88 - shoulder) * neck])
+    glass = lathe(np.concatenate([[(0, 0), (r - 0.004, 0), (r, 0.005), (r, shoulder)], curve[1:], [(0.014, h * 0.92)]]))
     lid = lathe([(0.0155, h * 0.92), (0.0155, h - 0.002), (0.014, h), (0, h)], 32)
     label = lathe([(r + 0.0006, shoulder * 0.3), (r + 0.0006, shoulder * 0.85)])
     color, second = two_paints(rng)
@@ -244,9 +235,7 @@ def plant(rng: np.random.Generator) -> Model:
 def jar(rng: np.random.Generator) -> Model:
     """Return a jar with a wide lid."""
     r, h = rng.uniform(0.036, 0.05), rng.uniform(0.1, 0.14)
-    body = lathe(
-        [(0, 0), (r - 0.006, 0), (r, 0.008), (r, h * 0.78), (r * 0.86, h * 0.86), (r * 0.86, h * 0.87)]
-    )
+    body = lathe([(0, 0), (r - 0.006, 0), (r, 0.008), (r, h * 0.78), (r * 0.86, h * 0.86), (r * 0.86, h * 0.87)])
     lid = lathe([(r * 0.92, h * 0.85), (r * 0.92, h - 0.003), (r * 0.88, h), (0, h)])
     color, second = two_paints(rng)
     return Model(

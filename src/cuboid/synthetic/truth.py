@@ -46,16 +46,12 @@ def write_truth(path: Path, scene: Scene, intrinsics: Intrinsics, shares: Float6
         "version": 1,
         "name": scene.name,
         "frames": scene.frames,
-        "K": [
-            rounded(value, LENGTH) for value in (intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy)
-        ],
+        "K": [rounded(value, LENGTH) for value in (intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy)],
         "note": "exact, from the geometry that the recording was rendered from",
         "planes": [_plane(scene, k) for k in range(len(scene.surfaces))],
         "objects": _objects(scene, shares),
         "judged_region": None,
-        "ignore": [
-            {"name": body.model.name, **_box(scene.box(body))} for body in scene.furniture if body.doubtful
-        ],
+        "ignore": [{"name": body.model.name, **_box(scene.box(body))} for body in scene.furniture if body.doubtful],
         "visibility": {
             "frames": scene.frames,
             "note": "share of the camera-facing points that true depth shows within 2 cm; 0.05 steps, "

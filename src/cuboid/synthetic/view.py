@@ -13,14 +13,22 @@ import numpy.typing as npt
 
 from cuboid.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
 from cuboid.geometry import se3
-from cuboid.synthetic.mesh import Mesh, corner_normals, merged, sample_surface
-from cuboid.synthetic.raycast import Hits, RayCaster, pixel_rays
+from cuboid.synthetic.mesh import corner_normals, merged, sample_surface
+from cuboid.synthetic.raycast import SHADOW_BIAS_M, Hits, RayCaster, pixel_rays
 from cuboid.synthetic.scene import Placed, Scene, SceneObject
 from cuboid.synthetic.sensors import SENSORS
 from cuboid.synthetic.shading import Look, part_rows, shade
 
 # Points an object's surface is sampled with for its visible share: 0.05 is then 30 of them.
 SURFACE_POINTS = 600
+# An object is looked at from these directions to find the part of its surface that can be seen at all: the
+# inside of a hollow body and the face it stands on cannot. From level to straight above.
+_BEARINGS = np.arange(0, 2 * np.pi, np.pi / 6)
+_VIEWS = np.array(
+    [[np.cos(b) * np.cos(e), np.sin(b) * np.cos(e), np.sin(e)] for e in (0.02, 0.5, 1.0) for b in _BEARINGS]
+    + [[0.0, 0.0, 1.0]]
+)
+FAR_M = 3.0
 # A point is seen where true depth agrees with its own, metres.
 AGREES_M = 0.02
 # Steps of the visible share.
@@ -94,15 +102,11 @@ class SceneView:
         return np.where(hits.face >= 0, self.face_label[hits.face], 0).astype(np.int32)
 
     def visible_shares(self, frame: int, hits: Hits) -> Float64Array:
-        """Return for each object which share of its points that face the camera is seen, in steps of 0.05."""
+        """Return for each object the share of its points facing the camera that is seen, in 0.05 steps."""
         T_camera_room = se3.inverse(self._poses[frame])
-        return np.array(
-            [self._share(points, normals, T_camera_room, hits) for points, normals in self._surfaces]
-        )
+        return np.array([self._share(points, normals, T_camera_room, hits) for points, normals in self._surfaces])
 
-    def _share(
-        self, points: Float64Array, normals: Float64Array, T_camera_room: Float64Array, hits: Hits
-    ) -> float:
+    def _share(self, points: Float64Array, normals: Float64Array, T_camera_room: Float64Array, hits: Hits) -> float:
         seen_from = se3.transform(T_camera_room, points)
         facing = np.einsum("ij,ij->i", seen_from, normals @ T_camera_room[:3, :3].T) < 0
         if not facing.any():
@@ -118,4 +122,14 @@ class SceneView:
 
 
 def _surface(scene: Scene, body: SceneObject) -> tuple[Float64Array, Float64Array]:
-    return sample_surface(body.mesh(), SURFACE_POINTS, np.random.default_rng([scene.seed, body.id]))
+    """Return points of an object's surface that can be seen from somewhere, and their normals."""
+    mesh = body.mesh()
+    rng = np.random.default_rng([scene.seed, body.id])
+    points, normals = sample_surface(mesh, 4 * SURFACE_POINTS, rng)
+    alone, seen = RayCaster(mesh.corners()), np.zeros(len(points), np.bool_)
+    start = (points + SHADOW_BIAS_M * normals).astype(np.float32)
+    for way in _VIEWS:
+        facing = np.flatnonzero(~seen & (normals @ way > 0.1))
+        seen[facing] = alone.reaches(start[facing], start[facing] + FAR_M * way.astype(np.float32)) > 0
+    kept = np.flatnonzero(seen)[:: max(1, int(seen.sum()) // SURFACE_POINTS)]
+    return points[kept], normals[kept]

@@ -1,0 +1,109 @@
+"""`cuboid synth`: a recording with exact truth, from a seed."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from cuboid.cli.threads import cores, limit_threads, positive
+
+HELP = "make a recording whose truth is known exactly"
+
+KINDS = ("table", "occluders", "leave", "tables", "clutter", "room")
+CAMERAS = ("orbit", "handheld", "drone")
+SENSORS = ("structured-light", "time-of-flight", "clean")
+POSE_NOISES = ("none", "drift", "jumps")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="folder of the recording")
+    parser.add_argument("--force", action="store_true", help="replace a made recording that lies in DIR")
+    scene = parser.add_argument_group("scene")
+    scene.add_argument("--kind", choices=KINDS, default="table", help="what stands where (default: table)")
+    scene.add_argument(
+        "--seed", type=_seed, default=1, metavar="N", help="same seed, same bytes (default: 1)"
+    )
+    scene.add_argument("--meshes", type=Path, metavar="DIR", help="own objects: .obj, .glb, .ply files")
+    camera = parser.add_argument_group("camera")
+    camera.add_argument("--frames", type=positive, metavar="N", help="length (default: what suits the kind)")
+    camera.add_argument("--camera", choices=CAMERAS, help="how it is carried (default: drawn from the seed)")
+    camera.add_argument(
+        "--size", type=_size, default=(640, 480), metavar="WxH", help="of the images (default: 640x480)"
+    )
+    camera.add_argument("--sensor", choices=SENSORS, default=SENSORS[0], help=f"default: {SENSORS[0]}")
+    faulty = parser.add_argument_group("what goes wrong")
+    faulty.add_argument(
+        "--pose-noise",
+        choices=POSE_NOISES,
+        default="none",
+        help="of the poses that are written (default: none)",
+    )
+    faulty.add_argument(
+        "--faults",
+        type=lambda text: tuple(text.split(",")),
+        default=(),
+        metavar="NAME,...",
+        help="break frames: all, or names such as truncated-depth",
+    )
+    parser.add_argument(
+        "--workers",
+        type=positive,
+        default=min(4, cores()),
+        metavar="N",
+        help="processes that render (default: %(default)s)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make the scene, render it, say what is in it."""
+    limit_threads(1)
+    from cuboid.cli.tables import console
+    from cuboid.synthetic import make_scene, render_recording
+    from cuboid.synthetic.user_meshes import load_meshes
+
+    meshes = load_meshes(args.meshes) if args.meshes else ()
+    scene = make_scene(args.kind, args.seed, frames=args.frames, camera=args.camera, meshes=meshes)
+    with rendering() as progress:
+        render_recording(
+            scene,
+            args.output,
+            sensor=args.sensor,
+            pose_noise=args.pose_noise,
+            faults=args.faults,
+            size=args.size,
+            workers=args.workers,
+            force=args.force,
+            progress=progress,
+        )
+    what = f"{scene.frames} frames, {len(scene.objects)} objects, {len(scene.surfaces)} level surfaces"
+    console().print(f"{scene.name}: {what}; in {args.output}", markup=False)
+    return 0
+
+
+@contextmanager
+def rendering() -> Iterator[Callable[[int, int], None]]:
+    """Show a bar of rendered frames on a terminal and nothing elsewhere; gives what is to be called."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    shown = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, console=shown, transient=True, disable=not shown.is_terminal) as bar:
+        task = bar.add_task("rendering", total=None)
+        yield lambda done, frames: bar.update(task, completed=done, total=frames)
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"expected a whole number of at least 0, got '{text}'")
+    return int(text)
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT such as 640x480, got '{text}'")
+    return int(width), int(height)

@@ -1,0 +1,111 @@
+"""The user's own meshes as objects of a scene."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from cuboid.errors import InputError
+from cuboid.frame import Float64Array
+from cuboid.synthetic.footprint import hull, smallest_rectangle
+from cuboid.synthetic.material import PAINTS, Color, Material, Texture
+from cuboid.synthetic.mesh import Mesh, shift, turn
+from cuboid.synthetic.shapes import Model
+
+EXTENSIONS = (".obj", ".glb", ".ply")
+# A file whose longest side is in this range is in metres; else, if a thousandth of it is, in millimetres.
+# Whatever is neither becomes an object of 18 cm.
+LONGEST_M = (0.04, 0.6)
+OTHERWISE_M = 0.18
+# More would make the rays slow and add nothing at this distance.
+MOST_FACES = 200_000
+# The thinnest side, metres: below it a body has no inside and its outline no area.
+THINNEST_M = 0.004
+
+
+def load_meshes(folder: Path) -> list[Model]:
+    """Return a model for each mesh file of a folder, in the order of names.
+
+    ``.glb`` files are turned from y up (which that format prescribes) to z up; the others are taken as z up.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be read or holds no mesh, or a file is no usable mesh.
+    """
+    try:
+        names = sorted(name for name in os.listdir(folder) if name.lower().endswith(EXTENSIONS))
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be read: {error.strerror}") from None
+    if not names:
+        raise InputError(f"{folder}: no mesh in it (expected {', '.join(EXTENSIONS)})")
+    return [load_mesh(folder / name) for name in names]
+
+
+def load_mesh(path: Path) -> Model:
+    """Return a mesh file as a model that stands on z = 0, with the color of the file where it has one.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, has no faces or too many, has numbers that are not finite, or is flat.
+    """
+    import trimesh
+
+    try:
+        loaded = trimesh.load(path, force="mesh")
+    except Exception as error:  # the readers of a dozen formats raise what they like
+        raise InputError(f"{path}: cannot be read as a mesh: {' '.join(str(error).split())[:80]}") from None
+    vertices = np.asarray(getattr(loaded, "vertices", np.empty((0, 3))), np.float64)
+    faces = np.asarray(getattr(loaded, "faces", np.empty((0, 3))), np.int32)
+    if len(faces) == 0:
+        raise InputError(f"{path}: no triangles in it")
+    if len(faces) > MOST_FACES:
+        raise InputError(f"{path}: {len(faces)} triangles, expected at most {MOST_FACES}")
+    if not np.isfinite(vertices).all():
+        raise InputError(f"{path}: a vertex is NaN or infinite")
+    mesh = Mesh(vertices, faces)
+    mesh = mesh.moved(turn(np.pi / 2, axis=0)) if path.suffix.lower() == ".glb" else mesh
+    mesh = _standing(_scaled(mesh), path)
+    color = _color(loaded)
+    material = Material(color, _other(color), Texture.MARBLE, 0.03, 0.2)
+    return Model(path.stem, ((mesh, material),))
+
+
+def _scaled(mesh: Mesh) -> Mesh:
+    longest = float(np.ptp(mesh.vertices, axis=0).max())
+    low, high = LONGEST_M
+    factor = 1.0
+    if not low <= longest <= high:
+        factor = 0.001 if low <= longest / 1000 <= high else OTHERWISE_M / max(longest, 1e-12)
+    return Mesh(mesh.vertices * factor, mesh.faces)
+
+
+def _standing(mesh: Mesh, path: Path) -> Mesh:
+    sides = np.ptp(mesh.vertices, axis=0)
+    if sides.min() < THINNEST_M:
+        raise InputError(f"{path}: is flat, its thinnest side is {sides.min():.3g} m")
+    middle, _, _ = smallest_rectangle(hull(mesh.vertices[:, :2]))
+    return mesh.moved(shift((-middle[0], -middle[1], -mesh.vertices[:, 2].min())))
+
+
+def _color(loaded: object) -> Color:
+    """Return the mean color of a mesh, or a paint where it has none."""
+    visual = getattr(loaded, "visual", None)
+    try:
+        if visual is not None and hasattr(visual, "to_color"):
+            visual = visual.to_color()
+        if visual is None or not getattr(visual, "defined", False):
+            return PAINTS[6]
+        rgb: Float64Array = np.asarray(visual.vertex_colors, np.float64)[:, :3].mean(axis=0) / 255
+    except (AttributeError, ValueError, IndexError, TypeError, ImportError):
+        return PAINTS[6]
+    return float(rgb[0]), float(rgb[1]), float(rgb[2])
+
+
+def _other(color: Color) -> Color:
+    """Return a darker or brighter color, for the texture."""
+    factor = 0.55 if sum(color) > 1.2 else 1.6
+    return min(color[0] * factor, 1.0), min(color[1] * factor, 1.0), min(color[2] * factor, 1.0)
