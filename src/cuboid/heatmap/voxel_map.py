@@ -59,7 +59,6 @@ class VoxelMap:
         self.passes = np.zeros(capacity, np.int32)
         self.owner = np.zeros(capacity, np.int32)
         self._last_frame = np.full(capacity, -1, np.int32)
-        self._member = np.full(capacity, -1, np.int32)
         self._table = np.zeros(2 * capacity, np.int32)
 
     def _columns(self) -> tuple[npt.NDArray[Any], ...]:
@@ -158,9 +157,8 @@ class VoxelMap:
         component = np.empty(len(rows), np.int32)
         edges = np.empty((13 * len(rows), 2), np.int32)
         reach = CONNECT_VOXELS * self.voxel_m
-        number, pairs = kernel.connect(
-            rows, self.values, reach, self.keys, self._table, self._member, component, edges
-        )
+        table = np.zeros(1 << max(4, int(4 * len(rows)).bit_length()), np.int32)
+        number, pairs = kernel.connect(self.keys[rows], self.xyz(rows), reach, table, component, edges)
         return component, int(number), edges[:pairs]
 
     def count_beside(self, rows: Rows, number: int) -> int:

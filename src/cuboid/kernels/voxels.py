@@ -250,44 +250,44 @@ def select(count, hot, since, values, hits, passes, last_frame, owner, touched, 
 
 
 @njit(cache=True, nogil=True)
-def connect(rows, values, reach, keys, table, member, component, edges):
-    """Number the connected components of the given rows: neighbours (of 26) whose points are within reach.
+def connect(keys, points, reach, table, component, edges):
+    """Number the connected components of voxels: neighbours (of 26) whose points are within reach.
 
     Parameters
     ----------
-    rows : (N,) int64
-        Rows of the map, ascending.
-    values, keys, table : the map's
+    keys : (N,) int64
+        Distinct keys of the voxels.
+    points : (N, 3) float32
+        Metres.
     reach : float
         Metres. Voxels that touch may hold points up to two voxels apart: a gap that wide parts them.
-    member : (capacity,) int32, scratch
-        Filled with -1 on entry and on return.
+    table : (C,) int32, scratch
+        Zeros, at least twice as many as voxels, a power of two: small enough for the cache, as the map's is not.
     component : (N,) int32, output
-        Component of each row, numbered from 0 in the order of their first row.
+        Component of each voxel, numbered from 0 in the order of their first voxel.
     edges : (13 N, 2) int32, output
-        Places in `rows` of each pair of neighbours.
+        Places of each pair of neighbours.
 
     Returns
     -------
     (int, int)
         Number of components, and of edges.
     """
-    n, pairs = rows.size, 0
+    n, pairs = keys.size, 0
     parent = np.arange(n)
+    fill_table(keys, n, table)
     for i in range(n):
-        member[rows[i]] = i
-    for i in range(n):
-        key = keys[rows[i]]
+        key = keys[i]
         ix = key >> (2 * KEY_BITS)
         iy = (key >> KEY_BITS) & KEY_MASK
         iz = key & KEY_MASK
         for code in range(14, 27):  # the 13 neighbours after the centre: each pair is met once
             jx, jy, jz = ix + code // 9 - 1, iy + (code // 3) % 3 - 1, iz + code % 3 - 1
-            row, _ = find_slot((jx << (2 * KEY_BITS)) | (jy << KEY_BITS) | jz, keys, table)
-            if row >= 0 and member[row] >= 0 and near(values, rows[i], row, reach):
-                edges[pairs, 0], edges[pairs, 1] = i, member[row]
+            j, _ = find_slot((jx << (2 * KEY_BITS)) | (jy << KEY_BITS) | jz, keys, table)
+            if j >= 0 and near(points, i, j, reach):
+                edges[pairs, 0], edges[pairs, 1] = i, j
                 pairs += 1
-                a, b = find_root(parent, i), find_root(parent, member[row])
+                a, b = find_root(parent, i), find_root(parent, j)
                 if a < b:
                     parent[b] = a
                 elif b < a:
@@ -300,7 +300,6 @@ def connect(rows, values, reach, keys, table, member, component, edges):
             number += 1
         else:
             component[i] = component[root]
-        member[rows[i]] = -1
     return number, pairs
 
 
