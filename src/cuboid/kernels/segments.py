@@ -12,12 +12,9 @@ from numba import njit
 from cuboid.kernels.cells import AREA, CX, CY, CZ, NX, NY, NZ, RMS
 
 # Kinds of pixels.
-NONE, PLANE, SURFACE = 0, 1, 2
+NONE, PLANE, SURFACE, FAR = 0, 1, 2, 3
 # Bits of the marks of a pixel: depth jumps to its right, below it; a concave crease runs through it.
 RIGHT, DOWN, CREASE = 1, 2, 4
-# What the outline of a segment runs along: its columns in the table of outlines.
-OCCLUDES, CONCAVE, SMOOTH, OCCLUDED, UNKNOWN, CUT = 0, 1, 2, 3, 4, 5
-OUTLINES = 6
 
 
 @njit(cache=True, nogil=True)
@@ -182,7 +179,7 @@ def classify(depth, cells, planes, count, member, camera, size, reach, noise, fl
     inverse : (H, W) float32, output
         1/z, 0 none.
     kind : (H, W) uint8, output
-        NONE, PLANE or SURFACE.
+        NONE, PLANE, SURFACE, or FAR beyond `max_depth`.
     """
     height, width = depth.shape
     rows, columns = member.shape
@@ -214,11 +211,15 @@ def classify(depth, cells, planes, count, member, camera, size, reach, noise, fl
             for v in range(r * size, min(height, (r + 1) * size)):
                 for u in range(q * size, min(width, (q + 1) * size)):
                     z = depth[v, u]
-                    if not (0.0 < z <= max_depth):
+                    if not z > 0.0:
                         inverse[v, u] = 0.0
                         kind[v, u] = NONE
                         continue
                     w = 1.0 / z
+                    if z > max_depth:
+                        inverse[v, u] = w
+                        kind[v, u] = FAR
+                        continue
                     inverse[v, u] = w
                     kind[v, u] = SURFACE
                     rx, ry = (u - camera[2]) / camera[0], (v - camera[3]) / camera[1]
@@ -294,12 +295,12 @@ def mark(inverse, kind, focal, noise, jump, arm, bend, smooth, marks):
             if kind[v, u] != SURFACE:
                 continue
             w = smooth[v, u]
-            # Noise of what lies behind the chord, after smoothing, is about noise / w^2: a third of bend * length.
-            length = max(arm, 3.0 * noise / (w * w * bend))
+            # The depth behind the chord has a deviation of 0.6 noise / w^2 after smoothing: 2.5 of them are enough.
+            length = max(arm, 1.5 * noise / (w * w * bend))
             k = int(length * focal * w + 0.5)
             k = min(max(k, 2), 10)
-            # The arms end at most one and a half lengths before or behind the crease: no jump lies between.
-            reach = 1.5 * k / focal * w
+            # The arms end at most three lengths before or behind the crease: no jump lies between.
+            reach = 3.0 * k / focal * w
             least = 2.0 * bend * k / focal * w
             for direction in range(4):
                 dv = k if direction != 0 else 0

@@ -1,0 +1,257 @@
+"""Hot loops over the segments of a depth image: holes filled, outlines weighed, neighbours joined step by step."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from cuboid.kernels.segments import FAR, NONE, PLANE
+
+# Columns of a segment's row: pixels, readings, sum of 1/z, rectangle (end inclusive), length of the outline, the
+# sum of its strengths, and how much of it is cut off by the image's border.
+PIXELS, READINGS, INVERSE, LEFT, TOP, RIGHTMOST, BOTTOM, OUTLINE, STRENGTH, BORDER = range(10)
+COLUMNS = 10
+# Label of pixels on a plane or too far away.
+BACKGROUND = -1
+
+
+@njit(cache=True, nogil=True)
+def fill_holes(kind, color, step, edge, reach, labels, inverse, cost):
+    """Give pixels without a reading the label and depth of what they lie nearest to, color edges being far to cross.
+
+    A step to a neighbour costs 1 plus its difference in color over `edge`; two sweeps there and back find the
+    cheapest way to good approximation. What costs more than `reach` stays a hole.
+
+    Parameters
+    ----------
+    kind : (H, W) uint8
+    color : (step H, step W, 3) uint8
+    step : int
+    edge : float
+        Levels of color difference that count as one pixel.
+    reach : float
+        Pixels.
+    labels : (H, W) int16, in and out
+        BACKGROUND is set on planes and far readings.
+    inverse : (H, W) float32, in and out
+    cost : (H, W) float32, scratch
+    """
+    height, width = kind.shape
+    holes = 0
+    for v in range(height):
+        for u in range(width):
+            if kind[v, u] == NONE:
+                cost[v, u] = np.inf
+                labels[v, u] = 0
+                inverse[v, u] = 0.0
+                holes += 1
+            else:
+                cost[v, u] = 0.0
+                if kind[v, u] == PLANE or kind[v, u] == FAR:
+                    labels[v, u] = BACKGROUND
+    if holes == 0:
+        return
+    for sweep in range(4):
+        forward = sweep % 2 == 0
+        s = -1 if forward else 1
+        for i in range(height):
+            v = i if forward else height - 1 - i
+            for j in range(width):
+                u = j if forward else width - 1 - j
+                if kind[v, u] != NONE:
+                    continue
+                best = cost[v, u]
+                for k in range(4):
+                    vv = v if k == 0 else v + s
+                    uu = u + s if k == 0 else u + k - 2
+                    if vv < 0 or uu < 0 or vv >= height or uu >= width or cost[vv, uu] >= best:
+                        continue
+                    change = 0.0
+                    for c in range(3):
+                        change += abs(
+                            np.float32(color[v * step, u * step, c]) - np.float32(color[vv * step, uu * step, c])
+                        )
+                    total = cost[vv, uu] + (1.4 if k == 1 or k == 3 else 1.0) + change / edge
+                    if total < best and total <= reach:
+                        best = total
+                        labels[v, u] = labels[vv, uu]
+                        inverse[v, u] = inverse[vv, uu]
+                cost[v, u] = best
+
+
+@njit(cache=True, nogil=True)
+def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, weight):
+    """Measure each segment, and how strongly its outline parts it from what is around it.
+
+    The strength of a piece of outline, 0..1: 1 towards a plane or a far thing; towards another segment that lies
+    behind it, growing from 0.3 to 1 with the jump; 0.4 on a concave crease; 0.2 towards what hides it;
+    0.1 where nothing but a gap in a crease parts the two; 0.4 towards a hole.
+
+    Parameters
+    ----------
+    kind, labels, inverse, marks
+        See `fill_holes` and `mark`.
+    noise : float
+        Standard deviation of 1/z, 1/metre.
+    jump, sure : float
+        Least jump, and the jump that is surely another object, metres.
+    segments : (S, COLUMNS) float64, output
+        Row k is label k.
+    contact : (S, S) float32, output
+        Pixels of outline that two segments share.
+    weight : (S, S) float32, output
+        [i, j]: the sum of strengths of i's outline towards j.
+    """
+    height, width = labels.shape
+    segments[:] = 0.0
+    contact[:] = 0.0
+    weight[:] = 0.0
+    segments[:, LEFT] = width
+    segments[:, TOP] = height
+    for v in range(height):
+        for u in range(width):
+            a = labels[v, u]
+            if a > 0:
+                row = segments[a]
+                row[PIXELS] += 1
+                if kind[v, u] != NONE:
+                    row[READINGS] += 1
+                    row[INVERSE] += inverse[v, u]
+                row[LEFT] = min(row[LEFT], u)
+                row[RIGHTMOST] = max(row[RIGHTMOST], u)
+                row[TOP] = min(row[TOP], v)
+                row[BOTTOM] = max(row[BOTTOM], v)
+                at_border = (u == 0) + (v == 0) + (u == width - 1) + (v == height - 1)
+                row[OUTLINE] += at_border
+                row[BORDER] += at_border
+            for k in range(2):
+                vv, uu = v + k, u + 1 - k
+                if vv >= height or uu >= width:
+                    continue
+                b = labels[vv, uu]
+                if a == b:
+                    continue
+                if a > 0:
+                    segments[a, OUTLINE] += 1
+                if b > 0:
+                    segments[b, OUTLINE] += 1
+                if a == 0 or b == 0:
+                    segments[max(a, b), STRENGTH] += 0.4
+                    continue
+                wa, wb = inverse[v, u], inverse[vv, uu]
+                low = min(wa, wb)
+                limit = jump * low * low + 4.0 * noise
+                gap = abs(wa - wb)
+                # A jump in metres, from the nearer of the two to the farther.
+                step = abs(1.0 / wa - 1.0 / wb)
+                strength_a = strength_b = 0.1
+                if gap > limit:
+                    behind = 0.3 + 0.7 * min(1.0, step / sure)
+                    strength_a = behind if wa > wb else 0.2
+                    strength_b = behind if wb > wa else 0.2
+                elif (marks[v, u] | marks[vv, uu]) & 4:
+                    strength_a = strength_b = 0.4
+                if a == BACKGROUND:
+                    segments[b, STRENGTH] += 1.0 if gap <= limit or wb > wa else 0.2
+                elif b == BACKGROUND:
+                    segments[a, STRENGTH] += 1.0 if gap <= limit or wa > wb else 0.2
+                else:
+                    segments[a, STRENGTH] += strength_a
+                    segments[b, STRENGTH] += strength_b
+                    contact[a, b] += 1
+                    contact[b, a] += 1
+                    weight[a, b] += strength_a
+                    weight[b, a] += strength_b
+
+
+@njit(cache=True, nogil=True)
+def join(segments, contact, weight, count, focal, largest, members, found):
+    """Join neighbouring segments step by step, the weakest outline first, and keep all unions on the way.
+
+    Parameters
+    ----------
+    segments, contact, weight : see `measure`
+        Changed.
+    count : int
+        The last label.
+    focal : float
+        Pixels.
+    largest : float
+        No union is larger, metres.
+    members : (2 S, S) uint8, output
+        Which segments each region is made of.
+    found : (2 S, COLUMNS) float64, output
+        Its measures.
+
+    Returns
+    -------
+    int
+        Number of regions: the segments themselves, then the unions.
+    """
+    members[:] = 0
+    alive = np.zeros(count + 1, np.uint8)
+    current = np.zeros(count + 1, np.int32)
+    n = 0
+    for k in range(1, count + 1):
+        if segments[k, READINGS] == 0:
+            continue
+        members[n, k] = 1
+        found[n] = segments[k]
+        current[k] = n
+        alive[k] = extent(segments[k], focal) <= largest
+        n += 1
+    while True:
+        best, i, j = np.inf, 0, 0
+        for a in range(1, count + 1):
+            if not alive[a]:
+                continue
+            for b in range(a + 1, count + 1):
+                if not alive[b] or contact[a, b] == 0:
+                    continue
+                strength = max(weight[a, b], weight[b, a]) / contact[a, b]
+                shared = contact[a, b] / min(segments[a, OUTLINE], segments[b, OUTLINE])
+                apart = strength / np.sqrt(min(1.0, shared))
+                if apart < best and can_join(segments[a], segments[b], focal, largest):
+                    best, i, j = apart, a, b
+        if best == np.inf:
+            return n
+        one, other = segments[i], segments[j]
+        one[PIXELS] += other[PIXELS]
+        one[READINGS] += other[READINGS]
+        one[INVERSE] += other[INVERSE]
+        one[LEFT], one[TOP] = min(one[LEFT], other[LEFT]), min(one[TOP], other[TOP])
+        one[RIGHTMOST] = max(one[RIGHTMOST], other[RIGHTMOST])
+        one[BOTTOM] = max(one[BOTTOM], other[BOTTOM])
+        one[OUTLINE] += other[OUTLINE] - 2.0 * contact[i, j]
+        one[STRENGTH] += other[STRENGTH] - weight[i, j] - weight[j, i]
+        one[BORDER] += other[BORDER]
+        alive[j] = 0
+        for k in range(1, count + 1):
+            if alive[k] and k != i:
+                contact[i, k] += contact[j, k]
+                contact[k, i] = contact[i, k]
+                weight[i, k] += weight[j, k]
+                weight[k, i] += weight[k, j]
+        for k in range(1, count + 1):
+            members[n, k] = members[current[i], k] | members[current[j], k]
+        found[n] = one
+        current[i] = n
+        n += 1
+
+
+@njit(cache=True, nogil=True, inline="always")
+def extent(row, focal):
+    """Return the longer side of a segment's rectangle at its mean depth, metres."""
+    side = max(row[RIGHTMOST] - row[LEFT], row[BOTTOM] - row[TOP]) + 1.0
+    return side * row[READINGS] / (row[INVERSE] * focal)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def can_join(one, other, focal, largest):
+    """Whether a union would be no larger than an object, across and in depth."""
+    z1, z2 = one[READINGS] / one[INVERSE], other[READINGS] / other[INVERSE]
+    if abs(z1 - z2) > 0.5 * largest:
+        return False
+    across = max(one[RIGHTMOST], other[RIGHTMOST]) - min(one[LEFT], other[LEFT])
+    down = max(one[BOTTOM], other[BOTTOM]) - min(one[TOP], other[TOP])
+    return (max(across, down) + 1.0) * 0.5 * (z1 + z2) / focal <= largest

@@ -1,0 +1,36 @@
+"""2D proposals: from a frame to scored boxes or masks of what may be an object; the rest never knows which source."""
+
+from __future__ import annotations
+
+from cuboid.proposals import depth as _depth
+from cuboid.proposals.registry import SOURCES, SourceFactory
+from cuboid.proposals.types import Proposals, ProposalSource
+
+__all__ = ["DEFAULT_SOURCE", "SOURCES", "ProposalSource", "Proposals", "SourceFactory", "make_source"]
+
+# By measurement: see benchmarks/proposal_sources.py.
+DEFAULT_SOURCE = "depth"
+
+
+def make_source(spec: str | ProposalSource | None = None) -> ProposalSource:
+    """Return the proposal source that `spec` names.
+
+    Parameters
+    ----------
+    spec : str, ProposalSource or None
+        ``NAME`` or ``NAME:OPTIONS``; any callable from (frame, intrinsics) to `Proposals` is returned as it is;
+        None is the default source.
+
+    Raises
+    ------
+    InputError
+        If no source has that name, or it cannot use the options.
+    MissingExtraError
+        If the source needs a package that is not installed.
+    """
+    if spec is None:
+        spec = DEFAULT_SOURCE
+    if not isinstance(spec, str):
+        return spec
+    name, colon, options = spec.partition(":")
+    return SOURCES.get(name)(options if colon else None)

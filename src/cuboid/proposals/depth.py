@@ -1,0 +1,192 @@
+"""Proposals from depth alone: compact surfaces that depth jumps and concave creases part from what is around them.
+
+Large planes (tables, floors, walls) are found in the frame itself and set apart: they are background. What is left is
+cut at depth jumps and at concave creases, for separate solids meet in concave creases while one solid is mostly
+convex (Hoffman and Richards, "Parts of recognition", 1984). Bowls and mugs are not convex and fall apart, so
+neighbouring pieces are joined again step by step, the weakest outline first, and every union is a proposal too.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.errors import InputError
+from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.kernels import regions, segments
+from cuboid.kernels.blocks import halve_depth
+from cuboid.kernels.cells import CELL_COLUMNS, fit_cells
+from cuboid.kernels.pixels import drop_mixed
+from cuboid.proposals.registry import SOURCES
+from cuboid.proposals.types import Proposals, ProposalSource
+
+# Images wider than this are halved until they are not, pixels: at 1.5 m a pixel of 320 is then 6 mm.
+WIDEST = 480
+# Readings of a block of pixels belong to one surface within this share of their depth.
+SAME_SURFACE = 0.01
+# Standard deviation of depth at distance z is this times z squared, 1/metre (Khoshelham and Elberink 2012); that of
+# 1/z is then this number itself, wherever a pixel looks.
+NOISE_PER_M = 1.425e-3
+# Neighbours on one surface differ in depth by less than this times z squared, plus 1 cm: ten deviations.
+MIXED_PER_M = 0.014
+# Farther readings are background, metres: there, noise (2 cm) hides a small object in its own depth.
+MAX_DEPTH_M = 4.0
+# Edge of the cells that planes are grown from, pixels: 3 cm at 1 m.
+CELL_PIXELS = 8
+# Residual of 1/z over a cell that is still flat, in deviations: real table tops show up to 3, the foot of an object 5.
+FLAT_RESIDUAL = 4.0
+# A plane this large is a table, a floor or a wall, not the side of an object, square metres: a cereal box has 0.06.
+PLANE_AREA_M2 = 0.1
+PLANES = 12
+# Depth errs by this, times z squared, along a plane (lens, baseline), metres.
+PLANE_BOW_M = 0.008
+# How far, in cells, a plane reaches beyond the cells that it was found in.
+PLANE_REACH = 2
+# What rises less than this above its plane is the plane, metres; and the error that noise comes on top of.
+FLOOR_M = 0.006
+BIAS_M = 0.002
+# Steps in depth below this, and below four deviations, do not part surfaces, metres.
+JUMP_M = 0.012
+# A step this large is surely another object's outline, metres.
+SURE_JUMP_M = 0.06
+# Creases are judged over this much surface to either side, metres: less than the smallest object's half.
+ARM_M = 0.012
+# How far a crease lies behind the chord over it, in arms: 0.3 is a bend of 34 degrees; the inside of a bowl of 7 cm
+# radius has 0.09.
+BEND = 0.3
+# Fewer pixels are no segment.
+LEAST_PIXELS = 10
+# The largest segments that are kept.
+SEGMENTS = 100
+# Holes are filled at most so far, in pixels, and a difference in color of so many levels counts as a pixel.
+HOLE_PIXELS = 30.0
+COLOR_LEVELS = 12.0
+# Longest side of an object, metres.
+MIN_SIZE_M = 0.025
+MAX_SIZE_M = 1.0
+# Proposals of a frame, the best ones: two for each of as many objects as a desk holds. More cost time downstream.
+MOST = 80
+# Proposals below this are left out: less than a fifth of their outline is anything's.
+LEAST_SCORE = 0.2
+
+Int16Array = npt.NDArray[np.int16]
+
+
+class _Regions(NamedTuple):
+    """Segments and their unions: labels (h, w); members (N, S); measures (N, regions.COLUMNS)."""
+
+    labels: Int16Array
+    members: UInt8Array
+    measures: Float64Array
+
+
+class DepthSegmentation:
+    """Proposes, from a depth image alone, compact surfaces and unions of neighbouring ones, as masks."""
+
+    def __call__(self, frame: Frame, intrinsics: Intrinsics) -> Proposals:
+        """Return the proposals of `frame`, the best first."""
+        depth_m, camera, step = _shrink(frame.depth_m, intrinsics)
+        found = _regions(depth_m, frame.color, camera, step)
+        scores = _scores(found.measures, camera.fx)
+        order = np.argsort(-scores, kind="stable")[:MOST]
+        order = order[scores[order] >= LEAST_SCORE]
+        return _as_proposals(found, scores, order, step, frame.depth_m.shape)
+
+
+def _shrink(depth_m: Float32Array, intrinsics: Intrinsics) -> tuple[Float32Array, Intrinsics, int]:
+    step = 1
+    while depth_m.shape[1] > WIDEST:
+        halved = np.empty((depth_m.shape[0] // 2, depth_m.shape[1] // 2), np.float32)
+        halve_depth(np.ascontiguousarray(depth_m), SAME_SURFACE, halved)
+        depth_m, step = halved, step * 2
+    clean = np.empty(depth_m.shape, np.float32)
+    drop_mixed(depth_m, MIXED_PER_M, clean)
+    return clean, intrinsics.downscaled(step), step
+
+
+def _regions(depth_m: Float32Array, color: UInt8Array, camera: Intrinsics, step: int) -> _Regions:
+    shape = depth_m.shape
+    inverse, kind = _set_planes_apart(depth_m, camera)
+    # A deviation of 1/z after halving is half of what one reading has; the first Kinect's is kept for both.
+    smooth, cost = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    marks = np.empty(shape, np.uint8)
+    labels, queue = np.empty(shape, np.int16), np.empty(depth_m.size, np.int32)
+    sizes = np.empty(SEGMENTS + 1, np.int32)
+    segments.mark(inverse, kind, camera.fx, NOISE_PER_M, JUMP_M, ARM_M, BEND, smooth, marks)
+    last = segments.label_surfaces(inverse, kind, marks, LEAST_PIXELS, labels, queue, sizes)
+    regions.fill_holes(kind, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_PIXELS, labels, inverse, cost)
+    table = np.empty((last + 1, regions.COLUMNS))
+    contact = np.empty((last + 1, last + 1), np.float32)
+    weight = np.empty((last + 1, last + 1), np.float32)
+    regions.measure(kind, labels, inverse, marks, NOISE_PER_M, JUMP_M, SURE_JUMP_M, table, contact, weight)
+    members = np.empty((2 * last + 1, last + 1), np.uint8)
+    measures = np.empty((2 * last + 1, regions.COLUMNS))
+    n = regions.join(table, contact, weight, last, camera.fx, MAX_SIZE_M, members, measures)
+    return _Regions(labels, members[:n], measures[:n])
+
+
+def _set_planes_apart(depth_m: Float32Array, camera: Intrinsics) -> tuple[Float32Array, UInt8Array]:
+    """Return 1/z, and for each pixel whether it is none, on a large plane, on another surface, or far."""
+    rows, columns = depth_m.shape[0] // CELL_PIXELS, depth_m.shape[1] // CELL_PIXELS
+    pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+    cells = np.empty((rows * columns, CELL_COLUMNS))
+    fit_cells(depth_m, pinhole, CELL_PIXELS, MAX_DEPTH_M, cells)
+    planes, member = np.empty((PLANES, 3)), np.empty((rows, columns), np.int16)
+    count = segments.grow_planes(
+        cells, (rows, columns), pinhole, CELL_PIXELS, NOISE_PER_M, PLANE_BOW_M, FLAT_RESIDUAL * NOISE_PER_M,
+        PLANE_AREA_M2, planes, member,
+    )  # fmt: skip
+    inverse, kind = np.empty(depth_m.shape, np.float32), np.empty(depth_m.shape, np.uint8)
+    segments.classify(
+        depth_m, cells, planes, count, member, pinhole, CELL_PIXELS, PLANE_REACH, NOISE_PER_M, FLOOR_M, BIAS_M,
+        MAX_DEPTH_M, inverse, kind,
+    )  # fmt: skip
+    return inverse, kind
+
+
+def _scores(measures: Float64Array, focal_px: float) -> Float32Array:
+    """Return how likely each region is an object: how much of its outline is one, how compact it is, its size."""
+    m = measures.T
+    outline = np.maximum(m[regions.OUTLINE], 1.0)
+    closure = m[regions.STRENGTH] / outline
+    # Pixels' edges overestimate a length by 4/pi on average over directions: a disc has 1 here.
+    roundness = 4.0 * np.pi * m[regions.PIXELS] / (outline * np.pi / 4.0) ** 2
+    wide = m[regions.RIGHTMOST] - m[regions.LEFT] + 1.0
+    high = m[regions.BOTTOM] - m[regions.TOP] + 1.0
+    metres_per_pixel = m[regions.READINGS] / np.maximum(m[regions.INVERSE], 1e-9) / focal_px
+    long_m = np.maximum(wide, high) * metres_per_pixel
+    fits = (long_m >= MIN_SIZE_M) & (long_m <= MAX_SIZE_M) & (m[regions.READINGS] > 0)
+    score = closure * np.sqrt(np.clip(roundness, 0.05, 1.0))
+    return np.where(fits, np.clip(score, 0.0, 1.0), 0.0).astype(np.float32)
+
+
+def _as_proposals(
+    found: _Regions, scores: Float32Array, order: npt.NDArray[np.intp], step: int, shape: tuple[int, ...]
+) -> Proposals:
+    boxes = np.empty((len(order), 4), np.int32)
+    masks = []
+    for row, k in enumerate(order):
+        m = found.measures[k]
+        x0, y0 = int(m[regions.LEFT]), int(m[regions.TOP])
+        x1, y1 = int(m[regions.RIGHTMOST]) + 1, int(m[regions.BOTTOM]) + 1
+        chosen = np.append(found.members[k], np.uint8(0))  # label -1, the background, is the last
+        small = chosen[found.labels[y0:y1, x0:x1]]
+        masks.append(np.repeat(np.repeat(small, step, axis=0), step, axis=1))
+        boxes[row] = x0 * step, y0 * step, x1 * step, y1 * step
+    return Proposals(boxes, scores[order], tuple(masks))
+
+
+@SOURCES.register("depth")
+def depth_source(options: str | None) -> ProposalSource:
+    """Return the depth segmentation; it takes no options.
+
+    Raises
+    ------
+    InputError
+        If there are any.
+    """
+    if options is not None:
+        raise InputError(f"proposal source 'depth' takes no options, got '{options}'")
+    return DepthSegmentation()
