@@ -16,11 +16,11 @@ BACKGROUND = -1
 
 
 @njit(cache=True, nogil=True)
-def fill_holes(kind, color, step, edge, reach, labels, inverse, cost):
+def fill_holes(kind, color, step, edge, reach, focal, labels, inverse, cost):
     """Give pixels without a reading the label and depth of what they lie nearest to, color edges being far to cross.
 
     A step to a neighbour costs 1 plus its difference in color over `edge`; two sweeps there and back find the
-    cheapest way to good approximation. What costs more than `reach` stays a hole.
+    cheapest way to good approximation. What costs more than `reach` at the depth that it would get stays a hole.
 
     Parameters
     ----------
@@ -30,6 +30,8 @@ def fill_holes(kind, color, step, edge, reach, labels, inverse, cost):
     edge : float
         Levels of color difference that count as one pixel.
     reach : float
+        Metres.
+    focal : float
         Pixels.
     labels : (H, W) int16, in and out
         BACKGROUND is set on planes and far readings.
@@ -72,7 +74,7 @@ def fill_holes(kind, color, step, edge, reach, labels, inverse, cost):
                             np.float32(color[v * step, u * step, c]) - np.float32(color[vv * step, uu * step, c])
                         )
                     total = cost[vv, uu] + (1.4 if k == 1 or k == 3 else 1.0) + change / edge
-                    if total < best and total <= reach:
+                    if total < best and total <= reach * focal * inverse[vv, uu]:
                         best = total
                         labels[v, u] = labels[vv, uu]
                         inverse[v, u] = inverse[vv, uu]
@@ -165,7 +167,7 @@ def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, 
 
 
 @njit(cache=True, nogil=True)
-def join(segments, contact, weight, count, focal, largest, members, found):
+def join(segments, contact, weight, count, focal, largest, members, found, parts):
     """Join neighbouring segments step by step, the weakest outline first, and keep all unions on the way.
 
     Parameters
@@ -182,6 +184,8 @@ def join(segments, contact, weight, count, focal, largest, members, found):
         Which segments each region is made of.
     found : (2 S, COLUMNS) float64, output
         Its measures.
+    parts : (2 S, 2) int32, output
+        The two regions that a union joins; -1 for a segment.
 
     Returns
     -------
@@ -197,6 +201,7 @@ def join(segments, contact, weight, count, focal, largest, members, found):
             continue
         members[n, k] = 1
         found[n] = segments[k]
+        parts[n, 0] = parts[n, 1] = -1
         current[k] = n
         alive[k] = extent(segments[k], focal) <= largest
         n += 1
@@ -235,6 +240,7 @@ def join(segments, contact, weight, count, focal, largest, members, found):
         for k in range(1, count + 1):
             members[n, k] = members[current[i], k] | members[current[j], k]
         found[n] = one
+        parts[n, 0], parts[n, 1] = current[i], current[j]
         current[i] = n
         n += 1
 

@@ -50,7 +50,6 @@ def grow_planes(cells, shape, camera, size, noise, bias, flat, least_area, plane
         Number of planes.
     """
     rows, columns = shape
-    half = (size - 1) * 0.5
     member[:] = -1
     tried = np.zeros((rows, columns), np.int32)
     queue = np.empty(rows * columns, np.int32)

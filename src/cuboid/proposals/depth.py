@@ -60,14 +60,18 @@ BEND = 0.3
 LEAST_PIXELS = 10
 # The largest segments that are kept.
 SEGMENTS = 100
-# Holes are filled at most so far, in pixels, and a difference in color of so many levels counts as a pixel.
-HOLE_PIXELS = 30.0
+# Holes are filled at most so far, metres, and a difference in color of so many levels counts as a pixel.
+HOLE_M = 0.08
 COLOR_LEVELS = 12.0
 # Longest side of an object, metres.
 MIN_SIZE_M = 0.025
 MAX_SIZE_M = 1.0
 # Proposals of a frame, the best ones: two for each of as many objects as a desk holds. More cost time downstream.
 MOST = 80
+# With so many readings a piece is no work of noise.
+SOLID_PIXELS = 80
+# A part that is so much of a union is the same proposal.
+SAME_REGION = 0.8
 # Proposals below this are left out: less than a fifth of their outline is anything's.
 LEAST_SCORE = 0.2
 
@@ -75,11 +79,12 @@ Int16Array = npt.NDArray[np.int16]
 
 
 class _Regions(NamedTuple):
-    """Segments and their unions: labels (h, w); members (N, S); measures (N, regions.COLUMNS)."""
+    """Segments and their unions: labels (h, w); members (N, S); measures (N, regions.COLUMNS); parts (N, 2)."""
 
     labels: Int16Array
     members: UInt8Array
     measures: Float64Array
+    parts: npt.NDArray[np.int32]
 
 
 class DepthSegmentation:
@@ -89,7 +94,7 @@ class DepthSegmentation:
         """Return the proposals of `frame`, the best first."""
         depth_m, camera, step = _shrink(frame.depth_m, intrinsics)
         found = _regions(depth_m, frame.color, camera, step)
-        scores = _scores(found.measures, camera.fx)
+        scores = _without_doubles(_scores(found.measures, camera.fx), found)
         order = np.argsort(-scores, kind="stable")[:MOST]
         order = order[scores[order] >= LEAST_SCORE]
         return _as_proposals(found, scores, order, step, frame.depth_m.shape)
@@ -116,15 +121,16 @@ def _regions(depth_m: Float32Array, color: UInt8Array, camera: Intrinsics, step:
     sizes = np.empty(SEGMENTS + 1, np.int32)
     segments.mark(inverse, kind, camera.fx, NOISE_PER_M, JUMP_M, ARM_M, BEND, smooth, marks)
     last = segments.label_surfaces(inverse, kind, marks, LEAST_PIXELS, labels, queue, sizes)
-    regions.fill_holes(kind, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_PIXELS, labels, inverse, cost)
+    regions.fill_holes(kind, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse, cost)
     table = np.empty((last + 1, regions.COLUMNS))
     contact = np.empty((last + 1, last + 1), np.float32)
     weight = np.empty((last + 1, last + 1), np.float32)
     regions.measure(kind, labels, inverse, marks, NOISE_PER_M, JUMP_M, SURE_JUMP_M, table, contact, weight)
     members = np.empty((2 * last + 1, last + 1), np.uint8)
     measures = np.empty((2 * last + 1, regions.COLUMNS))
-    n = regions.join(table, contact, weight, last, camera.fx, MAX_SIZE_M, members, measures)
-    return _Regions(labels, members[:n], measures[:n])
+    parts = np.empty((2 * last + 1, 2), np.int32)
+    n = regions.join(table, contact, weight, last, camera.fx, MAX_SIZE_M, members, measures, parts)
+    return _Regions(labels, members[:n], measures[:n], parts[:n])
 
 
 def _set_planes_apart(depth_m: Float32Array, camera: Intrinsics) -> tuple[Float32Array, UInt8Array]:
@@ -158,8 +164,21 @@ def _scores(measures: Float64Array, focal_px: float) -> Float32Array:
     metres_per_pixel = m[regions.READINGS] / np.maximum(m[regions.INVERSE], 1e-9) / focal_px
     long_m = np.maximum(wide, high) * metres_per_pixel
     fits = (long_m >= MIN_SIZE_M) & (long_m <= MAX_SIZE_M) & (m[regions.READINGS] > 0)
-    score = closure * np.sqrt(np.clip(roundness, 0.05, 1.0))
+    # Few readings, and sizes near the least, are where noise makes pieces of its own.
+    solid = np.clip(m[regions.READINGS] / SOLID_PIXELS, 0.0, 1.0) * np.clip(long_m / (2.0 * MIN_SIZE_M), 0.0, 1.0)
+    score = closure * np.sqrt(np.clip(roundness, 0.05, 1.0)) * np.sqrt(solid)
     return np.where(fits, np.clip(score, 0.0, 1.0), 0.0).astype(np.float32)
+
+
+def _without_doubles(scores: Float32Array, found: _Regions) -> Float32Array:
+    """Return the scores with 0 for the worse of a union and a part of it that is nearly all of it."""
+    kept = scores.copy()
+    pixels = found.measures[:, regions.PIXELS]
+    for union in np.flatnonzero(found.parts[:, 0] >= 0):
+        for part in found.parts[union]:
+            if pixels[part] >= SAME_REGION * pixels[union]:
+                kept[part if scores[union] >= kept[part] else union] = 0.0
+    return kept
 
 
 def _as_proposals(
