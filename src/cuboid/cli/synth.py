@@ -23,9 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="replace a made recording that lies in DIR")
     scene = parser.add_argument_group("scene")
     scene.add_argument("--kind", choices=KINDS, default="table", help="what stands where (default: table)")
-    scene.add_argument(
-        "--seed", type=_seed, default=1, metavar="N", help="same seed, same bytes (default: 1)"
-    )
+    scene.add_argument("--seed", type=_seed, default=1, metavar="N", help="same seed, same bytes (default: 1)")
     scene.add_argument("--meshes", type=Path, metavar="DIR", help="own objects: .obj, .glb, .ply files")
     camera = parser.add_argument_group("camera")
     camera.add_argument("--frames", type=positive, metavar="N", help="length (default: what suits the kind)")

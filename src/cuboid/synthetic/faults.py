@@ -113,20 +113,28 @@ FAULTS: Mapping[str, Fault] = MappingProxyType({**FRAME_FAULTS, **WHOLE_FAULTS})
 FEW_POSES_SHARE = 0.1
 
 
-def named(words: Sequence[str]) -> tuple[str, ...]:
-    """Return the faults that words name; `all` stands for those of single frames.
+def named(words: Sequence[str], frames: int) -> tuple[str, ...]:
+    """Return the faults that words name, for a recording of so many frames; `all` is those of single frames.
 
     Raises
     ------
     InputError
-        A word is not the name of a fault.
+        A word is not the name of a fault, or there are fewer frames than faults of frames.
     """
     names: list[str] = []
     for word in words:
         if word != "all" and word not in FAULTS:
             raise InputError(f"no fault is called '{word}'; there are all, {', '.join(FAULTS)}")
         names += [name for name in (FRAME_FAULTS if word == "all" else (word,)) if name not in names]
+    single, whole = sum(name in FRAME_FAULTS for name in names), _first_without_pose(names, frames)
+    if single > whole:
+        raise InputError(f"{single} faults need as many frames, the recording has {whole}")
     return tuple(names)
+
+
+def _first_without_pose(names: Sequence[str], frames: int) -> int:
+    """Return the first frame that "few-poses" leaves without a pose, else the number of frames."""
+    return frames - max(1, round(FEW_POSES_SHARE * frames)) if "few-poses" in names else frames
 
 
 def spoil(folder: Path, faults: Sequence[str], frames: int, rng: np.random.Generator) -> None:
@@ -147,11 +155,9 @@ def spoil(folder: Path, faults: Sequence[str], frames: int, rng: np.random.Gener
     InputError
         A fault is not known, or there are fewer frames than faults of frames.
     """
-    names = named(faults)
+    names = named(faults, frames)
     single = [name for name in names if name in FRAME_FAULTS]
-    last = frames - max(1, round(FEW_POSES_SHARE * frames)) if "few-poses" in names else frames
-    if len(single) > last:
-        raise InputError(f"{len(single)} faults need as many frames, the recording has {last}")
+    last = _first_without_pose(names, frames)
     places = dict(zip(single, sorted(rng.choice(last, len(single), replace=False).tolist()), strict=True))
     notes = []
     for name in names:

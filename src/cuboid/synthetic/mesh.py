@@ -110,7 +110,7 @@ def tube(path: npt.ArrayLike, radius: npt.ArrayLike, segments: int = 14) -> Mesh
     side = np.array([0.0, 1.0, 0.0])
     other = np.cross(side, tangent)
     angle = np.arange(segments) * (2 * np.pi / segments)
-    around = np.cos(angle)[:, None, None] * other + np.sin(angle)[:, None, None] * -side
+    around = np.cos(angle)[:, None, None] * other + np.sin(angle)[:, None, None] * side
     radii = np.broadcast_to(np.asarray(radius, np.float64), len(line))
     rings = line[:, None] + radii[:, None, None] * np.moveaxis(around, 0, 1)
     first, last = np.broadcast_to(line[0], (segments, 3)), np.broadcast_to(line[-1], (segments, 3))
@@ -119,7 +119,7 @@ def tube(path: npt.ArrayLike, radius: npt.ArrayLike, segments: int = 14) -> Mesh
 
 
 def grid(points: npt.ArrayLike) -> Mesh:
-    """Return the sheet through a grid of points (A, B, 3); its outside is where B turns left into A."""
+    """Return the sheet through a grid of points (A, B, 3), its outside along (direction of B) x (that of A)."""
     sheet = np.asarray(points, np.float64)
     return Mesh(sheet.reshape(-1, 3), _strip_faces(sheet.shape[0], sheet.shape[1], wrap=False))
 

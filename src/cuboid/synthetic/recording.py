@@ -31,7 +31,7 @@ from cuboid.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
 from cuboid.geometry import se3
 from cuboid.outputs.folder import ResultFolder, writing
 from cuboid.synthetic import truth
-from cuboid.synthetic.faults import spoil
+from cuboid.synthetic.faults import named, spoil
 from cuboid.synthetic.poses import POSE_NOISES
 from cuboid.synthetic.scene import Scene
 from cuboid.synthetic.sensors import SENSORS
@@ -126,6 +126,7 @@ def render_recording(
         The folder exists and is no made recording or `force` is not given, or it cannot be written.
     """
     _check(sensor, pose_noise, size)
+    named(faults, scene.frames)
     if force and (path / truth.TRUTH).is_file():
         with writing(path):
             shutil.rmtree(path)

@@ -11,9 +11,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from cuboid.frame import Float64Array
 from cuboid.synthetic.material import CARD, PAINTS, Material, Texture, paint, two_paints
-from cuboid.synthetic.mesh import Mesh, box, lathe, merged, prism, shift, tube, turn
+from cuboid.synthetic.mesh import Mesh, box, grid, lathe, merged, prism, shift, tube, turn
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,14 +138,7 @@ def _brim(r: float) -> Mesh:
     height = 0.022 - 0.018 * (angle / 1.15) ** 2 - 0.01 * np.outer(out, np.ones(25)) + 0.004
     top = np.stack([radius * np.cos(angle), radius * np.sin(angle) * 0.98, np.maximum(height, 0.004)], axis=-1)
     bottom = top - (0, 0, 0.004)
-    around = np.concatenate([top, bottom[::-1], top[:1]])
-    return _closed_sheet(around)
-
-
-def _closed_sheet(around: Float64Array) -> Mesh:
-    from cuboid.synthetic.mesh import grid
-
-    return grid(around)
+    return grid(np.concatenate([bottom, top[::-1], bottom[:1]]))
 
 
 def bottle(rng: np.random.Generator) -> Model:

@@ -1,0 +1,17 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cuboid.synthetic import make_scene, render_recording
+
+FRAMES, SIZE = 12, (96, 72)
+
+
+@pytest.fixture(scope="session")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a recording of a table in clean depth, 12 frames of 96x72."""
+    path = tmp_path_factory.mktemp("synthetic") / "table"
+    render_recording(make_scene("table", 1, frames=FRAMES), path, sensor="clean", size=SIZE)
+    return path

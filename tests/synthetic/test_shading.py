@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+import numpy as np
+
+from cuboid.frame import Intrinsics
+from cuboid.synthetic import make_scene
+from cuboid.synthetic.material import Material, Texture
+from cuboid.synthetic.mesh import box, corner_normals
+from cuboid.synthetic.paths import look_at
+from cuboid.synthetic.raycast import RayCaster, pixel_rays
+from cuboid.synthetic.shading import Look, _places, part_rows, shade
+from cuboid.synthetic.view import SceneView
+
+CAMERA = Intrinsics(80.0, 80.0, 31.5, 23.5, 64, 48)
+T = look_at((0, -1.2, 1.0), (0, 0, 0))
+
+
+def cast(meshes, materials, lamp=(0.5, -1.0, 2.0)):
+    corners = np.concatenate([mesh.corners() for mesh in meshes])
+    caster = RayCaster(corners)
+    look = Look(
+        face_part=np.repeat(np.arange(len(meshes), dtype=np.int32), [len(mesh.faces) for mesh in meshes]),
+        normals=np.concatenate([corner_normals(mesh) for mesh in meshes]).astype(np.float32),
+        parts=part_rows(materials, [np.eye(4)] * len(meshes)),
+        lamp=np.array([lamp]),
+    )
+    hits = caster.first_hits(T[:3, 3].astype(np.float32), pixel_rays(CAMERA, T))
+    color, cosine = shade(caster, look, hits, np.random.default_rng(0))
+    return look, hits, color.astype(int), cosine
+
+
+def test_depth_is_that_of_the_plane():
+    _, hits, _, cosine = cast([box((40, 40, 1), (0, 0, -1))], [Material((0.5, 0.5, 0.5))])
+    rays = pixel_rays(CAMERA, T).astype(np.float64)
+    expected = -T[2, 3] / rays[..., 2]
+    down = rays[..., 2] < -0.1
+    np.testing.assert_allclose(hits.depth_m[down], expected[down], rtol=1e-5)
+    np.testing.assert_allclose(cosine[down], (-rays[..., 2] / np.linalg.norm(rays, axis=2))[down], atol=1e-5)
+
+
+def test_a_body_throws_a_shadow_and_its_colors_are_its_own():
+    floor, red = Material((0.7, 0.7, 0.7)), Material((0.8, 0.1, 0.1))
+    bare = cast([box((8, 8, 1), (0, 0, -1))], [floor])[2]
+    look, hits, color, _ = cast([box((8, 8, 1), (0, 0, -1)), box((0.3, 0.3, 0.3))], [floor, red], (1.2, 0, 1.2))
+    part = np.where(hits.face >= 0, look.face_part[hits.face], -1)
+    body = color[part == 1]
+    assert (body[:, 0] > body[:, 1] + 30).mean() > 0.95
+    left = color[24, :20].mean()
+    shaded = color[26, 14:24].min(axis=0).mean()
+    assert shaded < 0.8 * left
+    assert bare[26, 14:24].min() > 0.9 * bare[26, 14:24].max()
+
+
+def test_textures_have_both_colors():
+    for texture in Texture:
+        if texture != Texture.PLAIN:
+            look = Material((0.9, 0.1, 0.1), (0.1, 0.1, 0.9), texture, 0.2)
+            _, hits, color, _ = cast([box((8, 8, 1), (0, 0, -1))], [look])
+            seen = color[hits.face >= 0]
+            redness = (seen[:, 0] - seen[:, 2]) / seen.sum(axis=1)
+            assert np.ptp(np.percentile(redness, [5, 95])) > 0.15, texture.name
+
+
+def test_kernel_of_places_equals_its_plain_form():
+    scene = make_scene("table", 2, frames=1)
+    intrinsics = scene.intrinsics(64, 48)
+    view = SceneView(scene, intrinsics)
+    hits, table = view.render(0, "clean").hits, view._look.normals
+    points, normals = np.empty((2, 48, 64, 3), np.float32)
+    cosine = np.empty((48, 64), np.float32)
+    _places(hits.depth_m, hits.face, hits.u, hits.v, hits.rays, hits.eye, table, points, normals, cosine)
+    np.testing.assert_allclose(points, hits.eye + hits.rays * hits.depth_m[..., None], atol=1e-5)
+    weights = np.stack([1 - hits.u - hits.v, hits.u, hits.v], axis=-1)
+    expected = np.einsum("hwk,hwkj->hwj", weights, table[hits.face])
+    expected /= np.linalg.norm(expected, axis=2, keepdims=True)
+    along = np.einsum("hwj,hwj->hw", expected, hits.rays) / np.linalg.norm(hits.rays, axis=2)
+    seen = hits.face >= 0
+    np.testing.assert_allclose(normals[seen], (expected * -np.sign(along)[..., None])[seen], atol=1e-4)
+    np.testing.assert_allclose(cosine[seen], np.abs(along)[seen], atol=1e-4)
