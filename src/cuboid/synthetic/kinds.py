@@ -206,7 +206,7 @@ KINDS: Mapping[str, Builder] = MappingProxyType(
 )
 # Frames of a recording where none are asked for: what the way of the kind takes.
 FRAMES: Mapping[str, int] = MappingProxyType(
-    {"table": 160, "occluders": 200, "leave": 220, "tables": 300, "clutter": 160, "room": 300}
+    {"table": 160, "occluders": 200, "leave": 220, "tables": 360, "clutter": 160, "room": 460}
 )
 
 
