@@ -16,7 +16,7 @@ BACKGROUND = -1
 
 
 @njit(cache=True, nogil=True)
-def fill_holes(kind, color, step, edge, reach, focal, labels, inverse, cost):
+def fill_holes(kind, color, step, edge, reach, focal, labels, inverse, cost, queue):
     """Give pixels without a reading the label and depth of what they lie nearest to, color edges being far to cross.
 
     A step to a neighbour costs 1 plus its difference in color over `edge`; two sweeps there and back find the
@@ -37,7 +37,11 @@ def fill_holes(kind, color, step, edge, reach, focal, labels, inverse, cost):
         BACKGROUND is set on planes and far readings.
     inverse : (H, W) float32, in and out
     cost : (H, W) float32, scratch
+    queue : (H * W,) int32, scratch
     """
+    per_level = np.float32(1.0 / edge)
+    reach = np.float32(reach)
+    focal = np.float32(focal)
     height, width = kind.shape
     holes = 0
     for v in range(height):
@@ -46,39 +50,39 @@ def fill_holes(kind, color, step, edge, reach, focal, labels, inverse, cost):
                 cost[v, u] = np.inf
                 labels[v, u] = 0
                 inverse[v, u] = 0.0
+                queue[holes] = v * width + u
                 holes += 1
             else:
                 cost[v, u] = 0.0
                 if kind[v, u] == PLANE or kind[v, u] == FAR:
                     labels[v, u] = BACKGROUND
-    if holes == 0:
-        return
     for sweep in range(4):
-        forward = sweep % 2 == 0
-        s = -1 if forward else 1
-        for i in range(height):
-            v = i if forward else height - 1 - i
-            for j in range(width):
-                u = j if forward else width - 1 - j
-                if kind[v, u] != NONE:
+        changed = False
+        s = -1 if sweep % 2 == 0 else 1
+        for i in range(holes):
+            here = queue[i if s < 0 else holes - 1 - i]
+            v = here // width
+            u = here - v * width
+            best = cost[v, u]
+            for k in range(4):
+                vv = v if k == 0 else v + s
+                uu = u + s if k == 0 else u + k - 2
+                if vv < 0 or uu < 0 or vv >= height or uu >= width or cost[vv, uu] + 1.0 >= best:
                     continue
-                best = cost[v, u]
-                for k in range(4):
-                    vv = v if k == 0 else v + s
-                    uu = u + s if k == 0 else u + k - 2
-                    if vv < 0 or uu < 0 or vv >= height or uu >= width or cost[vv, uu] >= best:
-                        continue
-                    change = 0.0
-                    for c in range(3):
-                        change += abs(
-                            np.float32(color[v * step, u * step, c]) - np.float32(color[vv * step, uu * step, c])
-                        )
-                    total = cost[vv, uu] + (1.4 if k == 1 or k == 3 else 1.0) + change / edge
-                    if total < best and total <= reach * focal * inverse[vv, uu]:
-                        best = total
-                        labels[v, u] = labels[vv, uu]
-                        inverse[v, u] = inverse[vv, uu]
-                cost[v, u] = best
+                change = 0
+                for c in range(3):
+                    change += abs(
+                        np.int32(color[v * step, u * step, c]) - np.int32(color[vv * step, uu * step, c])
+                    )
+                total = cost[vv, uu] + (1.4 if k == 1 or k == 3 else 1.0) + change * per_level
+                if total < best and total <= reach * focal * inverse[vv, uu]:
+                    best = total
+                    labels[v, u] = labels[vv, uu]
+                    inverse[v, u] = inverse[vv, uu]
+                    changed = True
+            cost[v, u] = best
+        if not changed and sweep > 0:
+            break
 
 
 @njit(cache=True, nogil=True)

@@ -67,7 +67,7 @@ COLOR_LEVELS = 12.0
 MIN_SIZE_M = 0.025
 MAX_SIZE_M = 1.0
 # Proposals of a frame, the best ones: two for each of as many objects as a desk holds. More cost time downstream.
-MOST = 80
+MOST = 40
 # With so many readings a piece is no work of noise.
 SOLID_PIXELS = 80
 # A part that is so much of a union is the same proposal.
@@ -121,7 +121,7 @@ def _regions(depth_m: Float32Array, color: UInt8Array, camera: Intrinsics, step:
     sizes = np.empty(SEGMENTS + 1, np.int32)
     segments.mark(inverse, kind, camera.fx, NOISE_PER_M, JUMP_M, ARM_M, BEND, smooth, marks)
     last = segments.label_surfaces(inverse, kind, marks, LEAST_PIXELS, labels, queue, sizes)
-    regions.fill_holes(kind, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse, cost)
+    regions.fill_holes(kind, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse, cost, queue)
     table = np.empty((last + 1, regions.COLUMNS))
     contact = np.empty((last + 1, last + 1), np.float32)
     weight = np.empty((last + 1, last + 1), np.float32)
