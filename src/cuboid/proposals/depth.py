@@ -45,17 +45,17 @@ PLANE_BOW_M = 0.008
 # How far, in cells, a plane reaches beyond the cells that it was found in.
 PLANE_REACH = 2
 # What rises less than this above its plane is the plane, metres; and the error that noise comes on top of.
-FLOOR_M = 0.006
+FLOOR_M = 0.005
 BIAS_M = 0.002
 # Steps in depth below this, and below four deviations, do not part surfaces, metres.
 JUMP_M = 0.012
 # A step this large is surely another object's outline, metres.
 SURE_JUMP_M = 0.06
 # Creases are judged over this much surface to either side, metres: less than the smallest object's half.
-ARM_M = 0.012
-# How far a crease lies behind the chord over it, in arms: 0.3 is a bend of 34 degrees; the inside of a bowl of 7 cm
-# radius has 0.09.
-BEND = 0.3
+ARM_M = 0.015
+# How far a crease lies behind the chord over it, in arms: 0.4 is a bend of 44 degrees; the inside of a bowl of 7 cm
+# radius has 0.11.
+BEND = 0.4
 # Fewer pixels are no segment.
 LEAST_PIXELS = 10
 # The largest segments that are kept.
@@ -69,7 +69,7 @@ MAX_SIZE_M = 1.0
 # Proposals of a frame, the best ones: two for each of as many objects as a desk holds. More cost time downstream.
 MOST = 40
 # With so many readings a piece is no work of noise.
-SOLID_PIXELS = 80
+SOLID_PIXELS = 120
 # A part that is so much of a union is the same proposal.
 SAME_REGION = 0.8
 # Proposals below this are left out: less than a fifth of their outline is anything's.
