@@ -179,9 +179,7 @@ def track_recording(
         The results cannot be written; nothing half-written is left.
     """
     if scale not in SCALES or every < 1 or (limit is not None and limit < 1):
-        raise ValueError(
-            f"scale must be one of {SCALES}, every and limit >= 1, got {scale}, {every}, {limit}"
-        )
+        raise ValueError(f"scale must be one of {SCALES}, every and limit >= 1, got {scale}, {every}, {limit}")
     begun_s = time.perf_counter()
     config = config or TrackerConfig()
     progress = progress or Progress()
@@ -290,9 +288,7 @@ def _origin_of_poses(recording: RecordingLike, poses: str | None) -> str:
     return "given"
 
 
-def _writer(
-    results: ExitStack, recording: RecordingLike, output: Path | None, force: bool
-) -> ResultWriter | None:
+def _writer(results: ExitStack, recording: RecordingLike, output: Path | None, force: bool) -> ResultWriter | None:
     if output is None:
         return None
     if output.resolve() == Path(recording.path).resolve():
@@ -317,9 +313,7 @@ def _view(
         view.close(complete=True)
 
 
-def _tracker(
-    intrinsics: Intrinsics, config: TrackerConfig, proposals: str | ProposalSource | None
-) -> TrackerLike:
+def _tracker(intrinsics: Intrinsics, config: TrackerConfig, proposals: str | ProposalSource | None) -> TrackerLike:
     from cuboid.tracker import Tracker
 
     return Tracker(intrinsics, config, proposals)
@@ -334,11 +328,13 @@ def _video(path: Path, intrinsics: Intrinsics, every: int) -> View:
 def _effective(
     config: TrackerConfig, proposals: str | ProposalSource | None, every: int, limit: int | None, scale: int
 ) -> dict[str, Any]:
-    name = proposals if proposals is None or isinstance(proposals, str) else type(proposals).__qualname__
+    from cuboid.proposals import DEFAULT_SOURCE
+
+    source = DEFAULT_SOURCE if proposals is None else proposals
     return {
         "every": every,
         "limit": limit,
         "scale": scale,
-        "proposals": name or "default",
+        "proposals": source if isinstance(source, str) else type(source).__qualname__,
         "tracker": config.to_dict(),
     }
