@@ -106,12 +106,12 @@ class Tracker:
         watch.lap("planes")
         candidate = self._candidates(image, heights)
         c = self.config
-        heat = pixel_heat(image, candidate, proposals, self.intrinsics.fx, c.min_size_m, c.max_size_m)
+        heat, claim = pixel_heat(image, candidate, proposals, self.intrinsics.fx, c)
         watch.lap("heat")
         slots = self._voxels.fuse(image, heat, T_world_camera, frame.index)
         self._voxels.look_through(image, T_camera_world)
         watch.lap("fuse")
-        clusters = frame_clusters(image, heat, support, self._planes, T_world_camera, c)
+        clusters = frame_clusters(image, heat, claim, support, self._planes, T_world_camera, c)
         boxes = [self._box(cluster, T_world_camera) for cluster in clusters]
         watch.lap("boxes")
         if self._count % c.map_every == 0:

@@ -125,8 +125,8 @@ def stand_on(
 
 
 @njit(cache=True, nogil=True)
-def label_regions(depth, wanted, noise, jump, parent, labels):
-    """Number the 8-connected regions of wanted pixels whose depth is continuous.
+def label_regions(depth, wanted, claim, noise, jump, parent, labels):
+    """Number the 8-connected regions of wanted pixels of one claim whose depth is continuous.
 
     Neighbours belong together when their depths differ by less than `jump` (metres) plus four standard deviations.
 
@@ -134,6 +134,8 @@ def label_regions(depth, wanted, noise, jump, parent, labels):
     ----------
     depth : (H, W) float32
     wanted : (H, W) uint8
+    claim : (H, W) int32
+        The mask that claims a pixel.
     noise, jump : float
     parent : (H * W,) int32, scratch
     labels : (H, W) int32, output
@@ -157,7 +159,7 @@ def label_regions(depth, wanted, noise, jump, parent, labels):
             for k in range(4):
                 vv = v - 1 if k < 3 else v
                 uu = u + k - 1 if k < 3 else u - 1
-                if vv < 0 or uu < 0 or uu >= columns or not wanted[vv, uu]:
+                if vv < 0 or uu < 0 or uu >= columns or not wanted[vv, uu] or claim[vv, uu] != claim[v, u]:
                     continue
                 if abs(depth[vv, uu] - z) < limit:
                     a, b = find_root(parent, here), find_root(parent, vv * columns + uu)

@@ -79,6 +79,7 @@ class MapCluster:
 def frame_clusters(
     image: WorkingImage,
     heat: Float32Array,
+    claim: npt.NDArray[np.int32],
     support: npt.NDArray[np.int8],
     planes: PlaneTracker,
     T_world_camera: Float64Array,
@@ -88,7 +89,7 @@ def frame_clusters(
     wanted = (heat >= config.hot).astype(np.uint8)
     labels = np.empty(wanted.shape, np.int32)
     parent = np.empty(wanted.size, np.int32)
-    number = label_regions(image.depth_m, wanted, config.depth_noise_per_m, JUMP_M, parent, labels)
+    number = label_regions(image.depth_m, wanted, claim, config.depth_noise_per_m, JUMP_M, parent, labels)
     hot = np.flatnonzero(labels)
     of_pixel = labels.ravel()[hot]
     order = np.argsort(of_pixel, kind="stable")
