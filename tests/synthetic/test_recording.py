@@ -8,6 +8,7 @@ import pytest
 
 import cuboid
 from cuboid.errors import InputError, OutputError
+from cuboid.evaluation.truth import read_truth
 from cuboid.geometry import se3
 from cuboid.outputs.ply import read_map
 from cuboid.readers.posetext import data_lines
@@ -171,3 +172,13 @@ def test_wrong_arguments_are_told_before_work(tmp_path):
         with pytest.raises(InputError, match=message):
             render_recording(scene, tmp_path / "made", **argument)
     assert not list(tmp_path.iterdir())
+
+
+def test_the_evaluator_reads_the_truth(small):
+    truth = read_truth(small / "truth.json")
+    scene = make_scene("table", 1, frames=12)
+    assert (truth.frames, truth.region) == (12, None)
+    for read, body in zip(truth.objects, scene.objects, strict=True):
+        np.testing.assert_allclose(read.box.corners(), scene.box(body).corners(), atol=1e-5)
+    assert truth.visibility is not None
+    assert truth.visibility.shape == (12, len(scene.objects))

@@ -24,7 +24,7 @@ _LAID: tuple[tuple[str, int, float, float, float], ...] = (
     ("mug", 15, -0.42, -0.42, 310.0),
     ("can", 1, 0.10, -0.38, 0.0),
     ("milk", 8, 0.72, -0.45, 35.0),
-    ("book", 20, -0.80, -0.35, 80.0),
+    ("book", 11, -0.80, -0.35, 80.0),
     ("ball", 5, 0.40, -0.05, 0.0),
 )
 
@@ -56,7 +56,6 @@ def _furnish(draft: Draft) -> None:
     for k in range(4):
         draft.add(made.wall(draft.rng, 2 * half), turn(k * np.pi / 2) @ shift((0, half, 0)))
     draft.add(made.table(draft.rng, (1.24, 0.84, 0.72)), np.eye(4))
-    draft.add(made.chair(draft.rng), shift((-0.35, 0.85, 0)) @ turn(-1.3), doubtful=True)
     pillar = Material((0.32, 0.36, 0.42), (0.42, 0.46, 0.52), Texture.STRIPES, 0.1)
     post = Model("screen", ((box((0.2, 0.03, 1.16)), pillar),))
     draft.add(post, turn(np.radians(-79)) @ shift((0.72, 0, 0)) @ turn(np.pi / 2), doubtful=True)
