@@ -33,12 +33,7 @@ class Arrangement:
         self.surfaces = surfaces
         self.objects: list[SceneObject] = []
         self._outlines: dict[int, Float64Array] = {}
-        self._kept: list[tuple[int, Float64Array]] = []
         self._rng = rng
-
-    def keep_free(self, surface: int, outline: Float64Array) -> None:
-        """Let no object be put on a part of a surface, (K, 2) convex, counter-clockwise."""
-        self._kept.append((surface, outline))
 
     def put(self, model: Model, surface: int, gap: float, within: float = 1.0) -> SceneObject | None:
         """Put a model anywhere on a surface, at least `gap` metres from all others.
@@ -91,8 +86,6 @@ class Arrangement:
 
     def _free(self, outline: Float64Array, surface: int, gap: float, ignoring: int = 0) -> bool:
         if not self.surfaces[surface].holds(outline, EDGE_M):
-            return False
-        if any(at == surface and gap_m(outline, kept) <= 0.0 for at, kept in self._kept):
             return False
         return all(
             gap_m(outline, self._outlines[other.id]) >= gap
