@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-from cuboid.proposals import depth as _depth
+# Each of these registers its source.
+from cuboid.proposals import bing as _bing  # noqa: F401
+from cuboid.proposals import depth as _depth  # noqa: F401
+from cuboid.proposals import edgeboxes as _edgeboxes  # noqa: F401
+from cuboid.proposals import onnx as _onnx  # noqa: F401
+from cuboid.proposals import precomputed as _precomputed  # noqa: F401
+from cuboid.proposals import selective_search as _selective_search  # noqa: F401
 from cuboid.proposals.registry import SOURCES, SourceFactory
 from cuboid.proposals.types import Proposals, ProposalSource
 

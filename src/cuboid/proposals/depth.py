@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import InputError
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.kernels import regions, segments
 from cuboid.kernels.blocks import halve_depth
 from cuboid.kernels.cells import CELL_COLUMNS, fit_cells
 from cuboid.kernels.pixels import drop_mixed
+from cuboid.proposals.boxes import refuse_options
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource
 
@@ -121,7 +121,9 @@ def _regions(depth_m: Float32Array, color: UInt8Array, camera: Intrinsics, step:
     sizes = np.empty(SEGMENTS + 1, np.int32)
     segments.mark(inverse, kind, camera.fx, NOISE_PER_M, JUMP_M, ARM_M, BEND, smooth, marks)
     last = segments.label_surfaces(inverse, kind, marks, LEAST_PIXELS, labels, queue, sizes)
-    regions.fill_holes(kind, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse, cost, queue)
+    regions.fill_holes(
+        kind, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse, cost, queue
+    )
     table = np.empty((last + 1, regions.COLUMNS))
     contact = np.empty((last + 1, last + 1), np.float32)
     weight = np.empty((last + 1, last + 1), np.float32)
@@ -206,6 +208,5 @@ def depth_source(options: str | None) -> ProposalSource:
     InputError
         If there are any.
     """
-    if options is not None:
-        raise InputError(f"proposal source 'depth' takes no options, got '{options}'")
+    refuse_options("depth", options)
     return DepthSegmentation()

@@ -1,0 +1,88 @@
+"""Proposals by BING (Cheng et al., CVPR 2014): boxes whose tiny gradient image looks like that of an object.
+
+The model is a folder of the user's: the nine files that OpenCV's samples have, three for each of three color spaces::
+
+    MODEL/
+      ObjNessB2W8MAXBGR.idx.yml.gz   .wS1.yml.gz   .wS2.yml.gz
+      ObjNessB2W8HSV.idx.yml.gz      ...
+      ObjNessB2W8I.idx.yml.gz        ...
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from cuboid.errors import InputError
+from cuboid.frame import Frame, Intrinsics
+from cuboid.proposals.boxes import boxes_as_proposals, thin_out
+from cuboid.proposals.registry import SOURCES
+from cuboid.proposals.silence import silent_stdout
+from cuboid.proposals.types import Proposals, ProposalSource
+
+FILES = tuple(f"ObjNessB2W8{space}.{part}.yml.gz" for space in ("MAXBGR", "HSV", "I") for part in ("idx", "wS1", "wS2"))
+# OpenCV gives each box a rank, some 300 for the best and 20,000 for the last, not a score; that of a half score.
+HALF_RANK = 3000.0
+# Of the thousands of boxes only so many of the best are looked at.
+LOOKED_AT = 1000
+# Boxes that overlap more say the same; BING's sizes are powers of two, so that neighbours overlap by half and more.
+OVERLAP = 0.75
+
+
+class Bing:
+    """Proposes boxes from color with OpenCV's ObjectnessBING.
+
+    OpenCV gives a rank r, the lower the better; the score is 1 / (1 + r / 3000).
+
+    Parameters
+    ----------
+    model : Path
+        The folder of the model.
+
+    Raises
+    ------
+    InputError
+        If a file of the model is missing.
+    """
+
+    def __init__(self, model: Path) -> None:
+        missing = [name for name in FILES if not (model / name).is_file()]
+        if missing:
+            raise InputError(f"no BING model in {model}: {missing[0]} is missing")
+        self._model = model
+
+    def __call__(self, frame: Frame, intrinsics: Intrinsics) -> Proposals:
+        """Return the proposals of `frame`, the best first."""
+        import cv2
+
+        finder = cv2.saliency.ObjectnessBING.create()
+        # OpenCV prints as it goes, and writes its boxes to files that nobody asked for.
+        with tempfile.TemporaryDirectory(prefix="cuboid-bing-") as scrap, silent_stdout():
+            finder.setTrainingPath(str(self._model))
+            finder.setBBResDir(scrap)
+            found, boxes = finder.computeSaliency(np.ascontiguousarray(frame.color[..., ::-1]))
+            ranks = np.asarray(finder.getobjectnessValues(), dtype=np.float64).ravel()
+        if not found:
+            raise InputError(f"the BING model in {self._model} cannot be used: OpenCV found no boxes with it")
+        # The best come first. Corners are counted from 1, the last one included.
+        corners = np.asarray(boxes, dtype=np.float64).reshape(-1, 4)[:LOOKED_AT]
+        corners[:, :2] -= 1.0
+        scores = 1.0 / (1.0 + ranks[: len(corners)] / HALF_RANK)
+        kept = thin_out(corners, scores, OVERLAP)
+        return boxes_as_proposals(corners[kept], scores[kept], intrinsics.width, intrinsics.height)
+
+
+@SOURCES.register("bing")
+def bing_source(options: str | None) -> ProposalSource:
+    """Return BING with the model in the folder that `options` names.
+
+    Raises
+    ------
+    InputError
+        If no folder is named, or it holds no model.
+    """
+    if not options:
+        raise InputError("proposal source 'bing' needs the folder of its model: bing:FOLDER")
+    return Bing(Path(options))

@@ -1,0 +1,186 @@
+"""Files of proposals, one a frame, in the layouts that people have.
+
+``.csv``
+    A header line with at least ``x0,y0,x1,y1,score`` in any order, then a line a box; x1 and y1 are exclusive.
+    No lines after the header: no proposals.
+``.npz``
+    ``boxes`` (N, 4), x0 y0 x1 y1, or ``masks`` (N, H, W), and ``scores`` (N,). With both, the masks count.
+``.mat`` of MCG
+    ``bboxes`` (N, 4): up, left, down, right, counted from 1, all inclusive; ``bboxes_scores`` or ``scores`` (N, 1).
+    Or, for masks, ``superpixels`` (H, W), ``scores`` (N, 1), and ``labels``: a cell a proposal with the superpixels
+    that it is made of.
+    As variables of the file, or as the fields of one struct (``candidates_mcg``, ``proposals``, any name).
+``.mat`` of CPMC
+    ``masks`` (H, W, N) logical and ``scores`` (N, 1).
+
+Scores outside 0..1 are stretched, with the rest of their file, to 0..1. MATLAB files up to version 7 can be read.
+"""
+
+from __future__ import annotations
+
+import csv
+import zipfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.errors import InputError
+from cuboid.frame import Float64Array
+from cuboid.proposals.boxes import boxes_as_proposals, masks_as_proposals
+from cuboid.proposals.types import Proposals
+
+COLUMNS = ("x0", "y0", "x1", "y1", "score")
+# What the first bytes of a file of MATLAB 7.3 say; it is another format altogether (HDF5).
+MATLAB_73 = b"MATLAB 7.3"
+
+Loader = Callable[[Path, int, int], Proposals]
+
+
+def load_csv(path: Path, width: int, height: int) -> Proposals:
+    """Read a ``.csv`` file of boxes for an image of width x height pixels.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    rows: list[list[float]] = []
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file, skipinitialspace=True)
+            missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
+            if missing:
+                raise InputError(f"{path}, line 1: column '{missing[0]}' is missing; expected: {','.join(COLUMNS)}")
+            for row in reader:
+                try:
+                    rows.append([float(row[name]) for name in COLUMNS])
+                except (TypeError, ValueError):
+                    raise InputError(f"{path}, line {reader.line_num}: five numbers expected") from None
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path} cannot be read: {error}") from None
+    table = np.array(rows, dtype=np.float64).reshape(-1, len(COLUMNS))
+    return _boxes(path, table[:, :4], table[:, 4], width, height)
+
+
+def load_npz(path: Path, width: int, height: int) -> Proposals:
+    """Read a ``.npz`` file; parameters and errors are those of `load_csv`."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            found = {name: np.asarray(file[name]) for name in file.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path} cannot be read: {_line(error)}") from None
+    if "scores" not in found or not {"boxes", "masks"} & set(found):
+        raise InputError(f"{path} holds {_names(found)}; expected: scores, and boxes or masks")
+    if "masks" in found:
+        return _masks(path, found["masks"], found["scores"], width, height)
+    return _boxes(path, found["boxes"], found["scores"], width, height)
+
+
+def load_mat(path: Path, width: int, height: int) -> Proposals:
+    """Read a ``.mat`` file of MCG or CPMC; parameters and errors are those of `load_csv`."""
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        with path.open("rb") as file:
+            if file.read(len(MATLAB_73)) == MATLAB_73:
+                raise InputError(f"{path} is of MATLAB 7.3, which cannot be read; save it with '-v7'")
+        # Written by programs of any age: whatever is wrong with one, it is the file's fault.
+        loaded: dict[str, Any] = loadmat(path, squeeze_me=False, struct_as_record=True)
+    except InputError:
+        raise
+    except (OSError, MatReadError, ValueError, TypeError, NotImplementedError, IndexError, KeyError) as error:
+        raise InputError(f"{path} cannot be read: {_line(error)}") from None
+    found = _proposal_fields(loaded)
+    scores = found.get("bboxes_scores", found.get("scores"))
+    if scores is not None and "masks" in found:
+        masks = np.atleast_3d(found["masks"])
+        return _masks(path, np.moveaxis(masks, 2, 0), scores, width, height)
+    if "scores" in found and {"superpixels", "labels"} <= set(found):
+        masks = _masks_of_superpixels(path, found["superpixels"], found["labels"])
+        return _masks(path, masks, found["scores"], width, height)
+    if scores is not None and "bboxes" in found:
+        inclusive = np.asarray(found["bboxes"], dtype=np.float64).reshape(-1, 4)
+        up, left, down, right = inclusive.T
+        boxes = np.stack([left - 1.0, up - 1.0, right, down], axis=1)
+        return _boxes(path, boxes, scores, width, height)
+    raise InputError(
+        f"{path} holds {_names(found)}; expected MCG's bboxes (or superpixels and labels) or CPMC's masks, with scores"
+    )
+
+
+def _proposal_fields(loaded: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the variables of a file, or the fields of the first struct that has scores."""
+    variables = {name: value for name, value in loaded.items() if not name.startswith("__")}
+    if not any("scores" in name for name in variables):
+        for value in variables.values():
+            names = getattr(getattr(value, "dtype", None), "names", None)
+            if names and value.size == 1 and any("scores" in name for name in names):
+                return {name: value.flat[0][name] for name in names}
+    return variables
+
+
+def _masks_of_superpixels(path: Path, superpixels: Any, labels: Any) -> npt.NDArray[np.bool_]:
+    """Return a mask a cell of labels: its superpixels."""
+    pixels = np.asarray(superpixels)
+    if pixels.ndim != 2 or pixels.dtype.kind not in "iuf":
+        raise InputError(f"{path}: superpixels must be an image of numbers, got {pixels.dtype} {pixels.shape}")
+    number = pixels.astype(np.int64)
+    cells = [np.asarray(cell).astype(np.int64).ravel() for cell in np.asarray(labels, dtype=object).ravel()]
+    masks = np.zeros((len(cells), *number.shape), dtype=np.bool_)
+    size = int(max((int(number.max(initial=0)), *(int(cell.max(initial=0)) for cell in cells)))) + 1
+    for k, cell in enumerate(cells):
+        chosen = np.zeros(size, dtype=np.bool_)
+        chosen[cell[cell >= 0]] = True
+        masks[k] = chosen[number]
+    return masks
+
+
+def _boxes(path: Path, boxes: npt.ArrayLike, scores: npt.ArrayLike, width: int, height: int) -> Proposals:
+    table = np.asarray(boxes)
+    if table.size and (table.ndim != 2 or table.shape[1] != 4):
+        raise InputError(f"{path}: boxes must be (N, 4), got {table.shape}")
+    table = table.reshape(-1, 4)
+    values = _scores(path, scores, len(table))
+    outside = (table[:, 0] >= width) | (table[:, 1] >= height)
+    if outside.any():
+        raise InputError(
+            f"{path}: box {int(np.flatnonzero(outside)[0])} lies outside the image of {width} x {height} pixels; "
+            "the boxes must be made for the images that are tracked"
+        )
+    return boxes_as_proposals(table, values, width, height)
+
+
+def _masks(path: Path, masks: npt.NDArray[Any], scores: npt.ArrayLike, width: int, height: int) -> Proposals:
+    if masks.ndim != 3 or masks.shape[1:] != (height, width):
+        got = " x ".join(str(n) for n in reversed(masks.shape[1:]))
+        raise InputError(f"{path}: masks of {got} pixels, expected {width} x {height} as the images that are tracked")
+    return masks_as_proposals(masks, _scores(path, scores, len(masks)))
+
+
+def _scores(path: Path, scores: npt.ArrayLike, count: int) -> Float64Array:
+    """Return scores in 0..1, stretched where they are not."""
+    values = np.asarray(scores)
+    if values.size != count or values.dtype.kind not in "iufb":
+        raise InputError(f"{path}: {count} scores expected, got {values.size} of type {values.dtype}")
+    numbers = values.astype(np.float64).ravel()
+    finite = numbers[np.isfinite(numbers)]
+    if len(finite) == 0 or (finite.min() >= 0.0 and finite.max() <= 1.0):
+        return numbers
+    low, high = float(finite.min()), float(finite.max())
+    return np.asarray((numbers - low) / (high - low) if high > low else np.where(np.isfinite(numbers), 1.0, numbers))
+
+
+def _names(found: Mapping[str, Any]) -> str:
+    return ", ".join(sorted(found)) or "nothing"
+
+
+def _line(error: Exception) -> str:
+    return (str(error) or type(error).__name__).splitlines()[0]
+
+
+# By suffix.
+LOADERS: dict[str, Loader] = {".csv": load_csv, ".npz": load_npz, ".mat": load_mat}
