@@ -1,0 +1,206 @@
+"""`cuboid evaluate`: how good a result is, where the truth is known."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from cuboid.evaluation import Evaluation
+    from cuboid.evaluation.evaluate import Identity
+
+HELP = "judge a result by the truth: boxes, labels over time"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.add_argument(
+        "result",
+        type=Path,
+        metavar="RESULT",
+        help="what 'cuboid track' left behind, or a CSV with the boxes of any other tracker",
+    )
+    parser.add_argument("truth", type=Path, metavar="TRUTH", help="a truth file, or the folder of a made recording")
+    parser.add_argument("--json", metavar="FILE", help="write everything as JSON; - prints it and no tables")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Evaluate and print."""
+    from cuboid.cli.tables import console
+    from cuboid.cli.threads import limit_threads
+    from cuboid.evaluation import evaluate
+
+    limit_threads(1)
+    found = evaluate(args.result, args.truth)
+    if args.json is not None:
+        _write_json(found, args.json)
+    if args.json != "-":
+        print_evaluation(found)
+        if args.json is not None:
+            console().print(f"all figures in {args.json}", markup=False)
+    return 0
+
+
+def _write_json(found: Evaluation, name: str) -> None:
+    import json
+
+    from cuboid.outputs.folder import writing
+
+    text = json.dumps(found.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    if name == "-":
+        print(text, end="")
+        return
+    with writing(Path(name)):
+        Path(name).write_text(text, encoding="utf-8")
+
+
+def print_evaluation(found: Evaluation) -> None:
+    """Print everything, as tables."""
+    from cuboid.cli.tables import console
+
+    out = console()
+    skipped = f", {found.frames_skipped} skipped" if found.frames_skipped else ""
+    out.print(f"{found.result} against {found.truth}: {found.frames_judged} frames judged{skipped}", markup=False)
+    out.print(_map_table(found))
+    out.print(_map_line(found), markup=False)
+    if found.identity is None:
+        out.print("labels over time: the truth does not say what is visible in which frame")
+    else:
+        out.print(_identity_table(found.identity))
+        out.print(_identity_lines(found.identity), markup=False)
+        out.print(_reidentification_table(found.identity))
+    out.print(_objects_table(found))
+
+
+def print_comparison(found: Evaluation) -> None:
+    """Print in short how a result compares with the truth: each object, its label, its box."""
+    from cuboid.cli.tables import console
+
+    out = console()
+    out.print(_objects_table(found))
+    at = found.map.at[-1]
+    wrong = len(found.map.wrong_labels)
+    line = f"{at.found} of {found.map.objects} objects found at IoU {at.threshold:g}"
+    line += f", {wrong} box{'' if wrong == 1 else 'es'} of no object"
+    if found.identity is not None:
+        back = found.identity.reidentification[0]
+        line += f", HOTA {found.identity.hota.hota:.3f}"
+        line += f", {back.same_label} of {back.reappearances} reappearances with the old label"
+    out.print(line, markup=False)
+
+
+def _share(value: float | None, digits: int = 3) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _map_table(found: Evaluation) -> Table:
+    from cuboid.cli.tables import new_table
+
+    table = new_table(
+        "map of objects",
+        "precision",
+        "recall",
+        "F1",
+        "AP",
+        "found",
+        "missed",
+        "wrong",
+        "mean IoU",
+        "centre off (cm)",
+        "size off (cm)",
+    )
+    for at in found.map.at:
+        table.add_row(
+            f"at IoU {at.threshold:.2f}",
+            *map(_share, (at.precision, at.recall, at.f1, at.ap)),
+            *map(str, (at.found, at.missed, at.wrong)),
+            _share(at.mean_iou),
+            *(_share(value, 2) for value in (at.center_error_cm, at.size_error_cm)),
+        )
+    return table
+
+
+def _map_line(found: Evaluation) -> str:
+    quality, proposals = found.map, found.proposals
+    line = (
+        f"{quality.objects} objects, {quality.boxes} boxes in the map, {quality.counted} judged: "
+        f"{quality.fragments} fragments, {quality.merges} merges, {quality.false_alarms} false alarms"
+    )
+    if quality.wrong_labels:
+        line += f" (labels that fit no object: {', '.join(map(str, quality.wrong_labels))})"
+    if proposals is not None:
+        line += f"\n{_share(proposals.per_frame, 2)} boxes a frame before matching: " + "; ".join(
+            f"precision {_share(at.precision)}, recall {_share(at.recall)} at IoU {at.threshold:.2f}"
+            for at in proposals.at
+        )
+    return line
+
+
+def _identity_table(identity: Identity) -> Table:
+    from cuboid.cli.tables import new_table
+
+    table = new_table(
+        "labels over time",
+        "IDF1",
+        "IDP",
+        "IDR",
+        "MOTA",
+        "MOTP",
+        "switches",
+        "fragmentations",
+        "missed",
+        "wrong",
+    )
+    for at in identity.at:
+        table.add_row(
+            f"at IoU {at.threshold:.2f}",
+            *map(_share, (at.idf1, at.id_precision, at.id_recall, at.mota, at.motp)),
+            *map(str, (at.switches, at.fragmentations, at.misses, at.false_positives)),
+        )
+    return table
+
+
+def _identity_lines(identity: Identity) -> str:
+    score = identity.hota
+    return (
+        f"HOTA {score.hota:.3f}   DetA {score.det_a:.3f} (recall {score.det_re:.3f}, precision {score.det_pr:.3f})"
+        f"   AssA {score.ass_a:.3f} (recall {score.ass_re:.3f}, precision {score.ass_pr:.3f})"
+        f"   LocA {score.loc_a:.3f}\n"
+        f"label purity {_share(identity.label_purity)}, consistency {_share(identity.label_consistency)}, "
+        f"{_share(identity.labels_per_object, 2)} labels an object, "
+        f"first label after {_share(identity.median_frames_to_first_label, 0)} frames (median)"
+    )
+
+
+def _reidentification_table(identity: Identity) -> Table:
+    from cuboid.cli.tables import new_table
+
+    curve = [at for at in identity.reidentification if at.reappearances] or identity.reidentification[:1]
+    table = new_table("back after an absence of", *(f">= {at.absence_frames} frames" for at in curve))
+    table.add_row("reappearances", *(str(at.reappearances) for at in curve))
+    table.add_row("found again", *(str(at.found) for at in curve))
+    table.add_row("with the old label", *(str(at.same_label) for at in curve))
+    table.add_row("re-identification rate", *(_share(at.rate) for at in curve))
+    return table
+
+
+def _objects_table(found: Evaluation) -> Table:
+    from cuboid.cli.tables import new_table
+
+    table = new_table("object", "label", "IoU", "centre off (cm)", "labels", "switches", "found in", "first after")
+    for item in found.objects:
+        box, had = item.box, item.labels
+        table.add_row(
+            item.name,
+            "-" if box is None else str(box.label),
+            _share(None if box is None else box.iou),
+            _share(None if box is None else box.center_error_cm, 2),
+            "-" if had is None else ", ".join(map(str, had.labels)) or "none",
+            "-" if had is None else str(had.switches),
+            "-" if had is None else f"{had.frames_found} of {had.frames_to_find}",
+            "-" if had is None or had.frames_to_first_label is None else f"{had.frames_to_first_label} frames",
+        )
+    return table

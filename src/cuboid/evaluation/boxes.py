@@ -1,0 +1,273 @@
+"""The map of objects at the end against the objects that are there; and each frame's own boxes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+
+from cuboid.evaluation.matching import FrameOverlap, match, ratio
+from cuboid.evaluation.result import MapBoxes
+from cuboid.evaluation.scope import FOUND_IOU, Scope, counted
+from cuboid.frame import Float64Array
+from cuboid.geometry.overlap import overlap_min_matrix
+
+THRESHOLDS = (0.25, 0.5)
+# Share of the smaller of two boxes from which on a box is one of an object, or an object one in a box: the lowest
+# tolerance with which regions are compared in Hoover et al. 1996 must be above 0.5; at 0.5 each box has one object.
+SHARE = 0.5
+_ORDERS = tuple(permutations(range(3)))
+
+
+@dataclass(frozen=True, slots=True)
+class MapAt:
+    """The map at one IoU threshold.
+
+    Attributes
+    ----------
+    threshold : float
+        Least IoU of a pair.
+    found, missed, wrong : int
+        Objects paired with a box, objects without, boxes without.
+    precision, recall, f1 : float or None
+        None where nothing is judged.
+    ap : float or None
+        Average precision, the boxes ranked by score.
+    mean_iou, center_error_cm, size_error_cm : float or None
+        Means over the pairs.
+    """
+
+    threshold: float
+    found: int
+    missed: int
+    wrong: int
+    precision: float | None
+    recall: float | None
+    f1: float | None
+    ap: float | None
+    mean_iou: float | None
+    center_error_cm: float | None
+    size_error_cm: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectBox:
+    """The box that an object has in the map.
+
+    Attributes
+    ----------
+    label : int
+    iou, center_error_cm, size_error_cm : float
+    """
+
+    label: int
+    iou: float
+    center_error_cm: float
+    size_error_cm: float
+
+
+@dataclass(frozen=True, slots=True)
+class MapQuality:
+    """How good the map of objects is.
+
+    Attributes
+    ----------
+    objects : int
+        To be found.
+    boxes : int
+        In the map, those included that count neither way ("3D proposals a scene" of Pahwa et al. 2017).
+    counted : int
+        Of them, those that are judged.
+    at : tuple of MapAt
+        At each of `THRESHOLDS`.
+    fragments : int
+        Boxes that an object has besides its first.
+    merges : int
+        Objects that a box holds besides its first.
+    false_alarms : int
+        Judged boxes that lie on no object at all.
+    wrong_labels : tuple of int
+        Labels of the judged boxes that pair with no object at IoU 0.25.
+    """
+
+    objects: int
+    boxes: int
+    counted: int
+    at: tuple[MapAt, ...]
+    fragments: int
+    merges: int
+    false_alarms: int
+    wrong_labels: tuple[int, ...]
+
+
+def map_quality(scope: Scope, found: MapBoxes) -> tuple[MapQuality, list[ObjectBox | None]]:
+    """Compare the map with the truth.
+
+    Returns
+    -------
+    MapQuality
+    list of ObjectBox or None
+        For each judged object its box at IoU 0.25 or more.
+    """
+    must = scope.must_map()
+    lie = scope.boxes(found.boxes)
+    counts = counted(lie.iou[:, must].T, lie.left_out | lie.on_judged[:, ~must].any(1))
+    boxes, truth, iou = found.boxes[counts], scope.packed[must], lie.iou[counts][:, must]
+    score = found.score[counts]
+    center, size = center_errors(boxes, truth), size_errors(boxes, truth)
+    fragments, merges, alarms = fragments_and_merges(boxes, truth, iou)
+    labels, pairs = found.label[counts], match(iou, FOUND_IOU)
+    quality = MapQuality(
+        objects=int(must.sum()),
+        boxes=len(found.label),
+        counted=int(counts.sum()),
+        at=tuple(_map_at(threshold, iou, score, center, size) for threshold in THRESHOLDS),
+        fragments=fragments,
+        merges=merges,
+        false_alarms=alarms,
+        wrong_labels=tuple(np.delete(labels, [i for i, _ in pairs]).tolist()),
+    )
+    of_object: list[ObjectBox | None] = [None] * len(must)
+    for i, j in pairs:
+        of_object[int(np.flatnonzero(must)[j])] = ObjectBox(
+            int(labels[i]), float(iou[i, j]), float(center[i, j]), float(size[i, j])
+        )
+    return quality, of_object
+
+
+def _map_at(
+    threshold: float, iou: Float64Array, score: Float64Array, center: Float64Array, size: Float64Array
+) -> MapAt:
+    pairs = match(iou, threshold)
+    hits, (boxes, objects) = len(pairs), iou.shape
+    i, j = np.array(pairs, np.int64).reshape(-1, 2).T
+    return MapAt(
+        threshold=threshold,
+        found=hits,
+        missed=objects - hits,
+        wrong=boxes - hits,
+        precision=ratio(hits, boxes),
+        recall=ratio(hits, objects),
+        f1=ratio(2 * hits, boxes + objects),
+        ap=average_precision(iou, score, threshold),
+        mean_iou=ratio(iou[i, j].sum(), hits),
+        center_error_cm=ratio(center[i, j].sum(), hits),
+        size_error_cm=ratio(size[i, j].sum(), hits),
+    )
+
+
+def average_precision(iou: Float64Array, score: Float64Array, threshold: float) -> float | None:
+    """Return the area under precision over recall, boxes taken by falling score.
+
+    Each box takes the object, of those still free, that it overlaps most, if by `threshold` or more (Lin et al.,
+    ECCV 2014). The area is under the precision's falling envelope, at every recall (Everingham et al., "The PASCAL
+    VOC Challenge", IJCV 2010, as of 2010).
+
+    Parameters
+    ----------
+    iou : (N, G) float64
+    score : (N,) float64
+    threshold : float
+    """
+    if iou.shape[1] == 0:
+        return None
+    order = np.argsort(-score, kind="stable")
+    free = np.ones(iou.shape[1], bool)
+    hit = np.zeros(len(order), bool)
+    for k, box in enumerate(order):
+        open_iou = np.where(free, iou[box], -1.0)
+        best = int(open_iou.argmax())
+        if open_iou[best] >= threshold:
+            hit[k], free[best] = True, False
+    precision = hit.cumsum() / np.arange(1, len(hit) + 1)
+    envelope = np.maximum.accumulate(precision[::-1])[::-1]
+    return float(envelope[hit].sum() / iou.shape[1])
+
+
+def center_errors(boxes: Float64Array, truth: Float64Array) -> Float64Array:
+    """Return the distances of centres (N, G) in centimetres."""
+    return np.asarray(np.linalg.norm(boxes[:, None, :3] - truth[None, :, :3], axis=2) * 100.0)
+
+
+def size_errors(boxes: Float64Array, truth: Float64Array) -> Float64Array:
+    """Return the mean differences of the three side lengths (N, G) in centimetres.
+
+    Sides are compared along the axes that agree best, since a box may name its length width.
+    """
+    axes, true_axes = boxes[:, 6:].reshape(-1, 3, 3), truth[:, 6:].reshape(-1, 3, 3)
+    agree = np.abs(np.einsum("nai,gaj->ngij", axes, true_axes))  # i: axis of the box, j: of the object
+    rows = np.arange(3)
+    fit = np.stack([agree[..., rows, order].sum(-1) for order in _ORDERS], axis=-1)
+    sides = np.stack([truth[:, 3:6][:, order] for order in _ORDERS])  # (6, G, 3)
+    chosen = sides[fit.argmax(-1), np.arange(len(truth))]
+    return np.asarray(np.abs(boxes[:, None, 3:6] - chosen).mean(-1) * 100.0)
+
+
+def fragments_and_merges(boxes: Float64Array, truth: Float64Array, iou: Float64Array) -> tuple[int, int, int]:
+    """Return fragments, merges and false alarms among judged boxes.
+
+    A box and an object belong together where they share half of the smaller of both. Fragments are the boxes that
+    an object has besides its first, each box counted with the object that it overlaps most; merges are the
+    objects that a box holds at least half of, besides its first. A box that belongs to no object is a false
+    alarm. After over- and under-segmentation and noise in Hoover et al., "An Experimental Comparison of Range Image
+    Segmentation Algorithms", PAMI 1996.
+    """
+    if not (len(boxes) and len(truth)):
+        return 0, 0, len(boxes)
+    together = (overlap_min_matrix(boxes, truth) >= SHARE) | (iou >= FOUND_IOU)
+    some = together.any(1)
+    best = np.where(together, iou, -1.0).argmax(1)[some]
+    per_object = np.bincount(best, minlength=len(truth))
+    volume, true_volume = boxes[:, 3:6].prod(1)[:, None], truth[:, 3:6].prod(1)[None]
+    common = iou / (1.0 + iou) * (volume + true_volume)  # iou = common / (volume + true_volume - common)
+    held = (common >= SHARE * true_volume).sum(1)
+    return (
+        int(np.maximum(per_object - 1, 0).sum()),
+        int(np.maximum(held - 1, 0).sum()),
+        int((~some).sum()),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ProposalsAt:
+    """Each frame's own boxes at one IoU threshold, over all judged frames.
+
+    Attributes
+    ----------
+    threshold : float
+    precision, recall, f1 : float or None
+    """
+
+    threshold: float
+    precision: float | None
+    recall: float | None
+    f1: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class ProposalQuality:
+    """How good each frame's own 3D boxes are, before matching.
+
+    Attributes
+    ----------
+    per_frame : float or None
+        Mean number of boxes a judged frame, those included that count neither way.
+    at : tuple of ProposalsAt
+        At each of `THRESHOLDS`.
+    """
+
+    per_frame: float | None
+    at: tuple[ProposalsAt, ...]
+
+
+def proposal_quality(frames: Sequence[FrameOverlap], boxes: int) -> ProposalQuality:
+    """Return how good the boxes of single frames are; `boxes` is how many there are in all judged frames."""
+    objects = sum(len(frame.truth) for frame in frames)
+    judged = sum(len(frame.found) for frame in frames)
+    at = []
+    for threshold in THRESHOLDS:
+        hits = sum(len(match(frame.iou, threshold)) for frame in frames)
+        at.append(ProposalsAt(threshold, ratio(hits, judged), ratio(hits, objects), ratio(2 * hits, judged + objects)))
+    return ProposalQuality(ratio(boxes, len(frames)), tuple(at))

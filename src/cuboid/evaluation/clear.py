@@ -1,0 +1,147 @@
+"""CLEAR MOT and IDF1: misses, false positives, switches at one threshold, and identity over the whole sequence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cuboid.evaluation.matching import FrameOverlap, match, ratio
+from cuboid.objects.matching import assign
+
+Pairs = list[tuple[int, int]]
+
+
+@dataclass(frozen=True, slots=True)
+class Clear:
+    """What a tracker did at one IoU threshold.
+
+    Attributes
+    ----------
+    threshold : float
+        Least IoU of a pair.
+    mota : float or None
+        1 - (misses + false positives + switches) / objects to be found; None where there is nothing to find.
+    motp : float or None
+        Mean IoU of the pairs.
+    matches, misses, false_positives : int
+        Over all frames.
+    switches : int
+        How often an object is found under another label than the last time.
+    fragmentations : int
+        How often an object is lost between frames in which it is found, while it was to be found.
+    idf1, id_precision, id_recall : float or None
+        Of the sightings, under the best one-to-one pairing of objects with labels over the whole sequence.
+    """
+
+    threshold: float
+    mota: float | None
+    motp: float | None
+    matches: int
+    misses: int
+    false_positives: int
+    switches: int
+    fragmentations: int
+    idf1: float | None
+    id_precision: float | None
+    id_recall: float | None
+
+
+def correspondences(frames: Sequence[FrameOverlap], threshold: float) -> list[Pairs]:
+    """Pair objects with labels in each frame.
+
+    An object keeps the label that it last had wherever both still overlap enough; the others are matched so that
+    most are found, at the largest summed IoU.
+
+    Parameters
+    ----------
+    frames : sequence of FrameOverlap
+    threshold : float
+        Least IoU of a pair.
+
+    Returns
+    -------
+    list of list of (int, int)
+        For each frame, object and label, numbered as in `frames`.
+
+    Notes
+    -----
+    Bernardin, Stiefelhagen, "Evaluating Multiple Object Tracking Performance: The CLEAR MOT Metrics",
+    EURASIP Journal on Image and Video Processing 2008.
+    """
+    last: dict[int, int] = {}
+    result = []
+    for frame in frames:
+        truth, found = frame.truth.tolist(), frame.found.tolist()
+        column = {label: j for j, label in enumerate(found)}
+        kept: Pairs = []
+        taken: set[int] = set()
+        for i, thing in enumerate(truth):
+            j = column.get(last.get(thing, -1))
+            if j is not None and j not in taken and frame.iou[i, j] >= threshold:
+                kept.append((i, j))
+                taken.add(j)
+        open_iou = frame.iou.copy()
+        for i, j in kept:
+            open_iou[i], open_iou[:, j] = -1.0, -1.0
+        pairs = [(truth[i], found[j]) for i, j in sorted([*kept, *match(open_iou, threshold)])]
+        last.update(pairs)
+        result.append(pairs)
+    return result
+
+
+def clear(frames: Sequence[FrameOverlap], pairs: Sequence[Pairs], threshold: float) -> Clear:
+    """Return CLEAR MOT and IDF1 of a sequence.
+
+    Parameters
+    ----------
+    frames : sequence of FrameOverlap
+    pairs : sequence of list of (int, int)
+        Their `correspondences` at `threshold`.
+    threshold : float
+
+    Notes
+    -----
+    MOTA, MOTP, switches: Bernardin and Stiefelhagen 2008. Fragmentations: Li, Huang, Nevatia, "Learning to
+    Associate", CVPR 2009. IDF1: Ristani, Solera, Zou, Cucchiara, Tomasi, "Performance Measures and a Data Set for
+    Multi-Target, Multi-Camera Tracking", ECCV workshops 2016.
+    """
+    to_find = sum(len(frame.truth) for frame in frames)
+    boxes = sum(len(frame.found) for frame in frames)
+    matches, switches, fragmentations, overlap = 0, 0, 0, 0.0
+    last: dict[int, int] = {}
+    lost: set[int] = set()
+    for frame, here in zip(frames, pairs, strict=True):
+        row, column = ({int(key): k for k, key in enumerate(keys)} for keys in (frame.truth, frame.found))
+        matches += len(here)
+        overlap += sum(frame.iou[row[thing], column[label]] for thing, label in here)
+        switches += sum(last.get(thing, label) != label for thing, label in here)
+        found = {thing for thing, _ in here}
+        fragmentations += len(found & lost)
+        lost = (lost | (last.keys() & row.keys())) - found
+        last.update(here)
+    true_positives = _identity_matches(frames, threshold)
+    return Clear(
+        threshold=threshold,
+        mota=None if to_find == 0 else 1.0 - (to_find - matches + boxes - matches + switches) / to_find,
+        motp=ratio(overlap, matches),
+        matches=matches,
+        misses=to_find - matches,
+        false_positives=boxes - matches,
+        switches=switches,
+        fragmentations=fragmentations,
+        idf1=ratio(2 * true_positives, to_find + boxes),
+        id_precision=ratio(true_positives, boxes),
+        id_recall=ratio(true_positives, to_find),
+    )
+
+
+def _identity_matches(frames: Sequence[FrameOverlap], threshold: float) -> int:
+    """Return the sightings that agree under the best one-to-one pairing of objects with labels."""
+    objects = 1 + max((int(frame.truth.max(initial=-1)) for frame in frames), default=-1)
+    labels = 1 + max((int(frame.found.max(initial=-1)) for frame in frames), default=-1)
+    together = np.zeros((objects, labels))
+    for frame in frames:
+        together[np.ix_(frame.truth, frame.found)] += frame.iou >= threshold
+    return int(sum(together[i, j] for i, j in assign(together, 1.0)))

@@ -1,0 +1,207 @@
+"""A result against the truth: everything that can be said of the two."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cuboid.errors import InputError
+from cuboid.evaluation.boxes import (
+    THRESHOLDS,
+    MapQuality,
+    ObjectBox,
+    ProposalQuality,
+    map_quality,
+    proposal_quality,
+)
+from cuboid.evaluation.clear import Clear, clear, correspondences
+from cuboid.evaluation.hota import Hota, hota
+from cuboid.evaluation.labels import (
+    ObjectLabels,
+    Reidentification,
+    consistency,
+    object_labels,
+    purity,
+    reidentification,
+    timelines,
+)
+from cuboid.evaluation.result import BoxRows, IntArray, Result, read_result
+from cuboid.evaluation.scope import FOUND_IOU, Scope
+from cuboid.evaluation.truth import Truth, read_truth
+from cuboid.outputs.text import LENGTH, rounded
+
+FORMAT, VERSION = "cuboid-evaluation", 1
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """How well objects keep their labels over time.
+
+    Attributes
+    ----------
+    hota : Hota
+    at : tuple of Clear
+        CLEAR MOT and IDF1 at IoU 0.25 and 0.5.
+    reidentification : tuple of Reidentification
+        By length of absence.
+    label_purity, label_consistency : float or None
+        Share of sightings whose label mostly means this object; that have their object's most frequent label.
+    labels_per_object : float or None
+        Mean over objects that were found.
+    median_frames_to_first_label : float or None
+        Over objects that were found.
+    """
+
+    hota: Hota
+    at: tuple[Clear, ...]
+    reidentification: tuple[Reidentification, ...]
+    label_purity: float | None
+    label_consistency: float | None
+    labels_per_object: float | None
+    median_frames_to_first_label: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectOutcome:
+    """What became of one judged object.
+
+    Attributes
+    ----------
+    id : int
+    name : str
+    box : ObjectBox or None
+        Its box in the map; None where none has IoU 0.25 or more with it.
+    labels : ObjectLabels or None
+        None where the truth says nothing of visibility.
+    """
+
+    id: int
+    name: str
+    box: ObjectBox | None
+    labels: ObjectLabels | None
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """All that `evaluate` finds.
+
+    Attributes
+    ----------
+    result, truth : str
+        What was compared.
+    frames_judged, frames_skipped : int
+        Frames of the recording that were judged, and those that the tracker was given and could not use.
+    map : MapQuality
+    identity : Identity or None
+        None where the truth says nothing of visibility.
+    proposals : ProposalQuality or None
+        None without visibility, or where the result has no boxes of single frames.
+    objects : tuple of ObjectOutcome
+        The judged ones, by id.
+    """
+
+    result: str
+    truth: str
+    frames_judged: int
+    frames_skipped: int
+    map: MapQuality
+    identity: Identity | None
+    proposals: ProposalQuality | None
+    objects: tuple[ObjectOutcome, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything, ready for JSON: numbers have six decimals, what is undefined is None."""
+        plain: dict[str, Any] = _plain(asdict(self))
+        return {"format": FORMAT, "version": VERSION, **plain}
+
+
+def evaluate(result: Result | Path | str, truth: Truth | Path | str) -> Evaluation:
+    """Judge a result by the truth.
+
+    Parameters
+    ----------
+    result : Result or path
+        A result folder, or a CSV with the boxes of any other tracker.
+    truth : Truth or path
+        A truth file.
+
+    Raises
+    ------
+    InputError
+        A file cannot be used, or result and truth are of different recordings.
+    """
+    result = result if isinstance(result, Result) else read_result(Path(result))
+    truth = truth if isinstance(truth, Truth) else read_truth(Path(truth))
+    frames = _judged_frames(result, truth)
+    scope = Scope(truth, frames)
+    quality, boxes = map_quality(scope, result.objects)
+    labels: list[ObjectLabels | None] = [None] * len(boxes)
+    identity, proposals = None, None
+    if scope.shown is not None:
+        identity, labels[:] = _identity(scope, result.tracks)
+        proposals = _proposals(scope, result.proposals)
+    return Evaluation(
+        result=str(result.path),
+        truth=truth.name,
+        frames_judged=len(frames),
+        frames_skipped=result.skipped,
+        map=quality,
+        identity=identity,
+        proposals=proposals,
+        objects=tuple(
+            ObjectOutcome(item.id, item.name, box, had)
+            for item, box, had in zip(scope.objects, boxes, labels, strict=True)
+        ),
+    )
+
+
+def _judged_frames(result: Result, truth: Truth) -> IntArray:
+    """Return the frames that the tracker used, or all of the truth's where the result does not say."""
+    known = truth.frames
+    if result.frames is not None:
+        frames = result.frames
+    elif known is not None:
+        frames = np.arange(known)
+    else:
+        frames = np.unique(result.tracks.frame)
+    last = max(frames.max(initial=-1), result.tracks.frame.max(initial=-1))
+    if known is not None and last >= known:
+        raise InputError(f"{result.path}: has frame {last}, but {truth.path} is of a recording of {known} frames")
+    return frames
+
+
+def _identity(scope: Scope, tracks: BoxRows) -> tuple[Identity, list[ObjectLabels]]:
+    names = np.unique(tracks.label)
+    frames = scope.frame_overlaps(tracks)
+    pairs = {threshold: correspondences(frames, threshold) for threshold in THRESHOLDS}
+    lines = timelines(frames, pairs[FOUND_IOU], len(scope.objects), names)
+    labels = object_labels(lines)
+    found = [item for item in labels if item.labels]
+    waits = [item.frames_to_first_label for item in found if item.frames_to_first_label is not None]
+    identity = Identity(
+        hota=hota(frames, len(scope.objects), len(names)),
+        at=tuple(clear(frames, pairs[threshold], threshold) for threshold in THRESHOLDS),
+        reidentification=reidentification(lines),
+        label_purity=purity(lines),
+        label_consistency=consistency(lines),
+        labels_per_object=float(np.mean([len(item.labels) for item in found])) if found else None,
+        median_frames_to_first_label=float(np.median(waits)) if waits else None,
+    )
+    return identity, labels
+
+
+def _proposals(scope: Scope, rows: BoxRows | None) -> ProposalQuality | None:
+    if rows is None:
+        return None
+    return proposal_quality(scope.frame_overlaps(rows), int(np.isin(rows.frame, scope.frames).sum()))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return rounded(value, LENGTH) if isinstance(value, float) else value

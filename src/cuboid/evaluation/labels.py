@@ -1,0 +1,182 @@
+"""What a label for life means in a static scene: the old label after an absence, one label an object, soon."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cuboid.evaluation.clear import Pairs
+from cuboid.evaluation.matching import FrameOverlap, ratio
+from cuboid.evaluation.result import IntArray
+
+# Absences, in frames of the recording, for which the curve is given: a blink up to ten seconds at 30 Hz.
+ABSENCES = (1, 3, 10, 30, 100, 300)
+# A reappearance counts from so many judged frames on: what flits past the camera can be confirmed by nobody.
+STAY_FRAMES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectLabels:
+    """The labels that one object had.
+
+    Attributes
+    ----------
+    labels : tuple of int
+        In the order in which they came.
+    main_label : int or None
+        The most frequent one, the older of two as frequent; None where the object was never found.
+    main_share : float or None
+        Its share of the frames in which the object was found.
+    switches : int
+        How often the object was found under another label than the last time.
+    frames_to_find, frames_found : int
+        Judged frames that must find it, and those of them that did.
+    frames_to_first_label : int or None
+        Frames of the recording from the first that must find it to the first that did.
+    """
+
+    labels: tuple[int, ...]
+    main_label: int | None
+    main_share: float | None
+    switches: int
+    frames_to_find: int
+    frames_found: int
+    frames_to_first_label: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Reidentification:
+    """What became of objects that came back.
+
+    Attributes
+    ----------
+    absence_frames : int
+        Absences of at least so many frames of the recording are counted.
+    reappearances : int
+        How often an object that had a label was absent so long and came back for `STAY_FRAMES` or more.
+    found : int
+        How often it was found again before its next such absence.
+    same_label : int
+        How often the first label that it then got was the last one that it had.
+    rate : float or None
+        same_label / reappearances.
+    """
+
+    absence_frames: int
+    reappearances: int
+    found: int
+    same_label: int
+    rate: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Timelines:
+    """The label of each object in each judged frame.
+
+    Attributes
+    ----------
+    frames : (T,) int64
+        Of the recording.
+    must : (T, G) bool
+        Whether the frame must find the object.
+    label : (T, G) int64
+        0 where it does not.
+    """
+
+    frames: IntArray
+    must: np.ndarray[tuple[int, int], np.dtype[np.bool_]]
+    label: np.ndarray[tuple[int, int], np.dtype[np.int64]]
+
+
+def timelines(frames: Sequence[FrameOverlap], pairs: Sequence[Pairs], objects: int, labels: IntArray) -> Timelines:
+    """Lay the pairs of each frame out over time; `labels` are the sequence's labels by their number."""
+    shape = len(frames), objects
+    must, label = np.zeros(shape, bool), np.zeros(shape, np.int64)
+    for t, (frame, here) in enumerate(zip(frames, pairs, strict=True)):
+        must[t, frame.truth] = True
+        for thing, number in here:
+            label[t, thing] = labels[number]
+    return Timelines(np.array([frame.frame for frame in frames], np.int64), must, label)
+
+
+def object_labels(lines: Timelines) -> list[ObjectLabels]:
+    """Return what labels each object had."""
+    return [_one(lines.frames, must, label) for must, label in zip(lines.must.T, lines.label.T, strict=True)]
+
+
+def _one(frames: IntArray, must: np.ndarray, label: np.ndarray) -> ObjectLabels:
+    times = np.flatnonzero(label)
+    had = label[times]
+    order = tuple(dict.fromkeys(had.tolist()))
+    main = max(order, key=lambda name: (int((had == name).sum()), -name), default=None)
+    return ObjectLabels(
+        labels=order,
+        main_label=main,
+        main_share=None if main is None else float((had == main).mean()),
+        switches=int((had[1:] != had[:-1]).sum()),
+        frames_to_find=int(must.sum()),
+        frames_found=len(times),
+        frames_to_first_label=int(frames[times[0]] - frames[must.argmax()]) if len(times) else None,
+    )
+
+
+def purity(lines: Timelines) -> float | None:
+    """Return the share of sightings whose label means, in most of its sightings, that very object.
+
+    Manning, Raghavan, Schuetze, "Introduction to Information Retrieval", 2008, section 16.3, with the labels as
+    clusters and the objects as classes. Many labels for one object do not lower it; see `consistency`.
+    """
+    return _agreement(lines, by_label=True)
+
+
+def consistency(lines: Timelines) -> float | None:
+    """Return the share of sightings that have their object's most frequent label: purity, the other way round."""
+    return _agreement(lines, by_label=False)
+
+
+def _agreement(lines: Timelines, *, by_label: bool) -> float | None:
+    time, thing = np.nonzero(lines.label)
+    pairs = np.stack([lines.label[time, thing], thing], axis=1)
+    distinct, count = np.unique(pairs, axis=0, return_counts=True)
+    groups = distinct[:, 0 if by_label else 1]
+    most = sum(int(count[groups == group].max()) for group in np.unique(groups))
+    return ratio(most, len(time))
+
+
+def reidentification(lines: Timelines, absences: Sequence[int] = ABSENCES) -> tuple[Reidentification, ...]:
+    """Return the re-identification rate for absences of at least so many frames.
+
+    An object is absent from the first judged frame that need not find it to the next that must. Shorter absences
+    than asked for do not interrupt its presence. What was never found before the absence had no label to keep,
+    and is not counted.
+    """
+    return tuple(_reidentified(lines, least) for least in absences)
+
+
+def _reidentified(lines: Timelines, least: int) -> Reidentification:
+    came, found, same = 0, 0, 0
+    for must, label in zip(lines.must.T, lines.label.T, strict=True):
+        stays = _stays(lines.frames, must, least)
+        old = 0
+        for k, (start, end) in enumerate(stays):
+            had = label[start:end][label[start:end] > 0]
+            if k > 0 and old and must[start:end].sum() >= STAY_FRAMES:
+                came += 1
+                found += len(had) > 0
+                same += int(len(had) > 0 and had[0] == old)
+            old = int(had[-1]) if len(had) else old
+    return Reidentification(least, came, found, same, ratio(same, came))
+
+
+def _stays(frames: IntArray, must: np.ndarray, least: int) -> list[tuple[int, int]]:
+    """Return where an object is present, [start, end), between absences of at least `least` frames."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], must, [False]]).astype(np.int8)))
+    stays: list[tuple[int, int]] = []
+    for start, end in edges.reshape(-1, 2).tolist():
+        if stays and frames[start] - frames[stays[-1][1]] < least:
+            stays[-1] = stays[-1][0], end
+        else:
+            stays.append((start, end))
+    return stays

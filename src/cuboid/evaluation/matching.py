@@ -1,0 +1,57 @@
+"""What the metrics of a sequence are computed from: the overlap in each frame, and one-to-one matching."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cuboid.evaluation.result import IntArray
+from cuboid.frame import Float64Array
+from cuboid.objects.matching import assign
+
+
+@dataclass(frozen=True, slots=True)
+class FrameOverlap:
+    """What is to be found in a frame, what was found, and how they overlap.
+
+    Attributes
+    ----------
+    frame : int
+        Of the recording.
+    truth : (G,) int64
+        Objects, numbered from 0 over the sequence.
+    found : (P,) int64
+        Labels, numbered from 0 over the sequence.
+    iou : (G, P) float64
+    """
+
+    frame: int
+    truth: IntArray
+    found: IntArray
+    iou: Float64Array
+
+
+def match(iou: Float64Array, threshold: float) -> list[tuple[int, int]]:
+    """Pair rows with columns one to one.
+
+    Parameters
+    ----------
+    iou : (N, M) float64
+        0..1.
+    threshold : float
+        Pairs below it are not made.
+
+    Returns
+    -------
+    list of (int, int)
+        As many pairs as can be, and among those the largest summed IoU (Kuhn 1955).
+    """
+    # A pair more outweighs any sum of IoU, which stays below the number of pairs.
+    bonus = 1.0 + min(iou.shape)
+    return assign(np.where(iou >= threshold, bonus + iou, 0.0), bonus)
+
+
+def ratio(part: float, whole: float) -> float | None:
+    """Return part / whole; None where there is no whole."""
+    return float(part / whole) if whole else None

@@ -1,0 +1,129 @@
+"""What counts: objects that must be found, objects that may be, and boxes that count neither way.
+
+An object must be found in a frame that shows more than `MUST_SEE_SHARE` of it. It may be found where it is shown
+less: then neither its absence nor its presence counts, as with heavily occluded objects in KITTI (Geiger, Lenz,
+Urtasun, CVPR 2012). The same holds of objects that are not judged and of places to be ignored. A found box that
+pairs with no object to be found is left out where it lies on one of those, or where its centre lies outside of the
+judged region.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.evaluation.matching import FrameOverlap, match
+from cuboid.evaluation.result import BoxRows, IntArray
+from cuboid.evaluation.truth import Truth, TruthObject
+from cuboid.frame import Float64Array
+from cuboid.geometry.overlap import intersection_matrix, iou_matrix, pack
+
+BoolArray = npt.NDArray[np.bool_]
+
+# Share of an object above which a frame must find it: at a tenth, a mug has some hundred pixels left.
+MUST_SEE_SHARE = 0.1
+# Lowest IoU at which anything is called found; what pairs with an object at this is judged, wherever it lies.
+FOUND_IOU = 0.25
+# A box lies on something that does not count if half of it does (COCO's rule for crowds takes the same share of
+# the found box: Lin et al., ECCV 2014), or if both agree as found boxes do.
+LIES_ON_SHARE = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Boxes:
+    """How found boxes lie to everything in the truth.
+
+    Attributes
+    ----------
+    iou : (N, G) float64
+        With the judged objects.
+    on_judged : (N, G) bool
+        Whether the box lies on the judged object.
+    left_out : (N,) bool
+        Whether it lies outside of the judged region or on something that never counts.
+    """
+
+    iou: Float64Array
+    on_judged: BoolArray
+    left_out: BoolArray
+
+
+class Scope:
+    """The judged objects of a truth, and what else matters for the judgement.
+
+    Parameters
+    ----------
+    truth : Truth
+    frames : (T,) int64
+        Frames of the recording that are judged.
+
+    Attributes
+    ----------
+    objects : tuple of TruthObject
+        The judged ones.
+    packed : (G, 15) float64
+        Their boxes.
+    frames : (T,) int64
+    shown : (T, G) float64 or None
+        Their visible shares in the judged frames.
+    """
+
+    def __init__(self, truth: Truth, frames: IntArray) -> None:
+        judged = [k for k, item in enumerate(truth.objects) if item.judged]
+        aside = [item.box for item in truth.objects if not item.judged]
+        self.objects: tuple[TruthObject, ...] = tuple(truth.objects[k] for k in judged)
+        self.packed = pack([item.box for item in self.objects])
+        self.frames = frames
+        self.shown = None if truth.visibility is None else truth.visibility[frames][:, judged]
+        self._aside = pack([*aside, *truth.ignored])
+        self._region = truth.region
+
+    def boxes(self, found: Float64Array) -> Boxes:
+        """Return how found boxes (N, 15) lie to the truth."""
+        on_aside = _lies_on(found, self._aside, iou_matrix(found, self._aside)).any(1)
+        outside = np.zeros(len(found), bool)
+        if self._region is not None:
+            outside = ~self._region.contains(found[:, :3])
+        iou = iou_matrix(found, self.packed)
+        return Boxes(iou, _lies_on(found, self.packed, iou), on_aside | outside)
+
+    def must_map(self) -> BoolArray:
+        """Tell which judged objects the map must have: those that some judged frame must find, (G,)."""
+        if self.shown is None:
+            return np.ones(len(self.objects), bool)
+        return np.asarray((self.shown > MUST_SEE_SHARE).any(0))
+
+    def frame_overlaps(self, rows: BoxRows) -> list[FrameOverlap]:
+        """Return for each judged frame what must be found in it, and what was found that counts.
+
+        `found` of the frames are indices into the sorted distinct labels of `rows`.
+        """
+        assert self.shown is not None
+        _, number = np.unique(rows.label, return_inverse=True)
+        lie = self.boxes(rows.boxes)
+        start, end = (np.searchsorted(rows.frame, self.frames, side) for side in ("left", "right"))
+        overlaps = []
+        for t, frame in enumerate(self.frames.tolist()):
+            here = slice(int(start[t]), int(end[t]))
+            must = np.flatnonzero(self.shown[t] > MUST_SEE_SHARE)
+            may = (self.shown[t] > 0) & (self.shown[t] <= MUST_SEE_SHARE)
+            iou = lie.iou[here][:, must].T
+            counts = counted(iou, lie.left_out[here] | lie.on_judged[here][:, may].any(1))
+            overlaps.append(FrameOverlap(frame, must, number[here][counts], iou[:, counts]))
+        return overlaps
+
+
+def counted(iou: Float64Array, left_out: BoolArray) -> BoolArray:
+    """Tell which found boxes count, (P,): those that pair with a row of `iou` (G, P), and those not left out."""
+    result = ~left_out
+    result[[j for _, j in match(iou, FOUND_IOU)]] = True
+    return result
+
+
+def _lies_on(found: Float64Array, things: Float64Array, iou: Float64Array) -> BoolArray:
+    """Tell which found boxes (N, 15) lie on which things (M, 15), (N, M)."""
+    common = intersection_matrix(found, things)
+    volume = found[:, 3:6].prod(1)[:, None]
+    return np.asarray((common > 0) & ((common >= LIES_ON_SHARE * volume) | (iou >= FOUND_IOU)))
