@@ -1,0 +1,214 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cuboid.kernels import regions, segments
+from cuboid.kernels.cells import CELL_COLUMNS, fit_cells
+
+PINHOLE = np.array([265.0, 265.0, 79.5, 59.5])
+SHAPE = (120, 160)
+NOISE = 1e-3
+SIZE = 8
+
+
+def ray(v: np.ndarray, u: np.ndarray) -> np.ndarray:
+    return np.stack([(u - PINHOLE[2]) / PINHOLE[0], (v - PINHOLE[3]) / PINHOLE[1], np.ones(u.shape)], axis=-1)
+
+
+def depth_of(*planes: tuple[tuple[float, float, float], float]) -> np.ndarray:
+    """Depth of the nearest of planes n . p = d."""
+    v, u = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    layers = [d / (ray(v, u) @ np.array(n)) for n, d in planes]
+    return np.minimum.reduce(layers).astype(np.float32)
+
+
+def planes_of(depth: np.ndarray, least_area: float = 0.02) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    rows, columns = SHAPE[0] // SIZE, SHAPE[1] // SIZE
+    cells = np.empty((rows * columns, CELL_COLUMNS))
+    fit_cells(depth, PINHOLE, SIZE, 4.0, cells)
+    planes, member = np.empty((6, 3)), np.empty((rows, columns), np.int16)
+    count = segments.grow_planes(cells, (rows, columns), PINHOLE, SIZE, NOISE, 0.004, 5e-3, least_area, planes, member)
+    return cells, planes, member, count
+
+
+def test_two_planes_that_meet_are_found_with_their_equations() -> None:
+    # a floor-like plane and a wall behind it
+    depth = depth_of(((0.0, 0.8, 0.6), 0.6), ((0.0, 0.0, 1.0), 1.1))
+    _, planes, member, count = planes_of(depth)
+    assert count == 2
+    v, u = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    # cells across the crease belong to either, and pull a little
+    fits = [np.abs(p[0] * u + p[1] * v + p[2] - 1.0 / depth) < NOISE for p in planes[:2]]
+    assert (fits[0] | fits[1]).mean() > 0.97
+    assert 0.2 < fits[0].mean() < 0.8
+    assert (member >= 0).mean() > 0.85
+
+
+def test_pixels_off_the_planes_are_surface_those_beyond_are_far() -> None:
+    depth = depth_of(((0.0, 0.6, 0.8), 0.8))
+    truth = np.full(SHAPE, segments.PLANE)
+    depth[50:80, 60:90] -= 0.06
+    truth[50:80, 60:90] = segments.SURFACE
+    depth[:8, :8], truth[:8, :8] = 0.0, segments.NONE
+    depth[:8, 8:16], truth[:8, 8:16] = 5.0, segments.FAR
+    cells, planes, member, count = planes_of(depth, 0.1)
+    inverse, kind = np.empty(SHAPE, np.float32), np.empty(SHAPE, np.uint8)
+    segments.classify(depth, cells, planes, count, member, PINHOLE, SIZE, 4, NOISE, 0.005, 0.002, 4.0, inverse, kind)
+    assert (kind == truth).all()
+    np.testing.assert_allclose(inverse[depth > 0], 1.0 / depth[depth > 0], rtol=1e-6)
+
+
+def marks_of(depth: np.ndarray) -> np.ndarray:
+    inverse = np.where(depth > 0, 1.0 / np.maximum(depth, 1e-6), 0.0).astype(np.float32)
+    kind = np.where(depth > 0, segments.SURFACE, segments.NONE).astype(np.uint8)
+    marks, smooth = np.empty(SHAPE, np.uint8), np.empty(SHAPE, np.float32)
+    segments.mark(inverse, kind, PINHOLE[0], NOISE, 0.012, 0.015, 0.4, smooth, marks)
+    return marks
+
+
+def roof(sign: float) -> np.ndarray:
+    """Two planes at 90 degrees that meet in the column 80, the crease towards (-1) or away from the camera (1)."""
+    x = (np.arange(SHAPE[1]) - 80.0) / PINHOLE[0]
+    z = 1.0 / (1.0 + sign * np.abs(x))
+    return np.tile(z.astype(np.float32), (SHAPE[0], 1))
+
+
+def test_a_concave_crease_is_marked_where_it_is_and_a_convex_one_is_not() -> None:
+    concave = (marks_of(roof(1.0)) & segments.CREASE) > 0
+    assert concave[10:-10, 80].all()
+    assert not concave[:, :74].any()
+    assert not concave[:, 87:].any()
+    assert not (marks_of(roof(-1.0)) & segments.CREASE).any()
+
+
+def test_a_step_is_marked_on_its_pixel_and_a_slant_is_not() -> None:
+    depth = depth_of(((0.0, 0.94, 0.34), 0.4))
+    assert not (marks_of(depth) & (segments.RIGHT | segments.DOWN)).any()
+    depth[:, 100:] += 0.05
+    right = (marks_of(depth) & segments.RIGHT) > 0
+    near = depth[:, 99] < 2.0  # farther, 5 cm are within four deviations
+    assert right[near, 99].all()
+    assert right.sum() == right[:, 99].sum()
+
+
+def test_a_gap_of_two_pixels_in_a_crease_does_not_join_its_sides() -> None:
+    inverse, kind = np.ones(SHAPE, np.float32), np.full(SHAPE, segments.SURFACE, np.uint8)
+    marks = np.zeros(SHAPE, np.uint8)
+    marks[:, 80] = segments.CREASE
+    marks[60:62, 80] = 0
+    labels, queue = np.empty(SHAPE, np.int16), np.empty(SHAPE[0] * SHAPE[1], np.int32)
+    sizes = np.empty(11, np.int32)
+    assert segments.label_surfaces(inverse, kind, marks, 10, labels, queue, sizes) == 2
+    assert (labels[:, :80] == 1).all()
+    assert (labels[:, 81:] == 2).all()
+    assert sizes[1] + sizes[2] == labels.size
+
+
+def test_small_patches_become_nothing() -> None:
+    kind = np.zeros(SHAPE, np.uint8)
+    kind[5:8, 5:8] = segments.SURFACE
+    kind[20:30, 20:30] = segments.SURFACE
+    labels, queue = np.empty(SHAPE, np.int16), np.empty(SHAPE[0] * SHAPE[1], np.int32)
+    marks, sizes = np.zeros(SHAPE, np.uint8), np.empty(11, np.int32)
+    inverse = np.where(kind > 0, 1.0, 0.0).astype(np.float32)
+    assert segments.label_surfaces(inverse, kind, marks, 10, labels, queue, sizes) == 1
+    assert (labels[20:30, 20:30] == 1).all()
+    assert (labels > 0).sum() == 100
+    assert (kind[5:8, 5:8] == segments.NONE).all()
+
+
+def fill(kind: np.ndarray, labels: np.ndarray, color: np.ndarray, reach_px: float) -> np.ndarray:
+    inverse = np.where(kind != segments.NONE, 1.0, 0.0).astype(np.float32)
+    labels, cost = labels.copy(), np.empty(kind.shape, np.float32)
+    queue = np.empty(kind.size, np.int32)
+    regions.fill_holes(kind, color, 1, 12.0, reach_px / 100.0, 100.0, labels, inverse, cost, queue)
+    return labels
+
+
+def test_holes_of_one_color_go_to_what_is_nearest() -> None:
+    rng = np.random.default_rng(3)
+    kind = np.zeros((40, 50), np.uint8)
+    labels = np.zeros((40, 50), np.int16)
+    for k, (v, u) in enumerate(rng.integers(0, 40, (6, 2)), start=1):
+        kind[v, u], labels[v, u] = segments.SURFACE, k
+    found = fill(kind, labels, np.zeros((40, 50, 3), np.uint8), 1e3)
+    v, u = np.mgrid[:40, :50]
+    seeds = np.argwhere(labels > 0)
+    down, across = np.abs(v[..., None] - seeds[:, 0]), np.abs(u[..., None] - seeds[:, 1])
+    away = np.maximum(down, across) + 0.4 * np.minimum(down, across)  # a diagonal step is 1.4
+    cost = np.stack([away[..., labels[tuple(seed)] == labels[tuple(seeds.T)]].min(-1) for seed in seeds], -1)
+    chosen = np.array([labels[tuple(seed)] for seed in seeds])
+    picked = np.take_along_axis(cost, np.argmax(found[..., None] == chosen, axis=-1)[..., None], -1)[..., 0]
+    np.testing.assert_allclose(picked, cost.min(-1), atol=1e-4)
+
+
+def test_a_hole_is_shared_out_along_the_edge_of_color_and_not_beyond_reach() -> None:
+    kind = np.full((20, 40), segments.NONE, np.uint8)
+    labels = np.zeros((20, 40), np.int16)
+    kind[:, :5], labels[:, :5] = segments.SURFACE, 1
+    kind[:, 35:] = segments.PLANE
+    color = np.zeros((20, 40, 3), np.uint8)
+    color[:, 28:] = 200
+    found = fill(kind, labels, color, 40.0)
+    assert (found[:, :28] == 1).all()
+    assert (found[:, 28:] == regions.BACKGROUND).all()
+    near = fill(kind, labels, color, 10.0)
+    assert (near[:, 15:25] == 0).all()
+
+
+def test_segments_are_measured_as_numpy_counts_them() -> None:
+    rng = np.random.default_rng(5)
+    labels = np.repeat(np.repeat(rng.integers(1, 4, (6, 8)), 4, axis=0), 4, axis=1).astype(np.int16)
+    inverse = np.array([0.0, 1.0, 0.7, 1.4])[labels].astype(np.float32)
+    kind, marks = np.full(labels.shape, segments.SURFACE, np.uint8), np.zeros(labels.shape, np.uint8)
+    table, contact = np.empty((4, regions.COLUMNS)), np.empty((4, 4), np.float32)
+    weight = np.empty((4, 4), np.float32)
+    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, contact, weight)
+    framed = np.pad(labels, 1)
+    pairs = np.vstack(
+        [
+            np.stack([framed[:, :-1], framed[:, 1:]], -1).reshape(-1, 2),
+            np.stack([framed[:-1], framed[1:]], -1).reshape(-1, 2),
+        ]
+    )
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+    for a in (1, 2, 3):
+        rows, columns = np.nonzero(labels == a)
+        row = table[a]
+        assert row[regions.PIXELS] == row[regions.READINGS] == len(rows)
+        assert row[regions.INVERSE] == pytest.approx(inverse[labels == a].sum(), rel=1e-5)
+        assert (row[regions.LEFT], row[regions.TOP]) == (columns.min(), rows.min())
+        assert (row[regions.RIGHTMOST], row[regions.BOTTOM]) == (columns.max(), rows.max())
+        assert row[regions.OUTLINE] == (pairs == a).any(1).sum()
+        assert row[regions.BORDER] == ((pairs == a).any(1) & (pairs == 0).any(1)).sum()
+        for b in (1, 2, 3):
+            both = (pairs == a).any(1) & (pairs == b).any(1)
+            assert contact[a, b] == (both.sum() if a != b else 0)
+            if a != b and inverse[labels == a][0] > inverse[labels == b][0]:
+                assert weight[a, b] > weight[b, a], "the outline belongs to the nearer"
+
+
+def test_joining_takes_the_weakest_outline_first_and_keeps_every_union() -> None:
+    # 1 and 2 share a weak outline, 2 and 3 a strong one; 4 is too large for any union
+    table = np.zeros((5, regions.COLUMNS))
+    for k, (left, right) in enumerate([(0, 9), (10, 19), (20, 29), (30, 500)], start=1):
+        table[k, [regions.PIXELS, regions.READINGS, regions.INVERSE]] = 100.0
+        table[k, [regions.LEFT, regions.RIGHTMOST, regions.TOP, regions.BOTTOM]] = left, right, 0, 9
+        table[k, [regions.OUTLINE, regions.STRENGTH]] = 40.0, 30.0
+    contact, weight = np.zeros((5, 5), np.float32), np.zeros((5, 5), np.float32)
+    for a, b, strength in ((1, 2, 0.2), (2, 3, 0.9), (3, 4, 0.1)):
+        contact[a, b] = contact[b, a] = 10.0
+        weight[a, b] = weight[b, a] = strength * 10.0
+    members, found = np.empty((10, 5), np.uint8), np.empty((10, regions.COLUMNS))
+    parts = np.empty((10, 2), np.int32)
+    n = regions.join(table, contact, weight, 4, 100.0, 1.0, members, found, parts)
+    assert members[:n, 1:].tolist() == [
+        [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [1, 1, 0, 0], [1, 1, 1, 0]
+    ]  # fmt: skip
+    assert parts[:n].tolist() == [[-1, -1]] * 4 + [[0, 1], [4, 2]]
+    union = found[5]
+    assert union[regions.PIXELS] == 300
+    assert union[regions.OUTLINE] == 40 * 3 - 4 * 10
+    assert union[regions.STRENGTH] == pytest.approx(90 - 4 - 18)
+    assert (union[regions.LEFT], union[regions.RIGHTMOST]) == (0, 29)

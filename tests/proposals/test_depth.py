@@ -1,0 +1,152 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import solids
+from numpy.typing import NDArray
+
+from cuboid.downscaling import downscale
+from cuboid.errors import InputError
+from cuboid.frame import Frame, Intrinsics
+from cuboid.proposals import Proposals, make_source
+
+NOISE = 1.425e-3
+
+
+def whole_mask(proposals: Proposals, k: int, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    assert proposals.masks is not None
+    mask = np.zeros(shape, dtype=np.bool_)
+    x0, y0, x1, y1 = proposals.boxes_xyxy[k]
+    mask[y0:y1, x0:x1] = proposals.masks[k] > 0
+    return mask
+
+
+def overlaps(proposals: Proposals, wanted: NDArray[np.bool_]) -> NDArray[np.float64]:
+    masks = [whole_mask(proposals, k, wanted.shape) for k in range(len(proposals))]
+    return np.array([(m & wanted).sum() / (m | wanted).sum() for m in masks])
+
+
+def ball_box_cup() -> list[solids.Hit]:
+    r = solids.rays()
+    return [
+        solids.sphere(r, solids.on_table(-0.25, 0.9, 0.04), 0.04),
+        solids.box(r, solids.on_table(0.0, 0.85, 0.075), (0.1, 0.06, 0.15), 0.5),
+        solids.cup(r, solids.on_table(0.25, 0.8, 0.0), 0.045, 0.1),
+    ]
+
+
+@pytest.mark.parametrize("noise", [0.0, NOISE])
+def test_each_thing_on_a_table_is_one_proposal_among_the_first(noise: float) -> None:
+    frame, owner = solids.frame(ball_box_cup(), noise)
+    proposals = make_source("depth")(frame, solids.CAMERA)
+    for k, name in enumerate(("ball", "box", "cup"), start=1):
+        fits = overlaps(proposals, owner == k)
+        assert fits.max() > 0.8, name
+        assert np.argmax(fits) < 12, f"{name} is only number {np.argmax(fits)} of {len(fits)}"
+
+
+@pytest.mark.parametrize("noise", [0.0, NOISE])
+def test_things_that_touch_are_proposed_apart(noise: float) -> None:
+    r = solids.rays()
+    things = [
+        solids.sphere(r, solids.on_table(0.0, 0.8, 0.05), 0.05),
+        solids.box(r, solids.on_table(0.1, 0.8, 0.075), (0.1, 0.1, 0.15), 0.0),
+    ]
+    frame, owner = solids.frame(things, noise)
+    proposals = make_source("depth")(frame, solids.CAMERA)
+    assert overlaps(proposals, owner == 1).max() > 0.75
+    assert overlaps(proposals, owner == 2).max() > 0.75
+
+
+def test_table_and_floor_are_no_proposals() -> None:
+    frame, _ = solids.frame([], NOISE)
+    proposals = make_source("depth")(frame, solids.CAMERA)
+    for k in range(len(proposals)):
+        x0, y0, x1, y1 = proposals.boxes_xyxy[k]
+        assert (x1 - x0) * (y1 - y0) < 0.05 * 640 * 480
+
+
+def test_a_hole_in_a_thing_is_filled() -> None:
+    frame, owner = solids.frame(ball_box_cup())
+    depth_m = frame.depth_m.copy()
+    rows, columns = np.nonzero(owner == 2)
+    v, u = int(rows.mean()), int(columns.mean())
+    depth_m[v - 10 : v + 10, u - 12 : u + 12] = 0.0
+    proposals = make_source("depth")(Frame(0, 0.0, frame.color, depth_m), solids.CAMERA)
+    best = whole_mask(proposals, int(np.argmax(overlaps(proposals, owner == 2))), owner.shape)
+    assert best[v - 10 : v + 10, u - 12 : u + 12].mean() > 0.9
+
+
+def test_a_thing_beyond_a_metre_is_no_object() -> None:
+    frame, owner = solids.frame([solids.sphere(solids.rays(), np.array([0.0, 0.0, 2.2]), 0.8)])
+    proposals = make_source("depth")(frame, solids.CAMERA)
+    assert len(proposals) == 0 or overlaps(proposals, owner == 1).max() < 0.5
+
+
+@pytest.mark.parametrize("factor", [1, 2, 4])
+def test_masks_fill_their_rectangles_inside_the_image_at_any_scale(factor: int) -> None:
+    frame, _ = solids.frame(ball_box_cup(), NOISE)
+    small, camera = downscale(frame, factor), solids.CAMERA.downscaled(factor)
+    proposals = make_source("depth")(small, camera)
+    assert proposals.masks is not None
+    assert len(proposals) >= 3
+    for box, mask in zip(proposals.boxes_xyxy, proposals.masks, strict=True):
+        x0, y0, x1, y1 = box
+        assert 0 <= x0 < x1 <= camera.width
+        assert 0 <= y0 < y1 <= camera.height
+        assert mask.shape == (y1 - y0, x1 - x0)
+        assert all(edge.any() for edge in (mask[0], mask[-1], mask[:, 0], mask[:, -1]))
+    assert (np.diff(proposals.scores) <= 0).all()
+    assert ((proposals.scores >= 0) & (proposals.scores <= 1)).all()
+
+
+@pytest.mark.parametrize("depth", [0.0, 0.8, 9.0])
+def test_a_frame_of_one_depth_has_no_proposals(depth: float) -> None:
+    frame = Frame(0, 0.0, np.zeros((480, 640, 3), np.uint8), np.full((480, 640), depth, np.float32))
+    assert len(make_source("depth")(frame, solids.CAMERA)) == 0
+
+
+def test_the_same_frame_gives_the_same_proposals() -> None:
+    frame, _ = solids.frame(ball_box_cup(), NOISE)
+    one, two = (make_source("depth")(frame, solids.CAMERA) for _ in range(2))
+    assert one.boxes_xyxy.tobytes() == two.boxes_xyxy.tobytes()
+    assert one.scores.tobytes() == two.scores.tobytes()
+
+
+def test_odd_sizes_are_taken() -> None:
+    camera = Intrinsics(400.0, 400.0, 250.0, 150.0, 501, 303)
+    frame, _ = solids.frame([solids.sphere(solids.rays(camera), solids.on_table(0.0, 0.9, 0.05), 0.05)], camera=camera)
+    proposals = make_source("depth")(frame, camera)
+    assert len(proposals) > 0
+    assert (proposals.boxes_xyxy[:, 2] <= 501).all()
+    assert (proposals.boxes_xyxy[:, 3] <= 303).all()
+
+
+def test_options_are_refused() -> None:
+    with pytest.raises(InputError, match="takes no options"):
+        make_source("depth:fast")
+
+
+def test_most_objects_of_real_stills_are_proposed(data_dir: Path) -> None:
+    folder = data_dir / "hots"
+    camera = Intrinsics(570.342, 570.342, 319.5, 239.5, 640, 480)
+    source = make_source("depth")
+    found = wanted = proposed = stills = 0
+    for still in json.loads((folder / "objects.json").read_text())["images"][::4]:
+        color = cv2.imread(str(folder / f"{still['name']}.color.jpg"))[..., ::-1]
+        depth = cv2.imread(str(folder / f"{still['name']}.depth.png"), cv2.IMREAD_UNCHANGED)
+        mask = cv2.imread(str(folder / f"{still['name']}.mask.png"), cv2.IMREAD_UNCHANGED)
+        frame = Frame(0, 0.0, np.ascontiguousarray(color), (depth / 1000.0).astype(np.float32))
+        proposals = source(frame, camera)
+        stills += 1
+        proposed += len(proposals)
+        for thing in still["objects"]:
+            if thing["reportable"]:
+                wanted += 1
+                found += overlaps(proposals, mask == thing["id"]).max() >= 0.5
+    assert found >= 0.85 * wanted
+    assert proposed <= 40 * stills
