@@ -30,7 +30,7 @@ class TrackerConfig:
     min_height_m : float
         What rises less than this above its plane is taken for the plane's own noise, metres.
     min_size_m : float
-        An object's longest side is at least this, metres.
+        Two of an object's sides are at least this, metres: what has only one is the rim or the edge of something.
     max_size_m : float
         An object's longest side is at most this, metres.
     min_plane_area_m2 : float

@@ -28,14 +28,16 @@ def test_an_edge_and_a_slope_stay() -> None:
     np.testing.assert_array_equal(out, depth)
 
 
-def regions_by_scipy(depth: np.ndarray, wanted: np.ndarray, noise: float, jump: float) -> np.ndarray:
+def regions_by_scipy(
+    depth: np.ndarray, wanted: np.ndarray, claim: np.ndarray, noise: float, jump: float
+) -> np.ndarray:
     h, w = depth.shape
     pairs = []
     for v in range(h):
         for u in range(w):
             for dv, du in ((-1, -1), (-1, 0), (-1, 1), (0, -1)):
                 y, x = v + dv, u + du
-                if y >= 0 and 0 <= x < w and wanted[v, u] and wanted[y, x]:
+                if y >= 0 and 0 <= x < w and wanted[v, u] and wanted[y, x] and claim[v, u] == claim[y, x]:
                     z = float(depth[v, u])
                     if abs(float(depth[y, x]) - z) < jump + 4 * noise * z * z:
                         pairs.append((v * w + u, y * w + x))
@@ -49,8 +51,9 @@ def test_regions_are_those_of_a_graph_search() -> None:
     depth = rng.choice([1.0, 1.005, 1.1, 2.0], (30, 40)).astype(np.float32)
     wanted = (rng.random(depth.shape) < 0.7).astype(np.uint8)
     labels, parent = np.empty(depth.shape, np.int32), np.empty(depth.size, np.int32)
-    number = label_regions(depth, wanted, 1.4e-3, 0.01, parent, labels)
-    truth = regions_by_scipy(depth, wanted, 1.4e-3, 0.01)
+    claim = np.repeat(np.arange(2, dtype=np.int32), 20)[None].repeat(30, 0)  # two masks, side by side
+    number = label_regions(depth, wanted, claim, 1.4e-3, 0.01, parent, labels)
+    truth = regions_by_scipy(depth, wanted, claim, 1.4e-3, 0.01)
     inside = wanted > 0
     assert (labels[~inside] == 0).all()
     assert number == len(np.unique(truth[inside]))

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cuboid.config import TrackerConfig
 from cuboid.frame import Intrinsics
 from cuboid.heatmap.pixel_heat import pixel_heat
 from cuboid.proposals.types import Proposals
@@ -27,7 +28,7 @@ def boxes(*rows: tuple[int, int, int, int]) -> np.ndarray:
 def heat_of(
     img: WorkingImage, candidate: np.ndarray, proposals: Proposals, focal: float = 100.0
 ) -> np.ndarray:
-    return pixel_heat(img, candidate.astype(np.uint8), proposals, focal, 0.03, 1.0)
+    return pixel_heat(img, candidate.astype(np.uint8), proposals, focal, TrackerConfig())[0]
 
 
 def test_one_sure_proposal_heats_its_candidates_and_nothing_else() -> None:

@@ -45,19 +45,19 @@ def test_fuse_is_the_weighted_mean_of_all_sightings() -> None:
         depth = rng.uniform(0.8, 4.0, (48, 64))
         depth[rng.random(depth.shape) < 0.2] = 0
         image = image_of(depth, frame)
-        heat = np.where(rng.random(depth.shape) < 0.5, rng.random(depth.shape), 0).astype(np.float32)
+        heat = np.where(rng.random(depth.shape) < 0.5, rng.uniform(0.2, 1, depth.shape), 0.05).astype(np.float32)
         T = turned(0.2 * frame, (0.1 * frame, 0.0, -0.2))
         slots = voxels.fuse(image, heat, T, frame)
         points = points_of(image, T)
         for v in range(48):
             for u in range(64):
                 z = float(image.depth_m[v, u])
-                speaks = heat[v, u] > 0 or (u % 2) + 2 * (v % 2) == frame % 4
+                speaks = heat[v, u] > 0.1 or (u % 2) + 2 * (v % 2) == frame % 4
                 if not 0 < z <= 3.5 or not speaks:
                     assert slots[v, u] == -1
                     continue
                 key = tuple(np.floor(points[v, u] / VOXEL).astype(int))
-                weight = (1.0 if heat[v, u] > 0 else 4.0) / max(z, 0.5) ** 4
+                weight = (1.0 if heat[v, u] > 0.1 else 4.0) / max(z, 0.5) ** 4
                 truth[key].append((weight, *points[v, u], *image.color[v, u], float(heat[v, u])))
                 frames[key].add(frame)
                 assert slots[v, u] >= 0

@@ -15,7 +15,7 @@ def test_a_bar_is_shared_by_the_owners_of_its_ends() -> None:
     rows = np.arange(11)
     voxels.owner[[0, 10]] = [5, 3]
     edges = np.column_stack([rows[:-1], rows[1:]]).astype(np.int32)
-    shares, touch = share_out(MapCluster(rows, edges, None, False), [5, 3], voxels)
+    shares, touch = share_out(MapCluster(rows, lambda: edges, None, False), [5, 3], voxels)
     assert shares[0].tolist() == [
         0,
         1,

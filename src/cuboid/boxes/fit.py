@@ -14,6 +14,16 @@ REST_M = 0.06
 # Footprints are tried every two degrees: a 30 cm box turned by one degree is 3 mm off at its ends, below the noise.
 _ANGLES = np.radians(np.arange(0.0, 180.0, 2.0))
 _DIRECTIONS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+# Arcs of 130 degrees of the full turn, one every ten degrees: less does not fix a radius in noise, and a half disc,
+# whose ends are cut, has not much more. For each the design of c.u + r and its least-squares solver.
+_ARCS = (np.arange(0, 180, 5)[:, None] + np.arange(66)[None]) % 180
+_ARC_DESIGNS = np.dstack([np.concatenate([_DIRECTIONS, -_DIRECTIONS])[_ARCS], np.ones((36, 66))])
+_ARC_SOLVERS = np.linalg.pinv(_ARC_DESIGNS)
+# A round footprint follows the law of the disc to this share of its radius, and is at most this share of what was
+# seen of it wide, per side: half a disc shows its whole width.
+ROUND_RESIDUAL, ROUND_RADIUS = 0.05, 0.56
+# A disc that is seen this many radii deep all over needs no completion.
+WHOLE_DISC = 1.5
 
 
 def fit_box(
@@ -53,6 +63,8 @@ def fit_box(
     quarter = len(_ANGLES) // 2
     a = int(np.argmin(extent[:quarter] * extent[quarter:]))
     b = a + quarter
+    low, high = _complete_round(low, high)
+    extent = high - low
     heights = np.column_stack([cloud @ normal, np.zeros(len(cloud))])
     (bottom,), (top,) = _reach(heights, trust, np.array([[1.0, 0.0]]), share)
     if offset is not None and bottom + offset < REST_M:
@@ -69,6 +81,31 @@ def fit_box(
     size[2], middle[2] = max(top - bottom, 0.0), (top + bottom) / 2.0
     axes = np.column_stack([u, v, normal])
     return Box(center=axes @ middle, size=size, rotation=axes)
+
+
+def _complete_round(low: Float64Array, high: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Extend a footprint by the far side of the circle that its near side is an arc of.
+
+    A can, a bottle, a ball or a bowl that was seen from one side only shows half a disc. How far a disc reaches in
+    direction u is c.u + r: where that holds over an arc of 130 degrees, centre and radius follow by least squares,
+    and the box holds the whole disc. The reach of a rectangle departs from any such law by a sixth of its side.
+    """
+    reach_all = np.concatenate([high, -low])
+    arcs = reach_all[_ARCS]
+    fits = np.einsum("kpn,kn->kp", _ARC_SOLVERS, arcs)
+    residual = np.abs(arcs - np.einsum("knp,kp->kn", _ARC_DESIGNS, fits)).max(1)
+    longest = float((high - low).max())
+    radius = fits[:, 2]
+    good = (
+        (float((high - low).min()) < WHOLE_DISC * radius)
+        & (radius <= ROUND_RADIUS * longest)
+        & (residual <= ROUND_RESIDUAL * radius)
+    )
+    if not good.any():
+        return low, high
+    best = int(np.argmin(np.where(good, residual / np.maximum(radius, 1e-9), np.inf)))
+    along = _DIRECTIONS @ fits[best, :2]
+    return np.minimum(low, along - radius[best]), np.maximum(high, along + radius[best])
 
 
 def plane_axes(normal: Float64Array) -> tuple[Float64Array, Float64Array]:

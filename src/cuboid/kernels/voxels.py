@@ -13,6 +13,9 @@ KEY_BITS = 21
 KEY_OFFSET = 1 << (KEY_BITS - 1)  # voxel numbers run from -2^20 to 2^20 - 1: +-10 km at 1 cm
 KEY_MASK = (1 << KEY_BITS) - 1
 
+# A pixel colder than this is no news.
+COLD = 0.1
+
 # Columns of the value array.
 X, Y, Z, RED, GREEN, BLUE, HEAT, WEIGHT = range(8)
 
@@ -102,7 +105,7 @@ def fuse(
             if not (0.0 < z <= max_depth):
                 continue
             share = 1.0
-            if heat[v, u] <= 0.0:
+            if heat[v, u] < COLD:
                 # Of what is cold one pixel in four speaks for all, in turn.
                 if (u & 1) + 2 * (v & 1) != frame & 3:
                     continue

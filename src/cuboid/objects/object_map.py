@@ -32,12 +32,14 @@ SPLIT_LOOKS = 8
 FRAGMENT_GAP_M = 0.04
 # Every so many looks at the map take in all of it.
 WHOLE_EVERY = 8
+# A contested cluster larger than this waits for a look at all of the map: each object keeps what it has till then.
+LARGE_VOXELS = 5000
 # A new cluster that lies to this share along what was refused is more of that.
 REFUSED_SHARE = 0.05
 # An object that was not found in so many looks at all of the map is retired.
 RETIRE_LOOKS = 3
-# A part that bends around its object may be so far from it, as a share of the object's longest side.
-PART_REACH = 0.5
+# A part that bends around its object may be so far from it, as a share of the object's longest side, and in metres.
+PART_REACH, PART_REACH_M = 0.5, 0.12
 # What shows fewer voxels than this (of 1 cm: a side of 8 cm) is often a part, or the noise of an edge.
 SMALL_VOXELS, SMALL_PATIENCE = 64, 4
 # What floats above its plane, or lies beside an object, may be a part whose link is not seen yet: it is proposed so
@@ -45,6 +47,8 @@ SMALL_VOXELS, SMALL_PATIENCE = 64, 4
 FLOATING_PATIENCE, BESIDE_PATIENCE = 6, 4
 # Share of an object's trust that lies outside its surface at each side: the tails of the sensor's noise.
 STRAY_SHARE = 0.012
+# Voxels that a box is fitted to, at most about; more of a large object do not change it.
+BOX_VOXELS = 1500
 # What stands where a retired object stood is that object, when this share of the smaller box is common.
 RETURN_OVERLAP = 0.3
 
@@ -143,7 +147,7 @@ class ObjectMap:
                         pieces[number].append(Piece(number, cluster.rows[owner == number], cluster.plane))
                 refused.append(cluster.rows[owner <= 0])
                 continue
-            self._give(cluster, pieces)
+            self._give(cluster, pieces, whole)
         return pieces, refused
 
     def _joins_refused(self, rows: Rows, owner: npt.NDArray[np.int32]) -> bool:
@@ -152,8 +156,13 @@ class ObjectMap:
             return False
         return self._voxels.count_beside(rows, REFUSED) > REFUSED_SHARE * len(rows)
 
-    def _give(self, cluster: MapCluster, pieces: dict[int, list[Piece]]) -> None:
+    def _give(self, cluster: MapCluster, pieces: dict[int, list[Piece]], whole: bool) -> None:
         owners = owners_of(cluster.rows, self._voxels, self._objects)
+        if len(owners) > 1 and len(cluster.rows) > LARGE_VOXELS and not whole:
+            held = self._voxels.owner[cluster.rows]
+            for number in owners:
+                pieces[number].append(Piece(number, cluster.rows[held == number], cluster.plane))
+            return
         while len(owners) > 1:
             shares, touch = share_out(cluster, owners, self._voxels)
             pair = self._pair_to_merge(owners, touch)
@@ -209,7 +218,7 @@ class ObjectMap:
         own, apart = [main.rows], []
         for piece in pieces[1:]:
             part, body = self._voxels.xyz(piece.rows), self._voxels.xyz(main.rows)
-            reach = PART_REACH * float(entry.box.size.max())
+            reach = min(PART_REACH * float(entry.box.size.max()), PART_REACH_M)
             gap = gap_m(part, body, max(reach, FRAGMENT_GAP_M))
             if gap <= reach and wraps(part, body, entry.box.up):
                 own.append(piece.rows)
@@ -286,10 +295,11 @@ class ObjectMap:
 
         Beyond the median more sightings prove no more: else the side that the camera dwelt on would be all.
         """
-        hits = self._voxels.hits[piece.rows].astype(np.float64)
-        precision = self._voxels.weight(piece.rows) / hits
+        rows = piece.rows[:: 1 + len(piece.rows) // BOX_VOXELS]
+        hits = self._voxels.hits[rows].astype(np.float64)
+        precision = self._voxels.weight(rows) / hits
         trust = np.minimum(hits, np.median(hits)) * np.minimum(precision, np.median(precision))
-        points = self._voxels.xyz(piece.rows)
+        points = self._voxels.xyz(rows)
         plane = self._plane(piece)
         if plane is not None:
             return fit_box(points, *plane, STRAY_SHARE, trust)
@@ -331,7 +341,7 @@ class ObjectMap:
         for other in self.alive():
             if other is entry or not (other.confirmed or len(other.rows) > len(entry.rows)):
                 continue
-            near = max(FRAGMENT_GAP_M, PART_REACH * float(other.box.size.max()))
+            near = max(FRAGMENT_GAP_M, min(PART_REACH * float(other.box.size.max()), PART_REACH_M))
             reach = 0.5 * float(np.linalg.norm(other.box.size) + np.linalg.norm(entry.box.size))
             if float(np.linalg.norm(other.box.center - entry.box.center)) > reach + near:
                 continue

@@ -60,13 +60,15 @@ def share_out(
     holder = np.full(len(cluster.rows), -1, np.int64)
     for k, number in enumerate(owners):
         holder[held == number] = k
-    a, b = cluster.edges.T
+    a, b = edges = cluster.links().T
     while (holder < 0).any():
         # One step from all owned voxels at once; of two owners that arrive together the first one takes it.
+        a, b = edges[:, (holder[edges[0]] < 0) != (holder[edges[1]] < 0)]
         old = holder.copy()
         for k in range(len(owners) - 1, -1, -1):
             holder[a[(old[a] < 0) & (old[b] == k)]] = k
             holder[b[(old[b] < 0) & (old[a] == k)]] = k
+    a, b = edges[:, holder[edges[0]] != holder[edges[1]]]
     touches = np.zeros((len(holder), len(owners)), bool)
     touches[a, holder[b]] = True
     touches[b, holder[a]] = True

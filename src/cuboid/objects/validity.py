@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
@@ -15,13 +17,12 @@ SHEET_M = 0.008
 
 def is_object(box: Box, config: TrackerConfig) -> bool:
     """Tell whether a box has the size of an object, as configured."""
-    length, width, height = box.size
-    longest = max(length, height)
+    shortest, middle, longest = np.sort(box.size)
     return bool(
-        config.min_size_m <= longest <= config.max_size_m
-        and height >= config.min_height_m
-        and max(width, height) > SHEET_M
-        and length > SHEET_M
+        middle >= config.min_size_m
+        and longest <= config.max_size_m
+        and shortest >= SHEET_M
+        and box.size[2] >= config.min_height_m
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,8 +22,11 @@ JUMP_M = 0.01
 LEAST_PIXELS = 24
 # A cluster of fewer voxels is noise.
 LEAST_VOXELS = 8
-# A cluster that comes this close below another plane, metres, is what holds that plane up: its rim, its legs.
-RIM_DEPTH_M = 0.035
+# Points of a cluster, at most about, that tell whether it is furniture.
+LOOKED_AT = 1000
+# An upright sheet at most this thick, and longer and higher than that, metres, is a panel: a chair's back, a shelf's
+# side. The front of a cereal box is narrower.
+PANEL_THICK_M, PANEL_LONG_M = 0.06, 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,17 +65,17 @@ class MapCluster:
     ----------
     rows : (N,) int64
         Rows of the map.
-    edges : (E, 2) int32
-        Places in `rows` of each pair of neighbours.
+    links : callable
+        Returns the places in `rows` of each pair of neighbours, (E, 2) int64.
     plane : Plane or None
         The plane beneath.
     furniture : bool
-        It holds up another plane, or is far larger than an object (the diagonal of its extent along the world's
-        axes passes twice the largest side).
+        It holds up another plane, is a panel, or is far larger than an object (the diagonal of its extent along the
+        world's axes passes twice the largest side).
     """
 
     rows: Rows
-    edges: npt.NDArray[np.int32]
+    links: Callable[[], npt.NDArray[np.int64]]
     plane: Plane | None
     furniture: bool
 
@@ -131,9 +135,7 @@ def _describe(
     )
 
 
-def map_clusters(
-    rows: Rows, voxels: VoxelMap, planes: PlaneTracker, config: TrackerConfig
-) -> list[MapCluster]:
+def map_clusters(rows: Rows, voxels: VoxelMap, planes: PlaneTracker, config: TrackerConfig) -> list[MapCluster]:
     """Find the connected sets among hot rows that stand on a plane, or on nothing known where there is no plane."""
     support = np.full(len(rows), -1, np.int64)
     if planes.any_in_use:
@@ -142,12 +144,6 @@ def map_clusters(
     component, number, edges = voxels.connect(rows)
     order = np.argsort(component, kind="stable")
     ends = np.searchsorted(component[order], np.arange(number + 1))
-    place = np.empty(len(rows), np.int32)
-    place[order] = np.arange(len(rows)) - ends[component[order]]
-    of_edge = component[edges[:, 0]]
-    edge_order = np.argsort(of_edge, kind="stable")
-    edges = place[edges[edge_order]]
-    edge_ends = np.searchsorted(of_edge[edge_order], np.arange(number + 1))
     clusters = []
     for k in range(number):
         members = order[ends[k] : ends[k + 1]]
@@ -157,8 +153,32 @@ def map_clusters(
         beneath = support[members]
         plane = planes.planes[int(np.bincount(beneath).argmax())] if beneath[0] >= 0 else None
         reach = float(np.linalg.norm(points.max(0) - points.min(0)))
-        furniture = reach > 2.0 * config.max_size_m or (
-            plane is not None and planes.holds_up(points, plane, RIM_DEPTH_M)
-        )
-        clusters.append(MapCluster(rows[members], edges[edge_ends[k] : edge_ends[k + 1]], plane, furniture))
+        furniture = reach > 2.0 * config.max_size_m
+        if plane is not None and not furniture:
+            some = points[:: 1 + len(points) // LOOKED_AT]
+            furniture = planes.holds_up(some, plane) or _is_panel(planes.to_plan(some))
+        clusters.append(MapCluster(rows[members], _Links(members, component, edges), plane, furniture))
     return clusters
+
+
+@dataclass(frozen=True, slots=True)
+class _Links:
+    """The links of one cluster, taken out of those of all when they are asked for: few clusters are contested."""
+
+    members: Rows
+    component: npt.NDArray[np.int32]
+    edges: npt.NDArray[np.int32]
+
+    def __call__(self) -> npt.NDArray[np.int64]:
+        mine = self.edges[self.component[self.edges[:, 0]] == self.component[self.members[0]]]
+        return np.searchsorted(self.members, mine)
+
+
+def _is_panel(plan_points: Float64Array) -> bool:
+    """Tell whether points (N, 3) of the plan frame make an upright sheet, long and high."""
+    if np.ptp(plan_points[:, 2]) < PANEL_LONG_M:
+        return False
+    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(plan_points[:, :2].T)), 0.0))
+    # Points spread evenly over a length have a standard deviation of its twelfth part's root.
+    thick, long = np.sqrt(12.0) * spread
+    return bool(thick <= PANEL_THICK_M and long >= PANEL_LONG_M)

@@ -27,6 +27,11 @@ USE_AFTER_FRAMES, USE_AT_ONCE = 3, 3.0
 # The top of a box: smaller than this, square metres, at most so high above the plane that the box stands on, metres,
 # and that plane so many times as large. Seats, shelves and stools are larger or higher.
 LID_AREA_M2, LID_HEIGHT_M, LID_RATIO = 0.2, 0.3, 3.0
+# A cluster that comes this close below another plane, metres, is what holds that plane up: its rim, its legs.
+RIM_DEPTH_M = 0.035
+# Under a plane this far above theirs, metres, things that reach this share of the way up are legs or panels, and so
+# are those at most so wide, metres, that are so many times as high.
+TABLE_CLEARANCE_M, LEG_REACH, LEG_WIDTH_M, LEG_SLENDER = 0.4, 0.6, 0.13, 1.4
 # A plane that is not used yet is forgotten after so many frames without a sighting.
 FORGET_FRAMES = 60
 # Prior spread of how far a frame sees a plane from where the map has it: poses drift by centimetres and degrees.
@@ -300,21 +305,27 @@ class PlaneTracker:
         owner[best < floor_m] = -1
         return owner
 
-    def holds_up(self, points: Float32Array | Float64Array, plane: Plane, depth_m: float) -> bool:
+    def holds_up(self, points: Float32Array | Float64Array, plane: Plane) -> bool:
         """Tell whether a cluster of world points that stands on one plane is what holds up another one.
 
-        It is when a tenth of its points, or twenty, lie just below a higher plane and under it or at its rim.
+        It is when a tenth of its points, or twenty, lie just below a higher plane and under it or at its rim; and
+        when it stands under a table and reaches most of the way up, or is slender as a leg whose top is hidden.
         """
         plan_points = self.to_plan(points)
+        foot = plane.height(plan_points)
         for k, other in enumerate(self.planes):
-            if other is plane or not other.in_use:
-                continue
             height = other.height(plan_points)
-            below = np.flatnonzero((height > -depth_m) & (height < 0.5 * depth_m))
-            if len(below) < 4:
+            clearance = float(np.median(foot - height))
+            if other is plane or not other.in_use or clearance < RIM_DEPTH_M:
                 continue
-            touching = int(np.count_nonzero(self.plan.covers(k, plan_points[below])))
+            under = self.plan.covers(k, plan_points)
+            touching = np.count_nonzero(under & (height > -RIM_DEPTH_M) & (height < 0.5 * RIM_DEPTH_M))
             if touching >= min(20, max(4, len(plan_points) // 10)):
+                return True
+            if clearance < TABLE_CLEARANCE_M or np.count_nonzero(under) < 0.5 * len(under):
+                continue
+            wide, high = float(np.ptp(plan_points[:, :2], axis=0).max()), float(foot.max())
+            if high >= LEG_REACH * clearance or (wide <= LEG_WIDTH_M and high >= LEG_SLENDER * wide):
                 return True
         return False
 
