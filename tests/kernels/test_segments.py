@@ -53,9 +53,12 @@ def test_pixels_off_the_planes_are_surface_those_beyond_are_far() -> None:
     depth[:8, :8], truth[:8, :8] = 0.0, segments.NONE
     depth[:8, 8:16], truth[:8, 8:16] = 5.0, segments.FAR
     cells, planes, member, count = planes_of(depth, 0.1)
-    inverse, kind = np.empty(SHAPE, np.float32), np.empty(SHAPE, np.uint8)
-    segments.classify(depth, cells, planes, count, member, PINHOLE, SIZE, 4, NOISE, 0.005, 0.002, 4.0, inverse, kind)
+    inverse, kind, on = np.empty(SHAPE, np.float32), np.empty(SHAPE, np.uint8), np.empty(SHAPE, np.int8)
+    segments.classify(
+        depth, cells, planes, count, member, PINHOLE, SIZE, 4, NOISE, 0.005, 0.002, 4.0, inverse, kind, on
+    )
     assert (kind == truth).all()
+    assert (on == np.where(truth == segments.PLANE, 0, -1)).all()
     np.testing.assert_allclose(inverse[depth > 0], 1.0 / depth[depth > 0], rtol=1e-6)
 
 
@@ -122,7 +125,8 @@ def fill(kind: np.ndarray, labels: np.ndarray, color: np.ndarray, reach_px: floa
     inverse = np.where(kind != segments.NONE, 1.0, 0.0).astype(np.float32)
     labels, cost = labels.copy(), np.empty(kind.shape, np.float32)
     queue = np.empty(kind.size, np.int32)
-    regions.fill_holes(kind, color, 1, 12.0, reach_px / 100.0, 100.0, labels, inverse, cost, queue)
+    on = np.where(kind == segments.PLANE, 0, -1).astype(np.int8)
+    regions.fill_holes(kind, on, color, 1, 12.0, reach_px / 100.0, 100.0, labels, inverse, cost, queue)
     return labels
 
 
@@ -152,7 +156,7 @@ def test_a_hole_is_shared_out_along_the_edge_of_color_and_not_beyond_reach() -> 
     color[:, 28:] = 200
     found = fill(kind, labels, color, 40.0)
     assert (found[:, :28] == 1).all()
-    assert (found[:, 28:] == regions.BACKGROUND).all()
+    assert (found[:, 28:] == regions.BACKGROUND - 1).all()
     near = fill(kind, labels, color, 10.0)
     assert (near[:, 15:25] == 0).all()
 
@@ -187,6 +191,36 @@ def test_segments_are_measured_as_numpy_counts_them() -> None:
             assert contact[a, b] == (both.sum() if a != b else 0)
             if a != b and inverse[labels == a][0] > inverse[labels == b][0]:
                 assert weight[a, b] > weight[b, a], "the outline belongs to the nearer"
+
+
+def test_a_plane_is_measured_by_what_lies_along_its_outline() -> None:
+    # plane 1 in front of far things on three sides, another plane going on from its lower side, a thing on it
+    labels = np.full((20, 20), regions.BACKGROUND, np.int16)
+    inverse = np.full((20, 20), 0.4, np.float32)
+    labels[5:15, 5:15], inverse[5:15, 5:15] = regions.BACKGROUND - 2, 1.0
+    labels[15:, :], inverse[15:, :] = regions.BACKGROUND - 1, 1.0
+    labels[8:10, 8:10] = 1
+    rows = np.empty((2, regions.COLUMNS))
+    regions.measure_planes(labels, inverse, NOISE, 0.012, 0.06, rows)
+    lower, plane = rows
+    assert plane[regions.PIXELS] == 96
+    assert [plane[k] for k in (regions.LEFT, regions.TOP, regions.RIGHTMOST, regions.BOTTOM)] == [5, 5, 14, 14]
+    assert plane[regions.OUTLINE] == 40 + 8
+    assert plane[regions.STRENGTH] == pytest.approx(30 * 1.0 + 10 * 0.6 + 8 * 0.2)
+    assert lower[regions.BORDER] == 5 + 5 + 20
+
+
+def test_two_planes_that_touch_change_no_segment() -> None:
+    labels = np.full((10, 10), regions.BACKGROUND - 1, np.int16)
+    labels[:, 5:] = regions.BACKGROUND - 2
+    labels[2:4, 2:4] = 1
+    table, contact = np.empty((2, regions.COLUMNS)), np.empty((2, 2), np.float32)
+    kind, marks = np.full(labels.shape, segments.PLANE, np.uint8), np.zeros(labels.shape, np.uint8)
+    inverse, weight = np.ones(labels.shape, np.float32), np.empty((2, 2), np.float32)
+    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, contact, weight)
+    assert table[1, regions.OUTLINE] == 8
+    assert table[1, regions.STRENGTH] == 8
+    assert not contact.any()
 
 
 def test_joining_takes_the_weakest_outline_first_and_keeps_every_union() -> None:

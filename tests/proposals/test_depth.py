@@ -81,6 +81,19 @@ def test_a_hole_in_a_thing_is_filled() -> None:
     assert best[v - 10 : v + 10, u - 12 : u + 12].mean() > 0.9
 
 
+def test_the_sides_of_a_large_box_are_planes_and_proposed() -> None:
+    size, turn = (0.4, 0.4, 0.35), 0.6
+    center = solids.on_table(0.0, 1.0, 0.175)
+    frame, owner = solids.frame([solids.box(solids.rays(), center, size, turn)], NOISE)
+    proposals = make_source("depth")(frame, solids.CAMERA)
+    points = solids.rays() * frame.depth_m[..., None]
+    place = np.abs((points - center) @ solids.axes(turn).T) / (np.array(size) / 2)
+    for side in range(3):
+        face = (owner == 1) & (place.argmax(axis=-1) == side)
+        assert overlaps(proposals, face).max() > 0.7, f"side {side}"
+    assert overlaps(proposals, owner == 0).max() < 0.5, "the table is none"
+
+
 def test_a_thing_beyond_a_metre_is_no_object() -> None:
     frame, owner = solids.frame([solids.sphere(solids.rays(), np.array([0.0, 0.0, 2.2]), 0.8)])
     proposals = make_source("depth")(frame, solids.CAMERA)

@@ -156,7 +156,9 @@ def solve3(m):
 
 
 @njit(cache=True, nogil=True)
-def classify(depth, cells, planes, count, member, camera, size, reach, noise, floor, bias, max_depth, inverse, kind):
+def classify(
+    depth, cells, planes, count, member, camera, size, reach, noise, floor, bias, max_depth, inverse, kind, on
+):  # fmt: skip
     """Tell pixels on a large plane from those on any other surface.
 
     A plane reaches `reach` cells beyond its own; there and within it a reading belongs to it that is no farther
@@ -179,6 +181,8 @@ def classify(depth, cells, planes, count, member, camera, size, reach, noise, fl
         1/z, 0 none.
     kind : (H, W) uint8, output
         NONE, PLANE, SURFACE, or FAR beyond `max_depth`.
+    on : (H, W) int8, output
+        The plane of each pixel, -1 none.
     """
     height, width = depth.shape
     rows, columns = member.shape
@@ -210,6 +214,7 @@ def classify(depth, cells, planes, count, member, camera, size, reach, noise, fl
             for v in range(r * size, min(height, (r + 1) * size)):
                 for u in range(q * size, min(width, (q + 1) * size)):
                     z = depth[v, u]
+                    on[v, u] = -1
                     if not z > 0.0:
                         inverse[v, u] = 0.0
                         kind[v, u] = NONE
@@ -230,6 +235,7 @@ def classify(depth, cells, planes, count, member, camera, size, reach, noise, fl
                         across = abs(expected - w) * z * z * facing
                         if across < max(floor, bias + 3.0 * noise * z * z * facing):
                             kind[v, u] = PLANE
+                            on[v, u] = p
                             break
 
 

@@ -79,7 +79,10 @@ Int16Array = npt.NDArray[np.int16]
 
 
 class _Regions(NamedTuple):
-    """Segments and their unions: labels (h, w); members (N, S); measures (N, regions.COLUMNS); parts (N, 2)."""
+    """Segments, their unions, and last the planes.
+
+    labels (h, w); members (N, S); measures (N, regions.COLUMNS); parts (N, 2).
+    """
 
     labels: Int16Array
     members: UInt8Array
@@ -113,7 +116,7 @@ def _shrink(depth_m: Float32Array, intrinsics: Intrinsics) -> tuple[Float32Array
 
 def _regions(depth_m: Float32Array, color: UInt8Array, camera: Intrinsics, step: int) -> _Regions:
     shape = depth_m.shape
-    inverse, kind = _set_planes_apart(depth_m, camera)
+    inverse, kind, on, planes = _set_planes_apart(depth_m, camera)
     # A deviation of 1/z after halving is half of what one reading has; the first Kinect's is kept for both.
     smooth, cost = np.empty(shape, np.float32), np.empty(shape, np.float32)
     marks = np.empty(shape, np.uint8)
@@ -122,21 +125,28 @@ def _regions(depth_m: Float32Array, color: UInt8Array, camera: Intrinsics, step:
     segments.mark(inverse, kind, camera.fx, NOISE_PER_M, JUMP_M, ARM_M, BEND, smooth, marks)
     last = segments.label_surfaces(inverse, kind, marks, LEAST_PIXELS, labels, queue, sizes)
     regions.fill_holes(
-        kind, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse, cost, queue
+        kind, on, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse, cost, queue
     )
     table = np.empty((last + 1, regions.COLUMNS))
     contact = np.empty((last + 1, last + 1), np.float32)
     weight = np.empty((last + 1, last + 1), np.float32)
     regions.measure(kind, labels, inverse, marks, NOISE_PER_M, JUMP_M, SURE_JUMP_M, table, contact, weight)
-    members = np.empty((2 * last + 1, last + 1), np.uint8)
-    measures = np.empty((2 * last + 1, regions.COLUMNS))
-    parts = np.empty((2 * last + 1, 2), np.int32)
+    members = np.zeros((2 * last + 1 + planes, last + 1 + planes), np.uint8)
+    measures = np.empty((len(members), regions.COLUMNS))
+    parts = np.full((len(members), 2), -1, np.int32)
     n = regions.join(table, contact, weight, last, camera.fx, MAX_SIZE_M, members, measures, parts)
+    # Planes come after: they bound the segments, and are proposed each for itself.
+    members[n + np.arange(planes), -1 - np.arange(planes)] = 1
+    whole = measures[n : n + planes]
+    regions.measure_planes(labels, inverse, NOISE_PER_M, JUMP_M, SURE_JUMP_M, whole)
+    n += planes
     return _Regions(labels, members[:n], measures[:n], parts[:n])
 
 
-def _set_planes_apart(depth_m: Float32Array, camera: Intrinsics) -> tuple[Float32Array, UInt8Array]:
-    """Return 1/z, and for each pixel whether it is none, on a large plane, on another surface, or far."""
+def _set_planes_apart(
+    depth_m: Float32Array, camera: Intrinsics
+) -> tuple[Float32Array, UInt8Array, npt.NDArray[np.int8], int]:
+    """Return 1/z, each pixel's kind (none, on a large plane, on another surface, far) and plane, and their number."""
     rows, columns = depth_m.shape[0] // CELL_PIXELS, depth_m.shape[1] // CELL_PIXELS
     pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
     cells = np.empty((rows * columns, CELL_COLUMNS))
@@ -147,11 +157,12 @@ def _set_planes_apart(depth_m: Float32Array, camera: Intrinsics) -> tuple[Float3
         PLANE_AREA_M2, planes, member,
     )  # fmt: skip
     inverse, kind = np.empty(depth_m.shape, np.float32), np.empty(depth_m.shape, np.uint8)
+    on = np.empty(depth_m.shape, np.int8)
     segments.classify(
         depth_m, cells, planes, count, member, pinhole, CELL_PIXELS, PLANE_REACH, NOISE_PER_M, FLOOR_M, BIAS_M,
-        MAX_DEPTH_M, inverse, kind,
+        MAX_DEPTH_M, inverse, kind, on,
     )  # fmt: skip
-    return inverse, kind
+    return inverse, kind, on, count
 
 
 def _scores(measures: Float64Array, focal_px: float) -> Float32Array:
@@ -192,7 +203,7 @@ def _as_proposals(
         m = found.measures[k]
         x0, y0 = int(m[regions.LEFT]), int(m[regions.TOP])
         x1, y1 = int(m[regions.RIGHTMOST]) + 1, int(m[regions.BOTTOM]) + 1
-        chosen = np.append(found.members[k], np.uint8(0))  # label -1, the background, is the last
+        chosen = np.append(found.members[k], np.uint8(0))  # background is label -1, plane p is -2 - p
         small = chosen[found.labels[y0:y1, x0:x1]]
         masks.append(np.repeat(np.repeat(small, step, axis=0), step, axis=1))
         boxes[row] = x0 * step, y0 * step, x1 * step, y1 * step
