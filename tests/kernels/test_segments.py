@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.kernels import regions, segments
+from cuboid.kernels import patches, regions, segments
 from cuboid.kernels.cells import CELL_COLUMNS, fit_cells
 
 PINHOLE = np.array([265.0, 265.0, 79.5, 59.5])
@@ -28,7 +28,7 @@ def planes_of(depth: np.ndarray, least_area: float = 0.02) -> tuple[np.ndarray, 
     cells = np.empty((rows * columns, CELL_COLUMNS))
     fit_cells(depth, PINHOLE, SIZE, 4.0, cells)
     planes, member = np.empty((6, 3)), np.empty((rows, columns), np.int16)
-    count = segments.grow_planes(cells, (rows, columns), PINHOLE, SIZE, NOISE, 0.004, 5e-3, least_area, planes, member)
+    count = patches.grow_planes(cells, (rows, columns), PINHOLE, SIZE, NOISE, 0.004, 5e-3, least_area, planes, member)
     return cells, planes, member, count
 
 
@@ -54,9 +54,7 @@ def test_pixels_off_the_planes_are_surface_those_beyond_are_far() -> None:
     depth[:8, 8:16], truth[:8, 8:16] = 5.0, segments.FAR
     cells, planes, member, count = planes_of(depth, 0.1)
     inverse, kind, on = np.empty(SHAPE, np.float32), np.empty(SHAPE, np.uint8), np.empty(SHAPE, np.int8)
-    segments.classify(
-        depth, cells, planes, count, member, PINHOLE, SIZE, 4, NOISE, 0.005, 0.002, 4.0, inverse, kind, on
-    )
+    patches.classify(depth, cells, planes, count, member, PINHOLE, SIZE, 4, NOISE, 0.005, 0.002, 4.0, inverse, kind, on)
     assert (kind == truth).all()
     assert (on == np.where(truth == segments.PLANE, 0, -1)).all()
     np.testing.assert_allclose(inverse[depth > 0], 1.0 / depth[depth > 0], rtol=1e-6)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
-from cuboid.kernels import regions, segments
+from cuboid.kernels import patches, regions, segments
 from cuboid.kernels.blocks import halve_depth
 from cuboid.kernels.cells import CELL_COLUMNS, fit_cells
 from cuboid.kernels.pixels import drop_mixed
@@ -152,13 +152,13 @@ def _set_planes_apart(
     cells = np.empty((rows * columns, CELL_COLUMNS))
     fit_cells(depth_m, pinhole, CELL_PIXELS, MAX_DEPTH_M, cells)
     planes, member = np.empty((PLANES, 3)), np.empty((rows, columns), np.int16)
-    count = segments.grow_planes(
+    count = patches.grow_planes(
         cells, (rows, columns), pinhole, CELL_PIXELS, NOISE_PER_M, PLANE_BOW_M, FLAT_RESIDUAL * NOISE_PER_M,
         PLANE_AREA_M2, planes, member,
     )  # fmt: skip
     inverse, kind = np.empty(depth_m.shape, np.float32), np.empty(depth_m.shape, np.uint8)
     on = np.empty(depth_m.shape, np.int8)
-    segments.classify(
+    patches.classify(
         depth_m, cells, planes, count, member, pinhole, CELL_PIXELS, PLANE_REACH, NOISE_PER_M, FLOOR_M, BIAS_M,
         MAX_DEPTH_M, inverse, kind, on,
     )  # fmt: skip

@@ -1,0 +1,231 @@
+"""Hot loops that find the large planes of one depth image and set their pixels apart; see `segments` for why 1/z."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from cuboid.kernels.cells import AREA, CX, CY, CZ, NX, NY, NZ, RMS
+from cuboid.kernels.segments import FAR, NONE, PLANE, SURFACE
+
+
+@njit(cache=True, nogil=True)
+def grow_planes(cells, shape, camera, size, noise, bias, flat, least_area, planes, member):
+    """Join the flat cells of a frame to its large planes.
+
+    Parameters
+    ----------
+    cells : (R * C, 8) float64
+        From `fit_cells`.
+    shape : (int, int)
+        R, C.
+    camera : (4,) float64
+        fx, fy, cx, cy.
+    size : int
+        Edge of a cell, pixels.
+    noise : float
+        Standard deviation of 1/z, 1/metre.
+    bias : float
+        Systematic error of depth along a plane, metres at 1 m; grows with z squared.
+    flat : float
+        A cell is flat below this rms of 1/z, 1/metre.
+    least_area : float
+        Square metres of a large plane.
+    planes : (P, 3) float64, output
+        a, b, c of each: 1/z = a u + b v + c at pixel (u, v).
+    member : (R, C) int16, output
+        Plane of each cell, -1 none.
+
+    Returns
+    -------
+    int
+        Number of planes.
+    """
+    rows, columns = shape
+    member[:] = -1
+    tried = np.zeros((rows, columns), np.int32)
+    queue = np.empty(rows * columns, np.int32)
+    order = np.argsort(cells[:, RMS], kind="mergesort")
+    count = 0
+    attempt = 0
+    for seed in order:
+        if count == planes.shape[0]:
+            break
+        if cells[seed, AREA] <= 0.0 or cells[seed, RMS] > flat:
+            continue
+        if member[seed // columns, seed % columns] >= 0 or tried[seed // columns, seed % columns] != 0:
+            continue
+        attempt += 1
+        head, tail = 0, 1
+        queue[0] = seed
+        tried[seed // columns, seed % columns] = attempt
+        # Normal equations of 1/z = a u + b v + c over the cells' centres.
+        m = np.zeros(9)
+        area = 0.0
+        a, b, c = cell_plane(cells[seed], camera)
+        fitted = 1
+        while head < tail:
+            here = queue[head]
+            head += 1
+            cell = cells[here]
+            w = 1.0 / cell[CZ]
+            u, v = cell[CX] * w * camera[0] + camera[2], cell[CY] * w * camera[1] + camera[3]
+            area += cell[AREA]
+            m[0] += u * u
+            m[1] += u * v
+            m[2] += u
+            m[3] += v * v
+            m[4] += v
+            m[5] += 1.0
+            m[6] += u * w
+            m[7] += v * w
+            m[8] += w
+            if head >= 9 and head >= 1.5 * fitted:
+                fitted = head
+                ok, a2, b2, c2 = solve3(m)
+                if ok:
+                    a, b, c = a2, b2, c2
+            r, q = here // columns, here % columns
+            nx, ny, nz = plane_normal(a, b, c, camera)
+            for k in range(4):
+                rr, qq = r + (k == 0) - (k == 1), q + (k == 2) - (k == 3)
+                if rr < 0 or qq < 0 or rr >= rows or qq >= columns:
+                    continue
+                if member[rr, qq] >= 0 or tried[rr, qq] == attempt:
+                    continue
+                other = cells[rr * columns + qq]
+                if other[AREA] <= 0.0 or other[RMS] > flat:
+                    continue
+                ww = 1.0 / other[CZ]
+                uu, vv = other[CX] * ww * camera[0] + camera[2], other[CY] * ww * camera[1] + camera[3]
+                if abs(a * uu + b * vv + c - ww) > 2.0 * noise + bias:
+                    continue
+                if nx * other[NX] + ny * other[NY] + nz * other[NZ] < 0.9:
+                    continue
+                tried[rr, qq] = attempt
+                queue[tail] = rr * columns + qq
+                tail += 1
+        if area < least_area or tail < 9:
+            continue
+        ok, a2, b2, c2 = solve3(m)
+        if ok:
+            a, b, c = a2, b2, c2
+        for i in range(tail):
+            member[queue[i] // columns, queue[i] % columns] = count
+        planes[count, 0], planes[count, 1], planes[count, 2] = a, b, c
+        count += 1
+    return count
+
+
+@njit(cache=True, nogil=True, inline="always")
+def cell_plane(cell, camera):
+    """Return a, b, c of 1/z = a u + b v + c of a cell: n.p = n.center, divided by z and by n.center."""
+    d = cell[NX] * cell[CX] + cell[NY] * cell[CY] + cell[NZ] * cell[CZ]
+    a, b = cell[NX] / (d * camera[0]), cell[NY] / (d * camera[1])
+    return a, b, cell[NZ] / d - a * camera[2] - b * camera[3]
+
+
+@njit(cache=True, nogil=True, inline="always")
+def plane_normal(a, b, c, camera):
+    """Return the unit normal, towards the camera, of the plane 1/z = a u + b v + c."""
+    nx, ny, nz = a * camera[0], b * camera[1], a * camera[2] + b * camera[3] + c
+    norm = -np.sqrt(nx * nx + ny * ny + nz * nz)
+    return nx / norm, ny / norm, nz / norm
+
+
+@njit(cache=True, nogil=True)
+def solve3(m):
+    """Solve the normal equations (uu, uv, u, vv, v, 1; uw, vw, w) of a plane by Cramer's rule on centred sums."""
+    n = m[5]
+    mu, mv, mw = m[2] / n, m[4] / n, m[8] / n
+    uu, uv, vv = m[0] / n - mu * mu, m[1] / n - mu * mv, m[3] / n - mv * mv
+    uw, vw = m[6] / n - mu * mw, m[7] / n - mv * mw
+    det = uu * vv - uv * uv
+    if det <= 1e-3:
+        return False, 0.0, 0.0, 0.0
+    a, b = (uw * vv - vw * uv) / det, (vw * uu - uw * uv) / det
+    return True, a, b, mw - a * mu - b * mv
+
+
+@njit(cache=True, nogil=True)
+def classify(
+    depth, cells, planes, count, member, camera, size, reach, noise, floor, bias, max_depth, inverse, kind, on
+):  # fmt: skip
+    """Tell pixels on a large plane from those on any other surface.
+
+    A plane reaches `reach` cells beyond its own; there and within it a reading belongs to it that is no farther
+    from it, at right angles, than max(floor, bias + 3 standard deviations). Where its cells bow (lens, baseline), the
+    plane bows with them.
+
+    Parameters
+    ----------
+    depth : (H, W) float32
+        Metres, 0 none.
+    cells, planes, count, member, camera, size
+        See `grow_planes`.
+    reach : int
+        Cells.
+    noise : float
+        Standard deviation of 1/z, 1/metre.
+    floor, bias, max_depth : float
+        Metres.
+    inverse : (H, W) float32, output
+        1/z, 0 none.
+    kind : (H, W) uint8, output
+        NONE, PLANE, SURFACE, or FAR beyond `max_depth`.
+    on : (H, W) int8, output
+        The plane of each pixel, -1 none.
+    """
+    height, width = depth.shape
+    rows, columns = member.shape
+    normals = np.empty((count, 4))
+    for p in range(count):
+        a, b, c = planes[p, 0], planes[p, 1], planes[p, 2]
+        nx, ny, nz = plane_normal(a, b, c, camera)
+        normals[p, 0], normals[p, 1], normals[p, 2] = nx, ny, nz
+    near = np.empty(count, np.int32)
+    bow = np.empty(count, np.float64)
+    for r in range((height + size - 1) // size):
+        for q in range((width + size - 1) // size):
+            n = 0
+            for p in range(count):
+                total = weight = 0.0
+                for rr in range(max(0, r - reach), min(rows, r + reach + 1)):
+                    for qq in range(max(0, q - reach), min(columns, q + reach + 1)):
+                        if member[rr, qq] == p:
+                            cell = cells[rr * columns + qq]
+                            w = 1.0 / cell[CZ]
+                            u, v = cell[CX] * w * camera[0] + camera[2], cell[CY] * w * camera[1] + camera[3]
+                            share = 1.0 / (1.0 + (rr - r) * (rr - r) + (qq - q) * (qq - q))
+                            total += share * (w - planes[p, 0] * u - planes[p, 1] * v - planes[p, 2])
+                            weight += share
+                if weight > 0.0:
+                    near[n] = p
+                    bow[n] = total / weight
+                    n += 1
+            for v in range(r * size, min(height, (r + 1) * size)):
+                for u in range(q * size, min(width, (q + 1) * size)):
+                    z = depth[v, u]
+                    on[v, u] = -1
+                    if not z > 0.0:
+                        inverse[v, u] = 0.0
+                        kind[v, u] = NONE
+                        continue
+                    w = 1.0 / z
+                    if z > max_depth:
+                        inverse[v, u] = w
+                        kind[v, u] = FAR
+                        continue
+                    inverse[v, u] = w
+                    kind[v, u] = SURFACE
+                    rx, ry = (u - camera[2]) / camera[0], (v - camera[3]) / camera[1]
+                    for i in range(n):
+                        p = near[i]
+                        expected = planes[p, 0] * u + planes[p, 1] * v + planes[p, 2] + bow[i]
+                        facing = abs(normals[p, 0] * rx + normals[p, 1] * ry + normals[p, 2])
+                        # dz = z^2 dw, and at right angles to the plane dz times n.ray
+                        across = abs(expected - w) * z * z * facing
+                        if across < max(floor, bias + 3.0 * noise * z * z * facing):
+                            kind[v, u] = PLANE
+                            on[v, u] = p
+                            break
