@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-
 # Kinds of pixels: no reading, on a large plane, on another surface, too far away.
 NONE, PLANE, SURFACE, FAR = 0, 1, 2, 3
 # Bits of the marks of a pixel: depth jumps to its right, below it; a concave crease runs through it.
