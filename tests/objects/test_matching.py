@@ -19,8 +19,7 @@ def test_the_best_of_all_assignments(seed: int, n: int, m: int, minimum: float) 
     if n > m:
         allowed = allowed.T
     best = max(
-        sum(allowed[i, p[i]] for i in range(len(allowed)))
-        for p in permutations(range(allowed.shape[1]), len(allowed))
+        sum(allowed[i, p[i]] for i in range(len(allowed))) for p in permutations(range(allowed.shape[1]), len(allowed))
     )
     assert np.isclose(sum(score[i, j] for i, j in pairs), best)
 

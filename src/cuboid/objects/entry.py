@@ -43,6 +43,8 @@ class MapObject:
         Looks at its place in which it was not found.
     apart : int
         Looks in a row in which a part of it stood apart.
+    bonded : bool
+        Parts that no voxels link were found to belong to it.
     retired : bool
     """
 
@@ -61,6 +63,7 @@ class MapObject:
     merged_labels: list[int] = field(default_factory=list)
     missing: int = 0
     apart: int = 0
+    bonded: bool = False
     retired: bool = False
 
     @property

@@ -14,8 +14,9 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.heatmap.voxel_map import REFUSED, Rows, VoxelMap
+from cuboid.objects.bonds import Bonds
 from cuboid.objects.entry import MapObject
-from cuboid.objects.ownership import CONTACT_SHARE, Piece, gap_m, owners_of, share_out, wraps
+from cuboid.objects.ownership import CONTACT_SHARE, Piece, bends_around, gap_m, owners_of, share_out
 from cuboid.objects.validity import is_object, rests
 from cuboid.objects.visibility import in_view
 from cuboid.surfaces.clusters import MapCluster, map_clusters
@@ -40,6 +41,10 @@ REFUSED_SHARE = 0.05
 RETIRE_LOOKS = 3
 # A part that bends around its object may be so far from it, as a share of the object's longest side, and in metres.
 PART_REACH, PART_REACH_M = 0.5, 0.12
+# A part smaller than this share of what it touches (across a seam of two voxels) is no object of its own: a handle.
+PART_SHARE, TOUCH_M = 0.2, 0.022
+# What bends around an object is its part when it is so small a share of it (a brim's tip), or is this hollow, metres.
+STUB_SHARE, HOLLOW_M = 0.08, 0.004
 # What shows fewer voxels than this (of 1 cm: a side of 8 cm) is often a part, or the noise of an edge.
 SMALL_VOXELS, SMALL_PATIENCE = 64, 4
 # What floats above its plane, or lies beside an object, may be a part whose link is not seen yet: it is proposed so
@@ -69,6 +74,7 @@ class ObjectMap:
         self._planes = planes
         self._objects: dict[int, MapObject] = {}
         self._boxes = np.full((64, 15), np.nan)
+        self.bonds = Bonds()
         self._together: dict[tuple[int, int], int] = {}
         self._next_number = 1
         self._next_label = 1
@@ -114,9 +120,7 @@ class ObjectMap:
         for piece in pieces.get(0, []):
             self._start(piece, frame)
         if whole:
-            self._age(
-                [entry for entry in self.alive() if entry.number < known and entry.number not in pieces]
-            )
+            self._age([entry for entry in self.alive() if entry.number < known and entry.number not in pieces])
         self._confirm()
         self._list_boxes()
 
@@ -129,9 +133,7 @@ class ObjectMap:
         self._boxes[: self._next_number] = np.nan
         self._boxes[[entry.number for entry in alive]] = pack([entry.box for entry in alive])
 
-    def _divide(
-        self, clusters: Sequence[MapCluster], whole: bool
-    ) -> tuple[dict[int, list[Piece]], list[Rows]]:
+    def _divide(self, clusters: Sequence[MapCluster], whole: bool) -> tuple[dict[int, list[Piece]], list[Rows]]:
         """Give each cluster to its owner; share contested ones out unless their owners turn out to be one.
 
         Returns the pieces by owner, 0 for those of no one yet, and the rows that belong to no object.
@@ -186,11 +188,15 @@ class ObjectMap:
             for j in range(i + 1, len(entries)):
                 b = entries[j]
                 key = (min(a.number, b.number), max(a.number, b.number))
+                verdict = self.bonds.verdict(*key)
+                if verdict is False:
+                    self._together.pop(key, None)
+                    continue
                 if touch[i, j] < CONTACT_SHARE and overlap[i, j] < MERGE_OVERLAP:
                     self._together.pop(key, None)
                     continue
                 self._together[key] = self._together.get(key, 0) + 1
-                sure = overlap[i, j] >= MERGE_OVERLAP or not (a.confirmed and b.confirmed)
+                sure = bool(verdict) or overlap[i, j] >= MERGE_OVERLAP or not (a.confirmed and b.confirmed)
                 if self._together[key] >= (2 if sure else MERGE_LOOKS):
                     return key
         return None
@@ -200,14 +206,13 @@ class ObjectMap:
         a, b = self._objects[first], self._objects[second]
         rank_a, rank_b = (a.label or np.inf, a.number), (b.label or np.inf, b.number)
         kept, gone = (a, b) if rank_a < rank_b else (b, a)
-        kept.merged_labels = sorted(
-            {*kept.merged_labels, *gone.merged_labels, *([gone.label] if gone.label else [])}
-        )
+        kept.merged_labels = sorted({*kept.merged_labels, *gone.merged_labels, *([gone.label] if gone.label else [])})
         kept.first_frame = min(kept.first_frame, gone.first_frame)
         kept.last_frame = max(kept.last_frame, gone.last_frame)
         kept.frames_seen = max(kept.frames_seen, gone.frames_seen)
         kept.proposed = max(kept.proposed, gone.proposed)
         del self._objects[gone.number]
+        self.bonds.forget(gone.number)
         self._together = {key: n for key, n in self._together.items() if gone.number not in key}
         return kept.number, gone.number
 
@@ -220,7 +225,8 @@ class ObjectMap:
             part, body = self._voxels.xyz(piece.rows), self._voxels.xyz(main.rows)
             reach = min(PART_REACH * float(entry.box.size.max()), PART_REACH_M)
             gap = gap_m(part, body, max(reach, FRAGMENT_GAP_M))
-            if gap <= reach and wraps(part, body, entry.box.up):
+            small = len(piece.rows) < PART_SHARE * len(main.rows) and gap <= TOUCH_M
+            if small or (gap <= reach and entry.bonded):
                 own.append(piece.rows)
             elif gap > FRAGMENT_GAP_M:
                 apart.append((piece, True))
@@ -321,20 +327,40 @@ class ObjectMap:
         # The largest first: what lies beside it may be its part.
         for entry in sorted(waiting, key=lambda e: -len(e.rows)):
             patience = 1
+            other = self._beside(entry)
+            if other is not None and self._is_part(entry, other):
+                kept, gone = self._merge(other.number, entry.number)
+                self._voxels.owner[self._voxels.owner == gone] = kept
+                other.bonded = True
+                continue
             if not rests(entry.box, None if entry.plane is None else self._planes.in_world(entry.plane)):
                 patience = FLOATING_PATIENCE
-            other = self._beside(entry)
             if len(entry.rows) < SMALL_VOXELS:
                 patience = max(patience, SMALL_PATIENCE)
-            if other is not None:
-                if wraps(entry.points, other.points, entry.box.up):
-                    kept, gone = self._merge(other.number, entry.number)
-                    self._voxels.owner[self._voxels.owner == gone] = kept
-                    continue
+            if other is not None and self.bonds.verdict(entry.number, other.number) is None:
                 patience = max(patience, BESIDE_PATIENCE)
             if entry.proposed >= patience * self._config.confirm_frames:
                 entry.label = self._next_label
                 self._next_label += 1
+
+    def _is_part(self, entry: MapObject, other: MapObject) -> bool:
+        """Tell whether an object beside another one is a part of it.
+
+        It is when it is hollow or a stub and bends around the other, when most frames say so, and, while these are
+        not sure, when it floats or is small and touches.
+        """
+        share = len(entry.rows) / len(other.rows)
+        bends, sag_m = bends_around(entry.points, other.points, entry.box.up)
+        if bends and (sag_m < -HOLLOW_M or share < STUB_SHARE):
+            return True
+        verdict = self.bonds.verdict(entry.number, other.number)
+        if verdict is not None:
+            return verdict
+        gap = gap_m(entry.points, other.points, FRAGMENT_GAP_M)
+        floats = not rests(entry.box, None if entry.plane is None else self._planes.in_world(entry.plane))
+        if gap <= FRAGMENT_GAP_M and floats:
+            return True
+        return gap <= TOUCH_M and share < PART_SHARE
 
     def _beside(self, entry: MapObject) -> MapObject | None:
         """Return the object that this one may be a part of: a labelled or larger one nearby."""

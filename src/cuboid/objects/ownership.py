@@ -17,8 +17,8 @@ from cuboid.surfaces.planes import Plane
 
 # An object has a say in a cluster when it owns this many of its voxels, and this share of the cluster or of its own.
 SAY_VOXELS, SAY_SHARE = 5, 0.05
-# A surface that bends towards another one with less than this radius wraps it, metres.
-WRAP_RADIUS_M = 0.4
+# A surface that bends towards another one with less than this radius bends around it, metres.
+BEND_RADIUS_M = 0.4
 # Two objects touch as one when this share of the smaller one's voxels lies at the other.
 CONTACT_SHARE = 0.12
 
@@ -44,9 +44,7 @@ def owners_of(rows: Rows, voxels: VoxelMap, objects: dict[int, MapObject]) -> li
     return [number for _, number in sorted(has_say)]
 
 
-def share_out(
-    cluster: MapCluster, owners: list[int], voxels: VoxelMap
-) -> tuple[list[Rows], npt.NDArray[np.float64]]:
+def share_out(cluster: MapCluster, owners: list[int], voxels: VoxelMap) -> tuple[list[Rows], npt.NDArray[np.float64]]:
     """Divide a contested cluster: every voxel goes to the owner that reaches it in the fewest steps.
 
     Returns
@@ -90,12 +88,20 @@ def gap_m(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32], limit_m: float
     return float(np.min(distance))
 
 
-def wraps(part: npt.NDArray[np.float32], main: npt.NDArray[np.float32], up: Float64Array) -> bool:
+def bends_around(part: npt.NDArray[np.float32], main: npt.NDArray[np.float32], up: Float64Array) -> tuple[bool, float]:
     """Tell whether a part bends around another one, as the far wall of a bowl does around the near one.
 
     Seen from above, with x from the main part to this one and y across, the part follows x = a + b y + c y^2. A
     body of its own bulges towards the viewer and so towards what stands before it (c > 0) or is flat; an inner
     wall, a brim, a handle bends back (c < 0). It must not reach farther to the sides than the main part does.
+
+    Returns
+    -------
+    bool
+        Whether it bends around the main part.
+    float
+        How far its profile lies above the line from its near to its far end, metres: below 0 it is hollow, as the
+        inside of a bowl is; the front and the top of a body lie above that line.
     """
     first, second = plane_axes(up)
     plan = np.column_stack([part @ first, part @ second])
@@ -103,15 +109,20 @@ def wraps(part: npt.NDArray[np.float32], main: npt.NDArray[np.float32], up: Floa
     step = plan.mean(0) - other.mean(0)
     norm = float(np.linalg.norm(step))
     if norm < 1e-3 or len(part) < 6:
-        return True
+        return True, 0.0
     ahead = step / norm
     across = np.array([-ahead[1], ahead[0]])
-    x, y = plan @ ahead, plan @ across
-    side = other @ across
+    x, y, side = plan @ ahead, plan @ across, other @ across
     margin = 0.1 * (side.max() - side.min())
     if y.min() < side.min() - margin or y.max() > side.max() + margin:
-        return False
+        return False, 0.0
     y = y - y.mean()
-    design = np.column_stack([np.ones(len(y)), y, y * y])
-    bend = np.linalg.lstsq(design, x, rcond=None)[0][2]
-    return bool(bend < -0.5 / WRAP_RADIUS_M)
+    bend = np.linalg.lstsq(np.column_stack([np.ones(len(y)), y, y * y]), x, rcond=None)[0][2]
+    return bool(bend < -0.5 / BEND_RADIUS_M), _sag_m(x - bend * y * y, part @ up)
+
+
+def _sag_m(x: Float64Array, height: Float64Array) -> float:
+    near, far = x <= np.quantile(x, 0.1), x >= np.quantile(x, 0.9)
+    x0, x1, z0, z1 = (float(np.median(v)) for v in (x[near], x[far], height[near], height[far]))
+    line = z0 + (z1 - z0) * (x - x0) / max(x1 - x0, 1e-6)
+    return float((height - line).mean())

@@ -11,6 +11,8 @@ from cuboid.geometry.box import Box
 # What floats higher than this above its plane does not rest on it, metres: below that a plane's noise floor and an
 # object's own belly hide its foot. The far wall of a bowl, seen over its rim, floats higher.
 FLOAT_M = 0.035
+# An object rises at least so many times the least size above what it stands on: flatter is the noise of a plane.
+LEAST_HEIGHT = 0.9
 # A box this thin, metres, is a sheet of noise.
 SHEET_M = 0.008
 
@@ -22,7 +24,7 @@ def is_object(box: Box, config: TrackerConfig) -> bool:
         middle >= config.min_size_m
         and longest <= config.max_size_m
         and shortest >= SHEET_M
-        and box.size[2] >= config.min_height_m
+        and box.size[2] >= LEAST_HEIGHT * config.min_size_m
     )
 
 

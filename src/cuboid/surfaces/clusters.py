@@ -171,7 +171,7 @@ class _Links:
 
     def __call__(self) -> npt.NDArray[np.int64]:
         mine = self.edges[self.component[self.edges[:, 0]] == self.component[self.members[0]]]
-        return np.searchsorted(self.members, mine)
+        return np.asarray(np.searchsorted(self.members, mine), dtype=np.int64)
 
 
 def _is_panel(plan_points: Float64Array) -> bool:

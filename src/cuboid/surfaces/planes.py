@@ -60,9 +60,7 @@ class Plane:
         centred = points - mean
         step = mean - self.mean
         total = self.weight + w
-        self.scatter += (centred * weights[:, None]).T @ centred + np.outer(step, step) * (
-            self.weight * w / total
-        )
+        self.scatter += (centred * weights[:, None]).T @ centred + np.outer(step, step) * (self.weight * w / total)
         self.mean = self.mean + step * (w / total)
         self.weight = total
 
@@ -249,9 +247,7 @@ class PlaneTracker:
                 if a in gone or b in gone:
                     continue
                 one, two = self.planes[a], self.planes[b]
-                apart = max(
-                    abs(float(one.height(two.mean[None])[0])), abs(float(two.height(one.mean[None])[0]))
-                )
+                apart = max(abs(float(one.height(two.mean[None])[0])), abs(float(two.height(one.mean[None])[0])))
                 if apart > 1.5 * ON_PLANE_M or not (self.plan.covered[a] & self.plan.covered[b]).any():
                     continue
                 one.absorb(two)
@@ -342,9 +338,7 @@ class PlaneTracker:
         height = -(plan @ n[:2] + d) / n[2]
         return np.asarray(np.column_stack([plan, height]) @ self.T_plan_world[:3, :3])
 
-    def in_frame(
-        self, cells: Cells, owner: npt.NDArray[np.int8], T_world_camera: Float64Array
-    ) -> Float64Array:
+    def in_frame(self, cells: Cells, owner: npt.NDArray[np.int8], T_world_camera: Float64Array) -> Float64Array:
         """Return the planes as this frame sees them, (P, 4): normal and offset in the camera frame.
 
         The poses drift: a frame's own table may lie a centimetre off the map's. Each plane is shifted and tilted to
@@ -376,7 +370,7 @@ def _adapt(plane: Plane, points: Float64Array, sigma_m: Float64Array) -> tuple[F
     for _ in range(2):
         # Neighbouring cells err alike: a frame's cells count as a tenth of their number.
         w = 0.1 * weights / (1.0 + ((residual - design @ solution) / (3 * sigma_m + 0.003)) ** 2)
-        solution = np.linalg.solve(design.T @ (design * w[:, None]) + prior, design.T @ (w * residual))
+        solution = np.asarray(np.linalg.solve(design.T @ (design * w[:, None]) + prior, design.T @ (w * residual)))
     normal = plane.normal - np.array([solution[0], solution[1], 0.0])
     offset = plane.offset - solution[2] + float(solution[:2] @ middle[:2])
     norm = float(np.linalg.norm(normal))
