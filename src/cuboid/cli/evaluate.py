@@ -96,29 +96,22 @@ def _share(value: float | None, digits: int = 3) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
+def _length(value_cm: float | None) -> str:
+    return "-" if value_cm is None else f"{value_cm:.2f} cm"
+
+
 def _map_table(found: Evaluation) -> Table:
     from cuboid.cli.tables import new_table
 
-    table = new_table(
-        "map of objects",
-        "precision",
-        "recall",
-        "F1",
-        "AP",
-        "found",
-        "missed",
-        "wrong",
-        "mean IoU",
-        "centre off (cm)",
-        "size off (cm)",
-    )
+    table = new_table("map", "precision", "recall", "F1", "AP", "found", "wrong", "mean IoU", "centre off", "size off")
     for at in found.map.at:
         table.add_row(
-            f"at IoU {at.threshold:.2f}",
+            f"IoU {at.threshold:.2f}",
             *map(_share, (at.precision, at.recall, at.f1, at.ap)),
-            *map(str, (at.found, at.missed, at.wrong)),
+            f"{at.found} of {at.found + at.missed}",
+            str(at.wrong),
             _share(at.mean_iou),
-            *(_share(value, 2) for value in (at.center_error_cm, at.size_error_cm)),
+            *map(_length, (at.center_error_cm, at.size_error_cm)),
         )
     return table
 
@@ -126,8 +119,8 @@ def _map_table(found: Evaluation) -> Table:
 def _map_line(found: Evaluation) -> str:
     quality, proposals = found.map, found.proposals
     line = (
-        f"{quality.objects} objects, {quality.boxes} boxes in the map, {quality.counted} judged: "
-        f"{quality.fragments} fragments, {quality.merges} merges, {quality.false_alarms} false alarms"
+        f"{quality.objects} objects, {quality.boxes} boxes in the map, {quality.counted} judged; "
+        f"fragments: {quality.fragments}, merges: {quality.merges}, false alarms: {quality.false_alarms}"
     )
     if quality.wrong_labels:
         line += f" (labels that fit no object: {', '.join(map(str, quality.wrong_labels))})"
@@ -142,21 +135,10 @@ def _map_line(found: Evaluation) -> str:
 def _identity_table(identity: Identity) -> Table:
     from cuboid.cli.tables import new_table
 
-    table = new_table(
-        "labels over time",
-        "IDF1",
-        "IDP",
-        "IDR",
-        "MOTA",
-        "MOTP",
-        "switches",
-        "fragmentations",
-        "missed",
-        "wrong",
-    )
+    table = new_table("over time", "IDF1", "IDP", "IDR", "MOTA", "MOTP", "switches", "fragm.", "missed", "wrong")
     for at in identity.at:
         table.add_row(
-            f"at IoU {at.threshold:.2f}",
+            f"IoU {at.threshold:.2f}",
             *map(_share, (at.idf1, at.id_precision, at.id_recall, at.mota, at.motp)),
             *map(str, (at.switches, at.fragmentations, at.misses, at.false_positives)),
         )
@@ -166,9 +148,7 @@ def _identity_table(identity: Identity) -> Table:
 def _identity_lines(identity: Identity) -> str:
     score = identity.hota
     return (
-        f"HOTA {score.hota:.3f}   DetA {score.det_a:.3f} (recall {score.det_re:.3f}, precision {score.det_pr:.3f})"
-        f"   AssA {score.ass_a:.3f} (recall {score.ass_re:.3f}, precision {score.ass_pr:.3f})"
-        f"   LocA {score.loc_a:.3f}\n"
+        f"HOTA {score.hota:.3f}, DetA {score.det_a:.3f}, AssA {score.ass_a:.3f}, LocA {score.loc_a:.3f}\n"
         f"label purity {_share(identity.label_purity)}, consistency {_share(identity.label_consistency)}, "
         f"{_share(identity.labels_per_object, 2)} labels an object, "
         f"first label after {_share(identity.median_frames_to_first_label, 0)} frames (median)"
@@ -197,7 +177,7 @@ def _objects_table(found: Evaluation) -> Table:
             item.name,
             "-" if box is None else str(box.label),
             _share(None if box is None else box.iou),
-            _share(None if box is None else box.center_error_cm, 2),
+            _length(None if box is None else box.center_error_cm),
             "-" if had is None else ", ".join(map(str, had.labels)) or "none",
             "-" if had is None else str(had.switches),
             "-" if had is None else f"{had.frames_found} of {had.frames_to_find}",
