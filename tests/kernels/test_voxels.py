@@ -185,22 +185,27 @@ def test_only_what_was_seen_of_late_and_its_object_is_looked_at() -> None:
     voxels, rows = map_of_grid(np.ones((5, 1, 1), bool))
     voxels.hits[rows] = 3
     voxels.owner[rows] = [1, 1, 2, 0, REFUSED]
-    found, touched = voxels.solid_hot_rows(0.3, 0, 3)
+    found, touched = voxels.solid_hot_rows(0.3, 0, np.zeros(3, np.uint8))
     assert found.tolist() == rows.tolist()
     assert touched.tolist() == [0, 1, 1]
-    found, touched = voxels.solid_hot_rows(0.3, 1, 3)  # frame 0 saw one of the two points of object 1
+    found, touched = voxels.solid_hot_rows(0.3, 1, np.zeros(3, np.uint8))  # frame 0 saw one of the two points of object 1
     assert found.tolist() == rows[:4].tolist()
-    found, touched = voxels.solid_hot_rows(0.3, 2, 3)
+    found, touched = voxels.solid_hot_rows(0.3, 2, np.zeros(3, np.uint8))
+    assert found.tolist() == rows[2:4].tolist()
+    assert touched.tolist() == [0, 0, 1]
+    found, touched = voxels.solid_hot_rows(0.3, 1, np.array([0, 1, 0], np.uint8))  # object 1 is left out
     assert found.tolist() == rows[2:4].tolist()
     assert touched.tolist() == [0, 0, 1]
     voxels.passes[rows[2]] = 9
-    found, _ = voxels.solid_hot_rows(0.3, 2, 3)
+    found, _ = voxels.solid_hot_rows(0.3, 2, np.zeros(3, np.uint8))
     assert found.tolist() == rows[3:4].tolist()
 
 
-def test_rows_beside_an_owner_are_counted() -> None:
+def test_rows_beside_what_was_left_out_are_counted() -> None:
     voxels, rows = map_of_grid(np.ones((6, 1, 1), bool))
     voxels.owner[rows] = [REFUSED, 0, 0, 0, 7, 7]
-    assert voxels.count_beside(rows[1:4], REFUSED) == 1
-    assert voxels.count_beside(rows[1:4], 7) == 1
-    assert voxels.count_beside(rows[2:3], 7) == 0
+    asleep = np.zeros(8, np.uint8)
+    assert voxels.count_beside(rows[1:4], asleep) == 1
+    asleep[7] = 1
+    assert voxels.count_beside(rows[1:4], asleep) == 2
+    assert voxels.count_beside(rows[2:3], asleep) == 0

@@ -116,7 +116,7 @@ class VoxelMap:
         """Return the rows of all points."""
         return np.flatnonzero(self.values[: self.count, kernel.WEIGHT] > 0)
 
-    def solid_hot_rows(self, hot: float, since: int, numbers: int) -> tuple[Rows, UInt8Array]:
+    def solid_hot_rows(self, hot: float, since: int, asleep: UInt8Array) -> tuple[Rows, UInt8Array]:
         """Return the solid hot rows seen since a frame with all those of the objects they belong to.
 
         Parameters
@@ -125,20 +125,21 @@ class VoxelMap:
             Least heat.
         since : int
             First frame that counts; 0 or less for all rows, those refused before included.
-        numbers : int
-            Objects have numbers below this.
+        asleep : (M,) uint8
+            1 for each object, by number, that is left out.
 
         Returns
         -------
         (N,) int64
             Rows, ascending.
-        (numbers,) uint8
+        (M,) uint8
             1 for each object with a row among those seen.
         """
         rows = np.empty(self.count, np.int64)
-        touched = np.zeros(numbers, np.uint8)
+        touched = np.zeros_like(asleep)
         n = kernel.select(
-            self.count, hot, since, self.values, self.hits, self.passes, self._last_frame, self.owner, touched, rows,
+            self.count, hot, since, self.values, self.hits, self.passes, self._last_frame, self.owner, asleep,
+            touched, rows,
         )  # fmt: skip
         return rows[:n], touched
 
@@ -161,10 +162,10 @@ class VoxelMap:
         number, pairs = kernel.connect(self.keys[rows], self.xyz(rows), reach, table, component, edges)
         return component, int(number), edges[:pairs]
 
-    def count_beside(self, rows: Rows, number: int) -> int:
-        """Return how many of these rows have a neighbour that belongs to an object, or is `REFUSED`."""
+    def count_beside(self, rows: Rows, asleep: UInt8Array) -> int:
+        """Return how many of these rows have a neighbour that is `REFUSED` or belongs to an object left out."""
         reach = CONNECT_VOXELS * self.voxel_m
-        return int(kernel.count_beside(rows, self.values, reach, self.keys, self._table, self.owner, number))
+        return int(kernel.count_beside(rows, self.values, reach, self.keys, self._table, self.owner, asleep))
 
     def xyz(self, rows: Rows) -> Float32Array:
         """Return world points (N, 3) of these rows."""

@@ -210,7 +210,7 @@ def near(values, a, b, reach):
 
 
 @njit(cache=True, nogil=True)
-def select(count, hot, since, values, hits, passes, last_frame, owner, touched, rows):
+def select(count, hot, since, values, hits, passes, last_frame, owner, asleep, touched, rows):
     """Gather the solid hot rows that were seen of late, and all of the objects that these belong to.
 
     Rows that were refused (owner below 0) are left out, unless all rows are asked for.
@@ -224,8 +224,10 @@ def select(count, hot, since, values, hits, passes, last_frame, owner, touched, 
     since : int
         First frame that counts as of late; 0 or less asks for all.
     values, hits, passes, last_frame, owner : the map's
+    asleep : (M,) uint8
+        1 for each object, by number, that is left out.
     touched : (M,) uint8, output
-        1 for each object, by number, with a row seen of late.
+        1 for each other object with a row seen of late.
     rows : (count,) int64, output
 
     Returns
@@ -235,13 +237,13 @@ def select(count, hot, since, values, hits, passes, last_frame, owner, touched, 
     """
     touched[:] = 0
     for row in range(count):
-        if owner[row] > 0 and last_frame[row] >= since:
+        if owner[row] > 0 and last_frame[row] >= since and not asleep[owner[row]]:
             touched[owner[row]] = 1
     n = 0
     for row in range(count):
         if owner[row] < 0 and since > 0:
             continue
-        if last_frame[row] < since and (owner[row] == 0 or not touched[owner[row]]):
+        if (owner[row] > 0 and not touched[owner[row]]) or (owner[row] == 0 and last_frame[row] < since):
             continue
         if values[row, HEAT] < hot or values[row, WEIGHT] <= 0.0:
             continue
@@ -307,8 +309,8 @@ def connect(keys, points, reach, table, component, edges):
 
 
 @njit(cache=True, nogil=True)
-def count_beside(rows, values, reach, keys, table, owner, who):
-    """Return how many of the rows have a neighbour within reach (as for `connect`) of the given owner."""
+def count_beside(rows, values, reach, keys, table, owner, asleep):
+    """Return how many of the rows have a neighbour within reach (as for `connect`) that was left out by `select`."""
     count = 0
     for i in range(rows.size):
         key = keys[rows[i]]
@@ -318,7 +320,9 @@ def count_beside(rows, values, reach, keys, table, owner, who):
         for code in range(27):
             jx, jy, jz = ix + code // 9 - 1, iy + (code // 3) % 3 - 1, iz + code % 3 - 1
             row, _ = find_slot((jx << (2 * KEY_BITS)) | (jy << KEY_BITS) | jz, keys, table)
-            if row >= 0 and owner[row] == who and near(values, rows[i], row, reach):
+            if row < 0 or owner[row] == 0 or (owner[row] > 0 and not asleep[owner[row]]):
+                continue
+            if near(values, rows[i], row, reach):
                 count += 1
                 break
     return count

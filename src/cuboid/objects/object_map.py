@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from cuboid.boxes.fit import fit_box
 from cuboid.config import TrackerConfig
-from cuboid.frame import Float64Array
+from cuboid.frame import Float64Array, UInt8Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.heatmap.voxel_map import REFUSED, Rows, VoxelMap
@@ -33,8 +33,9 @@ SPLIT_LOOKS = 8
 FRAGMENT_GAP_M = 0.04
 # Every so many looks at the map take in all of it.
 WHOLE_EVERY = 8
-# A contested cluster larger than this waits for a look at all of the map: each object keeps what it has till then.
-LARGE_VOXELS = 5000
+# Objects and contested clusters larger than this (a quarter of a square metre at 1 cm) wait for a look at all of the
+# map: they change slowly, and each object keeps what it has till then.
+LARGE_VOXELS = 2500
 # A new cluster that lies to this share along what was refused is more of that.
 REFUSED_SHARE = 0.05
 # An object that was not found in so many looks at all of the map is retired.
@@ -104,10 +105,11 @@ class ObjectMap:
         voxels = self._voxels
         since = 0 if whole else self._last_look + 1
         self._last_look = frame
-        rows, touched = voxels.solid_hot_rows(self._config.hot, since, self._next_number)
+        asleep = self._asleep(whole)
+        rows, touched = voxels.solid_hot_rows(self._config.hot, since, asleep)
         clusters = map_clusters(rows, voxels, self._planes, self._config)
         known = self._next_number
-        pieces, refused = self._divide(clusters, whole)
+        pieces, refused = self._divide(clusters, whole, asleep)
         held = voxels.owner[: voxels.count]
         if whole:
             held[held == REFUSED] = 0
@@ -133,7 +135,9 @@ class ObjectMap:
         self._boxes[: self._next_number] = np.nan
         self._boxes[[entry.number for entry in alive]] = pack([entry.box for entry in alive])
 
-    def _divide(self, clusters: Sequence[MapCluster], whole: bool) -> tuple[dict[int, list[Piece]], list[Rows]]:
+    def _divide(
+        self, clusters: Sequence[MapCluster], whole: bool, asleep: UInt8Array
+    ) -> tuple[dict[int, list[Piece]], list[Rows]]:
         """Give each cluster to its owner; share contested ones out unless their owners turn out to be one.
 
         Returns the pieces by owner, 0 for those of no one yet, and the rows that belong to no object.
@@ -142,7 +146,7 @@ class ObjectMap:
         refused: list[Rows] = []
         for cluster in clusters:
             owner = self._voxels.owner[cluster.rows]
-            if cluster.furniture or (not whole and self._joins_refused(cluster.rows, owner)):
+            if cluster.furniture or (not whole and self._joins_refused(cluster.rows, owner, asleep)):
                 # An object that touches a wall keeps what it has.
                 for number in owners_of(cluster.rows, self._voxels, self._objects):
                     if self._objects[number].confirmed:
@@ -152,11 +156,18 @@ class ObjectMap:
             self._give(cluster, pieces, whole)
         return pieces, refused
 
-    def _joins_refused(self, rows: Rows, owner: npt.NDArray[np.int32]) -> bool:
-        """Tell whether a cluster of no one's is more of what was refused before."""
+    def _asleep(self, whole: bool) -> UInt8Array:
+        """Return which objects, by number, wait for a look at all of the map: the large ones change slowly."""
+        asleep = np.zeros(self._next_number, np.uint8)
+        if not whole:
+            asleep[[e.number for e in self.alive() if len(e.rows) > LARGE_VOXELS]] = 1
+        return asleep
+
+    def _joins_refused(self, rows: Rows, owner: npt.NDArray[np.int32], asleep: UInt8Array) -> bool:
+        """Tell whether a cluster of no one's is more of what was refused before, or of a large object."""
         if (owner > 0).any():
             return False
-        return self._voxels.count_beside(rows, REFUSED) > REFUSED_SHARE * len(rows)
+        return self._voxels.count_beside(rows, asleep) > REFUSED_SHARE * len(rows)
 
     def _give(self, cluster: MapCluster, pieces: dict[int, list[Piece]], whole: bool) -> None:
         owners = owners_of(cluster.rows, self._voxels, self._objects)
