@@ -10,8 +10,12 @@ from typing import Any
 import numpy as np
 
 from cuboid.evaluation.matching import FrameOverlap
+from cuboid.frame import Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
+from cuboid.geometry.se3 import quat_wxyz_from_rotation
+from cuboid.outputs import ObjectsFile, RunReport, write_objects, write_run
+from cuboid.results import TrackedObject
 
 LEVEL = np.eye(3)
 
@@ -58,13 +62,39 @@ def write_truth(folder: Path, document: dict[str, Any]) -> Path:
 
 
 def write_csv(folder: Path, sightings: Iterable[tuple[int, int, Box]], name: str = "tracks.csv") -> Path:
-    """Write (frame, label, box), all level, as another tracker would."""
+    """Write (frame, label, box) as another tracker would."""
     lines = ["frame,label,cx,cy,cz,length,width,height,qw,qx,qy,qz"]
     for frame, label, box in sightings:
-        lines.append(",".join(map(str, (frame, label, *box.center, *box.size, 1, 0, 0, 0))))
+        lines.append(",".join(map(str, (frame, label, *box.center, *box.size, *quat_wxyz_from_rotation(box.rotation)))))
     path = folder / name
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
+
+
+def follow(box: Box, label: int, frames: range) -> list[tuple[int, int, Box]]:
+    """Return sightings of a box in each of the frames."""
+    return [(frame, label, box) for frame in frames]
+
+
+def write_folder(
+    folder: Path,
+    box: Box,
+    seen: range,
+    *,
+    read: int,
+    every: int = 1,
+    skipped: tuple[int, ...] = (),
+    poses: str = "given",
+) -> None:
+    """Write the results of a run that saw one object, labelled 3."""
+    item = TrackedObject(3, box, 0.9, 0.9, 0, 9, 9, 100, np.zeros(3), None)
+    K = Intrinsics(500.0, 500.0, 320.0, 240.0, 640, 480)
+    write_objects(folder / "objects.json", ObjectsFile(None, K, (), (item,)))
+    faults = tuple((frame, "no depth") for frame in skipped)
+    used = read - len(skipped)
+    run = RunReport("1", True, "r", "f", poses, 1, {"every": every}, read, used, faults, {}, 1.0, 1.0)
+    write_run(folder / "run.json", run)
+    write_csv(folder, follow(box, 3, seen))
 
 
 def frame(k: int, truth: list[int], found: list[int], iou: list[list[float]]) -> FrameOverlap:

@@ -5,21 +5,13 @@ import json
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
-from made_truth import as_json, cube, truth_document, write_csv, write_truth
+from made_truth import as_json, cube, follow, truth_document, write_csv, write_folder, write_truth
 
 from cuboid.cli import evaluate as command
 from cuboid.errors import InputError
 from cuboid.evaluation import Evaluation, evaluate
-from cuboid.frame import Intrinsics
 from cuboid.geometry.box import Box
-from cuboid.outputs import ObjectsFile, RunReport, write_objects, write_run
-from cuboid.results import TrackedObject
-
-
-def follow(box: Box, label: int, frames: range) -> list[tuple[int, int, Box]]:
-    return [(frame, label, box) for frame in frames]
 
 
 def judge(folder: Path, sightings: list[tuple[int, int, Box]], document: dict[str, object]) -> Evaluation:
@@ -89,18 +81,6 @@ def test_a_truth_without_visibility_judges_the_map_alone(tmp_path: Path) -> None
 def test_a_result_of_another_recording_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"has frame 12, but .*truth\.json is of a recording of 10 frames"):
         judge(tmp_path, [(12, 1, cube(0.0))], truth_document([cube(0.0)]))
-
-
-def write_folder(folder: Path, box: Box, seen: range, *, every: int, read: int, skipped: tuple[int, ...]) -> None:
-    """Write the results of a run that saw one object."""
-    item = TrackedObject(3, box, 0.9, 0.9, 0, 9, 9, 100, np.zeros(3), None)
-    K = Intrinsics(500.0, 500.0, 320.0, 240.0, 640, 480)
-    write_objects(folder / "objects.json", ObjectsFile(None, K, (), (item,)))
-    faults = tuple((frame, "no depth") for frame in skipped)
-    used = read - len(skipped)
-    run = RunReport("1", True, "r", "f", "given", 1, {"every": every}, read, used, faults, {}, 1.0, 1.0)
-    write_run(folder / "run.json", run)
-    write_csv(folder, follow(box, 3, seen))
 
 
 def test_only_frames_that_the_tracker_used_are_judged(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
     from cuboid.evaluation import Evaluation
     from cuboid.evaluation.evaluate import Identity
+    from cuboid.evaluation.points import HeatQuality
 
 HELP = "judge a result by the truth: boxes, labels over time"
 
@@ -24,6 +25,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what 'cuboid track' left behind, or a CSV with the boxes of any other tracker",
     )
     parser.add_argument("truth", type=Path, metavar="TRUTH", help="a truth file, or the folder of a made recording")
+    parser.add_argument(
+        "--cloud",
+        type=Path,
+        metavar="PLY",
+        help="a labelled cloud, with which the heat of the map is compared",
+    )
+    parser.add_argument(
+        "--trajectory",
+        type=Path,
+        metavar="FILE",
+        help="true camera poses, by which the result is carried to the truth's world "
+        "(default: true_trajectory.txt beside TRUTH, where the result's poses were estimated)",
+    )
     parser.add_argument("--json", metavar="FILE", help="write everything as JSON; - prints it and no tables")
 
 
@@ -34,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.evaluation import evaluate
 
     limit_threads(1)
-    found = evaluate(args.result, args.truth)
+    found = evaluate(args.result, args.truth, cloud=args.cloud, trajectory=args.trajectory)
     if args.json is not None:
         _write_json(found, args.json)
     if args.json != "-":
@@ -73,6 +87,8 @@ def print_evaluation(found: Evaluation) -> None:
         out.print(_identity_lines(found.identity), markup=False)
         out.print(_reidentification_table(found.identity))
     out.print(_objects_table(found))
+    if found.heat is not None:
+        out.print(_heat_line(found.heat), markup=False)
 
 
 def print_comparison(found: Evaluation) -> None:
@@ -165,6 +181,19 @@ def _reidentification_table(identity: Identity) -> Table:
     table.add_row("with the old label", *(str(at.same_label) for at in curve))
     table.add_row("re-identification rate", *(_share(at.rate) for at in curve))
     return table
+
+
+def _heat_line(heat: HeatQuality) -> str:
+    line = (
+        f"heat against {heat.points} labelled points ({heat.object_points} on objects, "
+        f"{100 * (heat.mapped or 0.0):.1f} % of all near the map): AP {_share(heat.ap)}"
+    )
+    if heat.best is not None:
+        at = heat.best
+        line += (
+            f", F {_share(at.f)} at heat {at.heat:.2f} (precision {_share(at.precision)}, recall {_share(at.recall)})"
+        )
+    return line
 
 
 def _objects_table(found: Evaluation) -> Table:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cuboid.errors import InputError
+from cuboid.evaluation.alignment import in_world_of
 from cuboid.evaluation.boxes import (
     THRESHOLDS,
     MapQuality,
@@ -28,9 +29,12 @@ from cuboid.evaluation.labels import (
     reidentification,
     timelines,
 )
+from cuboid.evaluation.points import HeatQuality, heat_quality, read_labelled_cloud
 from cuboid.evaluation.result import BoxRows, IntArray, Result, read_result
 from cuboid.evaluation.scope import FOUND_IOU, Scope
 from cuboid.evaluation.truth import Truth, read_truth
+from cuboid.geometry.se3 import transform
+from cuboid.outputs import read_map
 from cuboid.outputs.text import LENGTH, rounded
 
 FORMAT, VERSION = "cuboid-evaluation", 1
@@ -101,6 +105,8 @@ class Evaluation:
         None without visibility, or where the result has no boxes of single frames.
     objects : tuple of ObjectOutcome
         The judged ones, by id.
+    heat : HeatQuality or None
+        None without a labelled cloud.
     """
 
     result: str
@@ -111,6 +117,7 @@ class Evaluation:
     identity: Identity | None
     proposals: ProposalQuality | None
     objects: tuple[ObjectOutcome, ...]
+    heat: HeatQuality | None
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything, ready for JSON: numbers have six decimals, what is undefined is None."""
@@ -118,7 +125,13 @@ class Evaluation:
         return {"format": FORMAT, "version": VERSION, **plain}
 
 
-def evaluate(result: Result | Path | str, truth: Truth | Path | str) -> Evaluation:
+def evaluate(
+    result: Result | Path | str,
+    truth: Truth | Path | str,
+    *,
+    cloud: Path | None = None,
+    trajectory: Path | None = None,
+) -> Evaluation:
     """Judge a result by the truth.
 
     Parameters
@@ -126,7 +139,12 @@ def evaluate(result: Result | Path | str, truth: Truth | Path | str) -> Evaluati
     result : Result or path
         A result folder, or a CSV with the boxes of any other tracker.
     truth : Truth or path
-        A truth file.
+        A truth file, or a folder with a `truth.json`.
+    cloud : Path, optional
+        A labelled cloud, with which the heat of the map is compared.
+    trajectory : Path, optional
+        True camera poses in the TUM form, by which the result is carried to the world of the truth. Where the
+        result's poses were estimated, a `true_trajectory.txt` beside the truth is used by itself.
 
     Raises
     ------
@@ -135,6 +153,7 @@ def evaluate(result: Result | Path | str, truth: Truth | Path | str) -> Evaluati
     """
     result = result if isinstance(result, Result) else read_result(Path(result))
     truth = truth if isinstance(truth, Truth) else read_truth(Path(truth))
+    result = in_world_of(result, truth.path, trajectory)
     frames = _judged_frames(result, truth)
     scope = Scope(truth, frames)
     quality, boxes = map_quality(scope, result.objects)
@@ -155,6 +174,7 @@ def evaluate(result: Result | Path | str, truth: Truth | Path | str) -> Evaluati
             ObjectOutcome(item.id, item.name, box, had)
             for item, box, had in zip(scope.objects, boxes, labels, strict=True)
         ),
+        heat=None if cloud is None else _heat(result, cloud, truth),
     )
 
 
@@ -197,6 +217,14 @@ def _proposals(scope: Scope, rows: BoxRows | None) -> ProposalQuality | None:
     if rows is None:
         return None
     return proposal_quality(scope.frame_overlaps(rows), int(np.isin(rows.frame, scope.frames).sum()))
+
+
+def _heat(result: Result, cloud: Path, truth: Truth) -> HeatQuality:
+    if result.map_points is None:
+        raise InputError(f"{result.path}: has no point map to compare with {cloud}")
+    points = read_map(result.map_points)
+    xyz = transform(result.T_truth_result, points.xyz)
+    return heat_quality(xyz, points.heat, read_labelled_cloud(cloud), truth)
 
 
 def _plain(value: Any) -> Any:

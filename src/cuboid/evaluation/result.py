@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +75,8 @@ class Result:
         "given", "estimated", or "" where the result does not say.
     map_points, trajectory : Path or None
         Files beside the tracks.
+    T_truth_result : (4, 4) float64
+        The motion by which the boxes were carried to the world of the truth; the files are as they were.
     """
 
     path: Path
@@ -86,6 +88,7 @@ class Result:
     poses: str = ""
     map_points: Path | None = None
     trajectory: Path | None = None
+    T_truth_result: Float64Array = field(default_factory=lambda: np.eye(4))
 
     def moved(self, T_truth_result: Float64Array) -> Result:
         """Return the same with every box carried to the truth's world by a rigid motion (4, 4)."""
@@ -95,6 +98,7 @@ class Result:
             tracks=replace(tracks, boxes=_moved(tracks.boxes, T_truth_result)),
             objects=replace(objects, boxes=_moved(objects.boxes, T_truth_result)),
             proposals=proposals and replace(proposals, boxes=_moved(proposals.boxes, T_truth_result)),
+            T_truth_result=T_truth_result @ self.T_truth_result,
         )
 
 

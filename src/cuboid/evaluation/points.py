@@ -1,0 +1,197 @@
+"""The heat of the point map against a cloud whose points are labelled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import KDTree
+
+from cuboid.errors import InputError
+from cuboid.evaluation.matching import ratio
+from cuboid.evaluation.truth import Truth
+from cuboid.frame import Float64Array
+from cuboid.geometry.overlap import pack
+
+# A labelled point has the heat of the nearest point of the map within this, metres: two voxels of 1 cm.
+REACH_M = 0.02
+# Objects among the classes of RGB-D Scenes v2: bowl, cap, cereal box, coffee mug, soda can; the others are
+# coffee table, office chair, sofa, table, background.
+UW_OBJECT_CLASSES = (1, 2, 3, 4, 7)
+CURVE_HEATS = np.arange(1, 21) * 0.05
+# A box is a millimetre larger on each side where points are asked whether they lie in it.
+SKIN_M = 0.001
+
+
+@dataclass(frozen=True, slots=True)
+class LabelledCloud:
+    """Points of which is known whether they lie on an object.
+
+    Attributes
+    ----------
+    xyz : (N, 3) float64
+        In the world of the truth, metres.
+    on_object : (N,) bool
+    """
+
+    xyz: Float64Array
+    on_object: npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class HeatAt:
+    """What calling points of at least this heat an object gives.
+
+    Attributes
+    ----------
+    heat : float
+    precision : float or None
+        None where no point is as hot.
+    recall, f : float or None
+    """
+
+    heat: float
+    precision: float | None
+    recall: float | None
+    f: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class HeatQuality:
+    """How well heat tells objects from the rest.
+
+    Attributes
+    ----------
+    points, object_points : int
+        Judged points of the labelled cloud, and those on objects.
+    mapped : float or None
+        Share of the judged points that have a point of the map nearby; the others count as cold.
+    ap : float or None
+        Average precision over all heats.
+    best : HeatAt or None
+        Where on the curve the F-measure (beta = 1) is largest.
+    curve : tuple of HeatAt
+        At heats from 0.05 to 1.
+    """
+
+    points: int
+    object_points: int
+    mapped: float | None
+    ap: float | None
+    best: HeatAt | None
+    curve: tuple[HeatAt, ...]
+
+
+def read_labelled_cloud(path: Path) -> LabelledCloud:
+    """Read a labelled cloud.
+
+    Parameters
+    ----------
+    path : Path
+        A PLY whose points have a `label` (0 is no object), as `cuboid synth` writes, or one with a `.label` file of
+        RGB-D Scenes v2 beside it: the number of points, then the class of each.
+
+    Raises
+    ------
+    InputError
+        A file is missing or malformed, or the points have no labels.
+    """
+    import trimesh
+
+    try:
+        with path.open("rb") as file:
+            cloud = trimesh.load(file, file_type="ply", process=False)
+        vertex = cloud.metadata["_ply_raw"]["vertex"]["data"]
+        xyz = np.stack([np.ravel(vertex[name]) for name in "xyz"], axis=1).astype(np.float64)
+        names = vertex.dtype.names if isinstance(vertex, np.ndarray) else tuple(vertex)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    except Exception as error:  # the library has no error of its own for files that are no PLY
+        raise InputError(f"{path}: is no PLY of points: {error}") from error
+    beside = path.with_suffix(".label")
+    if beside.is_file():
+        return LabelledCloud(xyz, np.isin(_classes(beside, len(xyz)), UW_OBJECT_CLASSES))
+    if "label" not in names:
+        raise InputError(f"{path}: expected points with a label, or {beside.name} beside it")
+    return LabelledCloud(xyz, np.ravel(vertex["label"]) > 0)
+
+
+def _classes(path: Path, points: int) -> npt.NDArray[np.int64]:
+    try:
+        values = np.array(path.read_text(encoding="utf-8").split(), np.int64)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: expected whole numbers, one a line: {error}") from error
+    if len(values) != points + 1 or values[0] != points:
+        raise InputError(f"{path}: expected {points} and as many classes, got {len(values)} numbers")
+    return values[1:]
+
+
+def heat_quality(xyz: Float64Array, heat: npt.NDArray[np.floating], cloud: LabelledCloud, truth: Truth) -> HeatQuality:
+    """Compare the heat of a map with a labelled cloud.
+
+    Parameters
+    ----------
+    xyz : (N, 3) float64
+        Points of the map, in the world of the truth.
+    heat : (N,) float
+        0..1.
+    cloud : LabelledCloud
+    truth : Truth
+        Its judged region, ignored places and objects that are not judged take points out of the judgement.
+
+    Notes
+    -----
+    Precision, recall and F-measure over a threshold on an objectness map, as in Achanta, Hemami, Estrada,
+    Susstrunk, "Frequency-tuned Salient Region Detection", CVPR 2009, here on points and with beta = 1; average
+    precision as for boxes.
+    """
+    judged = ~_aside(cloud.xyz, truth)
+    spots, hot = cloud.xyz[judged], cloud.on_object[judged]
+    value, near = _nearest_heat(xyz, heat, spots)
+    # Points by falling heat; a threshold lies below the last of equally hot ones.
+    order = np.argsort(-value, kind="stable")
+    hits, taken = hot[order].cumsum(), np.arange(1, len(order) + 1)
+    last = np.flatnonzero(np.diff(-value[order], append=np.inf) > 0)
+    last = last[value[order][last] > 0]
+    total = int(hot.sum())
+    curve = tuple(_at(float(bound), int((value >= bound).sum()), hits, total) for bound in CURVE_HEATS)
+    precision = hits[last] / taken[last]
+    envelope = np.maximum.accumulate(precision[::-1])[::-1]
+    return HeatQuality(
+        points=len(spots),
+        object_points=total,
+        mapped=ratio(int(near.sum()), len(spots)),
+        ap=ratio(float((np.diff(hits[last], prepend=0) * envelope).sum()), total),
+        best=max((at for at in curve if at.f is not None), key=lambda at: at.f or 0.0, default=None),
+        curve=curve,
+    )
+
+
+def _nearest_heat(
+    xyz: Float64Array, heat: npt.NDArray[np.floating], spots: Float64Array
+) -> tuple[Float64Array, npt.NDArray[np.bool_]]:
+    """Return the heat at spots (M, 3), and whether a point of the map is near them; 0 where none is."""
+    if not (len(xyz) and len(spots)):
+        return np.zeros(len(spots)), np.zeros(len(spots), bool)
+    which = np.asarray(KDTree(xyz).query(spots, distance_upper_bound=REACH_M)[1])
+    near = which < len(xyz)
+    return np.append(heat, 0.0)[which], near  # what is near nothing has the number after the last
+
+
+def _at(heat: float, taken: int, hits: npt.NDArray[np.int64], total: int) -> HeatAt:
+    right = int(hits[taken - 1]) if taken else 0
+    f = ratio(2 * right, taken + total) if total else None
+    return HeatAt(heat, ratio(right, taken), ratio(right, total), f)
+
+
+def _aside(points: Float64Array, truth: Truth) -> npt.NDArray[np.bool_]:
+    """Tell which points are not judged, (N,)."""
+    aside = np.zeros(len(points), bool)
+    if truth.region is not None:
+        aside = ~truth.region.contains(points)
+    for row in pack([*truth.ignored, *(item.box for item in truth.objects if not item.judged)]):
+        local = (points - row[:3]) @ row[6:].reshape(3, 3)
+        aside |= (np.abs(local) <= row[3:6] / 2 + SKIN_M).all(1)
+    return aside
