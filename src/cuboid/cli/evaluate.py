@@ -135,7 +135,7 @@ def _map_table(found: Evaluation) -> Table:
 def _map_line(found: Evaluation) -> str:
     quality, proposals = found.map, found.proposals
     line = (
-        f"{quality.objects} objects, {quality.boxes} boxes in the map, {quality.counted} judged; "
+        f"objects: {quality.objects}, boxes in the map: {quality.boxes}, judged: {quality.counted}, "
         f"fragments: {quality.fragments}, merges: {quality.merges}, false alarms: {quality.false_alarms}"
     )
     if quality.wrong_labels:
@@ -199,7 +199,7 @@ def _heat_line(heat: HeatQuality) -> str:
 def _objects_table(found: Evaluation) -> Table:
     from cuboid.cli.tables import new_table
 
-    table = new_table("object", "label", "IoU", "centre off (cm)", "labels", "switches", "found in", "first after")
+    table = new_table("object", "label", "IoU", "centre off", "labels", "switches", "found in frames", "first after")
     for item in found.objects:
         box, had = item.box, item.labels
         table.add_row(
