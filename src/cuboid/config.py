@@ -23,7 +23,7 @@ class TrackerConfig:
     voxel_m : float
         Edge of a voxel of the global map, metres. Two objects stay apart when their gap is about two voxels.
     max_depth_m : float
-        Readings farther than this are not used, metres: a structured-light sensor's noise passes 2 cm there.
+        Readings farther than this are not used, metres: the noise of a structured-light sensor nears 2 cm there.
     depth_noise_per_m : float
         Standard deviation of depth at distance z is this times z squared, 1/metre (Khoshelham and Elberink 2012
         give 1.425e-3 for the first Kinect; a time-of-flight sensor has less beyond 2 m).
@@ -44,7 +44,7 @@ class TrackerConfig:
     """
 
     voxel_m: float = _field(0.01, 0.003, 0.1, "m")
-    max_depth_m: float = _field(4.0, 0.5, 20.0, "m")
+    max_depth_m: float = _field(3.5, 0.5, 20.0, "m")
     depth_noise_per_m: float = _field(1.425e-3, 1e-5, 0.05, "1/m")
     min_height_m: float = _field(0.01, 0.003, 0.2, "m")
     min_size_m: float = _field(0.03, 0.01, 1.0, "m")

@@ -52,12 +52,14 @@ def test_fuse_is_the_weighted_mean_of_all_sightings() -> None:
         for v in range(48):
             for u in range(64):
                 z = float(image.depth_m[v, u])
-                speaks = heat[v, u] > 0.1 or (u % 2) + 2 * (v % 2) == frame % 4
+                near = (u % 2) + 2 * (v % 2) == frame % 4
+                far = near and (u // 2 % 2) + 2 * (v // 2 % 2) == frame // 4 % 4
+                speaks = heat[v, u] > 0.1 or (near if z <= 2 else far)
                 if not 0 < z <= 3.5 or not speaks:
                     assert slots[v, u] == -1
                     continue
                 key = tuple(np.floor(points[v, u] / VOXEL).astype(int))
-                weight = (1.0 if heat[v, u] > 0.1 else 4.0) / max(z, 0.5) ** 4
+                weight = (1.0 if heat[v, u] > 0.1 else 4.0 if z <= 2 else 16.0) / max(z, 0.5) ** 4
                 truth[key].append((weight, *points[v, u], *image.color[v, u], float(heat[v, u])))
                 frames[key].add(frame)
                 assert slots[v, u] >= 0

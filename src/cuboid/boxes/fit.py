@@ -22,6 +22,8 @@ _ARC_SOLVERS = np.linalg.pinv(_ARC_DESIGNS)
 # A round footprint follows the law of the disc to this share of its radius, and is at most this share of what was
 # seen of it wide, per side: half a disc shows its whole width.
 ROUND_RESIDUAL, ROUND_RADIUS = 0.05, 0.56
+# Half a disc is half as deep as it is wide, and three quarters need no completion.
+HALF_DISC = 0.75
 # A disc that is seen this many radii deep all over needs no completion.
 WHOLE_DISC = 1.5
 
@@ -90,6 +92,9 @@ def _complete_round(low: Float64Array, high: Float64Array) -> tuple[Float64Array
     direction u is c.u + r: where that holds over an arc of 130 degrees, centre and radius follow by least squares,
     and the box holds the whole disc. The reach of a rectangle departs from any such law by a sixth of its side.
     """
+    extent = high - low
+    if float(extent.min()) > HALF_DISC * float(extent.max()):
+        return low, high
     reach_all = np.concatenate([high, -low])
     arcs = reach_all[_ARCS]
     fits = np.einsum("kpn,kn->kp", _ARC_SOLVERS, arcs)

@@ -29,11 +29,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make, track, compare."""
+    from cuboid.cli.evaluate import print_comparison
     from cuboid.cli.interrupt import interruptible
     from cuboid.cli.progress import progress
     from cuboid.cli.track import print_outcome
+    from cuboid.evaluation import evaluate
     from cuboid.readers import open_recording
     from cuboid.run import track_recording
+    from cuboid.synthetic.truth import TRUTH
 
     recording, results = args.output / RECORDING, args.output / RESULTS
     _make(recording, args.frames, args.threads)
@@ -48,6 +51,7 @@ def run(args: argparse.Namespace) -> int:
             stop=interruption,
         )
     print_outcome(outcome, results)
+    print_comparison(evaluate(results, recording / TRUTH))
     if not outcome.report.complete:
         print("cuboid: interrupted; the results are marked as not complete", file=sys.stderr)
         return interruption.status

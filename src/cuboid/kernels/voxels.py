@@ -16,6 +16,9 @@ KEY_MASK = (1 << KEY_BITS) - 1
 # A pixel colder than this is no news.
 COLD = 0.1
 
+# Beyond this noise passes half a voxel, metres: cold points there are walls and floors.
+FAR_M = 2.0
+
 # Columns of the value array.
 X, Y, Z, RED, GREEN, BLUE, HEAT, WEIGHT = range(8)
 
@@ -106,10 +109,14 @@ def fuse(
                 continue
             share = 1.0
             if heat[v, u] < COLD:
-                # Of what is cold one pixel in four speaks for all, in turn.
+                # Of what is cold one pixel in four speaks for all, in turn; of what is cold and far one in sixteen.
                 if (u & 1) + 2 * (v & 1) != frame & 3:
                     continue
                 share = 4.0
+                if z > FAR_M:
+                    if ((u >> 1) & 1) + 2 * ((v >> 1) & 1) != (frame >> 2) & 3:
+                        continue
+                    share = 16.0
             x = (u - camera[2]) / camera[0] * z
             y = (v - camera[3]) / camera[1] * z
             wx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]

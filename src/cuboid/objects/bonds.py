@@ -12,6 +12,8 @@ import numpy.typing as npt
 
 # An object is looked at when it shows this many pixels, and a mask holds it with this share of them.
 LEAST_PIXELS, HELD = 15, 0.5
+# Only of objects whose rectangles in the working image are this near each other is anything learned, pixels.
+NEAR_PIXELS = 8
 # The count is sure from so many frames on, when one side has so many times the other.
 SURE_FRAMES, SURE_RATIO = 4, 2.0
 
@@ -34,38 +36,27 @@ class Bonds:
         pixel_owner : (h, w) int32
             Number of the object that a pixel belongs to, 0 none.
         """
-        both = (claim >= 0) & (pixel_owner > 0)
-        if not both.any():
+        pixels = np.flatnonzero((claim >= 0) & (pixel_owner > 0))
+        if len(pixels) == 0:
             return
-        owners, which = np.unique(pixel_owner[both], return_inverse=True)
-        masks, mask = np.unique(claim[both], return_inverse=True)
-        table = np.zeros((len(owners), len(masks)))
-        np.add.at(table, (which, mask), 1)
-        total = table.sum(1)
+        numbers, mask = pixel_owner.ravel()[pixels], claim.ravel()[pixels]
+        order = np.argsort(numbers, kind="stable")
+        numbers, mask = numbers[order], mask[order]
+        first = np.flatnonzero(np.diff(numbers, prepend=0))
+        owners, total = numbers[first], np.diff(first, append=len(numbers))
+        width = int(mask.max()) + 1
+        cells = np.repeat(np.arange(len(owners)), total) * width + mask
+        table = np.bincount(cells, minlength=len(owners) * width).reshape(len(owners), width)
         strong = np.flatnonzero((total >= LEAST_PIXELS) & (table.max(1) >= HELD * total))
         best = table.argmax(1)
-        near = self._neighbours(claim, pixel_owner, owners[strong].tolist())
-        for i in range(len(strong)):
-            for j in range(i + 1, len(strong)):
-                pair = (int(owners[strong[i]]), int(owners[strong[j]]))
-                together = best[strong[i]] == best[strong[j]]
-                if together or pair in near:
-                    self._counts.setdefault(pair, [0, 0])[0 if together else 1] += 1
-
-    @staticmethod
-    def _neighbours(claim: npt.NDArray[np.int32], pixel_owner: npt.NDArray[np.int32], numbers: list[int]) -> set[Pair]:
-        """Return the pairs whose rectangles in the image touch: only of these is being apart any news."""
-        rectangles = {}
-        for number in numbers:
-            v, u = np.nonzero(pixel_owner == number)
-            rectangles[number] = (u.min() - 4, v.min() - 4, u.max() + 4, v.max() + 4)
-        pairs = set()
-        for a in numbers:
-            for b in numbers:
-                p, q = rectangles[a], rectangles[b]
-                if a < b and p[0] <= q[2] and q[0] <= p[2] and p[1] <= q[3] and q[1] <= p[3]:
-                    pairs.add((a, b))
-        return pairs
+        v, u = np.divmod(pixels[order], claim.shape[1])
+        low = np.stack([np.minimum.reduceat(v, first), np.minimum.reduceat(u, first)])[:, strong]
+        high = np.stack([np.maximum.reduceat(v, first), np.maximum.reduceat(u, first)])[:, strong]
+        touch = (low[:, :, None] <= high[:, None, :] + NEAR_PIXELS).all(0)
+        for i, j in zip(*np.nonzero(np.triu(touch & touch.T, 1)), strict=True):
+            together = best[strong[i]] == best[strong[j]]
+            pair = (int(owners[strong[i]]), int(owners[strong[j]]))
+            self._counts.setdefault(pair, [0, 0])[0 if together else 1] += 1
 
     def verdict(self, a: int, b: int) -> bool | None:
         """Return True where two objects are one, False where they are two, None while it is not sure."""
