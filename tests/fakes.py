@@ -96,9 +96,7 @@ class FakeTracker:
             return []
         seen = len(self.frames) - 1
         color = np.array([10.0, 20.0, 30.0])
-        return [
-            TrackedObject(1, box(), 0.9, 0.8, self.frames[1], self.frames[-1], seen, 1234, color, 0, (3, 4))
-        ]
+        return [TrackedObject(1, box(), 0.9, 0.8, self.frames[1], self.frames[-1], seen, 1234, color, 0, (3, 4))]
 
     def map_points(self) -> MapPoints:
         n = len(self.frames)

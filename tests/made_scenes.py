@@ -12,9 +12,7 @@ from cuboid.geometry.box import Box
 CAMERA = Intrinsics(270.0, 270.0, 159.5, 119.5, 320, 240)
 
 
-def upright(
-    center_xy: tuple[float, float], size: tuple[float, float, float], turn: float = 0.0, z: float = 0.0
-) -> Box:
+def upright(center_xy: tuple[float, float], size: tuple[float, float, float], turn: float = 0.0, z: float = 0.0) -> Box:
     """A box that stands at height z, third axis along +z."""
     c, s = np.cos(turn), np.sin(turn)
     return Box(

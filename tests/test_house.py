@@ -26,9 +26,7 @@ GROUND = ("geometry", "kernels")
     ids=["ruff check", "ruff format", "mypy"],
 )
 def test_the_code_is_clean(command: tuple[str, ...]) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", *command], cwd=REPOSITORY, capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([sys.executable, "-m", *command], cwd=REPOSITORY, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
 
 

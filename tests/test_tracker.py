@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 import pytest
-from made_scenes import CAMERA, frame_of, look_at, upright
 
 from cuboid.errors import FrameError
 from cuboid.frame import Frame
@@ -14,15 +13,14 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou
 from cuboid.results import FrameResult
 from cuboid.tracker import Tracker
+from made_scenes import CAMERA, frame_of, look_at, upright
 
 FLOOR = upright((0, 0), (8, 8, 0.1), z=-0.85)
 TABLE = upright((0, 0), (1.4, 1.0, 0.05), z=-0.05)
 THINGS = [upright((-0.25, 0.1), (0.12, 0.08, 0.15), 0.4), upright((0.2, -0.1), (0.1, 0.1, 0.1), 0.2)]
 
 
-def orbit(
-    n: int, start: float = -0.6, end: float = 0.6, radius: float = 1.3, height: float = 0.8
-) -> list[np.ndarray]:
+def orbit(n: int, start: float = -0.6, end: float = 0.6, radius: float = 1.3, height: float = 0.8) -> list[np.ndarray]:
     angles = np.linspace(start, end, n) - np.pi / 2
     return [look_at([radius * np.cos(a), radius * np.sin(a), height], [0, 0, 0.05]) for a in angles]
 
@@ -35,9 +33,7 @@ def matched(tracker: Tracker, truth: list[Box]) -> list[tuple[int, float]]:
     """For each true box the label and IoU of the best object."""
     pairs = []
     for box in truth:
-        label, best = max(
-            ((o.label, iou(o.box, box)) for o in tracker.objects), key=lambda p: p[1], default=(0, 0.0)
-        )
+        label, best = max(((o.label, iou(o.box, box)) for o in tracker.objects), key=lambda p: p[1], default=(0, 0.0))
         pairs.append((label, best))
     return pairs
 
@@ -84,9 +80,7 @@ def test_any_world_frame_will_do(seed: int) -> None:
     T_new_world[:3, :3] = Q * np.sign(np.linalg.det(Q))
     T_new_world[:3, 3] = rng.normal(size=3)
     tracker = Tracker(CAMERA)
-    frames = (
-        frame_of([FLOOR, TABLE, *THINGS], T, k, T_shown=T_new_world @ T) for k, T in enumerate(orbit(30))
-    )
+    frames = (frame_of([FLOOR, TABLE, *THINGS], T, k, T_shown=T_new_world @ T) for k, T in enumerate(orbit(30)))
     follow(tracker, frames)
     turned = [
         Box(T_new_world[:3, :3] @ b.center + T_new_world[:3, 3], b.size, T_new_world[:3, :3] @ b.rotation)
@@ -122,10 +116,7 @@ def test_labels_last_while_the_camera_is_turned_away() -> None:
     tracker = Tracker(CAMERA)
     follow(tracker, (frame_of(scene, T, k) for k, T in enumerate(orbit(30))))
     labels = matched(tracker, THINGS)
-    away = [
-        look_at([0, -1.3, 0.8], [2.5 * np.cos(a), -1.3 + 2.5 * np.sin(a), 0.9])
-        for a in np.linspace(0.2, 2.9, 60)
-    ]
+    away = [look_at([0, -1.3, 0.8], [2.5 * np.cos(a), -1.3 + 2.5 * np.sin(a), 0.9]) for a in np.linspace(0.2, 2.9, 60)]
     results = follow(tracker, (frame_of(scene, T, 30 + k) for k, T in enumerate(away)))
     assert not any(s.label in dict(labels) for s in results[0].sightings)
     back = follow(tracker, (frame_of(scene, T, 90 + k) for k, T in enumerate(orbit(20))))
@@ -169,9 +160,7 @@ def test_poses_that_drift_do_not_double_an_object() -> None:
     for k, T in enumerate(orbit(90)):
         shown = T.copy()
         shown[:3, 3] += np.array([0.03, 0.01, 0.015]) * k / 90
-        labels |= {
-            s.label for s in tracker.update(frame_of([FLOOR, TABLE, *THINGS], T, k, T_shown=shown)).sightings
-        }
+        labels |= {s.label for s in tracker.update(frame_of([FLOOR, TABLE, *THINGS], T, k, T_shown=shown)).sightings}
     assert labels == {1, 2}
 
 

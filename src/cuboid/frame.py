@@ -88,6 +88,4 @@ class Frame:
                 f"got {self.depth_m.shape} {self.depth_m.dtype}"
             )
         if self.T_world_camera is not None and self.T_world_camera.shape != (4, 4):
-            raise ValueError(
-                f"frame {self.index}: T_world_camera must be (4, 4), got {self.T_world_camera.shape}"
-            )
+            raise ValueError(f"frame {self.index}: T_world_camera must be (4, 4), got {self.T_world_camera.shape}")

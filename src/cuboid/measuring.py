@@ -65,9 +65,7 @@ class FrameLog:
     def timings(self) -> dict[str, Timing]:
         """Return median and p95 of each stage after warm-up."""
         start = self._warm
-        return {
-            stage: Timing.of(values[start:]) for stage, values in self.milliseconds.items() if len(values)
-        }
+        return {stage: Timing.of(values[start:]) for stage, values in self.milliseconds.items() if len(values)}
 
 
 class FrameClock:

@@ -119,9 +119,7 @@ def test_a_setting_that_does_not_exist_or_is_out_of_range_is_refused(
     assert not (tmp_path / "out").exists()
 
 
-def test_skipped_frames_are_in_the_summary_with_their_reasons(
-    call: Call, recording: Path, tmp_path: Path
-) -> None:
+def test_skipped_frames_are_in_the_summary_with_their_reasons(call: Call, recording: Path, tmp_path: Path) -> None:
     (recording / "color" / "000002.png").write_bytes(b"")
     (recording / "depth" / "000004.png").unlink()
     status, out, _ = call("track", recording, "--output", tmp_path / "out")

@@ -34,9 +34,7 @@ def test_the_demo_finds_objects_and_shows_them(made: tuple[Path, str]) -> None:
     assert (output / "results" / "labelled.mp4").stat().st_size > 10_000
     objects = read_objects(output / "results" / "objects.json").objects
     assert len(objects) >= 4
-    assert all(
-        any(line.split()[:1] == [str(item.label)] for line in printed.splitlines()) for item in objects
-    )
+    assert all(any(line.split()[:1] == [str(item.label)] for line in printed.splitlines()) for item in objects)
 
 
 def test_a_second_demo_takes_the_place_of_the_first(made: tuple[Path, str]) -> None:

@@ -26,9 +26,7 @@ def results(tmp_path: Path) -> Path:
     recording = write_recording(tmp_path / "recording", FRAMES, (120, 160))
     (recording / "depth" / "000002.png").write_bytes(b"")
     output = tmp_path / "results"
-    track_recording(
-        open_recording(recording), output, every=2, make_tracker=FakeTracker, proposals=None, video=True
-    )
+    track_recording(open_recording(recording), output, every=2, make_tracker=FakeTracker, proposals=None, video=True)
     return output
 
 

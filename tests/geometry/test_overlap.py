@@ -35,9 +35,7 @@ def random_box(rng: np.random.Generator, upright: bool = False) -> Box:
     return Box(rng.uniform(-0.5, 0.5, 3), rng.uniform(0.2, 1.2, 3), R)
 
 
-def box(
-    center: tuple[float, float, float], size: tuple[float, float, float] = (1, 1, 1), R: np.ndarray = I3
-) -> Box:
+def box(center: tuple[float, float, float], size: tuple[float, float, float] = (1, 1, 1), R: np.ndarray = I3) -> Box:
     return Box(np.array(center, float), np.array(size, float), R)
 
 
@@ -47,8 +45,7 @@ def volume(a: Box, b: Box) -> float:
 
 def footprint(b: Box) -> Polygon:
     corners = [
-        b.center + b.rotation @ (b.size / 2 * np.array([x, y, 0]))
-        for x, y in ((1, 1), (1, -1), (-1, -1), (-1, 1))
+        b.center + b.rotation @ (b.size / 2 * np.array([x, y, 0])) for x, y in ((1, 1), (1, -1), (-1, -1), (-1, 1))
     ]
     return Polygon([p[:2] for p in corners])
 
@@ -60,9 +57,7 @@ def test_symmetric_between_0_and_1_and_1_for_itself(seed: int) -> None:
     assert iou(a, b) == pytest.approx(iou(b, a), abs=1e-9)
     assert 0 <= iou(a, b) <= 1
     assert iou(a, a) == pytest.approx(1, abs=1e-9)
-    turned = Box(
-        a.center, a.size[[1, 0, 2]], np.column_stack([a.rotation[:, 1], -a.rotation[:, 0], a.rotation[:, 2]])
-    )
+    turned = Box(a.center, a.size[[1, 0, 2]], np.column_stack([a.rotation[:, 1], -a.rotation[:, 0], a.rotation[:, 2]]))
     assert iou(a, turned) == pytest.approx(1, abs=1e-9)
 
 
@@ -99,8 +94,8 @@ def test_tilted_boxes_are_as_monte_carlo_has_them(seed: int) -> None:
 
 def numpy_volume(a: Box, b: Box) -> float:
     """The readable truth: clip the solid a by b's half spaces, as the hull of its corners and cut points."""
-    from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
     from scipy.optimize import linprog
+    from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
     rows = []
     for x in (a, b):
@@ -172,9 +167,7 @@ def test_a_cube_turned_by_45_degrees_leaves_an_octagon() -> None:
 
 
 def test_a_part_inside_its_object_overlaps_it_wholly() -> None:
-    share = overlap_min_matrix(
-        pack([box((0.1, 0, 0), (0.2, 0.3, 0.4))]), pack([box((0, 0, 0)), box((9, 0, 0))])
-    )
+    share = overlap_min_matrix(pack([box((0.1, 0, 0), (0.2, 0.3, 0.4))]), pack([box((0, 0, 0)), box((9, 0, 0))]))
     np.testing.assert_allclose(share, [[1, 0]], atol=1e-9)
 
 

@@ -18,9 +18,7 @@ def depth_of_plane(normal: np.ndarray, offset: float) -> np.ndarray:
 
 @settings(max_examples=40, deadline=None)
 @given(st.floats(-0.8, 0.8), st.floats(-0.8, 0.8), st.floats(0.6, 3.0))
-def test_cells_of_a_plane_have_its_normal_and_lie_on_it(
-    tilt_x: float, tilt_y: float, distance: float
-) -> None:
+def test_cells_of_a_plane_have_its_normal_and_lie_on_it(tilt_x: float, tilt_y: float, distance: float) -> None:
     normal = np.array([tilt_x, tilt_y, -1.0])
     normal /= np.linalg.norm(normal)
     depth = depth_of_plane(normal, distance)

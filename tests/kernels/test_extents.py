@@ -7,9 +7,7 @@ from hypothesis import strategies as st
 from cuboid.kernels.extents import BINS, reach
 
 
-def numpy_reach(
-    points: np.ndarray, weights: np.ndarray, direction: np.ndarray, share: float
-) -> tuple[float, float]:
+def numpy_reach(points: np.ndarray, weights: np.ndarray, direction: np.ndarray, share: float) -> tuple[float, float]:
     along = points @ direction
     order = np.argsort(along)
     mass = np.cumsum(weights[order])

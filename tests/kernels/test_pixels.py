@@ -28,9 +28,7 @@ def test_an_edge_and_a_slope_stay() -> None:
     np.testing.assert_array_equal(out, depth)
 
 
-def regions_by_scipy(
-    depth: np.ndarray, wanted: np.ndarray, claim: np.ndarray, noise: float, jump: float
-) -> np.ndarray:
+def regions_by_scipy(depth: np.ndarray, wanted: np.ndarray, claim: np.ndarray, noise: float, jump: float) -> np.ndarray:
     h, w = depth.shape
     pairs = []
     for v in range(h):

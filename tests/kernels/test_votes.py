@@ -25,9 +25,7 @@ def boxes(*rows: tuple[int, int, int, int]) -> np.ndarray:
     return np.array(rows, np.int32)
 
 
-def heat_of(
-    img: WorkingImage, candidate: np.ndarray, proposals: Proposals, focal: float = 100.0
-) -> np.ndarray:
+def heat_of(img: WorkingImage, candidate: np.ndarray, proposals: Proposals, focal: float = 100.0) -> np.ndarray:
     return pixel_heat(img, candidate.astype(np.uint8), proposals, focal, TrackerConfig())[0]
 
 
@@ -43,9 +41,7 @@ def test_one_sure_proposal_heats_its_candidates_and_nothing_else() -> None:
 def test_agreeing_proposals_are_hotter_than_one() -> None:
     img = image(np.ones((40, 60)))
     candidate = np.ones((40, 60), bool)
-    heat = heat_of(
-        img, candidate, Proposals(boxes((5, 5, 25, 25), (15, 5, 35, 25)), np.array([0.5, 0.5], np.float32))
-    )
+    heat = heat_of(img, candidate, Proposals(boxes((5, 5, 25, 25), (15, 5, 35, 25)), np.array([0.5, 0.5], np.float32)))
     np.testing.assert_allclose(heat[10, 20], 1 - np.exp(-2), rtol=1e-5)
     np.testing.assert_allclose([heat[10, 10], heat[10, 30]], 1 - np.exp(-1), rtol=1e-5)
 

@@ -190,7 +190,9 @@ def test_only_what_was_seen_of_late_and_its_object_is_looked_at() -> None:
     found, touched = voxels.solid_hot_rows(0.3, 0, np.zeros(3, np.uint8))
     assert found.tolist() == rows.tolist()
     assert touched.tolist() == [0, 1, 1]
-    found, touched = voxels.solid_hot_rows(0.3, 1, np.zeros(3, np.uint8))  # frame 0 saw one of the two points of object 1
+    found, touched = voxels.solid_hot_rows(
+        0.3, 1, np.zeros(3, np.uint8)
+    )  # frame 0 saw one of the two points of object 1
     assert found.tolist() == rows[:4].tolist()
     found, touched = voxels.solid_hot_rows(0.3, 2, np.zeros(3, np.uint8))
     assert found.tolist() == rows[2:4].tolist()

@@ -130,9 +130,7 @@ def test_all_files_come_back_as_they_were_written(tmp_path: Path) -> None:
     np.testing.assert_array_equal(back.objects[0].box.rotation, box().rotation)
     np.testing.assert_array_equal(back.planes[0].extent, tracker.planes[0].extent)
     timings = {"frame": Timing(1.5, 2.5)}
-    report = RunReport(
-        "0.1.0", False, "r", "tum", "given", 1, {"a": 1}, 3, 2, ((1, "bad"),), timings, 1.5, 99.5
-    )
+    report = RunReport("0.1.0", False, "r", "tum", "given", 1, {"a": 1}, 3, 2, ((1, "bad"),), timings, 1.5, 99.5)
     write_run(tmp_path / "run.json", report)
     assert read_run(tmp_path / "run.json") == report
 

@@ -55,9 +55,7 @@ def test_force_keeps_old_results_when_the_run_fails(tmp_path: Path) -> None:
     assert {file.name: file.read_text() for file in tmp_path.iterdir()} == {"run.json": "old"}
 
 
-def test_run_json_is_absent_while_results_are_replaced(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_run_json_is_absent_while_results_are_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "run.json").write_text("old")
     present: list[tuple[str, bool]] = []
     replace = Path.replace

@@ -47,9 +47,7 @@ def test_nothing_that_looks_whole_is_left(
     if force:
         output.mkdir()
         (output / "run.json").write_text("old")
-    script = SCRIPT.format(
-        tests=str(TESTS), points=points, limit=limit, frames=frames, output=str(output), force=force
-    )
+    script = SCRIPT.format(tests=str(TESTS), points=points, limit=limit, frames=frames, output=str(output), force=force)
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 2, done.stderr
     assert named in done.stdout

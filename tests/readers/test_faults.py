@@ -109,9 +109,7 @@ def test_size_is_that_of_most_frames_even_where_the_first_differs(plain):
 def test_nothing_usable_is_said_when_opening(plain):
     for k in range(5):
         plain.depth(k).write_bytes(b"")
-    with pytest.raises(
-        InputError, match=r"none of its 5 frames can be used; the first: depth image .*is empty"
-    ):
+    with pytest.raises(InputError, match=r"none of its 5 frames can be used; the first: depth image .*is empty"):
         open_recording(plain.path)
 
 
@@ -126,9 +124,7 @@ def test_far_and_near_readings_beside_plausible_ones_are_no_fault(plain):
     depth = depth_image(0, 1000)
     depth[0, 1], depth[0, 2] = 60000, 1
     write_image(plain.depth(0), depth)
-    np.testing.assert_allclose(
-        open_recording(plain.path).read(0).depth_m[0, 1:4], [60, 0.001, 1.0], rtol=1e-6
-    )
+    np.testing.assert_allclose(open_recording(plain.path).read(0).depth_m[0, 1:4], [60, 0.001, 1.0], rtol=1e-6)
 
 
 def test_grey_and_turned_color_images(plain):
@@ -137,9 +133,7 @@ def test_grey_and_turned_color_images(plain):
     file = as_jpeg(plain, 1)
     plain_jpeg = file.read_bytes()
     exif = b"Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0"
-    file.write_bytes(
-        plain_jpeg[:2] + b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif + plain_jpeg[2:]
-    )
+    file.write_bytes(plain_jpeg[:2] + b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif + plain_jpeg[2:])
     assert cv2.imread(str(file)).shape == (64, 48, 3), "the turn is not in the file"
     recording = open_recording(plain.path)
     assert (recording.read(0).color == 77).all()

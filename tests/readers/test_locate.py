@@ -18,9 +18,7 @@ def read_npz(path):
     def broken():
         raise FrameError("block 2 is damaged")
 
-    frames = [
-        FrameEntry(lambda: arrays["color"], lambda: arrays["depth"], timestamp_s=5.0, pose=lambda: np.eye(4))
-    ]
+    frames = [FrameEntry(lambda: arrays["color"], lambda: arrays["depth"], timestamp_s=5.0, pose=lambda: np.eye(4))]
     frames.append(FrameEntry(broken, lambda: arrays["depth"], timestamp_s=6.0))
     return Listing(frames, 1000.0, Calibration(60, 60, 32, 24, None, "the file"))
 
@@ -32,9 +30,7 @@ NPZ_READER = Reader("one .npz file", lambda path: path.suffix == ".npz", read_np
 def foreign_reader(monkeypatch):
     """A reader "npz" that another package names in its entry points."""
     point = EntryPoint("npz", f"{__name__}:NPZ_READER", "cuboid.readers")
-    monkeypatch.setattr(
-        "cuboid.registry.entry_points", lambda group: EntryPoints([point]).select(group=group)
-    )
+    monkeypatch.setattr("cuboid.registry.entry_points", lambda group: EntryPoints([point]).select(group=group))
     monkeypatch.setattr(READERS, "_scanned", False)
     monkeypatch.setattr(READERS, "_items", dict(READERS._items))
 
@@ -65,9 +61,7 @@ def _empty(tmp_path):
 def test_absent_empty_and_unrecognised(tmp_path):
     with pytest.raises(InputError, match="nowhere does not exist"):
         open_recording(tmp_path / "nowhere")
-    expected = (
-        r"one of these forms is expected: 7-scenes \(.*\); plain \(.*\); tum \(.*\); uw-rgbd-scenes-v2 \("
-    )
+    expected = r"one of these forms is expected: 7-scenes \(.*\); plain \(.*\); tum \(.*\); uw-rgbd-scenes-v2 \("
     with pytest.raises(InputError, match=f"empty is empty; a folder of {expected}"):
         open_recording(_empty(tmp_path))
     (tmp_path / "notes.txt").write_text("hello")
@@ -93,9 +87,7 @@ def test_relative_paths_and_links(plain, tmp_path, monkeypatch):
 
 def test_format_by_name(plain):
     assert open_recording(plain.path, format="plain").format == "plain"
-    with pytest.raises(
-        InputError, match=r"a folder of one of these forms is expected: tum \(rgb\.txt, depth\.txt\)$"
-    ):
+    with pytest.raises(InputError, match=r"a folder of one of these forms is expected: tum \(rgb\.txt, depth\.txt\)$"):
         open_recording(plain.path, format="tum")
     with pytest.raises(InputError, match="unknown format 'bag'; there are: 7-scenes, plain, tum, uw"):
         open_recording(plain.path, format="bag")
@@ -112,9 +104,7 @@ def test_a_folder_of_two_forms_asks_which(plain):
 def test_many_recordings_are_cut_short(tmp_path):
     for k in range(10):
         make_plain(tmp_path / f"day-{k}", frames=1)
-    with pytest.raises(
-        InputError, match=r"holds 10 recordings, name one of them: day-0/mine.*day-7/mine and 2 more$"
-    ):
+    with pytest.raises(InputError, match=r"holds 10 recordings, name one of them: day-0/mine.*day-7/mine and 2 more$"):
         open_recording(tmp_path)
 
 

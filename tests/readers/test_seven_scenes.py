@@ -127,7 +127,5 @@ def test_faulty_matrix_files_are_named(tmp_path, text, reason):
 def test_camera_json_of_another_size(tmp_path):
     make_sequence(tmp_path)
     (tmp_path / "camera.json").write_text(json.dumps(CAMERA | {"width": 640, "height": 480}))
-    with pytest.raises(
-        InputError, match=r"images are 64x48, but the intrinsics \(camera\.json\) are for 640x480"
-    ):
+    with pytest.raises(InputError, match=r"images are 64x48, but the intrinsics \(camera\.json\) are for 640x480"):
         open_recording(tmp_path)

@@ -16,9 +16,7 @@ from cuboid.readers.tum import associate
 
 def make_tum(root, name="desk", frames=5, depth_later_s=0.01):
     folder = root / name
-    made = Made(
-        folder, lambda k: folder / "rgb" / f"{k}.png", lambda k: folder / "depth" / f"{k}.png", 5000.0
-    )
+    made = Made(folder, lambda k: folder / "rgb" / f"{k}.png", lambda k: folder / "depth" / f"{k}.png", 5000.0)
     write_frames(made, frames)
     write_list(made, "rgb", [(k / 30, k) for k in range(frames)])
     write_list(made, "depth", [(k / 30 + depth_later_s, k) for k in range(frames)])
@@ -56,9 +54,7 @@ def test_the_real_recording(data_dir):
 
 def test_color_without_depth_nearby_is_a_bad_frame(data_dir):
     recording = open_recording(data_dir / "rgbd_dataset_freiburg1_xyz")
-    with pytest.raises(
-        FrameError, match=r"color without depth: none within 20 ms of rgb/1305031102\.243211\.jpg"
-    ):
+    with pytest.raises(FrameError, match=r"color without depth: none within 20 ms of rgb/1305031102\.243211\.jpg"):
         recording.read(2)
 
 

@@ -125,9 +125,7 @@ def test_camera_file_goes_before_the_published_intrinsics_and_may_lie_above(tmp_
 def test_published_intrinsics_are_for_their_image_size_only(tmp_path):
     made = make_scene(tmp_path)
     (made.path / "camera.json").unlink()
-    with pytest.raises(
-        InputError, match=r"images are 64x48, but the intrinsics .* are for 640x480; give them with"
-    ):
+    with pytest.raises(InputError, match=r"images are 64x48, but the intrinsics .* are for 640x480; give them with"):
         open_recording(made.path)
     assert open_recording(made.path, intrinsics=(50, 50, 32, 24)).intrinsics.fx == 50
 
@@ -135,7 +133,5 @@ def test_published_intrinsics_are_for_their_image_size_only(tmp_path):
 def test_several_scenes_are_listed(tmp_path):
     for number in ("01", "02", "03"):
         make_scene(tmp_path, number, frames=1)
-    with pytest.raises(
-        InputError, match="holds 3 recordings, name one of them: imgs/scene_01, imgs/scene_02, imgs"
-    ):
+    with pytest.raises(InputError, match="holds 3 recordings, name one of them: imgs/scene_01, imgs/scene_02, imgs"):
         open_recording(tmp_path / "rgbd-scenes-v2")

@@ -91,9 +91,7 @@ def test_the_nearer_of_two_boxes_is_drawn_over_the_farther() -> None:
     far = Box(np.array([0.0, 0.08, 1.5]), np.array([0.6, 0.2, 0.2]), np.eye(3))
     for order in ([Known(1, near), Known(7, far)], [Known(7, far), Known(1, near)]):
         picture = draw(order)
-        left_px = round(
-            319.5 - 500 * 0.1 / 0.8
-        )  # the near box's left edge, where the far one's top edge crosses it
+        left_px = round(319.5 - 500 * 0.1 / 0.8)  # the near box's left edge, where the far one's top edge crosses it
         top_px = round(239.5 + 500 * -0.02 / 1.4)
         assert np.linalg.norm(picture[top_px, left_px].astype(float) - color_of(1)) < 25
 

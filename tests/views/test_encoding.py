@@ -103,9 +103,7 @@ class TestAnyWriter:
         assert len(decode(path)) == 20
         assert [entry.name for entry in tmp_path.iterdir()] == [name]
 
-    def test_an_error_leaves_nothing(
-        self, tmp_path: Path, name: str, make: Callable[[Path], VideoWriter]
-    ) -> None:
+    def test_an_error_leaves_nothing(self, tmp_path: Path, name: str, make: Callable[[Path], VideoWriter]) -> None:
         def broken() -> Iterator[UInt8Array]:
             yield from pictures(3)
             raise ZeroDivisionError

@@ -43,9 +43,7 @@ def test_a_slope_towards_the_light_is_brighter() -> None:
     v = np.arange(60, dtype=np.float32)[:, None] - 30
     floor = np.broadcast_to(1.5 / (1 + v * 0.005), (60, 90)).astype(np.float32)
     ceiling = np.ascontiguousarray(floor[::-1])
-    bright = [
-        depth_picture(np.ascontiguousarray(depth_m), INTRINSICS)[25:35].sum() for depth_m in (floor, ceiling)
-    ]
+    bright = [depth_picture(np.ascontiguousarray(depth_m), INTRINSICS)[25:35].sum() for depth_m in (floor, ceiling)]
     assert bright[0] > bright[1]
 
 
@@ -80,9 +78,7 @@ def test_the_nearer_point_counts_and_what_the_surface_hides_does_not() -> None:
         points = points_of(both[order], heat_of[order])
         open_view = map_heat(points, np.zeros((480, 640), np.float32), np.eye(4), INTRINSICS)
         np.testing.assert_allclose(open_view[180:300, 260:380], 0.5, atol=0.02)
-    wall = map_heat(
-        points_of(plane(2.0, 0.4), 1.0), np.full((480, 640), 1.0, np.float32), np.eye(4), INTRINSICS
-    )
+    wall = map_heat(points_of(plane(2.0, 0.4), 1.0), np.full((480, 640), 1.0, np.float32), np.eye(4), INTRINSICS)
     assert not wall.any()
 
 

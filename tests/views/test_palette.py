@@ -10,9 +10,7 @@ from cuboid.views.palette import COLORS, OKABE_ITO, color_of, hex_of, ink_on
 # Linear RGB to cones, and what cones a deuteranope is left with: F. Viénot, H. Brettel and J. Mollon,
 # "Digital video colourmaps for checking the legibility of displays by dichromats" (1999). It is another
 # model than the one that the palette is made with.
-CONES_RGB = np.array(
-    [[17.8824, 43.5161, 4.11935], [3.45565, 27.1554, 3.86714], [0.0299566, 0.184309, 1.46709]]
-)
+CONES_RGB = np.array([[17.8824, 43.5161, 4.11935], [3.45565, 27.1554, 3.86714], [0.0299566, 0.184309, 1.46709]])
 DEUTERANOPE = np.array([[1.0, 0.0, 0.0], [0.494207, 0.0, 1.24827], [0.0, 0.0, 1.0]])
 
 
@@ -58,9 +56,7 @@ def test_the_first_labels_have_the_known_colors_and_later_ones_come_again() -> N
 def test_text_on_a_color_has_the_contrast_that_the_w3c_asks_of_large_text() -> None:
     def luminance(color: tuple[int, int, int]) -> float:
         c = np.array(color) / 255.0
-        return float(
-            np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4) @ (0.2126, 0.7152, 0.0722)
-        )
+        return float(np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4) @ (0.2126, 0.7152, 0.0722))
 
     for label in range(COLORS + 1):
         low, high = sorted((luminance(color_of(label)), luminance(ink_on(color_of(label)))))

@@ -99,9 +99,7 @@ def test_no_visible_part_of_an_edge_is_missing(box: Box) -> None:
 
 def test_an_edge_through_the_near_plane_ends_there() -> None:
     planes = np.array([[0.0, 0.0, 1.0, -NEAR_M]])
-    ends = np.array(
-        [[[0.0, 0.0, -1.0], [1.0, 0.0, 1.0]], [[0, 0, -1.0], [1, 1, -0.5]], [[0, 0, 1.0], [0, 1, 1]]]
-    )
+    ends = np.array([[[0.0, 0.0, -1.0], [1.0, 0.0, 1.0]], [[0, 0, -1.0], [1, 1, -0.5]], [[0, 0, 1.0], [0, 1, 1]]])
     cut = clip_segments(ends, planes)
     assert len(cut) == 2  # the one behind the camera is gone
     np.testing.assert_allclose(cut[0], [[(1 + NEAR_M) / 2, 0, NEAR_M], [1, 0, 1]])

@@ -25,9 +25,7 @@ def write(path: Path) -> None:
             sightings = tuple(Sighting(label, box(index + label), None, 1.0, np.zeros(4)) for label in labels)
             heat = np.zeros((4, 4), np.float32)
             writer.add(FrameResult(index, index / 30.0, np.eye(4), sightings, (), 0, heat, {}))
-        objects = tuple(
-            TrackedObject(label, box(0.0), 1.0, 1.0, 0, 9, 3, 9, np.zeros(3), None) for label in (1, 3)
-        )
+        objects = tuple(TrackedObject(label, box(0.0), 1.0, 1.0, 0, 9, 3, 9, np.zeros(3), None) for label in (1, 3))
         found = ObjectsFile(None, Intrinsics(5, 5, 2, 2, 4, 4), (), objects)
         report = RunReport(
             "0",

@@ -28,9 +28,7 @@ def result(index: int, seen: tuple[int, ...], milliseconds: float = 20.0) -> Fra
 
 
 def frame(index: int) -> Frame:
-    return Frame(
-        index, index / 30, np.full((240, 320, 3), 100, np.uint8), np.ones((240, 320), np.float32), np.eye(4)
-    )
+    return Frame(index, index / 30, np.full((240, 320, 3), 100, np.uint8), np.ones((240, 320), np.float32), np.eye(4))
 
 
 def show(path: Path, seen: list[tuple[int, ...]], complete: bool = True) -> None:

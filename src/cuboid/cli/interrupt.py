@@ -40,9 +40,7 @@ class Interruption:
 def interruptible() -> Iterator[Interruption]:
     """Let SIGINT and SIGTERM ask for the end of what runs inside, instead of breaking it off."""
     interruption = Interruption()
-    before = {
-        number: signal.signal(number, interruption.handle) for number in (signal.SIGINT, signal.SIGTERM)
-    }
+    before = {number: signal.signal(number, interruption.handle) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield interruption
     finally:

@@ -50,7 +50,5 @@ def _compiled_in(dispatcher: Any, module_name: str) -> bool:
 def _kernel(module_name: str, dispatcher: Any) -> Kernel:
     folder = Path(dispatcher.stats.cache_path or ".")
     function = dispatcher.py_func
-    index = (
-        f"{module_name.rpartition('.')[2]}.{function.__qualname__}-{function.__code__.co_firstlineno}.*.nbi"
-    )
+    index = f"{module_name.rpartition('.')[2]}.{function.__qualname__}-{function.__code__.co_firstlineno}.*.nbi"
     return Kernel(f"{module_name}.{function.__qualname__}", any(folder.glob(index)), folder)

@@ -54,9 +54,7 @@ def open_from(args: argparse.Namespace) -> Recording:
     """Open the recording that the arguments name."""
     from cuboid.readers import open_recording
 
-    return open_recording(
-        args.recording, format=args.format, intrinsics=args.intrinsics, depth_scale=args.depth_scale
-    )
+    return open_recording(args.recording, format=args.format, intrinsics=args.intrinsics, depth_scale=args.depth_scale)
 
 
 def config_from(args: argparse.Namespace) -> TrackerConfig:

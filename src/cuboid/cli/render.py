@@ -25,9 +25,7 @@ DEFAULT_NAMES = {"boxes": "labelled", "heat": "heat", "depth": "depth", "proposa
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
     parser.add_argument("results", type=Path, metavar="DIR", help="what 'cuboid track' left behind")
-    parser.add_argument(
-        "--recording", type=Path, metavar="PATH", help="the recording, where it is not where it was"
-    )
+    parser.add_argument("--recording", type=Path, metavar="PATH", help="the recording, where it is not where it was")
     parser.add_argument(
         "--output", type=Path, metavar="FILE", help="the video (default: in DIR, named after what it shows)"
     )
@@ -37,9 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("depth", "show the depth instead of the picture"),
         ("proposals", "show each frame's own 3D proposals instead of the objects"),
     ):
-        what.add_argument(
-            f"--{name}", action="store_const", const=name, dest="what", default="boxes", help=text
-        )
+        what.add_argument(f"--{name}", action="store_const", const=name, dest="what", default="boxes", help=text)
     parser.add_argument("--gif", action="store_true", help="a small GIF instead of an MP4")
 
 
@@ -61,9 +57,7 @@ def run(args: argparse.Namespace) -> int:
     seen = replay.frames(recording.timestamp_s)
     shown = Console(stderr=True)
     with _writer(path, replay) as video:
-        for found in track(
-            seen, "drawing", len(replay), console=shown, transient=True, disable=not shown.is_terminal
-        ):
+        for found in track(seen, "drawing", len(replay), console=shown, transient=True, disable=not shown.is_terminal):
             video.add(draw(recording.read(found.index), found))
             drawn += 1
     if drawn == 0:
@@ -79,9 +73,7 @@ def _path(args: argparse.Namespace) -> Path:
     suffix = ".gif" if args.gif else ".mp4"
     path: Path = args.output or args.results / f"{DEFAULT_NAMES[args.what]}{suffix}"
     if path.suffix.lower() != suffix:
-        raise InputError(
-            f"{path}: the video's name must end with {suffix}{'' if args.gif else ', or give --gif'}"
-        )
+        raise InputError(f"{path}: the video's name must end with {suffix}{'' if args.gif else ', or give --gif'}")
     return path
 
 
@@ -105,11 +97,7 @@ def _writer(path: Path, replay: Replay) -> AbstractContextManager[VideoWriter]:
     from cuboid.views.encoding import GifWriter, Mp4Writer
     from cuboid.views.video import video_rate
 
-    return (
-        GifWriter(path, len(replay))
-        if path.suffix.lower() == ".gif"
-        else Mp4Writer(path, video_rate(replay.every))
-    )
+    return GifWriter(path, len(replay)) if path.suffix.lower() == ".gif" else Mp4Writer(path, video_rate(replay.every))
 
 
 def _drawing(what: str, results: Path, replay: Replay) -> Draw:

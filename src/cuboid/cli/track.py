@@ -69,7 +69,6 @@ def print_outcome(outcome: RunOutcome, output: Path) -> None:
         out.print(line, markup=False)
     frame_ms = f", {report.milliseconds['frame'].median_ms:.1f} ms a frame" if report.frames_used else ""
     out.print(
-        f"{report.frames_used} of {report.frames_read} frames in {report.seconds:.1f} s{frame_ms}; "
-        f"results in {output}",
+        f"{report.frames_used} of {report.frames_read} frames in {report.seconds:.1f} s{frame_ms}; results in {output}",
         markup=False,
     )

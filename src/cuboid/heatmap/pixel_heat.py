@@ -17,7 +17,6 @@ STRONGEST = 10
 LEAST_SURE = 0.1
 
 
-
 def pixel_heat(
     image: WorkingImage,
     candidate: UInt8Array,

@@ -123,13 +123,9 @@ def intersections(A, B, out):
                 center[k] = B[j, 6 + k] * dx + B[j, 9 + k] * dy + B[j, 12 + k] * dz
                 center_back[k] = -(A[i, 6 + k] * dx + A[i, 9 + k] * dy + A[i, 12 + k] * dz)
                 for m in range(3):
-                    R[k, m] = (
-                        B[j, 6 + k] * A[i, 6 + m] + B[j, 9 + k] * A[i, 9 + m] + B[j, 12 + k] * A[i, 12 + m]
-                    )
+                    R[k, m] = B[j, 6 + k] * A[i, 6 + m] + B[j, 9 + k] * A[i, 9 + m] + B[j, 12 + k] * A[i, 12 + m]
                     R_back[m, k] = R[k, m]
             # Both sums are taken about the centre of B.
             share = faces_within(center, R, A[i, 3:6], B[j, 3:6], COINCIDE_M, zero, first, second)
-            share += faces_within(
-                center_back, R_back, B[j, 3:6], A[i, 3:6], -COINCIDE_M, center_back, first, second
-            )
+            share += faces_within(center_back, R_back, B[j, 3:6], A[i, 3:6], -COINCIDE_M, center_back, first, second)
             out[i, j] = max(0.0, share / 3.0)

@@ -86,18 +86,8 @@ def stand_on(
                 continue
             rx = (u - camera[2]) / camera[0]
             x, y = rx * z, ry * z
-            gx = (
-                T_grid_camera[0, 0] * x
-                + T_grid_camera[0, 1] * y
-                + T_grid_camera[0, 2] * z
-                + T_grid_camera[0, 3]
-            )
-            gy = (
-                T_grid_camera[1, 0] * x
-                + T_grid_camera[1, 1] * y
-                + T_grid_camera[1, 2] * z
-                + T_grid_camera[1, 3]
-            )
+            gx = T_grid_camera[0, 0] * x + T_grid_camera[0, 1] * y + T_grid_camera[0, 2] * z + T_grid_camera[0, 3]
+            gy = T_grid_camera[1, 0] * x + T_grid_camera[1, 1] * y + T_grid_camera[1, 2] * z + T_grid_camera[1, 3]
             ix = int(np.floor((gx - origin[0]) / cell))
             iy = int(np.floor((gy - origin[1]) / cell))
             if ix < 0 or iy < 0 or ix >= nx_cells or iy >= ny_cells:

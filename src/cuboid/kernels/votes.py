@@ -43,12 +43,8 @@ def weigh(depth, candidate, boxes, scores, masks, starts, step, phase, focal, lo
         pixels = readings = fit = 0
         total = square = 0.0
         left, right, top, bottom = width, -1, height, -1
-        for v in range(
-            max(0, (y0 - phase[1] + step - 1) // step), min(height, (y1 - phase[1] + step - 1) // step)
-        ):
-            for u in range(
-                max(0, (x0 - phase[0] + step - 1) // step), min(width, (x1 - phase[0] + step - 1) // step)
-            ):
+        for v in range(max(0, (y0 - phase[1] + step - 1) // step), min(height, (y1 - phase[1] + step - 1) // step)):
+            for u in range(max(0, (x0 - phase[0] + step - 1) // step), min(width, (x1 - phase[0] + step - 1) // step)):
                 if starts[k] >= 0:
                     at = starts[k] + (phase[1] + step * v - y0) * (x1 - x0) + (phase[0] + step * u - x0)
                     if masks[at] == 0:

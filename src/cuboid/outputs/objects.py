@@ -165,9 +165,7 @@ def _object_to_json(item: TrackedObject) -> dict[str, Any]:
 
 
 def _object_from_json(item: dict[str, Any]) -> TrackedObject:
-    vector = {
-        name: np.array(item[name], dtype=np.float64) for name in ("center", "size", "rotation", "mean_color")
-    }
+    vector = {name: np.array(item[name], dtype=np.float64) for name in ("center", "size", "rotation", "mean_color")}
     return TrackedObject(
         label=int(item["label"]),
         box=Box(vector["center"], vector["size"], vector["rotation"]),

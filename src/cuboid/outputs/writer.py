@@ -105,9 +105,7 @@ class ResultWriter:
         with writing(self._folder.file(PROPOSALS), self._shown / PROPOSALS):
             for own in result.proposals:
                 rect = own.rect_xyxy * pixels
-                self._proposals.write(
-                    ProposalRow(frame, time_s, own.label, own.box, own.score, rect).line() + "\n"
-                )
+                self._proposals.write(ProposalRow(frame, time_s, own.label, own.box, own.score, rect).line() + "\n")
         with writing(self._folder.file(TRAJECTORY), self._shown / TRAJECTORY):
             self._trajectory.write(PoseRow(time_s, result.T_world_camera).line() + "\n")
 

@@ -43,9 +43,7 @@ def choose(
         calibration = _from_user(intrinsics)
     if depth_scale is not None:
         if not (math.isfinite(depth_scale) and depth_scale > 0):
-            raise InputError(
-                f"the depth scale must be a number of units per metre above 0, got {depth_scale}"
-            )
+            raise InputError(f"the depth scale must be a number of units per metre above 0, got {depth_scale}")
         units = float(depth_scale)
     if calibration is None:
         raise InputError(f"{recording}: the intrinsics are not known; {HOW_TO_GIVE}")
@@ -114,9 +112,7 @@ def _read_json(path: Path) -> tuple[Calibration, float | None]:
     for name, value in document.items():
         number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
         if not number or (value <= 0 and name not in ("cx", "cy")):
-            raise InputError(
-                f"{path}: '{name}' must be a number{' above 0' * (name[0] != 'c')}, got {value!r}"
-            )
+            raise InputError(f"{path}: '{name}' must be a number{' above 0' * (name[0] != 'c')}, got {value!r}")
     for name in ("width", "height"):
         if document[name] != int(document[name]):
             raise InputError(f"{path}: '{name}' must be a whole number of pixels, got {document[name]!r}")

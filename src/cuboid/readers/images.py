@@ -73,8 +73,7 @@ def decode_depth(source: ImageSource, name: str) -> npt.NDArray[np.uint16]:
     if image.ndim != 2 or image.dtype != np.uint16:
         channels = 1 if image.ndim == 2 else image.shape[2]
         raise FrameError(
-            f"depth image {name} must have one channel of 16 bits, "
-            f"it has {channels} of {8 * image.dtype.itemsize}"
+            f"depth image {name} must have one channel of 16 bits, it has {channels} of {8 * image.dtype.itemsize}"
         )
     return image.astype(np.uint16, copy=False)
 

@@ -109,7 +109,5 @@ def _nothing_found(given: Path, readers: list[tuple[str, Reader]]) -> str:
     if above:
         return f"{given} is a part of a recording; name {above[0]}"
     expected = "; ".join(f"{name} ({reader.expects})" for name, reader in readers)
-    what = (
-        "is a file" if given.is_file() else "is empty" if not any(given.iterdir()) else "holds no recording"
-    )
+    what = "is a file" if given.is_file() else "is empty" if not any(given.iterdir()) else "holds no recording"
     return f"{given} {what}; a folder of one of these forms is expected: {expected}"

@@ -90,8 +90,7 @@ def _numbered_lines(path: Path, fields: str, numbers: list[Decimal]) -> dict[Dec
     if rows.keys().isdisjoint(numbers):
         begins = f"its lines begin with {next(iter(rows))}, ..." if rows else "it has no lines"
         raise InputError(
-            f"{path}: no line begins with the number of a frame; {begins}, "
-            f"the frames' numbers are {numbers[0]}, ..."
+            f"{path}: no line begins with the number of a frame; {begins}, the frames' numbers are {numbers[0]}, ..."
         )
     return rows
 
@@ -114,9 +113,7 @@ def _times_s(path: Path, numbers: list[Decimal]) -> dict[Decimal, float]:
 
 def _pose(poses: dict[Decimal, PoseLine], number: Decimal, frames: int) -> Float64Array:
     if number not in poses:
-        raise FrameError(
-            f"poses.txt has no line for frame number {number} ({len(poses)} lines, {frames} frames)"
-        )
+        raise FrameError(f"poses.txt has no line for frame number {number} ({len(poses)} lines, {frames} frames)")
     line_number, (tx, ty, tz, qx, qy, qz, qw) = poses[number]
     return pose_from_quaternion((qw, qx, qy, qz), (tx, ty, tz), f"poses.txt line {line_number}")
 

@@ -69,9 +69,7 @@ def parse_numbers(text: str, count: int, expected: str) -> list[float]:
     return values
 
 
-def pose_from_quaternion(
-    quat_wxyz: Sequence[float], translation: Sequence[float], where: str
-) -> Float64Array:
+def pose_from_quaternion(quat_wxyz: Sequence[float], translation: Sequence[float], where: str) -> Float64Array:
     """Return T_world_camera (4, 4) of a quaternion and a translation in metres.
 
     Raises
@@ -131,9 +129,7 @@ class Trajectory:
             if whole and abs(length - 1.0) <= QUATERNION_LENGTH_TOLERANCE:
                 poses.append((t, np.array((qw, qx, qy, qz, tx, ty, tz))))
         if not poses:
-            raise InputError(
-                f"{path} holds no pose; without the file the recording counts as one without poses"
-            )
+            raise InputError(f"{path} holds no pose; without the file the recording counts as one without poses")
         poses.sort(key=lambda pose: pose[0])
         self._times_s: npt.NDArray[np.float64] = np.array([pose[0] for pose in poses])
         self._rows = [pose[1] for pose in poses]

@@ -132,9 +132,7 @@ class Recording:
         color, raw, depth_name = self._decode(self._frames[index])
         expected = (self.intrinsics.height, self.intrinsics.width)
         if color.shape[:2] != expected:
-            raise FrameError(
-                f"the frame is {_size(color)}, the recording {_size(np.empty(expected))}: {depth_name}"
-            )
+            raise FrameError(f"the frame is {_size(color)}, the recording {_size(np.empty(expected))}: {depth_name}")
         depth_m = depth_in_metres(raw, self.depth_units_per_metre, depth_name)
         return Frame(index, self.timestamp_s(index), color, depth_m, T_world_camera)
 
@@ -179,8 +177,7 @@ class Recording:
         color, raw = decode_color(entry.color, color_name), decode_depth(entry.depth, depth_name)
         if color.shape[:2] != raw.shape:
             raise FrameError(
-                f"color is {_size(color)} but depth {_size(raw)}, they must be aligned: "
-                f"{color_name}, {depth_name}"
+                f"color is {_size(color)} but depth {_size(raw)}, they must be aligned: {color_name}, {depth_name}"
             )
         return color, raw, depth_name
 
@@ -196,9 +193,7 @@ class Recording:
             if shapes.total() == SIZE_VOTERS:
                 break
         if not shapes:
-            raise InputError(
-                f"{self.path}: none of its {len(self)} frames can be used; the first: {first_fault}"
-            )
+            raise InputError(f"{self.path}: none of its {len(self)} frames can be used; the first: {first_fault}")
         height, width = shapes.most_common(1)[0][0]  # of equals the one that came first
         return width, height
 

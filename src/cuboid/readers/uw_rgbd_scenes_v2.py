@@ -67,9 +67,7 @@ def _pose_lines(dataset: Path, scene: Path) -> tuple[str, list[str]] | None:
             while lines and not lines[-1].strip():
                 lines.pop()
             if not lines:
-                raise InputError(
-                    f"{file} is empty; without the file the recording counts as one without poses"
-                )
+                raise InputError(f"{file} is empty; without the file the recording counts as one without poses")
             return file.name, lines
     return None
 

@@ -20,9 +20,7 @@ MARGIN_PX = 16.0
 
 # Corners of the faces in order around them: -x, +x, -y, +y, -z, +z.
 FACES = ((0, 2, 6, 4), (1, 3, 7, 5), (0, 1, 5, 4), (2, 3, 7, 6), (0, 1, 3, 2), (4, 5, 7, 6))
-FACES_OF_EDGE = tuple(
-    tuple(f for f, corners in enumerate(FACES) if a in corners and b in corners) for a, b in EDGES
-)
+FACES_OF_EDGE = tuple(tuple(f for f, corners in enumerate(FACES) if a in corners and b in corners) for a, b in EDGES)
 TOP = 5
 
 
@@ -102,9 +100,7 @@ def wireframe(box: Box, T_world_camera: Float64Array, intrinsics: Intrinsics) ->
     )
 
 
-def may_be_in_view(
-    boxes: Sequence[Box], T_world_camera: Float64Array, intrinsics: Intrinsics
-) -> npt.NDArray[np.bool_]:
+def may_be_in_view(boxes: Sequence[Box], T_world_camera: Float64Array, intrinsics: Intrinsics) -> npt.NDArray[np.bool_]:
     """Tell for each box whether the ball around it reaches into the view; quick, for maps of many objects.
 
     Returns

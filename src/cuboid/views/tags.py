@@ -25,9 +25,7 @@ TAGS_KEPT = 1024
 Rect = tuple[int, int, int, int]
 
 
-def place_tag(
-    text: str, size_px: int, rect_xyxy: Float64Array, taken: list[Rect], free: tuple[int, int]
-) -> Rect:
+def place_tag(text: str, size_px: int, rect_xyxy: Float64Array, taken: list[Rect], free: tuple[int, int]) -> Rect:
     """Return where the tag of a box goes: left, top, right, bottom in pixels.
 
     Above the middle of the box where it fits; else higher, then inside the box, then below it.

@@ -81,9 +81,7 @@ class VideoView:
             seen=len(result.sightings),
             known=result.objects_known,
         )
-        picture = draw_frame(
-            frame.color, result.T_world_camera, self._intrinsics, result.sightings, hidden, status
-        )
+        picture = draw_frame(frame.color, result.T_world_camera, self._intrinsics, result.sightings, hidden, status)
         self._writer.add(picture)
 
     def close(self, complete: bool) -> None:
