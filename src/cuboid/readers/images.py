@@ -66,10 +66,7 @@ def decode_depth(source: ImageSource, name: str) -> npt.NDArray[np.uint16]:
     FrameError
         If the file is missing, empty, truncated, damaged, no image, or not a single channel of 16 bits.
     """
-    if isinstance(source, Path):
-        image = _decode(source, f"depth image {name}", cv2.IMREAD_UNCHANGED)
-    else:
-        image = source()
+    image = _decode(source, f"depth image {name}", cv2.IMREAD_UNCHANGED) if isinstance(source, Path) else source()
     if image.ndim != 2 or image.dtype != np.uint16:
         channels = 1 if image.ndim == 2 else image.shape[2]
         raise FrameError(
