@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from cuboid.proposals.types import ProposalSource
     from cuboid.views.video import View
 
+# The work inside shrinks with --scale to no less than this width, pixels: fewer show no objects.
+MIN_WORKING_PX = 120
 SCALES = (1, 2, 4)
 
 
@@ -181,7 +184,7 @@ def track_recording(
     if scale not in SCALES or every < 1 or (limit is not None and limit < 1):
         raise ValueError(f"scale must be one of {SCALES}, every and limit >= 1, got {scale}, {every}, {limit}")
     begun_s = time.perf_counter()
-    config = config or TrackerConfig()
+    config, proposals = _at_scale(config or TrackerConfig(), proposals, scale)
     progress = progress or Progress()
     poses = _origin_of_poses(recording, poses)
     frames = range(0, len(recording), every)[:limit]
@@ -323,6 +326,20 @@ def _video(path: Path, intrinsics: Intrinsics, every: int) -> View:
     from cuboid.views.video import VideoView, video_rate
 
     return VideoView(path, intrinsics, video_rate(every))
+
+
+def _at_scale(
+    config: TrackerConfig, proposals: str | ProposalSource | None, scale: int
+) -> tuple[TrackerConfig, str | ProposalSource | None]:
+    """Let the work inside shrink with the frames: who asks for half the resolution asks for speed."""
+    if scale == 1:
+        return config, proposals
+    from cuboid.proposals.depth import WIDEST
+
+    width = max(MIN_WORKING_PX, config.working_width_px // scale)
+    if proposals in (None, "depth"):
+        proposals = f"depth:{max(MIN_WORKING_PX, WIDEST // scale)}"
+    return dataclasses.replace(config, working_width_px=width), proposals
 
 
 def _effective(

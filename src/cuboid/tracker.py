@@ -99,7 +99,7 @@ class Tracker:
         T_world_camera = self._check(frame)
         T_camera_world = inverse(T_world_camera)
         watch = Stopwatch()
-        image = thin(frame, self.intrinsics, self._count)
+        image = thin(frame, self.intrinsics, self.config.working_width_px, self._count)
         proposals = self._propose(frame, self.intrinsics)
         watch.lap("proposals")
         heights, support = self._find_planes(image, T_world_camera)

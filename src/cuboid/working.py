@@ -1,4 +1,4 @@
-"""The thinned image that the tracker works on: about 320 pixels wide, another phase of the full one each frame."""
+"""The thinned image that the tracker works on: another phase of the full one each frame."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ import numpy as np
 from cuboid.frame import Float32Array, Frame, Intrinsics, UInt8Array
 from cuboid.kernels.pixels import drop_mixed
 
-# The working image is at least this wide, pixels: at 1.5 m a pixel is then 6 mm, below a voxel.
-WIDTH = 320
 # Offsets of the thinned grid: over four frames every pixel of a grid of step 2 is used.
 _PHASES = ((0, 0), (1, 1), (1, 0), (0, 1))
 # Depths of neighbours on one surface differ by less than this times z squared (plus 1 cm): ten deviations.
@@ -40,9 +38,9 @@ class WorkingImage:
     phase: tuple[int, int]
 
 
-def thin(frame: Frame, intrinsics: Intrinsics, count: int) -> WorkingImage:
-    """Thin a frame; `count`, the number of frames before it, chooses the phase."""
-    step = max(1, intrinsics.width // WIDTH)
+def thin(frame: Frame, intrinsics: Intrinsics, width_px: int, count: int) -> WorkingImage:
+    """Thin a frame to at least a width; `count`, the number of frames before it, chooses the phase."""
+    step = max(1, intrinsics.width // width_px)
     x, y = (p * step // 2 for p in _PHASES[count % len(_PHASES)])
     rows, columns = intrinsics.height // step, intrinsics.width // step
     raw = np.ascontiguousarray(frame.depth_m[y::step, x::step][:rows, :columns])

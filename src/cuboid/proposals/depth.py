@@ -13,17 +13,19 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.errors import InputError
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.kernels import patches, regions, segments
 from cuboid.kernels.blocks import halve_depth
 from cuboid.kernels.cells import CELL_COLUMNS, fit_cells
 from cuboid.kernels.pixels import drop_mixed
-from cuboid.proposals.boxes import refuse_options
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource
 
-# Images wider than this are halved until they are not, pixels: at 1.5 m a pixel of 320 is then 6 mm.
+# Images wider than this are halved until they are not, pixels, unless the user says otherwise: at 1.5 m a pixel of 320
+# is then 6 mm.
 WIDEST = 480
+LEAST_WIDE = 120
 # Readings of a block of pixels belong to one surface within this share of their depth.
 SAME_SURFACE = 0.01
 # Standard deviation of depth at distance z is this times z squared, 1/metre (Khoshelham and Elberink 2012); that of
@@ -91,11 +93,20 @@ class _Regions(NamedTuple):
 
 
 class DepthSegmentation:
-    """Proposes, from a depth image alone, compact surfaces and unions of neighbouring ones, as masks."""
+    """Proposes, from a depth image alone, compact surfaces and unions of neighbouring ones, as masks.
+
+    Parameters
+    ----------
+    widest : int
+        Images wider than this are halved until they are not, pixels.
+    """
+
+    def __init__(self, widest: int = WIDEST) -> None:
+        self._widest = widest
 
     def __call__(self, frame: Frame, intrinsics: Intrinsics) -> Proposals:
         """Return the proposals of `frame`, the best first."""
-        depth_m, camera, step = _shrink(frame.depth_m, intrinsics)
+        depth_m, camera, step = _shrink(frame.depth_m, intrinsics, self._widest)
         found = _regions(depth_m, frame.color, camera, step)
         scores = _without_doubles(_scores(found.measures, camera.fx), found)
         order = np.argsort(-scores, kind="stable")[:MOST]
@@ -103,9 +114,9 @@ class DepthSegmentation:
         return _as_proposals(found, scores, order, step, frame.depth_m.shape)
 
 
-def _shrink(depth_m: Float32Array, intrinsics: Intrinsics) -> tuple[Float32Array, Intrinsics, int]:
+def _shrink(depth_m: Float32Array, intrinsics: Intrinsics, widest: int) -> tuple[Float32Array, Intrinsics, int]:
     step = 1
-    while depth_m.shape[1] > WIDEST:
+    while depth_m.shape[1] > widest:
         halved = np.empty((depth_m.shape[0] // 2, depth_m.shape[1] // 2), np.float32)
         halve_depth(np.ascontiguousarray(depth_m), SAME_SURFACE, halved)
         depth_m, step = halved, step * 2
@@ -212,12 +223,15 @@ def _as_proposals(
 
 @SOURCES.register("depth")
 def depth_source(options: str | None) -> ProposalSource:
-    """Return the depth segmentation; it takes no options.
+    """Return the depth segmentation; `depth:N` halves images until they are at most N pixels wide.
 
     Raises
     ------
     InputError
-        If there are any.
+        If N is not a whole number from 120 up: fewer pixels show no objects.
     """
-    refuse_options("depth", options)
-    return DepthSegmentation()
+    if options is None:
+        return DepthSegmentation()
+    if not options.isdecimal() or int(options) < LEAST_WIDE:
+        raise InputError(f"proposal source 'depth:N' takes a width in pixels from {LEAST_WIDE} up, got '{options}'")
+    return DepthSegmentation(int(options))
