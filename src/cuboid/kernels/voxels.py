@@ -117,6 +117,11 @@ def fuse(
                     if ((u >> 1) & 1) + 2 * ((v >> 1) & 1) != (frame >> 2) & 3:
                         continue
                     share = 16.0
+            elif z > FAR_M:
+                # There a voxel is hardly wider than a pixel, and its noise wider than both: every other one will do.
+                if (u + v + frame) & 1:
+                    continue
+                share = 2.0
             x = (u - camera[2]) / camera[0] * z
             y = (v - camera[3]) / camera[1] * z
             wx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
