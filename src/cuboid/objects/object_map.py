@@ -52,7 +52,7 @@ SMALL_VOXELS, SMALL_PATIENCE = 64, 4
 # many times as often before it gets a label of its own.
 FLOATING_PATIENCE, BESIDE_PATIENCE = 6, 4
 # Share of an object's trust that lies outside its surface at each side: the tails of the sensor's noise.
-STRAY_SHARE = 0.012
+STRAY_SHARE = 0.008
 # Voxels that a box is fitted to, at most about; more of a large object do not change it.
 BOX_VOXELS = 1500
 # What stands where a retired object stood is that object, when this share of the smaller box is common.
