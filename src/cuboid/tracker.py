@@ -37,7 +37,7 @@ PATIENCE_FRAMES = 15
 # Share of a frame's points that may stick out of its box at each side: strays of a single frame.
 FRAME_STRAYS = 0.01
 # Points of a frame's cluster that its box is fitted to, at most; more do not change it.
-FRAME_POINTS = 300
+FRAME_POINTS = 200
 # An image-up guess for boxes before up is known: camera y points down.
 _IMAGE_UP = np.array([0.0, -1.0, 0.0])
 

@@ -34,6 +34,8 @@ RIM_DEPTH_M = 0.035
 TABLE_CLEARANCE_M, LEG_REACH, LEG_WIDTH_M, LEG_SLENDER = 0.4, 0.6, 0.13, 1.4
 # A plane that is not used yet is forgotten after so many frames without a sighting.
 FORGET_FRAMES = 60
+# What a plane covers is found anew every so many frames, and in its first ones each time.
+REFRESH_FRAMES = 8
 # Prior spread of how far a frame sees a plane from where the map has it: poses drift by centimetres and degrees.
 DRIFT_M, DRIFT_RAD = 0.03, 0.02
 # Planes at most this many are tracked.
@@ -132,10 +134,12 @@ class PlaneTracker:
         centers = cells.center[flat] @ R.T
         self.plan.reach(centers[:, :2])
         matched = self._match(centers, cells.sigma_m[flat])
+        before = list(self.planes)
         self._learn(frame, centers, cells.area_m2[flat], cells.sigma_m[flat], matched)
         self._discover(frame, centers, cells.area_m2[flat], cells.sigma_m[flat], matched)
         self._tidy(frame)
-        matched = self._match(centers, cells.sigma_m[flat])
+        if self.planes != before:
+            matched = self._match(centers, cells.sigma_m[flat])
         owner[cells.place[flat]] = matched
         return owner.reshape(rows, columns)
 
@@ -210,7 +214,7 @@ class PlaneTracker:
         """Put planes to use, forget those that were noise, merge those that are one."""
         least = self._config.min_plane_area_m2
         for k, plane in enumerate(self.planes):
-            if frame % 8 == k % 8 or not plane.in_use:
+            if frame % REFRESH_FRAMES == k % REFRESH_FRAMES or plane.frames < REFRESH_FRAMES:
                 self.plan.refresh(k)
             area = self.plan.area_m2(k)
             if not plane.in_use and area < least:
@@ -220,7 +224,7 @@ class PlaneTracker:
             elif not plane.in_use:
                 plane.in_use = plane.frames >= USE_AFTER_FRAMES or area >= USE_AT_ONCE * least
         keep = [k for k, p in enumerate(self.planes) if p.in_use or frame - p.last_frame <= FORGET_FRAMES]
-        gone = self._merge_twins() if frame % 8 == 0 else set()
+        gone = self._merge_twins() if frame % REFRESH_FRAMES == 0 else set()
         keep = [k for k in keep if k not in gone]
         if len(keep) < len(self.planes):
             self.planes = [self.planes[k] for k in keep]
