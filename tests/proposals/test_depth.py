@@ -139,9 +139,10 @@ def test_odd_sizes_are_taken() -> None:
     assert (proposals.boxes_xyxy[:, 3] <= 303).all()
 
 
-def test_options_are_refused() -> None:
-    with pytest.raises(InputError, match="takes no options"):
-        make_source("depth:fast")
+@pytest.mark.parametrize("options", ["fast", "119", "-320", "3.5"])
+def test_widths_that_mean_nothing_are_refused(options: str) -> None:
+    with pytest.raises(InputError, match=f"takes a width in pixels from 120 up, got '{options}'"):
+        make_source(f"depth:{options}")
 
 
 def test_most_objects_of_real_stills_are_proposed(data_dir: Path) -> None:
