@@ -101,6 +101,11 @@ def fuse(
     """
     height, width = depth.shape
     inverse = 1.0 / voxel
+    # Local copies: what is written below could lie in these arrays, for all the compiler knows.
+    fx, fy, cx, cy = 1.0 / camera[0], 1.0 / camera[1], camera[2], camera[3]
+    xx, xy, xz, x0 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
+    yx, yy, yz, y0 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
+    zx, zy, zz, z0 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
     for v in range(height):
         for u in range(width):
             z = depth[v, u]
@@ -108,7 +113,8 @@ def fuse(
             if not (0.0 < z <= max_depth):
                 continue
             share = 1.0
-            if heat[v, u] < COLD:
+            warm = heat[v, u]
+            if warm < COLD:
                 # Of what is cold one pixel in four speaks for all, in turn; of what is cold and far one in sixteen.
                 if (u & 1) + 2 * (v & 1) != frame & 3:
                     continue
@@ -122,11 +128,11 @@ def fuse(
                 if (u + v + frame) & 1:
                     continue
                 share = 2.0
-            x = (u - camera[2]) / camera[0] * z
-            y = (v - camera[3]) / camera[1] * z
-            wx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
-            wy = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
-            wz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+            x = (u - cx) * fx * z
+            y = (v - cy) * fy * z
+            wx = xx * x + xy * y + xz * z + x0
+            wy = yx * x + yy * y + yz * z + y0
+            wz = zx * x + zy * y + zz * z + z0
             key = pack_key(
                 np.int64(np.floor(wx * inverse)),
                 np.int64(np.floor(wy * inverse)),
@@ -151,16 +157,17 @@ def fuse(
             # Depth's variance grows with z^4: a near sighting says more. Half a metre and nearer weigh alike.
             near = max(z, 0.5)
             w = share / (near * near * near * near)
-            total = values[row, WEIGHT] + w
-            a = w / total
-            values[row, X] += a * (wx - values[row, X])
-            values[row, Y] += a * (wy - values[row, Y])
-            values[row, Z] += a * (wz - values[row, Z])
-            values[row, RED] += a * (color[v, u, 0] - values[row, RED])
-            values[row, GREEN] += a * (color[v, u, 1] - values[row, GREEN])
-            values[row, BLUE] += a * (color[v, u, 2] - values[row, BLUE])
-            values[row, HEAT] += a * (heat[v, u] - values[row, HEAT])
-            values[row, WEIGHT] = total
+            value = values[row]
+            total = value[WEIGHT] + w
+            a = np.float32(w / total)
+            value[X] += a * (np.float32(wx) - value[X])
+            value[Y] += a * (np.float32(wy) - value[Y])
+            value[Z] += a * (np.float32(wz) - value[Z])
+            value[RED] += a * (np.float32(color[v, u, 0]) - value[RED])
+            value[GREEN] += a * (np.float32(color[v, u, 1]) - value[GREEN])
+            value[BLUE] += a * (np.float32(color[v, u, 2]) - value[BLUE])
+            value[HEAT] += a * (warm - value[HEAT])
+            value[WEIGHT] = total
             if last_frame[row] != frame:
                 last_frame[row] = frame
                 hits[row] += 1
