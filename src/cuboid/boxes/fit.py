@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from cuboid.frame import Float32Array, Float64Array
@@ -14,6 +16,7 @@ REST_M = 0.06
 # Footprints are tried every two degrees: a 30 cm box turned by one degree is 3 mm off at its ends, below the noise.
 _ANGLES = np.radians(np.arange(0.0, 180.0, 2.0))
 _DIRECTIONS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+_ALONG_FIRST = np.array([[1.0, 0.0]])
 # Arcs of 130 degrees of the full turn, one every ten degrees: less does not fix a radius in noise, and a half disc,
 # whose ends are cut, has not much more. For each the design of c.u + r and its least-squares solver.
 _ARCS = (np.arange(0, 180, 5)[:, None] + np.arange(66)[None]) % 180
@@ -59,7 +62,7 @@ def fit_box(
     cloud = np.asarray(points, dtype=np.float64)
     trust = np.ones(len(cloud)) if weights is None else weights
     first, second = plane_axes(normal)
-    plan = np.column_stack([cloud @ first, cloud @ second])
+    plan = cloud @ np.array([first, second]).T
     low, high = _reach(plan, trust, _DIRECTIONS, share)
     extent = high - low
     quarter = len(_ANGLES) // 2
@@ -67,8 +70,9 @@ def fit_box(
     b = a + quarter
     low, high = _complete_round(low, high)
     extent = high - low
-    heights = np.column_stack([cloud @ normal, np.zeros(len(cloud))])
-    (bottom,), (top,) = _reach(heights, trust, np.array([[1.0, 0.0]]), share)
+    heights = np.zeros((len(cloud), 2))
+    heights[:, 0] = cloud @ normal
+    (bottom,), (top,) = _reach(heights, trust, _ALONG_FIRST, share)
     if offset is not None and bottom + offset < REST_M:
         bottom = -offset
     u, v = (c * first + s * second for c, s in (_DIRECTIONS[a], _DIRECTIONS[b]))
@@ -81,7 +85,7 @@ def fit_box(
         size = np.array([extent[a], extent[b], 0.0])
         middle = np.array([low[a] + high[a], low[b] + high[b], 0.0]) / 2.0
     size[2], middle[2] = max(top - bottom, 0.0), (top + bottom) / 2.0
-    axes = np.column_stack([u, v, normal])
+    axes = np.ascontiguousarray(np.array([u, v, normal]).T)
     return Box(center=axes @ middle, size=size, rotation=axes)
 
 
@@ -97,8 +101,8 @@ def _complete_round(low: Float64Array, high: Float64Array) -> tuple[Float64Array
         return low, high
     reach_all = np.concatenate([high, -low])
     arcs = reach_all[_ARCS]
-    fits = np.einsum("kpn,kn->kp", _ARC_SOLVERS, arcs)
-    residual = np.abs(arcs - np.einsum("knp,kp->kn", _ARC_DESIGNS, fits)).max(1)
+    fits = (_ARC_SOLVERS @ arcs[:, :, None])[:, :, 0]
+    residual = np.abs(arcs - (_ARC_DESIGNS @ fits[:, :, None])[:, :, 0]).max(1)
     longest = float((high - low).max())
     radius = fits[:, 2]
     good = (
@@ -115,10 +119,13 @@ def _complete_round(low: Float64Array, high: Float64Array) -> tuple[Float64Array
 
 def plane_axes(normal: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Return two axes (3,) that make a right-handed frame with a unit normal."""
-    side = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    first = np.cross(side, normal)
-    first /= np.linalg.norm(first)
-    return first, np.cross(normal, first)
+    # In plain numbers: NumPy's products of such short vectors take ten times as long, and every box asks for them.
+    x, y, z = normal.tolist()
+    least = min(abs(x), abs(y), abs(z))
+    a, b, c = (0.0, -z, y) if abs(x) == least else (z, 0.0, -x) if abs(y) == least else (-y, x, 0.0)
+    long = math.sqrt(a * a + b * b + c * c)
+    a, b, c = a / long, b / long, c / long
+    return np.array([a, b, c]), np.array([y * c - z * b, z * a - x * c, x * b - y * a])
 
 
 def _reach(

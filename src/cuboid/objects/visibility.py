@@ -84,7 +84,7 @@ def look(
     ui, vi = np.where(inside, ui, 0), np.where(inside, vi, 0)
     reading = np.where(inside, image.depth_m[vi, ui], 0.0)
     agree = np.maximum(AGREE_M, 3 * noise_per_m * z * z)
-    numbers = np.array([o.number for o in objects])[which]
+    numbers = np.repeat([o.number for o in objects], [len(p) for p in picks])
     seen = (reading > 0) & (np.abs(reading - z) <= agree)
     behind_own = (reading > 0) & (reading < z - agree) & (pixel_owner[vi, ui] == numbers)
     unknown = reading <= 0
@@ -93,22 +93,23 @@ def look(
     unknown_n = np.bincount(which[unknown], minlength=n)
     hidden_n = np.bincount(which[~seen & ~behind_own & ~unknown], minlength=n)
     visible = seen_n / np.maximum(1.0, seen_n + hidden_n + 0.5 * unknown_n)
-    front = points[:, 2] > 0.05
-    return [
-        View(
-            visible=float(visible[k]),
-            rect_xyxy=_rectangle(u[(which == k) & front], v[(which == k) & front], image),
-            seen=bool(visible[k] >= SEEN_SHARE and seen_n[k] >= SEEN_POINTS),
-        )
-        for k in range(n)
-    ]
+    seen_enough = (visible >= SEEN_SHARE) & (seen_n >= SEEN_POINTS)
+    rectangles = _rectangles(np.column_stack([u, v]), points[:, 2] > 0.05, [len(p) for p in picks], image)
+    return [View(float(visible[k]), rectangles[k], bool(seen_enough[k])) for k in range(n)]
 
 
-def _rectangle(u: Float64Array, v: Float64Array, image: WorkingImage) -> Float64Array:
-    if len(u) == 0:
-        return np.zeros(4)
-    (x, y), s = image.phase, image.step
-    width, height = image.camera.width * s, image.camera.height * s
-    x0, x1 = np.clip([u.min() * s + x, u.max() * s + x + s], 0, width)
-    y0, y1 = np.clip([v.min() * s + y, v.max() * s + y + s], 0, height)
-    return np.array([x0, y0, x1, y1])
+def _rectangles(
+    pixels: Float64Array, front: npt.NDArray[np.bool_], sizes: Sequence[int], image: WorkingImage
+) -> Float64Array:
+    """Return the rectangle (n, 4) of each run of pixels (N, 2) that lies in front of the camera, zeros where none."""
+    starts = np.cumsum([0, *sizes[:-1]])
+    low = np.minimum.reduceat(np.where(front[:, None], pixels, np.inf), starts)
+    high = np.maximum.reduceat(np.where(front[:, None], pixels, -np.inf), starts)
+    none = ~np.logical_or.reduceat(front, starts)
+    full = np.array([image.camera.width, image.camera.height]) * image.step
+    corner = np.array(image.phase)
+    first = np.clip(low * image.step + corner, 0, full)
+    last = np.clip(high * image.step + corner + image.step, 0, full)
+    rectangles = np.column_stack([first, last])
+    rectangles[none] = 0.0
+    return rectangles
