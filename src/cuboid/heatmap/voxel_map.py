@@ -167,6 +167,12 @@ class VoxelMap:
         reach = CONNECT_VOXELS * self.voxel_m
         return int(kernel.count_beside(rows, self.values, reach, self.keys, self._table, self.owner, asleep))
 
+    def holds(self, points: Float64Array) -> npt.NDArray[np.bool_]:
+        """Tell which places (N, 3) of the world lie in a voxel that holds a point."""
+        held = np.empty(len(points), np.uint8)
+        kernel.holds(np.ascontiguousarray(points), self.voxel_m, self.keys, self.values, self._table, held)
+        return held > 0
+
     def xyz(self, rows: Rows) -> Float32Array:
         """Return world points (N, 3) of these rows."""
         return self.values[rows, kernel.X : kernel.Z + 1]

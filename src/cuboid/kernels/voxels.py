@@ -345,3 +345,17 @@ def count_beside(rows, values, reach, keys, table, owner, asleep):
                 count += 1
                 break
     return count
+
+
+@njit(cache=True, nogil=True)
+def holds(points, voxel, keys, values, table, held):
+    """Tell for each point (N, 3) whether the map has a living voxel there; written to `held` (N,) uint8."""
+    inverse = 1.0 / voxel
+    for i in range(points.shape[0]):
+        key = pack_key(
+            np.int64(np.floor(points[i, 0] * inverse)),
+            np.int64(np.floor(points[i, 1] * inverse)),
+            np.int64(np.floor(points[i, 2] * inverse)),
+        )
+        row, _ = find_slot(key, keys, table)
+        held[i] = 1 if row >= 0 and values[row, WEIGHT] > 0.0 else 0

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.boxes.fit import fit_box
+from cuboid.boxes.hidden import foot_is_hidden, twins
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float64Array, UInt8Array
 from cuboid.geometry.box import Box
@@ -296,7 +297,7 @@ class ObjectMap:
         box = self._box(piece)
         if not is_object(box, self._config):
             return False
-        entry.rows, entry.box = piece.rows, box
+        entry.rows, entry.box = piece.rows, self._whole(entry, piece, box)
         entry.plane = piece.plane
         entry.points = self._voxels.xyz(piece.rows)
         entry.heat = float(self._voxels.heat(piece.rows).mean())
@@ -322,6 +323,28 @@ class ObjectMap:
             return fit_box(points, *plane, STRAY_SHARE, trust)
         up = self._planes.up
         return fit_box(points, np.array([0.0, 0.0, 1.0]) if up is None else up, None, STRAY_SHARE, trust)
+
+    def _whole(self, entry: MapObject, piece: Piece, box: Box) -> Box:
+        """Return the box of a labelled object with what of it no frame has seen."""
+        plane = self._plane(piece)
+        if plane is None or not entry.confirmed:
+            return box
+        normal, offset = plane
+        reach = 2.0 * float(np.linalg.norm(box.size))
+        near = [
+            o.box
+            for o in self.alive()
+            if o is not entry and o.confirmed and float(np.linalg.norm(o.box.center - box.center)) <= reach
+        ]
+        points = self._voxels.xyz(piece.rows[:: 1 + len(piece.rows) // BOX_VOXELS]).astype(np.float64)
+        more = twins(points, normal, offset, box, near, self._voxels)
+        if len(more):
+            box = fit_box(np.concatenate([box.corners(), more]), normal, offset, 0.0)
+        gap = float(normal @ box.center) + offset - box.size[2] / 2.0
+        if gap > 1e-6 and foot_is_hidden(box, normal, offset, near, self._voxels):
+            size = box.size + np.array([0.0, 0.0, gap])
+            box = Box(box.center - 0.5 * gap * normal, size, box.rotation)
+        return box
 
     def _age(self, missing: Iterable[MapObject]) -> None:
         """Retire what was not found at its place again and again; forget it where it never had a label."""

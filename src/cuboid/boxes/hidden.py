@@ -1,0 +1,102 @@
+"""What of an object no frame has seen: its far side, and its foot behind another object."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.boxes.fit import plane_axes
+from cuboid.frame import Float64Array
+from cuboid.geometry.box import Box
+from cuboid.heatmap.voxel_map import VoxelMap
+
+# The top layer whose middle is taken as the axis of an object: this share of its height, and at least so many metres.
+TOP_SHARE, TOP_M = 0.1, 0.01
+# Twins that reach farthest out, as a share of all points, are left out: what sticks out on one side (a handle, a
+# spout) need not on the other.
+LONE_SHARE = 0.1
+# A place was seen when so many of the nine voxels of the ground around it were.
+SEEN_OF_NINE = 2
+# A foot is hidden when at most this share of the ground beneath was seen.
+HIDDEN_SHARE = 0.3
+# Places of the ground beneath that are looked up, a side.
+BENEATH = 6
+
+
+def twins(
+    points: Float64Array, normal: Float64Array, offset: float, box: Box, others: Sequence[Box], voxels: VoxelMap
+) -> Float64Array:
+    """Return the points of an object's far side, as far as no frame can have seen that they are not there.
+
+    Most things are as deep behind their middle as before it, and the middle of what stands is beneath its top: a
+    point has its twin on the other side of the vertical axis through the top. It is kept where it lies outside the
+    box, over ground that no frame has seen, and in no other object.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Of the object, world, metres.
+    normal : (3,) float64
+        Of the plane it stands on, unit, up.
+    offset : float
+        The plane is normal.p + offset = 0.
+    box : Box
+        That holds the points.
+    others : sequence of Box
+        Of other objects nearby.
+    voxels : VoxelMap
+
+    Returns
+    -------
+    (M, 3) float64
+    """
+    height = points @ normal + offset
+    top = float(np.quantile(height, 0.98))
+    layer = points[height >= top - max(TOP_SHARE * top, TOP_M)]
+    axis = (layer.min(0) + layer.max(0)) / 2.0
+    # Half a turn about the normal.
+    away = points - axis
+    twin = axis - away + 2.0 * np.outer(away @ normal, normal)
+    beyond = _beyond(twin, box)
+    out = np.flatnonzero(beyond > voxels.voxel_m)
+    allowed = round(LONE_SHARE * len(points))
+    if len(out) <= allowed:
+        return np.zeros((0, 3))
+    out = out[np.argsort(beyond[out], kind="stable")][: len(out) - allowed]
+    free = np.ones(len(out), bool)
+    for other in others:
+        free &= _beyond(twin[out], other) > 0.0
+    out = out[free]
+    ground = twin[out] - np.outer(twin[out] @ normal + offset, normal)
+    return np.asarray(twin[out][seen_of_nine(ground, normal, voxels) < SEEN_OF_NINE], dtype=np.float64)
+
+
+def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequence[Box], voxels: VoxelMap) -> bool:
+    """Tell whether a box that floats may stand all the same: what is beneath was not seen, and is no other object."""
+    steps = (np.arange(BENEATH) + 0.5) / BENEATH - 0.5
+    a, b = (m.ravel()[:, None] for m in np.meshgrid(steps, steps))
+    beneath = box.center + a * box.size[0] * box.rotation[:, 0] + b * box.size[1] * box.rotation[:, 1]
+    height = beneath @ normal + offset
+    ground = beneath - np.outer(height, normal)
+    for other in others:
+        if (_beyond(ground + 0.5 * np.outer(height - box.size[2] / 2, normal), other) <= 0.0).any():
+            return False
+    return bool((seen_of_nine(ground, normal, voxels) >= SEEN_OF_NINE).mean() <= HIDDEN_SHARE)
+
+
+def seen_of_nine(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.int64]:
+    """Return for places (N, 3) on a plane how many of the nine voxels around each, one up or down, hold a point."""
+    first, second = plane_axes(normal)
+    steps = np.array([-1.0, 0.0, 1.0]) * voxels.voxel_m
+    a, b, c = (m.ravel()[:, None] for m in np.meshgrid(steps, steps, steps, indexing="ij"))
+    around = a * first + b * second + c * normal
+    held = voxels.holds((ground[:, None] + around).reshape(-1, 3)).reshape(len(ground), 9, 3)
+    return np.asarray(held.any(2).sum(1), dtype=np.int64)
+
+
+def _beyond(points: Float64Array, box: Box) -> Float64Array:
+    """Return how far (N,) points lie outside a box in plan or above it, metres; 0 or less inside."""
+    away = np.abs((points - box.center) @ box.rotation) - box.size / 2.0
+    return np.asarray(away[:, :2].max(1), dtype=np.float64)

@@ -1,0 +1,84 @@
+"""The side of an object that no frame has seen, and a foot that another object hides."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cuboid.boxes.fit import fit_box
+from cuboid.boxes.hidden import foot_is_hidden, twins
+from cuboid.config import TrackerConfig
+from cuboid.geometry.box import Box
+from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.working import WorkingImage
+from made_scenes import CAMERA, cast, look_at, upright
+
+UP = np.array([0.0, 0.0, 1.0])
+TABLE = Box(np.array([0.0, 0.0, -0.05]), np.array([3.0, 3.0, 0.1]), np.eye(3))
+HALF = np.array([0.15, 0.1, 0.1])
+
+
+def seen_from(eyes: list[tuple[float, float, float]], things: list[Box]) -> VoxelMap:
+    """The map of a table with things on it, after the frames that show it from these places."""
+    config = TrackerConfig()
+    voxels = VoxelMap(config.voxel_m, config.depth_noise_per_m, config.max_depth_m)
+    for k in range(4 * len(eyes)):  # cold pixels take turns: four frames show them all
+        T = look_at(eyes[k // 4], (0.0, 0.0, 0.0))
+        depth, _ = cast([TABLE, *things], T)
+        image = WorkingImage(depth, np.full((*depth.shape, 3), 128, np.uint8), CAMERA, 1, (0, 0))
+        voxels.fuse(image, np.zeros(depth.shape, np.float32), T, k)
+    return voxels
+
+
+def dome(towards: float) -> np.ndarray:
+    """What a viewer in the direction `towards` (radians) sees of an oval dome, 30 x 20 x 10 cm."""
+    rng = np.random.default_rng(3)
+    away = rng.normal(size=(1200, 3))
+    away /= np.linalg.norm(away, axis=1)[:, None]
+    away[:, 2] = np.abs(away[:, 2])
+    faces = away @ np.array([np.cos(towards), np.sin(towards), 0.0]) + 0.5 * away[:, 2] > 0.0
+    return HALF * away[faces]
+
+
+def test_the_far_half_of_a_dome_is_added_where_nothing_was_seen_of_it() -> None:
+    points = dome(-np.pi / 2)
+    seen = fit_box(points, UP, 0.0, 0.0)
+    voxels = seen_from([(0.0, -1.2, 0.5)], [upright((0.0, 0.0), (0.3, 0.2, 0.1))])
+    more = twins(points, UP, 0.0, seen, [], voxels)
+    whole = fit_box(np.concatenate([seen.corners(), more]), UP, 0.0, 0.0)
+    assert seen.size[:2].min() < 0.16
+    np.testing.assert_allclose(whole.size[:2], 2 * HALF[:2], atol=0.02)
+    np.testing.assert_allclose(whole.center[:2], 0.0, atol=0.01)
+
+
+def test_nothing_is_added_where_the_ground_was_seen_or_another_object_stands() -> None:
+    points = dome(-np.pi / 2)
+    seen = fit_box(points, UP, 0.0, 0.0)
+    block = upright((0.0, -0.03), (0.3, 0.14, 0.1))
+    walked_round = seen_from([(0.0, -1.2, 0.5), (0.0, 1.2, 0.5)], [block])
+    assert len(twins(points, UP, 0.0, seen, [], walked_round)) == 0
+    one_side = seen_from([(0.0, -1.2, 0.5)], [upright((0.0, 0.0), (0.3, 0.2, 0.1))])
+    behind = upright((0.0, 0.1), (0.4, 0.16, 0.2))
+    assert len(twins(points, UP, 0.0, seen, [behind], one_side)) == 0
+
+
+def test_a_lone_handle_has_no_twin() -> None:
+    rng = np.random.default_rng(5)
+    turn = rng.uniform(0, 2 * np.pi, 900)
+    mug = np.column_stack([0.04 * np.cos(turn), 0.04 * np.sin(turn), rng.uniform(0, 0.1, 900)])
+    handle = np.column_stack(
+        [rng.uniform(-0.005, 0.005, 50), rng.uniform(-0.07, -0.04, 50), rng.uniform(0.03, 0.07, 50)]
+    )
+    points = np.concatenate([mug, handle])
+    voxels = seen_from([(0.0, -1.2, 0.5)], [upright((0.0, 0.0), (0.08, 0.08, 0.1))])
+    assert len(twins(points, UP, 0.0, fit_box(points, UP, 0.0, 0.0), [], voxels)) == 0
+
+
+def test_a_foot_behind_another_object_is_hidden_until_it_is_seen() -> None:
+    screen = upright((0.0, -0.12), (0.3, 0.05, 0.1))
+    floating = upright((0.0, 0.0), (0.08, 0.08, 0.08), z=0.09)
+    in_front = seen_from([(0.0, -1.2, 0.5)], [screen, upright((0.0, 0.0), (0.08, 0.08, 0.17))])
+    assert foot_is_hidden(floating, UP, 0.0, [screen], in_front)
+    walked_round = seen_from([(0.0, -1.2, 0.5), (0.0, 1.2, 0.5)], [screen, floating])
+    assert not foot_is_hidden(floating, UP, 0.0, [screen], walked_round)
+    beneath = upright((0.0, 0.0), (0.1, 0.1, 0.085))
+    assert not foot_is_hidden(floating, UP, 0.0, [screen, beneath], in_front)
