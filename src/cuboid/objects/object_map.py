@@ -380,21 +380,25 @@ class ObjectMap:
     def _is_part(self, entry: MapObject, other: MapObject) -> bool:
         """Tell whether an object beside another one is a part of it.
 
-        It is when it is hollow or a stub and bends around the other, when most frames say so, and, while these are
-        not sure, when it floats or is small and touches.
+        It is when it bends around the other and is hollow or a stub; so much is plain up close, whatever the frames
+        say. Else it is none where most frames say that they are two. It is when it floats nearby, when it is small
+        and touches, and when it bends or is small and most frames say that they are one. What stands on its own
+        foot beside another thing is no part of it, whatever one view of the two takes them for.
         """
+        verdict = self.bonds.verdict(entry.number, other.number)
         share = len(entry.rows) / len(other.rows)
         bends, sag_m = bends_around(entry.points, other.points, entry.box.up)
-        if bends and (sag_m < -HOLLOW_M or share < STUB_SHARE):
-            return True
-        verdict = self.bonds.verdict(entry.number, other.number)
-        if verdict is not None:
-            return verdict
         gap = gap_m(entry.points, other.points, FRAGMENT_GAP_M)
-        floats = not rests(entry.box, None if entry.plane is None else self._planes.in_world(entry.plane))
-        if gap <= FRAGMENT_GAP_M and floats:
+        hollow = sag_m < -HOLLOW_M and (verdict is not False or gap <= FRAGMENT_GAP_M)
+        if bends and (hollow or share < STUB_SHARE):
             return True
-        return gap <= TOUCH_M and share < PART_SHARE
+        if verdict is False:
+            return False
+        if not rests(entry.box, None if entry.plane is None else self._planes.in_world(entry.plane)):
+            return bool(verdict) or gap <= FRAGMENT_GAP_M
+        if verdict:
+            return bends or share < PART_SHARE
+        return share < PART_SHARE and gap <= TOUCH_M
 
     def _beside(self, entry: MapObject) -> MapObject | None:
         """Return the object that this one may be a part of: a labelled or larger one nearby."""
