@@ -11,7 +11,7 @@ import numpy.typing as npt
 from cuboid.boxes.fit import fit_box
 from cuboid.boxes.hidden import foot_is_hidden, twins
 from cuboid.config import TrackerConfig
-from cuboid.frame import Float64Array, UInt8Array
+from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.heatmap.voxel_map import REFUSED, Rows, VoxelMap
@@ -237,8 +237,10 @@ class ObjectMap:
             part, body = self._voxels.xyz(piece.rows), self._voxels.xyz(main.rows)
             reach = min(PART_REACH * float(entry.box.size.max()), PART_REACH_M)
             gap = gap_m(part, body, max(reach, FRAGMENT_GAP_M))
-            small = len(piece.rows) < PART_SHARE * len(main.rows) and gap <= TOUCH_M
-            if small or (gap <= reach and entry.bonded):
+            small = len(piece.rows) < PART_SHARE * len(main.rows)
+            if small and gap <= TOUCH_M:
+                own.append(piece.rows)
+            elif entry.bonded and gap <= reach and (small or self._hangs(piece, part, body)):
                 own.append(piece.rows)
             elif gap > FRAGMENT_GAP_M:
                 apart.append((piece, True))
@@ -261,6 +263,11 @@ class ObjectMap:
             return
         for piece in near + [piece for piece, far in apart if far]:
             self._start(piece, frame)
+
+    def _hangs(self, piece: Piece, part: Float32Array, body: Float32Array) -> bool:
+        """Tell whether a piece has no foot of its own, or bends around the body as a far wall or a brim does."""
+        box = self._box(piece)
+        return not rests(box, self._plane(piece)) or bends_around(part, body, box.up)[0]
 
     def _start(self, piece: Piece, frame: int) -> None:
         """Begin an object, or bring back a retired one that stood there."""
