@@ -337,12 +337,7 @@ class ObjectMap:
         if plane is None or not entry.confirmed:
             return box
         normal, offset = plane
-        reach = 2.0 * float(np.linalg.norm(box.size))
-        near = [
-            o.box
-            for o in self.alive()
-            if o is not entry and o.confirmed and float(np.linalg.norm(o.box.center - box.center)) <= reach
-        ]
+        near = self._labelled_near(entry, box)
         points = self._voxels.xyz(piece.rows[:: 1 + len(piece.rows) // BOX_VOXELS]).astype(np.float64)
         more = twins(points, normal, offset, box, near, self._voxels)
         if len(more):
@@ -352,6 +347,21 @@ class ObjectMap:
             size = box.size + np.array([0.0, 0.0, gap])
             box = Box(box.center - 0.5 * gap * normal, size, box.rotation)
         return box
+
+    def _labelled_near(self, entry: MapObject, box: Box) -> list[Box]:
+        reach = 2.0 * float(np.linalg.norm(box.size))
+        return [
+            o.box
+            for o in self.alive()
+            if o is not entry and o.confirmed and float(np.linalg.norm(o.box.center - box.center)) <= reach
+        ]
+
+    def _stands(self, entry: MapObject) -> bool:
+        """Tell whether an object stands on its plane, or may: where its foot would be nothing was seen."""
+        plane = None if entry.plane is None else self._planes.in_world(entry.plane)
+        if plane is None or rests(entry.box, plane):
+            return True
+        return foot_is_hidden(entry.box, *plane, self._labelled_near(entry, entry.box), self._voxels)
 
     def _age(self, missing: Iterable[MapObject]) -> None:
         """Retire what was not found at its place again and again; forget it where it never had a label."""
@@ -401,7 +411,7 @@ class ObjectMap:
             return True
         if verdict is False:
             return False
-        if not rests(entry.box, None if entry.plane is None else self._planes.in_world(entry.plane)):
+        if not self._stands(entry):
             return bool(verdict) or gap <= FRAGMENT_GAP_M
         if verdict:
             return bends or share < PART_SHARE
