@@ -1,0 +1,120 @@
+"""What each frame of a recording shows by itself: its clusters and boxes, before any matching."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid import open_recording
+from cuboid.config import TrackerConfig
+from cuboid.evaluation.result import BoxRows, MapBoxes, Result
+from cuboid.frame import Float64Array, Intrinsics
+from cuboid.geometry.box import Box
+from cuboid.geometry.overlap import pack
+from cuboid.run import track_recording
+from cuboid.tracker import Tracker
+from scenes import Case
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """A cluster of one frame.
+
+    Attributes
+    ----------
+    points : (N, 3) float64
+        World, metres.
+    pixels : (N,) int64
+        Of the working image.
+    box : Box
+    plane : ((3,) float64, float) or None
+        Normal and offset of what it stands on.
+    label : int
+        The label that the tracker gave it then, 0 none.
+    """
+
+    points: Float64Array
+    pixels: npt.NDArray[np.int64]
+    box: Box
+    plane: tuple[Float64Array, float] | None
+    label: int
+
+
+@dataclass(frozen=True, slots=True)
+class Observed:
+    """The clusters of one frame.
+
+    Attributes
+    ----------
+    frame : int
+    eye : (3,) float64
+        Where the camera was.
+    width : int
+        Of the working image.
+    clusters : tuple of Observation
+    """
+
+    frame: int
+    eye: Float64Array
+    width: int
+    clusters: tuple[Observation, ...]
+
+
+class _Listening(Tracker):
+    """A tracker that keeps what its frames show."""
+
+    def __init__(self, *arguments: Any, every: int) -> None:
+        super().__init__(*arguments)
+        self.seen: list[Observed] = []
+        self._every = every
+
+    def _match(self, frame: int, image: Any, slots: Any, claim: Any, clusters: Any, boxes: Any, pose: Any) -> Any:
+        sightings, found = super()._match(frame, image, slots, claim, clusters, boxes, pose)
+        if frame % self._every == 0:
+            parts = tuple(
+                Observation(
+                    cluster.points,
+                    cluster.pixels,
+                    box,
+                    None if cluster.plane is None else self._planes.in_world(cluster.plane),
+                    proposal.label,
+                )
+                for cluster, box, proposal in zip(clusters, boxes, found, strict=True)
+            )
+            self.seen.append(Observed(frame, -pose[:3, :3].T @ pose[:3, 3], image.depth_m.shape[1], parts))
+        return sightings, found
+
+
+def observe(case: Case, every: int = 1, limit: int | None = None) -> list[Observed]:
+    """Track a recording and return what each n-th frame of it showed by itself."""
+    made: list[_Listening] = []
+
+    def make(intrinsics: Intrinsics, config: TrackerConfig, proposals: Any) -> Tracker:
+        made.append(_Listening(intrinsics, config, proposals, every=every))
+        return made[0]
+
+    track_recording(open_recording(case.recording), None, limit=limit, make_tracker=make)
+    return made[0].seen
+
+
+def as_result(frames: Iterable[int], rows: list[tuple[int, int, Box]]) -> Result:
+    """Return (frame, label, box) of these frames as a result to be judged; the map is each label's last box."""
+    table = BoxRows(
+        np.array([row[0] for row in rows], np.int64),
+        np.array([row[1] for row in rows], np.int64),
+        pack([row[2] for row in rows]),
+    )
+    last = {label: box for _, label, box in rows}
+    often = np.bincount(table.label, minlength=1)
+    labels = sorted(last)
+    known = MapBoxes(
+        np.array(labels, np.int64),
+        pack([last[label] for label in labels]),
+        np.array([often[label] for label in labels], np.float64),
+    )
+    return Result(Path("benchmark"), table, known, frames=np.array(list(frames), np.int64))
