@@ -10,6 +10,10 @@ from cuboid.frame import Float64Array
 # Below this angle between two quaternions (radians) the slerp weights sin(a t) / sin(a) lose digits,
 # and a straight line between them is exact to 1e-13.
 SLERP_SMALL_ANGLE = 1e-6
+# Below this sine of half an angle a rotation vector is twice the quaternion's vector part, exact to 1e-16.
+ROTATION_SMALL = 1e-9
+# Below this angle (radians) a short Taylor series is exact to 1e-13 where sines would lose digits.
+SERIES_BELOW = 0.02
 
 
 def rotation_from_quat_wxyz(quat_wxyz: npt.ArrayLike) -> Float64Array:
@@ -152,6 +156,73 @@ def transform(T_a_b: npt.ArrayLike, points_b: npt.ArrayLike) -> Float64Array:
     T = np.asarray(T_a_b, np.float64)
     moved: Float64Array = np.asarray(points_b, np.float64) @ T[:3, :3].T + T[:3, 3]
     return moved
+
+
+def exp(motion: npt.ArrayLike) -> Float64Array:
+    """Return the rigid motion (4, 4) of a twist.
+
+    Parameters
+    ----------
+    motion : (6,) array-like
+        Translation part (metres), then rotation vector (radians).
+
+    Returns
+    -------
+    (4, 4) float64
+        By Rodrigues' formula and the V matrix of SE(3) (Eade, "Lie groups for 2D and 3D transformations", 2013).
+    """
+    xi = np.asarray(motion, np.float64)
+    W = skew(xi[3:])
+    a, b, c = _series(float(xi[3:] @ xi[3:]))
+    T = np.eye(4)
+    T[:3, :3] += a * W + b * (W @ W)
+    T[:3, 3] = xi[:3] + (b * W + c * (W @ W)) @ xi[:3]
+    return T
+
+
+def log(T_a_b: npt.ArrayLike) -> Float64Array:
+    """Return the twist (6,) of a rigid motion (4, 4), the inverse of `exp`; its angle is at most pi."""
+    T = np.asarray(T_a_b, np.float64)
+    w, *axis = quat_wxyz_from_rotation(T[:3, :3])
+    sine = float(np.linalg.norm(axis))
+    # at a small angle theta / sin(theta / 2) tends to 2
+    scale = 2.0 * np.arctan2(sine, w) / sine if sine > ROTATION_SMALL else 2.0
+    turn = scale * np.array(axis)
+    W = skew(turn)
+    _, b, c = _series(float(turn @ turn))
+    V = np.eye(3) + b * W + c * (W @ W)
+    return np.concatenate([np.linalg.solve(V, T[:3, 3]), turn])
+
+
+def adjoint(T_a_b: npt.ArrayLike) -> Float64Array:
+    """Return the (6, 6) matrix that carries twists in b to a: T exp(xi) = exp(adjoint(T) xi) T."""
+    T = np.asarray(T_a_b, np.float64)
+    R = T[:3, :3]
+    A = np.zeros((6, 6))
+    A[:3, :3] = A[3:, 3:] = R
+    A[:3, 3:] = skew(T[:3, 3]) @ R
+    return A
+
+
+def skew(vector: npt.ArrayLike) -> Float64Array:
+    """Return the (3, 3) matrix of the cross product with a vector (3,) from the left."""
+    x, y, z = np.asarray(vector, np.float64)
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def angle(T_a_b: npt.ArrayLike) -> float:
+    """Return the angle of the rotation of a rigid motion (4, 4), radians, 0..pi."""
+    w, x, y, z = quat_wxyz_from_rotation(np.asarray(T_a_b, np.float64)[:3, :3])
+    return float(2.0 * np.arctan2(np.sqrt(x * x + y * y + z * z), w))
+
+
+def _series(square: float) -> tuple[float, float, float]:
+    """Return sin(t) / t, (1 - cos(t)) / t^2 and (t - sin(t)) / t^3 of the square of an angle t."""
+    if square < SERIES_BELOW**2:
+        return 1 - square / 6 * (1 - square / 20), 0.5 - square / 24 * (1 - square / 30), (1 - square / 20) / 6
+    t = np.sqrt(square)
+    # 1 - cos t from the half angle keeps its digits
+    return float(np.sin(t) / t), float(2 * np.sin(t / 2) ** 2 / square), float((t - np.sin(t)) / (square * t))
 
 
 def _unit(quat_wxyz: Float64Array) -> Float64Array:

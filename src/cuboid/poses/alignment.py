@@ -1,0 +1,253 @@
+"""Dense alignment: the pose of an image with respect to points of others, from intensity and depth together.
+
+After Kerl, Sturm, Cremers, "Dense Visual SLAM for RGB-D Cameras", IROS 2013: weighted Gauss-Newton over a pyramid,
+residuals t-distributed, a motion prior. Two things differ: the depth residual is the distance to the surface
+along its normal, and the points may come from several keyframes at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.frame import Float32Array, Float64Array
+from cuboid.geometry import se3
+from cuboid.kernels import align as kernel
+from cuboid.poses.pyramid import LEVELS, Level
+
+# Per level, finest first: side of the cell that gives one point, half the window of its plane, largest number of steps.
+CELLS = (5, 3, 2, 1)
+REACHES = (3, 2, 2, 1)
+STEPS = (5, 6, 8, 10)
+# A step shorter than this (metres and radians, per level finest first) ends a level.
+STILL = (1e-4, 4e-4, 1e-3, 2e-3)
+# A reading agrees within so many metres (per level) and so many deviations of the depth's noise.
+GATE_M = (0.03, 0.05, 0.10, 0.20)
+GATE_DEVIATIONS = 6.0
+# The depth's noise: metres, and metres per metre squared (a structured-light sensor's; others are better).
+NOISE = np.array([0.001, 1.4e-3])
+MAX_DEPTH_M = 6.0
+# Scales of the residuals before anything is known, and their limits: grey levels, deviations.
+SIGMA_FIRST = (12.0, 2.0)
+SIGMA_LOW, SIGMA_HIGH = np.array([2.0, 0.5]), np.array([30.0, 6.0])
+
+
+@dataclass(frozen=True, slots=True)
+class Points:
+    """Points of one level, from one image or several.
+
+    Attributes
+    ----------
+    points, normals : (N, 3) float32
+    intensity : (N,) float32
+    group : (N,) int32
+        Which image each point is from.
+    """
+
+    points: Float32Array
+    normals: Float32Array
+    intensity: Float32Array
+    group: npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """What an image is aligned to: points of all levels, finest first, from a number of images."""
+
+    levels: tuple[Points, ...]
+    groups: int
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """A pose and how well it fits.
+
+    Attributes
+    ----------
+    T_camera_reference : (4, 4) float64
+    information : (6, 6) float64
+        Inverse covariance of a motion (translation, rotation) of the camera frame.
+    in_view : float
+        Share of the reference's points that fall into the image.
+    agreeing : float
+        Share of those with a reading whose reading lies on their surface.
+    likeness : float
+        Correlation of the intensities, -1..1, the worst group left out where there are several.
+    sigma : (2,) float64
+        Scale of the residuals: grey levels, deviations of the depth's noise.
+    shade : (G, 2) float64
+        Gain and bias of each group's exposure.
+    """
+
+    T_camera_reference: Float64Array
+    information: Float64Array
+    in_view: float
+    agreeing: float
+    likeness: float
+    sigma: Float64Array
+    shade: Float64Array
+
+
+def pick(levels: Sequence[Level]) -> Reference:
+    """Pick the points of an image that others are aligned to."""
+    picked = []
+    for k, level in enumerate(levels):
+        height, width = level.image.shape[:2]
+        most = (height // CELLS[k] + 1) * (width // CELLS[k] + 1)
+        points, normals = np.empty((most, 3), np.float32), np.empty((most, 3), np.float32)
+        intensity = np.empty(most, np.float32)
+        n = kernel.pick_points(
+            level.image, level.camera, CELLS[k], REACHES[k], MAX_DEPTH_M, NOISE[1], points, normals, intensity
+        )
+        picked.append(Points(points[:n].copy(), normals[:n].copy(), intensity[:n].copy(), np.zeros(n, np.int32)))
+    return Reference(tuple(picked), 1)
+
+
+def merge(references: Sequence[Reference], T_common: Sequence[Float64Array]) -> Reference:
+    """Bring the points of several images into a common frame; each image stays a group."""
+    levels = []
+    for k in range(LEVELS):
+        parts = [reference.levels[k] for reference in references]
+        points = [
+            (p.points @ T[:3, :3].T.astype(np.float32) + T[:3, 3].astype(np.float32))
+            for p, T in zip(parts, T_common, strict=True)
+        ]
+        normals = [p.normals @ T[:3, :3].T.astype(np.float32) for p, T in zip(parts, T_common, strict=True)]
+        group = [np.full(len(p.points), g, np.int32) for g, p in enumerate(parts)]
+        levels.append(
+            Points(
+                np.concatenate(points),
+                np.concatenate(normals),
+                np.concatenate([p.intensity for p in parts]),
+                np.concatenate(group),
+            )
+        )
+    return Reference(tuple(levels), len(references))
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """Where the camera is expected.
+
+    Attributes
+    ----------
+    T_camera_reference : (4, 4) float64
+    information : (6, 6) float64
+        Inverse covariance of a motion of the camera frame away from it.
+    """
+
+    T_camera_reference: Float64Array
+    information: Float64Array
+
+
+def align(
+    reference: Reference,
+    levels: Sequence[Level],
+    T_camera_reference: Float64Array,
+    prior: Prior | None = None,
+    coarsest: int = LEVELS - 1,
+) -> Alignment:
+    """Find the pose of an image from which the reference looks as it does in it.
+
+    Parameters
+    ----------
+    reference : Reference
+    levels : sequence of Level
+        The image, finest first.
+    T_camera_reference : (4, 4) float64
+        Where the search starts.
+    prior : Prior, optional
+    coarsest : int
+        Level that the search starts at.
+    """
+    T = T_camera_reference
+    sigma = np.array(SIGMA_FIRST)
+    shade = np.tile([1.0, 0.0], (reference.groups, 1))
+    for k in range(coarsest, -1, -1):
+        sums_up = _Sums(reference.levels[k], reference.groups, levels[k], GATE_M[k])
+        if k == coarsest:
+            sums_up(T, sigma, shade)
+            shade = sums_up.shade(shade)
+        for _ in range(STEPS[k]):
+            sums_up(T, sigma, shade)
+            step = sums_up.step(T, prior)
+            sigma = sums_up.sigma(sigma)
+            shade = sums_up.shade(shade)
+            T = se3.exp(step) @ T
+            if np.abs(step).max() < STILL[k]:
+                break
+    sums_up(T, sigma, shade)
+    return sums_up.result(T, sigma, shade)
+
+
+class _Sums:
+    """The sums over the points of one level, and what follows from them."""
+
+    def __init__(self, points: Points, groups: int, level: Level, gate_m: float) -> None:
+        self._points, self._level = points, level
+        self._gate = np.array([gate_m, GATE_DEVIATIONS])
+        self._system = np.empty((7, 6))
+        self._sums = np.empty(kernel.SUMS)
+        self._shades = np.empty((groups, kernel.GROUP_SUMS))
+
+    def __call__(self, T: Float64Array, sigma: Float64Array, shade: Float64Array) -> None:
+        p = self._points
+        kernel.accumulate(
+            p.points, p.normals, p.intensity, p.group, shade, self._level.image, self._level.camera,
+            np.ascontiguousarray(T), sigma, NOISE, self._gate, self._system, self._sums, self._shades,
+        )  # fmt: skip
+
+    def step(self, T: Float64Array, prior: Prior | None) -> Float64Array:
+        """Return the Gauss-Newton step (6,), none where the points determine nothing."""
+        H, b = self._system[:6].copy(), self._system[6].copy()
+        if prior is not None:
+            away = se3.log(T @ se3.inverse(prior.T_camera_reference))
+            H += prior.information
+            b -= prior.information @ away
+        H[np.diag_indices(6)] += 1e-3 + 1e-6 * H.diagonal()
+        step: Float64Array = np.linalg.solve(H, b)
+        return step
+
+    def sigma(self, sigma: Float64Array) -> Float64Array:
+        """Return the scales of the residuals that the weighted residuals tell."""
+        s = self._sums
+        share = np.array(
+            [s[kernel.SQUARES_I] / max(s[kernel.SHADED], 1.0), s[kernel.SQUARES_D] / max(s[kernel.AGREEING], 1.0)]
+        )
+        return np.clip(sigma * np.sqrt(share), SIGMA_LOW, SIGMA_HIGH)
+
+    def shade(self, shade: Float64Array) -> Float64Array:
+        """Return gain and bias of each group: those that make mean and variance equal."""
+        weight, there, here, there2, here2, _ = self._shades.T
+        n = np.maximum(weight, 1.0)
+        there, here = there / n, here / n
+        variance = np.maximum(there2 / n - there**2, 0.0), np.maximum(here2 / n - here**2, 0.0)
+        gain = np.sqrt((variance[0] + 25.0) / (variance[1] + 25.0))
+        gain = np.clip(gain, 0.5, 2.0)
+        found = np.column_stack([gain, there - gain * here])
+        return np.where((weight > 20.0)[:, None], found, shade)
+
+    def likeness(self) -> Float64Array:
+        """Return the correlation of the intensities of each group (G,)."""
+        weight, there, here, there2, here2, both = self._shades.T
+        n = np.maximum(weight, 1.0)
+        there, here = there / n, here / n
+        spread = np.maximum(there2 / n - there**2, 0.0) * np.maximum(here2 / n - here**2, 0.0)
+        # two grey levels of noise: a black image is like nothing
+        return np.asarray((both / n - there * here) / np.sqrt(spread + 4.0))
+
+    def result(self, T: Float64Array, sigma: Float64Array, shade: Float64Array) -> Alignment:
+        s = self._sums
+        likeness = self.likeness()
+        return Alignment(
+            T,
+            self._system[:6].copy(),
+            float(s[kernel.IN_VIEW] / max(len(self._points.points), 1)),
+            float(s[kernel.ON_SURFACE] / max(s[kernel.WITH_DEPTH], 1.0)),
+            float(likeness.max()),
+            sigma,
+            shade,
+        )

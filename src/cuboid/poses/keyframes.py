@@ -1,0 +1,93 @@
+"""Keyframes: images with a place of their own, which later images are aligned to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cuboid.frame import Float64Array
+from cuboid.geometry import se3
+from cuboid.poses.alignment import Reference
+from cuboid.poses.pyramid import Level, SmallImage
+
+# Overlap is told by the points of this level, every so many of them.
+OVERLAP_LEVEL, OVERLAP_EVERY = 2, 4
+# A point is in sight when the reading there is no nearer than this share of its depth.
+SIGHT_SHARE = 0.05
+# Views from directions farther apart than this have little in common, cosine (60 degrees).
+LEAST_COSINE = 0.5
+
+
+@dataclass(slots=True)
+class Keyframe:
+    """A frame that others are aligned to.
+
+    Attributes
+    ----------
+    number : int
+        From 0, in order of time.
+    frame : int
+        Of the recording.
+    T_world_camera : (4, 4) float64
+        As corrected so far.
+    small : SmallImage
+    reference : Reference
+        Its points, in its camera frame.
+    depth_m : float
+        Median depth of its points.
+    """
+
+    number: int
+    frame: int
+    T_world_camera: Float64Array
+    small: SmallImage
+    reference: Reference
+    depth_m: float
+
+
+def median_depth_m(reference: Reference) -> float:
+    """Return the median depth of an image's points; 1 m where it has none."""
+    z = reference.levels[OVERLAP_LEVEL].points[:, 2]
+    return float(np.median(z)) if len(z) else 1.0
+
+
+def overlap(keyframe: Keyframe, T_world_camera: Float64Array, level: Level) -> float:
+    """Return the share of a keyframe's points that an image from a pose would show, 0..1.
+
+    Parameters
+    ----------
+    keyframe : Keyframe
+    T_world_camera : (4, 4) float64
+    level : Level
+        The image's, any size.
+    """
+    T = se3.inverse(T_world_camera) @ keyframe.T_world_camera
+    if T[2, 2] < LEAST_COSINE:
+        return 0.0
+    coarse = keyframe.reference.levels[OVERLAP_LEVEL]
+    if len(coarse.points) == 0:
+        return 0.0
+    points = coarse.points[::OVERLAP_EVERY] @ T[:3, :3].T + T[:3, 3]
+    normals = coarse.normals[::OVERLAP_EVERY] @ T[:3, :3].T
+    fx, fy, cx, cy = level.camera
+    height, width = level.image.shape[:2]
+    z = np.maximum(points[:, 2], 1e-3)
+    u, v = np.rint(points[:, 0] / z * fx + cx), np.rint(points[:, 1] / z * fy + cy)
+    seen = (points[:, 2] > 0.1) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    seen &= (normals * points).sum(1) < 0
+    reading = level.image[v[seen].astype(int), u[seen].astype(int), 3]
+    hidden = (reading > 0) & (reading < z[seen] * (1 - SIGHT_SHARE))
+    return float(np.count_nonzero(~hidden) / len(points))
+
+
+def apart(T_a_b: Float64Array, depth_m: float) -> float:
+    """Return how different two views are, as an angle (radians): that turned, and that of the way at the depth."""
+    return float(np.hypot(se3.angle(T_a_b), np.linalg.norm(T_a_b[:3, 3]) / depth_m))
+
+
+def nearest(keyframes: Sequence[Keyframe], T_world_camera: Float64Array) -> float:
+    """Return how far the nearest keyframe's view is; see `apart`."""
+    T_camera_world = se3.inverse(T_world_camera)
+    return min((apart(T_camera_world @ k.T_world_camera, k.depth_m) for k in keyframes), default=np.inf)

@@ -1,0 +1,110 @@
+"""The small images of a frame that its pose is found with, coarse to fine."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.downscaling import SAME_SURFACE
+from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.kernels import align as kernel
+from cuboid.kernels.blocks import halve_depth
+
+# The finest level is about so wide, pixels: at 320 a frame costs a quarter, and its intensity and depth are
+# averages of four readings.
+FINEST_WIDTH = 320
+# Each level halves the one before; at an eighth of the finest a fast turn moves the picture by a pixel or two.
+LEVELS = 4
+# Depth is kept in this unit for keyframes, metres: finer than any sensor's step, 13 m fit 16 bits.
+KEPT_UNIT_M = 0.0002
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """One size of an image.
+
+    Attributes
+    ----------
+    image : (h, w, 4) float32
+        Packed: intensity 0..255, its derivative along u and v per pixel, depth in metres (0 none).
+    camera : (4,) float64
+        fx, fy, cx, cy.
+    """
+
+    image: Float32Array
+    camera: Float64Array
+
+
+@dataclass(frozen=True, slots=True)
+class SmallImage:
+    """What is kept of a keyframe: its finest level, compact.
+
+    Attributes
+    ----------
+    gray : (h, w) uint8
+    depth : (h, w) uint16
+        In units of `KEPT_UNIT_M`.
+    camera : Intrinsics
+        Of this image.
+    """
+
+    gray: UInt8Array
+    depth: npt.NDArray[np.uint16]
+    camera: Intrinsics
+
+    def levels(self) -> tuple[Level, ...]:
+        """Return the image in all sizes, finest first."""
+        return build_levels(self.gray, self.depth * np.float32(KEPT_UNIT_M), self.camera)
+
+
+def halvings(width: int) -> int:
+    """Return how often an image of a width is halved to reach the finest level."""
+    return max(0, round(math.log2(width / FINEST_WIDTH)))
+
+
+def shrink(frame: Frame, intrinsics: Intrinsics) -> tuple[UInt8Array, Float32Array, Intrinsics]:
+    """Return gray (h, w) uint8, depth (h, w) float32 in metres, and pinhole of a frame's finest level."""
+    import cv2
+
+    times = halvings(intrinsics.width)
+    camera = intrinsics.downscaled(1 << times)
+    height, width = camera.height << times, camera.width << times
+    gray = cv2.cvtColor(frame.color[:height, :width], cv2.COLOR_RGB2GRAY)
+    if times:
+        gray = cv2.resize(gray, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+    depth_m = frame.depth_m[:height, :width]
+    for _ in range(times):
+        depth_m = _halved(depth_m)
+    return np.asarray(gray, np.uint8), np.ascontiguousarray(depth_m), camera
+
+
+def build_levels(gray: UInt8Array, depth_m: Float32Array, camera: Intrinsics) -> tuple[Level, ...]:
+    """Return the image in all sizes, finest first."""
+    import cv2
+
+    levels = []
+    for k in range(LEVELS):
+        if k:
+            camera = camera.downscaled(2)
+            cut = gray[: 2 * camera.height, : 2 * camera.width]
+            gray = np.asarray(cv2.resize(cut, (camera.width, camera.height), interpolation=cv2.INTER_AREA), np.uint8)
+            depth_m = _halved(depth_m)
+        image = np.empty((*gray.shape, 4), np.float32)
+        kernel.pack(gray, depth_m, image)
+        levels.append(Level(image, np.array([camera.fx, camera.fy, camera.cx, camera.cy])))
+    return tuple(levels)
+
+
+def keep(gray: UInt8Array, depth_m: Float32Array, camera: Intrinsics) -> SmallImage:
+    """Return what is kept of a keyframe."""
+    units = np.clip(np.rint(depth_m / KEPT_UNIT_M), 0, 65535)
+    return SmallImage(gray, units.astype(np.uint16), camera)
+
+
+def _halved(depth_m: Float32Array) -> Float32Array:
+    half = np.empty((depth_m.shape[0] // 2, depth_m.shape[1] // 2), np.float32)
+    halve_depth(depth_m, SAME_SURFACE, half)
+    return half
