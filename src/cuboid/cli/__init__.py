@@ -17,7 +17,7 @@ from typing import NoReturn
 from cuboid import __version__
 from cuboid.errors import CuboidError
 
-COMMANDS = ("track", "evaluate", "render", "demo", "synth", "bench", "doctor")
+COMMANDS = ("track", "evaluate", "evaluate trajectory", "render", "demo", "synth", "bench", "doctor")
 
 OK, MISTAKE, INTERRUPTED = 0, 2, 130
 
@@ -60,6 +60,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(words: list[str]) -> int:
+    if " ".join(words[:2]) in COMMANDS:  # a command of two words
+        words = [" ".join(words[:2]), *words[2:]]
     chosen = next((word for word in words if not word.startswith("-")), None)
     known = chosen in COMMANDS
     parser = _Parser(prog="cuboid", description=DESCRIPTION, allow_abbrev=False)
@@ -67,7 +69,7 @@ def _run(words: list[str]) -> int:
     commands = parser.add_subparsers(title="commands", dest="command", metavar="COMMAND", required=True)
     modules: dict[str, ModuleType] = {}
     for name in (chosen,) if known and chosen else COMMANDS:
-        module = modules[name] = import_module(f"cuboid.cli.{name}")
+        module = modules[name] = import_module(f"cuboid.cli.{name.replace(' ', '_')}")
         command = commands.add_parser(
             name,
             help=module.HELP,

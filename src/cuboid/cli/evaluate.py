@@ -43,32 +43,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate and print."""
-    from cuboid.cli.tables import console
+    from cuboid.cli.tables import console, write_json
     from cuboid.cli.threads import limit_threads
     from cuboid.evaluation import evaluate
 
     limit_threads(1)
     found = evaluate(args.result, args.truth, cloud=args.cloud, trajectory=args.trajectory)
     if args.json is not None:
-        _write_json(found, args.json)
+        write_json(found.to_dict(), args.json)
     if args.json != "-":
         print_evaluation(found)
         if args.json is not None:
             console().print(f"all figures in {args.json}", markup=False)
     return 0
-
-
-def _write_json(found: Evaluation, name: str) -> None:
-    import json
-
-    from cuboid.outputs.folder import writing
-
-    text = json.dumps(found.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-    if name == "-":
-        print(text, end="")
-        return
-    with writing(Path(name)):
-        Path(name).write_text(text, encoding="utf-8")
 
 
 def print_evaluation(found: Evaluation) -> None:

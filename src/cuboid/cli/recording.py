@@ -86,6 +86,17 @@ def depth_scale(text: str) -> float:
     return value
 
 
+def seconds(text: str) -> float:
+    """Read a time above 0 from the command line."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"expected seconds, above 0, got '{text}'")
+    return value
+
+
 def setting(text: str) -> tuple[str, str]:
     """Read NAME=VALUE from the command line."""
     name, equals, value = text.partition("=")

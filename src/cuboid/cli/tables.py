@@ -1,14 +1,18 @@
-"""Tables that people read."""
+"""Tables that people read, and JSON that programs read."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
 
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
 from cuboid.outputs import RunReport, Timing
+from cuboid.outputs.folder import writing
 from cuboid.results import TrackedObject
 
 # A pipe has no width: tables take what they need, and no cell is cut.
@@ -62,3 +66,19 @@ def skipped_lines(report: RunReport) -> list[str]:
     if len(kinds) > KINDS_SHOWN:
         lines.append(f"  and {sum(kind.count for kind in kinds[KINDS_SHOWN:])} others")
     return lines
+
+
+def write_json(document: Mapping[str, Any], name: str) -> None:
+    """Write figures to a file, or print them where its name is "-".
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    if name == "-":
+        print(text, end="")
+        return
+    with writing(Path(name)):
+        Path(name).write_text(text, encoding="utf-8")

@@ -134,6 +134,16 @@ class Trajectory:
         self._times_s: npt.NDArray[np.float64] = np.array([pose[0] for pose in poses])
         self._rows = [pose[1] for pose in poses]
 
+    @property
+    def times_s(self) -> Float64Array:
+        """Times (N,) of the poses, rising."""
+        return self._times_s
+
+    @property
+    def T_world_camera(self) -> Float64Array:
+        """The poses (N, 4, 4) at these times."""
+        return np.array([self._pose(k) for k in range(len(self._rows))])
+
     def at(self, time_s: float) -> Float64Array:
         """Return T_world_camera (4, 4) at a time.
 

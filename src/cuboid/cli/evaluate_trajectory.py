@@ -1,0 +1,79 @@
+"""`cuboid evaluate trajectory`: how far an estimated camera path is from the true one."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cuboid.cli.recording import seconds
+
+if TYPE_CHECKING:
+    from cuboid.evaluation.trajectory import Errors, TrajectoryErrors
+
+HELP = "compare an estimated camera path with the true one"
+
+FORMS = "trajectory.txt or another file of its form (TUM), a .pose file, a folder of results, a recording with poses"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("estimate", type=Path, metavar="ESTIMATE", help=FORMS)
+    parser.add_argument("truth", type=Path, metavar="TRUTH", help="the same")
+    parser.add_argument(
+        "--within",
+        type=seconds,
+        default=0.02,
+        metavar="SECONDS",
+        help="poses further apart in time are no pair (default: %(default)s)",
+    )
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw both paths and their distance: .png or .svg")
+    parser.add_argument("--json", metavar="FILE", help="write everything as JSON; - prints it and no tables")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compare, draw and print."""
+    from cuboid.cli.tables import console, write_json
+    from cuboid.cli.threads import limit_threads
+
+    limit_threads(1)
+    from cuboid.evaluation.trajectory import evaluate_trajectory
+    from cuboid.evaluation.trajectory_plot import canvas_of, plot
+
+    if args.plot is not None:
+        canvas_of(args.plot)  # a name that cannot be is said before the work
+    found = evaluate_trajectory(args.estimate, args.truth, limit_s=args.within)
+    if args.plot is not None:
+        plot(found, args.plot)
+    if args.json is not None:
+        write_json(found.to_dict(), args.json)
+    if args.json != "-":
+        _print(found)
+        for file in (args.json, args.plot):
+            if file is not None:
+                console().print(f"written: {file}", markup=False)
+    return 0
+
+
+def _print(found: TrajectoryErrors) -> None:
+    from cuboid.cli.tables import console, new_table
+
+    out = console()
+    out.print(f"{found.estimate} against {found.truth}", markup=False)
+    out.print(
+        f"{found.pairs} pairs of {found.estimate_poses} estimated and {found.truth_poses} true poses, at most "
+        f"{found.limit_s:g} s apart; {100 * found.coverage:.1f} % of the truth estimated; "
+        f"{found.length_m:.2f} m in {found.duration_s:.1f} s"
+    )
+    table = new_table("", "RMSE", "mean", "median", "max")
+    table.add_row("ATE, cm", *_cells(found.ate_cm))
+    for drift, unit in ((found.per_second, "s"), (found.per_metre, "m")):
+        table.add_row(f"RPE, cm/{unit}", *_cells(drift.translation_cm))
+        table.add_row(f"RPE, degrees/{unit}", *_cells(drift.rotation_deg))
+    out.print(table)
+
+
+def _cells(errors: Errors | None) -> list[str]:
+    if errors is None:
+        return ["-"] * 4
+    return [f"{value:.3f}" for value in (errors.rmse, errors.mean, errors.median, errors.max)]

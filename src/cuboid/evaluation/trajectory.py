@@ -1,0 +1,273 @@
+"""An estimated camera path against the true one: absolute error, drift, coverage.
+
+ATE and RPE after Sturm, Engelhard, Endres, Burgard, Cremers, "A Benchmark for the Evaluation of RGB-D SLAM Systems",
+IROS 2012; the motion that carries the estimate to the truth after Umeyama, "Least-Squares Estimation of Transformation
+Parameters Between Two Point Patterns", PAMI 1991, without his scale: depth cameras know how long a metre is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.errors import InputError
+from cuboid.evaluation.timed_poses import TimedPoses, read_poses
+from cuboid.frame import Float64Array
+from cuboid.outputs.text import LENGTH, rounded
+
+FORMAT, VERSION = "cuboid-trajectory-evaluation", 1
+
+# Two poses belong together at most this far apart in time: the limit of the TUM benchmark's own tools.
+LIMIT_S = 0.02
+# Fewer pairs than this can always be laid on each other.
+FEWEST_PAIRS = 3
+# A stretch of one second or one metre may be this share longer or shorter, where poses lie far apart.
+STRETCH_SLACK = 0.5
+
+IntArray = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """Figures of one kind of error.
+
+    Attributes
+    ----------
+    rmse, mean, median, max : float
+    """
+
+    rmse: float
+    mean: float
+    median: float
+    max: float
+
+    @classmethod
+    def of(cls, values: Float64Array) -> Errors:
+        """Return the figures of at least one error."""
+        rmse = float(np.sqrt(np.mean(np.square(values))))
+        return cls(rmse, float(values.mean()), float(np.median(values)), float(values.max()))
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """How much a stretch of the path is off by itself (the relative pose error).
+
+    Attributes
+    ----------
+    stretches : int
+        How many were compared.
+    translation_cm, rotation_deg : Errors or None
+        For each second, or each metre, of a stretch; None where the path is too short for one.
+    """
+
+    stretches: int
+    translation_cm: Errors | None
+    rotation_deg: Errors | None
+
+
+@dataclass(frozen=True, slots=True)
+class TrajectoryErrors:
+    """All that is found of an estimated path.
+
+    Attributes
+    ----------
+    estimate, truth : str
+        What was compared.
+    estimate_poses, truth_poses, pairs : int
+        Poses of both, and how many belong together.
+    limit_s : float
+        How far apart in time a pair may be.
+    coverage : float
+        Share of the truth's poses at whose time there is an estimate: no further away than half its usual interval.
+    length_m : float
+        Of the true path through the pairs.
+    duration_s : float
+        From the first pair to the last.
+    ate_cm : Errors
+        Distance of the positions after the rigid motion that fits them best.
+    per_second, per_metre : Drift
+    T_truth_estimate : (4, 4) float64
+        That motion.
+    times_s : (P,) float64
+    true_xyz, estimated_xyz : (P, 3) float64
+        Positions of the pairs in the world of the truth, metres.
+    """
+
+    estimate: str
+    truth: str
+    estimate_poses: int
+    truth_poses: int
+    pairs: int
+    limit_s: float
+    coverage: float
+    length_m: float
+    duration_s: float
+    ate_cm: Errors
+    per_second: Drift
+    per_metre: Drift
+    T_truth_estimate: Float64Array
+    times_s: Float64Array
+    true_xyz: Float64Array
+    estimated_xyz: Float64Array
+
+    @property
+    def error_m(self) -> Float64Array:
+        """Distance (P,) of each pair's positions."""
+        away: Float64Array = np.linalg.norm(self.true_xyz - self.estimated_xyz, axis=1)
+        return away
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures, ready for JSON: six decimals, None where something is undefined."""
+        document = {"format": FORMAT, "version": VERSION}
+        for name, value in asdict(self).items():
+            if name not in ("times_s", "true_xyz", "estimated_xyz"):
+                document[name] = _plain(value)
+        return document
+
+
+def evaluate_trajectory(
+    estimate: TimedPoses | Path | str, truth: TimedPoses | Path | str, *, limit_s: float = LIMIT_S
+) -> TrajectoryErrors:
+    """Compare an estimated camera path with the true one.
+
+    Parameters
+    ----------
+    estimate, truth : TimedPoses or path
+        Each in a world of its own; see `read_poses` for what a path may be.
+    limit_s : float
+        Poses further apart in time are no pair, seconds.
+
+    Raises
+    ------
+    InputError
+        A file cannot be used, or the two have fewer than three times in common.
+    """
+    found = estimate if isinstance(estimate, TimedPoses) else read_poses(Path(estimate))
+    known = truth if isinstance(truth, TimedPoses) else read_poses(Path(truth))
+    a, b = associate(found.times_s, known.times_s, limit_s)
+    if len(a) < FEWEST_PAIRS:
+        raise InputError(
+            f"{found.path} and {known.path} have {len(a)} times in common (within {limit_s:g} s), at least "
+            f"{FEWEST_PAIRS} are needed: {_span(found)} against {_span(known)}"
+        )
+    times_s, T_est, T_true = found.times_s[a], found.T_world_camera[a], known.T_world_camera[b]
+    motion = rigid_fit(T_true[:, :3, 3], T_est[:, :3, 3])
+    placed = T_est[:, :3, 3] @ motion[:3, :3].T + motion[:3, 3]
+    steps_m = np.linalg.norm(np.diff(T_true[:, :3, 3], axis=0), axis=1)
+    path_m = np.concatenate([[0.0], np.cumsum(steps_m)])
+    within_s = max(limit_s, found.interval_s / 2)
+    return TrajectoryErrors(
+        estimate=str(found.path),
+        truth=str(known.path),
+        estimate_poses=len(found),
+        truth_poses=len(known),
+        pairs=len(a),
+        limit_s=limit_s,
+        coverage=float(np.mean(_nearest_away(known.times_s, found.times_s) <= within_s * (1 + 1e-6))),
+        length_m=float(path_m[-1]),
+        duration_s=float(times_s[-1] - times_s[0]),
+        ate_cm=Errors.of(100.0 * np.linalg.norm(T_true[:, :3, 3] - placed, axis=1)),
+        per_second=drift(T_est, T_true, times_s, within_s),
+        per_metre=drift(T_est, T_true, path_m, float(steps_m.max())),
+        T_truth_estimate=motion,
+        times_s=times_s,
+        true_xyz=T_true[:, :3, 3],
+        estimated_xyz=placed,
+    )
+
+
+def associate(a_s: Float64Array, b_s: Float64Array, limit_s: float) -> tuple[IntArray, IntArray]:
+    """Return indices of the times of a and b, both rising, that are each other's nearest within a limit."""
+    to_b, to_a = _nearest(a_s, b_s), _nearest(b_s, a_s)
+    mine = np.arange(len(a_s))
+    # 1e-9: times written as decimals that are just the limit apart
+    paired = (to_a[to_b] == mine) & (np.abs(a_s - b_s[to_b]) <= limit_s + 1e-9)
+    return mine[paired], to_b[paired]
+
+
+def rigid_fit(xyz_a: Float64Array, xyz_b: Float64Array) -> Float64Array:
+    """Return the rigid T_a_b (4, 4) with the least squared distance of points (N, 3) of a and of b."""
+    mean_a, mean_b = xyz_a.mean(0), xyz_b.mean(0)
+    left, _, right = np.linalg.svd((xyz_a - mean_a).T @ (xyz_b - mean_b))
+    rotation = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+    T_a_b = np.eye(4)
+    T_a_b[:3, :3] = rotation
+    T_a_b[:3, 3] = mean_a - rotation @ mean_b
+    return T_a_b
+
+
+def drift(T_est: Float64Array, T_true: Float64Array, way: Float64Array, within: float) -> Drift:
+    """Compare each stretch of length 1 of the two paths.
+
+    Parameters
+    ----------
+    T_est, T_true : (N, 4, 4) float64
+        T_world_camera of the pairs.
+    way : (N,) float64
+        Where each is along the path, rising: seconds or metres.
+    within : float
+        A stretch may be this much longer or shorter; its error is for each unit of what it is.
+
+    Returns
+    -------
+    Drift
+    """
+    ends = _nearest(way + 1.0, way)
+    begins = np.arange(len(way))
+    length = way[ends] - way[begins]
+    usable = np.abs(length - 1.0) <= min(within * (1 + 1e-6), STRETCH_SLACK)
+    begins, ends, length = begins[usable], ends[usable], length[usable]
+    if not len(begins):
+        return Drift(0, None, None)
+    moved = _relative(T_est[begins], T_est[ends])
+    error = _relative(_relative(T_true[begins], T_true[ends]), moved)
+    shift_cm = 100.0 * np.linalg.norm(error[:, :3, 3], axis=1)
+    return Drift(len(begins), Errors.of(shift_cm / length), Errors.of(np.degrees(_angles(error)) / length))
+
+
+def _relative(T_world_a: Float64Array, T_world_b: Float64Array) -> Float64Array:
+    """Return T_a_b (N, 4, 4)."""
+    R_a = T_world_a[:, :3, :3].transpose(0, 2, 1)
+    T_a_b = np.zeros_like(T_world_b)
+    T_a_b[:, :3, :3] = R_a @ T_world_b[:, :3, :3]
+    T_a_b[:, :3, 3] = np.einsum("nij,nj->ni", R_a, T_world_b[:, :3, 3] - T_world_a[:, :3, 3])
+    T_a_b[:, 3, 3] = 1.0
+    return T_a_b
+
+
+def _angles(T: Float64Array) -> Float64Array:
+    """Return the angles (N,) of the rotations of rigid motions (N, 4, 4), radians, to full precision near 0 too."""
+    R = T[:, :3, :3]
+    sine = np.linalg.norm(np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]]), axis=0)
+    angles: Float64Array = np.arctan2(sine, np.trace(R, axis1=1, axis2=2) - 1.0)
+    return angles
+
+
+def _nearest(values: Float64Array, among: Float64Array) -> IntArray:
+    """Return for each value the index of the nearest among rising ones, the earlier of equals."""
+    after = np.clip(np.searchsorted(among, values), 1, max(len(among) - 1, 1))
+    before = after - 1
+    after = np.minimum(after, len(among) - 1)
+    return np.where(values - among[before] <= among[after] - values, before, after)
+
+
+def _nearest_away(values: Float64Array, among: Float64Array) -> Float64Array:
+    return np.abs(values - among[_nearest(values, among)])
+
+
+def _span(poses: TimedPoses) -> str:
+    return f"{len(poses)} poses from {poses.times_s[0]:.3f} to {poses.times_s[-1]:.3f} s"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    return rounded(value, LENGTH) if isinstance(value, float) else value
