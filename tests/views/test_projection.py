@@ -12,11 +12,12 @@ from cuboid.views.projection import (
     FACES,
     MARGIN_PX,
     NEAR_M,
+    Wireframe,
     clip_polygon,
     clip_segments,
     may_be_in_view,
     project,
-    wireframe,
+    wireframes,
 )
 
 INTRINSICS = Intrinsics(500.0, 510.0, 320.0, 240.0, 640, 480)
@@ -29,6 +30,10 @@ boxes = st.builds(
     st.tuples(*[st.floats(0.02, 1.5)] * 3),
     st.tuples(*[numbers] * 4),
 )
+
+
+def wireframe(box: Box, T_world_camera: Float64Array, intrinsics: Intrinsics) -> Wireframe:
+    return wireframes([box], T_world_camera, intrinsics)[0]
 
 
 def ends_of(segments: Float64Array) -> set[tuple[int, ...]]:
@@ -132,3 +137,16 @@ def test_the_rectangle_of_a_box_is_cut_to_the_image() -> None:
 def test_faces_are_outlines_around_the_box() -> None:
     for corners in FACES:
         assert all(tuple(sorted((corners[i - 1], corners[i]))) in EDGES for i in range(4))
+
+
+def test_boxes_together_are_drawn_as_each_alone() -> None:
+    whole = Box(np.array([0.1, 0.1, 1.0]), np.full(3, 0.2), FRONTAL)
+    behind = Box(np.array([0.0, 0.0, -1.0]), np.full(3, 0.2), FRONTAL)
+    cut = Box(np.array([0.0, 0.3, 0.5]), np.array([0.3, 0.3, 2.0]), FRONTAL)
+    together = wireframes([whole, behind, cut], np.eye(4), INTRINSICS)
+    for box, wire in zip((whole, behind, cut), together, strict=True):
+        alone = wireframe(box, np.eye(4), INTRINSICS)
+        np.testing.assert_allclose(wire.front, alone.front, atol=1e-9)
+        np.testing.assert_allclose(wire.back, alone.back, atol=1e-9)
+        assert [face for face, _ in wire.faces] == [face for face, _ in alone.faces]
+    assert wireframes([], np.eye(4), INTRINSICS) == []

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from cuboid.frame import Float64Array, Intrinsics, UInt8Array
 from cuboid.geometry.box import Box
 from cuboid.views.palette import color_of
-from cuboid.views.projection import TOP, Wireframe, may_be_in_view, wireframe
+from cuboid.views.projection import TOP, Wireframe, may_be_in_view, wireframes
 from cuboid.views.tags import TAG_PX, place_tag, put_tag
 from cuboid.views.text import Color, put_text
 
@@ -153,11 +153,10 @@ def _in_view(
 ) -> list[_Drawn]:
     """Return what is in the image of things with a text for their tag and whether they are dashed."""
     near = may_be_in_view([item.box for item, _, _ in items], T_world_camera, intrinsics)
+    chosen = [item for item, possible in zip(items, near, strict=True) if possible]
+    wires = wireframes([item.box for item, _, _ in chosen], T_world_camera, intrinsics)
     drawn = []
-    for (item, text, dashed), possible in zip(items, near, strict=True):
-        if not possible:
-            continue
-        wire = wireframe(item.box, T_world_camera, intrinsics)
+    for (item, text, dashed), wire in zip(chosen, wires, strict=True):
         rect_xyxy = wire.rect_xyxy(intrinsics)
         if rect_xyxy is not None:
             drawn.append(_Drawn(color_of(item.label), text, wire, rect_xyxy, dashed))

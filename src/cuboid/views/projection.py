@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +23,10 @@ MARGIN_PX = 16.0
 FACES = ((0, 2, 6, 4), (1, 3, 7, 5), (0, 1, 5, 4), (2, 3, 7, 6), (0, 1, 3, 2), (4, 5, 7, 6))
 FACES_OF_EDGE = tuple(tuple(f for f, corners in enumerate(FACES) if a in corners and b in corners) for a, b in EDGES)
 TOP = 5
+
+Corners = npt.NDArray[np.intp]
+_EDGE_ENDS: Corners = np.array(EDGES)
+_FACE_ENDS: Corners = np.array(FACES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,41 +68,64 @@ def project(points_camera: Float64Array, intrinsics: Intrinsics) -> Float64Array
     return pixels
 
 
-def wireframe(box: Box, T_world_camera: Float64Array, intrinsics: Intrinsics) -> Wireframe:
-    """Return a box of the world as the camera sees it.
+def wireframes(boxes: Sequence[Box], T_world_camera: Float64Array, intrinsics: Intrinsics) -> list[Wireframe]:
+    """Return boxes of the world as the camera sees them.
 
     A face looks at the camera where the camera lies on its outer side; an edge is in front where one of its
     two faces looks at the camera. From inside a box every edge is in front.
 
     Parameters
     ----------
-    box : Box
+    boxes : sequence of Box
         In the world, metres.
     T_world_camera : (4, 4) float64
     intrinsics : Intrinsics
 
     Returns
     -------
-    Wireframe
+    list of Wireframe
+        One a box.
     """
-    corners = transform(inverse(T_world_camera), box.corners())
-    facing = _facing(box, T_world_camera[:3, 3])
-    ends = corners[np.array(EDGES)]
-    inside = not any(facing)
-    is_front = np.array([inside or facing[f] or facing[g] for f, g in FACES_OF_EDGE])
+    if not boxes:
+        return []
     planes = _view_planes(intrinsics)
-    whole = bool((corners @ planes[:, :3].T + planes[:, 3] >= 0).all())
-    front, back = ends[is_front], ends[~is_front]
-    outlines = [(f, corners[list(FACES[f])]) for f in range(6) if facing[f]]
-    if not whole:
-        front, back = clip_segments(front, planes), clip_segments(back, planes)
-        outlines = [(f, clip_polygon(outline, planes)) for f, outline in outlines]
+    corners = transform(inverse(T_world_camera), np.array([box.corners() for box in boxes]).reshape(-1, 3))
+    whole = (corners @ planes[:, :3].T + planes[:, 3] >= 0).reshape(len(boxes), -1).all(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):  # only those of whole boxes are used
+        pixels = project(corners, intrinsics).reshape(-1, 8, 2)
+    corners = corners.reshape(-1, 8, 3)
+    facing = [_facing(box, T_world_camera[:3, 3]) for box in boxes]
+    return [
+        _of_whole(corners[i], pixels[i], facing[i]) if whole[i] else _cut(corners[i], facing[i], planes, intrinsics)
+        for i in range(len(boxes))
+    ]
+
+
+def _of_whole(corners: Float64Array, pixels: Float64Array, facing: tuple[bool, ...]) -> Wireframe:
+    """Return the wireframe of a box that lies in the view as a whole."""
+    front, back = _edges(facing)
+    faces = tuple((f, pixels[_FACE_ENDS[f]]) for f in range(6) if facing[f])
+    return Wireframe(pixels[front], pixels[back], faces, float(corners[:, 2].mean()))
+
+
+def _cut(corners: Float64Array, facing: tuple[bool, ...], planes: Float64Array, intrinsics: Intrinsics) -> Wireframe:
+    """Return the wireframe of what the view's planes leave of a box."""
+    front, back = (clip_segments(corners[ends], planes) for ends in _edges(facing))
+    outlines = [(f, clip_polygon(corners[_FACE_ENDS[f]], planes)) for f in range(6) if facing[f]]
     return Wireframe(
         front=project(front, intrinsics),
         back=project(back, intrinsics),
         faces=tuple((f, project(outline, intrinsics)) for f, outline in outlines if len(outline)),
         depth_m=float(corners[:, 2].mean()),
     )
+
+
+@cache
+def _edges(facing: tuple[bool, ...]) -> tuple[Corners, Corners]:
+    """Return the ends (N, 2) of the edges in front, and of those behind, for the faces that look at the camera."""
+    inside = not any(facing)
+    is_front = np.array([inside or facing[f] or facing[g] for f, g in FACES_OF_EDGE])
+    return _EDGE_ENDS[is_front], _EDGE_ENDS[~is_front]
 
 
 def may_be_in_view(boxes: Sequence[Box], T_world_camera: Float64Array, intrinsics: Intrinsics) -> npt.NDArray[np.bool_]:
@@ -177,11 +205,11 @@ def clip_polygon(outline: Float64Array, planes: Float64Array) -> Float64Array:
     return outline
 
 
-def _facing(box: Box, camera: Float64Array) -> list[bool]:
+def _facing(box: Box, camera: Float64Array) -> tuple[bool, ...]:
     """Tell for each of `FACES` whether the camera's centre (3,) in the world lies on its outer side."""
     own = (camera - box.center) @ box.rotation
-    half = box.size / 2.0
-    return [bool(side * own[axis] > half[axis]) for axis in range(3) for side in (-1.0, 1.0)]
+    (x, y, z), (a, b, c) = own.tolist(), (box.size / 2.0).tolist()
+    return (-x > a, x > a, -y > b, y > b, -z > c, z > c)
 
 
 def _view_planes(intrinsics: Intrinsics) -> Float64Array:
