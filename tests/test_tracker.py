@@ -143,6 +143,16 @@ def test_neighbours_two_centimetres_apart_are_two() -> None:
     assert min(overlap for _, overlap in matched(tracker, pair)) > 0.6
 
 
+def test_neighbours_that_touch_are_two() -> None:
+    table = Box(np.array([0, 0, -0.05]), np.array([1.4, 1.0, 0.1]), np.eye(3))
+    tall, low = upright((-0.05, 0.0), (0.1, 0.1, 0.24)), upright((0.07, 0.02), (0.14, 0.1, 0.1))
+    tracker = Tracker(CAMERA)
+    follow(tracker, (frame_of([table, tall, low], T, k) for k, T in enumerate(orbit(60))))
+    pairs = matched(tracker, [tall, low])
+    assert len({label for label, _ in pairs}) == 2
+    assert min(iou for _, iou in pairs) > 0.6
+
+
 def test_a_partial_view_starts_no_second_label() -> None:
     """The first frames see a third of a long box; it grows, and stays one."""
     long = upright((0, 0), (0.5, 0.12, 0.15))

@@ -117,7 +117,7 @@ class Tracker:
         if self._count % c.map_every == 0:
             self._map.settle(frame.index)
         watch.lap("map")
-        sightings, found = self._match(frame.index, image, slots, claim, clusters, boxes, T_camera_world)
+        sightings, found = self._match(frame.index, image, slots, claim, heights, clusters, boxes, T_camera_world)
         watch.lap("matching")
         self._count += 1
         return FrameResult(
@@ -182,6 +182,7 @@ class Tracker:
         image: WorkingImage,
         slots: npt.NDArray[np.int32],
         claim: npt.NDArray[np.int32],
+        heights: Float32Array,
         clusters: Sequence[FrameCluster],
         boxes: Sequence[Box],
         T_camera_world: Float64Array,
@@ -189,6 +190,7 @@ class Tracker:
         """Match the frame's boxes to the map, and tell which of its objects the frame sees."""
         pixel_owner = np.where(slots >= 0, self._voxels.owner[slots], 0).astype(np.int32)
         self._map.bonds.see(claim, pixel_owner)
+        self._map.splits.see(claim, pixel_owner, heights, slots, self._voxels.side)
         objects = self._map.in_view(image, T_camera_world)
         matches = associate(clusters, boxes, objects, pixel_owner)
         own: dict[int, Match] = {}

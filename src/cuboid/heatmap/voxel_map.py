@@ -41,6 +41,8 @@ class VoxelMap:
     owner : (capacity,) int32
         Number of the object that the point belongs to, 0 none, `REFUSED` where it belongs to something that is
         no object.
+    side : (capacity,) int32
+        Where an object may be two: frames for the one less frames for the other.
     """
 
     def __init__(self, voxel_m: float, noise_per_m: float, max_depth_m: float) -> None:
@@ -58,11 +60,12 @@ class VoxelMap:
         self.hits = np.zeros(capacity, np.int32)
         self.passes = np.zeros(capacity, np.int32)
         self.owner = np.zeros(capacity, np.int32)
+        self.side = np.zeros(capacity, np.int32)
         self._last_frame = np.full(capacity, -1, np.int32)
         self._table = np.zeros(2 * capacity, np.int32)
 
     def _columns(self) -> tuple[npt.NDArray[Any], ...]:
-        return (self.keys, self.values, self.hits, self.passes, self.owner, self._last_frame)
+        return (self.keys, self.values, self.hits, self.passes, self.owner, self.side, self._last_frame)
 
     def _reserve(self, more: int) -> None:
         """Make room for more rows: pack the living ones, into larger arrays where these are full."""

@@ -25,6 +25,7 @@ class Bonds:
 
     def __init__(self) -> None:
         self._counts: dict[Pair, list[int]] = {}
+        self._severed: set[Pair] = set()
 
     def see(self, claim: npt.NDArray[np.int32], pixel_owner: npt.NDArray[np.int32]) -> None:
         """Take in a frame.
@@ -60,13 +61,21 @@ class Bonds:
 
     def verdict(self, a: int, b: int) -> bool | None:
         """Return True where two objects are one, False where they are two, None while it is not sure."""
-        together, apart = self._counts.get((min(a, b), max(a, b)), (0, 0))
+        pair = (min(a, b), max(a, b))
+        if pair in self._severed:
+            return False
+        together, apart = self._counts.get(pair, (0, 0))
         if together >= SURE_FRAMES and together >= SURE_RATIO * apart:
             return True
         if apart >= SURE_FRAMES and apart >= SURE_RATIO * together:
             return False
         return None
 
+    def sever(self, a: int, b: int) -> None:
+        """Hold two objects for two, whatever later frames say: they were told apart before."""
+        self._severed.add((min(a, b), max(a, b)))
+
     def forget(self, number: int) -> None:
         """Drop an object that is no more."""
         self._counts = {pair: n for pair, n in self._counts.items() if number not in pair}
+        self._severed = {pair for pair in self._severed if number not in pair}

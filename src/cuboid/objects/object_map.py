@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from cuboid.boxes.fit import fit_box
 from cuboid.boxes.hidden import foot_is_hidden, twins
@@ -18,9 +19,10 @@ from cuboid.heatmap.voxel_map import REFUSED, Rows, VoxelMap
 from cuboid.objects.bonds import Bonds
 from cuboid.objects.entry import MapObject
 from cuboid.objects.ownership import CONTACT_SHARE, Piece, bends_around, gap_m, owners_of, share_out
+from cuboid.objects.splits import Splits
 from cuboid.objects.validity import is_object, rests
 from cuboid.objects.visibility import in_view
-from cuboid.surfaces.clusters import MapCluster, map_clusters
+from cuboid.surfaces.clusters import LEAST_VOXELS, MapCluster, map_clusters
 from cuboid.surfaces.planes import PlaneTracker
 from cuboid.working import WorkingImage
 
@@ -28,6 +30,10 @@ from cuboid.working import WorkingImage
 MERGE_LOOKS = 6
 # ... at once when this share of the smaller one's box lies in the other's: drift made two of one.
 MERGE_OVERLAP = 0.5
+# Two parts whose boxes have less than this share of the smaller one in common may be two things.
+APART_OVERLAP = 0.3
+# The far side that an object is given takes no more than this share of a neighbour, or of the object.
+FAR_SIDE_OVERLAP = 0.15
 # A part that stands apart in so many looks is an object of its own.
 SPLIT_LOOKS = 8
 # A part farther from its object than this, metres, is no part of it.
@@ -77,6 +83,7 @@ class ObjectMap:
         self._objects: dict[int, MapObject] = {}
         self._boxes = np.full((64, 15), np.nan)
         self.bonds = Bonds()
+        self.splits = Splits()
         self._together: dict[tuple[int, int], int] = {}
         self._next_number = 1
         self._next_label = 1
@@ -124,6 +131,7 @@ class ObjectMap:
             self._start(piece, frame)
         if whole:
             self._age([entry for entry in self.alive() if entry.number < known and entry.number not in pieces])
+        self._split(frame)
         self._confirm()
         self._list_boxes()
 
@@ -225,6 +233,7 @@ class ObjectMap:
         kept.proposed = max(kept.proposed, gone.proposed)
         del self._objects[gone.number]
         self.bonds.forget(gone.number)
+        self.splits.forget(gone.number)
         self._together = {key: n for key, n in self._together.items() if gone.number not in key}
         return kept.number, gone.number
 
@@ -238,9 +247,8 @@ class ObjectMap:
             reach = min(PART_REACH * float(entry.box.size.max()), PART_REACH_M)
             gap = gap_m(part, body, max(reach, FRAGMENT_GAP_M))
             small = len(piece.rows) < PART_SHARE * len(main.rows)
-            if small and gap <= TOUCH_M:
-                own.append(piece.rows)
-            elif entry.bonded and gap <= reach and (small or self._hangs(piece, part, body)):
+            hangs = entry.bonded and gap <= reach and (small or self._hangs(piece, part, body))
+            if hangs or (small and gap <= TOUCH_M):
                 own.append(piece.rows)
             elif gap > FRAGMENT_GAP_M:
                 apart.append((piece, True))
@@ -268,6 +276,29 @@ class ObjectMap:
         """Tell whether a piece has no foot of its own, or bends around the body as a far wall or a brim does."""
         box = self._box(piece)
         return not rests(box, self._plane(piece)) or bends_around(part, body, box.up)[0]
+
+    def _split(self, frame: int) -> None:
+        """Make two of what has proved to be two things that touch; the larger one keeps the label."""
+        side = self._voxels.side
+        for entry in [e for e in self.alive() if self.splits.are_two(e.number)]:
+            self.splits.forget(entry.number)
+            told = side[entry.rows]
+            if min(np.count_nonzero(told > 0), np.count_nonzero(told < 0)) < LEAST_VOXELS:
+                continue
+            nearest = cKDTree(entry.points[told != 0]).query(entry.points)[1]
+            first = told[told != 0][nearest] > 0
+            if np.count_nonzero(first) < len(first) / 2:
+                first = ~first
+            side[entry.rows] = 0
+            kept, other = (Piece(entry.number, entry.rows[part], entry.plane) for part in (first, ~first))
+            boxes = [self._box(kept), self._box(other)]
+            common = float(overlap_min_matrix(pack(boxes[:1]), pack(boxes[1:]))[0, 0])
+            # Two things that stand side by side share no more than the corners of their boxes.
+            if common < APART_OVERLAP and all(is_object(box, self._config) for box in boxes):
+                self._voxels.owner[other.rows] = 0
+                self._describe(entry, kept)
+                self.bonds.sever(entry.number, self._next_number)
+                self._start(other, frame)
 
     def _start(self, piece: Piece, frame: int) -> None:
         """Begin an object, or bring back a retired one that stood there."""
@@ -341,7 +372,10 @@ class ObjectMap:
         points = self._voxels.xyz(piece.rows[:: 1 + len(piece.rows) // BOX_VOXELS]).astype(np.float64)
         more = twins(points, normal, offset, box, near, self._voxels)
         if len(more):
-            box = fit_box(np.concatenate([box.corners(), more]), normal, offset, 0.0)
+            whole = fit_box(np.concatenate([box.corners(), more]), normal, offset, 0.0)
+            # A far side that would reach into a neighbour is none.
+            if not near or overlap_min_matrix(pack([whole]), pack(near)).max() <= FAR_SIDE_OVERLAP:
+                box = whole
         gap = float(normal @ box.center) + offset - box.size[2] / 2.0
         if gap > 1e-6 and foot_is_hidden(box, normal, offset, near, self._voxels):
             size = box.size + np.array([0.0, 0.0, gap])
