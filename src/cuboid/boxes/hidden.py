@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.boxes.fit import plane_axes
+from cuboid.boxes.fit import fit_box, plane_axes
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
+from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.heatmap.voxel_map import VoxelMap
 
 # The top layer whose middle is taken as the axis of an object: this share of its height, and at least so many metres.
@@ -19,10 +20,33 @@ TOP_SHARE, TOP_M = 0.1, 0.01
 LONE_SHARE = 0.1
 # A place was seen when so many of the nine voxels of the ground around it were.
 SEEN_OF_NINE = 2
+# The far side that an object is given takes no more than this share of a neighbour, or of the object.
+FAR_SIDE_OVERLAP = 0.15
 # A foot is hidden when at most this share of the ground beneath was seen.
 HIDDEN_SHARE = 0.3
+# A box this near its plane, metres, rests on it.
+LEAST_GAP_M = 1e-6
 # Places of the ground beneath that are looked up, a side.
 BENEATH = 6
+
+
+def with_hidden(
+    box: Box, points: Float64Array, normal: Float64Array, offset: float, near: Sequence[Box], voxels: VoxelMap
+) -> Box:
+    """Return an object's box with its far side and its foot, as far as no frame can have seen that they are not there.
+
+    See `twins` for the parameters.
+    """
+    more = twins(points, normal, offset, box, near, voxels)
+    if len(more):
+        whole = fit_box(np.concatenate([box.corners(), more]), normal, offset, 0.0)
+        # A far side that would reach into a neighbour is none.
+        if not near or overlap_min_matrix(pack([whole]), pack(near)).max() <= FAR_SIDE_OVERLAP:
+            box = whole
+    gap = float(normal @ box.center) + offset - box.size[2] / 2.0
+    if gap > LEAST_GAP_M and foot_is_hidden(box, normal, offset, near, voxels):
+        box = Box(box.center - 0.5 * gap * normal, box.size + np.array([0.0, 0.0, gap]), box.rotation)
+    return box
 
 
 def twins(

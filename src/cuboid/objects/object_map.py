@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from cuboid.boxes.fit import fit_box
-from cuboid.boxes.hidden import foot_is_hidden, twins
+from cuboid.boxes.hidden import foot_is_hidden, with_hidden
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.geometry.box import Box
@@ -19,10 +19,18 @@ from cuboid.heatmap.voxel_map import REFUSED, Rows, VoxelMap
 from cuboid.objects.bonds import Bonds
 from cuboid.objects.entry import MapObject
 from cuboid.objects.ownership import CONTACT_SHARE, Piece, bends_around, gap_m, owners_of, share_out
-from cuboid.objects.splits import Splits
+from cuboid.objects.parts import (
+    FRAGMENT_GAP_M,
+    PART_REACH,
+    PART_REACH_M,
+    PART_SHARE,
+    TOUCH_M,
+    is_part,
+)
+from cuboid.objects.splits import Splits, larger_side
 from cuboid.objects.validity import is_object, rests
 from cuboid.objects.visibility import in_view
-from cuboid.surfaces.clusters import LEAST_VOXELS, MapCluster, map_clusters
+from cuboid.surfaces.clusters import MapCluster, map_clusters
 from cuboid.surfaces.planes import PlaneTracker
 from cuboid.working import WorkingImage
 
@@ -32,12 +40,8 @@ MERGE_LOOKS = 6
 MERGE_OVERLAP = 0.5
 # Two parts whose boxes have less than this share of the smaller one in common may be two things.
 APART_OVERLAP = 0.3
-# The far side that an object is given takes no more than this share of a neighbour, or of the object.
-FAR_SIDE_OVERLAP = 0.15
 # A part that stands apart in so many looks is an object of its own.
 SPLIT_LOOKS = 8
-# A part farther from its object than this, metres, is no part of it.
-FRAGMENT_GAP_M = 0.04
 # Every so many looks at the map take in all of it.
 WHOLE_EVERY = 8
 # Objects and contested clusters larger than this (a quarter of a square metre at 1 cm) wait for a look at all of the
@@ -47,12 +51,6 @@ LARGE_VOXELS = 2500
 REFUSED_SHARE = 0.05
 # An object that was not found in so many looks at all of the map is retired.
 RETIRE_LOOKS = 3
-# A part that bends around its object may be so far from it, as a share of the object's longest side, and in metres.
-PART_REACH, PART_REACH_M = 0.5, 0.12
-# A part smaller than this share of what it touches (across a seam of two voxels) is no object of its own: a handle.
-PART_SHARE, TOUCH_M = 0.2, 0.022
-# What bends around an object is its part when it is so small a share of it (a brim's tip), or is this hollow, metres.
-STUB_SHARE, HOLLOW_M = 0.08, 0.004
 # What shows fewer voxels than this (of 1 cm: a side of 8 cm) is often a part, or the noise of an edge.
 SMALL_VOXELS, SMALL_PATIENCE = 64, 4
 # What floats above its plane, or lies beside an object, may be a part whose link is not seen yet: it is proposed so
@@ -282,13 +280,9 @@ class ObjectMap:
         side = self._voxels.side
         for entry in [e for e in self.alive() if self.splits.are_two(e.number)]:
             self.splits.forget(entry.number)
-            told = side[entry.rows]
-            if min(np.count_nonzero(told > 0), np.count_nonzero(told < 0)) < LEAST_VOXELS:
+            first = larger_side(entry.points, side[entry.rows])
+            if first is None:
                 continue
-            nearest = cKDTree(entry.points[told != 0]).query(entry.points)[1]
-            first = told[told != 0][nearest] > 0
-            if np.count_nonzero(first) < len(first) / 2:
-                first = ~first
             side[entry.rows] = 0
             kept, other = (Piece(entry.number, entry.rows[part], entry.plane) for part in (first, ~first))
             boxes = [self._box(kept), self._box(other)]
@@ -370,17 +364,7 @@ class ObjectMap:
         normal, offset = plane
         near = self._labelled_near(entry, box)
         points = self._voxels.xyz(piece.rows[:: 1 + len(piece.rows) // BOX_VOXELS]).astype(np.float64)
-        more = twins(points, normal, offset, box, near, self._voxels)
-        if len(more):
-            whole = fit_box(np.concatenate([box.corners(), more]), normal, offset, 0.0)
-            # A far side that would reach into a neighbour is none.
-            if not near or overlap_min_matrix(pack([whole]), pack(near)).max() <= FAR_SIDE_OVERLAP:
-                box = whole
-        gap = float(normal @ box.center) + offset - box.size[2] / 2.0
-        if gap > 1e-6 and foot_is_hidden(box, normal, offset, near, self._voxels):
-            size = box.size + np.array([0.0, 0.0, gap])
-            box = Box(box.center - 0.5 * gap * normal, size, box.rotation)
-        return box
+        return with_hidden(box, points, normal, offset, near, self._voxels)
 
     def _labelled_near(self, entry: MapObject, box: Box) -> list[Box]:
         reach = 2.0 * float(np.linalg.norm(box.size))
@@ -413,7 +397,9 @@ class ObjectMap:
         for entry in sorted(waiting, key=lambda e: -len(e.rows)):
             patience = 1
             other = self._beside(entry)
-            if other is not None and self._is_part(entry, other):
+            if other is not None and is_part(
+                entry, other, self.bonds.verdict(entry.number, other.number), partial(self._stands, entry)
+            ):
                 kept, gone = self._merge(other.number, entry.number)
                 self._voxels.owner[self._voxels.owner == gone] = kept
                 other.bonded = True
@@ -427,29 +413,6 @@ class ObjectMap:
             if entry.proposed >= patience * self._config.confirm_frames:
                 entry.label = self._next_label
                 self._next_label += 1
-
-    def _is_part(self, entry: MapObject, other: MapObject) -> bool:
-        """Tell whether an object beside another one is a part of it.
-
-        It is when it bends around the other and is hollow or a stub; so much is plain up close, whatever the frames
-        say. Else it is none where most frames say that they are two. It is when it floats nearby, when it is small
-        and touches, and when it bends or is small and most frames say that they are one. What stands on its own
-        foot beside another thing is no part of it, whatever one view of the two takes them for.
-        """
-        verdict = self.bonds.verdict(entry.number, other.number)
-        share = len(entry.rows) / len(other.rows)
-        bends, sag_m = bends_around(entry.points, other.points, entry.box.up)
-        gap = gap_m(entry.points, other.points, FRAGMENT_GAP_M)
-        hollow = sag_m < -HOLLOW_M and (verdict is not False or gap <= FRAGMENT_GAP_M)
-        if bends and (hollow or share < STUB_SHARE):
-            return True
-        if verdict is False:
-            return False
-        if not self._stands(entry):
-            return bool(verdict) or gap <= FRAGMENT_GAP_M
-        if verdict:
-            return bends or share < PART_SHARE
-        return share < PART_SHARE and gap <= TOUCH_M
 
     def _beside(self, entry: MapObject) -> MapObject | None:
         """Return the object that this one may be a part of: a labelled or larger one nearby."""

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from cuboid.frame import Float32Array
 from cuboid.heatmap.voxel_map import Rows
 from cuboid.objects.validity import FLOAT_M
+from cuboid.surfaces.clusters import LEAST_VOXELS
 
 # An object is looked at when it shows this many pixels. One mask holds it with the first share of them; of two masks
 # the smaller one holds at least the second, and so many pixels.
@@ -92,3 +94,15 @@ def _take_sides(first: Rows, second: Rows, side: npt.NDArray[np.int32]) -> None:
         first, second = second, first
     side[first] += 1
     side[second] -= 1
+
+
+def larger_side(points: Float32Array, side: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_] | None:
+    """Return which of an object's voxels (N,) belong to the larger of two things; None where one has too few.
+
+    A voxel that no frame told goes with the nearest one that some did.
+    """
+    told = side != 0
+    if min(np.count_nonzero(side > 0), np.count_nonzero(side < 0)) < LEAST_VOXELS:
+        return None
+    first = np.asarray(side[told][cKDTree(points[told]).query(points)[1]] > 0)
+    return first if np.count_nonzero(first) * 2 >= len(first) else ~first
