@@ -12,6 +12,7 @@ from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.outputs import (
     ProposalRow,
+    RunReport,
     TrackRow,
     read_objects,
     read_proposals,
@@ -99,7 +100,7 @@ class Replay:
         self.recording = Path(report.recording)
         self.format = report.format
         self.intrinsics: Intrinsics = found.intrinsics
-        self.every = int(report.config.get("every", 1))
+        self.every = _every(report)
         median_ms = report.milliseconds["frame"].median_ms if "frame" in report.milliseconds else 0.0
         self.frames_per_second = 1e3 / median_ms if median_ms > 0 else None
         self._lasting = {item.label for item in found.objects}
@@ -110,9 +111,7 @@ class Replay:
             self._sightings[row.frame].append(row)
         for own in read_proposals(folder / PROPOSALS):
             self._proposals[own.frame].append(own)
-        skipped = {frame for frame, _ in report.skipped}
-        taken = range(0, report.frames_read * self.every, self.every)
-        self._used = [index for index in taken if index not in skipped]
+        self._used = used_frames(report)
 
     def __len__(self) -> int:
         """Return how many frames were used."""
@@ -148,3 +147,14 @@ class Replay:
             proposals = tuple(self._proposals.get(index, ()))
             yield ReplayedFrame(index, pose.T_world_camera, sightings, proposals, hidden)
             pose = next(poses, None)
+
+
+def used_frames(report: RunReport) -> list[int]:
+    """Return the frames of the recording that a run used, ascending."""
+    skipped = {frame for frame, _ in report.skipped}
+    every = _every(report)
+    return [index for index in range(0, report.frames_read * every, every) if index not in skipped]
+
+
+def _every(report: RunReport) -> int:
+    return int(report.config.get("every", 1))

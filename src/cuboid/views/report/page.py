@@ -1,0 +1,81 @@
+"""The page itself: our HTML, style and scripts put together with what they show, in one file."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from cuboid.outputs.folder import writing
+from cuboid.views.report.summary import Summary
+
+# In the order in which they use each other.
+SCRIPTS = (
+    "math.js",
+    "data.js",
+    "shaders.js",
+    "renderer.js",
+    "scene.js",
+    "orbit.js",
+    "tags.js",
+    "timeline.js",
+    "card.js",
+    "run.js",
+    "picture.js",
+    "main.js",
+)
+
+
+def page_of(summary: Summary, live: Mapping[str, Any] | None = None) -> str:
+    """Return the page as HTML.
+
+    Parameters
+    ----------
+    summary : Summary
+        What it shows.
+    live : mapping, optional
+        Where a server gives the frames' pictures (`cuboid view`); a page that is a file has none.
+
+    Returns
+    -------
+    str
+    """
+    source = files("cuboid.views.report") / "page"
+    document = {**summary.to_dict(), "live": live}
+    scripts = "\n".join((source / name).read_text(encoding="utf-8") for name in SCRIPTS)
+    parts = {
+        "title": escape(f"{document['title']} - cuboid"),
+        "style": (source / "page.css").read_text(encoding="utf-8"),
+        # "</script>" in a text would end the element: the JSON has no "<" at all
+        "data": json.dumps(document, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
+        "script": f'"use strict";\n(() => {{\n{scripts}\n}})();',
+    }
+    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], (source / "page.html").read_text(encoding="utf-8"))
+
+
+def write_report(path: Path, summary: Summary) -> None:
+    """Write the page; it appears, or is replaced, when it is whole.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    summary : Summary
+        From `summarise`.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written; none is left then.
+    """
+    partial = path.with_name(f".{path.name}.partial")
+    with writing(path):
+        try:
+            partial.write_text(page_of(summary), encoding="utf-8")
+            partial.replace(path)
+        finally:
+            partial.unlink(missing_ok=True)

@@ -1,0 +1,78 @@
+// The list of objects, and the card of the one that is chosen.
+
+class Panel {
+  constructor(state, chosen, moved) {
+    this.state = state;
+    this.chosen = chosen;
+    this.moved = moved;
+    find("object-count").textContent = data.objects.length.toLocaleString("en");
+    this.rows = data.objects.map((object) => {
+      const row = element(
+        "button",
+        { class: "object", "data-label": object.label },
+        chip(object),
+        element("span", { class: "size" }, sizeOf(object)),
+        element("span", { class: "seen-count", title: "frames in which it is seen" }, object.frames_seen.toLocaleString("en")),
+      );
+      row.addEventListener("click", () => chosen(object.label));
+      return row;
+    });
+    find("objects").replaceChildren(...this.rows.map((row) => element("li", {}, row)));
+    if (!this.rows.length) find("list").append(element("p", { class: "empty" }, "No object was found."));
+  }
+
+  update() {
+    const { selected } = this.state;
+    const object = objectOf.get(selected);
+    for (const row of this.rows) row.setAttribute("aria-pressed", String(Number(row.dataset.label) === selected));
+    const card = find("card");
+    card.hidden = !object;
+    if (object && card.dataset.label !== String(selected)) card.replaceChildren(...this.card(object));
+    card.dataset.label = String(selected);
+  }
+
+  card(object) {
+    const close = element("button", { class: "quiet close", title: "Close", "aria-label": "Close" }, "×");
+    close.addEventListener("click", () => this.chosen(null));
+    const head = element("header", {}, chip(object), element("h2", {}, "Object ", String(object.label)), close);
+    return [head, ...this.picture(object), this.facts(object)];
+  }
+
+  picture(object) {
+    if (!object.picture) return [];
+    const { frame, address } = object.picture;
+    const image = element("img", { src: address, alt: `Object ${object.label} in frame ${frame}` });
+    return [element("figure", {}, image, element("figcaption", {}, "Best seen in ", this.link(frame)))];
+  }
+
+  /** A frame's number that goes to that frame. */
+  link(frame) {
+    const link = element("button", { class: "link" }, `frame ${frame}`);
+    link.addEventListener("click", () => this.moved(frames.indexOf(frame)));
+    return link;
+  }
+
+  facts(object) {
+    const swatch = element("span", { class: "swatch", style: `background:${object.mean_color}` });
+    const share = frames.length ? ` of ${frames.length.toLocaleString("en")} frames` : "";
+    const plane = object.plane === null ? "-" : `${object.plane + 1} of ${data.planes.length}`;
+    const lines = [
+      ["Size, L × W × H", sizeOf(object), " cm"],
+      ["Position", object.center.map((value) => fixed(value, 2)).join(", "), " m"],
+      ["First seen", this.link(object.first_frame)],
+      ["Last seen", this.link(object.last_frame)],
+      ["Seen in", object.frames_seen.toLocaleString("en"), share],
+      ["Score", this.meter(object.score, object.color), object.score.toFixed(2)],
+      ["Heat", this.meter(object.heat, object.color), object.heat.toFixed(2)],
+      ["Points", object.points.toLocaleString("en"), " ", swatch],
+      ["Stands on plane", plane],
+    ];
+    if (object.merged_labels.length) lines.push(["Also was", object.merged_labels.map((label) => `#${label}`).join(", ")]);
+    return element("dl", {}, ...lines.flatMap(([name, ...values]) => [element("dt", {}, name), element("dd", {}, ...values)]));
+  }
+
+  meter(value, color) {
+    const fill = element("span", { style: `width:${(100 * clamp(value, 0, 1)).toFixed(0)}%;background:${color}` });
+    return element("span", { class: "meter", "aria-hidden": "true" }, fill);
+  }
+}

@@ -1,0 +1,92 @@
+// What the page shows, as Python wrote it; see summary.py and points.py for the layout.
+
+const data = JSON.parse(document.getElementById("data").textContent);
+
+function bytesOf(base64) {
+  const text = atob(base64);
+  const bytes = new Uint8Array(text.length);
+  for (let i = 0; i < text.length; i++) bytes[i] = text.charCodeAt(i);
+  return bytes;
+}
+
+const frames = new Int32Array(bytesOf(data.frames).buffer);
+const poses = new Float32Array(bytesOf(data.poses).buffer);
+const objectOf = new Map(data.objects.map((object) => [object.label, object]));
+
+/** Camera to world of the i-th used frame: its place and, as columns, its axes. */
+function poseOf(i) {
+  const m = poses.subarray(12 * i, 12 * i + 12);
+  return {
+    place: [m[3], m[7], m[11]],
+    right: [m[0], m[4], m[8]],
+    down: [m[1], m[5], m[9]],
+    ahead: [m[2], m[6], m[10]],
+  };
+}
+
+/** Up in the world; a recording without a plane is taken to begin upright. */
+const up = data.up || (frames.length ? scale(poseOf(0).down, -1) : [0, -1, 0]);
+
+/** Whether an object is seen in a frame, hidden but known, or not known yet. */
+function stateIn(object, frame) {
+  if (!object.spans.length || frame < object.spans[0][0]) return "unknown";
+  return object.spans.some(([from, to]) => from <= frame && frame <= to) ? "seen" : "hidden";
+}
+
+/** A page's number of centimetres, metres, milliseconds. */
+const cm = (metres) => (100 * metres).toFixed(1);
+const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1");
+const plural = (count, word) => `${count.toLocaleString("en")} ${word}${count === 1 ? "" : "s"}`;
+const sizeOf = (object) => object.size.map(cm).join(" × ");
+
+async function inflate(bytes) {
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+/** Sum up differences: from point to point back to the points themselves. */
+function summed(bytes, column, count) {
+  const values = new Uint8Array(count);
+  for (let i = 0, sum = 0; i < count; i++) values[i] = sum += bytes[column * count + i];
+  return values;
+}
+
+function summedPair(bytes, column, count) {
+  const values = new Uint16Array(count);
+  for (let i = 0, sum = 0; i < count; i++)
+    values[i] = sum += bytes[column * count + i] | (bytes[(column + 1) * count + i] << 8);
+  return values;
+}
+
+/**
+ * The point map: steps (3 n, 16 bit, from `low`), look (4 n, 8 bit: red, green, blue, heat), label (n, 16 bit).
+ */
+async function unpackPoints() {
+  const { count, content } = data.points;
+  const bytes = await inflate(bytesOf(content));
+  const places = [0, 2, 4].map((column) => summedPair(bytes, column, count));
+  const looks = [6, 7, 8, 9].map((column) => summed(bytes, column, count));
+  const steps = new Uint16Array(3 * count);
+  const look = new Uint8Array(4 * count);
+  for (let i = 0; i < count; i++) {
+    for (let k = 0; k < 3; k++) steps[3 * i + k] = places[k][i];
+    for (let k = 0; k < 4; k++) look[4 * i + k] = looks[k][i];
+  }
+  return { steps, look, label: summedPair(bytes, 10, count) };
+}
+
+/** An element with attributes, and children that are elements or texts. */
+function element(name, attributes = {}, ...children) {
+  const made = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  made.append(...children);
+  return made;
+}
+
+/** The label in its color, as it looks everywhere. */
+function chip(object, ...rest) {
+  const style = `background:${object.color};color:${object.ink}`;
+  return element("span", { class: "chip", style }, `#${object.label}`, ...rest);
+}
+
+const find = (id) => document.getElementById(id);

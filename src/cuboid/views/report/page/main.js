@@ -1,0 +1,224 @@
+// What is shown, and what follows when that changes.
+
+const state = {
+  theme: "dark",
+  coloring: "color",
+  layers: { boxes: true, planes: true, camera: true },
+  selected: null,
+  frame: null, // place among the used frames; null is all of them at once
+  follow: false,
+};
+
+let scene = null;
+let orbit = null;
+let tags = null;
+let pending = 0;
+
+function redraw() {
+  if (!scene || pending) return;
+  pending = requestAnimationFrame(() => {
+    pending = 0;
+    if (find("scene").hidden) return;
+    scene.renderer.fit();
+    const eye = orbit.eye();
+    scene.draw(eye);
+    tags.place(eye, (object) => scene.stateOf(object));
+  });
+}
+
+function update(change) {
+  Object.assign(state, change);
+  document.documentElement.dataset.theme = state.theme;
+  for (const button of document.querySelectorAll("[data-coloring]"))
+    button.setAttribute("aria-pressed", String(button.dataset.coloring === state.coloring));
+  for (const button of document.querySelectorAll("[data-layer]"))
+    button.setAttribute("aria-pressed", String(state.layers[button.dataset.layer]));
+  find("look-through").setAttribute("aria-pressed", String(state.follow));
+  timeline.update();
+  panel.update();
+  picture.update();
+  if (scene) scene.update();
+  redraw();
+}
+
+/** Choose an object, or none; the one that is chosen already is let go. */
+function choose(label) {
+  update({ selected: label === state.selected ? null : label });
+  if (state.selected !== null) timeline.reveal(state.selected);
+}
+
+function moveTo(frame) {
+  update({ frame: frame === null ? null : clamp(frame, 0, frames.length - 1), follow: state.follow && frame !== null });
+  if (state.follow) orbit.set(orbit.behind(poseOf(state.frame)));
+}
+
+function followCamera(follow) {
+  if (!frames.length || !orbit) return;
+  if (!follow) orbit.fly(orbit.home());
+  update({ follow, frame: state.frame === null && follow ? 0 : state.frame });
+  if (follow) orbit.fly(orbit.behind(poseOf(state.frame)));
+}
+
+// Recordings have about 30 frames a second; a screen may have more or fewer.
+let playing = null;
+function play(start) {
+  if (playing) clearInterval(playing);
+  playing = null;
+  find("play").classList.toggle("playing", start);
+  if (!start || !frames.length) return;
+  if (state.frame === null || state.frame >= frames.length - 1) moveTo(0);
+  const rate = 33 * (data.run.config.every || 1);
+  playing = setInterval(() => (state.frame < frames.length - 1 ? moveTo(state.frame + 1) : play(false)), clamp(rate, 33, 200));
+}
+
+function setUpScene() {
+  const canvas = find("canvas");
+  const renderer = new Renderer(canvas);
+  scene = new Scene(renderer, state);
+  orbit = new Orbit(canvas, redraw, () => state.follow && update({ follow: false }));
+  tags = new Tags(find("tags"), state, choose);
+  let pressed = null;
+  canvas.addEventListener("pointerdown", (event) => (pressed = [event.clientX, event.clientY]));
+  canvas.addEventListener("click", (event) => {
+    if (pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return;
+    const { origin, direction } = orbit.ray(event.offsetX, event.offsetY);
+    const object = scene.pick(origin, direction);
+    if (object) choose(object.label);
+  });
+  canvas.addEventListener("dblclick", (event) => {
+    const { origin, direction } = orbit.ray(event.offsetX, event.offsetY);
+    const object = scene.pick(origin, direction);
+    if (object) orbit.fly({ target: object.center, distance: clamp(4 * norm(object.size), 0.3, orbit.span), fovY: FOV_Y });
+    if (object) update({ selected: object.label, follow: false });
+  });
+  new ResizeObserver(() => {
+    redraw();
+    find("notice").hidden = canvas.clientWidth < 560;
+  }).observe(canvas);
+  canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
+  canvas.addEventListener("webglcontextrestored", () => location.reload());
+  renderer.fit();
+  return scene.load().then(() => {
+    document.body.dataset.ready = "true";
+    redraw();
+  });
+}
+
+function showTab(name) {
+  for (const tab of ["scene", "run"]) {
+    find(tab).hidden = tab !== name;
+    find(`tab-${tab}`).setAttribute("aria-selected", String(tab === name));
+  }
+  redraw();
+}
+
+function setUpSplitters() {
+  for (const splitter of document.querySelectorAll(".splitter")) {
+    const { size, from } = splitter.dataset;
+    splitter.addEventListener("pointerdown", (event) => {
+      splitter.setPointerCapture(event.pointerId);
+      event.preventDefault();
+    });
+    splitter.addEventListener("pointermove", (event) => {
+      if (!splitter.hasPointerCapture(event.pointerId)) return;
+      const { left, right, bottom, width, height } = find("scene").getBoundingClientRect();
+      const length = { left: event.clientX - left, right: right - event.clientX, bottom: bottom - event.clientY }[from];
+      const most = 0.7 * (from === "bottom" ? height : width);
+      find("scene").style.setProperty(size, `${clamp(length, 90, most).toFixed(0)}px`);
+    });
+  }
+}
+
+function setUpKeys() {
+  const actions = {
+    " ": () => play(!playing),
+    ArrowRight: () => moveTo((state.frame ?? -1) + 1),
+    ArrowLeft: () => moveTo((state.frame ?? frames.length) - 1),
+    Escape: () => (state.selected !== null ? choose(null) : moveTo(null)),
+    r: () => find("look-home").click(),
+    t: () => find("look-down").click(),
+    c: () => find("look-through").click(),
+  };
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.altKey || event.metaKey || find("scene").hidden) return;
+    if (event.target === find("slider") && event.key.startsWith("Arrow")) return;
+    if (event.target.closest("button") && event.key === " ") return;
+    const action = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+    if (!action || !frames.length) return;
+    event.preventDefault();
+    action();
+  });
+}
+
+function setUpHeader() {
+  const { run } = data;
+  find("title").textContent = data.title;
+  const whole = run.milliseconds.frame;
+  const facts = [plural(data.objects.length, "object"), plural(run.frames.used, "frame")];
+  if (whole) facts.push(`${milliseconds(whole.median)} ms a frame`);
+  if (data.points.count) facts.push(`${plural(data.points.total, "point")}`);
+  find("facts").textContent = facts.join("  ·  ");
+  if (!run.complete) find("facts").append(element("span", { class: "warning" }, "not complete: the run was interrupted"));
+}
+
+function setUpButtons() {
+  for (const tab of ["scene", "run"]) find(`tab-${tab}`).addEventListener("click", () => showTab(tab));
+  find("theme").addEventListener("click", () => update({ theme: state.theme === "dark" ? "light" : "dark" }));
+  find("play").addEventListener("click", () => play(!playing));
+  find("all-frames").addEventListener("click", () => {
+    play(false);
+    moveTo(null);
+  });
+  find("look-home").addEventListener("click", () => {
+    update({ follow: false });
+    orbit.fly(orbit.home());
+  });
+  find("look-down").addEventListener("click", () => {
+    update({ follow: false });
+    orbit.fly({ ...orbit.home(), yaw: orbit.place.yaw, pitch: STEEPEST });
+  });
+  find("look-through").addEventListener("click", () => followCamera(!state.follow));
+  for (const button of document.querySelectorAll("[data-coloring]"))
+    button.addEventListener("click", () => update({ coloring: button.dataset.coloring }));
+  for (const button of document.querySelectorAll("[data-layer]"))
+    button.addEventListener("click", () => {
+      const { layer } = button.dataset;
+      update({ layers: { ...state.layers, [layer]: !state.layers[layer] } });
+    });
+}
+
+/** The frame that shows most objects: where a page with pictures begins. */
+function richestFrame() {
+  const seen = Array.from(frames, (frame) => data.objects.filter((object) => stateIn(object, frame) === "seen").length);
+  return seen.indexOf(Math.max(...seen));
+}
+
+const timeline = new Timeline(state, choose, (frame) => {
+  play(false);
+  moveTo(frame);
+});
+const panel = new Panel(state, choose, moveTo);
+const picture = new Picture(state);
+
+state.theme = window.matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark";
+setUpHeader();
+setUpButtons();
+setUpKeys();
+setUpSplitters();
+fillRunTab();
+timeline.draw();
+update({ frame: data.live && frames.length ? richestFrame() : null });
+
+try {
+  setUpScene().catch((error) => refuse(error));
+  update({});
+} catch (error) {
+  refuse(error);
+}
+
+function refuse(error) {
+  scene = null;
+  find("notice").hidden = false;
+  find("notice").textContent = `The 3D view needs a browser with WebGL 2 (${error.message}). Objects and timeline are shown all the same.`;
+  find("view").classList.add("refused");
+}

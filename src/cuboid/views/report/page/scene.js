@@ -1,0 +1,160 @@
+// The run as lines and faces: boxes, supporting planes, the camera's path.
+
+const EDGES = [];
+for (let a = 0; a < 8; a++) for (const bit of [1, 2, 4]) if (!(a & bit)) EDGES.push([a, a | bit]);
+const SIDES = [[0, 2, 6, 4], [1, 3, 7, 5], [0, 1, 5, 4], [2, 3, 7, 6], [0, 1, 3, 2], [4, 5, 7, 6]];
+
+// So many of the camera's pyramids show its way without hiding the scene.
+const PYRAMIDS = 28;
+const DASH_M = 0.03;
+
+const colorOf = (hex, alpha) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255).concat(alpha);
+
+const GROUNDS = {
+  dark: { sky: [0.075, 0.09, 0.115], floor: [0.035, 0.043, 0.058], halo: [0.03, 0.04, 0.05, 0.5], path: "#dfe6ef" },
+  light: { sky: [0.985, 0.988, 0.992], floor: [0.88, 0.9, 0.925], halo: [0.06, 0.07, 0.09, 0.55], path: "#2b3442" },
+};
+
+/** How large the camera's pyramids are, metres: a share of what lies before it. */
+function pyramidSize() {
+  const centers = data.objects.map((object) => object.center);
+  const first = frames.length ? poseOf(0).place : [0, 0, 0];
+  const away = centers.map((center) => norm(sub(center, first))).sort((a, b) => a - b);
+  return clamp(0.06 * (away[away.length >> 1] || 1.5), 0.03, 0.3);
+}
+
+/** The four corners of the image at a depth in front of a camera, from its upper left clockwise. */
+function imageCorners(pose, depth) {
+  const { fx, fy, cx, cy, width, height } = data.camera;
+  return [[0, 0], [width, 0], [width, height], [0, height]].map(([x, y]) =>
+    [[pose.right, (x - cx) / fx], [pose.down, (y - cy) / fy], [pose.ahead, 1]].reduce(
+      (p, [way, share]) => add(p, scale(way, share * depth)),
+      pose.place,
+    ),
+  );
+}
+
+function pyramidLines(pose, depth, color, width) {
+  const image = imageCorners(pose, depth);
+  const style = [width, 0];
+  return image.flatMap((corner, i) => [
+    [pose.place, corner, color, style],
+    [corner, image[(i + 1) % 4], color, style],
+  ]);
+}
+
+/** Triangles of a polygon without holes: a fan, right for the convex outlines of planes and sides. */
+function fan(polygon, color) {
+  return polygon.slice(2).flatMap((corner, i) => [[polygon[0], color], [polygon[i + 1], color], [corner, color]]);
+}
+
+class Scene {
+  constructor(renderer, state) {
+    this.renderer = renderer;
+    this.state = state;
+    this.size = pyramidSize();
+    this.boxes = new Map(data.objects.map((object) => [object.label, corners(object)]));
+  }
+
+  async load() {
+    const points = await unpackPoints();
+    const own = new Uint8Array(3 * points.label.length);
+    const colors = new Map(data.objects.map(({ label, color }) => [label, colorOf(color, 1).map((c) => 255 * c)]));
+    points.label.forEach((label, i) => {
+      const color = colors.get(label);
+      if (color) own.set(color.slice(0, 3), 3 * i);
+    });
+    this.renderer.setPoints(points, own);
+  }
+
+  update() {
+    const ground = GROUNDS[this.state.theme];
+    const scaleOfLines = this.renderer.ratio;
+    this.renderer.setLines("boxes", this.boxLines(scaleOfLines));
+    this.renderer.setFaces("sides", this.boxSides());
+    this.renderer.setLines("outlines", this.planeLines(ground, scaleOfLines));
+    this.renderer.setFaces("planes", this.planeFaces(ground));
+    this.renderer.setLines("path", this.pathLines(ground, scaleOfLines));
+    this.renderer.setLines("camera", this.cameraLines(ground, scaleOfLines));
+    this.renderer.setFaces("image", this.cameraFaces(ground));
+  }
+
+  stateOf(object) {
+    const { frame } = this.state;
+    return frame === null ? "seen" : stateIn(object, frames[frame]);
+  }
+
+  boxLines(ratio) {
+    const looks = { seen: [1, 2, 0], hidden: [0.85, 1.4, DASH_M] };
+    return data.objects.flatMap((object) => {
+      const look = looks[this.stateOf(object)];
+      const chosen = object.label === this.state.selected;
+      if (!look && !chosen) return [];
+      const [alpha, width, dash] = look || [0.5, 1.2, DASH_M / 3];
+      const box = this.boxes.get(object.label);
+      const color = colorOf(object.color, alpha);
+      return EDGES.map(([a, b]) => [box[a], box[b], color, [ratio * (chosen ? width + 1.6 : width), dash]]);
+    });
+  }
+
+  boxSides() {
+    return data.objects.flatMap((object) => {
+      const chosen = object.label === this.state.selected;
+      if (!chosen && this.stateOf(object) !== "seen") return [];
+      const box = this.boxes.get(object.label);
+      const color = colorOf(object.color, chosen ? 0.16 : 0.05);
+      return SIDES.flatMap((side) => fan(side.map((corner) => box[corner]), color));
+    });
+  }
+
+  planeLines(ground, ratio) {
+    const color = colorOf(ground.path, 0.4);
+    return data.planes.flatMap(({ outline }) =>
+      outline.map((corner, i) => [corner, outline[(i + 1) % outline.length], color, [1.2 * ratio, 0]]),
+    );
+  }
+
+  planeFaces(ground) {
+    return data.planes.flatMap(({ outline }) => fan(outline, colorOf(ground.path, 0.1)));
+  }
+
+  pathLines(ground, ratio) {
+    const lines = [];
+    for (let i = 1; i < frames.length; i++) {
+      const color = colorOf(ground.path, 0.25 + 0.6 * (i / frames.length));
+      lines.push([poseOf(i - 1).place, poseOf(i).place, color, [1.6 * ratio, 0]]);
+    }
+    const step = Math.max(1, Math.ceil(frames.length / PYRAMIDS));
+    for (let i = 0; i < frames.length; i += step)
+      lines.push(...pyramidLines(poseOf(i), this.size, colorOf(ground.path, 0.4), ratio));
+    return lines;
+  }
+
+  cameraLines(ground, ratio) {
+    const { frame } = this.state;
+    return frame === null ? [] : pyramidLines(poseOf(frame), 2.2 * this.size, colorOf(ground.path, 1), 2.4 * ratio);
+  }
+
+  cameraFaces(ground) {
+    const { frame } = this.state;
+    return frame === null ? [] : fan(imageCorners(poseOf(frame), 2.2 * this.size), colorOf(ground.path, 0.14));
+  }
+
+  draw(eye) {
+    const { layers, follow, coloring, theme } = this.state;
+    const shown = [];
+    if (layers.planes) shown.push("planes", "outlines");
+    if (layers.camera && !follow) shown.push("image", "path", "camera");
+    if (layers.boxes) shown.push("sides", "boxes");
+    this.renderer.draw(eye, coloring, GROUNDS[theme], shown);
+  }
+
+  /** The object whose box a ray meets; of several the smallest, which the others would hide for ever. */
+  pick(origin, direction) {
+    const volume = ({ size }) => size[0] * size[1] * size[2];
+    const met = data.objects.filter(
+      (object) => this.stateOf(object) !== "unknown" && enterBox(origin, direction, object) !== null,
+    );
+    return met.sort((a, b) => volume(a) - volume(b))[0] || null;
+  }
+}

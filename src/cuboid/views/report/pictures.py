@@ -1,0 +1,113 @@
+"""The best picture of each object, cut from the recording."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from cuboid.errors import CuboidError
+from cuboid.frame import Float64Array, Frame, UInt8Array
+from cuboid.outputs import TrackRow
+
+# Around its rectangle a picture shows so much more, share of the longer side: an object in its place.
+MARGIN = 0.25
+
+# Pictures are so wide at most; a card in the page is not wider on a screen with fine pixels.
+WIDTH_PX = 480
+
+# Sharp enough for a slide, about 20 kB a picture.
+QUALITY = 82
+
+# Width over height of the card's picture: what a picture lacks of it is taken from around the object.
+ASPECT = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """The best picture of an object.
+
+    Attributes
+    ----------
+    frame : int
+        Of the recording.
+    jpeg : bytes
+    """
+
+    frame: int
+    jpeg: bytes
+
+    @property
+    def address(self) -> str:
+        """The picture itself as an address that a page can show (RFC 2397)."""
+        return "data:image/jpeg;base64," + base64.b64encode(self.jpeg).decode("ascii")
+
+
+def best_sightings(rows: Iterable[TrackRow]) -> dict[int, TrackRow]:
+    """Return for each label the row that shows most of it: largest visible part of its rectangle.
+
+    The earliest wins where two show the same.
+    """
+    best: dict[int, TrackRow] = {}
+    for row in rows:
+        if row.label not in best or _shown_px(row) > _shown_px(best[row.label]):
+            best[row.label] = row
+    return best
+
+
+def cut_pictures(best: Mapping[int, TrackRow], read: Callable[[int], Frame]) -> dict[int, Picture]:
+    """Return the pictures of labels; a frame that cannot be read gives none.
+
+    Parameters
+    ----------
+    best : mapping of int to TrackRow
+        From `best_sightings`.
+    read : callable
+        Returns a frame of the recording.
+    """
+    pictures: dict[int, Picture] = {}
+    for label, row in sorted(best.items(), key=lambda item: item[1].frame):
+        try:
+            color = read(row.frame).color
+        except CuboidError:
+            continue
+        found = cut(color, row.rect_xyxy)
+        if found.size:
+            pictures[label] = Picture(row.frame, _jpeg(found))
+    return pictures
+
+
+def cut(color: UInt8Array, rect_xyxy: Float64Array) -> UInt8Array:
+    """Return the part of a picture (H, W, 3) around a rectangle in pixels, as wide as a card wants it."""
+    low, high = rect_xyxy[:2], rect_xyxy[2:]
+    half = (high - low) / 2.0 + MARGIN * float((high - low).max())
+    half = np.maximum(half, (half[1] * ASPECT, half[0] / ASPECT))
+    limit = np.array(color.shape[1::-1], dtype=np.float64)
+    half = np.minimum(half, limit / 2.0)
+    middle = np.clip((low + high) / 2.0, half, limit - half)
+    (x0, y0), (x1, y1) = np.round(middle - half).astype(int), np.round(middle + half).astype(int)
+    return color[max(y0, 0) : y1, max(x0, 0) : x1]
+
+
+def _shown_px(row: TrackRow) -> float:
+    x0, y0, x1, y1 = row.rect_xyxy
+    return float((x1 - x0) * (y1 - y0) * row.visible)
+
+
+def _jpeg(picture: UInt8Array) -> bytes:
+    height, width = picture.shape[:2]
+    if width > WIDTH_PX:
+        size = (WIDTH_PX, max(1, round(height * WIDTH_PX / width)))
+        picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return encode_jpeg(picture, QUALITY)
+
+
+def encode_jpeg(picture: UInt8Array, quality: int) -> bytes:
+    """Return a picture (H, W, 3), RGB, as JPEG."""
+    done, content = cv2.imencode(".jpg", picture[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, quality))
+    if not done:
+        raise ValueError(f"a picture of {picture.shape[1]} x {picture.shape[0]} pixels is no JPEG")
+    return content.tobytes()

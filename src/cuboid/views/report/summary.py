@@ -1,0 +1,211 @@
+"""What the page tells of a run, gathered from its result folder."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from cuboid.errors import InputError
+from cuboid.frame import Frame
+from cuboid.outputs import (
+    ObjectsFile,
+    PoseRow,
+    RunReport,
+    TrackRow,
+    read_map,
+    read_objects,
+    read_run,
+    read_tracks,
+    read_trajectory,
+)
+from cuboid.outputs.folder import MAP, OBJECTS, RUN, TRACKS, TRAJECTORY
+from cuboid.results import TrackedObject
+from cuboid.views.palette import color_of, hex_of, ink_on
+from cuboid.views.replay import used_frames
+from cuboid.views.report.pictures import Picture, best_sightings, cut_pictures
+from cuboid.views.report.points import PackedPoints, pack_points
+
+# Millimetres: what a page shows of a place.
+PLACE_DIGITS = 4
+TURN_DIGITS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """All that the page tells.
+
+    Attributes
+    ----------
+    report : RunReport
+    found : ObjectsFile
+    frames : tuple of int
+        The used frames of the recording, in order.
+    poses : tuple of PoseRow
+        Of these frames.
+    tracks : tuple of TrackRow
+    points : PackedPoints
+    pictures : dict of int to Picture
+        By label; an object without one has none.
+    """
+
+    report: RunReport
+    found: ObjectsFile
+    frames: tuple[int, ...]
+    poses: tuple[PoseRow, ...]
+    tracks: tuple[TrackRow, ...]
+    points: PackedPoints
+    pictures: dict[int, Picture]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the document that the page reads, ready for JSON."""
+        kept = {item.label for item in self.found.objects}
+        seen = spans(self.tracks, self.frames)
+        matrices = np.array([pose.T_world_camera[:3] for pose in self.poses], dtype="<f4")
+        return {
+            "title": _title(Path(self.report.recording)),
+            "run": self.report.to_dict(),
+            "skipped": [[kind.frame, kind.count, kind.reason] for kind in self.report.skipped_kinds()],
+            "up": None if self.found.up is None else _list(self.found.up, TURN_DIGITS),
+            "camera": _camera(self.found),
+            "planes": [
+                {"normal": _list(plane.normal, TURN_DIGITS), "outline": [_list(p, PLACE_DIGITS) for p in plane.extent]}
+                for plane in self.found.planes
+            ],
+            "objects": [self._object(item, seen.get(item.label, [])) for item in self.found.objects],
+            "gone": [
+                {**_colors(label), "label": label, "spans": runs, "into": self._survivor(label)}
+                for label, runs in sorted(seen.items())
+                if label not in kept
+            ],
+            "frames": _packed(np.array(self.frames, dtype="<i4")),
+            "poses": _packed(matrices),
+            "points": self.points.to_dict(),
+            "inferno": _packed(_inferno()),
+        }
+
+    def _object(self, item: TrackedObject, seen: list[tuple[int, int]]) -> dict[str, Any]:
+        picture = self.pictures.get(item.label)
+        return {
+            **_colors(item.label),
+            "label": item.label,
+            "center": _list(item.box.center, PLACE_DIGITS),
+            "size": _list(item.box.size, PLACE_DIGITS),
+            "rotation": [_list(row, TURN_DIGITS) for row in item.box.rotation],
+            "score": round(item.score, 3),
+            "heat": round(item.heat, 3),
+            "first_frame": item.first_frame,
+            "last_frame": item.last_frame,
+            "frames_seen": item.frames_seen,
+            "points": item.points,
+            "mean_color": "rgb({:.0f} {:.0f} {:.0f})".format(*item.mean_color),
+            "plane": item.plane,
+            "merged_labels": list(item.merged_labels),
+            "spans": seen,
+            "picture": None if picture is None else {"frame": picture.frame, "address": picture.address},
+        }
+
+    def _survivor(self, label: int) -> int | None:
+        """Return the object that a label turned out to be; None where it is retired."""
+        return next((item.label for item in self.found.objects if label in item.merged_labels), None)
+
+
+def summarise(folder: Path, read: Callable[[int], Frame] | None) -> Summary:
+    """Gather what the page tells of a run.
+
+    Parameters
+    ----------
+    folder : Path
+        What `cuboid track` left behind.
+    read : callable or None
+        Returns a frame of the recording, for pictures; None where the recording is not at hand.
+
+    Returns
+    -------
+    Summary
+
+    Raises
+    ------
+    InputError
+        A file of the folder is missing, malformed, or does not fit the others.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: expected a folder with the results of 'cuboid track'")
+    report, found = read_run(folder / RUN), read_objects(folder / OBJECTS)
+    tracks, poses = read_tracks(folder / TRACKS), read_trajectory(folder / TRAJECTORY)
+    frames = used_frames(report)
+    if len(poses) != len(frames):
+        raise InputError(f"{folder / TRAJECTORY}: expected a pose for each of {len(frames)} frames, got {len(poses)}")
+    strange = {row.frame for row in tracks} - set(frames)
+    if strange:
+        raise InputError(f"{folder / TRACKS}: frame {min(strange)} is not among the used frames of {folder / RUN}")
+    lasting = {item.label for item in found.objects}
+    best = {label: row for label, row in best_sightings(tracks).items() if label in lasting}
+    return Summary(
+        report=report,
+        found=found,
+        frames=tuple(frames),
+        poses=tuple(poses),
+        tracks=tuple(tracks),
+        points=pack_points(read_map(folder / MAP)),
+        pictures={} if read is None else cut_pictures(best, read),
+    )
+
+
+def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tuple[int, int]]]:
+    """Return when each label is seen.
+
+    Parameters
+    ----------
+    rows : iterable of TrackRow
+        In frame order.
+    frames : sequence of int
+        The used frames, ascending.
+
+    Returns
+    -------
+    dict of int to list of (int, int)
+        By label its runs: first and last frame, both seen, and so are the used frames between them.
+    """
+    place = {frame: i for i, frame in enumerate(frames)}
+    found: dict[int, list[tuple[int, int]]] = {}
+    for row in rows:
+        runs = found.setdefault(row.label, [])
+        if runs and place[row.frame] - place[runs[-1][1]] <= 1:
+            runs[-1] = (runs[-1][0], row.frame)
+        else:
+            runs.append((row.frame, row.frame))
+    return found
+
+
+def _title(recording: Path) -> str:
+    """Return a recording's name: its folder, and where that says nothing the one around it as well."""
+    return recording.name if len(recording.name) > 8 else "/".join(recording.parts[-2:]).lstrip("/")
+
+
+def _camera(found: ObjectsFile) -> dict[str, float]:
+    K = found.intrinsics
+    return {"fx": K.fx, "fy": K.fy, "cx": K.cx, "cy": K.cy, "width": K.width, "height": K.height}
+
+
+def _colors(label: int) -> dict[str, str]:
+    return {"color": hex_of(label), "ink": "#{:02x}{:02x}{:02x}".format(*ink_on(color_of(label)))}
+
+
+def _inferno() -> np.ndarray[Any, np.dtype[np.uint8]]:
+    """Return the colors of heat 0..255, (256, 3), the same as in videos."""
+    levels = np.arange(256, dtype=np.uint8)[:, None]
+    return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_INFERNO), np.uint8)[:, 0, ::-1]
+
+
+def _packed(values: np.ndarray[Any, np.dtype[Any]]) -> str:
+    return base64.b64encode(values.tobytes()).decode("ascii")
+
+
+def _list(values: Iterable[float], digits: int) -> list[float]:
+    return [round(float(value), digits) + 0.0 for value in values]
