@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cuboid
-from cuboid.errors import InputError
+from cuboid.errors import InputError, OutputError
 from cuboid.evaluation.truth import NAME as TRUTH
 from cuboid.synthetic import KINDS, make_scene, render_recording
 
@@ -82,14 +82,18 @@ def made(scene: MadeScene, work: Path, workers: int = 1) -> Case:
     folder = work / "recordings" / source_digest("synthetic") / scene.name
     if not (folder / TRUTH).is_file():
         folder.parent.mkdir(parents=True, exist_ok=True)
-        render_recording(
-            make_scene(scene.kind, scene.seed, frames=scene.frames),
-            folder,
-            sensor=scene.sensor,
-            pose_noise=scene.pose_noise,
-            size=scene.size,
-            workers=workers,
-        )
+        try:
+            render_recording(
+                make_scene(scene.kind, scene.seed, frames=scene.frames),
+                folder,
+                sensor=scene.sensor,
+                pose_noise=scene.pose_noise,
+                size=scene.size,
+                workers=workers,
+            )
+        except OutputError:
+            if not (folder / TRUTH).is_file():  # else another process has made it meanwhile
+                raise
     return Case(scene.name, scene.kind, folder, folder / TRUTH)
 
 

@@ -59,6 +59,11 @@ def figures(found: Evaluation) -> dict[str, Any]:
         "proposals": found.map.boxes,
         "frames": found.frames_judged,
     }
+    if found.proposals is not None:
+        row["boxes_frame"] = found.proposals.per_frame
+        for at, name in zip(found.proposals.at, ("25", "50"), strict=True):
+            row |= {f"frame_precision_{name}": at.precision, f"frame_recall_{name}": at.recall}
+            row[f"frame_f1_{name}"] = harmonic(at.precision, at.recall)
     if found.identity is not None:
         identity = found.identity
         back = next(at for at in identity.reidentification if at.absence_frames == ABSENCE_FRAMES)
@@ -78,6 +83,13 @@ def figures(found: Evaluation) -> dict[str, Any]:
             "first_label": identity.median_frames_to_first_label,
         }
     return row
+
+
+def harmonic(precision: float | None, recall: float | None) -> float | None:
+    """Return F1."""
+    if precision is None or recall is None:
+        return None
+    return 2 * precision * recall / (precision + recall) if precision + recall else 0.0
 
 
 def costs(outcome: RunOutcome) -> dict[str, Any]:

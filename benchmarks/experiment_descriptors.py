@@ -1,14 +1,13 @@
 """Matching by IoU of boxes against matching by 3D features, of the same clusters.
 
-python benchmarks/descriptors.py --work DIR [--data DATA] [--every N] [--objects N ...] [--json]
-
 Each frame's clusters are those of the tracker. A plain tracker gives each cluster a label: the object of the map that
 it is most like, one to one, or a new one. Likeness is the IoU of its box with the object's (fitted to all points that
 the object got so far), or the share of its keypoints whose nearest feature in the map, within a radius, is the
 object's. Nothing but labels differs between the methods; what is scored are the frames' own boxes.
 
-The least likeness of a match, and the radius, are those with the best IDF1 on `clutter` and `table` scenes of seed 11;
-they are used on other scenes. The map is filled up to so many objects with clusters of other recordings.
+The least likeness of a match, and the radius, are those with the best IDF1 on a `clutter` and a `table` scene of
+seed 11; they are used on other scenes. The map is filled up to so many objects with clusters of other recordings.
+Times are those of the processor, medians over frames.
 """
 
 from __future__ import annotations
@@ -22,7 +21,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cuboid.cli.threads import limit_threads
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
@@ -35,7 +33,6 @@ from scoring import mean, score, total
 from tables import cell, dump, show
 
 TUNING = (("clutter", 11), ("table", 11))
-SCENES, SEEDS = ["table", "leave", "clutter"], [2]
 FILLING = tuple(product(("table", "clutter", "tables", "room"), (3, 4)))
 LIKENESS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
 # Radii that are tried, as quantiles of the distance between features of a cluster and those of another view of it.
@@ -91,11 +88,11 @@ def label_all(
     for k, frame in enumerate(seen):
         if not frame.clusters:
             continue
-        begun = time.perf_counter()
+        begun = time.process_time()
         described = memory.describe(frame) if known is None else known[k]
-        after = time.perf_counter()
+        after = time.process_time()
         partner = dict(assign(memory.likeness(described), setting.least)) if objects else {}
-        done = time.perf_counter()
+        done = time.process_time()
         times.append((after - begun, done - after))
         for i, cluster in enumerate(frame.clusters):
             number = partner.get(i, objects)
@@ -178,8 +175,9 @@ def _elsewhere(box: Box, number: int) -> Box:
 
 def experiment(args: argparse.Namespace) -> list[dict[str, Any]]:
     """Return a row for each method and number of objects: sums and means over the scenes."""
-    scenes = cases(SCENES, args.seeds, args.work, args.data)
-    seen = [observe(case, args.every) for case in scenes]
+    scenes = cases(args.kinds, args.seeds, args.work, args.data)
+    args.scenes = [case.name for case in scenes]
+    seen = [observe(case, args.every, args.limit) for case in scenes]
     filling = fillings(max(args.objects), args.work, args.every)
     rows = []
     for method in ("IoU", *FEATURES):
@@ -220,16 +218,8 @@ def summary(method: str, count: int, setting: Setting | None, found: list[dict[s
     }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--work", type=Path, required=True, metavar="DIR", help="keeps the made recordings")
-    parser.add_argument("--data", type=Path, default=None, metavar="DATA", help="adds scene 01 of RGB-D Scenes v2")
-    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS, metavar="N")
-    parser.add_argument("--every", type=int, default=3, metavar="N", help="use each n-th frame (default: 3)")
-    parser.add_argument("--objects", nargs="+", type=int, default=[10, 100, 1000], metavar="N")
-    parser.add_argument("--json", action="store_true")
-    args = parser.parse_args()
-    limit_threads(1)
+def run(args: argparse.Namespace) -> None:
+    """Print the table, or all figures."""
     rows = experiment(args)
     if args.json:
         dump(rows)
@@ -238,21 +228,14 @@ def main() -> None:
         "matching by", "objects", "IDF1 .25", "AssA", "purity", "consistency", "switches", "labels given", "re-id",
         "describe ms", "match ms", "kB an object", "MB of all",
     )  # fmt: skip
-    show(
-        "Labels of the same clusters",
-        header,
-        (
-            [
-                row["method"], row["objects"],
-                *(row[name] for name in ("idf1_25", "ass_a", "purity", "consistency", "switches", "labels")),
-                f"{row['same_label']} of {row['reappearances']}",
-                cell(row["describe_ms"], 2), cell(row["match_ms"], 2), cell(row["kb_object"], 2),
-                None if row["kb_object"] is None else cell(row["kb_object"] * row["objects"] / 1024, 2),
-            ]
-            for row in rows
-        ),
-    )  # fmt: skip
-
-
-if __name__ == "__main__":
-    main()
+    lines = [
+        [
+            row["method"], row["objects"],
+            *(row[name] for name in ("idf1_25", "ass_a", "purity", "consistency", "switches", "labels")),
+            f"{row['same_label']} of {row['reappearances']}",
+            cell(row["describe_ms"], 2), cell(row["match_ms"], 2), cell(row["kb_object"], 2),
+            None if row["kb_object"] is None else cell(row["kb_object"] * row["objects"] / 1024, 2),
+        ]
+        for row in rows
+    ]  # fmt: skip
+    show(f"Labels of the same clusters, over {', '.join(args.scenes)}", header, lines)
