@@ -204,6 +204,15 @@ def adjoint(T_a_b: npt.ArrayLike) -> Float64Array:
     return A
 
 
+def tidied(T_a_b: npt.ArrayLike) -> Float64Array:
+    """Return a product of many rigid motions (4, 4) freed of its rounding errors.
+
+    `inverse` takes the transpose for the inverse of a rotation, so that errors of a long chain feed on themselves.
+    """
+    T = np.asarray(T_a_b, np.float64)
+    return compose(quat_wxyz_from_rotation(T[:3, :3]), T[:3, 3])
+
+
 def skew(vector: npt.ArrayLike) -> Float64Array:
     """Return the (3, 3) matrix of the cross product with a vector (3,) from the left."""
     x, y, z = np.asarray(vector, np.float64)

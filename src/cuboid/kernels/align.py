@@ -172,7 +172,7 @@ def accumulate(
         camera frame: T <- exp(xi) T.
     sums : (7,) float64, output
         Points in view, those with a reading, those whose reading agrees, and those of them that lie within
-        two deviations of it; weighted squared residuals of intensity and of distance, both in units of their scale;
+        a centimetre and three deviations of it; weighted squared residuals of intensity and of distance, both in units of their scale;
         points with an intensity residual.
     shades : (G, 6) float64, output
         Weighted sums of 1, the group's intensity, the image's, the squares of both and their product.
@@ -211,7 +211,7 @@ def accumulate(
             sums[AGREEING] += 1.0
             sx, sy = (u1 - cx) / fx * d, (v1 - cy) / fy * d
             r = (nx * (sx - qx) + ny * (sy - qy) + nz * (d - qz)) / deviation
-            if abs(r) < 3.0:
+            if abs(r) * deviation < 0.01 + 3.0 * deviation:
                 sums[ON_SURFACE] += 1.0
             r /= sigma[1]
             w = (FREEDOM + 1.0) / (FREEDOM + r * r)

@@ -30,9 +30,20 @@ GATE_DEVIATIONS = 6.0
 # The depth's noise: metres, and metres per metre squared (a structured-light sensor's; others are better).
 NOISE = np.array([0.001, 1.4e-3])
 MAX_DEPTH_M = 6.0
-# Scales of the residuals before anything is known, and their limits: grey levels, deviations.
+# An alignment holds when readings lie on the surfaces, intensities are alike, so many points say so ...
+LEAST_AGREEING, LEAST_LIKENESS, LEAST_POINTS = 0.6, 0.6, 150
+# ... and no direction is in more doubt than this, metres and radians.
+DOUBT_M, DOUBT_RAD = 0.03, 0.02
+# Residuals of neighbouring pixels err alike: so many count as one.
+ALIKE = 50.0
+# What is in doubt beside noise: metres, and per metre between the cameras; radians, and per metre.
+FLOOR_M, FLOOR_SHARE, FLOOR_RAD, FLOOR_RAD_PER_M = 0.0005, 0.008, 0.0005, 0.008
+# A variance of intensity that is no more than noise, grey levels squared: two flat images are alike.
+FLAT = 25.0
+# Scales of the residuals before anything is known, and their limits: grey levels, deviations. Depth errs alike over
+# whole surfaces, so that its residuals never count as more than half their noise says.
 SIGMA_FIRST = (12.0, 2.0)
-SIGMA_LOW, SIGMA_HIGH = np.array([2.0, 0.5]), np.array([30.0, 6.0])
+SIGMA_LOW, SIGMA_HIGH = np.array([2.0, 2.0]), np.array([30.0, 6.0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,10 +83,12 @@ class Alignment:
         Inverse covariance of a motion (translation, rotation) of the camera frame.
     in_view : float
         Share of the reference's points that fall into the image.
+    points : int
+        How many lie on a surface that the image shows.
     agreeing : float
         Share of those with a reading whose reading lies on their surface.
     likeness : float
-        Correlation of the intensities, -1..1, the worst group left out where there are several.
+        Correlation of the intensities, -1..1, with the group that is most alike.
     sigma : (2,) float64
         Scale of the residuals: grey levels, deviations of the depth's noise.
     shade : (G, 2) float64
@@ -85,10 +98,31 @@ class Alignment:
     T_camera_reference: Float64Array
     information: Float64Array
     in_view: float
+    points: int
     agreeing: float
     likeness: float
     sigma: Float64Array
     shade: Float64Array
+
+    def covariance(self, baseline_m: float = 0.0) -> Float64Array:
+        """Return the covariance (6, 6) of a motion (translation, rotation) of the camera frame, metres and radians.
+
+        Parameters
+        ----------
+        baseline_m : float
+            Distance to the image that the points are from: what intrinsics and depth have wrong grows with it.
+        """
+        noise = ALIKE * np.linalg.inv(self.information + np.diag([1.0] * 6))
+        floor_m, floor_rad = FLOOR_M + FLOOR_SHARE * baseline_m, FLOOR_RAD + FLOOR_RAD_PER_M * baseline_m
+        return np.asarray(noise + np.diag([floor_m**2] * 3 + [floor_rad**2] * 3))
+
+    @property
+    def holds(self) -> bool:
+        """Whether the pose can be relied on: image and reference show the same, and it fixes all six directions."""
+        if self.agreeing < LEAST_AGREEING or self.likeness < LEAST_LIKENESS or self.points < LEAST_POINTS:
+            return False
+        doubt = np.sqrt(self.covariance().diagonal())
+        return bool(doubt[:3].max() < DOUBT_M and doubt[3:].max() < DOUBT_RAD)
 
 
 def pick(levels: Sequence[Level]) -> Reference:
@@ -179,6 +213,7 @@ def align(
             T = se3.exp(step) @ T
             if np.abs(step).max() < STILL[k]:
                 break
+    T = se3.tidied(T)
     sums_up(T, sigma, shade)
     return sums_up.result(T, sigma, shade)
 
@@ -225,7 +260,7 @@ class _Sums:
         n = np.maximum(weight, 1.0)
         there, here = there / n, here / n
         variance = np.maximum(there2 / n - there**2, 0.0), np.maximum(here2 / n - here**2, 0.0)
-        gain = np.sqrt((variance[0] + 25.0) / (variance[1] + 25.0))
+        gain = np.sqrt((variance[0] + FLAT) / (variance[1] + FLAT))
         gain = np.clip(gain, 0.5, 2.0)
         found = np.column_stack([gain, there - gain * here])
         return np.where((weight > 20.0)[:, None], found, shade)
@@ -235,9 +270,8 @@ class _Sums:
         weight, there, here, there2, here2, both = self._shades.T
         n = np.maximum(weight, 1.0)
         there, here = there / n, here / n
-        spread = np.maximum(there2 / n - there**2, 0.0) * np.maximum(here2 / n - here**2, 0.0)
-        # two grey levels of noise: a black image is like nothing
-        return np.asarray((both / n - there * here) / np.sqrt(spread + 4.0))
+        spread = (there2 / n - there**2 + FLAT) * (here2 / n - here**2 + FLAT)
+        return np.asarray((both / n - there * here + FLAT) / np.sqrt(np.maximum(spread, 1.0)))
 
     def result(self, T: Float64Array, sigma: Float64Array, shade: Float64Array) -> Alignment:
         s = self._sums
@@ -246,6 +280,7 @@ class _Sums:
             T,
             self._system[:6].copy(),
             float(s[kernel.IN_VIEW] / max(len(self._points.points), 1)),
+            int(s[kernel.ON_SURFACE]),
             float(s[kernel.ON_SURFACE] / max(s[kernel.WITH_DEPTH], 1.0)),
             float(likeness.max()),
             sigma,

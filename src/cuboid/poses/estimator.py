@@ -2,35 +2,36 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
+from cuboid.errors import FrameError
 from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry import se3
-from cuboid.poses.alignment import Alignment, Prior, Reference, align, merge, pick
-from cuboid.poses.graph import Edge, deviations, optimise
-from cuboid.poses.keyframes import OVERLAP_LEVEL, Keyframe, median_depth_m, nearest, overlap
-from cuboid.poses.pyramid import Level, build_levels, keep, shrink
+from cuboid.poses.alignment import Alignment, Prior, align
+from cuboid.poses.atlas import Atlas, View
+from cuboid.poses.keyframes import OVERLAP_LEVEL, Keyframe
+from cuboid.poses.places import look
+from cuboid.poses.pyramid import Level, SmallImage, build_levels, keep, shrink
 
 # A frame becomes a keyframe when its view differs by this much from those of all keyframes, radians.
 NEW_VIEW = 0.17
-# A frame is aligned to so many keyframes at once: those that overlap it most.
-LOCAL = 4
-LEAST_OVERLAP = 0.3
-# A motion is expected to go on; it may change by this much a frame: metres, radians.
-PRIOR = np.diag([0.03**-2] * 3 + [np.radians(3.0) ** -2] * 3)
-# An alignment holds when the readings lie on the surfaces, and the intensities are alike.
-LEAST_AGREEING, LEAST_LIKENESS = 0.6, 0.6
-# What an alignment of two keyframes leaves in doubt beside its own noise: metres for each metre of depth, radians.
-EDGE_M, EDGE_RAD = 0.002, 0.0015
-# Alignments count neighbouring pixels, whose errors are alike, as independent: so many are worth one.
-ALIKE = 50.0
-# A keyframe is tied to so many others.
-TIES = 4
-# The poses of the keyframes are found anew when a new measurement is this many deviations from them.
-WORTH_IT = 0.3
+# A frame is aligned to so many keyframes at once: those that overlap it most, chosen anew every so many frames.
+LOCAL, CHOOSE_EVERY = 3, 5
+# A motion is expected to go on; in a thirtieth of a second it changes by about this: metres, radians.
+CHANGE_M, CHANGE_RAD = 0.03, np.radians(3.0)
+RATE_HZ = 30.0
+# The motion is forgotten over a longer time than this, seconds.
+LONGEST_S = 0.5
+# A lost camera looks first where it was, so many frames long; then only among known places.
+LINGER_FRAMES = 3
+# Known places that a lost frame is compared with.
+TRIES = 4
+# A camera lost for so many frames starts a new submap; from there it looks for known places every so many frames.
+PATIENCE_FRAMES, SEARCH_EVERY = 30, 5
+# An image shows enough for a keyframe with so many points on the finest level, and corners.
+ENOUGH_POINTS, ENOUGH_CORNERS = 300, 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,8 @@ class PoseEstimate:
     T_world_camera : (4, 4) float64 or None
         In the world of the first frame's camera; None while lost.
     covariance : (6, 6) float64 or None
-        Of a motion (translation, rotation) of the camera in its own frame, metres and radians.
+        Of a motion (translation, rotation) of the camera in its own frame with respect to the keyframes around,
+        metres and radians; None while lost.
     keyframe : int
         Number of the keyframe that the frame is anchored at, -1 while lost.
     is_keyframe : bool
@@ -59,8 +61,29 @@ class PoseEstimate:
     corrected: bool
 
 
+@dataclass(slots=True)
+class _Shot:
+    """A frame made small."""
+
+    index: int
+    small: SmallImage
+    levels: tuple[Level, ...]
+    _view: View | None = None
+
+    @property
+    def view(self) -> View:
+        """What it looks like, found when it is asked for."""
+        if self._view is None:
+            level = self.levels[0]
+            self._view = View(self.levels, look(self.small.gray, level.image[..., 3], level.camera))
+        return self._view
+
+
 class PoseEstimator:
-    """Estimates the poses of a stream of RGB-D frames.
+    """Estimates the poses of a stream of RGB-D frames of a static scene.
+
+    Each frame is aligned to the keyframes around it; a frame with a view of its own becomes a keyframe, is tied to
+    those that it overlaps and to those that look alike, and the graph of these ties corrects them all.
 
     Parameters
     ----------
@@ -70,106 +93,180 @@ class PoseEstimator:
 
     def __init__(self, intrinsics: Intrinsics) -> None:
         self.intrinsics = intrinsics
-        self.keyframes: list[Keyframe] = []
-        self.edges: list[Edge] = []
+        self._atlas = Atlas()
         self._anchors: dict[int, tuple[int, Float64Array]] = {}
+        self._submap = 0
+        self._submaps = 1
+        self._lost = 0
         self._T_world_camera = np.eye(4)
-        self._motion = np.zeros(6)
-        self._last_frame = -1
+        self._motion = np.zeros(6)  # of the camera frame, a second
+        self._time_s = 0.0
         self._local: list[int] = []
-        self._reference: Reference | None = None
-        self._queue: deque[tuple[int, int]] = deque()
-        self.debug: dict = {}
+
+    @property
+    def keyframes(self) -> list[Keyframe]:
+        """The keyframes, by number, as corrected so far."""
+        return self._atlas.keyframes
+
+    @property
+    def loops(self) -> int:
+        """How many places were known again by their looks, lost cameras not counted."""
+        return self._atlas.loops
+
+    def trajectory(self) -> dict[int, Float64Array]:
+        """Return T_world_camera (4, 4) of each frame that has one, by its index, as corrected so far."""
+        keyframes = self.keyframes
+        return {
+            frame: se3.tidied(keyframes[k].T_world_camera @ T_keyframe_camera)
+            for frame, (k, T_keyframe_camera) in sorted(self._anchors.items())
+            if keyframes[k].submap == 0
+        }
 
     def update(self, frame: Frame) -> PoseEstimate:
-        small = shrink(frame, self.intrinsics)
-        levels = build_levels(*small)
+        """Take in a frame.
+
+        Raises
+        ------
+        FrameError
+            If the frame's size is not that of the intrinsics.
+        """
+        expected = (self.intrinsics.height, self.intrinsics.width)
+        if frame.depth_m.shape != expected:
+            raise FrameError(
+                f"frame {frame.index} is {frame.depth_m.shape[1]} x {frame.depth_m.shape[0]} pixels, "
+                f"expected {expected[1]} x {expected[0]}"
+            )
+        gray, depth_m, camera = shrink(frame, self.intrinsics)
+        shot = _Shot(frame.index, keep(gray, depth_m, camera), build_levels(gray, depth_m, camera))
         if not self.keyframes:
-            self._add_keyframe(frame.index, np.eye(4), small, levels)
-            self._last_frame = frame.index
-            return PoseEstimate(frame.index, np.eye(4), np.zeros((6, 6)), 0, True, False)
-        steps = frame.index - self._last_frame
-        T_expected = se3.exp(self._motion * steps) @ se3.inverse(self._T_world_camera)
-        found = align(self._reference, levels, T_expected, Prior(T_expected, PRIOR / steps))
-        self.debug = dict(a=found.agreeing, l=found.likeness, v=found.in_view, n=len(self._local))
-        if found.agreeing < LEAST_AGREEING or found.likeness < LEAST_LIKENESS:
-            return PoseEstimate(frame.index, None, None, -1, False, False)
-        T_world_camera = se3.inverse(found.T_camera_reference)
-        self._motion = se3.log(found.T_camera_reference @ self._T_world_camera) / steps
-        self._T_world_camera = T_world_camera
-        self._last_frame = frame.index
-        is_keyframe = nearest(self.keyframes, T_world_camera) > NEW_VIEW
+            return self._begin(shot, frame.timestamp_s)
+        elapsed_s = self._elapsed(frame.timestamp_s)
+        found = self._follow(shot, elapsed_s) if self._lost < LINGER_FRAMES else None
+        if found is None:
+            return self._search(shot, frame.timestamp_s)
+        return self._go_on(shot, found, elapsed_s, frame.timestamp_s)
+
+    def _begin(self, shot: _Shot, time_s: float) -> PoseEstimate:
+        """Start a submap with a frame, where it shows enough."""
+        view = shot.view
+        if len(view.appearance.corners) < ENOUGH_CORNERS or not self._rich(shot):
+            return _lost(shot.index)
+        first = not self.keyframes
+        if not first:
+            self._submap = self._submaps
+            self._submaps += 1
+        number, _ = self._atlas.add(shot.index, np.eye(4), self._submap, shot.small, view)
+        self._arrive(np.eye(4), time_s)
+        self._use([number])
+        self._anchors[shot.index] = number, np.eye(4)
+        if not first:
+            return _lost(shot.index)
+        return PoseEstimate(shot.index, np.eye(4), np.zeros((6, 6)), number, True, False)
+
+    def _rich(self, shot: _Shot) -> bool:
+        depth_m = shot.levels[-1].image[..., 3]
+        return int(np.count_nonzero(depth_m)) * 2 > depth_m.size // 4
+
+    def _elapsed(self, time_s: float) -> float:
+        """Return the time since the last pose; a frame's where the recording's times make no sense."""
+        elapsed_s = time_s - self._time_s
+        return elapsed_s if 0 < elapsed_s < np.inf else 1.0 / RATE_HZ
+
+    def _follow(self, shot: _Shot, elapsed_s: float) -> Alignment | None:
+        """Align a frame to the keyframes around, from where its motion leads; then from where it was."""
+        T_last = se3.inverse(self._T_world_camera)
+        T_expected = se3.exp(self._motion * elapsed_s) @ T_last if elapsed_s < LONGEST_S else T_last
+        for T_start in (T_expected, T_last):
+            frames = max(elapsed_s * RATE_HZ, 1.0)
+            change = np.array([CHANGE_M] * 3 + [CHANGE_RAD] * 3) * frames
+            found = align(self._reference, shot.levels, T_start, Prior(T_start, np.diag(change**-2)))
+            if found.holds:
+                return found
+        return None
+
+    def _search(self, shot: _Shot, time_s: float) -> PoseEstimate:
+        """Look for a known place; after long without one, start anew."""
+        self._lost += 1
+        if not self._rich(shot) or len(shot.view.appearance.corners) < ENOUGH_CORNERS:
+            return _lost(shot.index)
+        place = self._atlas.recognise(shot.view, shot.small.camera, list(range(self._submaps)), TRIES)
+        if place is None:
+            return self._begin(shot, time_s) if self._lost >= PATIENCE_FRAMES else _lost(shot.index)
+        keyframe = self.keyframes[place.keyframe]
+        self._submap = keyframe.submap
+        self._arrive(keyframe.T_world_camera @ place.T_keyframe_camera, time_s)
+        self._choose_local(shot)
+        return self._estimate(shot.index, place.found, False, False)
+
+    def _go_on(self, shot: _Shot, found: Alignment, elapsed_s: float, time_s: float) -> PoseEstimate:
+        """Take over a frame's pose; make it a keyframe or do other work."""
+        motion = se3.log(found.T_camera_reference @ self._T_world_camera) / elapsed_s
+        self._arrive(se3.inverse(found.T_camera_reference), time_s)
+        self._motion = motion
+        is_keyframe = self._atlas.view_apart(self._T_world_camera, self._submap) > NEW_VIEW and self._rich(shot)
         corrected = False
         if is_keyframe:
-            self._add_keyframe(frame.index, T_world_camera, small, levels)
-        elif self._queue:
-            self._tie(*self._queue.popleft())
-            if not self._queue:
-                corrected = self._settle()
-        if not is_keyframe and frame.index % 5 == 0:
-            self._choose_local(levels)
-        anchor = self._local[0]
-        self._anchors[frame.index] = anchor, se3.inverse(self.keyframes[anchor].T_world_camera) @ self._T_world_camera
-        return PoseEstimate(frame.index, self._T_world_camera, covariance(found, 0), anchor, is_keyframe, corrected)
+            number, overlapping = self._atlas.add(
+                shot.index, self._T_world_camera, self._submap, shot.small, shot.view
+            )
+            self._use([number, *overlapping[: LOCAL - 1]])
+        else:
+            corrected = self._work(shot)
+        return self._estimate(shot.index, found, is_keyframe, corrected)
 
-    def _add_keyframe(self, index, T_world_camera, small, levels) -> None:
-        number = len(self.keyframes)
-        reference = pick(levels)
-        new = Keyframe(number, index, T_world_camera, keep(*small), reference, median_depth_m(reference))
-        shares = self._overlaps(T_world_camera, levels)
-        self.keyframes.append(new)
-        for k in shares[:TIES]:
-            self._queue.append((k, number))
-        self._use([number, *shares[: LOCAL - 1]])
-        self._anchors[index] = number, np.eye(4)
+    def _work(self, shot: _Shot) -> bool:
+        """Do a part of what there is to do beside following the camera; tell whether keyframes have moved."""
+        joined = False
+        if self._submap and shot.index % SEARCH_EVERY == 0:
+            joined = self._join(shot)
+        T_anchor_camera = self._T_anchor_camera()
+        corrected = self._atlas.work() or joined
+        if corrected:
+            self._T_world_camera = se3.tidied(self.keyframes[self._local[0]].T_world_camera @ T_anchor_camera)
+            self._use(self._local)
+        elif shot.index % CHOOSE_EVERY == 0:
+            self._choose_local(shot)
+        return corrected
 
-    def _overlaps(self, T_world_camera, levels) -> list[int]:
-        shares = [overlap(k, T_world_camera, levels[OVERLAP_LEVEL]) for k in self.keyframes]
-        order = np.argsort(-np.array(shares), kind="stable")
-        return [int(k) for k in order if shares[k] > LEAST_OVERLAP]
+    def _join(self, shot: _Shot) -> bool:
+        """Join the submap to another one where the camera sees a place of it."""
+        others = [k for k in range(self._submaps) if k != self._submap]
+        place = self._atlas.recognise(shot.view, shot.small.camera, others, TRIES)
+        if place is None:
+            return False
+        T_anchor_camera = self._T_anchor_camera()
+        self._atlas.join(place, self._T_world_camera, self._submap)
+        self._submap = self.keyframes[place.keyframe].submap
+        self._T_world_camera = se3.tidied(self.keyframes[self._local[0]].T_world_camera @ T_anchor_camera)
+        return True
 
-    def _choose_local(self, levels) -> None:
-        chosen = self._overlaps(self._T_world_camera, levels)[:LOCAL]
+    def _arrive(self, T_world_camera: Float64Array, time_s: float) -> None:
+        self._T_world_camera = T_world_camera
+        self._motion = np.zeros(6)
+        self._time_s = time_s
+        self._lost = 0
+
+    def _choose_local(self, shot: _Shot) -> None:
+        chosen = self._atlas.overlapping(self._T_world_camera, shot.levels[OVERLAP_LEVEL], self._submap)[:LOCAL]
         if chosen and chosen != self._local:
             self._use(chosen)
 
     def _use(self, local: list[int]) -> None:
         self._local = local
-        used = [self.keyframes[k] for k in local]
-        self._reference = merge([k.reference for k in used], [k.T_world_camera for k in used])
+        self._reference = self._atlas.reference(local)
 
-    def _tie(self, a: int, b: int) -> None:
-        one, two = self.keyframes[a], self.keyframes[b]
-        T = se3.inverse(two.T_world_camera) @ one.T_world_camera
-        there = align(one.reference, two.small.levels(), T, coarsest=1)
-        back = align(two.reference, one.small.levels(), se3.inverse(T), coarsest=1)
-        apart = se3.log(there.T_camera_reference @ back.T_camera_reference)
-        for i, j, found in ((a, b, there), (b, a, back)):
-            if found.agreeing < LEAST_AGREEING or found.likeness < LEAST_LIKENESS:
-                continue
-            if np.linalg.norm(apart[:3]) > 0.03 or np.linalg.norm(apart[3:]) > 0.03:
-                continue
-            information = np.linalg.inv(covariance(found, self.keyframes[i].depth_m))
-            self.edges.append(Edge(i, j, se3.inverse(found.T_camera_reference), information))
+    def _T_anchor_camera(self) -> Float64Array:
+        return se3.inverse(self.keyframes[self._local[0]].T_world_camera) @ self._T_world_camera
 
-    def _settle(self) -> bool:
-        poses = [k.T_world_camera for k in self.keyframes]
-        new = [e for e in self.edges if max(e.a, e.b) == len(self.keyframes) - 1]
-        if not any(deviations(e, poses) > WORTH_IT for e in new):
-            return False
+    def _estimate(self, frame: int, found: Alignment, is_keyframe: bool, corrected: bool) -> PoseEstimate:
         anchor = self._local[0]
-        T_anchor_camera = se3.inverse(poses[anchor]) @ self._T_world_camera
-        for k, T in zip(self.keyframes, optimise(poses, self.edges), strict=True):
-            k.T_world_camera = T
-        self._T_world_camera = self.keyframes[anchor].T_world_camera @ T_anchor_camera
-        self._use(self._local)
-        return True
-
-    def trajectory(self) -> dict[int, Float64Array]:
-        return {i: self.keyframes[k].T_world_camera @ T for i, (k, T) in self._anchors.items()}
+        T_anchor_camera = self._T_anchor_camera()
+        self._anchors[frame] = anchor, T_anchor_camera
+        if self._submap:
+            return _lost(frame)
+        doubt = found.covariance(float(np.linalg.norm(T_anchor_camera[:3, 3])))
+        return PoseEstimate(frame, self._T_world_camera.copy(), doubt, anchor, is_keyframe, corrected)
 
 
-def covariance(found: Alignment, depth_m: float) -> Float64Array:
-    noise = np.linalg.inv(found.information + 1e-3 * np.eye(6)) * ALIKE
-    floor = np.diag([(EDGE_M * depth_m) ** 2] * 3 + [EDGE_RAD**2] * 3)
-    return noise + floor
+def _lost(frame: int) -> PoseEstimate:
+    return PoseEstimate(frame, None, None, -1, False, False)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
@@ -13,10 +14,12 @@ from cuboid.frame import Float64Array
 from cuboid.geometry import se3
 
 # Gauss-Newton steps at most, and the step (metres, radians) below which the poses stand still.
-STEPS = 10
-STILL = 1e-5
-# Beyond so many deviations an edge pulls with a bounded force (Cauchy): a wrong one cannot bend the graph.
-ROBUST_DEVIATIONS = 3.0
+STEPS = 8
+STILL = 2e-5
+# Beyond so many deviations an edge pulls with a constant force (Huber): a wrong one cannot bend the graph much.
+ROBUST_DEVIATIONS = 10.0
+# What keeps a pose in place that no edge ties down, and the fixed one: information of both.
+LOOSE, FIXED = 1e-3, 1e12
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,16 +41,18 @@ class Edge:
     information: Float64Array
 
 
-def residual(edge: Edge, T_world: Sequence[Float64Array]) -> Float64Array:
-    """Return how far b is from where the edge puts it, a twist (6,) in b."""
-    T_b_a = se3.inverse(edge.T_a_b)
-    return se3.log(T_b_a @ se3.inverse(T_world[edge.a]) @ T_world[edge.b])
+def residuals(edges: Sequence[Edge], T_world: Sequence[Float64Array]) -> Float64Array:
+    """Return how far b is from where each edge puts it, (E, 6): translation and rotation vector in that place."""
+    poses = np.asarray(T_world)
+    return _apart(*_stacked(edges)[:3], poses)
 
 
-def deviations(edge: Edge, T_world: Sequence[Float64Array]) -> float:
-    """Return how many deviations the poses are from what the edge measured."""
-    e = residual(edge, T_world)
-    return float(np.sqrt(e @ edge.information @ e))
+def deviations(edges: Sequence[Edge], T_world: Sequence[Float64Array]) -> Float64Array:
+    """Return how many deviations the poses are from what each edge measured, (E,)."""
+    if not edges:
+        return np.empty(0)
+    e = residuals(edges, T_world)
+    return np.sqrt(np.einsum("ei,eij,ej->e", e, np.array([edge.information for edge in edges]), e))
 
 
 def optimise(T_world: Sequence[Float64Array], edges: Sequence[Edge], fixed: int = 0) -> list[Float64Array]:
@@ -59,54 +64,90 @@ def optimise(T_world: Sequence[Float64Array], edges: Sequence[Edge], fixed: int 
         The poses to start from.
     edges : sequence of Edge
     fixed : int
-        The pose that stays; poses that no chain of edges ties to it stay too.
+        The pose that stays; poses that no chain of edges ties to it keep their places among each other.
 
     Returns
     -------
     list of (4, 4) float64
     """
-    poses = list(T_world)
     if not edges:
-        return poses
+        return list(T_world)
+    poses = np.array(T_world)
     n = len(poses)
-    a, b = np.array([edge.a for edge in edges]), np.array([edge.b for edge in edges])
-    # a small tie to where each pose is keeps the system regular where no edge says anything
-    diagonal = np.full((n, 6), 1e-6)
-    diagonal[fixed] = 1e12
+    a, b, T_b_a, information = _stacked(edges)
+    diagonal = np.full((n, 6), LOOSE)
+    diagonal[fixed] = FIXED
     for _ in range(STEPS):
-        blocks_a, blocks_b, blocks_ab, gradient = _linearised(poses, edges)
-        block = np.concatenate([blocks_a, blocks_b, blocks_ab, blocks_ab.transpose(0, 2, 1)])
-        rows, columns = np.concatenate([a, b, a, b]), np.concatenate([a, b, b, a])
-        i, j = np.divmod(np.arange(36), 6)
-        H = csc_array(
-            (block.reshape(-1), ((6 * rows[:, None] + i).reshape(-1), (6 * columns[:, None] + j).reshape(-1))),
-            shape=(6 * n, 6 * n),
-        )
-        H = H + csc_array((diagonal.reshape(-1), (np.arange(6 * n), np.arange(6 * n))), shape=(6 * n, 6 * n))
-        step = splu(csc_array(H)).solve(-gradient.reshape(-1)).reshape(n, 6)
-        poses = [T @ se3.exp(xi) for T, xi in zip(poses, step, strict=True)]
+        e = _apart(a, b, T_b_a, poses)
+        size = np.sqrt(np.einsum("ei,eij,ej->e", e, information, e))
+        weighted = information * np.minimum(1.0, ROBUST_DEVIATIONS / np.maximum(size, 1e-12))[:, None, None]
+        step = _solve(a, b, _jacobian(a, b, poses), weighted, e, diagonal)
+        for k in range(n):
+            poses[k] = poses[k] @ se3.exp(step[k])
         if np.abs(step).max() < STILL:
             break
-    return poses
+    return [se3.tidied(T) for T in poses]
 
 
-def _linearised(
-    poses: Sequence[Float64Array], edges: Sequence[Edge]
-) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
-    """Return for each edge its blocks aa, bb, ab of the normal matrix, and the gradient (n, 6).
+Indices = npt.NDArray[np.int64]
 
-    A pose moves by T exp(xi). To first order the residual then changes by xi_b - adjoint(T_b_a) xi_a.
+
+def _stacked(edges: Sequence[Edge]) -> tuple[Indices, Indices, Float64Array, Float64Array]:
+    """Return a, b, T_b_a and information of all edges."""
+    a, b = np.array([edge.a for edge in edges]), np.array([edge.b for edge in edges])
+    return (
+        a,
+        b,
+        np.array([se3.inverse(edge.T_a_b) for edge in edges]),
+        np.array([edge.information for edge in edges]),
+    )
+
+
+def _apart(a: Indices, b: Indices, T_b_a: Float64Array, poses: Float64Array) -> Float64Array:
+    """Return translation and rotation vector (E, 6) of T_b_a T_a^-1 T_b."""
+    R = poses[:, :3, :3]
+    turned = R[a].transpose(0, 2, 1)
+    way = np.einsum("eij,ej->ei", turned, poses[b, :3, 3] - poses[a, :3, 3])
+    turn = T_b_a[:, :3, :3] @ turned @ R[b]
+    shift = np.einsum("eij,ej->ei", T_b_a[:, :3, :3], way) + T_b_a[:, :3, 3]
+    axis = 0.5 * np.stack(
+        [turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], 1
+    )
+    sine = np.linalg.norm(axis, axis=1)
+    angle = np.arctan2(sine, 0.5 * (np.trace(turn, axis1=1, axis2=2) - 1.0))
+    return np.concatenate([shift, axis * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 1.0)[:, None]], 1)
+
+
+def _jacobian(a: Indices, b: Indices, poses: Float64Array) -> Float64Array:
+    """Return the change (E, 6, 6) of each residual with a motion of pose a; that with b is the identity.
+
+    A pose moves by T exp(xi). To first order, and near a residual of zero, the residual changes by
+    xi_b - adjoint(T_b_a) xi_a.
     """
-    m = len(edges)
-    aa, bb, ab = np.empty((m, 6, 6)), np.empty((m, 6, 6)), np.empty((m, 6, 6))
-    gradient = np.zeros((len(poses), 6))
-    for k, edge in enumerate(edges):
-        e = residual(edge, poses)
-        J = -se3.adjoint(se3.inverse(poses[edge.b]) @ poses[edge.a])
-        square = float(e @ edge.information @ e)
-        W = edge.information / (1.0 + square / ROBUST_DEVIATIONS**2)
-        JW = J.T @ W
-        aa[k], bb[k], ab[k] = JW @ J, W, JW
-        gradient[edge.a] += JW @ e
-        gradient[edge.b] += W @ e
-    return aa, bb, ab, gradient
+    R = poses[b, :3, :3].transpose(0, 2, 1) @ poses[a, :3, :3]
+    x, y, z = np.einsum("eji,ej->ei", poses[b, :3, :3], poses[a, :3, 3] - poses[b, :3, 3]).T
+    o = np.zeros_like(x)
+    cross = np.stack([o, -z, y, z, o, -x, -y, x, o], 1).reshape(-1, 3, 3)
+    J = np.zeros((len(a), 6, 6))
+    J[:, :3, :3] = J[:, 3:, 3:] = -R
+    J[:, :3, 3:] = -cross @ R
+    return J
+
+
+def _solve(
+    a: Indices, b: Indices, J: Float64Array, W: Float64Array, e: Float64Array, diagonal: Float64Array
+) -> Float64Array:
+    """Return the Gauss-Newton step (n, 6)."""
+    n = len(diagonal)
+    JW = J.transpose(0, 2, 1) @ W
+    gradient = np.zeros((n, 6))
+    np.add.at(gradient, a, np.einsum("eij,ej->ei", JW, e))
+    np.add.at(gradient, b, np.einsum("eij,ej->ei", W, e))
+    block = np.concatenate([JW @ J, W, JW, JW.transpose(0, 2, 1)])
+    first, second = np.concatenate([a, b, a, b]), np.concatenate([a, b, b, a])
+    i, j = np.divmod(np.arange(36), 6)
+    rows = np.concatenate([(6 * first[:, None] + i).reshape(-1), np.arange(6 * n)])
+    columns = np.concatenate([(6 * second[:, None] + j).reshape(-1), np.arange(6 * n)])
+    values = np.concatenate([block.reshape(-1), diagonal.reshape(-1)])
+    H = csc_array((values, (rows, columns)), shape=(6 * n, 6 * n))
+    return np.asarray(splu(H).solve(-gradient.reshape(-1))).reshape(n, 6)

@@ -10,6 +10,7 @@ import numpy as np
 from cuboid.frame import Float64Array
 from cuboid.geometry import se3
 from cuboid.poses.alignment import Reference
+from cuboid.poses.places import Appearance
 from cuboid.poses.pyramid import Level, SmallImage
 
 # Overlap is told by the points of this level, every so many of them.
@@ -37,6 +38,9 @@ class Keyframe:
         Its points, in its camera frame.
     depth_m : float
         Median depth of its points.
+    appearance : Appearance
+    submap : int
+        Keyframes of one submap have places in one world; 0 is that of the first frame.
     """
 
     number: int
@@ -45,6 +49,8 @@ class Keyframe:
     small: SmallImage
     reference: Reference
     depth_m: float
+    appearance: Appearance
+    submap: int
 
 
 def median_depth_m(reference: Reference) -> float:
@@ -85,9 +91,3 @@ def overlap(keyframe: Keyframe, T_world_camera: Float64Array, level: Level) -> f
 def apart(T_a_b: Float64Array, depth_m: float) -> float:
     """Return how different two views are, as an angle (radians): that turned, and that of the way at the depth."""
     return float(np.hypot(se3.angle(T_a_b), np.linalg.norm(T_a_b[:3, 3]) / depth_m))
-
-
-def nearest(keyframes: Sequence[Keyframe], T_world_camera: Float64Array) -> float:
-    """Return how far the nearest keyframe's view is; see `apart`."""
-    T_camera_world = se3.inverse(T_world_camera)
-    return min((apart(T_camera_world @ k.T_world_camera, k.depth_m) for k in keyframes), default=np.inf)

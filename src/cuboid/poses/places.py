@@ -1,0 +1,149 @@
+"""Known places: which keyframe an image looks like, and from where it was taken, by corner features."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from cuboid.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.geometry import se3
+
+# Corners of an image at most: a third of them is enough where two images show the same place.
+CORNERS = 400
+# A thumbnail's height and width: what is alike at this size may be the same place.
+THUMB_HW = (24, 32)
+# Corners that vote for a place, and the bits of 256 in which two corners that look the same may differ.
+VOTERS, SAME_BITS = 120, 50
+# A corner's match is clear when its distance is below this share of the second best.
+CLEAR = 0.8
+# A corner's place in the image may differ by this much from where its keyframe's point falls, pixels.
+CORNER_PX = 2.5
+RANSAC_ROUNDS = 200
+# So many corners agree by chance on no pose.
+LEAST_MATCHES = 15
+
+
+@dataclass(frozen=True, slots=True)
+class Appearance:
+    """How an image looks.
+
+    Attributes
+    ----------
+    thumb : (24 * 32,) float32
+        The image small, of mean 0 and length 1; all 0 where it shows nothing.
+    corners : (N, 2) float32
+        Pixels u, v of the finest level, the clearest first.
+    descriptors : (N, 32) uint8
+        ORB (Rublee, Rabaud, Konolige, Bradski, ICCV 2011).
+    points : (N, 3) float32
+        In the camera frame; NaN without depth.
+    """
+
+    thumb: Float32Array
+    corners: Float32Array
+    descriptors: UInt8Array
+    points: Float32Array
+
+
+def look(gray: UInt8Array, depth_m: Float32Array, camera: Float64Array) -> Appearance:
+    """Return how an image (h, w) with depth looks; camera is fx, fy, cx, cy."""
+    found, descriptors = _orb().detectAndCompute(gray, None)
+    if descriptors is None:
+        descriptors = np.empty((0, 32), np.uint8)
+    best_first = np.argsort([-corner.response for corner in found], kind="stable")
+    descriptors = np.asarray(descriptors, np.uint8)[best_first]
+    corners = np.array([found[k].pt for k in best_first], np.float32).reshape(-1, 2)
+    u, v = np.rint(corners).astype(int).T
+    z = np.where(depth_m[v, u] > 0, depth_m[v, u], np.nan)
+    fx, fy, cx, cy = camera
+    points = np.column_stack([(corners[:, 0] - cx) / fx * z, (corners[:, 1] - cy) / fy * z, z]).astype(np.float32)
+    return Appearance(thumbnail(gray), corners, descriptors, points)
+
+
+def thumbnail(gray: UInt8Array) -> Float32Array:
+    """Return an image (h, w) small, of mean 0 and length 1; all 0 where it shows nothing."""
+    import cv2
+
+    small = cv2.resize(gray, THUMB_HW[::-1], interpolation=cv2.INTER_AREA).astype(np.float32).reshape(-1)
+    small -= small.mean()
+    length = float(np.linalg.norm(small))
+    # less than two grey levels of contrast is noise
+    return np.asarray(small / length if length > 2.0 * np.sqrt(small.size) else 0.0 * small, np.float32)
+
+
+def votes(seen: Appearance, known: Sequence[Appearance]) -> Float64Array:
+    """Return how much each known image looks like one, (N,): the share of its clearest corners that look the same.
+
+    Each corner votes for the one image that has the corner most like it. The thumbnails' correlation counts like
+    a tenth of the corners, so that images without corners still have an order.
+    """
+    if not known:
+        return np.empty(0)
+    counts = 0.1 * (np.stack([other.thumb for other in known]).astype(np.float64) @ seen.thumb)
+    sizes = [len(other.descriptors[:VOTERS]) for other in known]
+    mine = seen.descriptors[:VOTERS]
+    if not len(mine) or not sum(sizes):
+        return np.asarray(counts)
+    image = np.repeat(np.arange(len(known)), sizes)
+    for match in _matcher().match(mine, np.concatenate([other.descriptors[:VOTERS] for other in known])):
+        if match.distance <= SAME_BITS:
+            counts[image[match.trainIdx]] += 1.0 / len(mine)
+    return np.asarray(counts)
+
+
+def locate(seen: Appearance, known: Appearance, camera: Float64Array) -> Float64Array | None:
+    """Find the pose of an image with respect to a keyframe by the corners that both show.
+
+    Parameters
+    ----------
+    seen, known : Appearance
+        Of the image and of the keyframe.
+    camera : (4,) float64
+        Of the image: fx, fy, cx, cy.
+
+    Returns
+    -------
+    (4, 4) float64 or None
+        T_camera_keyframe; None where the images have too little in common.
+    """
+    import cv2
+
+    deep = np.isfinite(known.points[:, 2])
+    if np.count_nonzero(deep) < LEAST_MATCHES or len(seen.corners) < LEAST_MATCHES:
+        return None
+    pairs = _matcher().knnMatch(known.descriptors[deep], seen.descriptors, k=2)
+    good = [p[0] for p in pairs if len(p) == 2 and p[0].distance < CLEAR * p[1].distance]
+    if len(good) < LEAST_MATCHES:
+        return None
+    points = known.points[deep][[m.queryIdx for m in good]].astype(np.float64)
+    pixels = seen.corners[[m.trainIdx for m in good]].astype(np.float64)
+    fx, fy, cx, cy = camera
+    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+    # its random numbers start from the same seed in each call
+    done, turn, shift, inliers = cv2.solvePnPRansac(
+        points, pixels, K, None, iterationsCount=RANSAC_ROUNDS, reprojectionError=CORNER_PX, flags=cv2.SOLVEPNP_EPNP
+    )
+    if not done or inliers is None or len(inliers) < LEAST_MATCHES:
+        return None
+    T = np.eye(4)
+    T[:3, :3] = cv2.Rodrigues(turn)[0]
+    T[:3, 3] = shift.reshape(3)
+    return se3.tidied(T)
+
+
+@cache
+def _orb() -> Any:
+    import cv2
+
+    return cv2.ORB.create(nfeatures=CORNERS, nlevels=5, fastThreshold=10)
+
+
+@cache
+def _matcher() -> Any:
+    import cv2
+
+    return cv2.BFMatcher(cv2.NORM_HAMMING)
