@@ -143,8 +143,8 @@ def spacing(xyz: Float32Array) -> float:
         return DEFAULT_SPACING_M
     probes = xyz[:: max(1, len(xyz) // MEASURED_POINTS)]
     tree = cKDTree(xyz, balanced_tree=False, compact_nodes=False)  # both cost more than they save here
-    nearest = tree.query(probes, k=2)[0][:, 1]
-    return float(np.median(nearest)) or DEFAULT_SPACING_M
+    nearest = np.asarray(tree.query(probes, k=2)[0])
+    return float(np.median(nearest[:, 1])) or DEFAULT_SPACING_M
 
 
 def _evenly(numbers: npt.NDArray[np.int64], most: int) -> npt.NDArray[np.int64]:

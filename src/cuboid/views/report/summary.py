@@ -64,11 +64,13 @@ class Summary:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the document that the page reads, ready for JSON."""
+        recording = Path(self.report.recording)
         kept = {item.label for item in self.found.objects}
         seen = spans(self.tracks, self.frames)
         matrices = np.array([pose.T_world_camera[:3] for pose in self.poses], dtype="<f4")
         return {
-            "title": _title(Path(self.report.recording)),
+            "title": recording.name,
+            "place": recording.parent.name,
             "run": self.report.to_dict(),
             "skipped": [[kind.frame, kind.count, kind.reason] for kind in self.report.skipped_kinds()],
             "up": None if self.found.up is None else _list(self.found.up, TURN_DIGITS),
@@ -181,11 +183,6 @@ def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tup
         else:
             runs.append((row.frame, row.frame))
     return found
-
-
-def _title(recording: Path) -> str:
-    """Return a recording's name: its folder, and where that says nothing the one around it as well."""
-    return recording.name if len(recording.name) > 8 else "/".join(recording.parts[-2:]).lstrip("/")
 
 
 def _camera(found: ObjectsFile) -> dict[str, float]:

@@ -5,7 +5,7 @@ class Panel {
     this.state = state;
     this.chosen = chosen;
     this.moved = moved;
-    find("object-count").textContent = data.objects.length.toLocaleString("en");
+    find("object-count").textContent = plural(data.objects.length, "object");
     this.rows = data.objects.map((object) => {
       const row = element(
         "button",

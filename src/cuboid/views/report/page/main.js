@@ -152,7 +152,7 @@ function setUpKeys() {
 
 function setUpHeader() {
   const { run } = data;
-  find("title").textContent = data.title;
+  find("title").replaceChildren(element("small", {}, data.place), data.title);
   const whole = run.milliseconds.frame;
   const facts = [plural(data.objects.length, "object"), plural(run.frames.used, "frame")];
   if (whole) facts.push(`${milliseconds(whole.median)} ms a frame`);

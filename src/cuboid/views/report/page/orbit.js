@@ -4,6 +4,13 @@ const FOV_Y = (42 * Math.PI) / 180;
 const STEEPEST = 1.55;
 const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
 
+/** What a share of the frames in which objects are seen have at most: what was seen but shortly counts little. */
+function middleOf(values, share) {
+  const order = values.map((value, i) => [value, data.objects[i].frames_seen]).sort((a, b) => a[0] - b[0]);
+  let left = share * order.reduce((sum, [, weight]) => sum + weight, 0);
+  return (order.find(([, weight]) => (left -= weight) <= 0) || order[order.length - 1])[0];
+}
+
 class Orbit {
   constructor(canvas, changed, grabbed) {
     this.canvas = canvas;
@@ -27,18 +34,16 @@ class Orbit {
 
   /** The whole scene from where the camera began, from a little higher. */
   home() {
-    const weights = data.objects.map((object) => object.frames_seen);
-    const total = weights.reduce((sum, weight) => sum + weight, 0);
     const first = frames.length ? poseOf(0) : { place: [0, 0, -2], ahead: [0, 0, 1] };
     let target = add(first.place, scale(first.ahead, 1.5));
     let radius = 0.6;
-    if (total) {
-      const mean = (values) => values.reduce((sum, value, i) => add(sum, scale(value, weights[i] / total)), [0, 0, 0]);
-      target = mean(data.objects.map((object) => object.center));
-      const square = data.objects.map((object) => [dot(sub(object.center, target), sub(object.center, target)), 0, 0]);
-      radius = clamp(1.5 * Math.sqrt(mean(square)[0]), 0.45, 3);
+    if (data.objects.length) {
+      target = [0, 1, 2].map((k) => middleOf(data.objects.map((object) => object.center[k]), 0.5));
+      const reach = data.objects.map((object) => norm(sub(object.center, target)) + norm(object.size) / 2);
+      radius = clamp(1.25 * middleOf(reach, 0.6), 0.4, 3);
     }
-    return { ...this.anglesOf(sub(first.place, target)), pitch: 0.52, target, distance: radius / Math.sin(FOV_Y / 2), fovY: FOV_Y };
+    const { yaw } = this.anglesOf(sub(first.place, target));
+    return { yaw: yaw - 0.35, pitch: 0.6, target, distance: radius / Math.sin(FOV_Y / 2), fovY: FOV_Y };
   }
 
   anglesOf(way) {

@@ -80,10 +80,14 @@ class Renderer {
     this.points = { array, count: steps.length / 3 };
   }
 
-  /** Take the segments of a group: per segment from (3), to (3), color (4), width in pixels, length of a dash. */
-  setLines(name, segments) {
+  /**
+   * Take the segments of a group: per segment from (3), to (3), color (4), width in pixels, length of a dash;
+   * a halo lets colored ones read on any ground.
+   */
+  setLines(name, segments, haloed = false) {
     const layout = [["from", 3], ["to", 3], ["paint", 4], ["style", 2]];
     this.setGroup(name, "lines", segments.flat(2), layout, 1);
+    this.groups.get(name).haloed = haloed;
   }
 
   /** Take the triangles of a group: per corner place (3), color (4). */
@@ -151,7 +155,7 @@ class Renderer {
     gl.depthFunc(gl.GREATER);
     for (const group of lines) this.drawLines(eye, group, 0.3, 0, [0, 0, 0, 0]);
     gl.depthFunc(gl.LEQUAL);
-    for (const group of lines) this.drawLines(eye, group, 1, 2.4 * this.ratio, ground.halo);
+    for (const group of lines) if (group.haloed) this.drawLines(eye, group, 1, 2.4 * this.ratio, ground.halo);
     for (const group of lines) this.drawLines(eye, group, 1, 0, [0, 0, 0, 0]);
   }
 
@@ -173,6 +177,8 @@ class Renderer {
     gl.uniform1f(at.step_m, data.points.step_m);
     gl.uniform1f(at.spacing_m, data.points.spacing_m);
     gl.uniform1f(at.focal_px, (0.5 * this.target.height) / Math.tan(eye.fovY / 2));
+    gl.uniform1f(at.near, eye.near);
+    gl.uniform1f(at.far, eye.far);
     gl.uniform1i(at.coloring, ["color", "heat", "label"].indexOf(coloring));
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, this.inferno);
@@ -193,7 +199,7 @@ class Renderer {
     gl.uniform1i(at.depths, 1);
     gl.uniform1f(at.near, eye.near);
     gl.uniform1f(at.far, eye.far);
-    gl.uniform1f(at.strength, 45);
+    gl.uniform1f(at.strength, 26);
     gl.uniform1f(at.radius_px, 1.6 * this.ratio);
     gl.uniform3fv(at.sky, ground.sky);
     gl.uniform3fv(at.ground, ground.floor);

@@ -86,15 +86,14 @@ function settings() {
 }
 
 function fillRunTab() {
-  const block = (title, content, name) => element("section", { class: name }, element("h2", {}, title), content);
+  const block = (title, content) => element("section", {}, element("h2", {}, title), content);
   find("run").replaceChildren(
     figures(),
     element(
       "div",
       { class: "columns" },
-      block("Time of a frame, by stage", stages(), "stages"),
-      block("Settings", settings(), "settings"),
-      block("Skipped frames", skippedFrames(), "skipped"),
+      element("div", {}, block("Time of a frame, by stage", stages()), block("Skipped frames", skippedFrames())),
+      block("Settings", settings()),
     ),
   );
 }

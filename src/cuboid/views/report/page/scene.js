@@ -70,7 +70,7 @@ class Scene {
   update() {
     const ground = GROUNDS[this.state.theme];
     const scaleOfLines = this.renderer.ratio;
-    this.renderer.setLines("boxes", this.boxLines(scaleOfLines));
+    this.renderer.setLines("boxes", this.boxLines(scaleOfLines), true);
     this.renderer.setFaces("sides", this.boxSides());
     this.renderer.setLines("outlines", this.planeLines(ground, scaleOfLines));
     this.renderer.setFaces("planes", this.planeFaces(ground));

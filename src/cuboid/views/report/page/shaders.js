@@ -10,23 +10,33 @@ uniform float step_m, spacing_m, focal_px;
 uniform int coloring;
 uniform sampler2D inferno;
 out vec3 tint;
+out float away_m, radius_m;
 void main() {
   gl_Position = clip_world * vec4(low + steps * step_m, 1.0);
   // a disc that meets its neighbours: no holes up close, no blots from afar
-  gl_PointSize = clamp(1.75 * spacing_m * focal_px / gl_Position.w, 1.6, 40.0);
+  gl_PointSize = clamp(1.9 * spacing_m * focal_px / gl_Position.w, 2.0, 60.0);
+  away_m = gl_Position.w;
+  radius_m = 0.5 * gl_PointSize * away_m / focal_px;
   float grey = dot(look.rgb, vec3(0.299, 0.587, 0.114));
   if (coloring == 0) tint = look.rgb;
   else if (coloring == 1) tint = mix(vec3(grey * 0.55), texture(inferno, vec2(look.a, 0.5)).rgb, 0.85 * smoothstep(0.02, 0.35, look.a));
   else tint = own == vec3(0.0) ? vec3(grey * 0.5 + 0.1) : own * (0.35 + 0.75 * grey);
 }`;
 
+// A disc is farther at its rim than in its middle, so that where discs overlap each pixel is of the nearest
+// point (M. Schuetz and M. Wimmer, 2015).
 const POINTS_FRAGMENT = `#version 300 es
-precision mediump float;
+precision highp float;
 in vec3 tint;
+in float away_m, radius_m;
+uniform float near, far;
 out vec4 color;
 void main() {
-  vec2 p = gl_PointCoord - 0.5;
-  if (dot(p, p) > 0.25) discard;
+  vec2 p = 2.0 * gl_PointCoord - 1.0;
+  float out_of_middle = dot(p, p);
+  if (out_of_middle > 1.0) discard;
+  float distance_m = away_m + radius_m * out_of_middle;
+  gl_FragDepth = far * (distance_m - near) / (distance_m * (far - near));
   color = vec4(tint, 1.0);
 }`;
 
@@ -37,7 +47,8 @@ void main() {
 }`;
 
 // Eye-dome lighting (C. Boucheny, 2009): what lies behind its neighbours on the screen is darker, so that
-// shape shows without normals.
+// shape shows without normals. A pixel of the ground with points on all sides is a gap between them: it takes
+// after the farthest of them.
 const SHADE_FRAGMENT = `#version 300 es
 precision highp float;
 uniform sampler2D colors;
@@ -48,8 +59,28 @@ out vec4 color;
 float distance_of(float depth) {
   return near * far / (far - depth * (far - near));
 }
+ivec2 beside(ivec2 at, ivec2 by) {
+  return clamp(at + by, ivec2(0), textureSize(depths, 0) - 1);
+}
+ivec2 over_gap(ivec2 at, int reach) {
+  ivec2 best = at;
+  float farthest = 0.0;
+  for (int side = 0; side < 4; side++) {
+    ivec2 way = side < 2 ? ivec2(2 * side - 1, 0) : ivec2(0, 2 * side - 5), met = at;
+    for (int step = 1; step <= reach && met == at; step++)
+      if (texelFetch(depths, beside(at, way * step), 0).r < 1.0) met = beside(at, way * step);
+    if (met == at) return at;
+    float depth = texelFetch(depths, met, 0).r;
+    if (depth > farthest) {
+      farthest = depth;
+      best = met;
+    }
+  }
+  return best;
+}
 void main() {
   ivec2 size = textureSize(depths, 0), at = ivec2(gl_FragCoord.xy);
+  if (texelFetch(depths, at, 0).r == 1.0) at = over_gap(at, int(3.0 * radius_px));
   float depth = texelFetch(depths, at, 0).r;
   gl_FragDepth = depth;
   if (depth == 1.0) {
@@ -59,11 +90,10 @@ void main() {
   float own = log2(distance_of(depth)), sum = 0.0;
   for (int k = 0; k < 8; k++) {
     float turn = 0.7853982 * float(k);
-    ivec2 beside = clamp(at + ivec2(round(radius_px * vec2(cos(turn), sin(turn)))), ivec2(0), size - 1);
-    float other = texelFetch(depths, beside, 0).r;
-    if (other < 1.0) sum += max(0.0, own - log2(distance_of(other)));
+    float other = texelFetch(depths, beside(at, ivec2(round(radius_px * vec2(cos(turn), sin(turn))))), 0).r;
+    if (other < 1.0) sum += clamp(own - log2(distance_of(other)) - 0.004, 0.0, 0.06);
   }
-  color = vec4(texelFetch(colors, at, 0).rgb * exp(-strength * min(sum / 8.0, 0.02)), 1.0);
+  color = vec4(texelFetch(colors, at, 0).rgb * exp(-strength * sum / 8.0), 1.0);
 }`;
 
 // A segment is drawn as a rectangle on the screen, of a width in pixels.

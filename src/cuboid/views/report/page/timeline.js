@@ -1,8 +1,10 @@
 // When each object is seen (thick), and hidden but known (thin): the paper's figure as a plot.
 
 const ROW = 18;
-const GUTTER = 64;
-const EDGE = 18;
+const GUTTER = 180;
+const EDGE = 26;
+const AXIS = 20;
+const THUMB = 8;
 
 function shape(name, attributes, ...children) {
   const made = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -22,49 +24,73 @@ class Timeline {
   constructor(state, chosen, moved) {
     this.state = state;
     this.plot = find("plot");
+    this.axis = find("axis");
     this.slider = find("slider");
-    this.last = Math.max(1, frames.length ? frames[frames.length - 1] : 1);
+    this.first = frames.length ? frames[0] : 0;
+    this.last = Math.max(this.first + 1, frames.length ? frames[frames.length - 1] : 1);
     this.slider.max = String(Math.max(0, frames.length - 1));
     this.slider.addEventListener("input", () => moved(Number(this.slider.value)));
     this.plot.addEventListener("click", (event) => {
       const row = event.target.closest("[data-row]");
       if (row) chosen(Number(row.dataset.row));
     });
+    this.scrub(moved);
     new ResizeObserver(() => this.draw()).observe(find("rows"));
+  }
+
+  /** Let a pointer on the axis move through the frames, as on the slider. */
+  scrub(moved) {
+    const move = (event) => {
+      const share = (event.offsetX - GUTTER) / (this.width - GUTTER - EDGE);
+      const frame = this.first + share * (this.last - this.first);
+      const later = frames.findIndex((used) => used >= frame);
+      moved(later < 0 ? frames.length - 1 : later);
+    };
+    this.axis.addEventListener("pointerdown", (event) => {
+      this.axis.setPointerCapture(event.pointerId);
+      move(event);
+    });
+    this.axis.addEventListener("pointermove", (event) => this.axis.hasPointerCapture(event.pointerId) && move(event));
   }
 
   /** Place of a frame on the plot, pixels. */
   x(frame) {
-    return GUTTER + (frame / this.last) * (this.width - GUTTER - EDGE);
+    return GUTTER + ((frame - this.first) / (this.last - this.first)) * (this.width - GUTTER - EDGE);
   }
 
   draw() {
     this.width = find("rows").clientWidth;
     const rows = [...data.objects, ...data.gone];
-    const height = ROW * rows.length + 26;
-    this.plot.setAttribute("width", this.width);
-    this.plot.setAttribute("height", height);
-    this.plot.setAttribute("viewBox", `0 0 ${this.width} ${height}`);
-    this.head = shape("line", { class: "head", y1: 0, y2: height - 18 });
-    const below = this.axis(height - 18);
-    this.plot.replaceChildren(below, ...rows.map((object, i) => this.row(object, i)), this.head);
+    const height = ROW * rows.length + 6;
+    for (const [plot, high] of [[this.plot, height], [this.axis, AXIS]])
+      for (const [name, value] of [["width", this.width], ["height", high]]) plot.setAttribute(name, value);
+    const room = find("transport").clientWidth - this.width;
+    find("gutter").style.width = `${GUTTER - THUMB}px`;
+    this.slider.style.marginRight = `${room + EDGE - THUMB}px`;
+    this.heads = [[0, height], [AXIS - 5, AXIS]].map(([y1, y2]) => shape("line", { class: "head", y1, y2 }));
+    const ticks = this.ticks();
+    const grid = ticks.map((x) => shape("line", { x1: x, x2: x, y1: 0, y2: height }));
+    this.plot.replaceChildren(shape("g", { class: "axis" }, ...grid), ...rows.map((object, i) => this.row(object, i)), this.heads[0]);
+    this.axis.replaceChildren(this.numbers(ticks), this.heads[1]);
     this.update();
   }
 
-  axis(bottom) {
-    const step = tickStep(this.last, (this.width - GUTTER) / 90);
+  ticks() {
+    const step = tickStep(this.last - this.first, (this.width - GUTTER) / 80);
+    this.tickFrames = [];
+    for (let frame = Math.ceil(this.first / step) * step; frame <= this.last; frame += step) this.tickFrames.push(frame);
+    return this.tickFrames.map((frame) => this.x(frame));
+  }
+
+  numbers(ticks) {
     const group = shape("g", { class: "axis" });
-    for (let frame = 0; frame <= this.last; frame += step) {
-      const x = this.x(frame);
-      const anchor = x > this.width - 40 ? "end" : "middle";
-      group.append(
-        shape("line", { x1: x, x2: x, y1: 0, y2: bottom }),
-        shape("text", { x: anchor === "end" ? this.width - 4 : x, y: bottom + 13, "text-anchor": anchor }, String(frame)),
-      );
-    }
-    group.append(shape("text", { x: GUTTER - 12, y: bottom + 13, "text-anchor": "end" }, "frame"));
+    ticks.forEach((x, i) => {
+      group.append(shape("text", { x, y: 12, "text-anchor": "middle" }, String(this.tickFrames[i])));
+    });
+    group.append(shape("text", { x: 14, y: 12 }, "label"));
+    group.append(shape("text", { x: GUTTER - 26, y: 12, "text-anchor": "end" }, "frames seen"));
     for (const { frame, reason } of data.run.frames.skipped) {
-      const mark = shape("rect", { class: "skipped", x: this.x(frame) - 0.75, y: bottom - 3, width: 1.5, height: 6 });
+      const mark = shape("rect", { class: "skipped", x: this.x(frame) - 1, y: AXIS - 5, width: 2, height: 5 });
       mark.append(shape("title", {}, `frame ${frame}: ${reason}`));
       group.append(mark);
     }
@@ -73,42 +99,48 @@ class Timeline {
 
   row(object, i) {
     const y = i * ROW;
-    const every = data.run.config.every || 1;
     const gone = !objectOf.has(object.label);
     const group = shape("g", { class: gone ? "row gone" : "row", ...(gone ? {} : { "data-row": object.label }) });
-    const what = !gone ? "" : object.into === null ? "no longer in the map" : `turned out to be #${object.into}`;
-    group.append(shape("title", {}, `#${object.label} ${what}`.trim()));
-    group.append(shape("rect", { class: "ground", x: 0, y, width: this.width, height: ROW }));
-    const size = { y: y + 2, height: ROW - 4, width: 40, rx: 4, x: 12 };
-    group.append(shape("rect", { ...size, fill: object.color }));
-    group.append(shape("text", { class: "name", x: 32, y: y + 13, fill: object.ink, "text-anchor": "middle" }, `#${object.label}`));
-    const known = [object.spans[0], object.spans[object.spans.length - 1]];
-    if (known[0]) {
-      const end = gone ? known[1][1] : this.last;
-      const x = this.x(known[0][0]);
-      group.append(shape("rect", { class: "known", x, y: y + ROW / 2 - 1, width: this.x(end) - x, height: 2, fill: object.color }));
-    }
-    for (const [from, to] of object.spans) {
+    const fate = object.into === null ? "no longer in the map" : `is #${object.into}`;
+    group.append(
+      shape("rect", { class: "ground", x: 0, y, width: this.width, height: ROW }),
+      shape("rect", { x: 12, y: y + 2, width: 40, height: ROW - 4, rx: 4, fill: object.color }),
+      shape("text", { class: "name", x: 32, y: y + 13, fill: object.ink, "text-anchor": "middle" }, `#${object.label}`),
+      shape("text", { class: "count", x: GUTTER - 26, y: y + 13, "text-anchor": "end" }, gone ? fate : object.frames_seen.toLocaleString("en")),
+      ...this.bars(object, y, gone),
+    );
+    return group;
+  }
+
+  bars(object, y, gone) {
+    if (!object.spans.length) return [];
+    const every = data.run.config.every || 1;
+    const fill = object.color;
+    const begin = this.x(object.spans[0][0]);
+    const end = this.x(gone ? object.spans[object.spans.length - 1][1] : this.last);
+    const known = shape("rect", { class: "known", x: begin, y: y + ROW / 2 - 1, width: Math.max(1, end - begin), height: 2, fill });
+    const seen = object.spans.map(([from, to]) => {
       const x = this.x(from);
       const width = Math.max(1.5, this.x(Math.min(to + every, this.last)) - x);
-      const bar = { class: "seen", "data-label": object.label, "data-from": from, "data-to": to };
-      group.append(shape("rect", { ...bar, x, y: y + 4, width, height: ROW - 8, rx: Math.min(2, width / 2), fill: object.color }));
-    }
-    return group;
+      const bar = { class: "seen", "data-label": object.label, "data-from": from, "data-to": to, fill };
+      const made = shape("rect", { ...bar, x, y: y + 4, width, height: ROW - 8, rx: Math.min(2, width / 2) });
+      made.append(shape("title", {}, `#${object.label}: frames ${from} to ${to}`));
+      return made;
+    });
+    return [known, ...seen];
   }
 
   update() {
     const { frame, selected } = this.state;
     for (const row of this.plot.querySelectorAll("[data-row]"))
       row.classList.toggle("chosen", Number(row.dataset.row) === selected);
-    this.head.style.display = frame === null ? "none" : "";
     find("all-frames").setAttribute("aria-pressed", String(frame === null));
     find("frame-number").textContent = frame === null ? plural(frames.length, "frame") : `frame ${frames[frame]}`;
     this.slider.classList.toggle("idle", frame === null);
+    for (const head of this.heads) head.style.display = frame === null ? "none" : "";
     if (frame === null) return;
     const x = this.x(frames[frame]);
-    this.head.setAttribute("x1", x);
-    this.head.setAttribute("x2", x);
+    for (const head of this.heads) for (const end of ["x1", "x2"]) head.setAttribute(end, x);
     this.slider.value = String(frame);
   }
 

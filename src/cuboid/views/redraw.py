@@ -1,0 +1,50 @@
+"""Finished results drawn into the recording they are of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from cuboid.frame import Frame, UInt8Array
+from cuboid.outputs import read_map
+from cuboid.outputs.folder import MAP
+from cuboid.views.drawing import Status, draw_frame, draw_proposals
+from cuboid.views.overlays import depth_picture, heat_over, map_heat
+from cuboid.views.replay import Replay, ReplayedFrame
+
+Draw = Callable[[Frame, ReplayedFrame], UInt8Array]
+
+# What a picture of a frame can show, and how people call it.
+KINDS = {"boxes": "Picture", "heat": "Heat", "depth": "Depth", "proposals": "Proposals"}
+
+
+def drawer(what: str, results: Path, replay: Replay) -> Draw:
+    """Return what makes a picture of a frame.
+
+    Parameters
+    ----------
+    what : str
+        One of `KINDS`.
+    results : Path
+        The result folder.
+    replay : Replay
+        Of that folder.
+    """
+    K = replay.intrinsics
+    points = read_map(results / MAP) if what == "heat" else None
+
+    def ground(frame: Frame, found: ReplayedFrame) -> UInt8Array:
+        if points is not None:
+            return heat_over(frame.color, map_heat(points, frame.depth_m, found.T_world_camera, K))
+        return depth_picture(frame.depth_m, K) if what == "depth" else frame.color
+
+    def draw(frame: Frame, found: ReplayedFrame) -> UInt8Array:
+        status = Status(found.index, replay.frames_per_second, len(found.sightings), found.known)
+        if what == "proposals":
+            return draw_proposals(frame.color, found.T_world_camera, K, found.proposals, status)
+        picture = ground(frame, found)
+        return draw_frame(
+            picture, found.T_world_camera, K, found.sightings, found.hidden, status, tinted=what != "heat"
+        )
+
+    return draw
