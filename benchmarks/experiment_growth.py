@@ -24,8 +24,8 @@ from cuboid.outputs.objects import read_json
 from scenes import MadeScene, made
 from tables import cell, dump, show
 
-SCENE = MadeScene("table", 2, size=(320, 240))
 LAP_FRAMES, APART_M = 24, 3.0
+SCENE = MadeScene("table", 2, frames=LAP_FRAMES, size=(320, 240))
 # Laps over which times are taken.
 WINDOW_LAPS = 5
 STAGES = ("proposals", "planes", "heat", "fuse", "boxes", "map", "matching")

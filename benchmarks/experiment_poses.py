@@ -70,7 +70,7 @@ def merging(allowed: bool) -> Iterator[None]:
         return
     with (
         patch.object(ObjectMap, "_pair_to_merge", lambda *_: None),
-        patch.object(ObjectMap, "_is_part", lambda *_: False),
+        patch("cuboid.objects.object_map.is_part", lambda *_: False),
     ):
         yield
 

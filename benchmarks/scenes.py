@@ -115,5 +115,5 @@ def scene_01(data: Path) -> Case:
 
 def cases(kinds: list[str], seeds: list[int], work: Path, data: Path | None, frames: int | None = None) -> list[Case]:
     """Return made recordings of some kinds and seeds and, where `data` is given, scene 01 after them."""
-    found = [made(MadeScene(kind, seed, frames), work) for kind in kinds for seed in seeds]
-    return found + ([scene_01(data)] if data is not None else [])
+    real = [scene_01(data)] if data is not None else []
+    return [made(MadeScene(kind, seed, frames), work) for kind in kinds for seed in seeds] + real
