@@ -15,17 +15,7 @@ if TYPE_CHECKING:
 
 def add_recording(parser: argparse.ArgumentParser, default_threads: int) -> None:
     """Add the recording and how it is read and tracked."""
-    parser.add_argument("recording", type=Path, metavar="RECORDING", help="folder of the RGB-D recording")
-    reading = parser.add_argument_group("reading")
-    reading.add_argument("--format", metavar="NAME", help="its layout, where it is not recognised")
-    reading.add_argument(
-        "--intrinsics", type=intrinsics, metavar="FX,FY,CX,CY", help="pinhole in pixels, instead of its own"
-    )
-    reading.add_argument(
-        "--depth-scale", type=depth_scale, metavar="UNITS", help="depth units a metre, instead of its own"
-    )
-    reading.add_argument("--every", type=positive, default=1, metavar="N", help="use each N-th frame")
-    reading.add_argument("--limit", type=positive, metavar="N", help="read at most N frames")
+    add_reading(parser)
     tracking = parser.add_argument_group("tracking")
     tracking.add_argument(
         "--poses", choices=("given", "estimated"), help="where the camera poses come from (default: given)"
@@ -48,6 +38,22 @@ def add_recording(parser: argparse.ArgumentParser, default_threads: int) -> None
         metavar="NAME=VALUE",
         help="a field of the tracker's configuration, such as voxel_m=0.02; may be repeated",
     )
+
+
+def add_reading(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """Add the recording and how it is read; return the group of the latter."""
+    parser.add_argument("recording", type=Path, metavar="RECORDING", help="folder of the RGB-D recording")
+    reading = parser.add_argument_group("reading")
+    reading.add_argument("--format", metavar="NAME", help="its layout, where it is not recognised")
+    reading.add_argument(
+        "--intrinsics", type=intrinsics, metavar="FX,FY,CX,CY", help="pinhole in pixels, instead of its own"
+    )
+    reading.add_argument(
+        "--depth-scale", type=depth_scale, metavar="UNITS", help="depth units a metre, instead of its own"
+    )
+    reading.add_argument("--every", type=positive, default=1, metavar="N", help="use each N-th frame")
+    reading.add_argument("--limit", type=positive, metavar="N", help="read at most N frames")
+    return reading
 
 
 def open_from(args: argparse.Namespace) -> Recording:

@@ -171,9 +171,9 @@ def accumulate(
         Information matrix and, in the last row, the gradient, for a motion xi = (translation, rotation) of the
         camera frame: T <- exp(xi) T.
     sums : (7,) float64, output
-        Points in view, those with a reading, those whose reading agrees, and those of them that lie within
-        a centimetre and three deviations of it; weighted squared residuals of intensity and of distance, both in units of their scale;
-        points with an intensity residual.
+        Points in view, those with a reading, those whose reading agrees, and those of them that lie within a
+        centimetre and three deviations of it; weighted squared residuals of intensity and of distance, both in
+        units of their scale; points with an intensity residual.
     shades : (G, 6) float64, output
         Weighted sums of 1, the group's intensity, the image's, the squares of both and their product.
     """

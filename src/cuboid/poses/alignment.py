@@ -252,7 +252,7 @@ class _Sums:
         share = np.array(
             [s[kernel.SQUARES_I] / max(s[kernel.SHADED], 1.0), s[kernel.SQUARES_D] / max(s[kernel.AGREEING], 1.0)]
         )
-        return np.clip(sigma * np.sqrt(share), SIGMA_LOW, SIGMA_HIGH)
+        return np.asarray(np.clip(sigma * np.sqrt(share), SIGMA_LOW, SIGMA_HIGH))
 
     def shade(self, shade: Float64Array) -> Float64Array:
         """Return gain and bias of each group: those that make mean and variance equal."""

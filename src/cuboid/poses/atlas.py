@@ -10,7 +10,7 @@ import numpy as np
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry import se3
 from cuboid.poses.alignment import Alignment, Reference, align, merge, pick
-from cuboid.poses.graph import Edge, deviations, optimise
+from cuboid.poses.graph import Edge, deviations, optimise, optimise_around
 from cuboid.poses.keyframes import OVERLAP_LEVEL, Keyframe, apart, median_depth_m, overlap
 from cuboid.poses.places import Appearance, locate, votes
 from cuboid.poses.pyramid import Level, SmallImage
@@ -28,6 +28,8 @@ THERE_AND_BACK_M, THERE_AND_BACK_RAD = 0.015, 0.015
 KNOWN_AGAIN_AGREEING, KNOWN_AGAIN_LIKENESS = 0.7, 0.75
 # The graph is optimised when a new edge is so many deviations from the poses.
 WORTH_IT = 0.5
+# Only so many keyframes around the new one move, unless its edges are farther from the poses: a loop was closed.
+AROUND, BENT = 40, 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,20 +109,20 @@ class Atlas:
 
     def overlapping(self, T_world_camera: Float64Array, level: Level, submap: int) -> list[int]:
         """Return the keyframes that show much of what an image from a pose shows, most first."""
-        T_camera_world = se3.inverse(T_world_camera)
-        far = [
-            (apart(T_camera_world @ k.T_world_camera, k.depth_m), k.number)
-            for k in self.keyframes
-            if k.submap == submap
-        ]
-        near = [self.keyframes[number] for _, number in sorted(far)[:NEAR]]
+        numbers, distance = self._apart(T_world_camera, submap)
+        near = [self.keyframes[numbers[i]] for i in np.argsort(distance, kind="stable")[:NEAR]]
         shares = [(-overlap(k, T_world_camera, level), k.number) for k in near]
         return [number for share, number in sorted(shares) if -share > LEAST_OVERLAP]
 
     def view_apart(self, T_world_camera: Float64Array, submap: int) -> float:
         """Return how different a view is from that of the most similar keyframe; see `apart`."""
-        T_camera_world = se3.inverse(T_world_camera)
-        return min(apart(T_camera_world @ k.T_world_camera, k.depth_m) for k in self.keyframes if k.submap == submap)
+        return float(self._apart(T_world_camera, submap)[1].min(initial=np.inf))
+
+    def _apart(self, T_world_camera: Float64Array, submap: int) -> tuple[list[int], Float64Array]:
+        """Return the keyframes of a submap, and how different a view is from each."""
+        mine = [k for k in self.keyframes if k.submap == submap]
+        poses = np.array([k.T_world_camera for k in mine]).reshape(-1, 4, 4)
+        return [k.number for k in mine], apart(T_world_camera, poses, np.array([k.depth_m for k in mine]))
 
     def reference(self, numbers: list[int]) -> Reference:
         """Return the points of keyframes in the world, what a frame is aligned to."""
@@ -160,20 +162,33 @@ class Atlas:
         return None
 
     def join(self, place: Place, T_world_camera: Float64Array, submap: int) -> None:
-        """Carry a submap over to that of a place where its camera, at a pose of its own, now is."""
+        """Make one of a submap and that of a place where its camera, at a pose of its own, now is; the older stays."""
         known = self.keyframes[place.keyframe]
-        T_to_from = known.T_world_camera @ place.T_keyframe_camera @ se3.inverse(T_world_camera)
-        for keyframe in self.keyframes:
-            if keyframe.submap == submap:
-                keyframe.submap = known.submap
-                keyframe.T_world_camera = se3.tidied(T_to_from @ keyframe.T_world_camera)
+        T_known_submap = known.T_world_camera @ place.T_keyframe_camera @ se3.inverse(T_world_camera)
+        if known.submap < submap:
+            self._carry(submap, known.submap, T_known_submap)
+        else:
+            self._carry(known.submap, submap, se3.inverse(T_known_submap))
 
     def _tie_alike(self, a: int, b: int) -> None:
+        """Tie two keyframes that look alike, where they show the same place; of two submaps one is made."""
         one, two = self.keyframes[a], self.keyframes[b]
         camera = two.small.camera
         T = locate(two.appearance, one.appearance, np.array([camera.fx, camera.fy, camera.cx, camera.cy]))
-        if T is not None and one.submap == two.submap:
-            self.loops += self._tie(a, b, T, strict=True)
+        if T is None or not self._tie(a, b, T, strict=True):
+            return
+        self.loops += 1
+        old, new = (one, two) if one.submap <= two.submap else (two, one)
+        if old.submap != new.submap:
+            edge = next(edge for edge in reversed(self.edges) if edge.a == old.number)
+            self._carry(new.submap, old.submap, old.T_world_camera @ edge.T_a_b @ se3.inverse(new.T_world_camera))
+
+    def _carry(self, submap: int, to: int, T_to_submap: Float64Array) -> None:
+        """Make a submap part of another one."""
+        for keyframe in self.keyframes:
+            if keyframe.submap == submap:
+                keyframe.submap = to
+                keyframe.T_world_camera = se3.tidied(T_to_submap @ keyframe.T_world_camera)
 
     def _tie(self, a: int, b: int, T_b_a: Float64Array, strict: bool = False) -> bool:
         """Measure the motion between two keyframes in both directions; keep it where both agree."""
@@ -187,17 +202,20 @@ class Atlas:
             return False
         for i, j, found in ((a, b, there), (b, a, back)):
             T_i_j = se3.inverse(found.T_camera_reference)
-            information = np.linalg.inv(found.covariance(float(np.linalg.norm(T_i_j[:3, 3]))))
-            self.edges.append(Edge(i, j, T_i_j, information))
+            doubt = found.covariance(float(np.linalg.norm(T_i_j[:3, 3])))
+            self.edges.append(Edge(i, j, T_i_j, np.asarray(np.linalg.inv(doubt), np.float64)))
         return True
 
     def _settle(self) -> bool:
         """Let the keyframes' poses agree with what was measured of the last one."""
         poses = [k.T_world_camera for k in self.keyframes]
         last = len(poses) - 1
-        if deviations([e for e in self.edges if last in (e.a, e.b)], poses).max(initial=0.0) < WORTH_IT:
+        new = deviations([e for e in self.edges if last in (e.a, e.b)], poses).max(initial=0.0)
+        if new < WORTH_IT:
             return False
-        for keyframe, T in zip(self.keyframes, optimise(poses, self.edges), strict=True):
+        everywhere = new > BENT or len(poses) <= AROUND
+        found = optimise(poses, self.edges) if everywhere else optimise_around(poses, self.edges, last, AROUND)
+        for keyframe, T in zip(self.keyframes, found, strict=True):
             keyframe.T_world_camera = T
         return True
 

@@ -206,9 +206,7 @@ class PoseEstimator:
         is_keyframe = self._atlas.view_apart(self._T_world_camera, self._submap) > NEW_VIEW and self._rich(shot)
         corrected = False
         if is_keyframe:
-            number, overlapping = self._atlas.add(
-                shot.index, self._T_world_camera, self._submap, shot.small, shot.view
-            )
+            number, overlapping = self._atlas.add(shot.index, self._T_world_camera, self._submap, shot.small, shot.view)
             self._use([number, *overlapping[: LOCAL - 1]])
         else:
             corrected = self._work(shot)
@@ -216,29 +214,22 @@ class PoseEstimator:
 
     def _work(self, shot: _Shot) -> bool:
         """Do a part of what there is to do beside following the camera; tell whether keyframes have moved."""
-        joined = False
-        if self._submap and shot.index % SEARCH_EVERY == 0:
-            joined = self._join(shot)
         T_anchor_camera = self._T_anchor_camera()
-        corrected = self._atlas.work() or joined
-        if corrected:
-            self._T_world_camera = se3.tidied(self.keyframes[self._local[0]].T_world_camera @ T_anchor_camera)
-            self._use(self._local)
+        moved = self._atlas.work()
+        if self._submap and shot.index % SEARCH_EVERY == 0:
+            others = [k for k in range(self._submaps) if k != self._submap]
+            place = self._atlas.recognise(shot.view, shot.small.camera, others, TRIES)
+            if place is not None:
+                self._atlas.join(place, self._T_world_camera, self._submap)
+                moved = True
+        if moved:
+            anchor = self.keyframes[self._local[0]]
+            self._T_world_camera = se3.tidied(anchor.T_world_camera @ T_anchor_camera)
+            self._submap = anchor.submap
+            self._use([k for k in self._local if self.keyframes[k].submap == self._submap])
         elif shot.index % CHOOSE_EVERY == 0:
             self._choose_local(shot)
-        return corrected
-
-    def _join(self, shot: _Shot) -> bool:
-        """Join the submap to another one where the camera sees a place of it."""
-        others = [k for k in range(self._submaps) if k != self._submap]
-        place = self._atlas.recognise(shot.view, shot.small.camera, others, TRIES)
-        if place is None:
-            return False
-        T_anchor_camera = self._T_anchor_camera()
-        self._atlas.join(place, self._T_world_camera, self._submap)
-        self._submap = self.keyframes[place.keyframe].submap
-        self._T_world_camera = se3.tidied(self.keyframes[self._local[0]].T_world_camera @ T_anchor_camera)
-        return True
+        return moved
 
     def _arrive(self, T_world_camera: Float64Array, time_s: float) -> None:
         self._T_world_camera = T_world_camera

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,10 +52,12 @@ def deviations(edges: Sequence[Edge], T_world: Sequence[Float64Array]) -> Float6
     if not edges:
         return np.empty(0)
     e = residuals(edges, T_world)
-    return np.sqrt(np.einsum("ei,eij,ej->e", e, np.array([edge.information for edge in edges]), e))
+    return np.asarray(np.sqrt(np.einsum("ei,eij,ej->e", e, np.array([edge.information for edge in edges]), e)))
 
 
-def optimise(T_world: Sequence[Float64Array], edges: Sequence[Edge], fixed: int = 0) -> list[Float64Array]:
+def optimise(
+    T_world: Sequence[Float64Array], edges: Sequence[Edge], fixed: Collection[int] = (0,)
+) -> list[Float64Array]:
     """Return the poses with the least weighted squared residuals of all edges.
 
     Parameters
@@ -63,8 +65,8 @@ def optimise(T_world: Sequence[Float64Array], edges: Sequence[Edge], fixed: int 
     T_world : sequence of (4, 4) float64
         The poses to start from.
     edges : sequence of Edge
-    fixed : int
-        The pose that stays; poses that no chain of edges ties to it keep their places among each other.
+    fixed : collection of int
+        The poses that stay; poses that no chain of edges ties to them keep their places among each other.
 
     Returns
     -------
@@ -76,7 +78,7 @@ def optimise(T_world: Sequence[Float64Array], edges: Sequence[Edge], fixed: int 
     n = len(poses)
     a, b, T_b_a, information = _stacked(edges)
     diagonal = np.full((n, 6), LOOSE)
-    diagonal[fixed] = FIXED
+    diagonal[sorted(fixed)] = FIXED
     for _ in range(STEPS):
         e = _apart(a, b, T_b_a, poses)
         size = np.sqrt(np.einsum("ei,eij,ej->e", e, information, e))
@@ -87,6 +89,56 @@ def optimise(T_world: Sequence[Float64Array], edges: Sequence[Edge], fixed: int 
         if np.abs(step).max() < STILL:
             break
     return [se3.tidied(T) for T in poses]
+
+
+def optimise_around(
+    T_world: Sequence[Float64Array], edges: Sequence[Edge], middle: int, most: int
+) -> list[Float64Array]:
+    """Return the poses after those fewest edges away from one have been moved, at most so many; the others stay.
+
+    Parameters
+    ----------
+    T_world : sequence of (4, 4) float64
+    edges : sequence of Edge
+    middle : int
+        The pose in the middle.
+    most : int
+        Poses that move.
+
+    Returns
+    -------
+    list of (4, 4) float64
+    """
+    beside: dict[int, list[int]] = {}
+    for edge in edges:
+        beside.setdefault(edge.a, []).append(edge.b)
+        beside.setdefault(edge.b, []).append(edge.a)
+    moving = {middle: None}  # in the order of their finding
+    for k in _outwards(middle, beside):
+        if len(moving) >= most:
+            break
+        moving[k] = None
+    moving.pop(0, None)
+    used = [edge for edge in edges if edge.a in moving or edge.b in moving]
+    nodes = sorted({end for edge in used for end in (edge.a, edge.b)})
+    place = {node: k for k, node in enumerate(nodes)}
+    fixed = [place[node] for node in nodes if node not in moving]
+    local = [Edge(place[edge.a], place[edge.b], edge.T_a_b, edge.information) for edge in used]
+    poses = list(T_world)
+    found = optimise([poses[node] for node in nodes], local, fixed)
+    for node, T in zip(nodes, found, strict=True):
+        if node in moving:
+            poses[node] = T
+    return poses
+
+
+def _outwards(middle: int, beside: Mapping[int, Sequence[int]]) -> Iterator[int]:
+    """Give the poses that edges lead to from one, those fewest edges away first."""
+    seen, ring = {middle}, [middle]
+    while ring:
+        ring = sorted({other for k in ring for other in beside.get(k, ())} - seen, reverse=True)
+        seen.update(ring)
+        yield from ring
 
 
 Indices = npt.NDArray[np.int64]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,6 +87,22 @@ def overlap(keyframe: Keyframe, T_world_camera: Float64Array, level: Level) -> f
     return float(np.count_nonzero(~hidden) / len(points))
 
 
-def apart(T_a_b: Float64Array, depth_m: float) -> float:
-    """Return how different two views are, as an angle (radians): that turned, and that of the way at the depth."""
-    return float(np.hypot(se3.angle(T_a_b), np.linalg.norm(T_a_b[:3, 3]) / depth_m))
+def apart(T_world_camera: Float64Array, T_world_keyframes: Float64Array, depth_m: Float64Array) -> Float64Array:
+    """Return how different a view is from others, as angles: that turned, and that of the way at the depth.
+
+    Parameters
+    ----------
+    T_world_camera : (4, 4) float64
+    T_world_keyframes : (N, 4, 4) float64
+    depth_m : (N,) float64
+        Median depth of each.
+
+    Returns
+    -------
+    (N,) float64
+        Radians.
+    """
+    way = np.linalg.norm(T_world_keyframes[:, :3, 3] - T_world_camera[:3, 3], axis=1)
+    trace = np.einsum("nij,ij->n", T_world_keyframes[:, :3, :3], T_world_camera[:3, :3])
+    turn = np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0))
+    return np.asarray(np.hypot(turn, way / depth_m))

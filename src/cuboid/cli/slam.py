@@ -1,0 +1,67 @@
+"""`cuboid slam`: from a recording to the way of its camera."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cuboid.cli.recording import add_reading, open_from
+from cuboid.cli.threads import add_threads, cores
+
+if TYPE_CHECKING:
+    from cuboid.slam import SlamOutcome
+
+HELP = "estimate the camera poses of a recording from its images and write the trajectory"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    results = parser.add_argument_group("results")
+    results.add_argument("--output", type=Path, required=True, metavar="DIR", help="folder of the results")
+    results.add_argument("--force", action="store_true", help="replace results that lie in DIR")
+    add_threads(add_reading(parser), min(2, cores()))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Estimate, and say how it went."""
+    from cuboid.cli.interrupt import interruptible
+
+    with interruptible() as interruption:
+        from cuboid.cli.progress import counting
+        from cuboid.slam import estimate_trajectory
+
+        with counting("estimating poses") as shown:
+            outcome = estimate_trajectory(
+                open_from(args),
+                args.output,
+                every=args.every,
+                limit=args.limit,
+                threads=args.threads,
+                force=args.force,
+                progress=shown,
+                stop=interruption,
+            )
+    print_outcome(outcome, args.output)
+    if not outcome.report.complete:
+        print("cuboid: interrupted; the results are marked as not complete", file=sys.stderr)
+        return interruption.status
+    return 0
+
+
+def print_outcome(outcome: SlamOutcome, output: Path) -> None:
+    """Print the summary of the run."""
+    from cuboid.cli.tables import console, skipped_lines
+
+    out, report = console(), outcome.report
+    for line in skipped_lines(report):
+        out.print(line, markup=False)
+    timing = report.milliseconds.get("poses")
+    each = f", {timing.median_ms:.1f} ms a frame (p95 {timing.p95_ms:.1f}) without decoding" if timing else ""
+    out.print(
+        f"{report.frames_used} of {report.frames_read} frames tracked, {outcome.lost} lost, "
+        f"{outcome.keyframes} keyframes, {outcome.loops} loops closed by looks; "
+        f"{report.seconds:.1f} s{each}; results in {output}",
+        markup=False,
+    )
