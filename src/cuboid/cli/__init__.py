@@ -17,7 +17,7 @@ from typing import NoReturn
 from cuboid import __version__
 from cuboid.errors import CuboidError
 
-COMMANDS = ("track", "evaluate", "evaluate trajectory", "render", "demo", "synth", "bench", "doctor")
+COMMANDS = ("track", "evaluate", "evaluate trajectory", "render", "slam", "demo", "synth", "bench", "doctor")
 
 OK, MISTAKE, INTERRUPTED = 0, 2, 130
 

@@ -24,10 +24,11 @@ OBJECTS = "objects.json"
 TRACKS = "tracks.csv"
 PROPOSALS = "proposals.csv"
 TRAJECTORY = "trajectory.txt"
+TRAJECTORY_ONLINE = "trajectory_online.txt"
 MAP = "map.ply"
 VIDEO = "labelled.mp4"
 
-OUTPUT_NAMES = (OBJECTS, TRACKS, PROPOSALS, TRAJECTORY, MAP, VIDEO, RUN)
+OUTPUT_NAMES = (OBJECTS, TRACKS, PROPOSALS, TRAJECTORY, TRAJECTORY_ONLINE, MAP, VIDEO, RUN)
 
 
 @contextmanager
