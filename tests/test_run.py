@@ -11,11 +11,11 @@ import pytest
 
 from cuboid.errors import InputError, OutputError
 from cuboid.outputs import read_objects, read_run, read_tracks, read_trajectory
-from cuboid.outputs.folder import OUTPUT_NAMES, VIDEO
+from cuboid.outputs.folder import OUTPUT_NAMES, REPORT, TRAJECTORY_ONLINE, VIDEO
 from cuboid.run import RunOutcome, track_recording
 from fakes import FakeRecording, FakeTracker
 
-RESULTS = sorted(set(OUTPUT_NAMES) - {VIDEO})
+RESULTS = sorted(set(OUTPUT_NAMES) - {VIDEO, TRAJECTORY_ONLINE})
 
 
 def track(recording: FakeRecording, output: Path | None, **options: Any) -> RunOutcome:
@@ -33,7 +33,7 @@ def test_frames_keep_their_numbers_with_every_limit_and_skipped_ones(tmp_path: P
     recording = FakeRecording(20, broken={6: "color/000006.png: truncated"}, lost=(9,))
     track(recording, tmp_path / "out", every=3, limit=6)
     run = read_run(tmp_path / "out" / "run.json")
-    assert recording.reads == [0, 3, 6, 9, 12, 15]
+    assert recording.reads[:-1] == [0, 3, 6, 9, 12, 15]  # and one of them again, for the page's picture
     assert (run.frames_read, run.frames_used) == (6, 4)
     assert run.skipped == ((6, "color/000006.png: truncated"), (9, "the frame has no camera pose"))
     assert [row.frame for row in read_tracks(tmp_path / "out" / "tracks.csv")] == [3, 12, 15]
@@ -100,7 +100,7 @@ def test_results_stay_in_the_recordings_pixels(tmp_path: Path, scale: int) -> No
 def test_same_input_twice_gives_the_same_bytes_with_one_thread_or_two(tmp_path: Path) -> None:
     for name, threads in (("a", 1), ("b", 1), ("c", 2)):
         track(FakeRecording(30, {4: "bad"}), tmp_path / name, threads=threads)
-    for name in set(RESULTS) - {"run.json"}:
+    for name in set(RESULTS) - {"run.json", REPORT}:
         contents = {(tmp_path / run / name).read_bytes() for run in "abc"}
         assert len(contents) == 1, name
 
@@ -152,7 +152,7 @@ def test_a_fault_leaves_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize("scale", [1, 2])
 def test_the_video_has_every_used_frame_at_full_size(tmp_path: Path, scale: int) -> None:
     track(FakeRecording(5, {2: "bad"}), tmp_path / "out", video=True, scale=scale, every=2)
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(OUTPUT_NAMES)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted([*RESULTS, VIDEO])
     with av.open(str(tmp_path / "out" / VIDEO)) as container:
         frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
         assert container.streams.video[0].average_rate == 15

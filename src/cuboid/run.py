@@ -18,7 +18,7 @@ from cuboid.errors import FrameError, InputError, OutputError
 from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.measuring import FrameClock, FrameLog, peak_memory_mb
 from cuboid.outputs import ObjectsFile, ResultWriter, RunReport
-from cuboid.outputs.folder import VIDEO
+from cuboid.outputs.folder import REPORT, VIDEO
 from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
 
 if TYPE_CHECKING:
@@ -221,6 +221,8 @@ def track_recording(
         if writer is not None:
             content = ObjectsFile(up, recording.intrinsics, planes, objects)
             writer.finish(content, tracker.map_points(), report)
+    if output is not None:
+        _page(output, recording)
     return RunOutcome(report, objects, planes, up, log.milliseconds, log.frames_per_second())
 
 
@@ -314,6 +316,13 @@ def _view(
             view.close(complete=False)
             raise
         view.close(complete=True)
+
+
+def _page(output: Path, recording: RecordingLike) -> None:
+    """Write the 3D page of the results that lie in the output folder now."""
+    from cuboid.views.report import summarise, write_report
+
+    write_report(output / REPORT, summarise(output, recording.read))
 
 
 def _tracker(intrinsics: Intrinsics, config: TrackerConfig, proposals: str | ProposalSource | None) -> TrackerLike:

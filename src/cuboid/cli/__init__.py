@@ -17,7 +17,19 @@ from typing import NoReturn
 from cuboid import __version__
 from cuboid.errors import CuboidError
 
-COMMANDS = ("track", "evaluate", "evaluate trajectory", "render", "slam", "demo", "synth", "bench", "doctor")
+COMMANDS = (
+    "track",
+    "evaluate",
+    "evaluate trajectory",
+    "render",
+    "report",
+    "view",
+    "slam",
+    "demo",
+    "synth",
+    "bench",
+    "doctor",
+)
 
 OK, MISTAKE, INTERRUPTED = 0, 2, 130
 

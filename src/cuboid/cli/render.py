@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
-    from cuboid.frame import Frame, UInt8Array
-    from cuboid.readers import Recording
     from cuboid.views.encoding import VideoWriter
-    from cuboid.views.replay import Replay, ReplayedFrame
-
-    Draw = Callable[[Frame, ReplayedFrame], UInt8Array]
+    from cuboid.views.replay import Replay
 
 HELP = "draw the results of a run into its recording, as a video"
 
@@ -47,13 +42,16 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.cli.tables import console
     from cuboid.cli.threads import limit_threads
     from cuboid.errors import InputError
+    from cuboid.readers.reopen import reopen_recording
+    from cuboid.views.redraw import drawer
     from cuboid.views.replay import Replay
 
     limit_threads(1)
     path = _path(args)
     replay = Replay(args.results)
-    recording = _recording(args.recording or replay.recording, replay)
-    draw, drawn = _drawing(args.what, args.results, replay), 0
+    path_now = args.recording or replay.recording
+    recording = reopen_recording(path_now, replay.format, replay.intrinsics, replay.last_frame)
+    draw, drawn = drawer(args.what, args.results, replay), 0
     seen = replay.frames(recording.timestamp_s)
     shown = Console(stderr=True)
     with _writer(path, replay) as video:
@@ -77,51 +75,8 @@ def _path(args: argparse.Namespace) -> Path:
     return path
 
 
-def _recording(path: Path, replay: Replay) -> Recording:
-    """Open the recording of the results; InputError where it is another."""
-    from cuboid.errors import InputError
-    from cuboid.readers import open_recording
-
-    K = replay.intrinsics
-    recording = open_recording(path, format=replay.format, intrinsics=(K.fx, K.fy, K.cx, K.cy))
-    size = recording.intrinsics.width, recording.intrinsics.height
-    if size != (K.width, K.height) or len(recording) <= replay.last_frame:
-        raise InputError(
-            f"{recording.path}: is not the recording of the results: expected frame {replay.last_frame} "
-            f"and {K.width} x {K.height} pixels, got {len(recording)} frames of {size[0]} x {size[1]}"
-        )
-    return recording
-
-
 def _writer(path: Path, replay: Replay) -> AbstractContextManager[VideoWriter]:
     from cuboid.views.encoding import GifWriter, Mp4Writer
     from cuboid.views.video import video_rate
 
     return GifWriter(path, len(replay)) if path.suffix.lower() == ".gif" else Mp4Writer(path, video_rate(replay.every))
-
-
-def _drawing(what: str, results: Path, replay: Replay) -> Draw:
-    """Return what makes a picture of a frame."""
-    from cuboid.outputs import read_map
-    from cuboid.outputs.folder import MAP
-    from cuboid.views.drawing import Status, draw_frame, draw_proposals
-    from cuboid.views.overlays import depth_picture, heat_over, map_heat
-
-    K = replay.intrinsics
-    points = read_map(results / MAP) if what == "heat" else None
-
-    def ground(frame: Frame, found: ReplayedFrame) -> UInt8Array:
-        if points is not None:
-            return heat_over(frame.color, map_heat(points, frame.depth_m, found.T_world_camera, K))
-        return depth_picture(frame.depth_m, K) if what == "depth" else frame.color
-
-    def draw(frame: Frame, found: ReplayedFrame) -> UInt8Array:
-        status = Status(found.index, replay.frames_per_second, len(found.sightings), found.known)
-        if what == "proposals":
-            return draw_proposals(frame.color, found.T_world_camera, K, found.proposals, status)
-        picture = ground(frame, found)
-        return draw_frame(
-            picture, found.T_world_camera, K, found.sightings, found.hidden, status, tinted=what != "heat"
-        )
-
-    return draw

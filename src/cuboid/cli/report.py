@@ -1,0 +1,41 @@
+"""`cuboid report`: the 3D page of finished results, written anew."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+HELP = "write the 3D page of finished results (report.html)"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("results", type=Path, metavar="DIR", help="what 'cuboid track' left behind")
+    parser.add_argument("--recording", type=Path, metavar="PATH", help="the recording, where it is not where it was")
+    parser.add_argument("--output", type=Path, metavar="FILE", help="the page (default: report.html in DIR)")
+    parser.add_argument("--no-pictures", action="store_true", help="leave out the objects' pictures and the recording")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the page."""
+    from cuboid.cli.tables import console
+    from cuboid.cli.threads import limit_threads
+    from cuboid.errors import InputError
+    from cuboid.outputs.folder import REPORT
+    from cuboid.readers.reopen import reopen_recording
+    from cuboid.views.replay import Replay
+    from cuboid.views.report import summarise, write_report
+
+    limit_threads(1)
+    path: Path = args.output or args.results / REPORT
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"{path}: the page's name must end with .html")
+    read = None
+    if not args.no_pictures:
+        replay = Replay(args.results)
+        where = args.recording or replay.recording
+        read = reopen_recording(where, replay.format, replay.intrinsics, replay.last_frame).without_poses().read
+    summary = summarise(args.results, read)
+    write_report(path, summary)
+    console().print(f"page with {len(summary.found.objects)} objects in {path}", markup=False)
+    return 0

@@ -1,0 +1,40 @@
+"""The recording of finished results, opened again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cuboid.errors import InputError
+from cuboid.frame import Intrinsics
+from cuboid.readers.locate import open_recording
+from cuboid.readers.recording import Recording
+
+
+def reopen_recording(path: Path, format: str, intrinsics: Intrinsics, last_frame: int) -> Recording:  # noqa: A002
+    """Open the recording that results were made from.
+
+    Parameters
+    ----------
+    path : Path
+        Where it lies now.
+    format : str
+        Name of its layout, from the results.
+    intrinsics : Intrinsics
+        Of its color image, from the results.
+    last_frame : int
+        The last of its frames that the results speak of.
+
+    Raises
+    ------
+    InputError
+        It is not there, or its size or its number of frames shows that it is another one.
+    """
+    K = intrinsics
+    recording = open_recording(path, format=format, intrinsics=(K.fx, K.fy, K.cx, K.cy))
+    size = recording.intrinsics.width, recording.intrinsics.height
+    if size != (K.width, K.height) or len(recording) <= last_frame:
+        raise InputError(
+            f"{recording.path}: is not the recording of the results: expected frame {last_frame} "
+            f"and {K.width} x {K.height} pixels, got {len(recording)} frames of {size[0]} x {size[1]}"
+        )
+    return recording

@@ -1,0 +1,149 @@
+"""The page with the frames' pictures beside it, served to the browser of this machine."""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Callable
+from functools import cached_property
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
+
+from cuboid.errors import FrameError, OutputError
+from cuboid.frame import Frame
+from cuboid.readers import Recording
+from cuboid.views.redraw import KINDS, Draw, drawer
+from cuboid.views.replay import Replay, ReplayedFrame
+from cuboid.views.report.page import page_of
+from cuboid.views.report.pictures import encode_jpeg
+from cuboid.views.report.summary import summarise
+
+# Nobody but who is on this machine, or comes through a forwarded port, sees the results.
+HOST = "127.0.0.1"
+LOCAL_NAMES = ("localhost", HOST)
+
+PICTURES = "/frame"
+PICTURE = re.compile(rf"{PICTURES}/(\d{{1,9}})\.jpg")
+
+# Encoded in 3 ms at 640x480; no block shows.
+QUALITY = 90
+
+
+class Viewer:
+    """A finished run as a page and as pictures of its frames.
+
+    Parameters
+    ----------
+    folder : Path
+        What `cuboid track` left behind.
+    replay : Replay
+        Of that folder.
+    recording : Recording
+        That it is of.
+    """
+
+    def __init__(self, folder: Path, replay: Replay, recording: Recording) -> None:
+        self._folder = folder
+        self._replay = replay
+        self._recording = recording.without_poses()  # those of the results count
+        self._drawers: dict[str, Draw] = {}
+        self._lock = threading.Lock()  # a browser asks for several things at once
+
+    @cached_property
+    def page(self) -> bytes:
+        """The page, UTF-8."""
+        summary = summarise(self._folder, self._recording.read)
+        return page_of(summary, {"pictures": PICTURES, "kinds": KINDS}).encode("utf-8")
+
+    @cached_property
+    def _frames(self) -> dict[int, ReplayedFrame]:
+        return {found.index: found for found in self._replay.frames(self._recording.timestamp_s)}
+
+    def picture(self, index: int, what: str) -> bytes | None:
+        """Return a frame with its objects drawn into it, as JPEG; None where there is no such picture.
+
+        Parameters
+        ----------
+        index : int
+            Of the recording.
+        what : str
+            One of `KINDS`.
+        """
+        with self._lock:
+            found = self._frames.get(index)
+            if found is None or what not in KINDS:
+                return None
+            if what not in self._drawers:
+                self._drawers[what] = drawer(what, self._folder, self._replay)
+            try:
+                frame: Frame = self._recording.read(index)
+            except FrameError:
+                return None
+            return encode_jpeg(self._drawers[what](frame, found), QUALITY)
+
+
+def make_server(viewer: Viewer, port: int = 0) -> ThreadingHTTPServer:
+    """Return a server of the page on this machine's own address; `serve_forever` starts it.
+
+    Parameters
+    ----------
+    viewer : Viewer
+        What it shows.
+    port : int
+        0 takes one that is free.
+
+    Raises
+    ------
+    OutputError
+        The port is taken.
+    """
+
+    class Handler(_Handler):
+        show = staticmethod(lambda address: _answer(viewer, address))
+
+    try:
+        server = ThreadingHTTPServer((HOST, port), Handler)
+    except OSError as error:
+        raise OutputError(f"port {port} cannot be used: {error.strerror}; without --port a free one is") from error
+    server.daemon_threads = True
+    return server
+
+
+def _answer(viewer: Viewer, address: str) -> tuple[str, bytes] | None:
+    """Return kind and content of what lies at an address; None where nothing does."""
+    parts = urlsplit(address)
+    if parts.path == "/":
+        return "text/html; charset=utf-8", viewer.page
+    asked = PICTURE.fullmatch(parts.path)
+    what = parse_qs(parts.query).get("what", ["boxes"])[0]
+    picture = viewer.picture(int(asked[1]), what) if asked else None
+    return None if picture is None else ("image/jpeg", picture)
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers GET for what is there."""
+
+    show: Callable[[str], tuple[str, bytes] | None]
+
+    def do_GET(self) -> None:
+        # another site's page may have its own name lead to this address: it gets nothing
+        name = self.headers.get("Host", "").rsplit(":", 1)[0]
+        if name not in LOCAL_NAMES:
+            self.send_error(HTTPStatus.FORBIDDEN)
+            return
+        found = self.show(self.path)
+        if found is None:
+            self.send_error(HTTPStatus.NOT_FOUND)
+            return
+        kind, content = found
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(content)))
+        self.send_header("Cache-Control", "no-store")  # the next run's pictures have the same addresses
+        self.end_headers()
+        self.wfile.write(content)
+
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the base class's name
+        """Say nothing: a slider asks often."""
