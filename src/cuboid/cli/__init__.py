@@ -24,6 +24,7 @@ COMMANDS = (
     "render",
     "report",
     "view",
+    "export",
     "slam",
     "demo",
     "synth",

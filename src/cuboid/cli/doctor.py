@@ -16,17 +16,18 @@ from cuboid.cli.threads import cores
 
 HELP = "check packages, compiled kernels, extras and threads"
 
-# Distribution, module, and whether a run is impossible without it; the others are extras.
+# Distribution, module, and the extra that brings it; a run is impossible without those that no extra brings.
 PACKAGES = (
-    ("numpy", "numpy", True),
-    ("scipy", "scipy", True),
-    ("numba", "numba", True),
-    ("opencv-contrib-python-headless", "cv2", True),
-    ("rich", "rich", True),
-    ("av", "av", True),
-    ("trimesh", "trimesh", True),
-    ("embreex", "embreex", True),
-    ("onnxruntime", "onnxruntime", False),
+    ("numpy", "numpy", ""),
+    ("scipy", "scipy", ""),
+    ("numba", "numba", ""),
+    ("opencv-contrib-python-headless", "cv2", ""),
+    ("rich", "rich", ""),
+    ("av", "av", ""),
+    ("trimesh", "trimesh", ""),
+    ("embreex", "embreex", ""),
+    ("onnxruntime", "onnxruntime", "onnx"),
+    ("rerun-sdk", "rerun", "rerun"),
 )
 
 
@@ -67,13 +68,13 @@ def _system() -> Iterator[Check]:
 
 
 def _packages() -> Iterator[Check]:
-    for distribution, module, needed in PACKAGES:
+    for distribution, module, extra in PACKAGES:
         try:
             import_module(module)
             yield Check(distribution, True, metadata.version(distribution))
         except ImportError as error:
-            detail = f"cannot be imported: {error}" if needed else "not installed: pip install 'cuboid[onnx]'"
-            yield Check(distribution, not needed, detail)
+            detail = f"not installed: pip install 'cuboid[{extra}]'" if extra else f"cannot be imported: {error}"
+            yield Check(distribution, bool(extra), detail)
     yield _opencv_parts()
 
 

@@ -113,6 +113,11 @@ class Recording:
             raise FrameError("the frame has no camera pose")
         return load()
 
+    def color_name(self, index: int) -> str | None:
+        """Return the file of a frame's color image as seen from the recording; None where it has no file of its own."""
+        color = self._frames[index].color
+        return self._name(color) if isinstance(color, Path) else None
+
     def read(self, index: int) -> Frame:
         """Return one frame, decoded.
 

@@ -17,7 +17,7 @@ from av.video.reformatter import VideoReformatter
 
 from cuboid.errors import OutputError
 from cuboid.frame import UInt8Array
-from cuboid.outputs.folder import writing
+from cuboid.outputs.pending import PendingFile
 
 # Measured at 640x480 on one thread, labelled frames of a moving camera: superfast takes 4 ms and 10 kB a
 # frame at this quality; ultrafast 3.5 ms and 18 kB, veryfast 7 ms and 6 kB. Thin colored lines stay clean.
@@ -102,7 +102,7 @@ class Mp4Writer(VideoWriter):
     """
 
     def __init__(self, path: Path, frames_per_second: float) -> None:
-        self._file = _File(path)
+        self._file = PendingFile(path)
         self._rate = Fraction(frames_per_second).limit_denominator(1001)
         self._container: Any = None
         self._stream: Any = None
@@ -115,7 +115,7 @@ class Mp4Writer(VideoWriter):
             picture = np.asarray(
                 cv2.copyMakeBorder(picture, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE), np.uint8
             )
-        with self._file.writing():
+        with _encoding(self._file):
             if self._container is None:
                 self._open(picture.shape[1], picture.shape[0])
             rgb = av.VideoFrame.from_ndarray(picture, format="rgb24")
@@ -126,7 +126,7 @@ class Mp4Writer(VideoWriter):
         container, self._container = self._container, None
         if container is None:
             return
-        with self._file.writing():
+        with _encoding(self._file):
             container.mux(self._stream.encode(None))
             container.close()
             self._file.show()
@@ -168,7 +168,7 @@ class GifWriter(VideoWriter):
     """
 
     def __init__(self, path: Path, frames: int) -> None:
-        self._file = _File(path)
+        self._file = PendingFile(path)
         self._every = -(-frames // GIF_FRAMES)
         self._added = 0
         self._kept: list[UInt8Array] = []
@@ -185,7 +185,7 @@ class GifWriter(VideoWriter):
         if not kept:
             return
         rate = Fraction(GIF_FRAMES_PER_SECOND).limit_denominator(100)
-        with self._file.writing():
+        with _encoding(self._file):
             with av.open(str(self._file.partial), "w", format="gif", options={"loop": "0"}) as container:
                 stream: Any = container.add_stream("gif", rate=rate)
                 stream.height, stream.width = kept[0].shape[:2]
@@ -201,32 +201,14 @@ class GifWriter(VideoWriter):
         self._file.drop()
 
 
-class _File:
-    """A file that is written under a hidden name beside its own and then renamed."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.partial = path.with_name(f".{path.name}.partial")
-
-    @contextlib.contextmanager
-    def writing(self) -> Iterator[None]:
-        """Turn a refusal of the system or of the encoder into one line, and leave nothing half-written."""
-        try:
-            with writing(self.path):
-                yield
-        except OutputError:
-            self.drop()
-            raise
-        except av.FFmpegError as error:
-            self.drop()
-            raise OutputError(f"{self.path}: cannot be written: {error}") from error
-
-    def show(self) -> None:
-        self.partial.replace(self.path)
-
-    def drop(self) -> None:
-        with contextlib.suppress(OSError):
-            self.partial.unlink(missing_ok=True)
+@contextlib.contextmanager
+def _encoding(file: PendingFile) -> Iterator[None]:
+    """Turn a refusal of the system or of the encoder into one line, and leave nothing half-written."""
+    try:
+        with file.writing():
+            yield
+    except av.FFmpegError as error:
+        raise OutputError(f"{file.path}: cannot be written: {error}") from error
 
 
 def _shrunk(picture: UInt8Array, width: int) -> UInt8Array:

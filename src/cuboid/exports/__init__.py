@@ -1,0 +1,74 @@
+"""Finished results in the forms of other programs. Other packages add theirs (entry points ``cuboid.exports``)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cuboid.errors import OutputError
+from cuboid.exports import coco, csv_table, kitti, plain_json, ply, rerun_file, ros2
+from cuboid.exports.finished import FinishedRun
+from cuboid.exports.registry import EXPORTS, Export
+from cuboid.outputs import OUTPUT_NAMES
+from cuboid.outputs.pending import new_file, new_folder
+
+__all__ = [
+    "EXPORTS",
+    "Export",
+    "FinishedRun",
+    "coco",
+    "csv_table",
+    "export",
+    "kitti",
+    "plain_json",
+    "ply",
+    "rerun_file",
+    "ros2",
+]
+
+
+def export(run: FinishedRun, name: str, path: Path, *, force: bool = False) -> list[str]:
+    """Write results in another form.
+
+    Parameters
+    ----------
+    run : FinishedRun
+        The results.
+    name : str
+        Of the form, one of `EXPORTS`.
+    path : Path
+        The file, or for PLY the folder, to write; it appears when it is whole.
+    force : bool
+        Whether what lies there is replaced.
+
+    Returns
+    -------
+    list of str
+        Lines that the user should read: what the form cannot say.
+
+    Raises
+    ------
+    InputError
+        There is no such form, or a file of the results is missing or malformed.
+    OutputError
+        The name does not fit the form, exists without `force`, is a file of the results, or cannot be written.
+    MissingExtraError
+        The form needs a package that is not installed.
+    """
+    form = EXPORTS.get(name)
+    _refuse(run, name, form, path)
+    if form.suffix:
+        with new_file(path, force=force) as file:
+            return form.write(run, file)
+    with new_folder(path, force=force, replaces=form.names) as folder:
+        return form.write(run, folder)
+
+
+def _refuse(run: FinishedRun, name: str, form: Export, path: Path) -> None:
+    """Refuse a name that is of another kind of file, or that the results themselves have."""
+    if form.suffix and path.suffix.lower() != form.suffix:
+        raise OutputError(f"{path}: the name must end with {form.suffix} for '{name}'")
+    if not form.suffix and path.suffix:
+        raise OutputError(f"{path}: '{name}' makes a folder of files, whose name has no '{path.suffix}'")
+    real, results = path.resolve(), run.folder.resolve()
+    if real == results or (real.parent == results and real.name in OUTPUT_NAMES):
+        raise OutputError(f"{path}: belongs to the results themselves; name another output")

@@ -1,0 +1,84 @@
+"""COCO: the objects' rectangles in the images, with their labels as track ids.
+
+The layout is that of COCO's object detection files, with the additions for videos that TAO and its kin made:
+``videos``, ``tracks``, and for an annotation its ``track_id``. ``image_id`` and ``frame_index`` are the number of the
+frame in the recording, from 0; annotations count from 1. There is one category, "object".
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from cuboid.exports.finished import FinishedRun
+from cuboid.exports.registry import EXPORTS, Export
+from cuboid.outputs import TrackRow
+from cuboid.outputs.objects import write_json
+from cuboid.outputs.text import LENGTH, PIXEL, rounded, rounded_list
+
+CATEGORY = 1
+VIDEO = 1
+
+
+def write(run: FinishedRun, path: Path) -> list[str]:
+    """Write the file; says so where the recording, which names the images, is not there."""
+    K = run.found.intrinsics
+    names = _image_names(run)
+    images = [
+        {
+            "id": frame,
+            "file_name": names.get(frame, f"{frame:06d}"),
+            "width": K.width,
+            "height": K.height,
+            "video_id": VIDEO,
+            "frame_index": frame,
+            "timestamp": rounded(pose.timestamp_s, LENGTH),
+        }
+        for frame, pose in run.poses.items()
+    ]
+    seen = [row for row in run.tracks if (row.rect_xyxy[2:] > row.rect_xyxy[:2]).all()]
+    document = {
+        "info": {"description": f"Objects found by cuboid {run.report.version} in {run.report.recording}"},
+        "videos": [{"id": VIDEO, "name": Path(run.report.recording).name, "width": K.width, "height": K.height}],
+        "categories": [{"id": CATEGORY, "name": "object", "supercategory": "object"}],
+        "tracks": [_track(run, label) for label in sorted({row.label for row in seen})],
+        "images": images,
+        "annotations": [_annotation(run, number, row) for number, row in enumerate(seen, 1)],
+    }
+    write_json(path, document)
+    if names or not images:
+        return []
+    return [f"{run.report.recording} is not there: images are named by their numbers (--recording says where it is)"]
+
+
+def _image_names(run: FinishedRun) -> dict[int, str]:
+    """Return the file of each frame's image, seen from the recording; none where the recording is gone."""
+    if run.recording_path is None and not Path(run.report.recording).exists():
+        return {}
+    named = ((frame, run.recording.color_name(frame)) for frame in run.poses)
+    return {frame: name for frame, name in named if name is not None}
+
+
+def _track(run: FinishedRun, label: int) -> dict[str, Any]:
+    ended = run.survivor.get(label)
+    merged_into = ended.label if ended is not None and ended.label != label else None
+    return {"id": label, "category_id": CATEGORY, "video_id": VIDEO, "merged_into": merged_into}
+
+
+def _annotation(run: FinishedRun, number: int, row: TrackRow) -> dict[str, Any]:
+    x0, y0, x1, y1 = row.rect_xyxy
+    ended = run.survivor.get(row.label)
+    return {
+        "id": number,
+        "image_id": row.frame,
+        "category_id": CATEGORY,
+        "track_id": row.label,
+        "bbox": rounded_list((x0, y0, x1 - x0, y1 - y0), PIXEL),
+        "area": rounded((x1 - x0) * (y1 - y0), PIXEL),
+        "iscrowd": 0,
+        "visibility": rounded(row.visible, LENGTH),
+        "score": rounded(ended.score if ended is not None else 0.0, LENGTH),
+    }
+
+
+EXPORTS.register("coco")(Export(".json", write))

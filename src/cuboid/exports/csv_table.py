@@ -1,0 +1,45 @@
+"""CSV: a row an object of the map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cuboid.exports.finished import FinishedRun
+from cuboid.exports.registry import EXPORTS, Export
+from cuboid.geometry.se3 import quat_wxyz_from_rotation
+from cuboid.outputs.text import DIRECTION, LENGTH, number, numbers
+from cuboid.results import TrackedObject
+
+HEADER = (
+    "label,length_cm,width_cm,height_cm,x_m,y_m,z_m,qw,qx,qy,qz,score,heat,"
+    "first_frame,last_frame,frames_seen,points,red,green,blue,plane,merged_labels"
+)
+# Digits after the point of sizes in centimetres (a hundredth of a millimetre) and of mean colors.
+CENTIMETRE = 3
+COLOR = 1
+
+
+def write(run: FinishedRun, path: Path) -> list[str]:
+    """Write the file."""
+    lines = [HEADER, *(_line(item) for item in run.found.objects)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+    return []
+
+
+def _line(item: TrackedObject) -> str:
+    cells = (
+        str(item.label),
+        numbers(100.0 * item.box.size, CENTIMETRE),
+        numbers(item.box.center, LENGTH),
+        numbers(quat_wxyz_from_rotation(item.box.rotation), DIRECTION),
+        number(item.score, LENGTH),
+        number(item.heat, LENGTH),
+        f"{item.first_frame},{item.last_frame},{item.frames_seen},{item.points}",
+        numbers(item.mean_color, COLOR),
+        "" if item.plane is None else str(item.plane),
+        " ".join(map(str, item.merged_labels)),
+    )
+    return ",".join(cells)
+
+
+EXPORTS.register("csv")(Export(".csv", write))

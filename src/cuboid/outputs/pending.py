@@ -1,0 +1,127 @@
+"""A file, or a folder of files, that appears when it is whole."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import secrets
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+from cuboid.errors import OutputError
+from cuboid.outputs.folder import writing
+
+
+class PendingFile:
+    """A file that is written under a hidden name beside its own and then renamed.
+
+    Parameters
+    ----------
+    path : Path
+        Its own name.
+
+    Attributes
+    ----------
+    path : Path
+    partial : Path
+        Where it is written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.partial = path.with_name(f".{path.name}.partial")
+
+    @contextlib.contextmanager
+    def writing(self) -> Iterator[None]:
+        """Turn a refusal of the system into one line, and leave nothing half-written.
+
+        Raises
+        ------
+        OutputError
+            The file cannot be written.
+        """
+        try:
+            with writing(self.path):
+                yield
+        except BaseException:
+            self.drop()
+            raise
+
+    def show(self) -> None:
+        """Let the file appear under its own name, or replace the one that is there."""
+        self.partial.replace(self.path)
+
+    def drop(self) -> None:
+        """Leave no file."""
+        with contextlib.suppress(OSError):
+            self.partial.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def new_file(path: Path, *, force: bool) -> Iterator[Path]:
+    """Give the place where a file is written that appears at the end.
+
+    Parameters
+    ----------
+    path : Path
+    force : bool
+        Whether a file that lies there is replaced.
+
+    Raises
+    ------
+    OutputError
+        It exists and `force` is not given, it is a folder, or it cannot be written.
+    """
+    if path.is_dir():
+        raise OutputError(f"{path}: is a folder; the output must be a file")
+    if path.exists() and not force:
+        raise OutputError(f"{path}: exists; --force replaces it")
+    file = PendingFile(path)
+    with file.writing():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield file.partial
+        file.show()
+
+
+@contextlib.contextmanager
+def new_folder(path: Path, *, force: bool, replaces: str) -> Iterator[Path]:
+    """Give the place where a folder of files is written that appears at the end.
+
+    Parameters
+    ----------
+    path : Path
+    force : bool
+        Whether files of the same kind that lie there are replaced; other files stay.
+    replaces : str
+        Regular expression of the names that are of this kind.
+
+    Raises
+    ------
+    OutputError
+        It exists and `force` is not given, it is a file, or it cannot be written.
+    """
+    if path.exists() and not path.is_dir():
+        raise OutputError(f"{path}: is a file; the output must be a folder")
+    if path.is_dir() and not force:
+        raise OutputError(f"{path}: the folder exists; --force replaces the files of an earlier export in it")
+    working = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
+    try:
+        with writing(path):
+            working.mkdir(parents=True)
+            yield working
+            if path.is_dir():
+                _replace(working, path, re.compile(replaces))
+            else:
+                working.rename(path)
+    finally:
+        shutil.rmtree(working, ignore_errors=True)
+
+
+def _replace(working: Path, path: Path, kind: re.Pattern[str]) -> None:
+    """Move all files of a folder into another, from which those of the same kind go."""
+    for old in sorted(path.iterdir()):
+        if old.is_file() and kind.fullmatch(old.name):
+            old.unlink()
+    for new in sorted(working.iterdir()):
+        new.replace(path / new.name)

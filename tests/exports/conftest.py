@@ -1,0 +1,26 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from made_results import FRAMES, finished
+
+from cuboid.exports import FinishedRun
+from fakes import write_recording
+
+
+@pytest.fixture
+def make_run(tmp_path: Path) -> Callable[[float], FinishedRun]:
+    """Return a function that makes results of a camera that looks down by so many degrees."""
+
+    def make(down_deg: float) -> FinishedRun:
+        recording = write_recording(tmp_path / "recording", FRAMES)
+        return FinishedRun(finished(tmp_path / "results", recording, down_deg))
+
+    return make
+
+
+@pytest.fixture
+def run(make_run: Callable[[float], FinishedRun]) -> FinishedRun:
+    return make_run(30.0)

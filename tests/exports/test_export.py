@@ -1,0 +1,297 @@
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from made_results import BOXES, CAMERA, FRAMES, SEEN
+from pycocotools.coco import COCO
+
+from cuboid.cli import main
+from cuboid.errors import InputError, OutputError
+from cuboid.exports import EXPORTS, FinishedRun, export
+from cuboid.exports.kitti import in_camera, kitti_row, read_kitti
+from cuboid.geometry.box import Box
+from cuboid.geometry.overlap import iou
+from cuboid.geometry.se3 import rotation_from_quat_wxyz
+from cuboid.outputs import TrackRow, read_map
+from cuboid.views.palette import color_of
+
+OWN = ("coco", "csv", "json", "kitti", "ply", "ros2")
+SUFFIXES = {name: form.suffix for name, form in EXPORTS.items()}
+
+
+def load(path: Path) -> Any:
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("name", OWN)
+class TestAnyForm:
+    def test_the_same_results_are_the_same_bytes(self, run: FinishedRun, tmp_path: Path, name: str) -> None:
+        for folder in "ab":
+            export(run, name, tmp_path / folder / f"out{SUFFIXES[name]}")
+        one, two = (sorted(path for path in (tmp_path / folder).rglob("*") if path.is_file()) for folder in "ab")
+        assert [path.read_bytes() for path in one] == [path.read_bytes() for path in two]
+        assert one
+
+    def test_what_lies_there_is_kept_without_force(self, run: FinishedRun, tmp_path: Path, name: str) -> None:
+        output = tmp_path / f"out{SUFFIXES[name]}"
+        if SUFFIXES[name]:
+            output.write_text("mine")
+        else:
+            output.mkdir()
+            (output / "notes.txt").write_text("mine")
+            (output / "object_099.ply").write_text("of an earlier export")
+        before = sorted(output.rglob("*"))
+        with pytest.raises(OutputError, match="--force replaces"):
+            export(run, name, output)
+        assert sorted(output.rglob("*")) == before
+        export(run, name, output, force=True)
+        if SUFFIXES[name]:
+            assert output.read_text() != "mine"
+        else:
+            assert (output / "notes.txt").read_text() == "mine"
+            assert not (output / "object_099.ply").exists()
+            assert (output / "boxes.ply").exists()
+
+    def test_a_fault_leaves_nothing(
+        self, run: FinishedRun, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def full(self: Path, *args: object, **options: object) -> int:
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.setattr(Path, "write_text", full)
+        monkeypatch.setattr(Path, "write_bytes", full)
+        (tmp_path / "there").mkdir()
+        with pytest.raises(OutputError, match="the disk is full"):
+            export(run, name, tmp_path / "there" / f"out{SUFFIXES[name]}")
+        assert list((tmp_path / "there").iterdir()) == []
+
+    def test_results_without_an_object_are_exported(self, run: FinishedRun, tmp_path: Path, name: str) -> None:
+        document = load(run.folder / "objects.json")
+        (run.folder / "objects.json").write_text(json.dumps({**document, "up": None, "planes": [], "objects": []}))
+        header, *_ = (run.folder / "tracks.csv").read_text().splitlines()
+        (run.folder / "tracks.csv").write_text(header + "\n")
+        export(run, name, tmp_path / f"out{SUFFIXES[name]}")
+        assert (tmp_path / f"out{SUFFIXES[name]}").exists()
+
+
+def test_wrong_calls_are_one_line(run: FinishedRun, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def call(*words: str | Path) -> str:
+        assert main(["export", *map(str, words)]) == 2
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.count("\n") == 1
+        return err
+
+    there = tmp_path / "out.json"
+    assert "unknown export 'pdf'; there are: coco, csv," in call(run.folder, "--to", "pdf", "--output", there)
+    assert "must end with .txt for 'kitti'" in call(run.folder, "--to", "kitti", "--output", there)
+    assert "makes a folder of files" in call(run.folder, "--to", "ply", "--output", tmp_path / "a.ply")
+    assert "expected a folder with the results" in call(tmp_path / "none", "--to", "json", "--output", there)
+    own = call(run.folder, "--to", "json", "--output", run.folder / "objects.json", "--force")
+    assert "belongs to the results themselves" in own
+    assert "belongs to the results" in call(run.folder, "--to", "ply", "--output", run.folder, "--force")
+    (run.folder / "tracks.csv").unlink()
+    assert "tracks.csv: cannot be read" in call(run.folder, "--to", "coco", "--output", there)
+    assert not there.exists()
+
+
+def test_a_trajectory_of_another_run_is_an_error(run: FinishedRun, tmp_path: Path) -> None:
+    path = run.folder / "trajectory.txt"
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:-1]))
+    with pytest.raises(InputError, match=r"trajectory\.txt: expected 4 lines, one a used frame, got 3"):
+        export(run, "kitti", tmp_path / "a.txt")
+
+
+def test_the_command_says_what_it_wrote(run: FinishedRun, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", str(run.folder), "--to", "csv", "--output", str(tmp_path / "o.csv")]) == 0
+    assert capsys.readouterr().out == f"csv written to {tmp_path / 'o.csv'}\n"
+
+
+def test_ply_has_the_points_of_each_object_and_closed_boxes(run: FinishedRun, tmp_path: Path) -> None:
+    export(run, "ply", tmp_path / "ply")
+    assert sorted(path.name for path in (tmp_path / "ply").iterdir()) == [
+        "boxes.ply",
+        "object_001.ply",
+        "object_002.ply",
+    ]
+    own = run.points.label == 1
+    cloud = trimesh.load(tmp_path / "ply" / "object_001.ply")
+    np.testing.assert_array_equal(cloud.vertices, run.points.xyz[own])
+    np.testing.assert_array_equal(cloud.colors[:, :3], run.points.rgb[own])
+    assert len(read_map(tmp_path / "ply" / "object_002.ply").xyz) == 0
+    mesh = trimesh.load(tmp_path / "ply" / "boxes.ply", process=False)
+    parts = mesh.split()
+    assert len(parts) == 2
+    for label, part in zip((1, 2), parts, strict=True):
+        box = BOXES[label]
+        assert part.is_watertight
+        assert part.volume == pytest.approx(box.volume, rel=1e-4)  # outward: the volume is not negative
+        np.testing.assert_allclose(sorted(map(tuple, part.vertices)), sorted(map(tuple, box.corners())), atol=1e-6)
+        assert (part.visual.vertex_colors[:, :3] == color_of(label)).all()
+    header = (tmp_path / "ply" / "boxes.ply").read_bytes().partition(b"end_header")[0].decode()
+    assert "element edge 24" in header
+
+
+def test_coco_is_read_by_its_own_tools(run: FinishedRun, tmp_path: Path) -> None:
+    export(run, "coco", tmp_path / "coco.json")
+    coco = COCO(str(tmp_path / "coco.json"))
+    assert coco.getImgIds() == list(SEEN)
+    assert coco.loadImgs([3])[0]["file_name"] == "color/000003.png"
+    assert [category["name"] for category in coco.loadCats(coco.getCatIds())] == ["object"]
+    found = coco.loadAnns(coco.getAnnIds(imgIds=[1], catIds=[1]))
+    assert [item["track_id"] for item in found] == [1, 2, 3]
+    assert found[0]["bbox"] == [10.0, 11.5, 10.25, 19.5]
+    assert found[0]["area"] == pytest.approx(10.25 * 19.5, abs=0.01)
+    assert min(coco.getAnnIds()) == 1
+    result = coco.loadRes(
+        [{name: item[name] for name in ("image_id", "category_id", "bbox", "score")} for item in found]
+    )
+    assert len(result.getAnnIds()) == 3
+    merged = {track["id"]: track["merged_into"] for track in load(tmp_path / "coco.json")["tracks"]}
+    assert merged == {1: None, 2: None, 3: 1}
+
+
+def test_without_its_recording_coco_says_that_images_have_no_names(run: FinishedRun, tmp_path: Path) -> None:
+    moved = tmp_path / "moved"
+    (tmp_path / "recording").rename(moved)
+    (note,) = export(run, "coco", tmp_path / "a.json")
+    assert "--recording says where it is" in note
+    assert load(tmp_path / "a.json")["images"][0]["file_name"] == "000000"
+    assert export(FinishedRun(run.folder, moved), "coco", tmp_path / "b.json") == []
+    assert load(tmp_path / "b.json")["images"][0]["file_name"] == "color/000000.png"
+    with pytest.raises(InputError):
+        export(FinishedRun(run.folder, tmp_path / "nowhere"), "coco", tmp_path / "c.json")
+
+
+def test_kitti_of_a_level_camera_is_exact(make_run: Callable[[float], FinishedRun], tmp_path: Path) -> None:
+    run = make_run(0.0)
+    (note,) = export(run, "kitti", tmp_path / "k.txt")
+    assert "tilted by 0 degrees" in note
+    assert "IoU 1.00" in note
+    rows = read_kitti(tmp_path / "k.txt")
+    assert [(row.frame, row.label) for row in rows] == [(frame, label) for frame in SEEN for label in SEEN[frame]]
+    for row in rows:
+        true = in_camera(BOXES[row.label], run.poses[row.frame].T_world_camera)
+        assert iou(row.box(), true) > 0.999
+        assert row.size_lwh == pytest.approx(true.size, abs=1e-6)
+        ahead_rad = np.arctan2(true.center[0], true.center[2])
+        assert np.cos(row.alpha_rad - row.rotation_y_rad + ahead_rad) == pytest.approx(1.0)
+    assert [row.score for row in rows if row.frame == 3] == [0.9, 0.9]  # label 3 ended as object 1
+    assert [row.occluded for row in rows if row.frame == 1] == [0, 1, 1]
+
+
+def test_kitti_of_a_tilted_camera_keeps_centres_and_says_what_it_loses(run: FinishedRun, tmp_path: Path) -> None:
+    (note,) = export(run, "kitti", tmp_path / "k.txt")
+    assert "tilted by 30 degrees" in note
+    overlaps = []
+    for row in read_kitti(tmp_path / "k.txt"):
+        true = in_camera(BOXES[row.label], run.poses[row.frame].T_world_camera)
+        np.testing.assert_allclose(row.box().center, true.center, atol=2e-6)
+        overlaps.append(iou(row.box(), true))
+    assert f"IoU {np.median(overlaps):.2f}" in note
+    assert 0.3 < np.median(overlaps) < 0.95
+
+
+def test_a_kitti_line_has_the_fields_of_the_benchmark(run: FinishedRun, tmp_path: Path) -> None:
+    export(run, "kitti", tmp_path / "k.txt")
+    words = (tmp_path / "k.txt").read_text().splitlines()[0].split()
+    assert len(words) == 18
+    assert words[:5] == ["0", "1", "Misc", "0", "0"]
+    assert [float(word) for word in words[10:13]] == [0.10, 0.12, 0.20]  # height, width, length
+    (tmp_path / "bad.txt").write_text("0 1 Misc 0 0 x" + " 1" * 12 + "\n")
+    with pytest.raises(InputError, match=r"bad\.txt:1: could not convert"):
+        read_kitti(tmp_path / "bad.txt")
+
+
+@pytest.mark.parametrize(("x", "truncated"), [(0.0, 0), (0.45, 1), (0.58, 2), (2.0, 2)])
+def test_kitti_says_what_the_image_cuts_off(x: float, truncated: int) -> None:
+    box = Box(np.array([x, 0.0, 1.0]), np.full(3, 0.2), np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], float))
+    seen = TrackRow(0, 0.0, 1, box, None, 1.0, np.zeros(4))
+    assert kitti_row(seen, np.eye(4), CAMERA, 1.0).truncated == truncated
+
+
+# What the messages of ROS 2 Humble and later hold; types of leaves.
+HEADER = {"stamp": {"sec": int, "nanosec": int}, "frame_id": str}
+XYZ = {"x": float, "y": float, "z": float}
+POSE = {"position": XYZ, "orientation": {**XYZ, "w": float}}
+MARKER = {
+    "header": HEADER, "ns": str, "id": int, "type": int, "action": int, "pose": POSE, "scale": XYZ,
+    "color": {"r": float, "g": float, "b": float, "a": float}, "points": [XYZ], "text": str,
+}  # fmt: skip
+DETECTION = {
+    "header": HEADER,
+    "results": [{"hypothesis": {"class_id": str, "score": float}, "pose": {"pose": POSE, "covariance": [float]}}],
+    "bbox": {"center": POSE, "size": XYZ},
+    "id": str,
+}
+
+
+def assert_fits(value: Any, message: Any) -> None:
+    """Assert that a value sets only fields that the message has, of their types."""
+    if isinstance(message, dict):
+        assert set(value) <= set(message)
+        for name in value:
+            assert_fits(value[name], message[name])
+    elif isinstance(message, list):
+        for item in value:
+            assert_fits(item, message[0])
+    else:
+        assert type(value) is message
+
+
+def test_ros2_has_the_fields_of_its_messages(run: FinishedRun, tmp_path: Path) -> None:
+    export(run, "ros2", tmp_path / "r.json")
+    document = load(tmp_path / "r.json")
+    assert_fits(document["marker_array"], {"markers": [MARKER]})
+    assert_fits(document["detections"], {"header": HEADER, "detections": [DETECTION]})
+    first = document["detections"]["detections"][0]
+    assert (first["id"], first["header"]["stamp"]) == ("1", {"sec": 0, "nanosec": 133333000})
+    q = first["bbox"]["center"]["orientation"]
+    rotation = rotation_from_quat_wxyz([q["w"], q["x"], q["y"], q["z"]])
+    np.testing.assert_allclose(rotation, BOXES[1].rotation, atol=1e-8)
+    assert list(first["bbox"]["size"].values()) == [0.20, 0.12, 0.10]
+    markers = document["marker_array"]["markers"]
+    assert len({(marker["ns"], marker["id"]) for marker in markers}) == len(markers) == 6
+    edges = next(marker for marker in markers if marker["type"] == 5)
+    assert len(edges["points"]) == 24
+    text = next(marker for marker in markers if marker["type"] == 9)
+    assert text["text"] == "#1"
+    assert text["pose"]["position"]["z"] > 0.80  # above the box
+
+
+def test_json_has_sizes_in_centimetres_and_footprints_on_the_ground(run: FinishedRun, tmp_path: Path) -> None:
+    export(run, "json", tmp_path / "j.json")
+    document = load(tmp_path / "j.json")
+    assert (document["type"], document["units"], document["up"]) == ("FeatureCollection", "cm", [0.0, 0.0, 1.0])
+    one, two, table = document["features"]
+    assert [one["properties"][f"{side}_cm"] for side in ("length", "width", "height")] == [20.0, 12.0, 10.0]
+    assert one["properties"]["center_cm"] == [5.0, 2.0, 75.0]
+    assert (one["properties"]["first_seen_s"], one["properties"]["last_seen_s"]) == (0.0, 0.1)
+    assert one["properties"]["stands_on_plane"] == table["properties"]["number"] == 0
+    assert two["properties"]["stands_on_plane"] is None
+    for feature, area_cm2 in ((one, 240.0), (two, 56.0), (table, 40000.0)):
+        (ring,) = np.array(feature["geometry"]["coordinates"])
+        np.testing.assert_array_equal(ring[0], ring[-1])
+        np.testing.assert_allclose(ring[:, 2], 70.0, atol=1e-9)
+        x, y = ring[:, 0], ring[:, 1]
+        signed = 0.5 * float((x[:-1] * y[1:] - x[1:] * y[:-1]).sum())
+        assert signed == pytest.approx(area_cm2, rel=1e-3)  # positive: counter-clockwise from above
+
+
+def test_csv_has_a_row_an_object(run: FinishedRun, tmp_path: Path) -> None:
+    export(run, "csv", tmp_path / "o.csv")
+    with (tmp_path / "o.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["label"] for row in rows] == ["1", "2"]
+    assert [float(rows[0][f"{side}_cm"]) for side in ("length", "width", "height")] == [20.0, 12.0, 10.0]
+    assert [float(rows[1][f"{axis}_m"]) for axis in "xyz"] == [0.3, -0.1, 0.8]
+    assert (rows[0]["plane"], rows[1]["plane"], rows[0]["merged_labels"]) == ("0", "", "3")
+    assert (rows[0]["first_frame"], rows[0]["last_frame"]) == ("0", "3")
+    assert int(rows[1]["last_frame"]) < FRAMES
