@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+import numpy as np
+from posed_pictures import CAMERA, black, picture, way
+
+from cuboid.frame import Frame
+from cuboid.geometry import se3
+from cuboid.poses.places import Appearance, locate, look, votes
+from cuboid.poses.pyramid import shrink
+
+PATH = way(25, 150.0)
+PINHOLE = np.array([CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy])
+
+
+def looks(frame: Frame) -> Appearance:
+    gray, depth_m, _ = shrink(frame, CAMERA)
+    return look(gray, depth_m, PINHOLE)
+
+
+def test_an_image_votes_for_the_place_that_it_shows() -> None:
+    known = [looks(picture(PATH[k], k)) for k in (0, 6, 12, 18, 24)]
+    shares = votes(looks(picture(PATH[13], 13)), known)
+    assert int(np.argmax(shares)) == 2
+    assert shares[2] > 0.12
+
+
+def test_a_pose_is_found_without_knowing_where_to_look() -> None:
+    known, seen = looks(picture(PATH[12], 12)), looks(picture(PATH[14], 14))
+    T = locate(seen, known, PINHOLE)
+    assert T is not None
+    away = se3.log(T @ se3.inverse(se3.inverse(PATH[14]) @ PATH[12]))
+    assert np.linalg.norm(away[:3]) < 0.06
+    assert np.degrees(np.linalg.norm(away[3:])) < 3.0
+
+
+def test_a_covered_lens_looks_like_nothing() -> None:
+    dark, known = looks(black(0)), looks(picture(PATH[0], 0))
+    assert len(dark.corners) == 0
+    assert locate(dark, known, PINHOLE) is None
+    assert locate(known, dark, PINHOLE) is None
+    np.testing.assert_array_equal(votes(dark, [known]), [0.0])
+    assert len(votes(known, [])) == 0
+
+
+def test_another_place_is_not_taken_for_a_known_one() -> None:
+    assert locate(looks(picture(PATH[24], 24)), looks(picture(PATH[0], 0)), PINHOLE) is None
