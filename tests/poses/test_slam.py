@@ -26,7 +26,8 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
         frame = black(k) if k in COVERED else picture(T, k)
         cv2.imwrite(str(folder / "color" / f"{k:06d}.png"), frame.color[..., ::-1])
         cv2.imwrite(
-            str(folder / "depth" / f"{k:06d}.png"), np.rint(np.maximum(frame.depth_m, 0.001) * 1000).astype(np.uint16)
+            str(folder / "depth" / f"{k:06d}.png"),
+            np.rint(np.where(frame.depth_m > 0, frame.depth_m, 0.4) * 1000).astype(np.uint16),
         )
     return folder
 
