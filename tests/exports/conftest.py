@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from made_results import FRAMES, finished
+from made_run import FRAMES, finished
 
 from cuboid.exports import FinishedRun
 from fakes import write_recording

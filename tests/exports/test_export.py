@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from made_results import BOXES, CAMERA, FRAMES, SEEN
+from made_run import BOXES, CAMERA, FRAMES, SEEN
 from pycocotools.coco import COCO
 
 from cuboid.cli import main
