@@ -185,3 +185,14 @@ def test_the_recording_itself_is_no_output(tmp_path: Path) -> None:
 def test_an_empty_recording_is_an_error() -> None:
     with pytest.raises(InputError, match="no frames"):
         track(FakeRecording(0), None)
+
+
+def test_who_watches_sees_each_used_frame_with_the_tracker_as_it_is_then() -> None:
+    seen: list[tuple[int, tuple[int, ...], int, int]] = []
+
+    def watch(frame: Any, result: Any, tracker: Any) -> None:
+        seen.append((frame.index, frame.color.shape, result.index, len(tracker.frames)))
+
+    outcome = track(FakeRecording(4, {1: "bad"}), None, watch=watch, scale=2)
+    assert seen == [(0, (48, 64, 3), 0, 1), (2, (48, 64, 3), 2, 2), (3, (48, 64, 3), 3, 3)]
+    assert "live" in outcome.milliseconds

@@ -93,6 +93,7 @@ class Progress:
 
 MakeTracker = Callable[[Intrinsics, TrackerConfig, "str | ProposalSource | None"], TrackerLike]
 MakeView = Callable[[Path, Intrinsics, int], "View"]
+Watch = Callable[[Frame, FrameResult, TrackerLike], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +137,7 @@ def track_recording(
     stop: Callable[[], bool] = lambda: False,
     make_tracker: MakeTracker | None = None,
     make_view: MakeView | None = None,
+    watch: Watch | None = None,
 ) -> RunOutcome:
     """Track the objects of a recording and write the results.
 
@@ -169,6 +171,8 @@ def track_recording(
         Asked before each frame; True ends the run, whose results then say that they are not complete.
     make_tracker, make_view : callable, optional
         Make the tracker and the video; `cuboid.Tracker` and the labelled video unless given.
+    watch : callable, optional
+        Shown each used frame, what was found in it, and the tracker, between two frames of its work.
 
     Returns
     -------
@@ -200,7 +204,7 @@ def track_recording(
             _view(writer, recording, every, view_of) as view,
             closing(decode(recording, frames, ahead=threads > 1)) as decoded,
         ):
-            pipeline = _Pipeline(recording.path, len(frames), tracker, scale, writer, view, log, progress)
+            pipeline = _Pipeline(recording.path, len(frames), tracker, scale, writer, view, watch, log, progress)
             complete = pipeline.follow(decoded, stop)
         report = RunReport(
             version=__version__,
@@ -236,6 +240,7 @@ class _Pipeline:
     scale: int
     writer: ResultWriter | None
     view: View | None
+    watch: Watch | None
     log: FrameLog
     progress: Progress
 
@@ -271,6 +276,9 @@ class _Pipeline:
         if self.view is not None:
             self.view.show(frame, result, self.tracker.objects)
             clock.lap("draw")
+        if self.watch is not None:
+            self.watch(frame, result, self.tracker)
+            clock.lap("live")
         self.log.use(clock.done())
         self.progress.frame(result)
         return ""
