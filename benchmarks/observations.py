@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import numpy.typing as npt
@@ -13,10 +14,12 @@ import numpy.typing as npt
 from cuboid import open_recording
 from cuboid.config import TrackerConfig
 from cuboid.evaluation.result import BoxRows, MapBoxes, Result
-from cuboid.frame import Float64Array, Intrinsics
+from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
+from cuboid.results import FrameResult
 from cuboid.run import track_recording
+from cuboid.surfaces.clusters import FrameCluster, frame_clusters
 from cuboid.tracker import Tracker
 from scenes import Case
 
@@ -73,21 +76,30 @@ class _Listening(Tracker):
         self.seen: list[Observed] = []
         self._every = every
 
-    def _match(self, frame: int, image: Any, slots: Any, claim: Any, clusters: Any, boxes: Any, pose: Any) -> Any:
-        sightings, found = super()._match(frame, image, slots, claim, clusters, boxes, pose)
-        if frame % self._every == 0:
+    def update(self, frame: Frame) -> FrameResult:
+        """Take in a frame; keep its clusters with the boxes and labels that it was given."""
+        clusters: list[FrameCluster] = []
+
+        def listen(*arguments: Any) -> list[FrameCluster]:
+            clusters.extend(frame_clusters(*arguments))
+            return clusters
+
+        with patch("cuboid.tracker.frame_clusters", listen):
+            result = super().update(frame)
+        if frame.index % self._every == 0:
             parts = tuple(
                 Observation(
                     cluster.points,
                     cluster.pixels,
-                    box,
+                    proposal.box,
                     None if cluster.plane is None else self._planes.in_world(cluster.plane),
                     proposal.label,
                 )
-                for cluster, box, proposal in zip(clusters, boxes, found, strict=True)
+                for cluster, proposal in zip(clusters, result.proposals, strict=True)
             )
-            self.seen.append(Observed(frame, -pose[:3, :3].T @ pose[:3, 3], image.depth_m.shape[1], parts))
-        return sightings, found
+            step = max(1, self.intrinsics.width // self.config.working_width_px)
+            self.seen.append(Observed(frame.index, result.T_world_camera[:3, 3], self.intrinsics.width // step, parts))
+        return result
 
 
 def observe(case: Case, every: int = 1, limit: int | None = None) -> list[Observed]:

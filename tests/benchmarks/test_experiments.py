@@ -19,6 +19,8 @@ from cuboid.synthetic.poses import POSE_NOISES
 from experiment_poses import Shaken, merging
 from experiment_sources import write_cpmc, write_mcg
 from memories import KEPT, Features
+from observations import observe
+from scenes import Case
 from tables import markdown
 
 EXPERIMENTS = Path(__file__).resolve().parents[2] / "benchmarks" / "experiments.py"
@@ -99,6 +101,18 @@ def test_features_vote_for_the_object_that_has_them() -> None:
     for _ in range(KEPT // 32):
         memory.learn(0, None, things[1] + np.float32(9))
     assert memory.likeness([things[0]])[0, 0] == 0  # the newest are kept
+
+
+def test_what_a_frame_shows_is_kept_with_its_labels(recording: Path) -> None:
+    seen = observe(Case("table", "table", recording, recording), every=2)
+    assert [one.frame for one in seen] == [0, 2, 4, 6, 8, 10]
+    last = seen[-1]
+    assert last.width == 128
+    assert len(last.clusters) >= 3
+    for cluster in last.clusters:
+        inside = np.abs((cluster.points - cluster.box.center) @ cluster.box.rotation) <= cluster.box.size / 2 + 0.02
+        assert inside.all(1).mean() > 0.9
+    np.testing.assert_allclose(last.eye, open_recording(recording).read(10).T_world_camera[:3, 3])
 
 
 def test_a_table_is_markdown() -> None:
