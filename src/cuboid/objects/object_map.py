@@ -9,14 +9,12 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.boxes.fit import fit_box
-from cuboid.boxes.hidden import foot_is_hidden, with_hidden
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
-from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.heatmap.voxel_map import REFUSED, Rows, VoxelMap
 from cuboid.objects.bonds import Bonds
+from cuboid.objects.boxing import Boxing
 from cuboid.objects.entry import MapObject
 from cuboid.objects.ownership import CONTACT_SHARE, Piece, bends_around, gap_m, owners_of, share_out
 from cuboid.objects.parts import (
@@ -56,10 +54,6 @@ SMALL_VOXELS, SMALL_PATIENCE = 64, 4
 # What floats above its plane, or lies beside an object, may be a part whose link is not seen yet: it is proposed so
 # many times as often before it gets a label of its own.
 FLOATING_PATIENCE, BESIDE_PATIENCE = 6, 4
-# Share of an object's trust that lies outside its surface at each side: the tails of the sensor's noise.
-STRAY_SHARE = 0.008
-# Voxels that a box is fitted to, at most about; more of a large object do not change it.
-BOX_VOXELS = 1500
 # What stands where a retired object stood is that object, when this share of the smaller box is common.
 RETURN_OVERLAP = 0.3
 
@@ -80,6 +74,7 @@ class ObjectMap:
         self._planes = planes
         self._objects: dict[int, MapObject] = {}
         self._boxes = np.full((64, 15), np.nan)
+        self._boxing = Boxing(voxels, planes)
         self.bonds = Bonds()
         self.splits = Splits()
         self._together: dict[tuple[int, int], int] = {}
@@ -250,7 +245,7 @@ class ObjectMap:
                 own.append(piece.rows)
             elif gap > FRAGMENT_GAP_M:
                 apart.append((piece, True))
-            elif is_object(self._box(piece), self._config) and rests(self._box(piece), self._plane(piece)):
+            elif self._stands_apart(piece):
                 apart.append((piece, False))
             else:
                 own.append(piece.rows)
@@ -270,10 +265,15 @@ class ObjectMap:
         for piece in near + [piece for piece, far in apart if far]:
             self._start(piece, frame)
 
+    def _stands_apart(self, piece: Piece) -> bool:
+        """Tell whether a piece is an object's size and has a foot of its own."""
+        box = self._boxing.seen(piece)
+        return is_object(box, self._config) and self._boxing.rests(piece, box)
+
     def _hangs(self, piece: Piece, part: Float32Array, body: Float32Array) -> bool:
         """Tell whether a piece has no foot of its own, or bends around the body as a far wall or a brim does."""
-        box = self._box(piece)
-        return not rests(box, self._plane(piece)) or bends_around(part, body, box.up)[0]
+        box = self._boxing.seen(piece)
+        return not self._boxing.rests(piece, box) or bends_around(part, body, box.up)[0]
 
     def _split(self, frame: int) -> None:
         """Make two of what has proved to be two things that touch; the larger one keeps the label."""
@@ -285,7 +285,7 @@ class ObjectMap:
                 continue
             side[entry.rows] = 0
             kept, other = (Piece(entry.number, entry.rows[part], entry.plane) for part in (first, ~first))
-            boxes = [self._box(kept), self._box(other)]
+            boxes = [self._boxing.seen(kept), self._boxing.seen(other)]
             common = float(overlap_min_matrix(pack(boxes[:1]), pack(boxes[1:]))[0, 0])
             # Two things that stand side by side share no more than the corners of their boxes.
             if common < APART_OVERLAP and all(is_object(box, self._config) for box in boxes):
@@ -296,7 +296,7 @@ class ObjectMap:
 
     def _start(self, piece: Piece, frame: int) -> None:
         """Begin an object, or bring back a retired one that stood there."""
-        box = self._box(piece)
+        box = self._boxing.seen(piece)
         if not is_object(box, self._config):
             return
         retired = [o for o in self._objects.values() if o.retired]
@@ -326,10 +326,11 @@ class ObjectMap:
 
     def _describe(self, entry: MapObject, piece: Piece) -> bool:
         """Fit the object to its voxels; False, and nothing changed, where they are not of an object's size."""
-        box = self._box(piece)
+        box = self._boxing.seen(piece)
         if not is_object(box, self._config):
             return False
-        entry.rows, entry.box = piece.rows, self._whole(entry, piece, box)
+        entry.rows = piece.rows
+        entry.box = self._boxing.whole(piece, box, self._others(entry)) if entry.confirmed else box
         entry.plane = piece.plane
         entry.points = self._voxels.xyz(piece.rows)
         entry.heat = float(self._voxels.heat(piece.rows).mean())
@@ -337,49 +338,9 @@ class ObjectMap:
         entry.missing = 0
         return True
 
-    def _plane(self, piece: Piece) -> tuple[Float64Array, float] | None:
-        return None if piece.plane is None else self._planes.in_world(piece.plane)
-
-    def _box(self, piece: Piece) -> Box:
-        """Fit a box to a piece; a voxel is believed by how often and from how near it was seen, up to the median.
-
-        Beyond the median more sightings prove no more: else the side that the camera dwelt on would be all.
-        """
-        rows = piece.rows[:: 1 + len(piece.rows) // BOX_VOXELS]
-        hits = self._voxels.hits[rows].astype(np.float64)
-        precision = self._voxels.weight(rows) / hits
-        trust = np.minimum(hits, np.median(hits)) * np.minimum(precision, np.median(precision))
-        points = self._voxels.xyz(rows)
-        plane = self._plane(piece)
-        if plane is not None:
-            return fit_box(points, *plane, STRAY_SHARE, trust)
-        up = self._planes.up
-        return fit_box(points, np.array([0.0, 0.0, 1.0]) if up is None else up, None, STRAY_SHARE, trust)
-
-    def _whole(self, entry: MapObject, piece: Piece, box: Box) -> Box:
-        """Return the box of a labelled object with what of it no frame has seen."""
-        plane = self._plane(piece)
-        if plane is None or not entry.confirmed:
-            return box
-        normal, offset = plane
-        near = self._labelled_near(entry, box)
-        points = self._voxels.xyz(piece.rows[:: 1 + len(piece.rows) // BOX_VOXELS]).astype(np.float64)
-        return with_hidden(box, points, normal, offset, near, self._voxels)
-
-    def _labelled_near(self, entry: MapObject, box: Box) -> list[Box]:
-        reach = 2.0 * float(np.linalg.norm(box.size))
-        return [
-            o.box
-            for o in self.alive()
-            if o is not entry and o.confirmed and float(np.linalg.norm(o.box.center - box.center)) <= reach
-        ]
-
-    def _stands(self, entry: MapObject) -> bool:
-        """Tell whether an object stands on its plane, or may: where its foot would be nothing was seen."""
-        plane = None if entry.plane is None else self._planes.in_world(entry.plane)
-        if plane is None or rests(entry.box, plane):
-            return True
-        return foot_is_hidden(entry.box, *plane, self._labelled_near(entry, entry.box), self._voxels)
+    def _others(self, entry: MapObject) -> list[MapObject]:
+        """Return the labelled objects but this one."""
+        return [other for other in self.confirmed() if other is not entry]
 
     def _age(self, missing: Iterable[MapObject]) -> None:
         """Retire what was not found at its place again and again; forget it where it never had a label."""
@@ -398,13 +359,16 @@ class ObjectMap:
             patience = 1
             other = self._beside(entry)
             if other is not None and is_part(
-                entry, other, self.bonds.verdict(entry.number, other.number), partial(self._stands, entry)
+                entry,
+                other,
+                self.bonds.verdict(entry.number, other.number),
+                partial(self._boxing.stands, entry, self._others(entry)),
             ):
                 kept, gone = self._merge(other.number, entry.number)
                 self._voxels.owner[self._voxels.owner == gone] = kept
                 other.bonded = True
                 continue
-            if not rests(entry.box, None if entry.plane is None else self._planes.in_world(entry.plane)):
+            if not rests(entry.box, self._boxing.plane(entry.plane)):
                 patience = FLOATING_PATIENCE
             if len(entry.rows) < SMALL_VOXELS:
                 patience = max(patience, SMALL_PATIENCE)
