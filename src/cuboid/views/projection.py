@@ -90,7 +90,8 @@ def wireframes(boxes: Sequence[Box], T_world_camera: Float64Array, intrinsics: I
         return []
     planes = _view_planes(intrinsics)
     corners = transform(inverse(T_world_camera), np.array([box.corners() for box in boxes]).reshape(-1, 3))
-    whole = (corners @ planes[:, :3].T + planes[:, 3] >= 0).reshape(len(boxes), -1).all(axis=1)
+    margins = (corners @ planes[:, :3].T + planes[:, 3]).reshape(len(boxes), -1)
+    whole = margins.min(axis=1) >= 0
     with np.errstate(divide="ignore", invalid="ignore"):  # only those of whole boxes are used
         pixels = project(corners, intrinsics).reshape(-1, 8, 2)
     corners = corners.reshape(-1, 8, 3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -44,17 +44,37 @@ def page_of(summary: Summary, live: Mapping[str, Any] | None = None) -> str:
     -------
     str
     """
-    source = files("cuboid.views.report") / "page"
     document = {**summary.to_dict(), "live": live}
-    scripts = "\n".join((source / name).read_text(encoding="utf-8") for name in SCRIPTS)
+    return assembled(own("page.html"), own("page.css"), [own(name) for name in SCRIPTS], document)
+
+
+def own(name: str) -> str:
+    """Return one of the page's source files."""
+    return (files("cuboid.views.report") / "page" / name).read_text(encoding="utf-8")
+
+
+def assembled(html: str, style: str, scripts: Sequence[str], document: Mapping[str, Any]) -> str:
+    """Return a page put together.
+
+    Parameters
+    ----------
+    html : str
+        With places in double braces for title, style, data and script.
+    style : str
+    scripts : sequence of str
+        In the order in which they use each other; they see nothing of the page's own scope.
+    document : mapping
+        What the scripts read, for JSON; its "title" is the page's.
+    """
+    together = "\n".join(scripts)
     parts = {
         "title": escape(f"{document['title']} - cuboid"),
-        "style": (source / "page.css").read_text(encoding="utf-8"),
+        "style": style,
         # "</script>" in a text would end the element: the JSON has no "<" at all
         "data": json.dumps(document, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
-        "script": f'"use strict";\n(() => {{\n{scripts}\n}})();',
+        "script": f'"use strict";\n(() => {{\n{together}\n}})();',
     }
-    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], (source / "page.html").read_text(encoding="utf-8"))
+    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], html)
 
 
 def write_report(path: Path, summary: Summary) -> None:

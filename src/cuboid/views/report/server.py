@@ -100,13 +100,13 @@ def make_server(viewer: Viewer, port: int = 0) -> ThreadingHTTPServer:
         The port is taken.
     """
 
-    class Handler(_Handler):
+    class Handler(PageHandler):
         show = staticmethod(lambda address: _answer(viewer, address))
 
     try:
         server = ThreadingHTTPServer((HOST, port), Handler)
     except OSError as error:
-        raise OutputError(f"port {port} cannot be used: {error.strerror}; without --port a free one is") from error
+        raise OutputError(f"port {port} cannot be used: {error.strerror}; leave --port out for a free one") from error
     server.daemon_threads = True
     return server
 
@@ -122,15 +122,25 @@ def _answer(viewer: Viewer, address: str) -> tuple[str, bytes] | None:
     return None if picture is None else ("image/jpeg", picture)
 
 
-class _Handler(BaseHTTPRequestHandler):
-    """Answers GET for what is there."""
+class PageHandler(BaseHTTPRequestHandler):
+    """Answers GET for what is there.
+
+    Attributes
+    ----------
+    show : callable
+        Kind and content of what lies at an address; None where nothing does.
+    names : tuple of str
+        Names of this machine that are answered to; none stands for any.
+    """
 
     show: Callable[[str], tuple[str, bytes] | None]
+    names: tuple[str, ...] = LOCAL_NAMES
 
     def do_GET(self) -> None:
+        """Answer, unless it was asked for under another name."""
         # another site's page may have its own name lead to this address: it gets nothing
         name = self.headers.get("Host", "").rsplit(":", 1)[0]
-        if name not in LOCAL_NAMES:
+        if self.names and name not in self.names:
             self.send_error(HTTPStatus.FORBIDDEN)
             return
         found = self.show(self.path)

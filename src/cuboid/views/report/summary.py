@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from cuboid.errors import InputError
-from cuboid.frame import Frame
+from cuboid.frame import Frame, Intrinsics
 from cuboid.outputs import (
     ObjectsFile,
     PoseRow,
@@ -74,27 +74,27 @@ class Summary:
             "run": self.report.to_dict(),
             "skipped": [[kind.frame, kind.count, kind.reason] for kind in self.report.skipped_kinds()],
             "up": None if self.found.up is None else _list(self.found.up, TURN_DIGITS),
-            "camera": _camera(self.found),
+            "camera": camera_document(self.found.intrinsics),
             "planes": [
                 {"normal": _list(plane.normal, TURN_DIGITS), "outline": [_list(p, PLACE_DIGITS) for p in plane.extent]}
                 for plane in self.found.planes
             ],
             "objects": [self._object(item, seen.get(item.label, [])) for item in self.found.objects],
             "gone": [
-                {**_colors(label), "label": label, "spans": runs, "into": self._survivor(label)}
+                {**label_colors(label), "label": label, "spans": runs, "into": self._survivor(label)}
                 for label, runs in sorted(seen.items())
                 if label not in kept
             ],
-            "frames": _packed(np.array(self.frames, dtype="<i4")),
-            "poses": _packed(matrices),
+            "frames": packed(np.array(self.frames, dtype="<i4")),
+            "poses": packed(matrices),
             "points": self.points.to_dict(),
-            "inferno": _packed(_inferno()),
+            "inferno": packed(inferno()),
         }
 
     def _object(self, item: TrackedObject, seen: list[tuple[int, int]]) -> dict[str, Any]:
         picture = self.pictures.get(item.label)
         return {
-            **_colors(item.label),
+            **label_colors(item.label),
             "label": item.label,
             "center": _list(item.box.center, PLACE_DIGITS),
             "size": _list(item.box.size, PLACE_DIGITS),
@@ -185,22 +185,24 @@ def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tup
     return found
 
 
-def _camera(found: ObjectsFile) -> dict[str, float]:
-    K = found.intrinsics
+def camera_document(K: Intrinsics) -> dict[str, float]:
+    """Return the pinhole as the page reads it."""
     return {"fx": K.fx, "fy": K.fy, "cx": K.cx, "cy": K.cy, "width": K.width, "height": K.height}
 
 
-def _colors(label: int) -> dict[str, str]:
+def label_colors(label: int) -> dict[str, str]:
+    """Return the color of a label, and that of text on it."""
     return {"color": hex_of(label), "ink": "#{:02x}{:02x}{:02x}".format(*ink_on(color_of(label)))}
 
 
-def _inferno() -> np.ndarray[Any, np.dtype[np.uint8]]:
+def inferno() -> np.ndarray[Any, np.dtype[np.uint8]]:
     """Return the colors of heat 0..255, (256, 3), the same as in videos."""
     levels = np.arange(256, dtype=np.uint8)[:, None]
     return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_INFERNO), np.uint8)[:, 0, ::-1]
 
 
-def _packed(values: np.ndarray[Any, np.dtype[Any]]) -> str:
+def packed(values: np.ndarray[Any, np.dtype[Any]]) -> str:
+    """Return the bytes of an array, base64."""
     return base64.b64encode(values.tobytes()).decode("ascii")
 
 

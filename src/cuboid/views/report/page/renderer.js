@@ -61,23 +61,32 @@ class Renderer {
     gl.vertexAttribDivisor(place, divisor);
   }
 
-  /** Take the point map; `own` are the colors (3 n, 8 bit) of the objects that points belong to, 0 for none. */
+  /**
+   * Take the point map, in place of the one before; `own` are the colors (3 n, 8 bit) of the objects that points
+   * belong to, 0 for none.
+   */
   setPoints({ steps, look }, own) {
     const gl = this.gl;
     const { program } = this.programs.points;
+    if (this.points) {
+      this.points.buffers.forEach((buffer) => gl.deleteBuffer(buffer));
+      gl.deleteVertexArray(this.points.array);
+    }
     const array = gl.createVertexArray();
+    const buffers = [];
     gl.bindVertexArray(array);
     for (const [name, content, size, type, normalized] of [
       ["steps", steps, 3, gl.UNSIGNED_SHORT, false],
       ["look", look, 4, gl.UNSIGNED_BYTE, true],
       ["own", own, 3, gl.UNSIGNED_BYTE, true],
     ]) {
-      gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+      buffers.push(gl.createBuffer());
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffers[buffers.length - 1]);
       gl.bufferData(gl.ARRAY_BUFFER, content, gl.STATIC_DRAW);
       this.attribute(program, name, size, type, normalized, 0, 0);
     }
     gl.bindVertexArray(null);
-    this.points = { array, count: steps.length / 3 };
+    this.points = { array, buffers, count: steps.length / 3 };
   }
 
   /**
