@@ -43,7 +43,8 @@ class Orbit {
       radius = clamp(1.25 * middleOf(reach, 0.6), 0.4, 3);
     }
     const { yaw } = this.anglesOf(sub(first.place, target));
-    return { yaw: yaw - 0.35, pitch: 0.6, target, distance: radius / Math.sin(FOV_Y / 2), fovY: FOV_Y };
+    const narrow = Math.max(1, this.canvas.clientHeight / Math.max(1, this.canvas.clientWidth));
+    return { yaw: yaw - 0.35, pitch: 0.6, target, distance: (narrow * radius) / Math.sin(FOV_Y / 2), fovY: FOV_Y };
   }
 
   anglesOf(way) {

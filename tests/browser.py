@@ -1,0 +1,78 @@
+"""A real browser for tests: Debian's chromium without a window, its WebGL computed by the processor."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Locator, Page, sync_playwright
+
+from cuboid.frame import UInt8Array
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+
+
+def chromium() -> str:
+    """Return where chromium lies; without one the test skips: nothing else needs it."""
+    path = os.environ.get("CUBOID_CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
+    if path is None:
+        pytest.skip("no chromium is installed (Debian: apt-get install chromium; elsewhere set CUBOID_CHROMIUM)")
+    return path
+
+
+@contextmanager
+def browser() -> Iterator[Browser]:
+    path = chromium()
+    with sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
+        yield launched
+        launched.close()
+
+
+class Watched:
+    """A page that keeps what it complains about and what it asks for.
+
+    Attributes
+    ----------
+    page : Page
+    complaints : list of str
+        Errors and warnings in its console, and faults of its scripts.
+    requests : list of str
+        Addresses, without those that hold their content themselves.
+    """
+
+    def __init__(self, launched: Browser, scheme: str = "dark") -> None:
+        self.page: Page = launched.new_page(
+            viewport={"width": 1280, "height": 800},
+            color_scheme="light" if scheme == "light" else "dark",
+            reduced_motion="reduce",
+        )
+        self.complaints: list[str] = []
+        self.requests: list[str] = []
+        self.page.on("console", lambda said: self._note(said.type, said.text))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("request", lambda asked: asked.url.startswith("data:") or self.requests.append(asked.url))
+
+    def _note(self, kind: str, text: str) -> None:
+        # reading the screen back is slow, says the driver, and so it is: only tests do it
+        if kind in ("error", "warning") and "ReadPixels" not in text:
+            self.complaints.append(text)
+
+    def open(self, address: str | Path) -> None:
+        """Open a file or an address, and wait until the scene is there."""
+        self.page.goto(address.as_uri() if isinstance(address, Path) else address)
+        self.page.wait_for_selector("body[data-ready]", timeout=30_000)
+
+
+def pixels(place: Locator) -> UInt8Array:
+    """Return what a place of the page looks like, (H, W, 3), RGB."""
+    shown = cv2.imdecode(np.frombuffer(place.screenshot(), np.uint8), cv2.IMREAD_COLOR)
+    assert shown is not None
+    return np.asarray(shown[..., ::-1], np.uint8)

@@ -1,0 +1,278 @@
+"""The page in a real browser: what people see, and what they can do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Page
+
+from browser import Watched, browser, pixels
+from cuboid.frame import UInt8Array
+from cuboid.outputs import read_tracks
+from cuboid.readers import open_recording
+from cuboid.views.palette import color_of
+from cuboid.views.report import summarise, write_report
+from made_results import BEST, COLORS, SEEN, SKIPPED, SPANS, write_results
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = write_results(tmp_path_factory.mktemp("page"), complete=False)
+    read = open_recording(folder.parent / "recording").read
+    write_report(folder / "report.html", summarise(folder, read))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def launched() -> Iterator[Browser]:
+    with browser() as found:
+        yield found
+
+
+@pytest.fixture
+def watched(launched: Browser, results: Path) -> Iterator[Watched]:
+    """The page, opened from disk; in the end it must not have complained."""
+    found = Watched(launched)
+    found.open(results / "report.html")
+    yield found
+    assert found.complaints == []
+    found.page.close()
+
+
+@pytest.fixture
+def page(watched: Watched) -> Page:
+    return watched.page
+
+
+def near(picture: UInt8Array, color: tuple[int, int, int], tolerance: int = 24) -> int:
+    """Return how many pixels have about a color."""
+    return int((np.abs(picture.astype(int) - color).max(axis=2) <= tolerance).sum())
+
+
+def click_object(page: Page, label: int) -> None:
+    """Click into the scene, on the box just under its tag."""
+    tag = page.locator(f'.tag[data-label="{label}"]').bounding_box()
+    assert tag is not None
+    page.mouse.click(tag["x"] + tag["width"] / 2, tag["y"] + tag["height"] + 26)
+
+
+def move_to(page: Page, place: int) -> None:
+    """Move the slider to the place of a frame among the used ones."""
+    moved = "(slider, to) => { slider.value = to; slider.dispatchEvent(new Event('input')); }"
+    page.locator("#slider").evaluate(moved, place)
+    settle(page)
+
+
+def settle(page: Page) -> None:
+    """Wait until what was asked for is on the screen."""
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+def test_it_opens_from_disk_and_asks_for_nothing_else(watched: Watched, results: Path) -> None:
+    assert watched.requests == [(results / "report.html").as_uri()]
+
+
+def test_the_scene_is_drawn(page: Page) -> None:
+    shown = pixels(page.locator("#canvas"))
+    assert len(np.unique(shown.reshape(-1, 3), axis=0)) > 500
+    hue = [(160, 30, 30), (30, 160, 30), (30, 30, 160)]  # the objects' points, as light as they may be
+    for color in hue:
+        strongest = int(np.argmax(color))
+        others = [k for k in range(3) if k != strongest]
+        points = (shown[..., strongest] > 90) & (shown[..., others] < 70).all(axis=2)
+        assert points.sum() > 200, color
+    for label in COLORS:
+        assert near(shown, color_of(label)) > 60  # tag and edges
+
+
+def test_points_are_colored_as_asked(page: Page) -> None:
+    looks = {}
+    for name in ("color", "heat", "label"):
+        page.click(f'[data-coloring="{name}"]')
+        looks[name] = pixels(page.locator("#canvas")).astype(int)
+    for a, b in (("color", "heat"), ("color", "label"), ("heat", "label")):
+        assert np.abs(looks[a] - looks[b]).mean() > 0.5
+
+
+def test_layers_can_be_left_out(page: Page) -> None:
+    before = pixels(page.locator("#canvas")).astype(int)
+    for name in ("planes", "camera", "boxes"):
+        page.click(f'[data-layer="{name}"]')
+        after = pixels(page.locator("#canvas")).astype(int)
+        assert np.abs(after - before).max() > 30, name
+        before = after
+    assert page.locator(".tag:visible").count() == 0
+
+
+@pytest.mark.parametrize("way", ["tag", "box", "row", "list"])
+def test_a_click_on_an_object_shows_its_card(page: Page, way: str) -> None:
+    assert page.locator("#card").is_hidden()
+    if way == "box":
+        click_object(page, 2)
+    else:
+        page.click({"tag": '.tag[data-label="2"]', "row": '[data-row="2"]', "list": '.object[data-label="2"]'}[way])
+    card = page.inner_text("#card")
+    for text in ("Object 2", "15.0 × 15.0 × 10.0 cm", "0.30, 0.10, 0.05 m", "frame 5", "frame 39", "33 of 38", "0.70"):
+        assert text in card, text
+    picture = page.locator("#card img")
+    assert picture.evaluate("image => image.naturalWidth") > 20
+    assert np.abs(pixels(picture)[20:-20, 20:-20].reshape(-1, 3).mean(axis=0) - (BEST[2], 100, 200)).max() < 4
+    page.click("#card .close")
+    assert page.locator("#card").is_hidden()
+
+
+def test_what_an_object_was_called_before_is_told(page: Page) -> None:
+    page.click('[data-row="1"]')
+    assert "#4" in page.inner_text("#card")
+
+
+def test_the_timeline_has_the_spans_of_the_tracks(page: Page, results: Path) -> None:
+    bars = page.locator("#plot .seen").evaluate_all(
+        "bars => bars.map(({dataset, x, width}) => "
+        "[dataset.label, dataset.from, dataset.to, x.baseVal.value, width.baseVal.value].map(Number))"
+    )
+    found: dict[int, list[tuple[int, int]]] = {}
+    for label, begin, end, *_ in bars:
+        found.setdefault(int(label), []).append((int(begin), int(end)))
+    assert found == SPANS
+    rows = read_tracks(results / "tracks.csv")
+    for label, runs in found.items():
+        inside = {frame for begin, end in runs for frame in range(begin, end + 1)} - set(SKIPPED)
+        assert inside == {row.frame for row in rows if row.label == label}
+    long = max(bars, key=lambda bar: bar[4])
+    per_frame = long[4] / (39 - 5)  # the last frame is the end of the plot
+    for _, begin, end, x, width in bars:
+        assert x - long[3] == pytest.approx(per_frame * (begin - 5), abs=0.5)
+        assert width == pytest.approx(max(1.5, per_frame * (min(end + 1, 39) - begin)), abs=0.5)
+    assert page.locator("#axis .skipped").count() == len(SKIPPED)
+
+
+def test_a_frame_shows_what_was_known_then(page: Page) -> None:
+    before = pixels(page.locator("#canvas"))
+    move_to(page, 3)
+    assert page.inner_text("#frame-number") == "frame 3"
+    assert page.locator(".tag:visible").all_inner_texts() == ["#1"]
+    move_to(page, 24)  # 7 and 23 were skipped
+    assert page.inner_text("#frame-number") == "frame 26"
+    assert sorted(page.locator(".tag:visible").all_inner_texts()) == ["#1", "#2"]
+    assert page.locator(".tag.faint:visible").all_inner_texts() == ["#1"]  # hidden, but known
+    assert np.abs(pixels(page.locator("#canvas")).astype(int) - before).max() > 60
+    page.keyboard.press("ArrowRight")
+    assert page.inner_text("#frame-number") == "frame 27"
+    page.keyboard.press("Escape")
+    settle(page)
+    assert page.inner_text("#frame-number") == "38 frames"
+    assert page.locator(".tag.faint:visible").count() == 0
+
+
+def test_the_card_leads_to_the_frame_of_its_picture(page: Page) -> None:
+    page.click('[data-row="3"]')
+    page.click("#card figcaption button")
+    assert page.inner_text("#frame-number") == f"frame {BEST[3]}"
+
+
+def test_playing_runs_through_the_frames(page: Page) -> None:
+    move_to(page, 30)
+    page.keyboard.press(" ")
+    page.wait_for_function("document.getElementById('frame-number').textContent === 'frame 39'", timeout=10_000)
+    assert "playing" not in (page.get_attribute("#play", "class") or "")
+
+
+def test_the_scene_can_be_turned_moved_and_looked_at_through_the_camera(page: Page) -> None:
+    seen = [pixels(page.locator("#canvas")).astype(int)]
+
+    def changed() -> bool:
+        seen.append(pixels(page.locator("#canvas")).astype(int))
+        return bool(np.abs(seen[-1] - seen[-2]).mean() > 1.0)
+
+    for button in ("left", "right"):
+        page.mouse.move(500, 300)
+        page.mouse.down(button=button)
+        page.mouse.move(560, 320, steps=3)
+        page.mouse.up(button=button)
+        assert changed(), button
+    assert page.locator("#card").is_hidden()  # a drag is no click
+    page.mouse.wheel(0, -300)
+    assert changed()
+    for name in ("look-home", "look-down", "look-through"):
+        page.click(f"#{name}")
+        assert changed(), name
+    # the middle of the scene is what the camera looks at
+    tags = {int(tag.inner_text()[1:]): tag.bounding_box() for tag in page.locator(".tag:visible").all()}
+    assert tags == {}  # nothing was known in the first frame
+    move_to(page, 37)
+    box = page.locator('.tag[data-label="1"]').bounding_box()
+    other = page.locator('.tag[data-label="2"]').bounding_box()
+    assert box is not None
+    assert other is not None
+    assert box["x"] < other["x"]
+
+
+def test_the_second_tab_tells_how_it_went(page: Page) -> None:
+    page.click("#tab-run")
+    assert page.locator("#view").is_hidden()
+    rows = page.locator("#stages tbody tr").all_inner_texts()
+    assert [row.split() for row in rows] == [
+        ["whole", "frame", "25.0", "40.0"],
+        ["decode", "5.00", "6.00"],
+        ["<b>fuse", "20.0", "34.0"],
+    ]
+    assert page.inner_text("#skipped tbody").split(maxsplit=2) == ["2", "7", SKIPPED[7]]
+    assert "0.01" in page.inner_text("#settings")
+    assert "38 of 40" in page.inner_text(".figures").replace("\n", "")
+    assert "not complete" in page.inner_text("#facts")
+    page.click("#tab-scene")
+    assert page.locator("#view").is_visible()
+
+
+def test_dark_and_light_follow_the_reader(launched: Browser, results: Path) -> None:
+    brightness = {}
+    for scheme in ("dark", "light"):
+        found = Watched(launched, scheme)
+        found.open(results / "report.html")
+        brightness[scheme] = pixels(found.page.locator("body")).mean()
+        found.page.click("#theme")
+        brightness[f"{scheme}, turned over"] = pixels(found.page.locator("body")).mean()
+        assert found.complaints == []
+        found.page.close()
+    assert brightness["light"] > 2 * brightness["dark"]
+    assert abs(brightness["dark, turned over"] - brightness["light"]) < 3
+
+
+def test_it_can_be_resized(page: Page) -> None:
+    for width, height in ((1920, 1080), (1024, 640)):
+        page.set_viewport_size({"width": width, "height": height})
+        for wanted in (
+            "document.documentElement.scrollWidth <= innerWidth",
+            "document.getElementById('plot').getBoundingClientRect().right <= innerWidth",
+            "(({ width, height, clientWidth, clientHeight }) => width === clientWidth && height === clientHeight)"
+            "(document.getElementById('canvas'))",
+        ):
+            page.wait_for_function(wanted, timeout=5_000)
+    before = page.locator("#panel").bounding_box()
+    splitter = page.locator('[data-size="--panel"]').bounding_box()
+    assert before is not None
+    assert splitter is not None
+    page.mouse.move(splitter["x"], 200)
+    page.mouse.down()
+    page.mouse.move(splitter["x"] - 80, 200, steps=2)
+    page.mouse.up()
+    after = page.locator("#panel").bounding_box()
+    assert after is not None
+    assert after["width"] == pytest.approx(before["width"] + 80, abs=3)
+
+
+def test_without_webgl_the_rest_is_shown_all_the_same(launched: Browser, results: Path) -> None:
+    found = Watched(launched)
+    found.page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    found.page.goto((results / "report.html").as_uri())
+    assert "needs a browser with WebGL 2" in found.page.inner_text("#notice")
+    found.page.click('[data-row="2"]')
+    assert "Object 2" in found.page.inner_text("#card")
+    assert found.page.locator("#plot .seen").count() == sum(map(len, SPANS.values()))
+    assert len(SEEN) == found.page.locator("#plot .row").count()
+    assert found.complaints == []
+    found.page.close()

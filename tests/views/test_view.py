@@ -1,0 +1,176 @@
+"""`cuboid view`: what the server gives, and to whom."""
+
+from __future__ import annotations
+
+import argparse
+import http.client
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from http.server import ThreadingHTTPServer
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from browser import Watched, browser, pixels
+from cuboid.cli import view
+from cuboid.errors import InputError, OutputError
+from cuboid.frame import UInt8Array
+from cuboid.readers import open_recording
+from cuboid.views.replay import Replay
+from cuboid.views.report.server import HOST, Viewer, make_server
+from made_results import FRAMES, HEIGHT, SKIPPED, WIDTH, write_results
+
+STRIP_PX = 24
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_results(tmp_path_factory.mktemp("view"))
+
+
+@pytest.fixture(scope="module")
+def server(results: Path) -> Iterator[ThreadingHTTPServer]:
+    viewer = Viewer(results, Replay(results), open_recording(results.parent / "recording"))
+    with make_server(viewer) as found:
+        thread = threading.Thread(target=found.serve_forever)
+        thread.start()
+        yield found
+        found.shutdown()
+        thread.join()
+
+
+def get(server: ThreadingHTTPServer, path: str, host: str | None = None) -> tuple[int, str, bytes]:
+    connection = http.client.HTTPConnection(HOST, server.server_port, timeout=20)
+    connection.request("GET", path, headers={} if host is None else {"Host": host})
+    answer = connection.getresponse()
+    content = answer.read()
+    connection.close()
+    return answer.status, answer.headers.get("Content-Type", ""), content
+
+
+def picture(server: ThreadingHTTPServer, frame: int, query: str = "") -> UInt8Array:
+    status, kind, content = get(server, f"/frame/{frame}.jpg{query}")
+    assert (status, kind) == (200, "image/jpeg")
+    shown = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
+    assert shown is not None
+    return np.asarray(shown[..., ::-1], np.uint8)
+
+
+def test_each_used_frame_has_its_picture(server: ThreadingHTTPServer) -> None:
+    for frame in (0, 8, FRAMES - 1):
+        shown = picture(server, frame)
+        assert shown.shape == (HEIGHT, WIDTH, 3)
+        assert np.abs(np.median(shown[:-STRIP_PX].reshape(-1, 3), axis=0) - (frame, 100, 200)).max() <= 4
+
+
+def test_objects_are_drawn_into_it(server: ThreadingHTTPServer) -> None:
+    def drawn(frame: int) -> int:
+        changed = np.abs(picture(server, frame)[:-STRIP_PX].astype(int) - (frame, 100, 200)).max(axis=2)
+        return int((changed > 40).sum())
+
+    assert drawn(0) == 0
+    assert drawn(39) > 200
+
+
+def test_it_shows_what_is_asked_for(server: ThreadingHTTPServer) -> None:
+    looks = [picture(server, 39, f"?what={what}").astype(int) for what in ("boxes", "heat", "depth", "proposals")]
+    for i, a in enumerate(looks):
+        for b in looks[i + 1 :]:
+            assert np.abs(a - b)[:-STRIP_PX].max() > 60
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        f"/frame/{min(SKIPPED)}.jpg",
+        "/frame/999.jpg",
+        "/frame/1.jpg?what=secrets",
+        "/frame/x.jpg",
+        "/run.json",
+        "/../run.json",
+    ],
+)
+def test_nothing_else_is_given(server: ThreadingHTTPServer, path: str) -> None:
+    assert get(server, path)[0] == 404
+
+
+def test_only_this_machine_is_answered(server: ThreadingHTTPServer) -> None:
+    assert server.server_address[0] == "127.0.0.1"
+    for name, status in (("localhost:1234", 200), ("127.0.0.1", 200), ("somewhere.example", 403), ("", 403)):
+        assert get(server, "/", name)[0] == status, name
+
+
+def test_a_port_that_is_taken_is_one_line(server: ThreadingHTTPServer, results: Path) -> None:
+    with pytest.raises(OutputError, match=f"port {server.server_port} cannot be used"):
+        call(results, "--port", str(server.server_port), "--no-browser")
+    with pytest.raises(argparse.ArgumentTypeError, match="expected a port"):
+        view.port("70000")
+
+
+def test_another_recording_or_no_results_is_one_line(results: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected a folder with the results"):
+        call(tmp_path / "nothing", "--no-browser")
+    moved = tmp_path / "moved"
+    shutil.copytree(results, moved)
+    with pytest.raises(InputError, match="recording"):
+        call(moved, "--no-browser", "--recording", tmp_path / "elsewhere")
+
+
+def call(*words: str | Path) -> int:
+    parser = argparse.ArgumentParser()
+    view.add_arguments(parser)
+    return view.run(parser.parse_args([str(word) for word in words]))
+
+
+def test_the_command_says_where_and_ends_with_ctrl_c(results: Path) -> None:
+    command = [sys.executable, "-m", "cuboid", "view", str(results), "--no-browser"]
+    begun = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=begun) as process:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        found = re.search(r"http://localhost:(\d+)/", line)
+        assert found, line
+        connection = http.client.HTTPConnection(HOST, int(found[1]), timeout=20)
+        connection.request("GET", "/")
+        assert connection.getresponse().status == 200
+        connection.close()
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=20)
+    assert (process.returncode, out, err) == (0, "ended\n", "")
+
+
+def test_image_and_map_are_side_by_side_and_one_slider_moves_both(server: ThreadingHTTPServer) -> None:
+    with browser() as launched:
+        watched = Watched(launched)
+        page = watched.page
+        watched.open(f"http://localhost:{server.server_port}/")
+        assert page.inner_text("#frame-number") == "frame 35"  # the first that shows all three objects
+        image, canvas = page.locator("#frame-picture"), page.locator("#canvas")
+        places = [image.bounding_box(), canvas.bounding_box()]
+        assert places[0] is not None
+        assert places[1] is not None
+        assert places[0]["x"] + places[0]["width"] <= places[1]["x"] + 1
+        before = pixels(canvas).astype(int)
+        page.locator("#slider").focus()
+        page.keyboard.press("Home")
+        page.wait_for_function("document.getElementById('frame-picture').src.endsWith('/frame/0.jpg?what=boxes')")
+        page.wait_for_function("document.getElementById('frame-picture').complete")
+        middle = pixels(image)
+        middle = middle[middle.shape[0] // 2, middle.shape[1] // 2]
+        assert np.abs(middle.astype(int) - (0, 100, 200)).max() < 8
+        assert np.abs(pixels(canvas) - before).max() > 60  # the boxes are not known yet, the camera is elsewhere
+        with page.expect_response(lambda answer: "what=depth" in answer.url) as asked:
+            page.click('[data-kind="depth"]')
+        assert asked.value.ok
+        assert watched.complaints == []
+        assert {address.split("/frame/")[0].rstrip("/") for address in watched.requests} == {
+            f"http://localhost:{server.server_port}"
+        }
