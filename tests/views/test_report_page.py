@@ -248,8 +248,7 @@ def test_it_can_be_resized(page: Page) -> None:
         for wanted in (
             "document.documentElement.scrollWidth <= innerWidth",
             "document.getElementById('plot').getBoundingClientRect().right <= innerWidth",
-            "(({ width, height, clientWidth, clientHeight }) => width === clientWidth && height === clientHeight)"
-            "(document.getElementById('canvas'))",
+            "canvas.width === canvas.clientWidth && canvas.height === canvas.clientHeight",
         ):
             page.wait_for_function(wanted, timeout=5_000)
     before = page.locator("#panel").bounding_box()

@@ -60,6 +60,7 @@ class Panel {
       ["Size, L × W × H", sizeOf(object), " cm"],
       ["Position", object.center.map((value) => fixed(value, 2)).join(", "), " m"],
       ["First seen", this.link(object.first_frame)],
+      ...(object.spans.length ? [["Confirmed in", this.link(object.spans[0][0])]] : []),
       ["Last seen", this.link(object.last_frame)],
       ["Seen in", object.frames_seen.toLocaleString("en"), share],
       ["Score", this.meter(object.score, object.color), object.score.toFixed(2)],

@@ -158,7 +158,7 @@ function setUpHeader() {
   if (whole) facts.push(`${milliseconds(whole.median)} ms a frame`);
   if (data.points.count) facts.push(`${plural(data.points.total, "point")}`);
   find("facts").textContent = facts.join("  ·  ");
-  if (!run.complete) find("facts").append(element("span", { class: "warning" }, "not complete: the run was interrupted"));
+  if (!run.complete) find("facts").prepend(element("span", { class: "warning" }, "interrupted, not complete"));
 }
 
 function setUpButtons() {

@@ -4,7 +4,7 @@ const EDGES = [];
 for (let a = 0; a < 8; a++) for (const bit of [1, 2, 4]) if (!(a & bit)) EDGES.push([a, a | bit]);
 const SIDES = [[0, 2, 6, 4], [1, 3, 7, 5], [0, 1, 5, 4], [2, 3, 7, 6], [0, 1, 3, 2], [4, 5, 7, 6]];
 
-// So many of the camera's pyramids show its way without hiding the scene.
+// About so many of the camera's pyramids show its way without hiding the scene.
 const PYRAMIDS = 28;
 const DASH_M = 0.03;
 
@@ -21,6 +21,23 @@ function pyramidSize() {
   const first = frames.length ? poseOf(0).place : [0, 0, 0];
   const away = centers.map((center) => norm(sub(center, first))).sort((a, b) => a - b);
   return clamp(0.06 * (away[away.length >> 1] || 1.5), 0.03, 0.3);
+}
+
+/** Frames whose pyramids show the camera's way: one wherever it has gone on far enough from the last. */
+function milestones(size) {
+  let length = 0;
+  for (let i = 1; i < frames.length; i++) length += norm(sub(poseOf(i).place, poseOf(i - 1).place));
+  const step = Math.max(1.6 * size, length / PYRAMIDS);
+  const found = frames.length ? [0] : [];
+  for (let i = 1, gone = 0; i < frames.length; i++) {
+    gone += norm(sub(poseOf(i).place, poseOf(i - 1).place));
+    const clear = found.every((j) => norm(sub(poseOf(i).place, poseOf(j).place)) > size);
+    if (gone >= step && clear) {
+      found.push(i);
+      gone = 0;
+    }
+  }
+  return found;
 }
 
 /** The four corners of the image at a depth in front of a camera, from its upper left clockwise. */
@@ -53,6 +70,7 @@ class Scene {
     this.renderer = renderer;
     this.state = state;
     this.size = pyramidSize();
+    this.milestones = milestones(this.size);
     this.boxes = new Map(data.objects.map((object) => [object.label, corners(object)]));
   }
 
@@ -69,14 +87,20 @@ class Scene {
 
   update() {
     const ground = GROUNDS[this.state.theme];
-    const scaleOfLines = this.renderer.ratio;
-    this.renderer.setLines("boxes", this.boxLines(scaleOfLines), true);
+    const { ratio } = this.renderer;
+    if (this.drawnFor !== `${this.state.theme} ${ratio}`) this.updateStill(ground, ratio);
+    this.renderer.setLines("boxes", this.boxLines(ratio), true);
     this.renderer.setFaces("sides", this.boxSides());
-    this.renderer.setLines("outlines", this.planeLines(ground, scaleOfLines));
-    this.renderer.setFaces("planes", this.planeFaces(ground));
-    this.renderer.setLines("path", this.pathLines(ground, scaleOfLines));
-    this.renderer.setLines("camera", this.cameraLines(ground, scaleOfLines));
+    this.renderer.setLines("camera", this.cameraLines(ground, ratio));
     this.renderer.setFaces("image", this.cameraFaces(ground));
+  }
+
+  /** Take anew what no frame and no choice changes. */
+  updateStill(ground, ratio) {
+    this.drawnFor = `${this.state.theme} ${ratio}`;
+    this.renderer.setLines("outlines", this.planeLines(ground, ratio));
+    this.renderer.setFaces("planes", this.planeFaces(ground));
+    this.renderer.setLines("path", this.pathLines(ground, ratio));
   }
 
   stateOf(object) {
@@ -124,10 +148,8 @@ class Scene {
       const color = colorOf(ground.path, 0.25 + 0.6 * (i / frames.length));
       lines.push([poseOf(i - 1).place, poseOf(i).place, color, [1.6 * ratio, 0]]);
     }
-    const step = Math.max(1, Math.ceil(frames.length / PYRAMIDS));
-    for (let i = 0; i < frames.length; i += step)
-      lines.push(...pyramidLines(poseOf(i), this.size, colorOf(ground.path, 0.4), ratio));
-    return lines;
+    const color = colorOf(ground.path, 0.4);
+    return lines.concat(this.milestones.flatMap((i) => pyramidLines(poseOf(i), this.size, color, ratio)));
   }
 
   cameraLines(ground, ratio) {

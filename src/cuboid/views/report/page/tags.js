@@ -21,7 +21,9 @@ class Tags {
     const height = this.holder.clientHeight;
     const taken = [];
     const seen = this.tags.map((item) => ({ ...item, clip: toClip(eye.clip_world, item.top) }));
-    const first = ({ object, clip }) => (object.label === this.state.selected ? -1 : clip[3]);
+    const behind = 1e6; // those that are hidden choose after those that are seen
+    const first = ({ object, clip }) =>
+      object.label === this.state.selected ? -behind : clip[3] + (stateOf(object) === "seen" ? 0 : behind);
     for (const { tag, object, clip } of seen.sort((a, b) => first(a) - first(b))) {
       const [x, y] = [(clip[0] / clip[3] + 1) * 0.5 * width, (1 - clip[1] / clip[3]) * 0.5 * height];
       const known = stateOf(object);
