@@ -40,6 +40,14 @@ class FakeRecording:
     def __len__(self) -> int:
         return self._frames
 
+    def pose(self, index: int) -> np.ndarray | None:
+        if index in self._lost:
+            raise FrameError("the frame has no camera pose")
+        return self.read(index).T_world_camera
+
+    def without_poses(self) -> FakeRecording:
+        return FakeRecording(self._frames, self._broken, tuple(range(self._frames)), poses=False)
+
     def read(self, index: int) -> Frame:
         self.reads.append(index)
         if index in self._broken:
@@ -68,10 +76,14 @@ class FakeTracker:
         self.frames: list[int] = []
         self.sizes: list[tuple[int, ...]] = []
         self.refuse: dict[int, str] = {}
+        self.carried: list[dict[int, np.ndarray]] = []
         self.up = np.array([0.0, 0.0, 1.0])
         self.planes = [SupportPlane(self.up, -0.85, np.array([[0, 0, 0.85], [1, 0, 0.85], [0, 1, 0.85]]))]
 
-    def update(self, frame: Frame) -> FrameResult:
+    def carry(self, moved: Mapping[int, np.ndarray]) -> None:
+        self.carried.append(dict(moved))
+
+    def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
         if frame.index in self.refuse:
             raise FrameError(self.refuse[frame.index])
         assert frame.T_world_camera is not None

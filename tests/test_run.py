@@ -69,12 +69,15 @@ def test_exactly_half_bad_frames_is_a_result(tmp_path: Path) -> None:
     ]
 
 
-def test_without_poses_one_line_says_so(tmp_path: Path) -> None:
-    for options, recording in (
-        ({}, FakeRecording(3, poses=False)),
-        ({"poses": "estimated"}, FakeRecording(3)),
+def test_what_cannot_be_posed_is_one_line(tmp_path: Path) -> None:
+    for options, recording, message in (
+        ({"poses": "given"}, FakeRecording(3, poses=False), "has no camera poses; --poses estimated takes them"),
+        ({"bridge": True}, FakeRecording(3, poses=False), "--bridge fills gaps between given poses"),
+        ({"poses": "estimated", "bridge": True}, FakeRecording(3), "--bridge fills gaps between given poses"),
+        ({}, FakeRecording(3, poses=False), "no frame has enough depth and texture"),
+        ({"poses": "estimated"}, FakeRecording(3), "no frame has enough depth and texture"),
     ):
-        with pytest.raises(InputError, match="given poses only"):
+        with pytest.raises(InputError, match=message):
             track(recording, tmp_path / "out", **options)
     assert list(tmp_path.iterdir()) == []
 
@@ -139,7 +142,7 @@ def test_stopping_writes_what_is_done_and_says_so(tmp_path: Path) -> None:
 
 def test_a_fault_leaves_nothing(tmp_path: Path) -> None:
     class Broken(FakeTracker):
-        def update(self, frame: Any) -> Any:
+        def update(self, frame: Any, anchor: int = 0) -> Any:
             if frame.index == 3:
                 raise ZeroDivisionError
             return super().update(frame)

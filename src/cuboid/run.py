@@ -6,7 +6,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -17,8 +17,9 @@ from cuboid.downscaling import downscale
 from cuboid.errors import FrameError, InputError, OutputError
 from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.measuring import FrameClock, FrameLog, peak_memory_mb
-from cuboid.outputs import ObjectsFile, ResultWriter, RunReport
+from cuboid.outputs import ObjectsFile, PoseRow, ResultWriter, RunReport
 from cuboid.outputs.folder import REPORT, VIDEO
+from cuboid.posing import LOST, BridgedPoses, EstimatedPoses, GivenPoses, Poses
 from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
 
 if TYPE_CHECKING:
@@ -55,12 +56,21 @@ class RecordingLike(Protocol):
     def read(self, index: int) -> Frame:
         """Return a frame; raises FrameError for a bad one."""
 
+    def pose(self, index: int) -> Float64Array | None:
+        """Return a frame's pose; raises FrameError where it has none."""
+
+    def without_poses(self) -> RecordingLike:
+        """Return the same recording without its poses."""
+
 
 class TrackerLike(Protocol):
     """What the loop needs of a tracker; `cuboid.Tracker` is one."""
 
-    def update(self, frame: Frame) -> FrameResult:
-        """Take in one frame."""
+    def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
+        """Take in one frame, whose pose hangs on a keyframe."""
+
+    def carry(self, moved: Mapping[int, Float64Array]) -> None:
+        """Move what was found with the keyframes."""
 
     @property
     def objects(self) -> list[TrackedObject]:
@@ -127,6 +137,7 @@ def track_recording(
     config: TrackerConfig | None = None,
     proposals: str | ProposalSource | None = None,
     poses: str | None = None,
+    bridge: bool = False,
     every: int = 1,
     limit: int | None = None,
     scale: int = 1,
@@ -151,7 +162,9 @@ def track_recording(
     proposals : str or ProposalSource, optional
         Name of a source of 2D proposals, with its options, or the source itself.
     poses : {"given", "estimated"}, optional
-        Where the camera poses come from; the recording's own where it has them.
+        Where the camera poses come from; the recording's own where it has them, else from the video.
+    bridge : bool
+        Let the video tell the poses of frames that the recording has none of.
     every : int
         Use each n-th frame.
     limit : int, optional
@@ -181,7 +194,8 @@ def track_recording(
     Raises
     ------
     InputError
-        The recording has no poses, or more than half of its frames cannot be used; nothing is written then.
+        The recording has no poses though they are to be taken from it, or more than half of its frames cannot be
+        used; nothing is written then.
     OutputError
         The results cannot be written; nothing half-written is left.
     """
@@ -190,22 +204,30 @@ def track_recording(
     begun_s = time.perf_counter()
     config, proposals = _at_scale(config or TrackerConfig(), proposals, scale)
     progress = progress or Progress()
-    poses = _origin_of_poses(recording, poses)
+    poses = _origin_of_poses(recording, poses, bridge)
     frames = range(0, len(recording), every)[:limit]
     if not frames:
         raise InputError(f"{recording.path}: the recording has no frames")
     with ExitStack() as results:
-        writer = _writer(results, recording, output, force)
-        tracker = (make_tracker or _tracker)(recording.intrinsics.downscaled(scale), config, proposals)
+        writer = _writer(results, recording, output, force, poses)
+        source, camera = _poses(recording, poses, bridge, scale, config)
+        bare = recording if source.given_with_frames else recording.without_poses()
+        tracker = (make_tracker or _tracker)(camera, config, proposals)
         log = FrameLog()
         progress.start(len(frames))
         view_of = (make_view or _video) if video else None
         with (
             _view(writer, recording, every, view_of) as view,
-            closing(decode(recording, frames, ahead=threads > 1)) as decoded,
+            closing(decode(bare, frames, ahead=threads > 1)) as decoded,
         ):
-            pipeline = _Pipeline(recording.path, len(frames), tracker, scale, writer, view, watch, log, progress)
+            pipeline = _Pipeline(
+                recording.path, len(frames), source, tracker, scale, writer, view, watch, log, progress
+            )
             complete = pipeline.follow(decoded, stop)
+        if complete and not log.used and poses == "estimated":
+            raise InputError(
+                f"{recording.path}: no camera pose can be estimated: no frame has enough depth and texture"
+            )
         report = RunReport(
             version=__version__,
             complete=complete,
@@ -213,7 +235,7 @@ def track_recording(
             format=recording.format,
             poses=poses,
             threads=threads,
-            config=_effective(config, proposals, every, limit, scale),
+            config=_effective(config, proposals, every, limit, scale, bridge),
             frames_read=log.read,
             frames_used=log.used,
             skipped=tuple(log.skipped),
@@ -224,7 +246,7 @@ def track_recording(
         objects, planes, up = tuple(tracker.objects), tuple(tracker.planes), tracker.up
         if writer is not None:
             content = ObjectsFile(up, recording.intrinsics, planes, objects)
-            writer.finish(content, tracker.map_points(), report)
+            writer.finish(content, tracker.map_points(), report, pipeline.trajectory())
     if output is not None:
         _page(output, recording)
     return RunOutcome(report, objects, planes, up, log.milliseconds, log.frames_per_second())
@@ -232,10 +254,11 @@ def track_recording(
 
 @dataclass(frozen=True, slots=True)
 class _Pipeline:
-    """What a frame passes through: scaling, tracking, writing, drawing."""
+    """What a frame passes through: scaling, posing, tracking, writing, drawing."""
 
     path: Path
     planned: int
+    poses: Poses
     tracker: TrackerLike
     scale: int
     writer: ResultWriter | None
@@ -243,6 +266,7 @@ class _Pipeline:
     watch: Watch | None
     log: FrameLog
     progress: Progress
+    times_s: dict[int, float] = field(default_factory=dict)
 
     def follow(self, frames: Iterable[Decoded], stop: Callable[[], bool]) -> bool:
         """Take in all frames; return False where `stop` ended it before."""
@@ -259,14 +283,19 @@ class _Pipeline:
         frame = decoded.frame
         if frame is None:
             return decoded.reason
-        if frame.T_world_camera is None:
-            return "the frame has no camera pose"
+        self.times_s[frame.index] = frame.timestamp_s
         clock = FrameClock({"decode": decoded.milliseconds})
         small = downscale(frame, self.scale)
         if self.scale > 1:
             clock.lap("scale")
         try:
-            result = self.tracker.update(small)
+            posed = self.poses.locate(small)
+            if not self.poses.given_with_frames:
+                clock.lap("poses")
+            if posed.moved:
+                self.tracker.carry(posed.moved)
+                clock.lap("carry")
+            result = self.tracker.update(dataclasses.replace(small, T_world_camera=posed.T_world_camera), posed.anchor)
         except FrameError as error:
             return str(error)
         clock.laps(result.milliseconds)
@@ -283,30 +312,51 @@ class _Pipeline:
         self.progress.frame(result)
         return ""
 
+    def trajectory(self) -> list[PoseRow] | None:
+        """Return the corrected poses; None where none was corrected."""
+        poses = self.poses.trajectory()
+        return None if poses is None else [PoseRow(self.times_s[frame], T) for frame, T in sorted(poses.items())]
+
     def _skip(self, index: int, reason: str) -> None:
         self.log.skip(index, reason)
         self.progress.skipped(index, reason)
-        if 2 * len(self.log.skipped) > self.planned:
-            first, why = self.log.skipped[0]
+        bad = [(frame, why) for frame, why in self.log.skipped if why != LOST]  # a lost camera is no fault of the input
+        if 2 * len(bad) > self.planned:
+            first, why = bad[0]
             raise InputError(
                 f"{self.path}: more than half of the {self.planned} frames cannot be used; "
                 f"the first is frame {first}: {why}"
             )
 
 
-def _origin_of_poses(recording: RecordingLike, poses: str | None) -> str:
-    if poses == "estimated" or not recording.has_poses:
-        why = "--poses estimated" if poses == "estimated" else f"{recording.path}: has no camera poses"
-        raise InputError(f"{why}: this version tracks recordings with given poses only")
-    return "given"
+def _origin_of_poses(recording: RecordingLike, poses: str | None, bridge: bool) -> str:
+    origin = poses or ("given" if recording.has_poses else "estimated")
+    if origin == "given" and not recording.has_poses:
+        raise InputError(f"{recording.path}: has no camera poses; --poses estimated takes them from the video")
+    if bridge and origin != "given":
+        raise InputError(f"{recording.path}: --bridge fills gaps between given poses, and there are none in use")
+    return origin
 
 
-def _writer(results: ExitStack, recording: RecordingLike, output: Path | None, force: bool) -> ResultWriter | None:
+def _poses(
+    recording: RecordingLike, origin: str, bridge: bool, scale: int, config: TrackerConfig
+) -> tuple[Poses, Intrinsics]:
+    """Return where poses come from, and the pinhole of the frames it is asked about."""
+    camera = recording.intrinsics.downscaled(scale)
+    if bridge:
+        return BridgedPoses(camera, recording.pose), camera
+    # what moves by less than half a voxel stays in its voxel
+    return (GivenPoses() if origin == "given" else EstimatedPoses(camera, 0.5 * config.voxel_m)), camera
+
+
+def _writer(
+    results: ExitStack, recording: RecordingLike, output: Path | None, force: bool, poses: str
+) -> ResultWriter | None:
     if output is None:
         return None
     if output.resolve() == Path(recording.path).resolve():
         raise OutputError(f"{output}: is the recording itself; name another output folder")
-    return results.enter_context(ResultWriter(output, force=force))
+    return results.enter_context(ResultWriter(output, force=force, corrected=poses == "estimated"))
 
 
 @contextmanager
@@ -360,7 +410,12 @@ def _at_scale(
 
 
 def _effective(
-    config: TrackerConfig, proposals: str | ProposalSource | None, every: int, limit: int | None, scale: int
+    config: TrackerConfig,
+    proposals: str | ProposalSource | None,
+    every: int,
+    limit: int | None,
+    scale: int,
+    bridge: bool,
 ) -> dict[str, Any]:
     from cuboid.proposals import DEFAULT_SOURCE
 
@@ -369,6 +424,7 @@ def _effective(
         "every": every,
         "limit": limit,
         "scale": scale,
+        "bridge": bridge,
         "proposals": source if isinstance(source, str) else type(source).__qualname__,
         "tracker": config.to_dict(),
     }

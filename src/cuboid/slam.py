@@ -15,10 +15,9 @@ from cuboid.frame import Float64Array
 from cuboid.measuring import FrameClock, FrameLog, peak_memory_mb
 from cuboid.outputs import PoseRow, ResultFolder, RunReport, write_run
 from cuboid.outputs.folder import RUN, TRAJECTORY, TRAJECTORY_ONLINE, writing
-from cuboid.poses.estimator import PoseEstimator
+from cuboid.poses import PoseEstimator
+from cuboid.posing import LOST
 from cuboid.readers import Recording
-
-LOST = "the camera is lost: the frame shows no place that is known"
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from cuboid.errors import FrameError
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse
+from cuboid.heatmap.carrying import moved_with
 from cuboid.heatmap.pixel_heat import pixel_heat
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.pixels import stand_on
@@ -88,8 +89,14 @@ class Tracker:
         self._map = ObjectMap(c, self._voxels, self._planes)
         self._count = 0
 
-    def update(self, frame: Frame) -> FrameResult:
+    def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
         """Take in a frame.
+
+        Parameters
+        ----------
+        frame : Frame
+        anchor : int
+            Keyframe that the frame's pose hangs on, where poses are estimated; see `carry`.
 
         Raises
         ------
@@ -108,7 +115,7 @@ class Tracker:
         c = self.config
         heat, claim = pixel_heat(image, candidate, proposals, self.intrinsics.fx, c)
         watch.lap("heat")
-        slots = self._voxels.fuse(image, heat, T_world_camera, frame.index)
+        slots = self._voxels.fuse(image, heat, T_world_camera, frame.index, anchor)
         self._voxels.look_through(image, T_camera_world)
         watch.lap("fuse")
         clusters = frame_clusters(image, heat, claim, support, self._planes, T_world_camera, c)
@@ -130,6 +137,21 @@ class Tracker:
             heat=heat,
             milliseconds=watch.milliseconds,
         )
+
+    def carry(self, moved: Mapping[int, Float64Array]) -> None:
+        """Move the map, its planes and its objects after a correction of poses.
+
+        What was seen last from a keyframe moves with it; objects that meet merge under the older label.
+
+        Parameters
+        ----------
+        moved : mapping of int to (4, 4) float64
+            T_new_old in the world, of each keyframe that moved.
+        """
+        rows = self._voxels.living()
+        before = self._voxels.xyz(rows)
+        self._planes.carry(before, moved_with(before, self._voxels.anchor[rows], moved))
+        self._map.carry(moved)
 
     def _check(self, frame: Frame) -> Float64Array:
         expected = (self.intrinsics.height, self.intrinsics.width)

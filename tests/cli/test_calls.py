@@ -155,14 +155,15 @@ def test_an_output_that_cannot_be_written_is_a_mistake(call: Call, recording: Pa
 
 def test_poses_are_needed(call: Call, tmp_path: Path) -> None:
     bare = write_recording(tmp_path / "bare", 3, poses=False)
-    assert_mistake(call("track", bare, "--output", tmp_path / "out"), "no camera poses")
-    assert_mistake(call("track", bare, "--output", tmp_path / "out", "--poses", "estimated"), "given poses")
+    assert_mistake(call("track", bare, "--output", tmp_path / "out", "--poses", "given"), "no camera poses")
+    assert_mistake(call("track", bare, "--output", tmp_path / "out", "--bridge"), "--bridge", "given poses")
+    assert_mistake(call("track", bare, "--output", tmp_path / "out"), "enough depth and texture")
 
 
 def test_a_fault_of_the_program_is_a_traceback(
     call: Call, recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(FakeTracker, "update", lambda self, frame: 1 / 0)
+    monkeypatch.setattr(FakeTracker, "update", lambda self, frame, anchor: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         call("track", recording, "--output", tmp_path / "out")
     assert not (tmp_path / "out").exists()

@@ -23,10 +23,10 @@ from cuboid.cli import main
 from fakes import FakeTracker
 
 class Slow(FakeTracker):
-    def update(self, frame):
+    def update(self, frame, anchor=0):
         print("frame", frame.index, file=sys.stderr, flush=True)
         time.sleep(1.0 if frame.index == 4 else 0.01)
-        return super().update(frame)
+        return super().update(frame, anchor)
 
 cuboid.run._tracker = Slow
 sys.exit(main(sys.argv[1:]))

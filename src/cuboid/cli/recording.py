@@ -18,7 +18,12 @@ def add_recording(parser: argparse.ArgumentParser, default_threads: int) -> None
     add_reading(parser)
     tracking = parser.add_argument_group("tracking")
     tracking.add_argument(
-        "--poses", choices=("given", "estimated"), help="where the camera poses come from (default: given)"
+        "--poses",
+        choices=("given", "estimated"),
+        help="where the camera poses come from (default: given where the recording has them, else estimated)",
+    )
+    tracking.add_argument(
+        "--bridge", action="store_true", help="estimate the poses of frames between given poses that have none"
     )
     tracking.add_argument(
         "--scale",

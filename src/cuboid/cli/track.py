@@ -40,6 +40,7 @@ def run(args: argparse.Namespace) -> int:
                 config=config_from(args),
                 proposals=args.proposals,
                 poses=args.poses,
+                bridge=args.bridge,
                 every=args.every,
                 limit=args.limit,
                 scale=args.scale,

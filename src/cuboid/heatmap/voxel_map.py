@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.heatmap.carrying import average, keys_of, moved_with, oldest
 from cuboid.kernels import voxels as kernel
 from cuboid.working import WorkingImage
 
@@ -43,6 +45,8 @@ class VoxelMap:
         no object.
     side : (capacity,) int32
         Where an object may be two: frames for the one less frames for the other.
+    anchor : (capacity,) int32
+        Keyframe that the last frame to see the point hangs on.
     """
 
     def __init__(self, voxel_m: float, noise_per_m: float, max_depth_m: float) -> None:
@@ -61,11 +65,12 @@ class VoxelMap:
         self.passes = np.zeros(capacity, np.int32)
         self.owner = np.zeros(capacity, np.int32)
         self.side = np.zeros(capacity, np.int32)
+        self.anchor = np.zeros(capacity, np.int32)
         self._last_frame = np.full(capacity, -1, np.int32)
         self._table = np.zeros(2 * capacity, np.int32)
 
     def _columns(self) -> tuple[npt.NDArray[Any], ...]:
-        return (self.keys, self.values, self.hits, self.passes, self.owner, self.side, self._last_frame)
+        return (self.keys, self.values, self.hits, self.passes, self.owner, self.side, self.anchor, self._last_frame)
 
     def _reserve(self, more: int) -> None:
         """Make room for more rows: pack the living ones, into larger arrays where these are full."""
@@ -83,9 +88,18 @@ class VoxelMap:
         kernel.fill_table(self.keys, self.count, self._table)
 
     def fuse(
-        self, image: WorkingImage, heat: Float32Array, T_world_camera: Float64Array, frame: int
+        self, image: WorkingImage, heat: Float32Array, T_world_camera: Float64Array, frame: int, anchor: int = 0
     ) -> npt.NDArray[np.int32]:
         """Fuse a frame: points that match a point of the map are averaged with it, others are added.
+
+        Parameters
+        ----------
+        image : WorkingImage
+        heat : (h, w) float32
+        T_world_camera : (4, 4) float64
+        frame : int
+        anchor : int
+            Keyframe that the frame hangs on: its points move with it; see `carry`.
 
         Returns
         -------
@@ -99,7 +113,49 @@ class VoxelMap:
             self._max_depth_m, frame, self.keys, self.values, self.hits, self._last_frame, self.count, self._table,
             slots,
         )  # fmt: skip
+        if anchor:
+            self.anchor[slots[slots >= 0]] = anchor
         return slots
+
+    def carry(self, moved: Mapping[int, Float64Array]) -> Rows:
+        """Move points with the keyframes that they hang on; those that meet in one voxel become one.
+
+        Of two points that meet, the oldest object's keeps the owner; hits and passes add up.
+
+        Parameters
+        ----------
+        moved : mapping of int to (4, 4) float64
+            T_new_old of each keyframe whose surroundings move.
+
+        Returns
+        -------
+        (count before,) int64
+            The new row of each row; -1 for dead ones.
+        """
+        new_row = np.full(self.count, -1, np.int64)
+        alive = self.living()
+        if not len(alive):
+            return new_row
+        xyz = moved_with(self.xyz(alive), self.anchor[alive], moved)
+        keys = keys_of(xyz, self.voxel_m)
+        order = np.argsort(keys, kind="stable")
+        keys, rows = keys[order], alive[order]
+        starts = np.diff(keys, prepend=keys[0] - 1) > 0
+        first = np.flatnonzero(starts)
+        columns = (
+            keys[first],
+            average(self.values[rows], xyz[order], first),
+            *(np.add.reduceat(column[rows], first) for column in (self.hits, self.passes)),
+            oldest(self.owner[rows], first),
+            *(np.maximum.reduceat(column[rows], first) for column in (self.side, self.anchor, self._last_frame)),
+        )
+        self._allocate(len(self.keys))
+        for target, source in zip(self._columns(), columns, strict=True):
+            target[: len(first)] = source
+        self.count, self._dead, self._next_look = len(first), 0, 0
+        kernel.fill_table(self.keys, self.count, self._table)
+        new_row[rows] = np.cumsum(starts) - 1
+        return new_row
 
     def look_through(self, image: WorkingImage, T_camera_world: Float64Array) -> None:
         """Count the points that this frame sees through, and remove those that are passed more often than hit."""

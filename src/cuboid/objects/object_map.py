@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -11,7 +11,9 @@ import numpy.typing as npt
 
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
+from cuboid.geometry.se3 import transform
 from cuboid.heatmap.voxel_map import REFUSED, Rows, VoxelMap
 from cuboid.objects.bonds import Bonds
 from cuboid.objects.boxing import Boxing
@@ -126,6 +128,31 @@ class ObjectMap:
             self._age([entry for entry in self.alive() if entry.number < known and entry.number not in pieces])
         self._split(frame)
         self._confirm()
+        self._list_boxes()
+
+    def carry(self, moved: Mapping[int, Float64Array]) -> None:
+        """Move the map, and each object with the keyframe that most of its points hang on; look at all of it next.
+
+        Parameters
+        ----------
+        moved : mapping of int to (4, 4) float64
+            T_new_old of each keyframe whose surroundings move.
+        """
+        voxels = self._voxels
+        rows_of = {number: entry.rows[entry.rows < voxels.count] for number, entry in self._objects.items()}
+        anchor_of = {n: int(np.bincount(voxels.anchor[rows]).argmax()) for n, rows in rows_of.items() if len(rows)}
+        new_row = voxels.carry(moved)
+        for number, entry in self._objects.items():
+            T = moved.get(anchor_of.get(number, -1))
+            if T is not None:
+                R, t = T[:3, :3], T[:3, 3]
+                entry.box = Box(R @ entry.box.center + t, entry.box.size, R @ entry.box.rotation)
+                entry.points = transform(T, entry.points).astype(np.float32)
+            rows = new_row[rows_of[number]]
+            entry.rows = np.unique(rows[rows >= 0])
+            if len(entry.rows):
+                entry.points = voxels.xyz(entry.rows)
+        self._looks = 0
         self._list_boxes()
 
     def _list_boxes(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
@@ -17,6 +17,7 @@ from cuboid.outputs.folder import (
     RUN,
     TRACKS,
     TRAJECTORY,
+    TRAJECTORY_ONLINE,
     ResultFolder,
     writing,
 )
@@ -38,6 +39,9 @@ class ResultWriter:
         The output folder.
     force : bool
         Whether results that lie there may be replaced.
+    corrected : bool
+        Whether poses are corrected after their frames: each frame's goes to `trajectory_online.txt` then, and the
+        corrected ones are given to `finish`.
 
     Raises
     ------
@@ -45,15 +49,16 @@ class ResultWriter:
         The folder exists and `force` is not given, or it cannot be written.
     """
 
-    def __init__(self, path: Path, *, force: bool = False) -> None:
+    def __init__(self, path: Path, *, force: bool = False, corrected: bool = False) -> None:
         self._folder = ResultFolder(path, force=force)
         self._shown = path
+        self._online = TRAJECTORY_ONLINE if corrected else TRAJECTORY
         with ExitStack() as stack:
             stack.push(self._folder)
             with writing(path):
                 self._tracks = stack.enter_context(self._open(TRACKS))
                 self._proposals = stack.enter_context(self._open(PROPOSALS))
-                self._trajectory = stack.enter_context(self._open(TRAJECTORY))
+                self._trajectory = stack.enter_context(self._open(self._online))
                 self._tracks.write(TRACKS_HEADER + "\n")
                 self._proposals.write(PROPOSALS_HEADER + "\n")
             stack.pop_all()
@@ -106,11 +111,21 @@ class ResultWriter:
             for own in result.proposals:
                 rect = own.rect_xyxy * pixels
                 self._proposals.write(ProposalRow(frame, time_s, own.label, own.box, own.score, rect).line() + "\n")
-        with writing(self._folder.file(TRAJECTORY), self._shown / TRAJECTORY):
+        with writing(self._folder.file(self._online), self._shown / self._online):
             self._trajectory.write(PoseRow(time_s, result.T_world_camera).line() + "\n")
 
-    def finish(self, objects: ObjectsFile, points: MapPoints, report: RunReport) -> None:
+    def finish(
+        self, objects: ObjectsFile, points: MapPoints, report: RunReport, corrected: Sequence[PoseRow] | None = None
+    ) -> None:
         """Write the files of the run as a whole and let all results appear.
+
+        Parameters
+        ----------
+        objects : ObjectsFile
+        points : MapPoints
+        report : RunReport
+        corrected : sequence of PoseRow, optional
+            The poses as corrected since.
 
         Raises
         ------
@@ -120,6 +135,9 @@ class ResultWriter:
         self._write(OBJECTS, lambda path: write_objects(path, objects))
         self._write(MAP, lambda path: write_map(path, points))
         self._write(RUN, lambda path: write_run(path, report))
+        if corrected is not None:
+            lines = "".join(row.line() + "\n" for row in corrected)
+            self._write(TRAJECTORY, lambda path: _write_text(path, lines))
         with writing(self._shown):
             for file in (self._tracks, self._proposals, self._trajectory):
                 file.flush()
@@ -133,3 +151,7 @@ class ResultWriter:
     def _write(self, name: str, write: Callable[[Path], None]) -> None:
         with writing(self._folder.file(name), self._shown / name):
             write(self._folder.file(name))
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8", newline="\n")

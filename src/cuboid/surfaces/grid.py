@@ -96,6 +96,17 @@ class GroundPlan:
         """Keep only these planes, in this order."""
         self.seen, self.covered, self.nearby = self.seen[keep], self.covered[keep], self.nearby[keep]
 
+    def move(self, plane: int, points: Float64Array) -> None:
+        """Let a plane be where its points (N, 2 or 3), in plan coordinates, now are: left cells lose their readings."""
+        self.reach(points)
+        seen = self.seen[plane]
+        cells = self.cells_of(points)
+        i, j = cells[((cells >= 0) & (cells < seen.shape)).all(1)].T
+        here = np.zeros(seen.shape, np.int32)
+        np.add.at(here, (i, j), 1)
+        self.seen[plane] = np.where(here > 0, np.where(here > 1, np.maximum(seen, CELL_READINGS), seen), 0)
+        self.refresh(plane)
+
     def refresh(self, plane: int) -> None:
         """Find anew what a plane covers."""
         seen = np.pad((self.seen[plane] >= CELL_READINGS).astype(np.uint8), _CLOSE.shape[0])

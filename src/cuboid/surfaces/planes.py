@@ -38,6 +38,8 @@ FORGET_FRAMES = 60
 REFRESH_FRAMES = 8
 # Prior spread of how far a frame sees a plane from where the map has it: poses drift by centimetres and degrees.
 DRIFT_M, DRIFT_RAD = 0.03, 0.02
+# A plane moves with the map when so many of the map's points lie on it.
+LEAST_CARRIED = 100
 # Planes at most this many are tracked.
 MOST_PLANES = 32
 
@@ -88,6 +90,13 @@ class Plane:
         normal = np.array([-slope[0], -slope[1], 1.0])
         self.normal = normal / np.linalg.norm(normal)
         self.offset = -float(self.normal @ self.mean)
+
+    def move(self, points: Float64Array) -> None:
+        """Let the plane lie where its points (N, 3), in the plan frame, now are; it stays as sure as it was."""
+        self.mean = points.mean(0)
+        centred = points - self.mean
+        self.scatter = centred.T @ centred * (self.weight / len(points))
+        self.fit()
 
     def height(self, points: Float64Array) -> Float64Array:
         """Return the heights (N,) of points (N, 3) above the plane."""
@@ -142,6 +151,24 @@ class PlaneTracker:
             matched = self._match(centers, cells.sigma_m[flat])
         owner[cells.place[flat]] = matched
         return owner.reshape(rows, columns)
+
+    def carry(self, before: Float32Array, after: Float64Array) -> None:
+        """Move the planes with the map.
+
+        Parameters
+        ----------
+        before, after : (N, 3)
+            The map's points in the world before and after.
+        """
+        if self.T_plan_world is None:
+            return
+        old, new = self.to_plan(before), self.to_plan(after)
+        for k, plane in enumerate(self.planes):
+            on = np.flatnonzero(np.abs(plane.height(old)) < ON_PLANE_M)
+            on = on[self.plan.covers(k, old[on])]
+            if len(on) >= LEAST_CARRIED:
+                plane.move(new[on])
+                self.plan.move(k, new[on])
 
     def _start(self, up: Float64Array) -> None:
         side = np.eye(3)[int(np.argmin(np.abs(up)))]
