@@ -50,7 +50,7 @@ class Watched:
 
     def __init__(self, launched: Browser, scheme: str = "dark") -> None:
         self.page: Page = launched.new_page(
-            viewport={"width": 1280, "height": 800},
+            viewport={"width": 1000, "height": 640},
             color_scheme="light" if scheme == "light" else "dark",
             reduced_motion="reduce",
         )

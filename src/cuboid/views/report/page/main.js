@@ -19,7 +19,9 @@ function redraw() {
   pending = requestAnimationFrame(() => {
     pending = 0;
     if (find("scene").hidden) return;
+    const { ratio } = scene.renderer;
     scene.renderer.fit();
+    if (ratio !== scene.renderer.ratio) scene.update(); // on another screen now
     const eye = orbit.eye();
     scene.draw(eye);
     tags.place(eye, (object) => scene.stateOf(object));
@@ -37,7 +39,7 @@ function update(change) {
   timeline.update();
   panel.update();
   picture.update();
-  if (scene) scene.update();
+  if (scene) scene[change.theme ? "update" : "updateFrame"]();
   redraw();
 }
 
@@ -211,7 +213,7 @@ update({ frame: data.live && frames.length ? richestFrame() : null });
 
 try {
   setUpScene().catch((error) => refuse(error));
-  update({});
+  update({ theme: state.theme });
 } catch (error) {
   refuse(error);
 }

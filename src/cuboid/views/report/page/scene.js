@@ -85,22 +85,24 @@ class Scene {
     this.renderer.setPoints(points, own);
   }
 
+  /** Take all lines and faces anew. */
   update() {
     const ground = GROUNDS[this.state.theme];
     const { ratio } = this.renderer;
-    if (this.drawnFor !== `${this.state.theme} ${ratio}`) this.updateStill(ground, ratio);
+    this.renderer.setLines("outlines", this.planeLines(ground, ratio));
+    this.renderer.setFaces("planes", this.planeFaces(ground));
+    this.renderer.setLines("path", this.pathLines(ground, ratio));
+    this.updateFrame();
+  }
+
+  /** Take anew what depends on the frame and on what is chosen: quick, for sliders. */
+  updateFrame() {
+    const ground = GROUNDS[this.state.theme];
+    const { ratio } = this.renderer;
     this.renderer.setLines("boxes", this.boxLines(ratio), true);
     this.renderer.setFaces("sides", this.boxSides());
     this.renderer.setLines("camera", this.cameraLines(ground, ratio));
     this.renderer.setFaces("image", this.cameraFaces(ground));
-  }
-
-  /** Take anew what no frame and no choice changes. */
-  updateStill(ground, ratio) {
-    this.drawnFor = `${this.state.theme} ${ratio}`;
-    this.renderer.setLines("outlines", this.planeLines(ground, ratio));
-    this.renderer.setFaces("planes", this.planeFaces(ground));
-    this.renderer.setLines("path", this.pathLines(ground, ratio));
   }
 
   stateOf(object) {
