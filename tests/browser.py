@@ -11,12 +11,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Locator, Page, sync_playwright
+from playwright.sync_api import Browser, Locator, Page, ViewportSize, sync_playwright
 
 from cuboid.frame import UInt8Array
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+
+# Small: every pixel is computed by the processor.
+VIEWPORT: ViewportSize = {"width": 1000, "height": 640}
 
 
 def chromium() -> str:
@@ -50,7 +53,7 @@ class Watched:
 
     def __init__(self, launched: Browser, scheme: str = "dark") -> None:
         self.page: Page = launched.new_page(
-            viewport={"width": 1000, "height": 640},
+            viewport=VIEWPORT,
             color_scheme="light" if scheme == "light" else "dark",
             reduced_motion="reduce",
         )
