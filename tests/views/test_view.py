@@ -122,6 +122,10 @@ def test_another_recording_or_no_results_is_one_line(results: Path, tmp_path: Pa
     shutil.copytree(results, moved)
     with pytest.raises(InputError, match="recording"):
         call(moved, "--no-browser", "--recording", tmp_path / "elsewhere")
+    lines = (moved / "trajectory.txt").read_text().splitlines()
+    (moved / "trajectory.txt").write_text("".join(f"9{line}\n" for line in lines))
+    with pytest.raises(InputError, match=r"no frame of .* is in its trajectory"):
+        call(moved, "--no-browser")
 
 
 def call(*words: str | Path) -> int:

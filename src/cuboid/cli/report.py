@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from cuboid.frame import Frame
 
 HELP = "write the 3D page of finished results (report.html)"
 
@@ -22,20 +27,24 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.cli.threads import limit_threads
     from cuboid.errors import InputError
     from cuboid.outputs.folder import REPORT
-    from cuboid.readers.reopen import reopen_recording
-    from cuboid.views.replay import Replay
     from cuboid.views.report import summarise, write_report
 
     limit_threads(1)
     path: Path = args.output or args.results / REPORT
     if path.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"{path}: the page's name must end with .html")
-    read = None
-    if not args.no_pictures:
-        replay = Replay(args.results)
-        where = args.recording or replay.recording
-        read = reopen_recording(where, replay.format, replay.intrinsics, replay.last_frame).without_poses().read
-    summary = summarise(args.results, read)
+    summary = summarise(args.results, None if args.no_pictures else _reading(args.results, args.recording))
     write_report(path, summary)
     console().print(f"page with {len(summary.found.objects)} objects in {path}", markup=False)
     return 0
+
+
+def _reading(results: Path, moved: Path | None) -> Callable[[int], Frame]:
+    """Return what reads the frames of the recording that results are of."""
+    from cuboid.readers.reopen import reopen_recording
+    from cuboid.views.replay import open_results, used_frames
+
+    report, found = open_results(results)
+    last_frame = max(used_frames(report), default=-1)
+    recording = reopen_recording(moved or Path(report.recording), report.format, found.intrinsics, last_frame)
+    return recording.without_poses().read

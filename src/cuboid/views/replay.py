@@ -11,6 +11,7 @@ from cuboid.errors import InputError
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.outputs import (
+    ObjectsFile,
     ProposalRow,
     RunReport,
     TrackRow,
@@ -94,9 +95,7 @@ class Replay:
     """
 
     def __init__(self, folder: Path) -> None:
-        if not folder.is_dir():
-            raise InputError(f"{folder}: expected a folder with the results of 'cuboid track'")
-        report, found = read_run(folder / RUN), read_objects(folder / OBJECTS)
+        report, found = open_results(folder)
         self.recording = Path(report.recording)
         self.format = report.format
         self.intrinsics: Intrinsics = found.intrinsics
@@ -147,6 +146,19 @@ class Replay:
             proposals = tuple(self._proposals.get(index, ()))
             yield ReplayedFrame(index, pose.T_world_camera, sightings, proposals, hidden)
             pose = next(poses, None)
+
+
+def open_results(folder: Path) -> tuple[RunReport, ObjectsFile]:
+    """Return how a run went and what it found.
+
+    Raises
+    ------
+    InputError
+        The folder is not a result folder, or a file in it is malformed.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: expected a folder with the results of 'cuboid track'")
+    return read_run(folder / RUN), read_objects(folder / OBJECTS)
 
 
 def used_frames(report: RunReport) -> list[int]:

@@ -11,7 +11,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
-from cuboid.errors import FrameError, OutputError
+from cuboid.errors import FrameError, InputError, OutputError
 from cuboid.frame import Frame
 from cuboid.readers import Recording
 from cuboid.views.redraw import KINDS, Draw, drawer
@@ -42,6 +42,11 @@ class Viewer:
         Of that folder.
     recording : Recording
         That it is of.
+
+    Raises
+    ------
+    InputError
+        The results have no frame of this recording.
     """
 
     def __init__(self, folder: Path, replay: Replay, recording: Recording) -> None:
@@ -50,16 +55,17 @@ class Viewer:
         self._recording = recording.without_poses()  # those of the results count
         self._drawers: dict[str, Draw] = {}
         self._lock = threading.Lock()  # a browser asks for several things at once
+        self._frames: dict[int, ReplayedFrame] = {
+            found.index: found for found in replay.frames(self._recording.timestamp_s)
+        }
+        if not self._frames:
+            raise InputError(f"{folder}: no frame of {recording.path} is in its trajectory")
 
     @cached_property
     def page(self) -> bytes:
         """The page, UTF-8."""
         summary = summarise(self._folder, self._recording.read)
         return page_of(summary, {"pictures": PICTURES, "kinds": KINDS}).encode("utf-8")
-
-    @cached_property
-    def _frames(self) -> dict[int, ReplayedFrame]:
-        return {found.index: found for found in self._replay.frames(self._recording.timestamp_s)}
 
     def picture(self, index: int, what: str) -> bytes | None:
         """Return a frame with its objects drawn into it, as JPEG; None where there is no such picture.

@@ -19,15 +19,13 @@ from cuboid.outputs import (
     RunReport,
     TrackRow,
     read_map,
-    read_objects,
-    read_run,
     read_tracks,
     read_trajectory,
 )
-from cuboid.outputs.folder import MAP, OBJECTS, RUN, TRACKS, TRAJECTORY
+from cuboid.outputs.folder import MAP, RUN, TRACKS, TRAJECTORY
 from cuboid.results import TrackedObject
 from cuboid.views.palette import color_of, hex_of, ink_on
-from cuboid.views.replay import used_frames
+from cuboid.views.replay import open_results, used_frames
 from cuboid.views.report.pictures import Picture, best_sightings, cut_pictures
 from cuboid.views.report.points import PackedPoints, pack_points
 
@@ -136,9 +134,7 @@ def summarise(folder: Path, read: Callable[[int], Frame] | None) -> Summary:
     InputError
         A file of the folder is missing, malformed, or does not fit the others.
     """
-    if not folder.is_dir():
-        raise InputError(f"{folder}: expected a folder with the results of 'cuboid track'")
-    report, found = read_run(folder / RUN), read_objects(folder / OBJECTS)
+    report, found = open_results(folder)
     tracks, poses = read_tracks(folder / TRACKS), read_trajectory(folder / TRAJECTORY)
     frames = used_frames(report)
     if len(poses) != len(frames):
