@@ -76,7 +76,7 @@ class _Listening(Tracker):
         self.seen: list[Observed] = []
         self._every = every
 
-    def update(self, frame: Frame) -> FrameResult:
+    def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
         """Take in a frame; keep its clusters with the boxes and labels that it was given."""
         clusters: list[FrameCluster] = []
 
@@ -85,7 +85,7 @@ class _Listening(Tracker):
             return clusters
 
         with patch("cuboid.tracker.frame_clusters", listen):
-            result = super().update(frame)
+            result = super().update(frame, anchor)
         if frame.index % self._every == 0:
             parts = tuple(
                 Observation(
