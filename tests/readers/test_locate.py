@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from made_recordings import color_image, depth_image, make_plain, write_image
 
-from cuboid.errors import FrameError, InputError
+from cuboid.errors import FrameError, InputError, OutputError
+from cuboid.frame import Intrinsics
 from cuboid.readers import READERS, Calibration, FrameEntry, Listing, Reader, open_recording
+from cuboid.readers.calibration import write_camera
 
 
 def read_npz(path):
@@ -113,6 +115,28 @@ def test_the_user_has_the_last_word(plain):
     assert (recording.intrinsics.fx, recording.intrinsics.cy) == (50, 20)
     assert recording.depth_units_per_metre == 2000
     assert recording.read(0).depth_m[0, 1] == pytest.approx(0.5)
+
+
+def test_intrinsics_come_from_a_file_with_its_depth_scale(plain, tmp_path):
+    file = tmp_path / "mine.json"
+    write_camera(file, Intrinsics(51.5, 52.5, 30.25, 20.0, 64, 48), 4000.0)
+    recording = open_recording(plain.path, intrinsics=file)
+    assert recording.intrinsics == Intrinsics(51.5, 52.5, 30.25, 20.0, 64, 48)
+    assert recording.depth_units_per_metre == 4000
+    assert open_recording(plain.path, intrinsics=str(file), depth_scale=2000).depth_units_per_metre == 2000
+    matrix = tmp_path / "matrix.txt"
+    matrix.write_text("60 0 31\n0 61 22\n0 0 1\n")
+    assert open_recording(plain.path, intrinsics=matrix).intrinsics.fy == 61
+    with pytest.raises(InputError, match=r"none\.json cannot be read"):
+        open_recording(plain.path, intrinsics=tmp_path / "none.json")
+    write_camera(file, Intrinsics(51.5, 52.5, 30.25, 20.0, 128, 96), 4000.0)
+    with pytest.raises(InputError, match=r"are 64x48, but the intrinsics \(mine\.json\) are for 128x96"):
+        open_recording(plain.path, intrinsics=file)
+
+
+def test_a_camera_that_cannot_be_written_is_one_line(tmp_path):
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_camera(tmp_path / "no" / "camera.json", Intrinsics(1, 1, 0, 0, 2, 2), 1000)
 
 
 @pytest.mark.parametrize(

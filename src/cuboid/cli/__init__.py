@@ -26,6 +26,7 @@ COMMANDS = (
     "view",
     "export",
     "slam",
+    "calibrate",
     "demo",
     "synth",
     "bench",

@@ -51,7 +51,10 @@ def add_reading(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     reading = parser.add_argument_group("reading")
     reading.add_argument("--format", metavar="NAME", help="its layout, where it is not recognised")
     reading.add_argument(
-        "--intrinsics", type=intrinsics, metavar="FX,FY,CX,CY", help="pinhole in pixels, instead of its own"
+        "--intrinsics",
+        type=intrinsics,
+        metavar="FX,FY,CX,CY|FILE",
+        help="pinhole in pixels, or a camera.json, instead of its own",
     )
     reading.add_argument(
         "--depth-scale", type=depth_scale, metavar="UNITS", help="depth units a metre, instead of its own"
@@ -75,12 +78,14 @@ def config_from(args: argparse.Namespace) -> TrackerConfig:
     return TrackerConfig.from_dict(dict(args.settings))
 
 
-def intrinsics(text: str) -> tuple[float, float, float, float]:
-    """Read FX,FY,CX,CY from the command line."""
+def intrinsics(text: str) -> tuple[float, float, float, float] | Path:
+    """Read FX,FY,CX,CY, or the name of a file that holds them, from the command line."""
+    if text.endswith((".json", ".txt")):
+        return Path(text)
     try:
         fx, fy, cx, cy = (float(word) for word in text.split(","))
     except ValueError:
-        raise argparse.ArgumentTypeError(f"expected FX,FY,CX,CY in pixels, got '{text}'") from None
+        raise argparse.ArgumentTypeError(f"expected FX,FY,CX,CY in pixels or a .json file, got '{text}'") from None
     if not (0 < fx < float("inf") and 0 < fy < float("inf") and abs(cx + cy) < float("inf")):
         raise argparse.ArgumentTypeError(f"expected finite numbers with FX, FY > 0, got '{text}'")
     return fx, fy, cx, cy

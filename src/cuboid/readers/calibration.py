@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from cuboid.errors import InputError
+from cuboid.errors import InputError, OutputError
 from cuboid.frame import Intrinsics
 from cuboid.readers.posetext import data_lines, parse_numbers
 from cuboid.readers.reader import Calibration, Listing
@@ -20,9 +21,16 @@ _DEPTH_UNITS = "depth_units_per_metre"
 
 HOW_TO_GIVE = f"give them with --intrinsics FX,FY,CX,CY or in {CAMERA_FILE}"
 
+# What a user may give: fx, fy, cx, cy, or a file of the form of camera.json or camera-intrinsics.txt.
+GivenIntrinsics = Sequence[float] | str | os.PathLike[str]
+
+
+class UnknownIntrinsicsError(InputError):
+    """The intrinsics of a recording are nowhere to be found."""
+
 
 def choose(
-    listing: Listing, intrinsics: Sequence[float] | None, depth_scale: float | None, recording: Path
+    listing: Listing, intrinsics: GivenIntrinsics | None, depth_scale: float | None, recording: Path
 ) -> tuple[Calibration, float]:
     """Return the calibration and the depth units per metre of a recording.
 
@@ -39,14 +47,17 @@ def choose(
     if found is not None:
         calibration, units_in_file = _read(found)
         units = units_in_file or units
-    if intrinsics is not None:
+    if isinstance(intrinsics, str | os.PathLike):
+        calibration, units_in_file = _read(Path(intrinsics))
+        units = units_in_file or units
+    elif intrinsics is not None:
         calibration = _from_user(intrinsics)
     if depth_scale is not None:
         if not (math.isfinite(depth_scale) and depth_scale > 0):
             raise InputError(f"the depth scale must be a number of units per metre above 0, got {depth_scale}")
         units = float(depth_scale)
     if calibration is None:
-        raise InputError(f"{recording}: the intrinsics are not known; {HOW_TO_GIVE}")
+        raise UnknownIntrinsicsError(f"{recording}: the intrinsics are not known; {HOW_TO_GIVE}")
     if units is None:
         raise InputError(
             f"{recording}: the depth scale is not known; "
@@ -87,7 +98,24 @@ def _find_file(folders: Sequence[Path]) -> Path | None:
 
 
 def _read(path: Path) -> tuple[Calibration, float | None]:
-    return _read_json(path) if path.name == CAMERA_FILE else (_read_matrix(path), None)
+    return _read_json(path) if path.suffix == ".json" else (_read_matrix(path), None)
+
+
+def write_camera(path: Path, intrinsics: Intrinsics, depth_units_per_metre: float) -> None:
+    """Write a `camera.json`.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    values = {name: round(float(getattr(intrinsics, name)), 3) for name in _NUMBERS[:4]}
+    sizes = {"width": intrinsics.width, "height": intrinsics.height}
+    document = {**values, **sizes, _DEPTH_UNITS: float(f"{depth_units_per_metre:.6g}")}
+    try:
+        path.write_text(json.dumps(document) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
 
 
 def _read_json(path: Path) -> tuple[Calibration, float | None]:

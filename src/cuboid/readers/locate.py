@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 
 from cuboid.errors import InputError
@@ -21,7 +20,7 @@ def open_recording(
     path: str | os.PathLike[str],
     *,
     format: str | None = None,  # noqa: A002 - the flag's own name
-    intrinsics: Sequence[float] | None = None,
+    intrinsics: calibrations.GivenIntrinsics | None = None,
     depth_scale: float | None = None,
 ) -> Recording:
     """Open an RGB-D recording; its format is recognised from its content.
@@ -32,8 +31,9 @@ def open_recording(
         The recording's folder (or file), or a folder up to two levels above it if it is the only one there.
     format : str, optional
         Name of the reader: "plain", "tum", "7-scenes", "uw-rgbd-scenes-v2", or one of another package.
-    intrinsics : sequence of 4 floats, optional
-        fx, fy, cx, cy in pixels, instead of those found with the recording.
+    intrinsics : sequence of 4 floats or path, optional
+        fx, fy, cx, cy in pixels, instead of those found with the recording; or a file of the form of ``camera.json``,
+        whose depth scale counts too, or of ``camera-intrinsics.txt``.
     depth_scale : float, optional
         Units per metre of the depth images, instead of the format's own.
 

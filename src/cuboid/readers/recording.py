@@ -93,6 +93,13 @@ class Recording:
         bare.has_poses = False
         return bare
 
+    def with_intrinsics(self, intrinsics: Intrinsics) -> Recording:
+        """Return the same recording with another pinhole for its images."""
+        other = object.__new__(Recording)
+        other.__dict__.update(self.__dict__)
+        other.intrinsics = intrinsics
+        return other
+
     def timestamp_s(self, index: int) -> float:
         """Return the time of a frame in seconds."""
         time_s = self._frames[index].timestamp_s

@@ -1,0 +1,214 @@
+"""Finds focal length, optical centre and depth scale at which the views of a recording fit together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from cuboid.calibration.comparing import CENTER_X, CENTER_Y, DEPTH, FOCAL
+from cuboid.calibration.pairs import choose_pairs
+from cuboid.calibration.solving import Problem, Solution
+from cuboid.calibration.views import Pinhole, build_view, factors
+from cuboid.errors import InputError
+from cuboid.frame import Float64Array, Frame, Intrinsics
+from cuboid.geometry import se3
+
+# So many frames are compared, in groups of so many that follow each other, where the recording is long.
+FRAMES = 64
+GROUP = 8
+# The camera moves this far from one chosen frame to the next, radians, a metre counting as one (things are one to two
+# metres away); less in a short recording.
+STEP = 0.08
+# Focal lengths that are tried first, as logarithms beside the one to begin with: 0.74 to 1.35 times that.
+TRIED = np.arange(-0.30, 0.301, 0.05)
+# And depth scales: 0.85 to 1.17.
+TRIED_DEPTHS, ALONE = np.arange(-0.16, 0.161, 0.04), np.zeros(1)
+# Gauss-Newton steps at most.
+COARSE_STEPS, FINE_STEPS = 20, 12
+# What is fitted, with what is known: poses that were estimated from the same frames know the focal length only.
+FOCAL_ONLY, WITH_CENTER = (FOCAL,), (FOCAL, CENTER_X, CENTER_Y)
+WITH_DEPTH = (*WITH_CENTER, DEPTH)
+# With fewer pairs of views nothing is said.
+LEAST_PAIRS = 12
+# The depth scale is left as it is unless it is off by more than this, and by three standard errors: lens distortion and
+# drifting poses feign up to 2 %.
+DEPTH_SCALE_OFF = 0.03
+# And then the views must agree as well as with the old one, each with poses mended for it: a camera that mostly turns
+# has short ways, which poses that drift make too long or too short.
+AS_GOOD = 1.07
+# Errors that no spread between parts of a recording shows (lens distortion, rounding): share, share, pixels.
+LEAST_ERROR = np.array([0.002, 0.5, 0.5, 0.003])
+# A focal length that is less sure than this says nothing.
+WORST_FOCAL_ERROR = 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationResult:
+    """What was found, and how sure it is.
+
+    Attributes
+    ----------
+    start, intrinsics : Intrinsics
+        Before and after; the ratio of fx and fy is kept.
+    depth_scale : float
+        True metres in a metre of depth as it was read; 1 where nothing speaks clearly against it.
+    focal_error : float
+        Standard error of the focal length, as a share of it.
+    center_error_px : (float, float)
+    measured_depth_scale, depth_scale_error : float
+        The depth scale that fits best, and its standard error.
+    pose_error_m, pose_error_rad : float
+        How far off the poses of two compared views are towards each other.
+    gap_before_m, gap_after_m : float
+        Median difference of depth between views, poses taken as they are.
+    frames, pairs : int
+        How many were compared.
+    """
+
+    start: Intrinsics
+    intrinsics: Intrinsics
+    depth_scale: float
+    focal_error: float
+    center_error_px: tuple[float, float]
+    measured_depth_scale: float
+    depth_scale_error: float
+    pose_error_m: float
+    pose_error_rad: float
+    gap_before_m: float
+    gap_after_m: float
+    frames: int
+    pairs: int
+
+
+def calibrate(frames: Iterable[Frame], start: Intrinsics, *, estimated: bool = False) -> CalibrationResult:
+    """Find the pinhole at which frames fit together.
+
+    Points of each frame are carried into others by the poses; where the pinhole is right, depth and brightness agree
+    there. Poses may be off by a few centimetres: each pair of frames may move a little (`cuboid.calibration.solving`).
+
+    Parameters
+    ----------
+    frames : iterable of Frame
+        With poses; some 64 from a camera that moves, see `spread_out`.
+    start : Intrinsics
+        To begin with; the true focal length is between 0.74 and 1.35 times this one.
+    estimated : bool
+        Whether the poses come from these frames and this pinhole: then only the focal length is fitted. Such poses do
+        not know how long a metre is, and take up a shift of the optical centre.
+
+    Raises
+    ------
+    InputError
+        The frames have too little in common, or do not tell the focal length.
+    """
+    coarse_by, fine_by = factors(start.width)
+    coarse_views, fine_views = [], []
+    for frame in frames:  # one at a time: they take more memory than their views
+        coarse_views.append(build_view(frame, coarse_by))
+        fine_views.append(build_view(frame, fine_by))
+    begin = Pinhole.of(start)
+    pairs = choose_pairs(coarse_views, begin.resized(coarse_by))
+    if len(pairs) < LEAST_PAIRS:
+        raise InputError(
+            f"only {len(pairs)} pairs of {len(coarse_views)} frames see the same from places far enough apart, "
+            f"at least {LEAST_PAIRS} are needed: the camera must go around things, or turn"
+        )
+    coarse, fine = Problem(coarse_views, pairs, coarse_by), Problem(fine_views, pairs, fine_by)
+    measured, measured_error = 1.0, float("nan")
+    if estimated:
+        found = fine.solve(
+            coarse.solve(_tried(coarse, begin), FOCAL_ONLY, COARSE_STEPS).pinhole, FOCAL_ONLY, FINE_STEPS
+        )
+    else:
+        pinhole = coarse.solve(_tried(coarse, begin), FOCAL_ONLY, COARSE_STEPS).pinhole
+        pinhole = coarse.solve(pinhole, WITH_CENTER, COARSE_STEPS).pinhole
+        found = fine.solve(pinhole, WITH_CENTER, FINE_STEPS)
+        pinhole = coarse.solve(_tried(coarse, begin, TRIED_DEPTHS), WITH_DEPTH, COARSE_STEPS).pinhole
+        scaled = fine.solve(pinhole, WITH_DEPTH, FINE_STEPS)
+        measured, measured_error = scaled.pinhole.depth_scale, float(_errors(scaled)[DEPTH])
+        as_good = scaled.disagreement < AS_GOOD * found.disagreement
+        if as_good and abs(np.log(measured)) > max(DEPTH_SCALE_OFF, 3 * measured_error):
+            found = scaled
+    return CalibrationResult(
+        start=start,
+        intrinsics=_told(found, start),
+        depth_scale=found.pinhole.depth_scale,
+        focal_error=float(_errors(found)[FOCAL]),
+        center_error_px=(float(_errors(found)[CENTER_X]), float(_errors(found)[CENTER_Y])),
+        measured_depth_scale=measured,
+        depth_scale_error=measured_error,
+        pose_error_m=float(found.pose_error[0]),
+        pose_error_rad=float(found.pose_error[1]),
+        gap_before_m=coarse.typical_gap_m(begin),
+        gap_after_m=coarse.typical_gap_m(found.pinhole),
+        frames=len(coarse_views),
+        pairs=len(pairs),
+    )
+
+
+def best_of_tried(
+    problem: Problem, pinhole: Pinhole, focals: Float64Array, depths: Float64Array = ALONE, *, every: int = 1
+) -> Pinhole:
+    """Return the pinhole at which every n-th pair of views agrees best, of some.
+
+    `focals` and `depths` are logarithms of focal lengths and depth scales beside the pinhole's own.
+    """
+    candidates = [
+        replace(pinhole, fx=pinhole.fx * grown, fy=pinhole.fy * grown, depth_scale=pinhole.depth_scale * scaled)
+        for scaled in np.exp(depths)
+        for grown in np.exp(focals)
+    ]
+    return min(candidates, key=lambda candidate: problem.disagreement(candidate, every))
+
+
+def spread_out(T_world_camera: Mapping[int, Float64Array], count: int = FRAMES) -> list[int]:
+    """Return which frames to compare: the camera has moved between them, and those of a group see the same.
+
+    Parameters
+    ----------
+    T_world_camera : mapping of int to (4, 4) float64
+        Poses of the frames that have one.
+    count : int
+        At most so many frames.
+
+    Returns
+    -------
+    list of int
+        Rising.
+    """
+    known = sorted(T_world_camera.items())
+    if not known:
+        return []
+    motions = [se3.inverse(a) @ b for (_, a), (_, b) in pairwise(known)]
+    way = np.cumsum([0.0, *(se3.angle(T) + float(np.linalg.norm(T[:3, 3])) for T in motions)])
+    step = max(min(STEP, float(way[-1]) / count), 1e-9)
+    _, first = np.unique(np.floor(way / step), return_index=True)
+    chosen = [known[k][0] for k in first]
+    if len(chosen) <= count:
+        return chosen
+    starts = np.linspace(0, len(chosen) - GROUP, count // GROUP).round().astype(int)
+    return [chosen[k] for k in sorted({k for start in starts for k in range(start, start + GROUP)})]
+
+
+def _tried(coarse: Problem, begin: Pinhole, depths: Float64Array = ALONE) -> Pinhole:
+    return best_of_tried(coarse, begin, TRIED, depths, every=3)
+
+
+def _told(found: Solution, start: Intrinsics) -> Intrinsics:
+    """Return the intrinsics; InputError where the focal length is not told."""
+    pinhole, error = found.pinhole, _errors(found)[FOCAL]
+    if error > WORST_FOCAL_ERROR:
+        raise InputError(
+            f"the recording does not tell the focal length: {pinhole.fx:.0f} px fits best, but within "
+            f"{100 * error:.0f} % only; the camera must go around things, or turn"
+        )
+    return replace(start, fx=pinhole.fx, fy=pinhole.fy, cx=pinhole.cx, cy=pinhole.cy)
+
+
+def _errors(found: Solution) -> Float64Array:
+    """Return standard errors, with those that no spread shows."""
+    errors: Float64Array = np.hypot(found.error, LEAST_ERROR)
+    return errors

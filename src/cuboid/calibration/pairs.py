@@ -1,0 +1,67 @@
+"""Which frames are compared with which: those that see the same from places far enough apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cuboid.calibration.views import Pinhole, View
+from cuboid.frame import Float64Array
+from cuboid.geometry import se3
+
+# A wrong pinhole shows in pairs that see things move in the image, and poses are off more the longer the way: for each
+# view one partner near each of these motions, radians of the median pixel (5, 11 and 20 degrees).
+MOTIONS_RAD = (0.09, 0.19, 0.35)
+# A motion counts as one of these if it differs by less than this factor.
+ALIKE = 1.6
+# Least share of a view's points that its partner must have in its image.
+LEAST_OVERLAP = 0.45
+# So many of a view's points tell where it overlaps another.
+PROBES = 80
+
+
+def choose_pairs(views: Sequence[View], pinhole: Pinhole) -> list[tuple[int, int]]:
+    """Return pairs (from, to) of indices of views, in their order."""
+    pairs = set()
+    for i, view in enumerate(views):
+        points = _probes(view, pinhole)
+        if not len(points):
+            continue
+        seen = [_overlap_motion(points, view, other, pinhole) for other in views]
+        for target in MOTIONS_RAD:
+            off = [
+                abs(np.log(motion / target)) if overlap >= LEAST_OVERLAP and motion > 0 else np.inf
+                for overlap, motion in seen
+            ]
+            j = int(np.argmin(off))
+            if off[j] < np.log(ALIKE) and j != i:
+                pairs.add((i, j))
+    return sorted(pairs)
+
+
+def relative(views: Sequence[View], pairs: Sequence[tuple[int, int]]) -> list[Float64Array]:
+    """Return T_to_from (4, 4) of each pair."""
+    return [se3.inverse(views[j].T_world_camera) @ views[i].T_world_camera for i, j in pairs]
+
+
+def _probes(view: View, pinhole: Pinhole) -> Float64Array:
+    """Return some of a view's points (N, 3) in its camera, metres."""
+    chosen = view.xyz[:: max(1, len(view.xyz) // PROBES)]
+    depth_m = chosen[:, 2]
+    x = (chosen[:, 0] - pinhole.cx) / pinhole.fx * depth_m
+    y = (chosen[:, 1] - pinhole.cy) / pinhole.fy * depth_m
+    return np.stack([x, y, depth_m], axis=1)
+
+
+def _overlap_motion(points: Float64Array, view: View, other: View, pinhole: Pinhole) -> tuple[float, float]:
+    """Return the share of points that lie in the other's image, and how far they move in it, radians."""
+    moved = se3.transform(se3.inverse(other.T_world_camera) @ view.T_world_camera, points)
+    depth_m = np.where(moved[:, 2] > 0, moved[:, 2], np.inf)
+    ray, old = moved[:, :2] / depth_m[:, None], points[:, :2] / points[:, 2:]
+    height, width = other.depth_m.shape
+    x, y = ray[:, 0] * pinhole.fx + pinhole.cx, ray[:, 1] * pinhole.fy + pinhole.cy
+    inside = np.isfinite(depth_m) & (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
+    if not inside.any():
+        return 0.0, 0.0
+    return float(inside.mean()), float(np.median(np.linalg.norm(ray - old, axis=1)[inside]))

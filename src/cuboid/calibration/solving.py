@@ -1,0 +1,259 @@
+"""The pinhole at which views agree best, when their poses are only nearly right.
+
+Gauss-Newton on the disagreement of depth and brightness in all pairs, with the weights of a t-distribution. Each
+pair may move a little, as if its relative pose had an error that is drawn from a t-distribution too; how wide that one
+is follows from the moves themselves (empirical Bayes), so that exact poses are trusted and drifting ones are not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.calibration.comparing import (
+    CENTER_X,
+    CENTER_Y,
+    DEPTH,
+    FOCAL,
+    MOTION,
+    PARAMETERS,
+    Carried,
+    carry,
+    disagreements,
+)
+from cuboid.calibration.pairs import relative
+from cuboid.calibration.views import CELL_PX, Pinhole, View
+from cuboid.frame import Float64Array
+from cuboid.geometry import se3
+
+# Degrees of freedom of the t-distributions: heavy tails, as in Kerl, Sturm, Cremers (IROS 2013).
+NU = 5.0
+# Errors of neighbouring pixels are alike: those in a patch of so many pixels of the recording a side count as one.
+ALIKE_PX = 64.0
+# Error of a relative pose, metres and radians: at first, at least (what a file with 4 digits has), at most.
+POSE_ERROR = np.array([0.01, np.radians(0.5)])
+LEAST_POSE_ERROR = np.array([0.0003, np.radians(0.01)])
+MOST_POSE_ERROR = np.array([0.05, np.radians(2.0)])
+# What is believed before: the optical centre within 5 % of the image's width, the depth scale within 5 %.
+CENTER_SHARE, DEPTH_SHARE = 0.05, 0.05
+# Done when a step changes the focal length and the depth scale by less than this, and the centre by less than this
+# share of the width.
+SMALL_STEP = 1e-4
+# Where agreement is only compared (not fitted), a disagreement counts half at this many deviations of depth's noise,
+# and at this contrast, which is a third of a full step.
+DEPTH_SCALE, CONTRAST_SCALE = 2.0, 0.5
+# Disagreements below this share of their usual size are as good as none; it keeps made images apart from 1 / 0.
+LEAST_SPREAD = 1e-3
+# The pairs are put into so many parts by their time, to see how much the result hangs on each.
+PARTS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """A pinhole and how sure it is.
+
+    Attributes
+    ----------
+    pinhole : Pinhole
+        Of the recording's images.
+    error : (4,) float64
+        Standard errors in the order of `comparing`; NaN where a parameter was not fitted.
+    pose_error : (2,) float64
+        Of a relative pose, metres and radians.
+    disagreement : float
+        As `Problem.disagreement`, but with the poses mended.
+    """
+
+    pinhole: Pinhole
+    error: Float64Array
+    pose_error: Float64Array
+    disagreement: float
+
+
+class Problem:
+    """Views, and which of them are compared; the pinholes that its methods take and give are the recording's.
+
+    Parameters
+    ----------
+    views : sequence of View
+    pairs : sequence of (int, int)
+        Indices of views, from and to.
+    factor : int
+        By which the views are smaller than the recording.
+    """
+
+    def __init__(self, views: Sequence[View], pairs: Sequence[tuple[int, int]], factor: int) -> None:
+        self._factor = factor
+        self._alike = max(1.0, (ALIKE_PX / (CELL_PX * factor)) ** 2)
+        self._views = views
+        self._pairs = pairs
+        self._T_given = relative(views, pairs)
+        order = np.argsort(np.argsort([views[i].index + views[j].index for i, j in pairs], kind="stable"))
+        self._part = order * PARTS // max(len(pairs), 1)
+
+    def disagreement(self, pinhole: Pinhole, every: int = 1) -> float:
+        """Return the mean robust disagreement, 0 to 2, of every n-th pair, poses taken as they are."""
+        small = pinhole.resized(self._factor)
+        return _disagreement([self._given(k, small) for k in range(0, len(self._pairs), every)])
+
+    def typical_gap_m(self, pinhole: Pinhole) -> float:
+        """Return the median absolute difference of depths, metres, poses taken as they are."""
+        small = pinhole.resized(self._factor)
+        found = [self._given(k, small) for k in range(len(self._pairs))]
+        return float(np.median(np.abs(np.concatenate([item.gap_m for item in found]))))
+
+    def solve(self, start: Pinhole, free: Sequence[int], steps: int) -> Solution:
+        """Return the pinhole nearest to `start` at which the views agree best.
+
+        Parameters
+        ----------
+        start : Pinhole
+        free : sequence of int
+            Which parameters are fitted.
+        steps : int
+            At most so many.
+        """
+        index = np.array(free, np.intp)
+        width = self._views[0].depth_m.shape[1]
+        belief = np.array([0.0, (CENTER_SHARE * width) ** -2, (CENTER_SHARE * width) ** -2, DEPTH_SHARE**-2])
+        small = SMALL_STEP * np.array([1.0, width, width, 1.0])
+        begin, theta, pose_error = start.resized(self._factor), np.zeros(PARAMETERS), POSE_ERROR
+        moves = np.zeros((len(self._pairs), MOTION))
+        corrections = [np.eye(4)] * len(self._pairs)
+        for _ in range(steps):
+            normal = self._normal_equations(_moved(begin, theta), corrections, moves, pose_error)
+            H = normal.H.sum(0) + np.diag(belief)
+            g = normal.g.sum(0) + belief * theta
+            step = np.zeros(PARAMETERS)
+            step[index] = -np.linalg.solve(H[np.ix_(index, index)], g[index])
+            theta += step
+            follow = -np.einsum("pij,pj->pi", normal.spread, normal.b + np.einsum("pij,i->pj", normal.cross, step))
+            moves += follow
+            corrections = [se3.exp(move) @ T for move, T in zip(follow, corrections, strict=True)]
+            pose_error = _pose_error(moves, normal.spread, pose_error)
+            if np.all(np.abs(step) < small):
+                break
+        pinhole = _moved(begin, theta)
+        found = _disagreement(self._mended(pinhole, corrections)[1])
+        error = self._error(normal, H, g, index) * np.array([1.0, self._factor, self._factor, 1.0])
+        return Solution(pinhole.resized(1 / self._factor), error, pose_error, found)
+
+    def _given(self, pair: int, pinhole: Pinhole) -> Carried:
+        """Compare two views, their poses taken as they are."""
+        i, j = self._pairs[pair]
+        return carry(self._views[i], self._views[j], _divided(self._T_given[pair], pinhole.depth_scale), pinhole)
+
+    def _mended(
+        self, pinhole: Pinhole, corrections: Sequence[Float64Array]
+    ) -> tuple[list[Float64Array], list[Carried]]:
+        """Return the motion of each pair, its poses mended, and how its views compare then."""
+        T = [
+            correction @ _divided(given, pinhole.depth_scale)
+            for correction, given in zip(corrections, self._T_given, strict=True)
+        ]
+        pairs = zip(self._pairs, T, strict=True)
+        return T, [carry(self._views[i], self._views[j], T_pair, pinhole) for (i, j), T_pair in pairs]
+
+    def _normal_equations(
+        self, pinhole: Pinhole, corrections: Sequence[Float64Array], moves: Float64Array, pose_error: Float64Array
+    ) -> _Normal:
+        """Return the equations of each pair, its own motion eliminated (Schur complement)."""
+        T, found = self._mended(pinhole, corrections)
+        spreads = (
+            _spread(np.concatenate([item.gap_m / item.noise_m for item in found])),
+            _spread(np.concatenate([item.change[item.same] for item in found])),
+        )
+        count = len(T)
+        A, a = np.zeros((count, PARAMETERS, PARAMETERS)), np.zeros((count, PARAMETERS))
+        C, b = np.zeros((count, MOTION, MOTION)), np.zeros((count, MOTION))
+        B = np.zeros((count, PARAMETERS, MOTION))
+        for k, (item, T_pair) in enumerate(zip(found, T, strict=True)):
+            shift_m = T_pair[:3, 3] - corrections[k][:3, 3]
+            for part, spread in zip(disagreements(item, T_pair, pinhole, shift_m), spreads, strict=True):
+                weight = (NU + 1) / (NU + (part.residual / spread) ** 2) / (spread**2 * self._alike)
+                weighted = part.by_parameter * weight[:, None]
+                A[k] += weighted.T @ part.by_parameter
+                a[k] += weighted.T @ part.residual
+                B[k] += weighted.T @ part.by_motion
+                weighted = part.by_motion * weight[:, None]
+                C[k] += weighted.T @ part.by_motion
+                b[k] += weighted.T @ part.residual
+        trust = np.repeat(pose_error**-2, 3)
+        pull = (NU + MOTION) / (NU + (moves**2 * trust).sum(1))
+        C += np.diag(trust) * pull[:, None, None]
+        b += moves * trust * pull[:, None]
+        inverse = np.linalg.inv(C).astype(np.float64)
+        H = A - B @ inverse @ B.transpose(0, 2, 1)
+        g = a - np.einsum("pij,pj->pi", B @ inverse, b)
+        return _Normal(H.astype(np.float64), g, inverse, B, b)
+
+    def _error(self, normal: _Normal, H: Float64Array, g: Float64Array, index: npt.NDArray[np.intp]) -> Float64Array:
+        """Return standard errors by leaving out one part of the pairs after the other (jackknife, one step each)."""
+        block = np.ix_(index, index)
+        shifts = []
+        for part in range(PARTS):
+            out = self._part == part
+            rest_H, rest_g = H - normal.H[out].sum(0), g - normal.g[out].sum(0)
+            shifts.append(-np.linalg.solve(rest_H[block], rest_g[index]))
+        off = np.array(shifts) - np.mean(shifts, axis=0)
+        error = np.full(PARAMETERS, np.nan)
+        error[index] = np.sqrt((PARTS - 1) / PARTS * (off**2).sum(0) + np.diag(np.linalg.inv(H[block])))
+        return error
+
+
+@dataclass(frozen=True, slots=True)
+class _Normal:
+    """Normal equations of P pairs: `spread` is the covariance of a pair's own motion given the parameters."""
+
+    H: Float64Array
+    g: Float64Array
+    spread: Float64Array
+    cross: Float64Array
+    b: Float64Array
+
+
+def _disagreement(found: Sequence[Carried]) -> float:
+    depth = np.concatenate([item.gap_m / item.noise_m for item in found])
+    change = np.concatenate([item.change[item.same] for item in found])
+    return _bounded(depth, DEPTH_SCALE) + _bounded(change, CONTRAST_SCALE)
+
+
+def _divided(T: Float64Array, depth_scale: float) -> Float64Array:
+    """Return a motion (4, 4) in the metres of depths as they are read."""
+    scaled = T.copy()
+    scaled[:3, 3] /= depth_scale
+    return scaled
+
+
+def _moved(start: Pinhole, theta: Float64Array) -> Pinhole:
+    grown, scaled = np.exp(theta[FOCAL]), np.exp(theta[DEPTH])
+    return Pinhole(
+        float(start.fx * grown),
+        float(start.fy * grown),
+        float(start.cx + theta[CENTER_X]),
+        float(start.cy + theta[CENTER_Y]),
+        float(start.depth_scale * scaled),
+    )
+
+
+def _pose_error(moves: Float64Array, spread: Float64Array, before: Float64Array) -> Float64Array:
+    """Return how far off relative poses are, from how far they moved and how sure that is (one step of EM)."""
+    trust = np.repeat(before**-2, 3)
+    pull = (NU + MOTION) / (NU + (moves**2 * trust).sum(1))
+    square = (pull[:, None] * moves**2 + np.diagonal(spread, axis1=1, axis2=2)).mean(0).reshape(2, 3).mean(1)
+    error: Float64Array = np.clip(np.sqrt(square), LEAST_POSE_ERROR, MOST_POSE_ERROR)
+    return error
+
+
+def _spread(residual: Float64Array) -> float:
+    """Return the deviation of residuals, of which a part may be anything (from the median of their sizes)."""
+    return max(1.4826 * float(np.median(np.abs(residual))), LEAST_SPREAD) if len(residual) else 1.0
+
+
+def _bounded(residual: Float64Array, scale: float) -> float:
+    """Return the mean of the residuals' squares, each at most 1 (Geman, McClure 1985)."""
+    square = (residual / scale) ** 2
+    return float(np.mean(square / (1.0 + square))) if len(residual) else 1.0

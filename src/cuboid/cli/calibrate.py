@@ -1,0 +1,112 @@
+"""`cuboid calibrate`: the intrinsics of a recording, found in the recording itself."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cuboid.cli.recording import add_reading, open_from
+
+if TYPE_CHECKING:
+    from cuboid.calibration import CalibrationResult
+    from cuboid.readers import Recording
+
+HELP = "find focal length, optical centre and depth scale of a recording"
+
+# Where nothing is known of a camera the search begins with a focal length of this share of the image's width: color
+# cameras of common depth cameras have 0.71 to 0.96, and the search reaches 0.61 to 1.12.
+UNKNOWN_FOCAL_SHARE = 0.83
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    results = parser.add_argument_group("results")
+    results.add_argument(
+        "--output", type=Path, required=True, metavar="FILE", help="the camera.json to write; --intrinsics takes it"
+    )
+    results.add_argument("--force", action="store_true", help="replace FILE")
+    reading = add_reading(parser)
+    reading.add_argument(
+        "--poses",
+        choices=("given", "estimated"),
+        help="the recording's own poses, or poses estimated along (default: its own where it has them)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Calibrate, write, and say how sure it is."""
+    from cuboid.cli.threads import limit_threads
+    from cuboid.errors import OutputError
+
+    limit_threads(1)
+    if args.output.suffix != ".json":
+        raise OutputError(f"{args.output}: is to be a .json file")
+    if not args.output.parent.is_dir():
+        raise OutputError(f"{args.output}: there is no folder {args.output.parent}")
+    if args.output.exists() and not args.force:
+        raise OutputError(f"{args.output}: exists; --force replaces it")
+    from cuboid.calibration import calibrate_recording
+    from cuboid.cli.progress import counting
+    from cuboid.readers.calibration import write_camera
+
+    recording = _open(args)
+    with counting("estimating poses") as shown:
+        found = calibrate_recording(recording, poses=args.poses, every=args.every, limit=args.limit, progress=shown)
+    write_camera(args.output, found.intrinsics, recording.depth_units_per_metre / found.depth_scale)
+    _print(found, recording, args.output)
+    return 0
+
+
+def _open(args: argparse.Namespace) -> Recording:
+    """Open the recording; where its intrinsics are not known, with a guess."""
+    from cuboid.readers.calibration import UnknownIntrinsicsError
+
+    try:
+        return open_from(args)
+    except UnknownIntrinsicsError:
+        args.intrinsics = (1.0, 1.0, 0.0, 0.0)  # of any size, to learn that of the images
+        size = open_from(args).intrinsics
+        focal = UNKNOWN_FOCAL_SHARE * size.width
+        args.intrinsics = (focal, focal, (size.width - 1) / 2, (size.height - 1) / 2)
+        return open_from(args)
+
+
+def _print(found: CalibrationResult, recording: Recording, output: Path) -> None:
+    import math
+
+    from cuboid.cli.tables import console, new_table
+
+    out, begin, end = console(), found.start, found.intrinsics
+    table = new_table("", "before", "after", "+-")
+    for name in ("fx", "fy"):
+        before, after = getattr(begin, name), getattr(end, name)
+        table.add_row(f"{name}, px", f"{before:.1f}", f"{after:.1f}", f"{found.focal_error * after:.1f}")
+    for name, error in zip(("cx", "cy"), found.center_error_px, strict=True):
+        table.add_row(f"{name}, px", f"{getattr(begin, name):.1f}", f"{getattr(end, name):.1f}", _error(error, 1))
+    units = recording.depth_units_per_metre
+    scale = found.depth_scale
+    table.add_row(
+        "depth units a metre", f"{units:g}", f"{units / scale:.6g}", _error(found.depth_scale_error * units / scale, 0)
+    )
+    out.print(table)
+    out.print(
+        f"{found.pairs} pairs of {found.frames} frames: their depths differ by {1000 * found.gap_after_m:.1f} mm "
+        f"(median), before by {1000 * found.gap_before_m:.1f} mm; poses of a pair are off by "
+        f"{1000 * found.pose_error_m:.1f} mm and {math.degrees(found.pose_error_rad):.2f} degrees"
+    )
+    out.print(_depth_line(found), markup=False)
+    out.print(f"written: {output}", markup=False)
+
+
+def _error(value: float, digits: int) -> str:
+    return "not fitted" if value != value else f"{value:.{digits}f}"
+
+
+def _depth_line(found: CalibrationResult) -> str:
+    if found.depth_scale_error != found.depth_scale_error:
+        return "optical centre and depth scale are as before: poses that were estimated do not tell them"
+    seen = f"a metre of depth is {found.measured_depth_scale:.4f} +- {found.depth_scale_error:.4f} m"
+    if found.depth_scale == 1.0:
+        return f"{seen}: not clearly off, left as it is"
+    return f"{seen}, unless the poses are wrong by that; the depth scale is changed"

@@ -1,0 +1,150 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from posed import Posed, scaled
+
+from cuboid.calibration import calibrate, quick_check, spread_out
+from cuboid.cli import main
+from cuboid.errors import InputError
+from cuboid.frame import Frame
+from cuboid.geometry import se3
+from cuboid.readers import Recording, open_recording
+from fakes import write_recording
+
+
+@pytest.mark.parametrize(("factor", "noise"), [(1.08, "none"), (0.92, "jumps"), (0.92, "drift")])
+def test_a_wrong_focal_length_is_found_within_one_percent(
+    recording: Recording, posed: Posed, factor: float, noise: str
+) -> None:
+    truth = recording.intrinsics
+    found = calibrate(posed(noise), scaled(truth, factor))
+    assert found.intrinsics.fx == pytest.approx(truth.fx, rel=0.01)
+    assert found.intrinsics.fy / found.intrinsics.fx == pytest.approx(truth.fy / truth.fx)
+    assert abs(found.intrinsics.fx / truth.fx - 1) < 4 * found.focal_error
+    assert found.depth_scale == 1.0
+    if noise != "drift":
+        assert found.intrinsics.cx == pytest.approx(truth.cx, abs=1.5)
+        assert found.intrinsics.cy == pytest.approx(truth.cy, abs=1.5)
+        assert found.gap_after_m < 0.75 * found.gap_before_m
+
+
+def test_wrong_depth_scale_and_centre_are_found_together(recording: Recording, posed: Posed) -> None:
+    truth = recording.intrinsics
+    start = replace(scaled(truth, 0.95), cx=truth.cx + 8, cy=truth.cy - 6)
+    found = calibrate(posed(depth=1 / 1.07), start)
+    assert found.depth_scale == pytest.approx(1.07, rel=0.01)
+    assert found.intrinsics.fx == pytest.approx(truth.fx, rel=0.01)
+    assert found.intrinsics.cx == pytest.approx(truth.cx, abs=1.0)
+    assert found.intrinsics.cy == pytest.approx(truth.cy, abs=1.0)
+
+
+def test_the_same_frames_give_the_same_bytes(recording: Recording, posed: Posed) -> None:
+    start = scaled(recording.intrinsics, 1.05)
+    assert calibrate(posed(count=16), start) == calibrate(posed(count=16), start)
+
+
+def test_only_the_focal_length_is_fitted_where_poses_are_estimated(recording: Recording, posed: Posed) -> None:
+    truth = recording.intrinsics
+    found = calibrate(posed(), scaled(truth, 1.08), estimated=True)
+    assert found.intrinsics.fx == pytest.approx(truth.fx, rel=0.01)
+    assert (found.intrinsics.cx, found.intrinsics.cy, found.depth_scale) == (truth.cx, truth.cy, 1.0)
+    assert np.isnan(found.depth_scale_error)
+
+
+def test_a_camera_that_stands_still_tells_nothing(recording: Recording, posed: Posed) -> None:
+    still = [replace(frame, T_world_camera=np.eye(4)) for frame in posed(count=8)]
+    with pytest.raises(InputError, match="only 0 pairs of 8 frames"):
+        calibrate(still, recording.intrinsics)
+    assert quick_check(still, recording.intrinsics).focal is None
+    assert not quick_check([], recording.intrinsics).wrong
+
+
+@pytest.mark.parametrize("noise", ["none", "drift", "jumps"])
+def test_the_quick_check_tells_wrong_from_right(recording: Recording, posed: Posed, noise: str) -> None:
+    frames, truth = posed(noise, count=24), recording.intrinsics
+    assert not quick_check(frames, truth).wrong
+    for factor in (0.92, 1.08):
+        verdict = quick_check(frames, scaled(truth, factor))
+        assert verdict.wrong
+        assert verdict.focal == pytest.approx(truth.fx, rel=0.02)
+
+
+def test_frames_are_chosen_where_the_camera_has_moved() -> None:
+    def at(x_m: float) -> np.ndarray:
+        return se3.compose([1, 0, 0, 0], [x_m, 0, 0])
+
+    way = {k: at(0.0 if k < 50 else 0.1 * (k - 50)) for k in range(80)}
+    assert spread_out(way, 64)[:3] == [0, 51, 52]
+    long = spread_out({k: at(0.1 * k) for k in range(1000)}, 64)
+    assert len(long) == 64
+    assert (np.diff(long) == 1).sum() >= 48
+    assert long[-1] > 900
+    assert spread_out({}) == []
+    assert spread_out({7: np.eye(4)}) == [7]
+
+
+def test_the_command_writes_a_camera_that_the_readers_take(
+    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth = recording.intrinsics
+    start = f"{truth.fx * 0.93},{truth.fy * 0.93},{truth.cx},{truth.cy}"
+    output = tmp_path / "camera.json"
+    words = ["calibrate", str(recording.path), "--intrinsics", start, "--output", str(output)]
+    assert main(words) == 0
+    assert "left as it is" in capsys.readouterr().out
+    found = open_recording(recording.path, intrinsics=output)
+    assert found.intrinsics.fx == pytest.approx(truth.fx, rel=0.01)
+    assert found.depth_units_per_metre == pytest.approx(5000)
+    assert json.loads(output.read_text())["width"] == 320
+    assert main(words) == 2
+    assert "exists; --force replaces it" in capsys.readouterr().err
+
+
+def test_estimated_poses_and_unknown_intrinsics(
+    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bare = tmp_path / "bare"
+    bare.mkdir()
+    for name in ("color", "depth"):
+        (bare / name).symlink_to(recording.path / name)
+    words = ["calibrate", str(bare), "--output", str(tmp_path / "c.json"), "--depth-scale", "5000", "--limit", "45"]
+    assert main(words) == 0
+    assert "poses that were estimated do not tell them" in capsys.readouterr().out
+    found = json.loads((tmp_path / "c.json").read_text())
+    assert found["fx"] == pytest.approx(recording.intrinsics.fx, rel=0.02)
+    assert (found["cx"], found["depth_units_per_metre"]) == (159.5, 5000)
+    assert main([*words, "--poses", "given", "--force"]) == 2
+    assert "has no camera poses; --poses estimated finds them" in capsys.readouterr().err
+
+
+def test_mistakes_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = str(write_recording(tmp_path / "recording", 4))
+    for words, says in (
+        (["--output", str(tmp_path / "camera.txt")], "is to be a .json file"),
+        (["--output", str(tmp_path / "no" / "camera.json")], "there is no folder"),
+        (["--output", str(tmp_path / "a.json")], "pairs of"),
+        (["--output", str(tmp_path / "a.json"), "--intrinsics", str(tmp_path / "none.json")], "cannot be read"),
+    ):
+        assert main(["calibrate", path, *words]) == 2
+        error = capsys.readouterr().err
+        assert says in error
+        assert error.count("\n") == 1
+
+
+def test_scene_01_from_the_published_focal_length(data_dir: Path) -> None:
+    path = data_dir / "rgbd-scenes-v2" / "imgs" / "scene_01"
+    recording = open_recording(path, intrinsics=(570.3, 570.3, 320.0, 240.0))
+    T = {k: pose for k in range(len(recording)) if (pose := recording.pose(k)) is not None}
+    frames: list[Frame] = [recording.read(k) for k in spread_out(T)]
+    found = calibrate(frames, recording.intrinsics)
+    assert found.intrinsics.fx == pytest.approx(534.8, rel=0.02)
+    assert found.depth_scale == 1.0
+    assert found.gap_after_m < 0.6 * found.gap_before_m
+    verdict = quick_check(frames[::2], recording.intrinsics)
+    assert verdict.wrong
+    assert not quick_check(frames[::2], open_recording(path).intrinsics).wrong
