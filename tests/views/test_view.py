@@ -166,7 +166,7 @@ def test_image_and_map_are_side_by_side_and_one_slider_moves_both(server: Thread
         page.locator("#slider").focus()
         page.keyboard.press("Home")
         page.wait_for_function("document.getElementById('frame-picture').src.endsWith('/frame/0.jpg?what=boxes')")
-        page.wait_for_function("document.getElementById('frame-picture').complete")
+        image.evaluate("image => image.decode()")
         middle = pixels(image)
         middle = middle[middle.shape[0] // 2, middle.shape[1] // 2]
         assert np.abs(middle.astype(int) - (0, 100, 200)).max() < 8
