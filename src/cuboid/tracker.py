@@ -20,6 +20,7 @@ from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.pixels import stand_on
 from cuboid.objects.association import Match, associate
 from cuboid.objects.entry import MapObject
+from cuboid.objects.holdings import holdings
 from cuboid.objects.object_map import ObjectMap
 from cuboid.objects.visibility import look
 from cuboid.proposals import make_source
@@ -211,8 +212,10 @@ class Tracker:
     ) -> tuple[tuple[Sighting, ...], tuple[Proposal3D, ...]]:
         """Match the frame's boxes to the map, and tell which of its objects the frame sees."""
         pixel_owner = np.where(slots >= 0, self._voxels.owner[slots], 0).astype(np.int32)
-        self._map.bonds.see(claim, pixel_owner)
-        self._map.splits.see(claim, pixel_owner, heights, slots, self._voxels.side)
+        held = holdings(claim, pixel_owner)
+        if held is not None:
+            self._map.bonds.see(held)
+            self._map.splits.see(held, heights, slots, self._voxels.side)
         objects = self._map.in_view(image, T_camera_world)
         matches = associate(clusters, boxes, objects, pixel_owner)
         own: dict[int, Match] = {}

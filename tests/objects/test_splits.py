@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cuboid.objects.holdings import Holdings, holdings
 from cuboid.objects.splits import SURE_FRAMES, Splits
 
 SHAPE = (20, 20)
@@ -20,9 +21,15 @@ def frame(right_floats: float = 0.0, swap: bool = False) -> tuple[np.ndarray, np
     return claim, np.where(LEFT, heights, heights + np.float32(right_floats))
 
 
+def held(claim: np.ndarray) -> Holdings:
+    found = holdings(claim, OWNER)
+    assert found is not None
+    return found
+
+
 def see(splits: Splits, claim: np.ndarray, heights: np.ndarray, side: np.ndarray, times: int = 1) -> None:
     for _ in range(times):
-        splits.see(claim, OWNER, heights, SLOTS, side)
+        splits.see(held(claim), heights, SLOTS, side)
 
 
 def test_two_that_stand_side_by_side_are_two_and_the_sides_are_told_apart() -> None:

@@ -234,7 +234,8 @@ class VoxelMap:
 
     def xyz(self, rows: Rows) -> Float32Array:
         """Return world points (N, 3) of these rows."""
-        return self.values[rows, kernel.X : kernel.Z + 1]
+        # Whole rows first: NumPy takes these several times as fast as parts of rows.
+        return np.ascontiguousarray(self.values.take(rows, axis=0)[:, kernel.X : kernel.Z + 1])
 
     def rgb(self, rows: Rows) -> UInt8Array:
         """Return colors (N, 3) of these rows."""

@@ -33,8 +33,10 @@ def pack_key(ix, iy, iz):
 def find_slot(key, keys, table):
     """Return (row, place): the row of a key or -1, and where in the table it is or would go."""
     mask = table.size - 1
+    # A product's bit depends on no higher bit of its factors: fold the upper half in, and mix once more.
     h = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
-    place = np.int64(h >> np.uint64(20)) & mask
+    h = (h ^ (h >> np.uint64(32))) * np.uint64(0x9E3779B97F4A7C15)
+    place = np.int64(h >> np.uint64(32)) & mask
     while True:
         entry = table[place]
         if entry == 0:

@@ -78,11 +78,11 @@ def _common_points(
     clusters: Sequence[FrameCluster], objects: Sequence[MapObject], pixel_owner: npt.NDArray[np.int32]
 ) -> npt.NDArray[np.float64]:
     owner = pixel_owner.ravel()
-    place = {o.number: j for j, o in enumerate(objects)}
+    place = np.zeros(max(o.number for o in objects) + 1, np.int64)
+    place[[o.number for o in objects]] = np.arange(1, len(objects) + 1)
     common = np.zeros((len(clusters), len(objects)))
     for k, cluster in enumerate(clusters):
-        numbers, counts = np.unique(owner[cluster.pixels], return_counts=True)
-        for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
-            if number in place:
-                common[k, place[number]] = count / len(cluster.pixels)
+        numbers = owner[cluster.pixels]
+        inside = numbers[(numbers > 0) & (numbers < len(place))]
+        common[k] = np.bincount(place[inside], minlength=len(objects) + 1)[1:] / len(cluster.pixels)
     return common

@@ -8,7 +8,8 @@ rim is one by this count, two boxes that touch are two.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
+
+from cuboid.objects.holdings import Holdings
 
 # An object is looked at when it shows this many pixels, and a mask holds it with this share of them.
 LEAST_PIXELS, HELD = 15, 0.5
@@ -27,36 +28,18 @@ class Bonds:
         self._counts: dict[Pair, list[int]] = {}
         self._severed: set[Pair] = set()
 
-    def see(self, claim: npt.NDArray[np.int32], pixel_owner: npt.NDArray[np.int32]) -> None:
-        """Take in a frame.
-
-        Parameters
-        ----------
-        claim : (h, w) int32
-            Number of the mask that claims a pixel, -1 none.
-        pixel_owner : (h, w) int32
-            Number of the object that a pixel belongs to, 0 none.
-        """
-        pixels = np.flatnonzero((claim >= 0) & (pixel_owner > 0))
-        if len(pixels) == 0:
-            return
-        numbers, mask = pixel_owner.ravel()[pixels], claim.ravel()[pixels]
-        order = np.argsort(numbers, kind="stable")
-        numbers, mask = numbers[order], mask[order]
-        first = np.flatnonzero(np.diff(numbers, prepend=0))
-        owners, total = numbers[first], np.diff(first, append=len(numbers))
-        width = int(mask.max()) + 1
-        cells = np.repeat(np.arange(len(owners)), total) * width + mask
-        table = np.bincount(cells, minlength=len(owners) * width).reshape(len(owners), width)
-        strong = np.flatnonzero((total >= LEAST_PIXELS) & (table.max(1) >= HELD * total))
-        best = table.argmax(1)
-        v, u = np.divmod(pixels[order], claim.shape[1])
-        low = np.stack([np.minimum.reduceat(v, first), np.minimum.reduceat(u, first)])[:, strong]
-        high = np.stack([np.maximum.reduceat(v, first), np.maximum.reduceat(u, first)])[:, strong]
+    def see(self, held: Holdings) -> None:
+        """Take in what the masks of a frame hold of the objects."""
+        total = held.table.sum(1)
+        strong = np.flatnonzero((total >= LEAST_PIXELS) & (held.table.max(1) >= HELD * total))
+        best = held.table.argmax(1)
+        corner = np.stack(np.divmod(held.pixels, held.width))
+        low = np.minimum.reduceat(corner, held.first[:-1], axis=1)[:, strong]
+        high = np.maximum.reduceat(corner, held.first[:-1], axis=1)[:, strong]
         touch = (low[:, :, None] <= high[:, None, :] + NEAR_PIXELS).all(0)
         for i, j in zip(*np.nonzero(np.triu(touch & touch.T, 1)), strict=True):
             together = best[strong[i]] == best[strong[j]]
-            pair = (int(owners[strong[i]]), int(owners[strong[j]]))
+            pair = (int(held.numbers[strong[i]]), int(held.numbers[strong[j]]))
             self._counts.setdefault(pair, [0, 0])[0 if together else 1] += 1
 
     def verdict(self, a: int, b: int) -> bool | None:

@@ -43,7 +43,7 @@ class Boxing:
         rows = _thinned(piece.rows)
         hits = self._voxels.hits[rows].astype(np.float64)
         precision = self._voxels.weight(rows) / hits
-        trust = np.minimum(hits, np.median(hits)) * np.minimum(precision, np.median(precision))
+        trust = np.minimum(hits, _middle(hits)) * np.minimum(precision, _middle(precision))
         points = self._voxels.xyz(rows)
         plane = self.plane(piece.plane)
         if plane is not None:
@@ -73,6 +73,12 @@ class Boxing:
     def plane(self, plane: Plane | None) -> tuple[Float64Array, float] | None:
         """Return normal and offset of a plane in the world."""
         return None if plane is None else self._planes.in_world(plane)
+
+
+def _middle(values: Float64Array) -> float:
+    """Return the upper median: NumPy's own takes several times as long on so few."""
+    k = len(values) // 2
+    return float(np.partition(values, k)[k])
 
 
 def _thinned(rows: Rows) -> Rows:

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from cuboid.frame import Float32Array
 from cuboid.heatmap.voxel_map import Rows
+from cuboid.objects.holdings import Holdings
 from cuboid.objects.validity import FLOAT_M
 from cuboid.surfaces.clusters import LEAST_VOXELS
 
@@ -33,8 +34,7 @@ class Splits:
 
     def see(
         self,
-        claim: npt.NDArray[np.int32],
-        pixel_owner: npt.NDArray[np.int32],
+        held: Holdings,
         heights: Float32Array,
         slots: npt.NDArray[np.int32],
         side: npt.NDArray[np.int32],
@@ -43,10 +43,8 @@ class Splits:
 
         Parameters
         ----------
-        claim : (h, w) int32
-            Number of the mask that claims a pixel, -1 none.
-        pixel_owner : (h, w) int32
-            Number of the object that a pixel belongs to, 0 none.
+        held : Holdings
+            What its masks hold of the objects.
         heights : (h, w) float32
             Metres above the plane beneath, NaN without one.
         slots : (h, w) int32
@@ -54,23 +52,16 @@ class Splits:
         side : (capacity,) int32, in and out
             For each voxel, frames that saw it in the first of two things less those that saw it in the second.
         """
-        pixels = np.flatnonzero((claim >= 0) & (pixel_owner > 0))
-        if len(pixels) == 0:
-            return
-        owner, mask = pixel_owner.ravel()[pixels].astype(np.int64), claim.ravel()[pixels]
-        numbers, place = np.unique(owner, return_inverse=True)
-        width = int(mask.max()) + 1
-        table = np.bincount(place * width + mask, minlength=len(numbers) * width).reshape(len(numbers), width)
-        total = table.sum(1)
-        for k in np.flatnonzero(total >= LEAST_PIXELS):
-            second, first = np.argsort(table[k], kind="stable")[-2:] if width > 1 else (0, 0)
-            if table[k, first] >= ONE_SHARE * total[k]:
-                self._counts.setdefault(int(numbers[k]), [0, 0])[0] += 1
-            elif table[k, second] >= max(PART_PIXELS, PART_SHARE * total[k]):
-                own = pixels[place == k]
-                one, other = (own[claim.ravel()[own] == m] for m in (first, second))
+        total = held.table.sum(1)
+        for k in np.flatnonzero(total >= LEAST_PIXELS).tolist():
+            ranked = np.argsort(held.table[k], kind="stable")
+            second, first = (int(m) for m in ranked[-2:]) if len(ranked) > 1 else (0, 0)
+            if held.table[k, first] >= ONE_SHARE * total[k]:
+                self._counts.setdefault(int(held.numbers[k]), [0, 0])[0] += 1
+            elif held.table[k, second] >= max(PART_PIXELS, PART_SHARE * total[k]):
+                one, other = held.of(k, first), held.of(k, second)
                 if _stands(heights.ravel()[one]) and _stands(heights.ravel()[other]):
-                    self._counts.setdefault(int(numbers[k]), [0, 0])[1] += 1
+                    self._counts.setdefault(int(held.numbers[k]), [0, 0])[1] += 1
                     _take_sides(np.unique(slots.ravel()[one]), np.unique(slots.ravel()[other]), side)
 
     def are_two(self, number: int) -> bool:

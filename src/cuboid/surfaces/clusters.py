@@ -144,6 +144,8 @@ def map_clusters(rows: Rows, voxels: VoxelMap, planes: PlaneTracker, config: Tra
     component, number, edges = voxels.connect(rows)
     order = np.argsort(component, kind="stable")
     ends = np.searchsorted(component[order], np.arange(number + 1))
+    place = np.empty(len(rows), np.int64)
+    place[order] = np.arange(len(rows)) - ends[component[order]]
     clusters = []
     for k in range(number):
         members = order[ends[k] : ends[k + 1]]
@@ -157,7 +159,8 @@ def map_clusters(rows: Rows, voxels: VoxelMap, planes: PlaneTracker, config: Tra
         if plane is not None and not furniture:
             some = points[:: 1 + len(points) // LOOKED_AT]
             furniture = planes.holds_up(some, plane) or _is_panel(planes.to_plan(some))
-        clusters.append(MapCluster(rows[members], _Links(members, component, edges), plane, furniture))
+        links = _Links(k, place, component, edges)
+        clusters.append(MapCluster(rows[members], links, plane, furniture))
     return clusters
 
 
@@ -165,13 +168,14 @@ def map_clusters(rows: Rows, voxels: VoxelMap, planes: PlaneTracker, config: Tra
 class _Links:
     """The links of one cluster, taken out of those of all when they are asked for: few clusters are contested."""
 
-    members: Rows
+    number: int
+    place: npt.NDArray[np.int64]
     component: npt.NDArray[np.int32]
     edges: npt.NDArray[np.int32]
 
     def __call__(self) -> npt.NDArray[np.int64]:
-        mine = self.edges[self.component[self.edges[:, 0]] == self.component[self.members[0]]]
-        return np.asarray(np.searchsorted(self.members, mine), dtype=np.int64)
+        mine = self.edges[self.component[self.edges[:, 0]] == self.number]
+        return np.asarray(self.place[mine], dtype=np.int64)
 
 
 def _is_panel(plan_points: Float64Array) -> bool:

@@ -131,10 +131,9 @@ class GroundPlan:
         return self._look_up(self.covered[plane], points)
 
     def _look_up(self, layer: UInt8Array, points: Float64Array) -> npt.NDArray[np.bool_]:
-        cells = self.cells_of(points)
-        inside = np.asarray((cells >= 0).all(1) & (cells < layer.shape).all(1))
-        cells = np.where(inside[:, None], cells, 0)
-        return inside & (layer[cells[:, 0], cells[:, 1]] > 0)
+        i, j = self.cells_of(points).T
+        inside = np.asarray((i >= 0) & (j >= 0) & (i < layer.shape[0]) & (j < layer.shape[1]))
+        return inside & (layer[np.where(inside, i, 0), np.where(inside, j, 0)] > 0)
 
     def outline(self, plane: int) -> Float64Array:
         """Return the outline (N, 2) of the largest connected part of a plane, in plan coordinates."""

@@ -340,16 +340,18 @@ class PlaneTracker:
         """
         plan_points = self.to_plan(points)
         foot = plane.height(plan_points)
+        middle = plan_points.mean(0)[None]
         for k, other in enumerate(self.planes):
-            height = other.height(plan_points)
-            clearance = float(np.median(foot - height))
+            clearance = float(plane.height(middle)[0] - other.height(middle)[0])
             if other is plane or not other.in_use or clearance < RIM_DEPTH_M:
                 continue
-            under = self.plan.covers(k, plan_points)
-            touching = np.count_nonzero(under & (height > -RIM_DEPTH_M) & (height < 0.5 * RIM_DEPTH_M))
-            if touching >= min(20, max(4, len(plan_points) // 10)):
+            height = other.height(plan_points)
+            beside = (height > -RIM_DEPTH_M) & (height < 0.5 * RIM_DEPTH_M)
+            enough = min(20, max(4, len(plan_points) // 10))
+            # What a plane covers is asked only of points that matter: it takes the most time here.
+            if np.count_nonzero(beside) >= enough and self.plan.covers(k, plan_points[beside]).sum() >= enough:
                 return True
-            if clearance < TABLE_CLEARANCE_M or np.count_nonzero(under) < 0.5 * len(under):
+            if clearance < TABLE_CLEARANCE_M or self.plan.covers(k, plan_points).mean() < 0.5:
                 continue
             wide, high = float(np.ptp(plan_points[:, :2], axis=0).max()), float(foot.max())
             if high >= LEG_REACH * clearance or (wide <= LEG_WIDTH_M and high >= LEG_SLENDER * wide):
