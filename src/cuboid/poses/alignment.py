@@ -31,7 +31,7 @@ GATE_DEVIATIONS = 6.0
 NOISE = np.array([0.001, 1.4e-3])
 MAX_DEPTH_M = 6.0
 # An alignment holds when readings lie on the surfaces, intensities are alike, so many points say so ...
-LEAST_AGREEING, LEAST_LIKENESS, LEAST_POINTS = 0.6, 0.6, 150
+LEAST_AGREEING, LEAST_LIKENESS, LEAST_POINTS = 0.6, 0.8, 150
 # ... and no direction is in more doubt than this, metres and radians.
 DOUBT_M, DOUBT_RAD = 0.03, 0.02
 # Residuals of neighbouring pixels err alike: so many count as one.
@@ -115,6 +115,11 @@ class Alignment:
         noise = ALIKE * np.linalg.inv(self.information + np.diag([1.0] * 6))
         floor_m, floor_rad = FLOOR_M + FLOOR_SHARE * baseline_m, FLOOR_RAD + FLOOR_RAD_PER_M * baseline_m
         return np.asarray(noise + np.diag([floor_m**2] * 3 + [floor_rad**2] * 3))
+
+    @property
+    def fit(self) -> float:
+        """How well image and reference agree, 0..1."""
+        return self.agreeing * max(self.likeness, 0.0)
 
     @property
     def holds(self) -> bool:

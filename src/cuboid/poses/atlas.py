@@ -25,7 +25,7 @@ LEAST_VOTES = 0.12
 # Alignments there and back agree within this: metres per metre of depth, and radians.
 THERE_AND_BACK_M, THERE_AND_BACK_RAD = 0.015, 0.015
 # An alignment that nothing led up to must hold better than one that follows a motion.
-KNOWN_AGAIN_AGREEING, KNOWN_AGAIN_LIKENESS = 0.7, 0.75
+KNOWN_AGAIN_AGREEING, KNOWN_AGAIN_LIKENESS = 0.7, 0.85
 # The graph is optimised when a new edge is so many deviations from the poses.
 WORTH_IT = 0.5
 # Only so many keyframes around the new one move, unless its edges are farther from the poses: a loop was closed.

@@ -12,7 +12,7 @@ from cuboid.geometry import se3
 from cuboid.poses.alignment import Alignment, Prior, align
 from cuboid.poses.atlas import Atlas, View
 from cuboid.poses.keyframes import OVERLAP_LEVEL, Keyframe
-from cuboid.poses.places import look
+from cuboid.poses.places import locate, look
 from cuboid.poses.pyramid import Level, SmallImage, build_levels, keep, shrink
 
 # A frame becomes a keyframe when its view differs by this much from those of all keyframes, radians.
@@ -24,6 +24,10 @@ CHANGE_M, CHANGE_RAD = 0.03, np.radians(3.0)
 RATE_HZ = 30.0
 # The motion is forgotten over a longer time than this, seconds.
 LONGEST_S = 0.5
+# An alignment that fits better than this needs no second opinion.
+SURE_FIT = 0.8
+# Searches that end this near each other have found the same: metres, radians.
+SAME_M, SAME_RAD = 0.005, 0.005
 # A lost camera looks first where it was, so many frames long; then only among known places.
 LINGER_FRAMES = 3
 # Known places that a lost frame is compared with.
@@ -173,16 +177,34 @@ class PoseEstimator:
         return elapsed_s if 0 < elapsed_s < np.inf else 1.0 / RATE_HZ
 
     def _follow(self, shot: _Shot, elapsed_s: float) -> Alignment | None:
-        """Align a frame to the keyframes around, from where its motion leads; then from where it was."""
+        """Align a frame to the keyframes around; of several places to start from the best end counts.
+
+        The first start is where the motion leads. Where that ends in doubt, the search starts again from where the
+        camera was, and from where the corners that the frame shares with a keyframe say, until two ends are one.
+        """
         T_last = se3.inverse(self._T_world_camera)
         T_expected = se3.exp(self._motion * elapsed_s) @ T_last if elapsed_s < LONGEST_S else T_last
-        for T_start in (T_expected, T_last):
-            frames = max(elapsed_s * RATE_HZ, 1.0)
-            change = np.array([CHANGE_M] * 3 + [CHANGE_RAD] * 3) * frames
+        change = np.array([CHANGE_M] * 3 + [CHANGE_RAD] * 3) * max(elapsed_s * RATE_HZ, 1.0)
+        best: Alignment | None = None
+        for T_given in (T_expected, T_last, None):
+            T_start = self._from_corners(shot) if T_given is None else T_given
+            if T_start is None:
+                continue
             found = align(self._reference, shot.levels, T_start, Prior(T_start, np.diag(change**-2)))
-            if found.holds:
-                return found
-        return None
+            if not found.holds:
+                continue
+            again = best is not None and _same(found, best)
+            if best is None or found.fit > best.fit:
+                best = found
+            if again or best.fit > SURE_FIT:
+                break
+        return best
+
+    def _from_corners(self, shot: _Shot) -> Float64Array | None:
+        """Return where the corners shared with the first keyframe around put the camera, T_camera_world."""
+        keyframe = self.keyframes[self._local[0]]
+        T_camera_keyframe = locate(shot.view.appearance, keyframe.appearance, shot.levels[0].camera)
+        return None if T_camera_keyframe is None else T_camera_keyframe @ se3.inverse(keyframe.T_world_camera)
 
     def _search(self, shot: _Shot, time_s: float) -> PoseEstimate:
         """Look for a known place; after long without one, start anew."""
@@ -257,6 +279,12 @@ class PoseEstimator:
             return _lost(frame)
         doubt = found.covariance(float(np.linalg.norm(T_anchor_camera[:3, 3])))
         return PoseEstimate(frame, self._T_world_camera.copy(), doubt, anchor, is_keyframe, corrected)
+
+
+def _same(one: Alignment, other: Alignment) -> bool:
+    """Tell whether two searches have ended at one place."""
+    away = se3.log(one.T_camera_reference @ se3.inverse(other.T_camera_reference))
+    return bool(np.linalg.norm(away[:3]) < SAME_M and np.linalg.norm(away[3:]) < SAME_RAD)
 
 
 def _lost(frame: int) -> PoseEstimate:
