@@ -93,6 +93,7 @@ def test_results_and_table(call: Call, recording: Path, tmp_path: Path) -> None:
     assert (status, err) == (0, "")
     assert "10.0 x 20.0 x 30.0" in out
     assert "6 of 6 frames in" in out
+    assert f"open {tmp_path / 'out' / 'report.html'} in a browser\n" in out
     assert "skipped" not in out
     assert read_run(tmp_path / "out" / "run.json").frames_used == 6
 

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cuboid.cli.live import add_live, live_view
 from cuboid.cli.recording import add_recording, config_from, open_from
 from cuboid.cli.threads import cores
 
@@ -22,6 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     results.add_argument("--output", type=Path, required=True, metavar="DIR", help="folder of the results")
     results.add_argument("--force", action="store_true", help="replace results that lie in DIR")
     results.add_argument("--video", action="store_true", help="also write labelled.mp4")
+    add_live(results)
     add_recording(parser, default_threads=min(2, cores()))
 
 
@@ -33,9 +35,10 @@ def run(args: argparse.Namespace) -> int:
         from cuboid.cli.progress import progress
         from cuboid.run import track_recording
 
-        with progress() as shown:
+        recording = open_from(args)
+        with progress() as shown, live_view(args, recording) as live:
             outcome = track_recording(
-                open_from(args),
+                recording,
                 args.output,
                 config=config_from(args),
                 proposals=args.proposals,
@@ -49,7 +52,10 @@ def run(args: argparse.Namespace) -> int:
                 force=args.force,
                 progress=shown,
                 stop=interruption,
+                watch=live,
             )
+            if live is not None:
+                live.end(outcome.report.complete)
     print_outcome(outcome, args.output)
     if not outcome.report.complete:
         print("cuboid: interrupted; the results are marked as not complete", file=sys.stderr)
@@ -60,6 +66,7 @@ def run(args: argparse.Namespace) -> int:
 def print_outcome(outcome: RunOutcome, output: Path) -> None:
     """Print the table of objects and the summary of the run."""
     from cuboid.cli.tables import console, objects_table, skipped_lines
+    from cuboid.outputs.folder import REPORT, VIDEO
 
     out, report = console(), outcome.report
     if outcome.objects:
@@ -73,3 +80,5 @@ def print_outcome(outcome: RunOutcome, output: Path) -> None:
         f"{report.frames_used} of {report.frames_read} frames in {report.seconds:.1f} s{frame_ms}; results in {output}",
         markup=False,
     )
+    video = f", and {output / VIDEO}" if (output / VIDEO).is_file() else ""
+    out.print(f"open {output / REPORT} in a browser{video}", markup=False, soft_wrap=True)

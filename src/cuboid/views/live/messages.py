@@ -1,0 +1,176 @@
+"""What the page is told: a moment as JSON with its picture, a map as packed numbers."""
+
+from __future__ import annotations
+
+import base64
+import json
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import cv2
+import numpy as np
+
+from cuboid.frame import Float64Array, Intrinsics, UInt8Array
+from cuboid.outputs.text import rounded, rounded_list
+from cuboid.results import MapPoints, TrackedObject
+from cuboid.views.drawing import Status, draw_frame
+from cuboid.views.live.watch import Moment
+from cuboid.views.report.page import assembled, own
+from cuboid.views.report.pictures import encode_jpeg
+from cuboid.views.report.points import LARGEST, STEP_M, spacing, thinned
+from cuboid.views.report.summary import camera_document, inferno, label_colors, packed
+
+# The report's scripts that the live page shares, then its own.
+SHARED = ("math.js", "data.js", "shaders.js", "renderer.js", "scene.js", "orbit.js", "tags.js")
+SCRIPTS = ("follow.js", "live.js")
+
+# 1.8 MB a map: what a forwarded port in a local network carries in a fraction of a second.
+MOST_POINTS = 150_000
+
+# The picture beside the scene, and in the camera's pyramid: 30 kB.
+PICTURE_WIDTH_PX = 480
+PICTURE_QUALITY = 80
+
+# So many points tell how far apart the map's points lie; before that it is too small to measure.
+LEAST_POINTS = 1000
+
+PLACE_DIGITS, TURN_DIGITS = 4, 6
+
+
+def page_of(title: str, intrinsics: Intrinsics, moment: Moment | None, first_pose: Float64Array | None) -> str:
+    """Return the page as HTML, with what is known by now.
+
+    Parameters
+    ----------
+    title : str
+    intrinsics : Intrinsics
+        Of the recording's color image.
+    moment : Moment or None
+        None before the first frame.
+    first_pose : (4, 4) float64 or None
+        Of the camera, world from camera: the scene is first looked at from there.
+    """
+    poses = np.zeros((0, 12)) if first_pose is None else first_pose[:3].reshape(1, 12)
+    document = {
+        "title": title,
+        "camera": camera_document(intrinsics),
+        "inferno": packed(inferno()),
+        "frames": packed(np.arange(len(poses), dtype="<i4")),
+        "poses": packed(poses.astype("<f4")),
+        "points": {"count": 0, "total": 0, "low": [0.0, 0.0, 0.0], "step_m": STEP_M, "spacing_m": 0.01},
+        **(_scene(moment) if moment is not None else {"up": None, "objects": [], "planes": []}),
+    }
+    scripts = [own(name) for name in SHARED] + [_source(name) for name in SCRIPTS]
+    return assembled(_source("live.html"), own("page.css") + _source("live.css"), scripts, document)
+
+
+def moment_message(moment: Moment, intrinsics: Intrinsics) -> bytes:
+    """Return a moment as JSON."""
+    document = {
+        "number": moment.number,
+        "frame": moment.frame,
+        "used": moment.used,
+        "seen": len(moment.sightings),
+        "milliseconds": rounded(moment.milliseconds, 1),
+        "pose": rounded_list(moment.T_world_camera[:3].ravel(), TURN_DIGITS),
+        "path": packed(moment.path.astype("<f4")),
+        "picture": base64.b64encode(_picture(moment, intrinsics)).decode("ascii"),
+        **_scene(moment),
+    }
+    return json.dumps(document, separators=(",", ":"), allow_nan=False).encode("ascii")
+
+
+def end_message(complete: bool) -> bytes:
+    """Return what says that the run has ended."""
+    return json.dumps({"ended": True, "complete": complete}).encode("ascii")
+
+
+def map_message(number: int, points: MapPoints, spacing_m: float, most: int = MOST_POINTS) -> bytes:
+    """Return a map as the page reads it.
+
+    Four bytes with the length of a JSON text, the text (padded with spaces to a multiple of 4), then per point
+    three 16-bit steps from ``low``; red, green, blue, heat (8 bit); the label (16 bit). Little-endian.
+
+    Parameters
+    ----------
+    number : int
+        Of the map.
+    points : MapPoints
+        N points in the world.
+    spacing_m : float
+        How far apart neighbours in the whole map lie.
+    most : int
+        At most so many are sent.
+    """
+    kept = thinned(points.label, most)
+    xyz = points.xyz[kept]
+    low = xyz.min(axis=0).astype(np.float64) if len(xyz) else np.zeros(3)
+    extent_m = float((xyz - low).max()) if len(xyz) else 0.0
+    step_m = max(STEP_M, extent_m / LARGEST)
+    steps = np.round((xyz - low) / step_m).astype("<u2")
+    look = np.empty((len(kept), 4), np.uint8)
+    look[:, :3] = points.rgb[kept]
+    look[:, 3] = np.clip(points.heat[kept] * 255.0, 0.0, 255.0)
+    header = {
+        "number": number,
+        "count": len(kept),
+        "total": len(points.xyz),
+        "low": rounded_list(low, TURN_DIGITS),
+        "step_m": step_m,
+        "spacing_m": spacing_m * float(np.sqrt(max(len(points.xyz), 1) / max(len(kept), 1))),
+    }
+    text = json.dumps(header, separators=(",", ":")).encode("ascii")
+    text += b" " * (-len(text) % 4)
+    parts = (len(text).to_bytes(4, "little"), text, look.tobytes(), steps.tobytes(), points.label[kept].astype("<u2"))
+    return b"".join(bytes(part) for part in parts)
+
+
+def spacing_of(points: MapPoints) -> float | None:
+    """Return how far apart neighbours of a map lie, metres; None while it is too small to tell."""
+    return spacing(points.xyz) if len(points.xyz) >= LEAST_POINTS else None
+
+
+def _scene(moment: Moment) -> dict[str, Any]:
+    """Return what the page's scene reads of a moment."""
+    seen = {sighting.label for sighting in moment.sightings}
+    return {
+        "up": None if moment.up is None else rounded_list(moment.up, TURN_DIGITS),
+        "objects": [_object(item, item.label in seen) for item in moment.objects],
+        "planes": [{"outline": [rounded_list(p, PLACE_DIGITS) for p in plane.extent]} for plane in moment.planes],
+    }
+
+
+def _object(item: TrackedObject, seen: bool) -> dict[str, Any]:
+    return {
+        **label_colors(item.label),
+        "label": item.label,
+        "center": rounded_list(item.box.center, PLACE_DIGITS),
+        "size": rounded_list(item.box.size, PLACE_DIGITS),
+        "rotation": [rounded_list(row, TURN_DIGITS) for row in item.box.rotation],
+        "frames_seen": item.frames_seen,
+        "seen": seen,
+    }
+
+
+def _picture(moment: Moment, intrinsics: Intrinsics) -> bytes:
+    """Return the frame with its boxes, small, as JPEG."""
+    seen = {sighting.label for sighting in moment.sightings}
+    hidden = [item for item in moment.objects if item.label not in seen]
+    rate = 1e3 / moment.milliseconds if moment.milliseconds > 0 else None
+    status = Status(moment.frame, rate, len(seen), len(moment.objects))
+    picture = draw_frame(moment.color, moment.T_world_camera, intrinsics, moment.sightings, hidden, status)
+    return encode_jpeg(_small(picture), PICTURE_QUALITY)
+
+
+def _small(picture: UInt8Array) -> UInt8Array:
+    height, width = picture.shape[:2]
+    if width <= PICTURE_WIDTH_PX:
+        return picture
+    size = (PICTURE_WIDTH_PX, max(1, round(height * PICTURE_WIDTH_PX / width)))
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+@cache
+def _source(name: str) -> str:
+    return (files("cuboid.views.live") / "page" / name).read_text(encoding="utf-8")

@@ -1,0 +1,182 @@
+// The scene as it is told moment by moment, and the eye that keeps the camera in view.
+
+// To have the camera in view the eye goes no farther away than so many times what shows the objects best.
+const FARTHEST = 2;
+
+const poseFrom = (m) => ({
+  place: [m[3], m[7], m[11]],
+  right: [m[0], m[4], m[8]],
+  down: [m[1], m[5], m[9]],
+  ahead: [m[2], m[6], m[10]],
+});
+
+const PICTURE_VERTEX = `#version 300 es
+in vec3 place;
+uniform mat4 clip_world;
+out vec2 at;
+void main() {
+  gl_Position = clip_world * vec4(place, 1.0);
+  at = vec2(gl_VertexID == 1 || gl_VertexID == 2 ? 1.0 : 0.0, gl_VertexID < 2 ? 0.0 : 1.0);
+}`;
+
+const PICTURE_FRAGMENT = `#version 300 es
+precision mediump float;
+in vec2 at;
+uniform sampler2D picture;
+out vec4 color;
+void main() {
+  color = vec4(texture(picture, at).rgb, 0.93);
+}`;
+
+/** The camera's picture, where its image plane is in the world. */
+class Screen {
+  constructor(gl) {
+    this.gl = gl;
+    this.made = compile(gl, PICTURE_VERTEX, PICTURE_FRAGMENT);
+    this.array = gl.createVertexArray();
+    this.buffer = gl.createBuffer();
+    this.texture = gl.createTexture();
+    this.ready = false;
+    gl.bindVertexArray(this.array);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.buffer);
+    const place = gl.getAttribLocation(this.made.program, "place");
+    gl.enableVertexAttribArray(place);
+    gl.vertexAttribPointer(place, 3, gl.FLOAT, false, 0, 0);
+    gl.bindVertexArray(null);
+  }
+
+  show(picture, corners) {
+    const gl = this.gl;
+    gl.bindTexture(gl.TEXTURE_2D, this.texture);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, gl.RGB, gl.UNSIGNED_BYTE, picture);
+    for (const side of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, side, gl.LINEAR);
+    for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(corners.flat()), gl.DYNAMIC_DRAW);
+    this.ready = true;
+  }
+
+  draw(eye) {
+    const gl = this.gl;
+    if (!this.ready) return;
+    gl.useProgram(this.made.program);
+    gl.uniformMatrix4fv(this.made.at.clip_world, false, eye.clip_world);
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D, this.texture);
+    gl.uniform1i(this.made.at.picture, 0);
+    gl.bindVertexArray(this.array);
+    gl.drawArrays(gl.TRIANGLE_FAN, 0, 4);
+  }
+}
+
+/** The scene at the moment that was told last. */
+class LiveScene extends Scene {
+  constructor(renderer, state) {
+    super(renderer, state);
+    this.screen = new Screen(renderer.gl);
+    this.pose = null;
+    this.path = [];
+  }
+
+  stateOf(object) {
+    return object.seen ? "seen" : "hidden";
+  }
+
+  /** Take in a moment, and its picture. */
+  take(moment, picture) {
+    this.pose = poseFrom(moment.pose);
+    this.path = new Float32Array(bytesOf(moment.path).buffer);
+    this.size = pyramidSize();
+    this.boxes = new Map(data.objects.map((object) => [object.label, corners(object)]));
+    this.screen.show(picture, imageCorners(this.pose, this.depth()));
+    this.update();
+  }
+
+  /** The corners of the camera's pyramid. */
+  camera() {
+    return [this.pose.place, ...imageCorners(this.pose, this.depth())];
+  }
+
+  takeMap(points) {
+    const colors = new Map(data.objects.map(({ label, color }) => [label, colorOf(color, 1).map((c) => 255 * c)]));
+    const own = new Uint8Array(3 * points.label.length);
+    points.label.forEach((label, i) => {
+      const color = label && colors.get(label);
+      if (color) own.set(color.slice(0, 3), 3 * i);
+    });
+    this.renderer.setPoints(points, own);
+  }
+
+  depth() {
+    return 2.6 * this.size;
+  }
+
+  pathLines(ground, ratio) {
+    const count = this.path.length / 3;
+    const placeOf = (i) => (i < count ? Array.from(this.path.subarray(3 * i, 3 * i + 3)) : this.pose.place);
+    const lines = super.pathLines(ground, ratio);
+    for (let i = 1; i <= count; i++)
+      lines.push([placeOf(i - 1), placeOf(i), colorOf(ground.path, 0.25 + 0.6 * (i / count)), [1.6 * ratio, 0]]);
+    return lines;
+  }
+
+  cameraLines(ground, ratio) {
+    return this.pose ? pyramidLines(this.pose, this.depth(), colorOf(ground.path, 1), 2 * ratio) : [];
+  }
+
+  cameraFaces() {
+    return [];
+  }
+
+  draw(eye) {
+    super.draw(eye);
+    if (this.state.layers.camera && !this.state.follow) this.screen.draw(eye);
+  }
+}
+
+/** An eye whose point of view, as long as nobody has chosen another, has objects and camera in it. */
+class LiveOrbit extends Orbit {
+  constructor(canvas, changed, grabbed) {
+    super(canvas, changed, grabbed);
+    this.camera = [];
+    this.arrives = 0;
+  }
+
+  /** Take in what must be seen of the camera: its place, and where its picture is. */
+  take(places) {
+    this.camera = places;
+    this.span = this.spanOfScene();
+  }
+
+  home() {
+    const place = super.home();
+    const nearest = place.distance;
+    while (!this.holds(place, 0.86) && place.distance < FARTHEST * nearest) place.distance *= 1.06;
+    return place;
+  }
+
+  /** Whether the camera is seen from a point of view, in this share of the view's width and height. */
+  holds(place, share) {
+    const before = this.place;
+    this.place = place;
+    const { clip_world } = this.eye();
+    this.place = before;
+    return (this.camera || []).every((point) => {
+      const [x, y, , w] = toClip(clip_world, point);
+      return w > 0 && Math.abs(x) < share * w && Math.abs(y) < share * w;
+    });
+  }
+
+  fly(place, milliseconds = 500) {
+    this.arrives = performance.now() + milliseconds;
+    super.fly(place, milliseconds);
+  }
+
+  get isFlying() {
+    return performance.now() < this.arrives;
+  }
+
+  get losesCamera() {
+    return !this.holds(this.place, 1);
+  }
+}

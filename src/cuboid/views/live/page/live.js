@@ -1,0 +1,219 @@
+// Asks the running program for what is new, and shows it.
+
+const state = {
+  theme: window.matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark",
+  coloring: "color",
+  layers: { boxes: true, planes: true, camera: true },
+  selected: null,
+  frame: null,
+  follow: false,
+};
+
+// After a question that met no answer, milliseconds.
+const PAUSE = 1000;
+
+const pause = (milliseconds) => new Promise((done) => setTimeout(done, milliseconds));
+
+const canvas = find("canvas");
+let scene, orbit, tags;
+let drawing = 0;
+let touched = false;
+
+function redraw() {
+  if (drawing) return;
+  drawing = requestAnimationFrame(() => {
+    drawing = 0;
+    scene.renderer.fit();
+    const eye = orbit.eye();
+    scene.draw(eye);
+    tags.place(eye, (object) => scene.stateOf(object));
+  });
+}
+
+function update(change) {
+  Object.assign(state, change);
+  document.documentElement.dataset.theme = state.theme;
+  for (const name of ["coloring", "layer"])
+    for (const button of document.querySelectorAll(`[data-${name}]`))
+      button.setAttribute(
+        "aria-pressed",
+        String(name === "layer" ? state.layers[button.dataset.layer] : state.coloring === button.dataset.coloring),
+      );
+  find("look-through").setAttribute("aria-pressed", String(state.follow));
+  listObjects();
+  scene.update();
+  redraw();
+}
+
+const choose = (label) => update({ selected: label === state.selected ? null : label });
+
+function listObjects() {
+  find("object-count").textContent = plural(data.objects.length, "object");
+  find("objects").replaceChildren(
+    ...data.objects.map((object) => {
+      const row = element(
+        "button",
+        { class: `object${object.seen ? "" : " hidden-now"}`, "aria-pressed": String(object.label === state.selected) },
+        chip(object),
+        element("span", {}, sizeOf(object)),
+        element("span", { class: "seen-count" }, String(object.frames_seen)),
+      );
+      row.addEventListener("click", () => choose(object.label));
+      return element("li", {}, row);
+    }),
+  );
+}
+
+/** New tags where there are new labels; else the old ones move, so that a click on one meets it. */
+function placeTags() {
+  const labels = (items) => items.map(({ label }) => label).join();
+  if (labels(tags.tags.map(({ object }) => object)) !== labels(data.objects)) {
+    find("tags").replaceChildren();
+    tags = new Tags(find("tags"), state, choose);
+    return;
+  }
+  tags.tags.forEach((item, i) => {
+    item.object = data.objects[i];
+    item.top = add(item.object.center, scale(axis(item.object.rotation, 2), item.object.size[2] / 2));
+  });
+}
+
+/** Put the picture where the one before was; it is decoded, so that nothing flickers. */
+function showPicture(picture) {
+  const before = find("frame-picture");
+  picture.id = before.id;
+  picture.alt = before.alt;
+  before.replaceWith(picture);
+}
+
+async function takeMoment(moment) {
+  // up, and with it how the eye turns, is fixed when the page loads
+  if (!frames.length || (data.up === null && moment.up !== null)) return location.reload();
+  const before = data.objects.length;
+  Object.assign(data, { objects: moment.objects, planes: moment.planes });
+  const picture = new Image();
+  picture.src = `data:image/jpeg;base64,${moment.picture}`;
+  await picture.decode();
+  showPicture(picture);
+  scene.take(moment, picture);
+  placeTags();
+  listObjects();
+  orbit.take(scene.camera());
+  if (state.follow) orbit.set(orbit.behind(scene.pose));
+  else if (!touched && !orbit.isFlying && (data.objects.length !== before || orbit.losesCamera)) orbit.fly(orbit.home(), 1200);
+  const rate = moment.milliseconds > 0 ? [`${(1000 / moment.milliseconds).toFixed(0)} frames/s`] : [];
+  const facts = [`frame ${moment.frame}`, ...rate, `${moment.seen} seen / ${moment.objects.length} known`];
+  if (data.points.total) facts.push(plural(data.points.total, "point"));
+  find("facts").textContent = facts.join("  ·  ");
+  find("beat").className = "beat";
+  document.body.dataset.frame = moment.frame;
+  redraw();
+  return undefined;
+}
+
+function takeMap(buffer) {
+  const length = new DataView(buffer).getUint32(0, true);
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
+  Object.assign(data.points, header);
+  const { count } = header;
+  let at = 4 + length;
+  const look = new Uint8Array(buffer, at, 4 * count);
+  const steps = new Uint16Array(buffer, (at += 4 * count), 3 * count);
+  const label = new Uint16Array(buffer, at + 6 * count, count);
+  scene.takeMap({ look, steps, label });
+  document.body.dataset.ready = "true";
+  redraw();
+  return header.number;
+}
+
+const told = { ended: false, lost: false };
+
+function end(text) {
+  told.ended = true;
+  find("beat").className = "beat ended";
+  find("facts").append(`  ·  ${text}`);
+  document.body.dataset.ended = "true";
+}
+
+/** Return what lies at an address; null where nobody answers. */
+async function asked(address) {
+  try {
+    return await (await fetch(address)).arrayBuffer();
+  } catch {
+    return null;
+  }
+}
+
+/** Ask for what is new again and again; not while nobody looks. */
+async function follow(address, take) {
+  let number = 0;
+  while (!told.ended) {
+    if (document.hidden) {
+      await pause(PAUSE / 4);
+      continue;
+    }
+    const answer = await asked(`${address}/${number}`);
+    if (answer === null) return told.ended || found();
+    number = await take(answer, number);
+  }
+}
+
+/** Nobody answers any more: wait until the connection is back, or another run goes, and begin anew. */
+async function found() {
+  if (told.lost) return;
+  told.lost = true;
+  find("beat").className = "beat waiting";
+  find("facts").append("  ·  no answer: has the program ended, or the connection?");
+  document.body.dataset.lost = "true";
+  while ((await asked("/")) === null) await pause(PAUSE);
+  location.reload();
+}
+
+async function main() {
+  find("title").textContent = data.title;
+  find("picture").style.aspectRatio = `${data.camera.width} / ${data.camera.height}`;
+  scene = new LiveScene(new Renderer(canvas), state);
+  orbit = new LiveOrbit(canvas, redraw, () => {
+    touched = true;
+    if (state.follow) update({ follow: false });
+  });
+  tags = new Tags(find("tags"), state, choose);
+  find("theme").addEventListener("click", () => update({ theme: state.theme === "dark" ? "light" : "dark" }));
+  for (const button of document.querySelectorAll("[data-coloring]"))
+    button.addEventListener("click", () => update({ coloring: button.dataset.coloring }));
+  for (const button of document.querySelectorAll("[data-layer]"))
+    button.addEventListener("click", () => {
+      const { layer } = button.dataset;
+      update({ layers: { ...state.layers, [layer]: !state.layers[layer] } });
+    });
+  find("look-home").addEventListener("click", () => {
+    touched = false;
+    update({ follow: false });
+    orbit.fly(orbit.home());
+  });
+  find("look-down").addEventListener("click", () => {
+    touched = true;
+    update({ follow: false });
+    orbit.fly({ ...orbit.home(), yaw: orbit.place.yaw, pitch: STEEPEST });
+  });
+  find("look-through").addEventListener("click", () => {
+    update({ follow: !state.follow });
+    orbit.fly(state.follow && scene.pose ? orbit.behind(scene.pose) : orbit.home());
+  });
+  new ResizeObserver(redraw).observe(canvas);
+  scene.renderer.fit();
+  update({});
+  follow("/map", (answer, number) => (answer.byteLength ? takeMap(answer) : number));
+  await follow("/moment", async (answer, number) => {
+    const moment = JSON.parse(new TextDecoder().decode(answer));
+    if (moment.ended) end(moment.complete ? "the run is complete, see report.html in its results" : "the run was broken off");
+    if (!moment.number) return number;
+    await takeMoment(moment);
+    return moment.number;
+  });
+}
+
+main().catch((error) => {
+  find("notice").textContent = `The 3D view needs a browser with WebGL 2 (${error.message}).`;
+  find("view").classList.add("refused");
+});

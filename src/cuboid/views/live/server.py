@@ -1,0 +1,150 @@
+"""The live page and its messages, served to the browser."""
+
+from __future__ import annotations
+
+import re
+import sys
+import threading
+from collections.abc import Callable
+from http.server import ThreadingHTTPServer
+from types import TracebackType
+from typing import Self
+from urllib.parse import urlsplit
+
+from cuboid.errors import OutputError
+from cuboid.frame import Intrinsics
+from cuboid.results import MapPoints
+from cuboid.views.live.messages import end_message, map_message, moment_message, page_of, spacing_of
+from cuboid.views.live.watch import LiveView, Ration
+from cuboid.views.report.server import HOST, LOCAL_NAMES, PageHandler
+
+# The same in every run, so that a forwarded port may stay; where it is taken, one of the next.
+PORT = 8765
+PORTS = range(PORT, PORT + 20)
+
+# A question that nothing new can answer waits so long; then the page asks again.
+PATIENCE_S = 5.0
+
+# The page itself waits only so long for a first moment; it loads again when there is one.
+FIRST_S = 1.0
+
+ASKED = re.compile(r"/(moment|map)/(\d{1,9})")
+
+Answer = tuple[str, bytes]
+
+
+class LiveServer:
+    """Serves a live view from threads of its own; a context manager.
+
+    Parameters
+    ----------
+    view : LiveView
+        What looks at the run.
+    title : str
+        Of the page.
+    intrinsics : Intrinsics
+        Of the recording's color image.
+    host : str
+        Address to listen on. With this machine's own nobody else is answered.
+
+    Attributes
+    ----------
+    port : int
+
+    Raises
+    ------
+    OutputError
+        The address cannot be listened on.
+    """
+
+    def __init__(self, view: LiveView, title: str, intrinsics: Intrinsics, host: str = HOST) -> None:
+        self.view = view
+        self._title = title
+        self._intrinsics = intrinsics
+        self._spacing_m: float | None = None
+        self._lock = threading.Lock()
+        self._packed: dict[str, tuple[int, bytes]] = {}
+
+        class Handler(PageHandler):
+            show = staticmethod(self._answer)
+            names = LOCAL_NAMES if host in LOCAL_NAMES else ()
+
+        self._server = _listening(host, Handler)
+        self.port = int(self._server.server_address[1])
+        self._thread = threading.Thread(target=self._server.serve_forever, name="live view", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self.view.ended is None:
+            self.view.end(complete=False)
+        self._server.shutdown()
+        self._server.server_close()
+
+    def _answer(self, address: str) -> Answer | None:
+        """Return kind and content of what lies at an address; None where nothing does."""
+        path = urlsplit(address).path
+        if path == "/":
+            moment = self.view.moment_after(0, FIRST_S)
+            page = page_of(self._title, self._intrinsics, moment, self.view.first_pose)
+            return "text/html; charset=utf-8", page.encode("utf-8")
+        asked = ASKED.fullmatch(path)
+        if asked is None:
+            return None
+        return self._moment(int(asked[2])) if asked[1] == "moment" else self._map(int(asked[2]))
+
+    def _moment(self, number: int) -> Answer:
+        moment = self.view.moment_after(number, PATIENCE_S)
+        if moment is not None:
+            return "application/json", self._once(
+                self.view.moments, "moment", moment.number, lambda: moment_message(moment, self._intrinsics)
+            )
+        ended = self.view.ended
+        if ended is None:
+            return "application/json", b"{}"
+        self.view.farewell()
+        return "application/json", end_message(ended)
+
+    def _map(self, number: int) -> Answer:
+        found = self.view.map_after(number, PATIENCE_S)
+        if found is None:
+            return "application/octet-stream", b""
+        return "application/octet-stream", self._once(self.view.maps, "map", found[0], lambda: self._packed_map(*found))
+
+    def _packed_map(self, number: int, points: MapPoints) -> bytes:
+        if self._spacing_m is None:
+            self._spacing_m = spacing_of(points)
+        return map_message(number, points, self._spacing_m or 0.01)
+
+    def _once(self, ration: Ration, kind: str, number: int, make: Callable[[], bytes]) -> bytes:
+        """Return a message, which is made once for all who look."""
+        with self._lock:
+            if kind not in self._packed or self._packed[kind][0] < number:
+                with ration.charged():
+                    self._packed[kind] = number, make()
+            return self._packed[kind][1]
+
+
+class _Server(ThreadingHTTPServer):
+    """A server that takes it calmly when somebody closes the page."""
+
+    daemon_threads = True
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """Say nothing of a connection that was cut; a fault of the program is shown."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)  # type: ignore[arg-type]
+
+
+def _listening(host: str, handler: type[PageHandler]) -> _Server:
+    """Return a server at the first port that is free."""
+    for port in (*PORTS, 0):
+        try:
+            return _Server((host, port), handler)
+        except OSError as error:
+            refusal = error
+    raise OutputError(f"--live: {host} cannot be listened on: {refusal.strerror or refusal}") from refusal

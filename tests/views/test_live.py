@@ -1,0 +1,270 @@
+"""The live view without a browser: what is taken from a run, when, and what the page is told."""
+
+from __future__ import annotations
+
+import base64
+import http.client
+import json
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from cuboid.errors import OutputError
+from cuboid.frame import Frame, Intrinsics
+from cuboid.results import MapPoints
+from cuboid.views.live import LiveServer, LiveView
+from cuboid.views.live.messages import PICTURE_WIDTH_PX, map_message, moment_message
+from cuboid.views.live.server import PORTS
+from cuboid.views.live.watch import Moment, Ration
+from cuboid.views.palette import hex_of
+from cuboid.views.report.server import HOST
+from fakes import INTRINSICS, FakeRecording, FakeTracker
+
+
+class Run:
+    """A run that takes a step when it is told to."""
+
+    def __init__(self, view: LiveView) -> None:
+        self.view = view
+        self.recording = FakeRecording(1000)
+        self.tracker = FakeTracker(INTRINSICS)
+        self.maps = 0
+        self.steps = 0
+        self._map_points = self.tracker.map_points
+        self.tracker.map_points = self._counted  # type: ignore[method-assign]
+
+    def _counted(self) -> MapPoints:
+        self.maps += 1
+        return self._map_points()
+
+    def step(self) -> Frame:
+        frame = self.recording.read(self.steps)
+        self.steps += 1
+        self.view(frame, self.tracker.update(frame), self.tracker)
+        return frame
+
+    def until(self, asked: threading.Thread) -> None:
+        """Step until a question is answered."""
+        until_s = time.monotonic() + 10
+        while asked.is_alive() and time.monotonic() < until_s:
+            self.step()
+            time.sleep(0.01)
+        asked.join(1)
+        assert not asked.is_alive()
+
+
+@pytest.fixture
+def server() -> Iterator[LiveServer]:
+    with LiveServer(LiveView(), "a <recording>", INTRINSICS) as found:
+        yield found
+
+
+def get(server: LiveServer, path: str, host: str | None = None) -> tuple[int, bytes]:
+    connection = http.client.HTTPConnection(HOST, server.port, timeout=20)
+    connection.request("GET", path, headers={} if host is None else {"Host": host})
+    answer = connection.getresponse()
+    content = answer.read()
+    connection.close()
+    return answer.status, content
+
+
+def ask(server: LiveServer, run: Run, path: str) -> bytes:
+    """Ask while the run goes on."""
+    found: list[bytes] = []
+    thread = threading.Thread(target=lambda: found.append(get(server, path)[1]))
+    thread.start()
+    run.until(thread)
+    return found[0]
+
+
+def unpacked(message: bytes) -> tuple[dict[str, Any], np.ndarray, np.ndarray, np.ndarray]:
+    """Return header, places, looks and labels of a map's message."""
+    length = int.from_bytes(message[:4], "little")
+    header = json.loads(message[4 : 4 + length])
+    n, at = header["count"], 4 + length
+    assert at % 4 == 0  # the page reads numbers of 16 bit there
+    assert len(message) == at + 12 * n
+    look = np.frombuffer(message, np.uint8, 4 * n, at).reshape(n, 4)
+    steps = np.frombuffer(message, "<u2", 3 * n, at + 4 * n).reshape(n, 3)
+    return header, header["low"] + steps * header["step_m"], look, np.frombuffer(message, "<u2", n, at + 10 * n)
+
+
+def test_nothing_is_taken_while_nobody_looks() -> None:
+    view = LiveView()
+    run = Run(view)
+    for _ in range(5):
+        run.step()
+    assert run.maps == 0
+    assert view.moment_after(0, 0.0) is None
+    assert view.first_pose is not None
+    np.testing.assert_array_equal(view.first_pose, np.eye(4))  # from there the page looks, whenever it comes
+
+
+def test_a_moment_says_what_the_tracker_knew_then(server: LiveServer) -> None:
+    run = Run(server.view)
+    run.step()
+    moment = json.loads(ask(server, run, "/moment/0"))
+    assert moment["number"] == 1
+    assert moment["used"] == moment["frame"] + 1
+    assert moment["pose"][3] == pytest.approx(moment["frame"] * 0.01)
+    (item,) = moment["objects"]
+    assert (item["label"], item["seen"], item["color"]) == (1, True, hex_of(1))
+    assert item["size"] == [0.1, 0.2, 0.3]
+    assert moment["planes"] == [{"outline": [[0, 0, 0.85], [1, 0, 0.85], [0, 1, 0.85]]}]
+    assert moment["up"] == [0, 0, 1]
+    picture = cv2.imdecode(np.frombuffer(base64.b64decode(moment["picture"]), np.uint8), cv2.IMREAD_COLOR)
+    assert picture.shape == (48, 64, 3)
+    path = np.frombuffer(base64.b64decode(moment["path"]), "<f4").reshape(-1, 3)
+    np.testing.assert_allclose(path[:, 0], 0.01 * np.arange(moment["used"]), atol=1e-6)
+    assert json.loads(ask(server, run, "/moment/1"))["number"] > 1
+
+
+def test_a_long_path_is_told_in_few_places() -> None:
+    view = LiveView()
+    run = Run(view)
+    for _ in range(999):
+        run.step()
+    run.recording = FakeRecording(5000)
+    for _ in range(3500):
+        run.step()
+    view.map_after(0, 0.0)  # somebody looks
+    view.end(complete=True)
+    moment = view.moment_after(0, 0.0)
+    assert moment is not None
+    assert 500 < len(moment.path) <= 1000
+    assert moment.path[0, 0] == 0.0
+    assert moment.path[-1, 0] == pytest.approx(44.98, abs=0.1)
+
+
+def test_the_picture_of_a_large_frame_is_small(server: LiveServer) -> None:
+    K = Intrinsics(1000.0, 1000.0, 640.0, 360.0, 1280, 720)
+    color = np.full((720, 1280, 3), (200, 30, 30), np.uint8)
+    moment = Moment(1, 7, 8, color, np.eye(4), (), (), (), None, 25.0, np.zeros((1, 3), np.float32))
+    content = base64.b64decode(json.loads(moment_message(moment, K))["picture"])
+    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
+    assert picture.shape == (270, PICTURE_WIDTH_PX, 3)
+    assert np.abs(picture[50, 200].astype(int) - (30, 30, 200)).max() < 12  # red is red
+
+
+def test_a_map_comes_when_it_is_asked_for_and_only_then(server: LiveServer) -> None:
+    run = Run(server.view)
+    header, *_ = unpacked(ask(server, run, "/map/0"))
+    assert (header["number"], run.maps) == (1, 1)
+    for _ in range(5):
+        run.step()
+    assert run.maps == 1
+    assert header["count"] == header["total"] > 0
+
+
+def test_a_map_is_told_as_it_is() -> None:
+    rng = np.random.default_rng(3)
+    points = MapPoints(
+        (rng.random((500, 3)) * 4 - 2).astype(np.float32),
+        rng.integers(0, 256, (500, 3)).astype(np.uint8),
+        rng.random(500).astype(np.float32),
+        rng.integers(0, 400, 500).astype(np.int32),
+    )
+    header, places, look, label = unpacked(map_message(4, points, 0.01))
+    assert (header["number"], header["count"], header["total"]) == (4, 500, 500)
+    np.testing.assert_allclose(places, points.xyz, atol=0.51e-3)
+    np.testing.assert_array_equal(look[:, :3], points.rgb)
+    np.testing.assert_allclose(look[:, 3] / 255.0, points.heat, atol=1 / 255)
+    np.testing.assert_array_equal(label, points.label)
+    assert header["spacing_m"] == pytest.approx(0.01)
+    thin, *_ = unpacked(map_message(5, points, 0.01, most=125))
+    assert (thin["count"], thin["total"]) == (125, 500)
+    assert thin["spacing_m"] == pytest.approx(0.02)  # a quarter of the points of a surface
+    nothing = MapPoints(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8), np.zeros(0, np.float32))
+    assert unpacked(map_message(1, nothing, 0.01))[0]["count"] == 0
+
+
+def test_what_costs_much_is_done_rarely(monkeypatch: pytest.MonkeyPatch) -> None:
+    clocks = {"monotonic": 100.0, "thread_time": 10.0}
+    for name in clocks:
+        monkeypatch.setattr(f"cuboid.views.live.watch.time.{name}", lambda name=name: clocks[name])
+
+    def work(own_s: float, waited_s: float) -> None:
+        clocks["monotonic"] += waited_s
+        clocks["thread_time"] += own_s
+
+    ration = Ration(every_s=1.0, share=0.02)
+    assert ration.due
+    ration.begin()
+    assert not ration.due
+    work(own_s=1.0, waited_s=1.0)
+    assert ration.due  # it cost nothing
+    ration.begin()
+    with ration.charged():
+        work(own_s=0.1, waited_s=0.1)
+    work(own_s=4.0, waited_s=100.0)
+    assert not ration.due  # 0.1 s is 2 % of 5 s of own time, however long that takes on a busy machine
+    work(own_s=1.0, waited_s=1.0)
+    assert ration.due
+
+
+def test_the_end_is_told_with_the_last_of_all(server: LiveServer) -> None:
+    run = Run(server.view)
+    number = json.loads(ask(server, run, "/moment/0"))["number"]
+    last = run.step()
+    answers: list[dict[str, Any]] = []
+
+    def follow() -> None:
+        at = number
+        while not answers or not answers[-1].get("ended"):
+            answers.append(json.loads(get(server, f"/moment/{at}")[1]))
+            at = answers[-1].get("number", at)
+
+    thread = threading.Thread(target=follow)
+    thread.start()
+    server.view.end(complete=True)
+    thread.join(10)
+    assert answers[-1] == {"ended": True, "complete": True}
+    assert answers[-2]["frame"] == last.index
+
+
+def test_an_end_that_nobody_looks_at_takes_no_time() -> None:
+    view = LiveView()
+    run = Run(view)
+    run.step()
+    begun_s = time.monotonic()
+    view.end(complete=False)
+    assert time.monotonic() - begun_s < 0.2
+    assert view.ended is False
+    assert run.maps == 0
+
+
+def test_only_this_machine_is_answered(server: LiveServer) -> None:
+    Run(server.view).step()
+    assert server.view.is_watched is False
+    status, page = get(server, "/")
+    assert status == 200
+    assert b"a &lt;recording&gt; - cuboid" in page
+    assert get(server, "/", host="attacker.example")[0] == 403
+    assert get(server, "/", host=f"localhost:{server.port}")[0] == 200
+    for path in ("/moment", "/moment/x", "/../secret", "/map/-1", "/favicon.ico"):
+        assert get(server, path)[0] == 404
+    address = server._server.server_address
+    assert address[0] == HOST
+
+
+def test_with_a_host_of_ones_own_any_name_is_answered() -> None:
+    with LiveServer(LiveView(), "x", INTRINSICS, "0.0.0.0") as server:
+        server.view.end(complete=True)
+        assert get(server, "/", host="robot.local:8765")[0] == 200
+    with pytest.raises(OutputError, match=r"--live: 203\.0\.113\.1 cannot be listened on"):
+        LiveServer(LiveView(), "x", INTRINSICS, "203.0.113.1")
+
+
+def test_a_second_run_takes_the_next_port(server: LiveServer) -> None:
+    with LiveServer(LiveView(), "x", INTRINSICS) as other:
+        assert other.port != server.port
+        assert other.port in PORTS or server.port not in PORTS
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        probe.bind((HOST, other.port))  # it is free again

@@ -1,0 +1,131 @@
+"""The live page in a real browser, while a run goes."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from browser import Watched, browser, pixels
+from cuboid.cli import main
+from cuboid.frame import Frame, Intrinsics
+from cuboid.results import FrameResult, MapPoints
+from cuboid.views.live import LiveServer, LiveView
+from fakes import FakeTracker, write_recording
+
+CAMERA = Intrinsics(160.0, 160.0, 79.5, 59.5, 160, 120)
+
+
+class TableTracker(FakeTracker):
+    """One object on a table of 20 000 points."""
+
+    def map_points(self) -> MapPoints:
+        x, y = np.meshgrid(np.linspace(-0.6, 0.6, 200), np.linspace(-0.3, 0.7, 100))
+        xyz = np.stack((x, y, np.full_like(x, 1.15)), axis=-1).reshape(-1, 3).astype(np.float32)
+        rgb = np.full((len(xyz), 3), (180, 120, 60), np.uint8)
+        label = (np.abs(xyz[:, 0]) < 0.05).astype(np.int32)
+        return MapPoints(xyz, rgb, np.linspace(0, 1, len(xyz), dtype=np.float32), label)
+
+
+def frame(index: int) -> Frame:
+    T = np.eye(4)
+    T[:3, 3] = (0.3 * np.sin(index / 20), 0.0, -0.2)
+    color = np.full((120, 160, 3), (20, 160, 40), np.uint8)
+    return Frame(index, index / 30, color, np.full((120, 160), 1.2, np.float32), T)
+
+
+class Going:
+    """A run in a thread of its own until it is ended."""
+
+    def __init__(self, view: LiveView) -> None:
+        self._view = view
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self.last = 0
+
+    def __enter__(self) -> Going:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+
+    def _run(self) -> None:
+        tracker = TableTracker(CAMERA)
+        while not self._ended.is_set():
+            here = frame(self.last)
+            found: FrameResult = tracker.update(here)
+            self._view(here, found, tracker)
+            self.last += 1
+            begun_s = time.thread_time()  # the live view takes a share of the tracker's own time: there must be some
+            while time.thread_time() - begun_s < 0.02:
+                time.sleep(0)
+        self._view.end(complete=True)
+
+    def end(self) -> None:
+        self._ended.set()
+        self._thread.join()
+
+
+@pytest.fixture(scope="module")
+def watched() -> Iterator[Watched]:
+    with browser() as launched:
+        yield Watched(launched)
+
+
+def test_the_page_follows_a_run_to_its_end(watched: Watched) -> None:
+    page = watched.page
+    with LiveServer(LiveView(), "table", CAMERA) as server, Going(server.view) as run:
+        watched.open(f"http://localhost:{server.port}/")
+        page.wait_for_selector("body[data-frame]")
+        before = int(page.locator("body").get_attribute("data-frame") or 0)
+        page.wait_for_function(f"Number(document.body.dataset.frame) > {before + 10}")
+        assert page.locator("h1").inner_text() == "table"
+        facts = page.locator("#facts").inner_text()
+        assert "1 seen / 1 known" in facts
+        assert "20,000 points" in facts
+        assert page.locator("#tags .tag").inner_text() == "#1"
+        assert page.locator("#objects .object span").all_inner_texts()[:2] == ["#1", "10.0 × 20.0 × 30.0"]
+        scene = pixels(page.locator("#canvas"))
+        brown = (np.abs(scene.astype(int) - (180, 120, 60)).max(axis=2) < 40).mean()
+        assert brown > 0.05  # the table
+        green = (scene[..., 1].astype(int) - np.maximum(scene[..., 0], scene[..., 2]) > 60).mean()
+        assert green > 0.001  # the picture in the camera's pyramid
+        picture = pixels(page.locator("#frame-picture"))
+        assert (picture[..., 1].astype(int) - picture[..., 0] > 60).mean() > 0.2
+        page.click("[data-coloring=label]")
+        page.click("#look-through")
+        page.wait_for_function("document.getElementById('look-through').getAttribute('aria-pressed') === 'true'")
+        run.end()
+        page.wait_for_selector("body[data-ended]")
+        assert "the run is complete" in page.locator("#facts").inner_text()
+        assert int(page.locator("body").get_attribute("data-frame") or 0) == run.last - 1
+    assert watched.complaints == []
+    assert all(address.startswith(f"http://localhost:{server.port}/") for address in watched.requests)
+
+
+def test_a_page_whose_program_is_gone_waits_for_the_next_run(watched: Watched) -> None:
+    page = watched.page
+    with LiveServer(LiveView(), "table", CAMERA) as server, Going(server.view):
+        watched.open(f"http://localhost:{server.port}/")
+        page.route("**/*", lambda route: route.abort())  # as when a forwarded port is closed
+        page.wait_for_selector("body[data-lost]", timeout=20_000)
+        assert "no answer" in page.locator("#facts").inner_text()
+        page.unroute("**/*")
+        page.wait_for_selector("body[data-frame]:not([data-lost])", timeout=20_000)
+
+
+def test_track_says_where_it_can_be_seen(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cuboid.run._tracker", FakeTracker)
+    recording = write_recording(tmp_path / "recording", 4)
+    words = ["track", str(recording), "--output", str(tmp_path / "out")]
+    assert main([*words, "--live"]) == 0
+    assert "cuboid: live at http://localhost:87" in capfd.readouterr().err
+    assert main([*words, "--force", "--live-host", "0.0.0.0"]) == 2
+    assert "give --live too" in capfd.readouterr().err
