@@ -5,6 +5,7 @@ import json
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from made_truth import as_json, cube, follow, truth_document, write_csv, write_folder, write_truth
 
@@ -146,3 +147,16 @@ def test_the_comparison_of_the_demo(tmp_path: Path, capsys: pytest.CaptureFixtur
     shown = capsys.readouterr().out
     assert "1 of 2 objects found at IoU 0.5, 0 boxes of no object" in shown
     assert "cube 2" in shown
+
+
+@pytest.mark.parametrize("is_round", [True, False])
+def test_a_round_object_may_be_turned_about_its_axis(tmp_path: Path, is_round: bool) -> None:
+    c = np.sqrt(0.5)
+    there = cube(0.0)
+    turned = Box(there.center, there.size, np.array([[c, -c, 0], [c, c, 0], [0, 0, 1.0]]))
+    document = truth_document([there])
+    document["objects"][0]["round"] = is_round
+    found = judge(tmp_path, follow(turned, 7, range(10)), document)
+    # Two squares at 45 degrees share an octagon of 2 (sqrt 2 - 1) of either.
+    octagon = 2 * (np.sqrt(2) - 1)
+    assert found.map.at[0].mean_iou == pytest.approx(1.0 if is_round else octagon / (2 - octagon), abs=1e-6)

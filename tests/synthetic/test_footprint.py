@@ -5,7 +5,7 @@ import shapely
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from cuboid.synthetic.footprint import gap_m, hull, smallest_rectangle
+from cuboid.synthetic.footprint import gap_m, hull, is_round, smallest_rectangle
 
 coordinate = st.floats(-1, 1, allow_nan=False).map(lambda x: round(x, 4))
 clouds = st.lists(st.tuples(coordinate, coordinate), min_size=4, max_size=30, unique=True)
@@ -34,3 +34,15 @@ def test_gap_is_the_distance_of_the_outlines(first, second, x, y):
     a, b = outline_of(first), outline_of(second) + np.array([x, y])
     expected = shapely.Polygon(a).distance(shapely.Polygon(b))
     np.testing.assert_allclose(gap_m(a, b), expected, atol=1e-9)
+
+
+@given(st.integers(10, 60), st.floats(0.01, 2.0), st.floats(0, 6.3))
+def test_a_disc_is_round_and_what_has_a_front_is_not(corners, radius, turn):
+    angle = turn + np.linspace(0, 2 * np.pi, corners, endpoint=False)
+    disc = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    assert is_round(hull(disc))
+    assert not is_round(hull(disc * [1.2, 1.0]))
+    square = radius * np.column_stack(
+        [np.cos(angle[0] + np.pi / 2 * np.arange(4)), np.sin(angle[0] + np.pi / 2 * np.arange(4))]
+    )
+    assert not is_round(hull(square))

@@ -38,12 +38,15 @@ class TruthObject:
         False where finding it counts neither way.
     box : Box
         In the world of the truth.
+    round : bool
+        Whether it looks alike from all sides: its box may be turned about the third axis.
     """
 
     id: int
     name: str
     judged: bool
     box: Box
+    round: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +151,8 @@ def read_truth(path: Path) -> Truth:
 
 def _object(item: dict[str, Any]) -> TruthObject:
     number = int(item["id"])
-    return TruthObject(number, str(item.get("name", number)), bool(item.get("judged", True)), _box(item))
+    name, judged, is_round = str(item.get("name", number)), bool(item.get("judged", True)), bool(item.get("round"))
+    return TruthObject(number, name, judged, _box(item), is_round)
 
 
 def _box(item: dict[str, Any]) -> Box:

@@ -7,6 +7,9 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 
+# Widest over narrowest extent of what is round: a ten-sided prism has 1.052, a square 1.41.
+ROUND_EXTENT = 1.06
+
 
 def hull(points: npt.ArrayLike) -> Float64Array:
     """Return the convex hull of points (N, 2), (K, 2) counter-clockwise."""
@@ -35,6 +38,13 @@ def smallest_rectangle(outline: Float64Array) -> tuple[Float64Array, Float64Arra
     if extent[best, 0] >= extent[best, 1]:
         return center, extent[best], float(angles[best])
     return center, extent[best, ::-1].copy(), float(angles[best] + np.pi / 2)
+
+
+def is_round(outline: Float64Array) -> bool:
+    """Tell whether a convex outline (K, 2) is about as wide in one direction as in any other."""
+    angles = np.radians(np.arange(0.0, 180.0, 3.0))
+    extent = np.ptp(outline @ np.array([np.cos(angles), np.sin(angles)]), axis=0)
+    return bool(extent.max() <= ROUND_EXTENT * extent.min())
 
 
 def gap_m(first: Float64Array, second: Float64Array) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry import se3
 from cuboid.geometry.box import Box
-from cuboid.synthetic.footprint import hull, smallest_rectangle
+from cuboid.synthetic.footprint import hull, is_round, smallest_rectangle
 from cuboid.synthetic.mesh import Mesh
 from cuboid.synthetic.shapes import Model
 
@@ -176,3 +176,7 @@ class Scene:
             size=np.array([*size, high - low]),
             rotation=self.T_world_room[:3, :3] @ rotation,
         )
+
+    def is_round(self, placed: Placed) -> bool:
+        """Tell whether a body that stands upright looks alike from all sides."""
+        return is_round(hull(placed.mesh().vertices[:, :2]))

@@ -101,6 +101,7 @@ def _objects(scene: Scene, shares: Float64Array) -> list[dict[str, Any]]:
                 "name": body.model.name,
                 "judged": body.judged and shown,
                 **_box(scene.box(body)),
+                **({"round": True} if scene.is_round(body) else {}),
                 "plane": body.surface,
                 "touches": list(body.touches),
                 "frames_present": int((shares[:, k] > 0).sum()),
