@@ -42,7 +42,7 @@ class Shaken:
     def __init__(self, folder: Path, noise: str, level: float) -> None:
         self._recording = open_recording(folder)
         self.path, self.format = self._recording.path, self._recording.format
-        self.intrinsics = self._recording.intrinsics
+        self.intrinsics, self.distortion = self._recording.intrinsics, self._recording.distortion
         poses = [self._recording.read(k).T_world_camera for k in range(len(self))]
         true = np.array([np.eye(4) if pose is None else pose for pose in poses])
         wrong = POSE_NOISES[noise](true, np.random.default_rng(5))

@@ -31,6 +31,7 @@ class FakeRecording:
     ) -> None:
         self.path = Path("fake-recording")
         self.intrinsics = INTRINSICS
+        self.distortion: tuple[float, ...] = ()
         self.has_poses = poses
         self._frames = frames
         self._broken = broken or {}

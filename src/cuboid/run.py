@@ -47,6 +47,10 @@ class RecordingLike(Protocol):
         """Pinhole of its images."""
 
     @property
+    def distortion(self) -> tuple[float, ...]:
+        """What the lens did to them, and was taken out; empty where nothing was."""
+
+    @property
     def has_poses(self) -> bool:
         """Whether camera poses come with it."""
 
@@ -235,7 +239,7 @@ def track_recording(
             format=recording.format,
             poses=poses,
             threads=threads,
-            config=_effective(config, proposals, every, limit, scale, bridge),
+            config=_effective(config, proposals, every, limit, scale, bridge, recording.distortion),
             frames_read=log.read,
             frames_used=log.used,
             skipped=tuple(log.skipped),
@@ -416,6 +420,7 @@ def _effective(
     limit: int | None,
     scale: int,
     bridge: bool,
+    distortion: Sequence[float],
 ) -> dict[str, Any]:
     from cuboid.proposals import DEFAULT_SOURCE
 
@@ -425,6 +430,7 @@ def _effective(
         "limit": limit,
         "scale": scale,
         "bridge": bridge,
+        "distortion": list(distortion),
         "proposals": source if isinstance(source, str) else type(source).__qualname__,
         "tracker": config.to_dict(),
     }

@@ -120,7 +120,7 @@ def estimate_trajectory(
         format=recording.format,
         poses="estimated",
         threads=threads,
-        config={"every": every, "limit": limit},
+        config={"every": every, "limit": limit, "distortion": list(bare.distortion)},
         frames_read=log.read,
         frames_used=log.used,
         skipped=tuple(log.skipped),

@@ -38,6 +38,7 @@ def test_the_real_recording(data_dir):
     recording = open_recording(data_dir / "rgbd_dataset_freiburg1_xyz")
     assert (recording.format, len(recording)) == ("tum", 400)
     assert recording.intrinsics == Intrinsics(517.3, 516.5, 318.6, 255.3, 640, 480)
+    assert recording.distortion == (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)
     assert recording.has_poses
     assert recording.has_timestamps
     frame = recording.read(0)

@@ -49,11 +49,15 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.calibration import calibrate_recording
     from cuboid.cli.progress import counting
     from cuboid.readers.calibration import write_camera
+    from cuboid.readers.undistortion import rescaled
 
     recording = _open(args)
     with counting("estimating poses") as shown:
         found = calibrate_recording(recording, poses=args.poses, every=args.every, limit=args.limit, progress=shown)
-    write_camera(args.output, found.intrinsics, recording.depth_units_per_metre / found.depth_scale)
+    units = recording.depth_units_per_metre / found.depth_scale
+    # the frames that were compared have no distortion: what took it out bends them as before with the new focal length
+    distortion = rescaled(recording.distortion, found.intrinsics.fx / recording.calibration.fx)
+    write_camera(args.output, found.intrinsics, units, distortion)
     _print(found, recording, args.output)
     return 0
 

@@ -46,5 +46,6 @@ def _reading(results: Path, moved: Path | None) -> Callable[[int], Frame]:
 
     report, found = open_results(results)
     last_frame = max(used_frames(report), default=-1)
-    recording = reopen_recording(moved or Path(report.recording), report.format, found.intrinsics, last_frame)
+    path = moved or Path(report.recording)
+    recording = reopen_recording(path, report.format, found.intrinsics, report.distortion, last_frame)
     return recording.without_poses().read

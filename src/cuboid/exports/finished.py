@@ -96,4 +96,5 @@ class FinishedRun:
             It is not there, or is another one.
         """
         path = self.recording_path or Path(self.report.recording)
-        return reopen_recording(path, self.report.format, self.found.intrinsics, max(self.poses, default=-1))
+        last_frame = max(self.poses, default=-1)
+        return reopen_recording(path, self.report.format, self.found.intrinsics, self.report.distortion, last_frame)

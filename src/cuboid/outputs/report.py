@@ -100,6 +100,11 @@ class RunReport:
     seconds: float
     peak_memory_mb: float
 
+    @property
+    def distortion(self) -> tuple[float, ...]:
+        """Of the lens, as it was taken out of the images; empty where there was none."""
+        return tuple(float(value) for value in self.config.get("distortion", ()))
+
     def skipped_kinds(self) -> list[SkippedKind]:
         """Return what kinds of bad frames there were, the most frequent first.
 

@@ -1,4 +1,4 @@
-"""Which pinhole and depth scale hold for a recording: the user's, the folder's or the published ones."""
+"""Which camera and depth scale hold for a recording: the user's, the folder's or the published ones."""
 
 from __future__ import annotations
 
@@ -9,20 +9,25 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cuboid.errors import InputError, OutputError
 from cuboid.frame import Intrinsics
 from cuboid.readers.posetext import data_lines, parse_numbers
 from cuboid.readers.reader import Calibration, Listing
+from cuboid.readers.undistortion import COEFFICIENTS, Undistortion
 
 CAMERA_FILE = "camera.json"
 MATRIX_FILE = "camera-intrinsics.txt"
 _NUMBERS = ("fx", "fy", "cx", "cy", "width", "height")
 _DEPTH_UNITS = "depth_units_per_metre"
+_DISTORTION = "distortion"
 
 HOW_TO_GIVE = f"give them with --intrinsics FX,FY,CX,CY or in {CAMERA_FILE}"
 
-# What a user may give: fx, fy, cx, cy, or a file of the form of camera.json or camera-intrinsics.txt.
-GivenIntrinsics = Sequence[float] | str | os.PathLike[str]
+# What a user may give: fx, fy, cx, cy of images without distortion, a file of the form of camera.json or
+# camera-intrinsics.txt, or all that is known of the camera.
+GivenIntrinsics = Sequence[float] | str | os.PathLike[str] | Calibration
 
 
 class UnknownIntrinsicsError(InputError):
@@ -47,7 +52,9 @@ def choose(
     if found is not None:
         calibration, units_in_file = _read(found)
         units = units_in_file or units
-    if isinstance(intrinsics, str | os.PathLike):
+    if isinstance(intrinsics, Calibration):
+        calibration = intrinsics
+    elif isinstance(intrinsics, str | os.PathLike):
         calibration, units_in_file = _read(Path(intrinsics))
         units = units_in_file or units
     elif intrinsics is not None:
@@ -89,6 +96,23 @@ def for_size(calibration: Calibration, width: int, height: int, recording: Path)
     return Intrinsics(fx, fy, cx, cy, width, height)
 
 
+def undistortion(calibration: Calibration, size: tuple[int, int], recording: Path) -> Undistortion:
+    """Return what takes the distortion of a lens out of images of this width and height.
+
+    Raises
+    ------
+    InputError
+        If the coefficients are no lens's.
+    """
+    K = np.array([[calibration.fx, 0, calibration.cx], [0, calibration.fy, calibration.cy], [0, 0, 1]], np.float64)
+    try:
+        return Undistortion(K, calibration.distortion, size)
+    except ValueError as error:
+        raise InputError(
+            f"{recording}: the distortion coefficients ({calibration.source}) are wrong: {error}"
+        ) from None
+
+
 def _find_file(folders: Sequence[Path]) -> Path | None:
     for folder in folders:
         for name in (CAMERA_FILE, MATRIX_FILE):
@@ -101,7 +125,9 @@ def _read(path: Path) -> tuple[Calibration, float | None]:
     return _read_json(path) if path.suffix == ".json" else (_read_matrix(path), None)
 
 
-def write_camera(path: Path, intrinsics: Intrinsics, depth_units_per_metre: float) -> None:
+def write_camera(
+    path: Path, intrinsics: Intrinsics, depth_units_per_metre: float, distortion: Sequence[float] = ()
+) -> None:
     """Write a `camera.json`.
 
     Raises
@@ -111,7 +137,9 @@ def write_camera(path: Path, intrinsics: Intrinsics, depth_units_per_metre: floa
     """
     values = {name: round(float(getattr(intrinsics, name)), 3) for name in _NUMBERS[:4]}
     sizes = {"width": intrinsics.width, "height": intrinsics.height}
-    document = {**values, **sizes, _DEPTH_UNITS: float(f"{depth_units_per_metre:.6g}")}
+    document: dict[str, Any] = {**values, **sizes, _DEPTH_UNITS: float(f"{depth_units_per_metre:.6g}")}
+    if any(distortion):
+        document[_DISTORTION] = [float(f"{value:.6g}") for value in distortion]
     try:
         path.write_text(json.dumps(document) + "\n", encoding="utf-8")
     except OSError as error:
@@ -119,7 +147,7 @@ def write_camera(path: Path, intrinsics: Intrinsics, depth_units_per_metre: floa
 
 
 def _read_json(path: Path) -> tuple[Calibration, float | None]:
-    """Read a camera.json: fx, fy, cx, cy, width, height and, where it is needed, depth_units_per_metre."""
+    """Read a camera.json: fx, fy, cx, cy, width, height and, where needed, depth_units_per_metre and distortion."""
     try:
         document: Any = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -130,7 +158,8 @@ def _read_json(path: Path) -> tuple[Calibration, float | None]:
         raise InputError(f"{path} is not a text file") from None
     if not isinstance(document, dict):
         raise InputError(f"{path}: expected an object with {', '.join(_NUMBERS)}")
-    known = (*_NUMBERS, _DEPTH_UNITS)
+    known = (*_NUMBERS, _DEPTH_UNITS, _DISTORTION)
+    distortion = _distortion(document.pop(_DISTORTION, []), path)
     for name in document:
         if name not in known:
             raise InputError(f"{path}: unknown field '{name}', expected {', '.join(known)}")
@@ -146,7 +175,19 @@ def _read_json(path: Path) -> tuple[Calibration, float | None]:
             raise InputError(f"{path}: '{name}' must be a whole number of pixels, got {document[name]!r}")
     fx, fy, cx, cy = (float(document[name]) for name in _NUMBERS[:4])
     size = (int(document["width"]), int(document["height"]))
-    return Calibration(fx, fy, cx, cy, size, path.name), document.get(_DEPTH_UNITS)
+    return Calibration(fx, fy, cx, cy, size, path.name, distortion), document.get(_DEPTH_UNITS)
+
+
+def _distortion(values: Any, path: Path) -> tuple[float, ...]:
+    whole = isinstance(values, list) and all(
+        isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value) for value in values
+    )
+    if not whole or len(values) not in (0, *COEFFICIENTS):
+        counts = ", ".join(map(str, COEFFICIENTS))
+        raise InputError(
+            f"{path}: '{_DISTORTION}' must be a list of {counts} numbers k1, k2, p1, p2, k3, ..., got {values!r}"
+        )
+    return tuple(float(value) for value in values)
 
 
 def _read_matrix(path: Path) -> Calibration:

@@ -47,7 +47,7 @@ class FrameEntry:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """A pinhole and where it was found.
+    """A camera and where what is known of it was found.
 
     Attributes
     ----------
@@ -57,6 +57,9 @@ class Calibration:
         Width and height in pixels of the images that it holds for; None where that is not said.
     source : str
         Where it comes from, for messages: "camera.json", "published for freiburg1".
+    distortion : tuple of float
+        Of the lens, in OpenCV's order: k1, k2, p1, p2[, k3[, k4, k5, k6]]; empty where the images are a pinhole's.
+        It is taken out of color and depth.
     """
 
     fx: float
@@ -65,6 +68,7 @@ class Calibration:
     cy: float
     size: tuple[int, int] | None
     source: str
+    distortion: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,8 +54,9 @@ class Recording:
     path : Path
         What holds the frames.
     intrinsics : Intrinsics
+        Of its frames, from which the distortion of the lens, where it is known, is taken out.
     calibration : Calibration
-        The same pinhole with where it was found.
+        The camera that took them, and where what is known of it was found.
     depth_units_per_metre : float
     has_poses : bool
         Whether frames come with a camera pose; those of them without one are then skipped.
@@ -81,6 +82,12 @@ class Recording:
         np.empty(LARGE_BLOCK_BYTES, np.uint8)  # freed at once, never touched: see above
         width, height = self._vote_on_size()
         self.intrinsics: Intrinsics = calibrations.for_size(calibration, width, height, path)
+        self._undistort = calibrations.undistortion(calibration, (width, height), path)
+
+    @property
+    def distortion(self) -> tuple[float, ...]:
+        """What the lens did to the images, and is taken out of the frames; empty where nothing is."""
+        return self.calibration.distortion if any(self.calibration.distortion) else ()
 
     def __len__(self) -> int:
         """Return the number of frames, bad ones included."""
@@ -94,7 +101,7 @@ class Recording:
         return bare
 
     def with_intrinsics(self, intrinsics: Intrinsics) -> Recording:
-        """Return the same recording with another pinhole for its images."""
+        """Return the same recording with another pinhole for its frames, which stay as they are."""
         other = object.__new__(Recording)
         other.__dict__.update(self.__dict__)
         other.intrinsics = intrinsics
@@ -145,6 +152,7 @@ class Recording:
         expected = (self.intrinsics.height, self.intrinsics.width)
         if color.shape[:2] != expected:
             raise FrameError(f"the frame is {_size(color)}, the recording {_size(np.empty(expected))}: {depth_name}")
+        color, raw = self._undistort(color, raw)
         depth_m = depth_in_metres(raw, self.depth_units_per_metre, depth_name)
         return Frame(index, self.timestamp_s(index), color, depth_m, T_world_camera)
 

@@ -7,10 +7,17 @@ from pathlib import Path
 from cuboid.errors import InputError
 from cuboid.frame import Intrinsics
 from cuboid.readers.locate import open_recording
+from cuboid.readers.reader import Calibration
 from cuboid.readers.recording import Recording
 
 
-def reopen_recording(path: Path, format: str, intrinsics: Intrinsics, last_frame: int) -> Recording:  # noqa: A002
+def reopen_recording(
+    path: Path,
+    format: str,  # noqa: A002 - as in open_recording
+    intrinsics: Intrinsics,
+    distortion: tuple[float, ...],
+    last_frame: int,
+) -> Recording:
     """Open the recording that results were made from.
 
     Parameters
@@ -21,6 +28,8 @@ def reopen_recording(path: Path, format: str, intrinsics: Intrinsics, last_frame
         Name of its layout, from the results.
     intrinsics : Intrinsics
         Of its color image, from the results.
+    distortion : tuple of float
+        Of its lens, from the results; it was taken out.
     last_frame : int
         The last of its frames that the results speak of.
 
@@ -30,7 +39,8 @@ def reopen_recording(path: Path, format: str, intrinsics: Intrinsics, last_frame
         It is not there, or its size or its number of frames shows that it is another one.
     """
     K = intrinsics
-    recording = open_recording(path, format=format, intrinsics=(K.fx, K.fy, K.cx, K.cy))
+    camera = Calibration(K.fx, K.fy, K.cx, K.cy, None, "the results", distortion)
+    recording = open_recording(path, format=format, intrinsics=camera)
     size = recording.intrinsics.width, recording.intrinsics.height
     if size != (K.width, K.height) or len(recording) <= last_frame:
         raise InputError(

@@ -83,6 +83,8 @@ class Replay:
         Name of its layout.
     intrinsics : Intrinsics
         Of its color image.
+    distortion : tuple of float
+        Of its lens, as it was taken out.
     every : int
         One in so many frames was used.
     frames_per_second : float or None
@@ -99,6 +101,7 @@ class Replay:
         self.recording = Path(report.recording)
         self.format = report.format
         self.intrinsics: Intrinsics = found.intrinsics
+        self.distortion = report.distortion
         self.every = _every(report)
         median_ms = report.milliseconds["frame"].median_ms if "frame" in report.milliseconds else 0.0
         self.frames_per_second = 1e3 / median_ms if median_ms > 0 else None
