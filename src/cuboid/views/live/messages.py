@@ -14,12 +14,15 @@ import numpy as np
 from cuboid.frame import Float64Array, Intrinsics, UInt8Array
 from cuboid.outputs.text import rounded, rounded_list
 from cuboid.results import MapPoints, TrackedObject
-from cuboid.views.drawing import Status, draw_frame
+from cuboid.views.drawing import draw_frame
 from cuboid.views.live.watch import Moment
+from cuboid.views.palette import color_of
 from cuboid.views.report.page import assembled, own
 from cuboid.views.report.pictures import encode_jpeg
 from cuboid.views.report.points import LARGEST, STEP_M, spacing, thinned
 from cuboid.views.report.summary import camera_document, inferno, label_colors, packed
+from cuboid.views.tags import TAG_PX
+from cuboid.views.text import ink
 
 # The report's scripts that the live page shares, then its own.
 SHARED = ("math.js", "data.js", "shaders.js", "renderer.js", "scene.js", "orbit.js", "tags.js")
@@ -79,6 +82,12 @@ def moment_message(moment: Moment, intrinsics: Intrinsics) -> bytes:
         **_scene(moment),
     }
     return json.dumps(document, separators=(",", ":"), allow_nan=False).encode("ascii")
+
+
+def warm_up() -> None:
+    """Load what the first picture needs, so that it does not seem to cost 0.1 s."""
+    color_of(1)
+    ink("#1", TAG_PX)
 
 
 def end_message(complete: bool) -> bytes:
@@ -157,9 +166,7 @@ def _picture(moment: Moment, intrinsics: Intrinsics) -> bytes:
     """Return the frame with its boxes, small, as JPEG."""
     seen = {sighting.label for sighting in moment.sightings}
     hidden = [item for item in moment.objects if item.label not in seen]
-    rate = 1e3 / moment.milliseconds if moment.milliseconds > 0 else None
-    status = Status(moment.frame, rate, len(seen), len(moment.objects))
-    picture = draw_frame(moment.color, moment.T_world_camera, intrinsics, moment.sightings, hidden, status)
+    picture = draw_frame(moment.color, moment.T_world_camera, intrinsics, moment.sightings, hidden, None)
     return encode_jpeg(_small(picture), PICTURE_QUALITY)
 
 

@@ -6,6 +6,7 @@ import re
 import sys
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from http.server import ThreadingHTTPServer
 from types import TracebackType
 from typing import Self
@@ -14,7 +15,7 @@ from urllib.parse import urlsplit
 from cuboid.errors import OutputError
 from cuboid.frame import Intrinsics
 from cuboid.results import MapPoints
-from cuboid.views.live.messages import end_message, map_message, moment_message, page_of, spacing_of
+from cuboid.views.live.messages import end_message, map_message, moment_message, page_of, spacing_of, warm_up
 from cuboid.views.live.watch import LiveView, Ration
 from cuboid.views.report.server import HOST, LOCAL_NAMES, PageHandler
 
@@ -63,6 +64,7 @@ class LiveServer:
         self._intrinsics = intrinsics
         self._spacing_m: float | None = None
         self._lock = threading.Lock()
+        self._worker = ThreadPoolExecutor(1, "live view")  # a thread of its own loads fonts once, each new one anew
         self._packed: dict[str, tuple[int, bytes]] = {}
 
         class Handler(PageHandler):
@@ -74,6 +76,7 @@ class LiveServer:
         self._thread = threading.Thread(target=self._server.serve_forever, name="live view", daemon=True)
 
     def __enter__(self) -> Self:
+        self._worker.submit(warm_up).result()
         self._thread.start()
         return self
 
@@ -84,6 +87,7 @@ class LiveServer:
             self.view.end(complete=False)
         self._server.shutdown()
         self._server.server_close()
+        self._worker.shutdown()
 
     def _answer(self, address: str) -> Answer | None:
         """Return kind and content of what lies at an address; None where nothing does."""
@@ -124,9 +128,14 @@ class LiveServer:
         """Return a message, which is made once for all who look."""
         with self._lock:
             if kind not in self._packed or self._packed[kind][0] < number:
-                with ration.charged():
-                    self._packed[kind] = number, make()
+                self._packed[kind] = number, self._worker.submit(charged, ration, make).result()
             return self._packed[kind][1]
+
+
+def charged(ration: Ration, make: Callable[[], bytes]) -> bytes:
+    """Return what is made, and charge a ration with what it costs this thread."""
+    with ration.charged():
+        return make()
 
 
 class _Server(ThreadingHTTPServer):

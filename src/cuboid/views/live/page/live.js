@@ -154,7 +154,9 @@ async function follow(address, take) {
     }
     const answer = await asked(`${address}/${number}`);
     if (answer === null) return told.ended || found();
+    const before = number;
     number = await take(answer, number);
+    if (number === before) await pause(PAUSE / 4); // nothing new: the run ends, perhaps
   }
 }
 
