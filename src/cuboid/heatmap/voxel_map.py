@@ -117,7 +117,7 @@ class VoxelMap:
             self.anchor[slots[slots >= 0]] = anchor
         return slots
 
-    def carry(self, moved: Mapping[int, Float64Array]) -> Rows:
+    def carry(self, moved: Mapping[int, Float64Array]) -> None:
         """Move points with the keyframes that they hang on; those that meet in one voxel become one.
 
         Of two points that meet, the oldest object's keeps the owner; hits and passes add up.
@@ -126,22 +126,15 @@ class VoxelMap:
         ----------
         moved : mapping of int to (4, 4) float64
             T_new_old of each keyframe whose surroundings move.
-
-        Returns
-        -------
-        (count before,) int64
-            The new row of each row; -1 for dead ones.
         """
-        new_row = np.full(self.count, -1, np.int64)
         alive = self.living()
         if not len(alive):
-            return new_row
+            return
         xyz = moved_with(self.xyz(alive), self.anchor[alive], moved)
         keys = keys_of(xyz, self.voxel_m)
         order = np.argsort(keys, kind="stable")
         keys, rows = keys[order], alive[order]
-        starts = np.diff(keys, prepend=keys[0] - 1) > 0
-        first = np.flatnonzero(starts)
+        first = np.flatnonzero(np.diff(keys, prepend=keys[0] - 1) > 0)
         columns = (
             keys[first],
             average(self.values[rows], xyz[order], first),
@@ -154,8 +147,6 @@ class VoxelMap:
             target[: len(first)] = source
         self.count, self._dead, self._next_look = len(first), 0, 0
         kernel.fill_table(self.keys, self.count, self._table)
-        new_row[rows] = np.cumsum(starts) - 1
-        return new_row
 
     def look_through(self, image: WorkingImage, T_camera_world: Float64Array) -> None:
         """Count the points that this frame sees through, and remove those that are passed more often than hit."""
@@ -174,6 +165,13 @@ class VoxelMap:
     def living(self) -> Rows:
         """Return the rows of all points."""
         return np.flatnonzero(self.values[: self.count, kernel.WEIGHT] > 0)
+
+    def owned(self) -> dict[int, Rows]:
+        """Return the rows of each object, by number, ascending."""
+        rows = np.flatnonzero((self.owner[: self.count] > 0) & (self.values[: self.count, kernel.WEIGHT] > 0))
+        order = rows[np.argsort(self.owner[rows], kind="stable")]
+        numbers, first = np.unique(self.owner[order], return_index=True)
+        return dict(zip(numbers.tolist(), np.split(order, first[1:]), strict=True)) if len(rows) else {}
 
     def solid_hot_rows(self, hot: float, since: int, asleep: UInt8Array) -> tuple[Rows, UInt8Array]:
         """Return the solid hot rows seen since a frame with all those of the objects they belong to.

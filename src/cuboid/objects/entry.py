@@ -22,10 +22,8 @@ class MapObject:
         Owner number in the voxel map, from 1.
     label : int
         0 until confirmed.
-    rows : (N,) int64
-        Its voxels as of the last look at the map.
     points : (N, 3) float32
-        Their places in the world.
+        Its voxels' places in the world, as of the last look at the map.
     box : Box
     plane : Plane or None
         What it stands on.
@@ -49,7 +47,6 @@ class MapObject:
     """
 
     number: int
-    rows: npt.NDArray[np.int64]
     points: npt.NDArray[np.float32]
     box: Box
     plane: Plane | None

@@ -139,19 +139,17 @@ class ObjectMap:
             T_new_old of each keyframe whose surroundings move.
         """
         voxels = self._voxels
-        rows_of = {number: entry.rows[entry.rows < voxels.count] for number, entry in self._objects.items()}
-        anchor_of = {n: int(np.bincount(voxels.anchor[rows]).argmax()) for n, rows in rows_of.items() if len(rows)}
-        new_row = voxels.carry(moved)
+        anchor_of = {n: int(np.bincount(voxels.anchor[rows]).argmax()) for n, rows in voxels.owned().items()}
+        voxels.carry(moved)
+        owned = voxels.owned()
         for number, entry in self._objects.items():
             T = moved.get(anchor_of.get(number, -1))
             if T is not None:
                 R, t = T[:3, :3], T[:3, 3]
                 entry.box = Box(R @ entry.box.center + t, entry.box.size, R @ entry.box.rotation)
                 entry.points = transform(T, entry.points).astype(np.float32)
-            rows = new_row[rows_of[number]]
-            entry.rows = np.unique(rows[rows >= 0])
-            if len(entry.rows):
-                entry.points = voxels.xyz(entry.rows)
+            if number in owned:
+                entry.points = voxels.xyz(owned[number])
         self._looks = 0
         self._list_boxes()
 
@@ -189,7 +187,7 @@ class ObjectMap:
         """Return which objects, by number, wait for a look at all of the map: the large ones change slowly."""
         asleep = np.zeros(self._next_number, np.uint8)
         if not whole:
-            asleep[[e.number for e in self.alive() if len(e.rows) > LARGE_VOXELS]] = 1
+            asleep[[e.number for e in self.alive() if len(e.points) > LARGE_VOXELS]] = 1
         return asleep
 
     def _joins_refused(self, rows: Rows, owner: npt.NDArray[np.int32], asleep: UInt8Array) -> bool:
@@ -304,14 +302,16 @@ class ObjectMap:
 
     def _split(self, frame: int) -> None:
         """Make two of what has proved to be two things that touch; the larger one keeps the label."""
-        side = self._voxels.side
-        for entry in [e for e in self.alive() if self.splits.are_two(e.number)]:
+        proved = [e for e in self.alive() if self.splits.are_two(e.number)]
+        owned, side = self._voxels.owned() if proved else {}, self._voxels.side
+        for entry in proved:
             self.splits.forget(entry.number)
-            first = larger_side(entry.points, side[entry.rows])
+            rows = owned.get(entry.number, np.zeros(0, np.int64))
+            first = larger_side(self._voxels.xyz(rows), side[rows])
             if first is None:
                 continue
-            side[entry.rows] = 0
-            kept, other = (Piece(entry.number, entry.rows[part], entry.plane) for part in (first, ~first))
+            side[rows] = 0
+            kept, other = (Piece(entry.number, rows[part], entry.plane) for part in (first, ~first))
             boxes = [self._boxing.seen(kept), self._boxing.seen(other)]
             common = float(overlap_min_matrix(pack(boxes[:1]), pack(boxes[1:]))[0, 0])
             # Two things that stand side by side share no more than the corners of their boxes.
@@ -337,7 +337,6 @@ class ObjectMap:
                 return
         entry = MapObject(
             number=self._next_number,
-            rows=piece.rows,
             points=self._voxels.xyz(piece.rows),
             box=box,
             plane=None,
@@ -356,7 +355,6 @@ class ObjectMap:
         box = self._boxing.seen(piece)
         if not is_object(box, self._config):
             return False
-        entry.rows = piece.rows
         entry.box = self._boxing.whole(piece, box, self._others(entry)) if entry.confirmed else box
         entry.plane = piece.plane
         entry.points = self._voxels.xyz(piece.rows)
@@ -382,7 +380,7 @@ class ObjectMap:
         """Label what was proposed often enough; what may be a part of something else has to wait longer."""
         waiting = [e for e in self.alive() if not e.confirmed and e.proposed >= self._config.confirm_frames]
         # The largest first: what lies beside it may be its part.
-        for entry in sorted(waiting, key=lambda e: -len(e.rows)):
+        for entry in sorted(waiting, key=lambda e: -len(e.points)):
             patience = 1
             other = self._beside(entry)
             if other is not None and is_part(
@@ -397,7 +395,7 @@ class ObjectMap:
                 continue
             if not rests(entry.box, self._boxing.plane(entry.plane)):
                 patience = FLOATING_PATIENCE
-            if len(entry.rows) < SMALL_VOXELS:
+            if len(entry.points) < SMALL_VOXELS:
                 patience = max(patience, SMALL_PATIENCE)
             if other is not None and self.bonds.verdict(entry.number, other.number) is None:
                 patience = max(patience, BESIDE_PATIENCE)
@@ -408,7 +406,7 @@ class ObjectMap:
     def _beside(self, entry: MapObject) -> MapObject | None:
         """Return the object that this one may be a part of: a labelled or larger one nearby."""
         for other in self.alive():
-            if other is entry or not (other.confirmed or len(other.rows) > len(entry.rows)):
+            if other is entry or not (other.confirmed or len(other.points) > len(entry.points)):
                 continue
             near = max(FRAGMENT_GAP_M, min(PART_REACH * float(other.box.size.max()), PART_REACH_M))
             reach = 0.5 * float(np.linalg.norm(other.box.size) + np.linalg.norm(entry.box.size))

@@ -39,7 +39,7 @@ def owners_of(rows: Rows, voxels: VoxelMap, objects: dict[int, MapObject]) -> li
     has_say = [
         (-int(count), int(number))
         for number, count in zip(numbers, counts, strict=True)
-        if count >= SAY_VOXELS and count >= SAY_SHARE * min(len(rows), len(objects[int(number)].rows))
+        if count >= SAY_VOXELS and count >= SAY_SHARE * min(len(rows), len(objects[int(number)].points))
     ]
     return [number for _, number in sorted(has_say)]
 

@@ -33,7 +33,7 @@ def is_part(entry: MapObject, other: MapObject, verdict: bool | None, stands: Ca
     stands : callable
         Tells whether the entry stands on its plane, or may.
     """
-    share = len(entry.rows) / len(other.rows)
+    share = len(entry.points) / len(other.points)
     bends, sag_m = bends_around(entry.points, other.points, entry.box.up)
     gap = gap_m(entry.points, other.points, FRAGMENT_GAP_M)
     hollow = sag_m < -HOLLOW_M and (verdict is not False or gap <= FRAGMENT_GAP_M)
