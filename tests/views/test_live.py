@@ -6,6 +6,7 @@ import base64
 import http.client
 import json
 import socket
+import struct
 import threading
 import time
 from collections.abc import Iterator
@@ -259,6 +260,38 @@ def test_with_a_host_of_ones_own_any_name_is_answered() -> None:
         assert get(server, "/", host="robot.local:8765")[0] == 200
     with pytest.raises(OutputError, match=r"--live: 203\.0\.113\.1 cannot be listened on"):
         LiveServer(LiveView(), "x", INTRINSICS, "203.0.113.1")
+
+
+def test_several_look_and_some_go(
+    server: LiveServer, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    drawn: list[int] = []
+
+    def counted(moment: Moment, intrinsics: Intrinsics) -> bytes:
+        drawn.append(moment.number)
+        return moment_message(moment, intrinsics)
+
+    monkeypatch.setattr("cuboid.views.live.server.moment_message", counted)
+    run = Run(server.view)
+    for _ in range(5):  # they close the page before they have an answer
+        with socket.create_connection((HOST, server.port)) as gone:
+            gone.sendall(b"GET /map/0 HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            gone.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    slow = socket.create_connection((HOST, server.port))  # asks, and never reads
+    slow.sendall(b"GET /map/0 HTTP/1.1\r\nHost: localhost\r\n\r\n")
+    numbers: list[int] = []
+    threads = [
+        threading.Thread(target=lambda: numbers.append(json.loads(get(server, "/moment/0")[1])["number"]))
+        for _ in range(4)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        run.until(thread)
+    assert sorted(set(numbers)) == sorted(set(drawn))  # what several ask for is drawn once
+    assert len(drawn) == len(set(drawn))
+    slow.close()
+    assert capfd.readouterr().err == ""
 
 
 def test_a_second_run_takes_the_next_port(server: LiveServer) -> None:
