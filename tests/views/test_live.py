@@ -61,7 +61,8 @@ class Run:
 
 
 @pytest.fixture
-def server() -> Iterator[LiveServer]:
+def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[LiveServer]:
+    monkeypatch.setattr("cuboid.views.live.watch.FAREWELL_S", 0.1)  # most tests have nobody who waits for the end
     with LiveServer(LiveView(), "a <recording>", INTRINSICS) as found:
         yield found
 
