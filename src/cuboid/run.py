@@ -246,6 +246,7 @@ def track_recording(
             milliseconds=log.timings(),
             seconds=time.perf_counter() - begun_s,
             peak_memory_mb=peak_memory_mb(),
+            warnings=pipeline.warnings(bare),
         )
         objects, planes, up = tuple(tracker.objects), tuple(tracker.planes), tracker.up
         if writer is not None:
@@ -271,6 +272,7 @@ class _Pipeline:
     log: FrameLog
     progress: Progress
     times_s: dict[int, float] = field(default_factory=dict)
+    T_world_camera: dict[int, Float64Array] = field(default_factory=dict)
 
     def follow(self, frames: Iterable[Decoded], stop: Callable[[], bool]) -> bool:
         """Take in all frames; return False where `stop` ended it before."""
@@ -302,6 +304,7 @@ class _Pipeline:
             result = self.tracker.update(dataclasses.replace(small, T_world_camera=posed.T_world_camera), posed.anchor)
         except FrameError as error:
             return str(error)
+        self.T_world_camera[frame.index] = posed.T_world_camera
         clock.laps(result.milliseconds)
         if self.writer is not None:
             self.writer.add(result, self.scale)
@@ -315,6 +318,17 @@ class _Pipeline:
         self.log.use(clock.done())
         self.progress.frame(result)
         return ""
+
+    def warnings(self, recording: RecordingLike) -> tuple[str, ...]:
+        """Return what is likely to be wrong with the recording; costs a second where results are written."""
+        if self.writer is None:
+            return ()
+        from cuboid.calibration.check import intrinsics_warning
+
+        corrected = self.poses.trajectory()
+        poses = self.T_world_camera if corrected is None else corrected
+        found = intrinsics_warning(recording.read, recording.intrinsics, poses, estimated=corrected is not None)
+        return () if found is None else (found,)
 
     def trajectory(self) -> list[PoseRow] | None:
         """Return the corrected poses; None where none was corrected."""

@@ -113,6 +113,7 @@ def estimate_trajectory(
             progress(done + 1, len(frames))
     if complete and not estimator.keyframes:
         raise InputError(f"{recording.path}: no frame has enough depth and texture to start with")
+    trajectory = estimator.trajectory()
     report = RunReport(
         version=__version__,
         complete=complete,
@@ -127,12 +128,19 @@ def estimate_trajectory(
         milliseconds=log.timings(),
         seconds=time.perf_counter() - begun_s,
         peak_memory_mb=peak_memory_mb(),
+        warnings=() if output is None else _warnings(bare, trajectory),
     )
-    trajectory = estimator.trajectory()
     if output is not None:
         _write(recording, output, force, trajectory, online, report)
     lost = sum(reason == LOST for _, reason in log.skipped)
     return SlamOutcome(report, trajectory, lost, len(estimator.keyframes), estimator.loops)
+
+
+def _warnings(recording: Recording, trajectory: Mapping[int, Float64Array]) -> tuple[str, ...]:
+    from cuboid.calibration.check import intrinsics_warning
+
+    found = intrinsics_warning(recording.read, recording.intrinsics, trajectory, estimated=True)
+    return () if found is None else (found,)
 
 
 def _write(

@@ -13,6 +13,7 @@ from cuboid.cli import main
 from cuboid.errors import InputError
 from cuboid.frame import Frame
 from cuboid.geometry import se3
+from cuboid.outputs import read_run
 from cuboid.readers import Recording, open_recording
 from fakes import write_recording
 
@@ -72,6 +73,25 @@ def test_the_quick_check_tells_wrong_from_right(recording: Recording, posed: Pos
         verdict = quick_check(frames, scaled(truth, factor))
         assert verdict.wrong
         assert verdict.focal == pytest.approx(truth.fx, rel=0.02)
+
+
+@pytest.mark.parametrize("command", ["track", "slam"])
+def test_a_run_with_a_wrong_focal_length_goes_on_and_says_so(
+    command: str, recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    K = recording.intrinsics
+    for factor, wrong in ((1.0, False), (1.08, True)):
+        output = tmp_path / str(factor)
+        start = f"{K.fx * factor},{K.fy * factor},{K.cx},{K.cy}"
+        words = [command, str(recording.path), "--intrinsics", start, "--output", str(output), "--threads", "1"]
+        assert main(words) == 0
+        said = [line for line in capsys.readouterr().err.splitlines() if "warning" in line]
+        warnings = read_run(output / "run.json").warnings
+        assert len(warnings) == len(said) == wrong
+        if wrong:
+            assert said[0] == f"cuboid: warning: {warnings[0]}"
+            assert f"focal length in use, {K.fx * 1.08:.1f} px, is off" in warnings[0]
+            assert "'cuboid calibrate' finds the intrinsics" in warnings[0]
 
 
 def test_frames_are_chosen_where_the_camera_has_moved() -> None:
@@ -145,6 +165,5 @@ def test_scene_01_from_the_published_focal_length(data_dir: Path) -> None:
     assert found.intrinsics.fx == pytest.approx(534.8, rel=0.02)
     assert found.depth_scale == 1.0
     assert found.gap_after_m < 0.6 * found.gap_before_m
-    verdict = quick_check(frames[::2], recording.intrinsics)
-    assert verdict.wrong
+    assert quick_check(frames[::2], recording.intrinsics).wrong
     assert not quick_check(frames[::2], open_recording(path).intrinsics).wrong

@@ -39,8 +39,9 @@ DEPTH_SCALE_OFF = 0.03
 # And then the views must agree as well as with the old one, each with poses mended for it: a camera that mostly turns
 # has short ways, which poses that drift make too long or too short.
 AS_GOOD = 1.07
-# Errors that no spread between parts of a recording shows (lens distortion, rounding): share, share, pixels.
-LEAST_ERROR = np.array([0.002, 0.5, 0.5, 0.003])
+# Errors that no spread between parts of a recording shows (what is left of lens distortion, a shutter that rolls, depth
+# and color at different times): share, pixels, pixels, share.
+LEAST_ERROR = np.array([0.005, 0.5, 0.5, 0.003])
 # A focal length that is less sure than this says nothing.
 WORST_FOCAL_ERROR = 0.03
 
@@ -61,7 +62,7 @@ class CalibrationResult:
     measured_depth_scale, depth_scale_error : float
         The depth scale that fits best, and its standard error.
     pose_error_m, pose_error_rad : float
-        How far off the poses of two compared views are towards each other.
+        How far off the poses of two compared views are towards each other; NaN where they were estimated.
     gap_before_m, gap_after_m : float
         Median difference of depth between views, poses taken as they are.
     frames, pairs : int
@@ -119,9 +120,8 @@ def calibrate(frames: Iterable[Frame], start: Intrinsics, *, estimated: bool = F
     coarse, fine = Problem(coarse_views, pairs, coarse_by), Problem(fine_views, pairs, fine_by)
     measured, measured_error = 1.0, float("nan")
     if estimated:
-        found = fine.solve(
-            coarse.solve(_tried(coarse, begin), FOCAL_ONLY, COARSE_STEPS).pinhole, FOCAL_ONLY, FINE_STEPS
-        )
+        pinhole = coarse.solve(begin, FOCAL_ONLY, COARSE_STEPS, trusting=False).pinhole
+        found = fine.solve(pinhole, FOCAL_ONLY, FINE_STEPS, trusting=False)
     else:
         pinhole = coarse.solve(_tried(coarse, begin), FOCAL_ONLY, COARSE_STEPS).pinhole
         pinhole = coarse.solve(pinhole, WITH_CENTER, COARSE_STEPS).pinhole
@@ -140,8 +140,8 @@ def calibrate(frames: Iterable[Frame], start: Intrinsics, *, estimated: bool = F
         center_error_px=(float(_errors(found)[CENTER_X]), float(_errors(found)[CENTER_Y])),
         measured_depth_scale=measured,
         depth_scale_error=measured_error,
-        pose_error_m=float(found.pose_error[0]),
-        pose_error_rad=float(found.pose_error[1]),
+        pose_error_m=float("nan") if estimated else float(found.pose_error[0]),
+        pose_error_rad=float("nan") if estimated else float(found.pose_error[1]),
         gap_before_m=coarse.typical_gap_m(begin),
         gap_after_m=coarse.typical_gap_m(found.pinhole),
         frames=len(coarse_views),

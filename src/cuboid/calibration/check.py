@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cuboid.calibration.calibrate import LEAST_ERROR, LEAST_PAIRS, WITH_CENTER, best_of_tried
+from cuboid.calibration.calibrate import FOCAL_ONLY, LEAST_ERROR, LEAST_PAIRS, WITH_CENTER, best_of_tried, spread_out
 from cuboid.calibration.comparing import FOCAL
 from cuboid.calibration.pairs import choose_pairs
 from cuboid.calibration.solving import Problem
 from cuboid.calibration.views import Pinhole, build_view, factors
-from cuboid.frame import Frame, Intrinsics
+from cuboid.errors import FrameError
+from cuboid.frame import Float64Array, Frame, Intrinsics
 
-# More frames are not looked at.
-FRAMES = 24
+# So many frames of a run are looked at, more where its poses were estimated and know less; a run of fewer than the last
+# is not checked.
+FRAMES, FRAMES_ESTIMATED, LEAST_FRAMES = 24, 48, 8
 # Focal lengths that are tried, as logarithms beside the one in use.
 TRIED = np.arange(-0.20, 0.201, 0.05)
 STEPS = 12
 # The focal length counts as wrong if it is off by this share and by four standard errors: at 1 m the edge of an image
-# is then 2 cm off, which begins to double objects; a lens taken for a pinhole makes 2 or 3 %.
-CLEARLY_OFF = 0.04
+# is then 2 cm off, which begins to double objects; a lens taken for a pinhole makes 2 or 3 %, and with estimated poses,
+# which leave the focal length in more doubt, a hand-held camera whose shutter rolls 3.6 %.
+CLEARLY_OFF, CLEARLY_OFF_ESTIMATED = 0.04, 0.05
 CLEARLY_ERRORS = 4.0
 # And the views must disagree less by this share than with the one in use, poses mended for each.
 CLEARLY_BETTER = 0.05
@@ -49,34 +53,79 @@ class Verdict:
 UNKNOWN = Verdict(False, None, None)
 
 
-def quick_check(frames: Sequence[Frame], intrinsics: Intrinsics) -> Verdict:
-    """Tell whether the intrinsics in use are clearly worse than others nearby, in less than a second.
+def quick_check(frames: Iterable[Frame], intrinsics: Intrinsics, *, estimated: bool = False) -> Verdict:
+    """Tell whether the intrinsics in use are clearly worse than others nearby.
 
     Parameters
     ----------
-    frames : sequence of Frame
-        With poses, given or estimated; up to 24 of them are used, evenly spread.
+    frames : iterable of Frame
+        With poses; some 24, or 48 if they were estimated, that see the same from different places (`spread_out`) take
+        less than a second.
     intrinsics : Intrinsics
         Those in use, of these frames.
+    estimated : bool
+        Whether the poses come from these frames and these intrinsics.
 
     Returns
     -------
     Verdict
         Not wrong where the frames do not tell.
     """
-    posed = [frame for frame in frames if frame.T_world_camera is not None]
-    chosen = sorted({round(k) for k in np.linspace(0, len(posed) - 1, FRAMES)} if posed else ())
     factor, _ = factors(intrinsics.width)
-    views = [build_view(posed[k], factor) for k in chosen]
+    views = [build_view(frame, factor) for frame in frames]
     in_use = Pinhole.of(intrinsics)
     pairs = choose_pairs(views, in_use.resized(factor))
     if len(pairs) < LEAST_PAIRS:
         return UNKNOWN
     problem = Problem(views, pairs, factor)
-    best = best_of_tried(problem, in_use, TRIED)
-    found = problem.solve(best, WITH_CENTER, STEPS)
+    begin = in_use if estimated else best_of_tried(problem, in_use, TRIED)
+    found = problem.solve(begin, FOCAL_ONLY if estimated else WITH_CENTER, STEPS, trusting=not estimated)
     off = float(np.log(found.pinhole.fx / in_use.fx))
     error = float(np.hypot(found.error[FOCAL], LEAST_ERROR[FOCAL]))
-    before, after = problem.solve(in_use, (), STEPS).disagreement, found.disagreement
-    clear = abs(off) > max(CLEARLY_OFF, CLEARLY_ERRORS * error) and after < (1 - CLEARLY_BETTER) * before
+    least = CLEARLY_OFF_ESTIMATED if estimated else CLEARLY_OFF
+    clear = abs(off) > max(least, CLEARLY_ERRORS * error)
+    if clear:
+        before = problem.solve(in_use, (), STEPS, trusting=not estimated).disagreement
+        clear = found.disagreement < (1 - CLEARLY_BETTER) * before
     return Verdict(clear, found.pinhole.fx, error)
+
+
+def intrinsics_warning(
+    read: Callable[[int], Frame],
+    intrinsics: Intrinsics,
+    T_world_camera: Mapping[int, Float64Array],
+    *,
+    estimated: bool,
+) -> str | None:
+    """Return one line about the intrinsics of a run where others nearby are clearly better, else None.
+
+    Parameters
+    ----------
+    read : callable
+        Gives a frame by its number; raises FrameError where it cannot be used.
+    intrinsics : Intrinsics
+        Of its frames.
+    T_world_camera : mapping of int to (4, 4) float64
+        Poses of the frames that were used.
+    estimated : bool
+        Whether they come from these frames and these intrinsics.
+    """
+    if len(T_world_camera) < LEAST_FRAMES:
+        return None
+    frames = spread_out(T_world_camera, FRAMES_ESTIMATED if estimated else FRAMES)
+    verdict = quick_check(_posed(read, T_world_camera, frames), intrinsics, estimated=estimated)
+    if not verdict.wrong or verdict.focal is None or verdict.focal_error is None:
+        return None
+    return (
+        f"the focal length in use, {intrinsics.fx:.1f} px, is off: the frames fit together clearly better with "
+        f"{verdict.focal:.0f} +- {max(1.0, verdict.focal_error * verdict.focal):.0f} px; objects may be doubled or of "
+        f"a wrong size; 'cuboid calibrate' finds the intrinsics, --intrinsics takes them"
+    )
+
+
+def _posed(
+    read: Callable[[int], Frame], T_world_camera: Mapping[int, Float64Array], frames: Iterable[int]
+) -> Iterator[Frame]:
+    for index in frames:
+        with suppress(FrameError):
+            yield replace(read(index), T_world_camera=T_world_camera[index])

@@ -2,7 +2,8 @@
 
 Gauss-Newton on the disagreement of depth and brightness in all pairs, with the weights of a t-distribution. Each
 pair may move a little, as if its relative pose had an error that is drawn from a t-distribution too; how wide that one
-is follows from the moves themselves (empirical Bayes), so that exact poses are trusted and drifting ones are not.
+is follows from the moves themselves (empirical Bayes), so that exact poses are trusted and drifting ones are not. Poses
+that were estimated with a wrong pinhole fit it so well that they would be trusted: they are never.
 """
 
 from __future__ import annotations
@@ -37,8 +38,9 @@ ALIKE_PX = 64.0
 POSE_ERROR = np.array([0.01, np.radians(0.5)])
 LEAST_POSE_ERROR = np.array([0.0003, np.radians(0.01)])
 MOST_POSE_ERROR = np.array([0.05, np.radians(2.0)])
-# What is believed before: the optical centre within 5 % of the image's width, the depth scale within 5 %.
-CENTER_SHARE, DEPTH_SHARE = 0.05, 0.05
+# What is believed before: the focal length within 30 %, the optical centre within 5 % of the image's width, the depth
+# scale within 5 %.
+FOCAL_SHARE, CENTER_SHARE, DEPTH_SHARE = 0.3, 0.05, 0.05
 # Done when a step changes the focal length and the depth scale by less than this, and the centre by less than this
 # share of the width.
 SMALL_STEP = 1e-4
@@ -105,7 +107,7 @@ class Problem:
         found = [self._given(k, small) for k in range(len(self._pairs))]
         return float(np.median(np.abs(np.concatenate([item.gap_m for item in found]))))
 
-    def solve(self, start: Pinhole, free: Sequence[int], steps: int) -> Solution:
+    def solve(self, start: Pinhole, free: Sequence[int], steps: int, *, trusting: bool = True) -> Solution:
         """Return the pinhole nearest to `start` at which the views agree best.
 
         Parameters
@@ -115,12 +117,17 @@ class Problem:
             Which parameters are fitted.
         steps : int
             At most so many.
+        trusting : bool
+            Whether poses that fit are trusted; False for those that were estimated with the pinhole in question.
         """
         index = np.array(free, np.intp)
         width = self._views[0].depth_m.shape[1]
-        belief = np.array([0.0, (CENTER_SHARE * width) ** -2, (CENTER_SHARE * width) ** -2, DEPTH_SHARE**-2])
+        belief = np.array(
+            [FOCAL_SHARE**-2, (CENTER_SHARE * width) ** -2, (CENTER_SHARE * width) ** -2, DEPTH_SHARE**-2]
+        )
         small = SMALL_STEP * np.array([1.0, width, width, 1.0])
-        begin, theta, pose_error = start.resized(self._factor), np.zeros(PARAMETERS), POSE_ERROR
+        begin, theta = start.resized(self._factor), np.zeros(PARAMETERS)
+        pose_error = POSE_ERROR if trusting else MOST_POSE_ERROR
         moves = np.zeros((len(self._pairs), MOTION))
         corrections = [np.eye(4)] * len(self._pairs)
         for _ in range(steps):
@@ -133,7 +140,8 @@ class Problem:
             follow = -np.einsum("pij,pj->pi", normal.spread, normal.b + np.einsum("pij,i->pj", normal.cross, step))
             moves += follow
             corrections = [se3.exp(move) @ T for move, T in zip(follow, corrections, strict=True)]
-            pose_error = _pose_error(moves, normal.spread, pose_error)
+            if trusting:
+                pose_error = _pose_error(moves, normal.spread, pose_error)
             if np.all(np.abs(step) < small):
                 break
         pinhole = _moved(begin, theta)

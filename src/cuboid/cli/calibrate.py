@@ -94,10 +94,13 @@ def _print(found: CalibrationResult, recording: Recording, output: Path) -> None
         "depth units a metre", f"{units:g}", f"{units / scale:.6g}", _error(found.depth_scale_error * units / scale, 0)
     )
     out.print(table)
+    poses = (
+        f"; poses of a pair are off by {1000 * found.pose_error_m:.1f} mm and "
+        f"{math.degrees(found.pose_error_rad):.2f} degrees"
+    )
     out.print(
         f"{found.pairs} pairs of {found.frames} frames: their depths differ by {1000 * found.gap_after_m:.1f} mm "
-        f"(median), before by {1000 * found.gap_before_m:.1f} mm; poses of a pair are off by "
-        f"{1000 * found.pose_error_m:.1f} mm and {math.degrees(found.pose_error_rad):.2f} degrees"
+        f"(median), before by {1000 * found.gap_before_m:.1f} mm{'' if math.isnan(found.pose_error_m) else poses}"
     )
     out.print(_depth_line(found), markup=False)
     out.print(f"written: {output}", markup=False)

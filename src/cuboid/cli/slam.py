@@ -55,6 +55,8 @@ def print_outcome(outcome: SlamOutcome, output: Path) -> None:
     from cuboid.cli.tables import console, skipped_lines
 
     out, report = console(), outcome.report
+    for warning in report.warnings:
+        print(f"cuboid: warning: {warning}", file=sys.stderr)
     for line in skipped_lines(report):
         out.print(line, markup=False)
     timing = report.milliseconds.get("poses")

@@ -73,6 +73,8 @@ def print_outcome(outcome: RunOutcome, output: Path) -> None:
         out.print(objects_table(outcome.objects))
     else:
         out.print("no object found")
+    for warning in report.warnings:
+        print(f"cuboid: warning: {warning}", file=sys.stderr)
     for line in skipped_lines(report):
         out.print(line, markup=False)
     frame_ms = f", {report.milliseconds['frame'].median_ms:.1f} ms a frame" if report.frames_used else ""

@@ -84,6 +84,8 @@ class RunReport:
         The whole run.
     peak_memory_mb : float
         Of the process, in units of 2**20 bytes.
+    warnings : tuple of str
+        What is likely to be wrong with the input, one line each.
     """
 
     version: str
@@ -99,6 +101,7 @@ class RunReport:
     milliseconds: Mapping[str, Timing]
     seconds: float
     peak_memory_mb: float
+    warnings: tuple[str, ...] = ()
 
     @property
     def distortion(self) -> tuple[float, ...]:
@@ -140,6 +143,7 @@ class RunReport:
             },
             "seconds": rounded(self.seconds, 3),
             "peak_memory_mb": rounded(self.peak_memory_mb, 1),
+            "warnings": list(self.warnings),
         }
 
 
@@ -182,6 +186,7 @@ def read_run(path: Path) -> RunReport:
             },
             seconds=float(document["seconds"]),
             peak_memory_mb=float(document["peak_memory_mb"]),
+            warnings=tuple(map(str, document.get("warnings", ()))),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: a field is missing or malformed: {error!r}") from error
