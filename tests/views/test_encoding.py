@@ -5,12 +5,14 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import av
+import cv2
 import numpy as np
 import pytest
+from av.video.reformatter import VideoReformatter
 
 from cuboid.errors import OutputError
 from cuboid.frame import UInt8Array
-from cuboid.views.encoding import GIF_FRAMES, GIF_WIDTH_PX, GifWriter, Mp4Writer, VideoWriter
+from cuboid.views.encoding import GIF_FRAMES, GIF_WIDTH_PX, GifWriter, Mp4Writer, VideoWriter, yuv420
 
 
 def pictures(count: int, height: int = 48, width: int = 64) -> list[UInt8Array]:
@@ -42,6 +44,16 @@ def boxes_of(path: Path) -> list[str]:
         names.append(content[at + 4 : at + 8].decode("ascii"))
         at += int.from_bytes(content[at : at + 4], "big")
     return names
+
+
+def test_planes_are_those_of_swscale() -> None:
+    coarse = np.random.default_rng(2).integers(0, 256, (12, 16, 3)).astype(np.uint8)
+    picture = cv2.resize(coarse, (64, 48), interpolation=cv2.INTER_LINEAR)
+    picture[20:28, 30:32] = (255, 0, 0)  # a thin colored line
+    frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+    truth = VideoReformatter().reformat(frame, format="yuv420p", interpolation="AREA").to_ndarray()
+    found = yuv420(np.asarray(picture, np.uint8))
+    assert np.abs(found.astype(int) - truth).max() <= 2
 
 
 def test_an_mp4_is_what_browsers_play(tmp_path: Path) -> None:
