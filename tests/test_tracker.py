@@ -252,3 +252,21 @@ def test_the_top_of_a_box_is_no_supporting_plane() -> None:
     follow(tracker, (frame_of([FLOOR, TABLE, big], T, k) for k, T in enumerate(orbit(40))))
     assert len(tracker.objects) == 1
     assert matched(tracker, [big])[0][1] > 0.7
+
+
+def test_a_thing_in_plain_view_has_its_label_within_eight_frames() -> None:
+    tracker = Tracker(CAMERA)
+    results = follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, k) for k, T in enumerate(orbit(40)[:9])))
+    assert len(results[8].sightings) == 2
+
+
+def test_what_the_border_of_the_picture_always_cuts_has_no_label_until_its_end_is_seen() -> None:
+    tracker = Tracker(CAMERA)
+    tower = upright((0.0, 0.0), (0.15, 0.15, 0.8), 0.3)
+    low = [look_at([1.2 * np.cos(a), 1.2 * np.sin(a), 0.5], [0, 0, 0.0]) for a in np.linspace(-2.0, -1.7, 24)]
+    follow(tracker, (frame_of([FLOOR, TABLE, tower], T, k) for k, T in enumerate(low)))
+    assert tracker.objects == []
+    high = [look_at([1.9 * np.cos(a), 1.9 * np.sin(a), 1.1], [0, 0, 0.35]) for a in np.linspace(-1.7, -1.4, 24)]
+    follow(tracker, (frame_of([FLOOR, TABLE, tower], T, k) for k, T in enumerate(high, 24)))
+    assert [o.label for o in tracker.objects] == [1]
+    assert tracker.objects[0].box.size[2] == pytest.approx(0.8, abs=0.02)

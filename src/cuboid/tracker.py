@@ -124,6 +124,8 @@ class Tracker:
         watch.lap("boxes")
         if self._count % c.map_every == 0:
             self._map.settle(frame.index)
+        else:
+            self._map.confirm()
         watch.lap("map")
         sightings, found = self._match(frame.index, image, slots, claim, heights, clusters, boxes, T_camera_world)
         watch.lap("matching")
@@ -197,7 +199,8 @@ class Tracker:
         if cluster.plane is not None:
             return fit_box(points, *self._planes.in_world(cluster.plane), FRAME_STRAYS)
         up = self._planes.up
-        return fit_box(points, T_world_camera[:3, :3] @ _IMAGE_UP if up is None else up, None, FRAME_STRAYS)
+        up = T_world_camera[:3, :3] @ _IMAGE_UP if up is None else up
+        return fit_box(points, up, None, FRAME_STRAYS)
 
     def _match(
         self,
@@ -219,9 +222,10 @@ class Tracker:
         objects = self._map.in_view(image, T_camera_world)
         matches = associate(clusters, boxes, objects, pixel_owner)
         own: dict[int, Match] = {}
-        for match in matches:
+        for cluster, match in zip(clusters, matches, strict=True):
             if match.entry is not None and match.primary:
                 match.entry.proposed += 1
+                match.entry.whole += not cluster.cut
                 own[match.entry.number] = match
         views = look(objects, image, pixel_owner, T_camera_world, self.config.depth_noise_per_m)
         sightings = []

@@ -23,12 +23,11 @@ _ARCS = (np.arange(0, 180, 5)[:, None] + np.arange(66)[None]) % 180
 _ARC_DESIGNS = np.dstack([np.concatenate([_DIRECTIONS, -_DIRECTIONS])[_ARCS], np.ones((36, 66))])
 _ARC_SOLVERS = np.linalg.pinv(_ARC_DESIGNS)
 # A round footprint follows the law of the disc to this share of its radius, and is at most this share of what was
-# seen of it wide, per side: half a disc shows its whole width.
-ROUND_RESIDUAL, ROUND_RADIUS = 0.05, 0.56
-# Half a disc is half as deep as it is wide, and three quarters need no completion.
-HALF_DISC = 0.75
-# A disc that is seen this many radii deep all over needs no completion.
-WHOLE_DISC = 1.5
+# seen of it wide, per side: half a disc shows its whole width, but for what is lost at its edges.
+ROUND_RESIDUAL, ROUND_RADIUS = 0.03, 0.6
+# A disc of which no more than this is missing, metres, is whole: drift and noise widen what was seen all round by a
+# centimetre in one direction.
+MISSING_M = 0.012
 
 
 def fit_box(
@@ -68,8 +67,11 @@ def fit_box(
     quarter = len(_ANGLES) // 2
     a = int(np.argmin(extent[:quarter] * extent[quarter:]))
     b = a + quarter
-    low, high = _complete_round(low, high)
-    extent = high - low
+    disc = _disc(low, high)
+    if disc is not None:
+        along = _DIRECTIONS @ disc[:2]
+        low, high = np.minimum(low, along - disc[2]), np.maximum(high, along + disc[2])
+        extent = high - low
     heights = np.zeros((len(cloud), 2))
     heights[:, 0] = cloud @ normal
     (bottom,), (top,) = _reach(heights, trust, _ALONG_FIRST, share)
@@ -89,32 +91,25 @@ def fit_box(
     return Box(center=axes @ middle, size=size, rotation=axes)
 
 
-def _complete_round(low: Float64Array, high: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Extend a footprint by the far side of the circle that its near side is an arc of.
+def _disc(low: Float64Array, high: Float64Array) -> Float64Array | None:
+    """Return centre and radius (3,) of the disc that a footprint shows a part of, if it does.
 
     A can, a bottle, a ball or a bowl that was seen from one side only shows half a disc. How far a disc reaches in
-    direction u is c.u + r: where that holds over an arc of 130 degrees, centre and radius follow by least squares,
-    and the box holds the whole disc. The reach of a rectangle departs from any such law by a sixth of its side.
+    direction u is c.u + r: where that holds over an arc of 130 degrees, centre and radius follow by least squares.
+    The reach of a rectangle departs from any such law by a sixth of its side.
     """
     extent = high - low
-    if float(extent.min()) > HALF_DISC * float(extent.max()):
-        return low, high
-    reach_all = np.concatenate([high, -low])
-    arcs = reach_all[_ARCS]
+    narrow, wide = float(extent.min()), float(extent.max())
+    if narrow > wide - MISSING_M:
+        return None
+    arcs = np.concatenate([high, -low])[_ARCS]
     fits = (_ARC_SOLVERS @ arcs[:, :, None])[:, :, 0]
     residual = np.abs(arcs - (_ARC_DESIGNS @ fits[:, :, None])[:, :, 0]).max(1)
-    longest = float((high - low).max())
     radius = fits[:, 2]
-    good = (
-        (float((high - low).min()) < WHOLE_DISC * radius)
-        & (radius <= ROUND_RADIUS * longest)
-        & (residual <= ROUND_RESIDUAL * radius)
-    )
+    good = (narrow < 2.0 * radius - MISSING_M) & (radius <= ROUND_RADIUS * wide) & (residual <= ROUND_RESIDUAL * radius)
     if not good.any():
-        return low, high
-    best = int(np.argmin(np.where(good, residual / np.maximum(radius, 1e-9), np.inf)))
-    along = _DIRECTIONS @ fits[best, :2]
-    return np.minimum(low, along - radius[best]), np.maximum(high, along + radius[best])
+        return None
+    return np.asarray(fits[int(np.argmin(np.where(good, residual / np.maximum(radius, 1e-9), np.inf)))])
 
 
 def plane_axes(normal: Float64Array) -> tuple[Float64Array, Float64Array]:

@@ -36,6 +36,10 @@ class MapObject:
         Frames that saw it.
     proposed : int
         Frames whose own proposals it matched.
+    whole : int
+        Of these, frames in which no border of the picture cut it.
+    patience : int
+        How often it has to be proposed before it gets a label; 0 while that is not known.
     merged_labels : list of int
     missing : int
         Looks at its place in which it was not found.
@@ -57,6 +61,8 @@ class MapObject:
     label: int = 0
     frames_seen: int = 0
     proposed: int = 0
+    whole: int = 0
+    patience: int = 0
     merged_labels: list[int] = field(default_factory=list)
     missing: int = 0
     apart: int = 0

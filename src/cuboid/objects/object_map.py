@@ -56,6 +56,9 @@ SMALL_VOXELS, SMALL_PATIENCE = 64, 4
 # What floats above its plane, or lies beside an object, may be a part whose link is not seen yet: it is proposed so
 # many times as often before it gets a label of its own.
 FLOATING_PATIENCE, BESIDE_PATIENCE = 6, 4
+# So many proposals at least must fit it once it is in the map, and show it whole: of what the picture's border always
+# cuts nobody knows where it ends.
+OWN_PROPOSALS = 2
 # What stands where a retired object stood is that object, when this share of the smaller box is common.
 RETURN_OVERLAP = 0.3
 
@@ -127,7 +130,8 @@ class ObjectMap:
         if whole:
             self._age([entry for entry in self.alive() if entry.number < known and entry.number not in pieces])
         self._split(frame)
-        self._confirm()
+        self._weigh()
+        self.confirm()
         self._list_boxes()
 
     def carry(self, moved: Mapping[int, Float64Array]) -> None:
@@ -249,6 +253,7 @@ class ObjectMap:
         kept.last_frame = max(kept.last_frame, gone.last_frame)
         kept.frames_seen = max(kept.frames_seen, gone.frames_seen)
         kept.proposed = max(kept.proposed, gone.proposed)
+        kept.whole = max(kept.whole, gone.whole)
         del self._objects[gone.number]
         self.bonds.forget(gone.number)
         self.splits.forget(gone.number)
@@ -344,11 +349,17 @@ class ObjectMap:
             mean_color=np.zeros(3),
             first_frame=frame,
             last_frame=frame,
+            proposed=self._head_start(piece.rows),
         )
         self._next_number += 1
         self._objects[entry.number] = entry
         self._describe(entry, piece)
         self._voxels.owner[piece.rows] = entry.number
+
+    def _head_start(self, rows: Rows) -> int:
+        """Return how many frames proposed what is new to the map: what is hot was proposed, under no number yet."""
+        seen = int(np.median(self._voxels.hits[rows]))
+        return max(0, min(seen, self._config.confirm_frames - OWN_PROPOSALS))
 
     def _describe(self, entry: MapObject, piece: Piece) -> bool:
         """Fit the object to its voxels; False, and nothing changed, where they are not of an object's size."""
@@ -376,12 +387,20 @@ class ObjectMap:
             elif entry.missing >= RETIRE_LOOKS:
                 entry.retired = True
 
-    def _confirm(self) -> None:
-        """Label what was proposed often enough; what may be a part of something else has to wait longer."""
-        waiting = [e for e in self.alive() if not e.confirmed and e.proposed >= self._config.confirm_frames]
+    def confirm(self) -> None:
+        """Label what was proposed often enough and seen whole, in order of age."""
+        for entry in self.alive():
+            if not entry.confirmed and 0 < entry.patience <= entry.proposed and entry.whole >= OWN_PROPOSALS:
+                entry.label = self._next_label
+                self._next_label += 1
+
+    def _weigh(self) -> None:
+        """Tell how often each must be proposed before it gets a label; what is a part of something else joins that."""
+        soon = self._config.confirm_frames - self._config.map_every
+        waiting = [e for e in self.alive() if not e.confirmed and e.proposed >= soon]
         # The largest first: what lies beside it may be its part.
         for entry in sorted(waiting, key=lambda e: -len(e.points)):
-            patience = 1
+            times = 1
             other = self._beside(entry)
             if other is not None and is_part(
                 entry,
@@ -394,14 +413,19 @@ class ObjectMap:
                 other.bonded = True
                 continue
             if not rests(entry.box, self._boxing.plane(entry.plane)):
-                patience = FLOATING_PATIENCE
+                times = FLOATING_PATIENCE
             if len(entry.points) < SMALL_VOXELS:
-                patience = max(patience, SMALL_PATIENCE)
-            if other is not None and self.bonds.verdict(entry.number, other.number) is None:
-                patience = max(patience, BESIDE_PATIENCE)
-            if entry.proposed >= patience * self._config.confirm_frames:
-                entry.label = self._next_label
-                self._next_label += 1
+                times = max(times, SMALL_PATIENCE)
+            if other is not None and self._may_be_one(entry, other):
+                times = max(times, BESIDE_PATIENCE)
+            entry.patience = times * self._config.confirm_frames
+
+    def _may_be_one(self, entry: MapObject, other: MapObject) -> bool:
+        """Tell whether two near each other may prove to be one: no frame told, and they all but touch, or one bends."""
+        if self.bonds.verdict(entry.number, other.number) is not None:
+            return False
+        near = gap_m(entry.points, other.points, FRAGMENT_GAP_M) <= FRAGMENT_GAP_M
+        return near or bends_around(entry.points, other.points, entry.box.up)[0]
 
     def _beside(self, entry: MapObject) -> MapObject | None:
         """Return the object that this one may be a part of: a labelled or larger one nearby."""

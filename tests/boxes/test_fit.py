@@ -1,0 +1,43 @@
+"""Footprints of which the camera saw a part."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cuboid.boxes.fit import fit_box
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def ring(radius: float, seen_deg: float, towards: float, noise_m: float = 0.0005) -> np.ndarray:
+    """The side of a can, 10 cm high, over so many degrees around a direction."""
+    rng = np.random.default_rng(5)
+    angle = towards + np.radians(rng.uniform(-seen_deg / 2, seen_deg / 2, 3000))
+    out = radius + rng.normal(0, noise_m, 3000)
+    return np.column_stack([out * np.cos(angle), out * np.sin(angle), rng.uniform(0, 0.1, 3000)])
+
+
+@given(st.floats(0.03, 0.15), st.floats(170, 220), st.floats(0, 6.28))
+def test_a_can_seen_from_one_side_is_as_deep_as_it_is_wide(radius: float, seen_deg: float, towards: float) -> None:
+    box = fit_box(ring(radius, seen_deg, towards), UP, 0.0, 0.0)
+    np.testing.assert_allclose(box.size[:2], 2 * radius, rtol=0.12)
+    np.testing.assert_allclose(box.center[:2], 0.0, atol=0.12 * radius)
+
+
+@given(st.floats(0.03, 0.15), st.floats(0, 6.28))
+def test_a_can_seen_all_round_stays_as_it_is(radius: float, towards: float) -> None:
+    box = fit_box(ring(radius, 360, towards), UP, 0.0, 0.0)
+    np.testing.assert_allclose(box.size[:2], 2 * radius, rtol=0.03, atol=0.003)
+
+
+@given(st.floats(0.04, 0.3), st.floats(0.4, 1.0), st.floats(0, 6.28))
+def test_a_carton_is_no_part_of_a_disc(length: float, ratio: float, turn: float) -> None:
+    rng = np.random.default_rng(7)
+    plan = rng.uniform(-0.5, 0.5, (4000, 2)) * [length, ratio * length]
+    c, s = np.cos(turn), np.sin(turn)
+    cloud = np.column_stack([plan @ np.array([[c, s], [-s, c]]), rng.uniform(0, 0.1, 4000)])
+    box = fit_box(cloud, UP, 0.0, 0.0)
+    np.testing.assert_allclose(box.size[:2], [length, ratio * length], rtol=0.08)
+    np.testing.assert_allclose(box.center[:2], 0.0, atol=0.05 * length)
