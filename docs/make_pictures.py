@@ -59,13 +59,17 @@ def screenshot(report: Path) -> np.ndarray:
 
 
 def turn(page: Page) -> None:
-    """Step back and turn a little, so that the camera's path is in view; choose an object."""
+    """Step back, turn and move a little, so that the camera's path is in view; choose an object."""
     page.mouse.move(480, 300)
-    page.mouse.wheel(0, 170)
+    page.mouse.wheel(0, 90)
     page.mouse.down()
     page.mouse.move(506, 316, steps=4)
     page.mouse.up()
-    page.locator("#plot [data-row]").nth(2).click()
+    page.mouse.move(800, 400)
+    page.mouse.down(button="right")
+    page.mouse.move(736, 376, steps=4)
+    page.mouse.up(button="right")
+    page.locator("#plot [data-row]").nth(1).click()
     page.mouse.move(640, 26)
     page.wait_for_timeout(1000)
 
