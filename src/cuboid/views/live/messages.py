@@ -163,19 +163,26 @@ def _object(item: TrackedObject, seen: bool) -> dict[str, Any]:
 
 
 def _picture(moment: Moment, intrinsics: Intrinsics) -> bytes:
-    """Return the frame with its boxes, small, as JPEG."""
+    """Return the frame, small, with its boxes, as JPEG."""
     seen = {sighting.label for sighting in moment.sightings}
     hidden = [item for item in moment.objects if item.label not in seen]
-    picture = draw_frame(moment.color, moment.T_world_camera, intrinsics, moment.sightings, hidden, None)
-    return encode_jpeg(_small(picture), PICTURE_QUALITY)
+    color, camera = _small(moment.color, intrinsics)
+    picture = draw_frame(color, moment.T_world_camera, camera, moment.sightings, hidden, None)
+    return encode_jpeg(picture, PICTURE_QUALITY)
 
 
-def _small(picture: UInt8Array) -> UInt8Array:
-    height, width = picture.shape[:2]
+def _small(color: UInt8Array, intrinsics: Intrinsics) -> tuple[UInt8Array, Intrinsics]:
+    """Return a picture of at most `PICTURE_WIDTH_PX`, and its pinhole."""
+    height, width = color.shape[:2]
     if width <= PICTURE_WIDTH_PX:
-        return picture
-    size = (PICTURE_WIDTH_PX, max(1, round(height * PICTURE_WIDTH_PX / width)))
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+        return color, intrinsics
+    small = PICTURE_WIDTH_PX, max(1, round(height * PICTURE_WIDTH_PX / width))
+    x, y = small[0] / width, small[1] / height
+    K = intrinsics
+    camera = Intrinsics(K.fx * x, K.fy * y, (K.cx + 0.5) * x - 0.5, (K.cy + 0.5) * y - 0.5, *small)
+    # each pixel of half the size or less is a mean; above that the mean costs more than all the rest
+    how = cv2.INTER_AREA if 2 * small[0] <= width else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(color, small, interpolation=how), np.uint8), camera
 
 
 @cache
