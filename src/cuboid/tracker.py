@@ -27,7 +27,7 @@ from cuboid.proposals import make_source
 from cuboid.proposals.types import ProposalSource
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
 from cuboid.surfaces.cells import CELL_PIXELS, find_cells
-from cuboid.surfaces.clusters import FrameCluster, frame_clusters
+from cuboid.surfaces.clusters import FrameCluster, frame_clusters, top_is_seen
 from cuboid.surfaces.grid import CELL_M
 from cuboid.surfaces.planes import PlaneTracker
 from cuboid.working import WorkingImage, thin
@@ -225,7 +225,9 @@ class Tracker:
         for cluster, match in zip(clusters, matches, strict=True):
             if match.entry is not None and match.primary:
                 match.entry.proposed += 1
-                match.entry.whole += not cluster.cut
+                if not match.entry.confirmed and not cluster.cut:
+                    up = self._planes.up
+                    match.entry.whole += up is None or top_is_seen(cluster, image, up, T_camera_world)
                 own[match.entry.number] = match
         views = look(objects, image, pixel_owner, T_camera_world, self.config.depth_noise_per_m)
         sightings = []

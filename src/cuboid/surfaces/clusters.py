@@ -24,6 +24,9 @@ LEAST_PIXELS = 24
 LEAST_VOXELS = 8
 # Points of a cluster, at most about, that tell whether it is furniture.
 LOOKED_AT = 1000
+# The top of a cluster is this share of its height, at least so many metres; what it borders on is looked for so many
+# working pixels farther up, and lies before it when it is nearer by so many metres.
+TOP_SHARE, TOP_M, TOP_PIXELS, BEFORE_M = 0.1, 0.01, 8, 0.03
 # An upright sheet at most this thick, and longer and higher than that, metres, is a panel: a chair's back, a shelf's
 # side. The front of a cereal box is narrower.
 PANEL_THICK_M, PANEL_LONG_M = 0.06, 0.25
@@ -133,6 +136,42 @@ def _describe(
         ),
         cut=bool(left <= 1 or top <= 1 or right >= c.width - 2 or bottom >= c.height - 2),
     )
+
+
+def top_is_seen(cluster: FrameCluster, image: WorkingImage, up: Float64Array, T_camera_world: Float64Array) -> bool:
+    """Tell whether a frame shows where a cluster ends at the top: what its top borders on is not before it.
+
+    The leg of a table goes on behind the table's edge, the side of a shelf behind its board.
+
+    Parameters
+    ----------
+    cluster : FrameCluster
+    image : WorkingImage
+    up : (3,) float64
+        In the world.
+    T_camera_world : (4, 4) float64
+    """
+    height = cluster.points @ up
+    top = cluster.pixels[height >= height.max() - max(TOP_M, TOP_SHARE * float(np.ptp(height)))]
+    c = image.camera
+    rise = T_camera_world[:3, :3] @ up
+    v, u = np.divmod(top, c.width)
+    depth = image.depth_m.ravel()[top].astype(np.float64)
+    # A step up moves a pixel by f (rise_x - u rise_z, rise_y - v rise_z), u and v from the centre, f apart.
+    step = np.stack([rise[0] - (u - c.cx) / c.fx * rise[2], rise[1] - (v - c.cy) / c.fy * rise[2]])
+    step /= np.maximum(np.abs(step).max(0), 1e-9)
+    member = np.zeros(image.depth_m.size, bool)
+    member[cluster.pixels] = True
+    beyond = np.zeros(len(top))
+    for k in range(1, TOP_PIXELS + 1):
+        x = np.clip(np.rint(u + k * step[0]), 0, c.width - 1).astype(np.int64)
+        y = np.clip(np.rint(v + k * step[1]), 0, c.height - 1).astype(np.int64)
+        there = y * c.width + x
+        found = np.where(member[there], 0.0, image.depth_m.ravel()[there])
+        beyond = np.where(beyond > 0, beyond, found)
+    known = beyond > 0
+    before = known & (beyond < depth - BEFORE_M)
+    return bool(2 * np.count_nonzero(before) < max(1, np.count_nonzero(known)))
 
 
 def map_clusters(rows: Rows, voxels: VoxelMap, planes: PlaneTracker, config: TrackerConfig) -> list[MapCluster]:

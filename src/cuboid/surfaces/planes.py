@@ -31,7 +31,7 @@ LID_AREA_M2, LID_HEIGHT_M, LID_RATIO = 0.2, 0.3, 3.0
 RIM_DEPTH_M = 0.035
 # Under a plane this far above theirs, metres, things that reach this share of the way up are legs or panels, and so
 # are those at most so wide, metres, that are so many times as high.
-TABLE_CLEARANCE_M, LEG_REACH, LEG_WIDTH_M, LEG_SLENDER = 0.4, 0.6, 0.13, 1.4
+TABLE_CLEARANCE_M, LEG_REACH, LEG_WIDTH_M, LEG_SLENDER = 0.4, 0.6, 0.13, 2.5
 # A plane that is not used yet is forgotten after so many frames without a sighting.
 FORGET_FRAMES = 60
 # What a plane covers is found anew every so many frames, and in its first ones each time.
