@@ -171,7 +171,7 @@ def top_is_seen(cluster: FrameCluster, image: WorkingImage, up: Float64Array, T_
         beyond = np.where(beyond > 0, beyond, found)
     known = beyond > 0
     before = known & (beyond < depth - BEFORE_M)
-    return bool(2 * np.count_nonzero(before) < max(1, np.count_nonzero(known)))
+    return 2 * int(np.count_nonzero(before)) < max(1, int(np.count_nonzero(known)))
 
 
 def map_clusters(rows: Rows, voxels: VoxelMap, planes: PlaneTracker, config: TrackerConfig) -> list[MapCluster]:
