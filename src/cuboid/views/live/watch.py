@@ -17,11 +17,11 @@ from cuboid.results import FrameResult, MapPoints, Sighting, SupportPlane, Track
 # Eyes see motion from here on. On a slow or busy machine moments are rarer: what is done for them (a picture is drawn
 # and packed, 5 ms) takes no more than this share of the tracker's own processor time.
 MOMENT_EVERY_S = 0.15
-MOMENT_SHARE = 0.03
+MOMENT_SHARE = 0.02
 
 # The map likewise: to copy and to pack 360 000 points takes 20 ms.
 MAP_EVERY_S = 1.0
-MAP_SHARE = 0.02
+MAP_SHARE = 0.015
 
 # The camera's path has a corner wherever it has moved so far; a page is told at most so many of them (16 kB).
 STRIDE_M = 0.01
