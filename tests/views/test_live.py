@@ -62,6 +62,8 @@ class Run:
 
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[LiveServer]:
+    for share in ("MOMENT_SHARE", "MAP_SHARE"):  # a tracker that does nothing has no time to take a share of
+        monkeypatch.setattr(f"cuboid.views.live.watch.{share}", 1.0)
     monkeypatch.setattr("cuboid.views.live.watch.FAREWELL_S", 0.1)  # most tests have nobody who waits for the end
     with LiveServer(LiveView(), "a <recording>", INTRINSICS) as found:
         yield found
