@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou
 from cuboid.results import FrameResult
 from cuboid.tracker import Tracker
-from made_scenes import CAMERA, frame_of, look_at, upright
+from made_scenes import CAMERA, cast, frame_of, look_at, upright
 
 FLOOR = upright((0, 0), (8, 8, 0.1), z=-0.85)
 TABLE = upright((0, 0), (1.4, 1.0, 0.05), z=-0.05)
@@ -58,8 +59,6 @@ def test_two_boxes_on_a_table() -> None:
 
 
 def test_rectangles_hold_the_objects_pixels() -> None:
-    from made_scenes import cast
-
     tracker = Tracker(CAMERA)
     poses = orbit(30)
     last = follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, k) for k, T in enumerate(poses)))[-1]
@@ -270,3 +269,19 @@ def test_what_the_border_of_the_picture_always_cuts_has_no_label_until_its_end_i
     follow(tracker, (frame_of([FLOOR, TABLE, tower], T, k) for k, T in enumerate(high, 24)))
     assert [o.label for o in tracker.objects] == [1]
     assert tracker.objects[0].box.size[2] == pytest.approx(0.8, abs=0.02)
+
+
+def test_a_thing_without_depth_is_known_by_its_color() -> None:
+    tracker = Tracker(CAMERA)
+    poses = orbit(30)
+    scene = [FLOOR, TABLE, *THINGS]
+    follow(tracker, (frame_of(scene, T, k) for k, T in enumerate(poses[:24])))
+    label = matched(tracker, THINGS)[0][0]
+    blind = frame_of(scene, poses[24], 24)
+    hole = np.zeros(blind.depth_m.shape, bool)
+    hole[cast(scene, poses[24])[1] == 2] = True
+    shadow = replace(blind, depth_m=np.where(hole, 0, blind.depth_m).astype(np.float32))
+    seen = next(s for s in tracker.update(shadow).sightings if s.label == label)
+    assert seen.visible > 0.7
+    painted = replace(shadow, index=25, color=np.where(hole[..., None], 255 - shadow.color, shadow.color))
+    assert label not in {s.label for s in tracker.update(painted).sightings}

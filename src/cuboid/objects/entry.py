@@ -24,6 +24,8 @@ class MapObject:
         0 until confirmed.
     points : (N, 3) float32
         Its voxels' places in the world, as of the last look at the map.
+    colors : (N, 3) uint8
+        Their colors.
     box : Box
     plane : Plane or None
         What it stands on.
@@ -52,6 +54,7 @@ class MapObject:
 
     number: int
     points: npt.NDArray[np.float32]
+    colors: npt.NDArray[np.uint8]
     box: Box
     plane: Plane | None
     heat: float

@@ -153,7 +153,7 @@ class ObjectMap:
                 entry.box = Box(R @ entry.box.center + t, entry.box.size, R @ entry.box.rotation)
                 entry.points = transform(T, entry.points).astype(np.float32)
             if number in owned:
-                entry.points = voxels.xyz(owned[number])
+                entry.points, entry.colors = voxels.xyz(owned[number]), voxels.rgb(owned[number])
         self._looks = 0
         self._list_boxes()
 
@@ -343,6 +343,7 @@ class ObjectMap:
         entry = MapObject(
             number=self._next_number,
             points=self._voxels.xyz(piece.rows),
+            colors=self._voxels.rgb(piece.rows),
             box=box,
             plane=None,
             heat=0.0,
@@ -368,9 +369,9 @@ class ObjectMap:
             return False
         entry.box = self._boxing.whole(piece, box, self._others(entry)) if entry.confirmed else box
         entry.plane = piece.plane
-        entry.points = self._voxels.xyz(piece.rows)
+        entry.points, entry.colors = self._voxels.xyz(piece.rows), self._voxels.rgb(piece.rows)
         entry.heat = float(self._voxels.heat(piece.rows).mean())
-        entry.mean_color = self._voxels.rgb(piece.rows).mean(0)
+        entry.mean_color = entry.colors.mean(0)
         entry.missing = 0
         return True
 

@@ -16,6 +16,9 @@ from cuboid.working import WorkingImage
 LOOKED_UP = 400
 # A reading agrees with a point when it is within this, metres, or three standard deviations: pose error included.
 AGREE_M = 0.03
+# A color agrees with a point's when no channel is farther off than this, of 255: noise, exposure, texture finer than
+# a voxel.
+ALIKE = 30
 # An object is seen when this share of its near side is, and so many of its points.
 SEEN_SHARE, SEEN_POINTS = 0.1, 6
 
@@ -62,7 +65,8 @@ def look(
 ) -> list[View]:
     """Tell for each object how much of it this frame sees.
 
-    A point counts as seen when the reading at its pixel agrees with it. One behind a reading of its own object is
+    A point counts as seen when the reading at its pixel agrees with it; where there is none (in the shadow of what
+    stands before it, on what is dark or shines), when the color does. One behind a reading of its own object is
     on the far side and counts not at all; one behind anything else is hidden. Of the points outside the picture or
     without a reading, half count as hidden: half of an object faces away.
 
@@ -73,7 +77,9 @@ def look(
     """
     if not objects:
         return []
-    picks = [o.points[:: max(1, len(o.points) // LOOKED_UP)] for o in objects]
+    steps = [max(1, len(o.points) // LOOKED_UP) for o in objects]
+    picks = [o.points[::step] for o, step in zip(objects, steps, strict=True)]
+    colors = np.concatenate([o.colors[::step] for o, step in zip(objects, steps, strict=True)])
     which = np.repeat(np.arange(len(picks)), [len(p) for p in picks])
     points = np.concatenate(picks).astype(np.float64) @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]
     c = image.camera
@@ -85,9 +91,10 @@ def look(
     reading = np.where(inside, image.depth_m[vi, ui], 0.0)
     agree = np.maximum(AGREE_M, 3 * noise_per_m * z * z)
     numbers = np.repeat([o.number for o in objects], [len(p) for p in picks])
-    seen = (reading > 0) & (np.abs(reading - z) <= agree)
+    alike = np.abs(image.color[vi, ui].astype(np.int16) - colors).max(1) <= ALIKE
+    seen = np.where(reading > 0, np.abs(reading - z) <= agree, inside & alike)
     behind_own = (reading > 0) & (reading < z - agree) & (pixel_owner[vi, ui] == numbers)
-    unknown = reading <= 0
+    unknown = (reading <= 0) & ~seen
     n = len(objects)
     seen_n = np.bincount(which[seen], minlength=n)
     unknown_n = np.bincount(which[unknown], minlength=n)
