@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from posed_pictures import CAMERA, ate_m, black, picture, way
@@ -8,6 +10,8 @@ from cuboid.errors import FrameError
 from cuboid.frame import Frame
 from cuboid.geometry import se3
 from cuboid.poses import PoseEstimate, PoseEstimator
+from cuboid.poses.alignment import Alignment, Prior, Reference, align
+from cuboid.poses.pyramid import Level
 
 PATH = way(60, 90.0)
 
@@ -52,6 +56,26 @@ def test_a_fast_camera_is_followed(pictures: list[Frame]) -> None:
     estimates = [estimator.update(pictures[k]) for k in every]
     assert all(e.T_world_camera is not None for e in estimates)
     assert error_m(estimator.trajectory(), dict(enumerate(PATH))) < 0.01
+
+
+def test_in_doubt_the_search_begins_at_places_that_differ(
+    pictures: list[Frame], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without a motion to go by, where the camera is expected is where it was: one start, not two that agree."""
+    starts = []
+
+    def noting(reference: Reference, levels: Sequence[Level], T: np.ndarray, prior: Prior) -> Alignment:
+        starts.append(T)
+        return align(reference, levels, T, prior)
+
+    estimator = PoseEstimator(CAMERA)
+    estimator.update(pictures[0])
+    monkeypatch.setattr("cuboid.poses.estimator.align", noting)
+    monkeypatch.setattr("cuboid.poses.estimator.SURE_FIT", 1.1)
+    assert estimator.update(pictures[4]).T_world_camera is not None
+    assert len(starts) == 2
+    np.testing.assert_allclose(starts[0], np.eye(4))
+    assert se3.angle(starts[1]) > np.radians(4)
 
 
 def test_the_same_input_gives_the_same_bytes(pictures: list[Frame]) -> None:

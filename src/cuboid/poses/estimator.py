@@ -26,7 +26,7 @@ RATE_HZ = 30.0
 LONGEST_S = 0.5
 # An alignment that fits better than this needs no second opinion.
 SURE_FIT = 0.8
-# Searches that end this near each other have found the same: metres, radians.
+# Searches that start or end this near each other are one: metres, radians.
 SAME_M, SAME_RAD = 0.005, 0.005
 # A lost camera looks first where it was, so many frames long; then only among known places.
 LINGER_FRAMES = 3
@@ -186,14 +186,16 @@ class PoseEstimator:
         T_expected = se3.exp(self._motion * elapsed_s) @ T_last if elapsed_s < LONGEST_S else T_last
         change = np.array([CHANGE_M] * 3 + [CHANGE_RAD] * 3) * max(elapsed_s * RATE_HZ, 1.0)
         best: Alignment | None = None
+        begun: list[Float64Array] = []
         for T_given in (T_expected, T_last, None):
             T_start = self._from_corners(shot) if T_given is None else T_given
-            if T_start is None:
-                continue
+            if T_start is None or any(_same(T_start, T) for T in begun):
+                continue  # the same start has the same end: no second opinion
+            begun.append(T_start)
             found = align(self._reference, shot.levels, T_start, Prior(T_start, np.diag(change**-2)))
             if not found.holds:
                 continue
-            again = best is not None and _same(found, best)
+            again = best is not None and _same(found.T_camera_reference, best.T_camera_reference)
             if best is None or found.fit > best.fit:
                 best = found
             if again or best.fit > SURE_FIT:
@@ -281,9 +283,9 @@ class PoseEstimator:
         return PoseEstimate(frame, self._T_world_camera.copy(), doubt, anchor, is_keyframe, corrected)
 
 
-def _same(one: Alignment, other: Alignment) -> bool:
-    """Tell whether two searches have ended at one place."""
-    away = se3.log(one.T_camera_reference @ se3.inverse(other.T_camera_reference))
+def _same(T: Float64Array, T_other: Float64Array) -> bool:
+    """Tell whether two poses are one place."""
+    away = se3.log(T @ se3.inverse(T_other))
     return bool(np.linalg.norm(away[:3]) < SAME_M and np.linalg.norm(away[3:]) < SAME_RAD)
 
 
