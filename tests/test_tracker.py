@@ -285,3 +285,19 @@ def test_a_thing_without_depth_is_known_by_its_color() -> None:
     assert seen.visible > 0.7
     painted = replace(shadow, index=25, color=np.where(hole[..., None], 255 - shadow.color, shadow.color))
     assert label not in {s.label for s in tracker.update(painted).sightings}
+
+
+def test_what_proves_to_hold_up_a_plane_is_furniture_and_what_stands_on_it_an_object() -> None:
+    tracker = Tracker(CAMERA)
+    floor, block = upright((0, 0), (8, 8, 0.1), z=-0.1), upright((0, 0), (0.8, 0.5, 0.4), 0.2)
+    cup = upright((0.1, 0.05), (0.1, 0.1, 0.12), z=0.4)
+    scene = [floor, block, cup]
+    low = [look_at([2.2 * np.cos(a), 2.2 * np.sin(a), 0.38], [0, 0, 0.25]) for a in np.linspace(-1.9, -1.6, 30)]
+    follow(tracker, (frame_of(scene, T, k) for k, T in enumerate(low)))
+    first = [o.label for o in tracker.objects]
+    assert first, "from below its top it is one thing with what stands on it"
+    high = [look_at([1.5 * np.cos(a), 1.5 * np.sin(a), 1.3], [0, 0, 0.3]) for a in np.linspace(-1.6, -1.1, 100)]
+    follow(tracker, (frame_of(scene, T, k) for k, T in enumerate(high, 30)))
+    assert max(iou(o.box, cup) for o in tracker.objects) > 0.6
+    assert all(iou(o.box, block) < 0.3 for o in tracker.objects)
+    assert not set(first) & {o.label for o in tracker.objects}

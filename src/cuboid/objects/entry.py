@@ -49,6 +49,8 @@ class MapObject:
         Looks in a row in which a part of it stood apart.
     bonded : bool
         Parts that no voxels link were found to belong to it.
+    holding : int
+        Looks in a row in which it held up a plane.
     retired : bool
     """
 
@@ -70,6 +72,7 @@ class MapObject:
     missing: int = 0
     apart: int = 0
     bonded: bool = False
+    holding: int = 0
     retired: bool = False
 
     @property

@@ -30,7 +30,7 @@ from cuboid.objects.parts import (
 from cuboid.objects.splits import Splits, larger_side
 from cuboid.objects.validity import is_object, rests
 from cuboid.objects.visibility import in_view
-from cuboid.surfaces.clusters import MapCluster, map_clusters
+from cuboid.surfaces.clusters import LOOKED_AT, MapCluster, map_clusters
 from cuboid.surfaces.planes import PlaneTracker
 from cuboid.working import WorkingImage
 
@@ -59,6 +59,8 @@ FLOATING_PATIENCE, BESIDE_PATIENCE = 6, 4
 # So many proposals at least must fit it once it is in the map, and show it whole: of what the picture's border always
 # cuts nobody knows where it ends.
 OWN_PROPOSALS = 2
+# A labelled object that holds up a plane in so many looks is retired: a shelf whose board was not seen at first.
+SUPPORT_LOOKS = 2
 # What stands where a retired object stood is that object, when this share of the smaller box is common.
 RETURN_OVERLAP = 0.3
 
@@ -178,14 +180,27 @@ class ObjectMap:
         for cluster in clusters:
             owner = self._voxels.owner[cluster.rows]
             if cluster.furniture or (not whole and self._joins_refused(cluster.rows, owner, asleep)):
-                # An object that touches a wall keeps what it has.
+                # An object that touches a wall keeps what it has, unless it is what holds up a plane found since.
                 for number in owners_of(cluster.rows, self._voxels, self._objects):
-                    if self._objects[number].confirmed:
-                        pieces[number].append(Piece(number, cluster.rows[owner == number], cluster.plane))
+                    own = Piece(number, cluster.rows[owner == number], cluster.plane)
+                    if self._objects[number].confirmed and not self._is_support(own):
+                        pieces[number].append(own)
+                    elif self._objects[number].confirmed:
+                        refused.append(own.rows)
                 refused.append(cluster.rows[owner <= 0])
                 continue
             self._give(cluster, pieces, whole)
         return pieces, refused
+
+    def _is_support(self, own: Piece) -> bool:
+        """Tell whether an object has proved to be furniture: it holds up a plane, look after look. Retires it then."""
+        entry = self._objects[own.owner]
+        points = self._voxels.xyz(own.rows[:: 1 + len(own.rows) // LOOKED_AT])
+        holds = own.plane is not None and self._planes.holds_up(points, own.plane)
+        entry.holding = entry.holding + 1 if holds else 0
+        if entry.holding >= SUPPORT_LOOKS:
+            entry.retired = True
+        return entry.retired
 
     def _asleep(self, whole: bool) -> UInt8Array:
         """Return which objects, by number, wait for a look at all of the map: the large ones change slowly."""
@@ -331,7 +346,7 @@ class ObjectMap:
         box = self._boxing.seen(piece)
         if not is_object(box, self._config):
             return
-        retired = [o for o in self._objects.values() if o.retired]
+        retired = [o for o in self._objects.values() if o.retired and o.holding < SUPPORT_LOOKS]
         if retired:
             common = overlap_min_matrix(pack([box]), pack([o.box for o in retired]))[0]
             if common.max() >= RETURN_OVERLAP:
