@@ -50,7 +50,7 @@ class MapObject:
     bonded : bool
         Parts that no voxels link were found to belong to it.
     holding : int
-        Looks in a row in which it held up a plane.
+        Looks in which most of it held up a plane, since one in which less of it did.
     retired : bool
     """
 

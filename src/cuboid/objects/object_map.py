@@ -176,30 +176,38 @@ class ObjectMap:
         Returns the pieces by owner, 0 for those of no one yet, and the rows that belong to no object.
         """
         pieces: dict[int, list[Piece]] = defaultdict(list)
+        holding: dict[int, list[Piece]] = defaultdict(list)
         refused: list[Rows] = []
         for cluster in clusters:
             owner = self._voxels.owner[cluster.rows]
             if cluster.furniture or (not whole and self._joins_refused(cluster.rows, owner, asleep)):
-                # An object that touches a wall keeps what it has, unless it is what holds up a plane found since.
+                # An object that touches a wall keeps what it has.
                 for number in owners_of(cluster.rows, self._voxels, self._objects):
-                    own = Piece(number, cluster.rows[owner == number], cluster.plane)
-                    if self._objects[number].confirmed and not self._is_support(own):
-                        pieces[number].append(own)
-                    elif self._objects[number].confirmed:
-                        refused.append(own.rows)
+                    if self._objects[number].confirmed:
+                        own = Piece(number, cluster.rows[owner == number], cluster.plane)
+                        (holding if self._holds_up(own) else pieces)[number].append(own)
                 refused.append(cluster.rows[owner <= 0])
                 continue
             self._give(cluster, pieces, whole)
+        for number, parts in holding.items():
+            if self._is_support(number, parts):
+                refused.extend(part.rows for part in parts)
+                pieces.pop(number, None)
+            else:
+                pieces[number].extend(parts)
         return pieces, refused
 
-    def _is_support(self, own: Piece) -> bool:
-        """Tell whether an object has proved to be furniture: it holds up a plane, look after look. Retires it then."""
-        entry = self._objects[own.owner]
+    def _holds_up(self, own: Piece) -> bool:
+        """Tell whether a piece of an object holds up a plane."""
         points = self._voxels.xyz(own.rows[:: 1 + len(own.rows) // LOOKED_AT])
-        holds = own.plane is not None and self._planes.holds_up(points, own.plane)
-        entry.holding = entry.holding + 1 if holds else 0
-        if entry.holding >= SUPPORT_LOOKS:
-            entry.retired = True
+        return own.plane is not None and self._planes.holds_up(points, own.plane)
+
+    def _is_support(self, number: int, parts: Sequence[Piece]) -> bool:
+        """Tell whether an object is furniture, most of which held up a plane look after look; retire it."""
+        entry = self._objects[number]
+        most = 2 * sum(len(part.rows) for part in parts) >= len(entry.points)
+        entry.holding = entry.holding + 1 if most else 0
+        entry.retired = entry.holding >= SUPPORT_LOOKS
         return entry.retired
 
     def _asleep(self, whole: bool) -> UInt8Array:
