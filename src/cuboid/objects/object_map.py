@@ -27,8 +27,9 @@ from cuboid.objects.parts import (
     TOUCH_M,
     is_part,
 )
+from cuboid.objects.patience import beside, head_start, is_ready, patience
 from cuboid.objects.splits import Splits, larger_side
-from cuboid.objects.validity import is_object, rests
+from cuboid.objects.validity import is_object
 from cuboid.objects.visibility import in_view
 from cuboid.surfaces.clusters import LOOKED_AT, MapCluster, map_clusters
 from cuboid.surfaces.planes import PlaneTracker
@@ -51,14 +52,6 @@ LARGE_VOXELS = 2500
 REFUSED_SHARE = 0.05
 # An object that was not found in so many looks at all of the map is retired.
 RETIRE_LOOKS = 3
-# What shows fewer voxels than this (of 1 cm: a side of 8 cm) is often a part, or the noise of an edge.
-SMALL_VOXELS, SMALL_PATIENCE = 64, 4
-# What floats above its plane, or lies beside an object, may be a part whose link is not seen yet: it is proposed so
-# many times as often before it gets a label of its own.
-FLOATING_PATIENCE, BESIDE_PATIENCE = 6, 4
-# So many proposals at least must fit it once it is in the map, and show it whole: of what the picture's border always
-# cuts nobody knows where it ends.
-OWN_PROPOSALS = 2
 # A labelled object that holds up a plane in so many looks is retired: a shelf whose board was not seen at first.
 SUPPORT_LOOKS = 2
 # What stands where a retired object stood is that object, when this share of the smaller box is common.
@@ -373,17 +366,12 @@ class ObjectMap:
             mean_color=np.zeros(3),
             first_frame=frame,
             last_frame=frame,
-            proposed=self._head_start(piece.rows),
+            proposed=head_start(self._voxels.hits[piece.rows], self._config.confirm_frames),
         )
         self._next_number += 1
         self._objects[entry.number] = entry
         self._describe(entry, piece)
         self._voxels.owner[piece.rows] = entry.number
-
-    def _head_start(self, rows: Rows) -> int:
-        """Return how many frames proposed what is new to the map: what is hot was proposed, under no number yet."""
-        seen = int(np.median(self._voxels.hits[rows]))
-        return max(0, min(seen, self._config.confirm_frames - OWN_PROPOSALS))
 
     def _describe(self, entry: MapObject, piece: Piece) -> bool:
         """Fit the object to its voxels; False, and nothing changed, where they are not of an object's size."""
@@ -414,7 +402,7 @@ class ObjectMap:
     def confirm(self) -> None:
         """Label what was proposed often enough and seen whole, in order of age."""
         for entry in self.alive():
-            if not entry.confirmed and 0 < entry.patience <= entry.proposed and entry.whole >= OWN_PROPOSALS:
+            if is_ready(entry):
                 entry.label = self._next_label
                 self._next_label += 1
 
@@ -424,42 +412,14 @@ class ObjectMap:
         waiting = [e for e in self.alive() if not e.confirmed and e.proposed >= soon]
         # The largest first: what lies beside it may be its part.
         for entry in sorted(waiting, key=lambda e: -len(e.points)):
-            times = 1
-            other = self._beside(entry)
+            other = beside(entry, self.alive())
+            verdict = None if other is None else self.bonds.verdict(entry.number, other.number)
             if other is not None and is_part(
-                entry,
-                other,
-                self.bonds.verdict(entry.number, other.number),
-                partial(self._boxing.stands, entry, self._others(entry)),
+                entry, other, verdict, partial(self._boxing.stands, entry, self._others(entry))
             ):
                 kept, gone = self._merge(other.number, entry.number)
                 self._voxels.owner[self._voxels.owner == gone] = kept
                 other.bonded = True
                 continue
-            if not rests(entry.box, self._boxing.plane(entry.plane)):
-                times = FLOATING_PATIENCE
-            if len(entry.points) < SMALL_VOXELS:
-                times = max(times, SMALL_PATIENCE)
-            if other is not None and self._may_be_one(entry, other):
-                times = max(times, BESIDE_PATIENCE)
+            times = patience(entry, other, verdict, self._boxing.plane(entry.plane))
             entry.patience = times * self._config.confirm_frames
-
-    def _may_be_one(self, entry: MapObject, other: MapObject) -> bool:
-        """Tell whether two near each other may prove to be one: no frame told, and they all but touch, or one bends."""
-        if self.bonds.verdict(entry.number, other.number) is not None:
-            return False
-        near = gap_m(entry.points, other.points, FRAGMENT_GAP_M) <= FRAGMENT_GAP_M
-        return near or bends_around(entry.points, other.points, entry.box.up)[0]
-
-    def _beside(self, entry: MapObject) -> MapObject | None:
-        """Return the object that this one may be a part of: a labelled or larger one nearby."""
-        for other in self.alive():
-            if other is entry or not (other.confirmed or len(other.points) > len(entry.points)):
-                continue
-            near = max(FRAGMENT_GAP_M, min(PART_REACH * float(other.box.size.max()), PART_REACH_M))
-            reach = 0.5 * float(np.linalg.norm(other.box.size) + np.linalg.norm(entry.box.size))
-            if float(np.linalg.norm(other.box.center - entry.box.center)) > reach + near:
-                continue
-            if gap_m(entry.points, other.points, near) <= near:
-                return other
-        return None
