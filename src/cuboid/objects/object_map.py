@@ -27,7 +27,7 @@ from cuboid.objects.parts import (
     TOUCH_M,
     is_part,
 )
-from cuboid.objects.patience import beside, head_start, is_ready, patience
+from cuboid.objects.patience import beside, is_ready, patience
 from cuboid.objects.splits import Splits, larger_side
 from cuboid.objects.validity import is_object
 from cuboid.objects.visibility import in_view
@@ -52,8 +52,10 @@ LARGE_VOXELS = 2500
 REFUSED_SHARE = 0.05
 # An object that was not found in so many looks at all of the map is retired.
 RETIRE_LOOKS = 3
-# A labelled object that holds up a plane in so many looks is retired: a shelf whose board was not seen at first.
-SUPPORT_LOOKS = 2
+# A labelled object that holds up a plane in so many looks is retired: a shelf whose board was not seen at first. The
+# plane lies so far above the one that it stands on, metres: the boards of shelves and the tops of tables do, and the
+# patches of one desk, which noise takes for several planes, do not.
+SUPPORT_LOOKS, SUPPORT_M = 2, 0.2
 # What stands where a retired object stood is that object, when this share of the smaller box is common.
 RETURN_OVERLAP = 0.3
 
@@ -193,7 +195,7 @@ class ObjectMap:
     def _holds_up(self, own: Piece) -> bool:
         """Tell whether a piece of an object holds up a plane."""
         points = self._voxels.xyz(own.rows[:: 1 + len(own.rows) // LOOKED_AT])
-        return own.plane is not None and self._planes.holds_up(points, own.plane)
+        return own.plane is not None and self._planes.holds_up(points, own.plane, SUPPORT_M)
 
     def _is_support(self, number: int, parts: Sequence[Piece]) -> bool:
         """Tell whether an object is furniture, most of which held up a plane look after look; retire it."""
@@ -366,7 +368,6 @@ class ObjectMap:
             mean_color=np.zeros(3),
             first_frame=frame,
             last_frame=frame,
-            proposed=head_start(self._voxels.hits[piece.rows], self._config.confirm_frames),
         )
         self._next_number += 1
         self._objects[entry.number] = entry

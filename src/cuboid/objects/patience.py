@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.objects.entry import MapObject
@@ -18,27 +17,13 @@ SMALL_VOXELS, SMALL_PATIENCE = 64, 4
 # What floats above its plane, or lies beside an object, may be a part whose link is not seen yet: it is proposed so
 # many times as often before it gets a label of its own.
 FLOATING_PATIENCE, BESIDE_PATIENCE = 6, 4
-# So many proposals at least must fit it once it is in the map, and show it whole: of what the picture's border always
-# cuts nobody knows where it ends.
-OWN_PROPOSALS = 2
-
-
-def head_start(hits: npt.NDArray[np.int32], confirm_frames: int) -> int:
-    """Return how many frames proposed what is new to the map: what is hot was proposed, under no number yet.
-
-    Parameters
-    ----------
-    hits : (N,) int32
-        Frames that saw each of its voxels.
-    confirm_frames : int
-        Proposals that a label takes.
-    """
-    return max(0, min(int(np.median(hits)), confirm_frames - OWN_PROPOSALS))
+# So many proposals at least must show it whole: of what the picture's border always cuts nobody knows where it ends.
+WHOLE_PROPOSALS = 2
 
 
 def is_ready(entry: MapObject) -> bool:
     """Tell whether an object without a label may have one: its patience is known and over, and it was seen whole."""
-    return not entry.confirmed and 0 < entry.patience <= entry.proposed and entry.whole >= OWN_PROPOSALS
+    return not entry.confirmed and 0 < entry.patience <= entry.proposed and entry.whole >= WHOLE_PROPOSALS
 
 
 def beside(entry: MapObject, alive: Iterable[MapObject]) -> MapObject | None:

@@ -332,8 +332,8 @@ class PlaneTracker:
         owner[best < floor_m] = -1
         return owner
 
-    def holds_up(self, points: Float32Array | Float64Array, plane: Plane) -> bool:
-        """Tell whether a cluster of world points that stands on one plane is what holds up another one.
+    def holds_up(self, points: Float32Array | Float64Array, plane: Plane, clearance_m: float = RIM_DEPTH_M) -> bool:
+        """Tell whether a cluster of world points that stands on one plane is what holds up another one, so far above.
 
         It is when a tenth of its points, or twenty, lie just below a higher plane and under it or at its rim; and
         when it stands under a table and reaches most of the way up, or is slender as a leg whose top is hidden.
@@ -343,7 +343,7 @@ class PlaneTracker:
         middle = plan_points.mean(0)[None]
         for k, other in enumerate(self.planes):
             clearance = float(plane.height(middle)[0] - other.height(middle)[0])
-            if other is plane or not other.in_use or clearance < RIM_DEPTH_M:
+            if other is plane or not other.in_use or clearance < clearance_m:
                 continue
             height = other.height(plan_points)
             beside = (height > -RIM_DEPTH_M) & (height < 0.5 * RIM_DEPTH_M)
