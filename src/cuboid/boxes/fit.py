@@ -104,12 +104,13 @@ def _disc(low: Float64Array, high: Float64Array) -> Float64Array | None:
         return None
     arcs = np.concatenate([high, -low])[_ARCS]
     fits = (_ARC_SOLVERS @ arcs[:, :, None])[:, :, 0]
-    residual = np.abs(arcs - (_ARC_DESIGNS @ fits[:, :, None])[:, :, 0]).max(1)
     radius = fits[:, 2]
-    good = (narrow < 2.0 * radius - MISSING_M) & (radius <= ROUND_RADIUS * wide) & (residual <= ROUND_RESIDUAL * radius)
-    if not good.any():
+    fit = np.flatnonzero((narrow < 2.0 * radius - MISSING_M) & (radius <= ROUND_RADIUS * wide))
+    if not len(fit):
         return None
-    return np.asarray(fits[int(np.argmin(np.where(good, residual / np.maximum(radius, 1e-9), np.inf)))])
+    residual = np.abs(arcs[fit] - (_ARC_DESIGNS[fit] @ fits[fit][:, :, None])[:, :, 0]).max(1) / radius[fit]
+    best = int(np.argmin(residual))
+    return np.asarray(fits[fit[best]]) if residual[best] <= ROUND_RESIDUAL else None
 
 
 def plane_axes(normal: Float64Array) -> tuple[Float64Array, Float64Array]:

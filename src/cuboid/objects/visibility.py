@@ -91,8 +91,9 @@ def look(
     reading = np.where(inside, image.depth_m[vi, ui], 0.0)
     agree = np.maximum(AGREE_M, 3 * noise_per_m * z * z)
     numbers = np.repeat([o.number for o in objects], [len(p) for p in picks])
-    alike = np.abs(image.color[vi, ui].astype(np.int16) - colors).max(1) <= ALIKE
-    seen = np.where(reading > 0, np.abs(reading - z) <= agree, inside & alike)
+    seen = (reading > 0) & (np.abs(reading - z) <= agree)
+    blind = np.flatnonzero(inside & (reading <= 0))
+    seen[blind] = np.abs(image.color[vi[blind], ui[blind]].astype(np.int16) - colors[blind]).max(1) <= ALIKE
     behind_own = (reading > 0) & (reading < z - agree) & (pixel_owner[vi, ui] == numbers)
     unknown = (reading <= 0) & ~seen
     n = len(objects)
