@@ -26,7 +26,7 @@ from cuboid.objects.visibility import look
 from cuboid.proposals import make_source
 from cuboid.proposals.types import ProposalSource
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
-from cuboid.surfaces.cells import CELL_PIXELS, find_cells
+from cuboid.surfaces.cells import PATCH_PIXELS, find_cells, with_level_patches
 from cuboid.surfaces.clusters import FrameCluster, frame_clusters, top_is_seen
 from cuboid.surfaces.grid import CELL_M
 from cuboid.surfaces.planes import PlaneTracker
@@ -175,13 +175,17 @@ class Tracker:
         heights = np.full(image.depth_m.shape, np.nan, np.float32)
         support = np.full(image.depth_m.shape, -1, np.int8)
         cells = find_cells(image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m)
-        owner = planes.update(self._count, cells, T_world_camera)
+        planes.vote(cells, T_world_camera)
+        if planes.up is not None:
+            level = image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m
+            cells = with_level_patches(cells, planes.up, *level)
+        owner = planes.update(self._count, cells)
         if planes.T_plan_world is not None and planes.planes:
             k = image.camera
             stand_on(
                 image.depth_m, np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera,
                 planes.in_frame(cells, owner, T_world_camera), planes.ground(), planes.plan.origin, CELL_M,
-                owner, CELL_PIXELS, c.depth_noise_per_m, c.min_height_m, DEPTH_BIAS_M, c.max_depth_m,
+                owner, PATCH_PIXELS, c.depth_noise_per_m, c.min_height_m, DEPTH_BIAS_M, c.max_depth_m,
                 heights, support, planes.plan.seen,
             )  # fmt: skip
         return heights, support

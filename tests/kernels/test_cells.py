@@ -63,3 +63,85 @@ def test_no_plane_where_most_is_missing_or_grazed() -> None:
     cells = np.empty((15 * 20, kernel.CELL_COLUMNS))
     kernel.fit_cells(depth, CAMERA, 8, 5.0, cells)
     assert (cells[:, kernel.AREA] == 0).all()
+
+
+# A camera that looks ten degrees down: up in the camera frame.
+UP = np.array([0.0, -np.cos(np.radians(10)), -np.sin(np.radians(10))])
+
+
+def board_from_afar(rng: np.random.Generator, noise: float, missing: float) -> np.ndarray:
+    """A board 80 cm deep, 45 cm below the camera and 2.6 m away, before an upright wall; the rest is empty."""
+    level, upright = depth_of_plane(UP, 0.45), depth_of_plane(np.cross([1.0, 0, 0], UP), 3.4)
+    v, u = np.mgrid[:120, :160]
+    out = np.stack([(u - CAMERA[2]) / CAMERA[0], (v - CAMERA[3]) / CAMERA[1], np.ones_like(u, float)], -1)
+    far = level * (out @ -np.cross([1.0, 0, 0], UP))
+    depth = np.where((far > 2.6) & (far < 3.4), level, np.where(v < 62, upright, 0)).astype(np.float32)
+    seen = depth > 0
+    depth[seen] += rng.normal(0, 1, seen.sum()).astype(np.float32) * noise * depth[seen] ** 2
+    depth[rng.random(depth.shape) < missing] = 0
+    return depth
+
+
+def level_patches(depth: np.ndarray, noise: float, skip: np.ndarray | None = None) -> np.ndarray:
+    skip = np.zeros((30, 40), np.uint8) if skip is None else skip
+    out = np.empty((30 * 40, 5))
+    return out[: kernel.level_patches(depth, CAMERA, UP, 4, noise, 1.0, 4.0, skip, out)]
+
+
+def test_a_board_too_narrow_for_any_flat_cell_is_found_level_and_the_wall_behind_is_not() -> None:
+    depth = board_from_afar(np.random.default_rng(3), 1.4e-3, 0.3)
+    cells = np.empty((15 * 20, kernel.CELL_COLUMNS))
+    kernel.fit_cells(depth, CAMERA, 8, 4.0, cells)
+    assert not ((cells[:, kernel.AREA] > 0) & (cells[:, :3] @ UP > 0.98)).any()
+    found = level_patches(depth, 1.4e-3)
+    assert len(found) > 20
+    np.testing.assert_allclose(found[:, :3] @ UP, -0.45, atol=0.01)
+    # 80 cm by the 3.2 to 4.2 m that are in view, but for its near and far edge and for what is missing.
+    assert 0.7 < found[:, 3].sum() < 3.4
+
+
+def test_patches_that_are_skipped_are_not_found() -> None:
+    depth = board_from_afar(np.random.default_rng(3), 1.4e-3, 0.0)
+    found = level_patches(depth, 1.4e-3)
+    skip = np.zeros((30, 40), np.uint8)
+    skip.ravel()[found[:, 4].astype(int)] = 1
+    assert len(level_patches(depth, 1.4e-3, skip)) == 0
+
+
+def test_level_patches_are_those_of_a_plain_count() -> None:
+    noise = 1.4e-3
+    depth = board_from_afar(np.random.default_rng(5), noise, 0.2)
+    expected = {}
+    for place in range(30 * 40):
+        r, c = divmod(place, 40)
+        ray = np.array([((c + 0.5) * 4 - CAMERA[2]) / CAMERA[0], ((r + 0.5) * 4 - CAMERA[3]) / CAMERA[1], 1.0])
+        steep = -UP @ ray
+        if steep < kernel.LOWEST * np.linalg.norm(ray):
+            continue
+        climb = CAMERA[:2] * (UP[:2] - ray[:2] * UP[2])
+        longest = np.abs(climb).max()
+        level, known = [], 0
+        for v, u in ((r * 4 + i, c * 4 + j) for i in range(4) for j in range(4)):
+            z = float(depth[v, u])
+            if not 1.0 <= z <= 4.0:
+                continue
+            gate = 3 * 1.42 * noise * z * z * steep + kernel.LEVEL_M
+            first = int(np.ceil(2 * gate * longest / z))
+            if first > kernel.FARTHEST:
+                continue
+            beyond = [np.rint([v, u] + k * climb[::-1] / longest).astype(int) for k in range(first, first + 4)]
+            beyond = [p for p in beyond if 0 <= p[0] < 120 and 0 <= p[1] < 160 and depth[tuple(p)] > 0]
+            if not beyond or depth[tuple(beyond[0])] > 4.0:
+                continue
+            known += 1
+            points = [
+                depth[y, x] * np.array([(x - CAMERA[2]) / CAMERA[0], (y - CAMERA[3]) / CAMERA[1], 1.0])
+                for y, x in ((v, u), beyond[0])
+            ]
+            if abs(points[1] @ UP - points[0] @ UP) <= gate:
+                level.append(points[0])
+        if len(level) >= kernel.LEAST_READINGS and len(level) >= kernel.LEAST_LEVEL * known:
+            expected[place] = np.mean(level, axis=0)
+    found = level_patches(depth, noise)
+    assert found[:, 4].astype(int).tolist() == sorted(expected)
+    np.testing.assert_allclose(found[:, :3], [expected[int(p)] for p in found[:, 4]], atol=1e-5)

@@ -13,6 +13,17 @@ from numba import njit
 NX, NY, NZ, CX, CY, CZ, AREA, RMS = range(8)
 CELL_COLUMNS = 8
 
+# A level surface is looked for where it is seen from higher than this (sine): 3 degrees, as for `fit_cells`.
+LOWEST = 0.05
+# What a level surface may rise between two readings besides noise, metres.
+LEVEL_M = 0.001
+# The second reading is at most so many pixels beyond the first.
+FARTHEST = 8
+# ... or the next that there is, so many more pixels on: surfaces seen low are full of gaps.
+MISSING = 3
+# Readings of a patch that lie level: at least so many, and this share.
+LEAST_READINGS, LEAST_LEVEL = 3, 0.6
+
 
 @njit(cache=True, nogil=True)
 def fit_cells(depth, camera, size, max_depth, cells):
@@ -84,3 +95,95 @@ def fit_cells(depth, camera, size, max_depth, cells):
             out[CX], out[CY], out[CZ] = rx * z, ry * z, z
             out[AREA] = n * z * z / (fx * fy) / facing
             out[RMS] = np.sqrt(max(0.0, vww - a * vwu - b * vwv))
+
+
+@njit(cache=True, nogil=True)
+def level_patches(depth, camera, up, size, noise, min_depth, max_depth, skip, patches):
+    """Find the patches that show a level surface from above, however narrow it looks.
+
+    A reading lies on a level surface when the one beyond it, along the image of up, is at its height: on anything
+    upright the height rises with the image, by far more than its noise. That noise is that of depth times the sine of
+    the angle at which the surface is seen, so that what is seen low from far, where a square cell of the image holds
+    no surface as a whole, is told apart best.
+
+    Parameters
+    ----------
+    depth : (H, W) float32
+        Metres, 0 none.
+    camera : (4,) float64
+        fx, fy, cx, cy.
+    up : (3,) float64
+        Unit, in the camera frame.
+    size : int
+        Edge of a patch in pixels.
+    noise : float
+        Standard deviation of depth is noise * z * z, 1/metre.
+    min_depth, max_depth : float
+        Metres.
+    skip : (H // size, W // size) uint8
+        1 for patches that are not looked at.
+    patches : (H // size * W // size, 5) float64, output
+        Of each patch with a level surface its centre (3), its area in square metres, and its number; in the camera
+        frame.
+
+    Returns
+    -------
+    int
+        How many there are.
+    """
+    rows, columns = skip.shape
+    height, width = depth.shape
+    fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
+    found = 0
+    for r in range(rows):
+        for c in range(columns):
+            if skip[r, c]:
+                continue
+            rx, ry = ((c + 0.5) * size - cx) / fx, ((r + 0.5) * size - cy) / fy
+            long = np.sqrt(rx * rx + ry * ry + 1.0)
+            steep = -(up[0] * rx + up[1] * ry + up[2])  # of a level surface: height falls by this times z
+            if steep < LOWEST * long:
+                continue
+            su, sv = fx * (up[0] - rx * up[2]), fy * (up[1] - ry * up[2])
+            longest = max(abs(su), abs(sv))
+            su, sv = su / longest, sv / longest
+            n = known = 0
+            x = y = z = 0.0
+            for i in range(size):
+                for j in range(size):
+                    v, u = r * size + i, c * size + j
+                    here = depth[v, u]
+                    if not (min_depth <= here <= max_depth):
+                        continue
+                    gate = 3.0 * 1.42 * noise * here * here * steep + LEVEL_M
+                    # So many pixels on, an upright surface has risen by more than twice the gate.
+                    k = int(np.ceil(2.0 * gate * longest / here))
+                    if k > FARTHEST:
+                        continue
+                    there = 0.0
+                    vv = uu = 0
+                    for step in range(k, k + MISSING + 1):
+                        vv, uu = int(np.rint(v + step * sv)), int(np.rint(u + step * su))
+                        if vv < 0 or uu < 0 or vv >= height or uu >= width:
+                            break
+                        there = depth[vv, uu]
+                        if there > 0.0:
+                            break
+                    if not (0.0 < there <= max_depth):
+                        continue
+                    known += 1
+                    px, py = (u - cx) / fx, (v - cy) / fy
+                    qx, qy = (uu - cx) / fx, (vv - cy) / fy
+                    rise = there * (up[0] * qx + up[1] * qy + up[2]) - here * (up[0] * px + up[1] * py + up[2])
+                    if abs(rise) <= gate:
+                        n += 1
+                        x, y, z = x + px * here, y + py * here, z + here
+            if n < LEAST_READINGS or n < LEAST_LEVEL * known:
+                continue
+            z /= n
+            out = patches[found]
+            out[0], out[1], out[2] = x / n, y / n, z
+            out[3] = n * z * z / (fx * fy) * long / steep
+            out[4] = r * columns + c
+            found += 1
+    return found

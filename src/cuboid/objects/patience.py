@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from cuboid.frame import Float64Array
+from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.objects.entry import MapObject
 from cuboid.objects.ownership import bends_around, gap_m
 from cuboid.objects.parts import FRAGMENT_GAP_M, PART_REACH, PART_REACH_M
@@ -17,6 +18,8 @@ SMALL_VOXELS, SMALL_PATIENCE = 64, 4
 # What floats above its plane, or lies beside an object, may be a part whose link is not seen yet: it is proposed so
 # many times as often before it gets a label of its own.
 FLOATING_PATIENCE, BESIDE_PATIENCE = 6, 4
+# Two whose boxes have this share of the smaller one in common cannot both be whole.
+SHARED = 0.3
 # So many proposals at least must show it whole: of what the picture's border always cuts nobody knows where it ends.
 WHOLE_PROPOSALS = 2
 
@@ -60,7 +63,7 @@ def patience(
         times = FLOATING_PATIENCE
     if len(entry.points) < SMALL_VOXELS:
         times = max(times, SMALL_PATIENCE)
-    if other is not None and verdict is None and _may_be_one(entry, other):
+    if other is not None and (_share_room(entry, other) or (verdict is None and _may_be_one(entry, other))):
         times = max(times, BESIDE_PATIENCE)
     return times
 
@@ -69,3 +72,8 @@ def _may_be_one(entry: MapObject, other: MapObject) -> bool:
     """Tell whether two near each other may prove to be one: they all but touch, or one bends around the other."""
     near = gap_m(entry.points, other.points, FRAGMENT_GAP_M) <= FRAGMENT_GAP_M
     return near or bends_around(entry.points, other.points, entry.box.up)[0]
+
+
+def _share_room(entry: MapObject, other: MapObject) -> bool:
+    """Tell whether two boxes reach into each other: few frames say that the two walls of a bowl are two things."""
+    return float(overlap_min_matrix(pack([entry.box]), pack([other.box]))[0, 0]) >= SHARED

@@ -12,6 +12,9 @@ from cuboid.kernels import cells as kernel
 
 # Edge of a cell in pixels of the 320-pixel wide working image: about 3 cm at 1 m.
 CELL_PIXELS = 8
+# Edge of a patch in pixels, and from where on, metres, patches that lie level are looked for besides: of a shelf that
+# is seen from far and low no cell shows the board alone.
+PATCH_PIXELS, PATCHES_FROM_M = 4, 1.2
 # Residual of 1/z over a cell that is still flat, in units of the sensor's nominal noise of 1/z. Dark and shiny
 # table tops show 1.5 to 3 of it, a cell over an object's foot more than 5.
 FLAT_RESIDUAL = 4.0
@@ -23,8 +26,8 @@ class Cells:
 
     Attributes
     ----------
-    place : (N,) int64
-        Number of the cell in its image, row by row.
+    places : (N, 4) int64
+        The patches of `PATCH_PIXELS` that it covers, numbered row by row; of what is a patch itself four times that.
     normal : (N, 3) float64
         Unit, towards the camera.
     center : (N, 3) float64
@@ -33,10 +36,10 @@ class Cells:
     sigma_m : (N,) float64
         Standard deviation of a reading there.
     image_shape : (int, int)
-        Rows and columns of cells.
+        Rows and columns of patches.
     """
 
-    place: npt.NDArray[np.int64]
+    places: npt.NDArray[np.int64]
     normal: Float64Array
     center: Float64Array
     area_m2: Float64Array
@@ -66,16 +69,59 @@ def find_cells(
     """
     rows, columns = depth_m.shape[0] // CELL_PIXELS, depth_m.shape[1] // CELL_PIXELS
     raw = np.empty((rows * columns, kernel.CELL_COLUMNS))
-    pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
-    kernel.fit_cells(depth_m, pinhole, CELL_PIXELS, max_depth_m, raw)
+    kernel.fit_cells(depth_m, _pinhole(camera), CELL_PIXELS, max_depth_m, raw)
     flat = np.flatnonzero((raw[:, kernel.AREA] > 0) & (raw[:, kernel.RMS] < FLAT_RESIDUAL * noise_per_m))
     found = raw[flat]
     R, t = T_world_camera[:3, :3], T_world_camera[:3, 3]
+    shape = depth_m.shape[0] // PATCH_PIXELS, depth_m.shape[1] // PATCH_PIXELS
+    r, c = np.divmod(flat, columns)
     return Cells(
-        place=flat,
+        places=(2 * r * shape[1] + 2 * c)[:, None] + np.array([0, 1, shape[1], shape[1] + 1]),
         normal=found[:, kernel.NX : kernel.NZ + 1] @ R.T,
         center=found[:, kernel.CX : kernel.CZ + 1] @ R.T + t,
         area_m2=found[:, kernel.AREA],
         sigma_m=np.maximum(0.001, noise_per_m * found[:, kernel.CZ] ** 2),
-        image_shape=(rows, columns),
+        image_shape=shape,
     )
+
+
+def with_level_patches(
+    cells: Cells,
+    up: Float64Array,
+    depth_m: Float32Array,
+    camera: Intrinsics,
+    T_world_camera: Float64Array,
+    noise_per_m: float,
+    max_depth_m: float,
+) -> Cells:
+    """Add the patches that lie level, where no cell is flat; see `find_cells`.
+
+    Parameters
+    ----------
+    cells : Cells
+    up : (3,) float64
+        In the world, unit.
+    depth_m, camera, T_world_camera, noise_per_m, max_depth_m
+        As for `find_cells`.
+    """
+    rows, columns = cells.image_shape
+    skip = np.zeros((rows, columns), np.uint8)
+    skip.ravel()[cells.places] = 1
+    patches = np.empty((rows * columns, 5))
+    R, t = T_world_camera[:3, :3], T_world_camera[:3, 3]
+    number = kernel.level_patches(
+        depth_m, _pinhole(camera), up @ R, PATCH_PIXELS, noise_per_m, PATCHES_FROM_M, max_depth_m, skip, patches
+    )
+    level = patches[:number]
+    return Cells(
+        places=np.concatenate([cells.places, np.repeat(level[:, 4:].astype(np.int64), 4, axis=1)]),
+        normal=np.concatenate([cells.normal, np.tile(up, (number, 1))]),
+        center=np.concatenate([cells.center, level[:, :3] @ R.T + t]),
+        area_m2=np.concatenate([cells.area_m2, level[:, 3]]),
+        sigma_m=np.concatenate([cells.sigma_m, np.maximum(0.001, noise_per_m * level[:, 2] ** 2)]),
+        image_shape=cells.image_shape,
+    )
+
+
+def _pinhole(camera: Intrinsics) -> Float64Array:
+    return np.array([camera.fx, camera.fy, camera.cx, camera.cy])

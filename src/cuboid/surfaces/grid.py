@@ -85,7 +85,7 @@ class GroundPlan:
         self.reach(points)
         layer = np.zeros((1, *self.seen.shape[1:]), np.int32)
         for (i, j), r in zip(self.cells_of(points), np.sqrt(area_m2) / 2 / CELL_M, strict=True):
-            k = int(np.ceil(r))
+            k = round(float(r))
             layer[0, max(0, i - k) : i + k + 1, max(0, j - k) : j + k + 1] = CELL_READINGS
         self.seen = np.concatenate([self.seen, layer])
         self.covered = np.concatenate([self.covered, np.zeros_like(layer, np.uint8)])

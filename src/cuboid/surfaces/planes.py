@@ -122,22 +122,24 @@ class PlaneTracker:
         self.planes: list[Plane] = []
         self.plan = GroundPlan()
 
-    def update(self, frame: int, cells: Cells, T_world_camera: Float64Array) -> npt.NDArray[np.int8]:
+    def vote(self, cells: Cells, T_world_camera: Float64Array) -> None:
+        """Let a frame's flat cells say which way is up; all begins anew where that changes."""
+        up = self._vote.update(cells, T_world_camera)
+        if up is not None and (self.T_plan_world is None or self._vote.changed):
+            self._start(up)
+
+    def update(self, frame: int, cells: Cells) -> npt.NDArray[np.int8]:
         """Take in a frame's flat cells.
 
         Returns
         -------
         (rows, columns) int8
-            The plane that each cell lies on, -1 none.
+            The plane that each patch lies on, -1 none.
         """
         rows, columns = cells.image_shape
         owner = np.full(rows * columns, -1, np.int8)
-        up = self._vote.update(cells, T_world_camera)
-        if up is None:
+        if self.T_plan_world is None:
             return owner.reshape(rows, columns)
-        if self.T_plan_world is None or self._vote.changed:
-            self._start(up)
-        assert self.T_plan_world is not None
         R = self.T_plan_world[:3, :3]
         flat = np.flatnonzero(cells.normal @ R[2] > HORIZONTAL_COS)
         centers = cells.center[flat] @ R.T
@@ -149,7 +151,7 @@ class PlaneTracker:
         self._tidy(frame)
         if self.planes != before:
             matched = self._match(centers, cells.sigma_m[flat])
-        owner[cells.place[flat]] = matched
+        owner[cells.places[flat]] = matched[:, None]
         return owner.reshape(rows, columns)
 
     def carry(self, before: Float32Array, after: Float64Array) -> None:
@@ -380,7 +382,7 @@ class PlaneTracker:
         assert self.T_plan_world is not None
         T_plan_camera = self.T_plan_world @ T_world_camera
         R = self.T_plan_world[:3, :3]
-        of_cell = owner.reshape(-1)[cells.place]
+        of_cell = owner.reshape(-1)[cells.places[:, 0]]
         result = np.zeros((len(self.planes), 4))
         for k, plane in enumerate(self.planes):
             normal, offset = plane.normal, plane.offset

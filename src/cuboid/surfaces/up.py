@@ -64,7 +64,7 @@ class UpVote:
         return self._up
 
     def _collect(self, cells: Cells, T_world_camera: Float64Array) -> None:
-        left = np.ones(len(cells.place), dtype=bool)
+        left = np.ones(len(cells.places), dtype=bool)
         weight = cells.area_m2 * _upright_prior(cells.normal @ T_world_camera[:3, 1])
         for _ in range(3):
             members = np.flatnonzero(left)
