@@ -15,12 +15,12 @@ from cuboid.kernels.extents import reach
 REST_M = 0.06
 # Footprints are tried every two degrees: a 30 cm box turned by one degree is 3 mm off at its ends, below the noise.
 _ANGLES = np.radians(np.arange(0.0, 180.0, 2.0))
-_DIRECTIONS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+DIRECTIONS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 _ALONG_FIRST = np.array([[1.0, 0.0]])
 # Arcs of 130 degrees of the full turn, one every ten degrees: less does not fix a radius in noise, and a half disc,
 # whose ends are cut, has not much more. For each the design of c.u + r and its least-squares solver.
 _ARCS = (np.arange(0, 180, 5)[:, None] + np.arange(66)[None]) % 180
-_ARC_DESIGNS = np.dstack([np.concatenate([_DIRECTIONS, -_DIRECTIONS])[_ARCS], np.ones((36, 66))])
+_ARC_DESIGNS = np.dstack([np.concatenate([DIRECTIONS, -DIRECTIONS])[_ARCS], np.ones((36, 66))])
 _ARC_SOLVERS = np.linalg.pinv(_ARC_DESIGNS)
 # A round footprint follows the law of the disc to this share of its radius, and is at most this share of what was
 # seen of it wide, per side: half a disc shows its whole width, but for what is lost at its edges.
@@ -62,22 +62,39 @@ def fit_box(
     trust = np.ones(len(cloud)) if weights is None else weights
     first, second = plane_axes(normal)
     plan = cloud @ np.array([first, second]).T
-    low, high = _reach(plan, trust, _DIRECTIONS, share)
-    extent = high - low
-    quarter = len(_ANGLES) // 2
-    a = int(np.argmin(extent[:quarter] * extent[quarter:]))
-    b = a + quarter
+    low, high = reach_of(plan, trust, DIRECTIONS, share)
     disc = _disc(low, high)
     if disc is not None:
-        along = _DIRECTIONS @ disc[:2]
+        along = DIRECTIONS @ disc[:2]
         low, high = np.minimum(low, along - disc[2]), np.maximum(high, along + disc[2])
-        extent = high - low
     heights = np.zeros((len(cloud), 2))
     heights[:, 0] = cloud @ normal
-    (bottom,), (top,) = _reach(heights, trust, _ALONG_FIRST, share)
+    (bottom,), (top,) = reach_of(heights, trust, _ALONG_FIRST, share)
     if offset is not None and bottom + offset < REST_M:
         bottom = -offset
-    u, v = (c * first + s * second for c, s in (_DIRECTIONS[a], _DIRECTIONS[b]))
+    return box_within(low, high, bottom, top, normal)
+
+
+def box_within(low: Float64Array, high: Float64Array, bottom: float, top: float, normal: Float64Array) -> Box:
+    """Return the box of least footprint around what reaches from `low` to `high` in each of `DIRECTIONS`.
+
+    Parameters
+    ----------
+    low, high : (90,) float64
+        In the plane's own axes, see `plane_axes`; metres.
+    bottom, top : float
+        Along the normal, metres.
+    normal : (3,) float64
+        Unit.
+    """
+    first, second = plane_axes(normal)
+    extent = high - low
+    quarter = len(_ANGLES) // 2
+    # Of a round footprint all boxes are alike: the first one, not the one that rounding favours.
+    area = np.round(extent[:quarter] * extent[quarter:], 9)
+    a = int(np.argmin(area))
+    b = a + quarter
+    u, v = (c * first + s * second for c, s in (DIRECTIONS[a], DIRECTIONS[b]))
     if extent[a] < extent[b]:
         # A turn by 90 degrees keeps the axes right-handed: (v, -u).
         u, v = v, -u
@@ -124,9 +141,10 @@ def plane_axes(normal: Float64Array) -> tuple[Float64Array, Float64Array]:
     return np.array([a, b, c]), np.array([y * c - z * b, z * a - x * c, x * b - y * a])
 
 
-def _reach(
+def reach_of(
     points: Float64Array, weights: Float64Array, directions: Float64Array, share: float
 ) -> tuple[Float64Array, Float64Array]:
+    """Return from where to where (D,) points (N, 2) reach along directions (D, 2), but for a share of their weight."""
     low, high = np.empty(len(directions)), np.empty(len(directions))
     reach(points, weights, directions, share, low, high)
     return low, high

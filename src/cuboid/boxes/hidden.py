@@ -41,8 +41,18 @@ def with_hidden(
     if len(more):
         whole = fit_box(np.concatenate([box.corners(), more]), normal, offset, 0.0)
         # A far side that would reach into a neighbour is none.
-        if not near or overlap_min_matrix(pack([whole]), pack(near)).max() <= FAR_SIDE_OVERLAP:
+        if clear_of(whole, near):
             box = whole
+    return with_foot(box, normal, offset, near, voxels)
+
+
+def clear_of(box: Box, near: Sequence[Box]) -> bool:
+    """Tell whether a box takes no more of its neighbours than boxes do that stand side by side."""
+    return not near or bool(overlap_min_matrix(pack([box]), pack(near)).max() <= FAR_SIDE_OVERLAP)
+
+
+def with_foot(box: Box, normal: Float64Array, offset: float, near: Sequence[Box], voxels: VoxelMap) -> Box:
+    """Return a box that reaches down to its plane, where nothing tells that it floats; see `foot_is_hidden`."""
     gap = float(normal @ box.center) + offset - box.size[2] / 2.0
     if gap > LEAST_GAP_M and foot_is_hidden(box, normal, offset, near, voxels):
         box = Box(box.center - 0.5 * gap * normal, box.size + np.array([0.0, 0.0, gap]), box.rotation)

@@ -34,6 +34,8 @@ class VoxelMap:
     Attributes
     ----------
     voxel_m : float
+    noise_per_m : float
+        Standard deviation of depth is this times z squared.
     count : int
         Rows in use, dead ones included.
     values : (capacity, 8) float32
@@ -51,7 +53,7 @@ class VoxelMap:
 
     def __init__(self, voxel_m: float, noise_per_m: float, max_depth_m: float) -> None:
         self.voxel_m = voxel_m
-        self._noise_per_m = noise_per_m
+        self.noise_per_m = noise_per_m
         self._max_depth_m = max_depth_m
         self.count = 0
         self._dead = 0
@@ -157,7 +159,7 @@ class VoxelMap:
         first = self._next_look
         last = min(first + size, self.count)
         self._dead += kernel.see_through(
-            first, last, image.depth_m, _pinhole(image), np.ascontiguousarray(T_camera_world), self._noise_per_m,
+            first, last, image.depth_m, _pinhole(image), np.ascontiguousarray(T_camera_world), self.noise_per_m,
             max(PASS_MARGIN_M, 2 * self.voxel_m), turns, self.values, self.hits, self.passes,
         )  # fmt: skip
         self._next_look = last if last < self.count else 0

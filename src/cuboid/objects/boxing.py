@@ -7,7 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from cuboid.boxes.fit import fit_box
-from cuboid.boxes.hidden import foot_is_hidden, with_hidden
+from cuboid.boxes.hidden import clear_of, foot_is_hidden, with_foot, with_hidden
+from cuboid.boxes.revolved import revolved
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.heatmap.voxel_map import Rows, VoxelMap
@@ -41,9 +42,7 @@ class Boxing:
         Beyond the median more sightings prove no more: else the side that the camera dwelt on would be all.
         """
         rows = _thinned(piece.rows)
-        hits = self._voxels.hits[rows].astype(np.float64)
-        precision = self._voxels.weight(rows) / hits
-        trust = np.minimum(hits, _middle(hits)) * np.minimum(precision, _middle(precision))
+        trust, _ = self._trust(rows)
         points = self._voxels.xyz(rows)
         plane = self.plane(piece.plane)
         if plane is not None:
@@ -56,8 +55,22 @@ class Boxing:
         plane = self.plane(piece.plane)
         if plane is None:
             return box
-        points = self._voxels.xyz(_thinned(piece.rows)).astype(np.float64)
-        return with_hidden(box, points, *plane, _near(box, others), self._voxels)
+        rows = _thinned(piece.rows)
+        points = self._voxels.xyz(rows).astype(np.float64)
+        near = _near(box, others)
+        trust, noise_m = self._trust(rows)
+        round_box = revolved(box, points, trust, *plane, noise_m, STRAY_SHARE)
+        if round_box is not None and clear_of(round_box, near):
+            return with_foot(round_box, *plane, near, self._voxels)
+        return with_hidden(box, points, *plane, near, self._voxels)
+
+    def _trust(self, rows: Rows) -> tuple[Float64Array, float]:
+        """Return how far voxels (N,) are to be believed, and the usual noise of a reading of them, metres."""
+        hits = self._voxels.hits[rows].astype(np.float64)
+        precision = self._voxels.weight(rows) / hits
+        usual = _middle(precision)
+        trust = np.minimum(hits, _middle(hits)) * np.minimum(precision, usual)
+        return trust, self._voxels.noise_per_m / float(np.sqrt(usual))
 
     def rests(self, piece: Piece, box: Box) -> bool:
         """Tell whether a piece's box rests on its plane, or on nothing known."""

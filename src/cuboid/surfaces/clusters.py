@@ -23,7 +23,7 @@ LEAST_PIXELS = 24
 # A cluster of fewer voxels is noise.
 LEAST_VOXELS = 8
 # Points of a cluster, at most about, that tell whether it is furniture.
-LOOKED_AT = 1000
+LOOKED_AT = 5000
 # The top of a cluster is this share of its height, at least so many metres; what it borders on is looked for so many
 # working pixels farther up, and lies before it when it is nearer by so many metres.
 TOP_SHARE, TOP_M, TOP_PIXELS, BEFORE_M = 0.1, 0.01, 8, 0.03

@@ -1,0 +1,156 @@
+"""Bodies of revolution: a can, a jar, a bottle, a ball, a bowl, a plant in its pot.
+
+Of such a body the camera sees the near side, and of that the noise thickens; its box is then too near, and too
+shallow. But all its side tells where its axis is, to a few millimetres, and the axis tells the far side.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.boxes.fit import DIRECTIONS, box_within, plane_axes, reach_of
+from cuboid.frame import Float64Array
+from cuboid.geometry.box import Box
+from cuboid.kernels import revolve as kernel
+
+# Points this near the top, metres, are no side: a lid is filled. Layers are as thick as a voxel, metres.
+TOP_M, LAYER_M = 0.012, 0.01
+# Share of the height that is the top; the fit takes so many steps, and asks for so many points of the side.
+TOP_QUANTILE, STEPS, LEAST_POINTS = 0.98, 6, 30
+# A side that covers less of the turn, degrees, fixes no axis in noise; it is looked at in sectors of 30 degrees.
+LEAST_ARC, SECTORS = 150.0, 12
+# A layer with less than this share of all trust does not count; of a filled layer the rim begins at this share.
+LEAST_LAYER, RIM = 0.02, 0.85
+# Such a body departs from itself from sector to sector by no more than this share of its radius: a mug's handle or a
+# cap's brim does. And it fits by so much better than the best rectangle: cartons do not.
+LEAST_TURN, BETTER = 0.11, 0.95
+# The noise that is in the map, as a share of that of a reading at the usual distance.
+NOISE_SHARE = 0.8
+# Residuals beyond this, metres, count no more: parts, strays.
+MOST_RESIDUAL_M = 0.03
+# A surface is rough (leaves) from this residual on: so many times a reading's noise, and metres besides.
+ROUGH_NOISE, ROUGH_M = 1.5, 0.003
+# What sticks out by more than so many residuals, and metres, is a part of its own.
+PART_RESIDUALS, PART_M = 2.5, 0.004
+# A seen side at least so wide, as a share of its length, may be that of a round body.
+LEAST_WIDTH = 0.4
+
+
+def revolved(
+    box: Box,
+    points: Float64Array,
+    trust: Float64Array,
+    normal: Float64Array,
+    offset: float,
+    noise_m: float,
+    share: float,
+) -> Box | None:
+    """Return the box of a body of revolution of which a part was seen; None where it is none, or that is not sure.
+
+    Parameters
+    ----------
+    box : Box
+        Around what was seen.
+    points : (N, 3) float64
+        World, metres.
+    trust : (N,) float64
+    normal : (3,) float64
+        Of the plane it stands on, unit.
+    offset : float
+        The plane is normal.p + offset = 0.
+    noise_m : float
+        Standard deviation of the usual reading of it, metres.
+    share : float
+        Share of the trust that are strays, at each side.
+    """
+    if box.size[1] < LEAST_WIDTH * box.size[0]:
+        return None
+    height = points @ normal + offset
+    first, second = plane_axes(normal)
+    plan = points @ np.array([first, second]).T
+    layer = np.floor((height - height.min()) / LAYER_M).astype(np.int64)
+    side = np.flatnonzero(height < np.quantile(height, TOP_QUANTILE) - TOP_M)
+    if len(side) < LEAST_POINTS or not trust[side].sum() > 0.0:
+        return None
+    axis = _axis(plan[side], layer[side], trust[side], _footprint(box, first, second), noise_m)
+    if axis is None:
+        return None
+    center, spread_m = axis
+    distance = np.hypot(*(plan - center).T)
+    weight = float(trust.sum())
+    radius = kernel.widest_layer(distance, layer, trust, int(layer.max()) + 1, LEAST_LAYER * weight, RIM)
+    along = DIRECTIONS @ center
+    low, high = along - radius, along + radius
+    rough = spread_m > ROUGH_NOISE * noise_m + ROUGH_M
+    part = rough | (distance > radius + max(PART_M, PART_RESIDUALS * spread_m))
+    strays = share * weight / max(float(trust[part].sum()), 1e-12)
+    # What is hardly more than the strays is none.
+    if strays < 0.3:
+        least, most = reach_of(plan[part], trust[part], DIRECTIONS, strays)
+        low, high = np.minimum(low, least), np.maximum(high, most)
+    middle = float(normal @ box.center)
+    return box_within(low, high, middle - box.size[2] / 2.0, middle + box.size[2] / 2.0, normal)
+
+
+def _axis(
+    plan: Float64Array, layer: npt.NDArray[np.int64], trust: Float64Array, rectangle: Float64Array, noise_m: float
+) -> tuple[Float64Array, float] | None:
+    """Return the place of the axis (2,) and the spread of the points around their surface, metres; None if unsure."""
+    center, radius, residual = np.empty(2), np.empty(int(layer.max()) + 1), np.empty(len(plan))
+    if not kernel.fit_axis(plan, layer, trust, STEPS, center, radius, residual):
+        return None
+    usual = float(np.average(radius[layer], weights=trust))
+    spread_m = _spread(residual, trust)
+    noise = NOISE_SHARE * noise_m
+    against = _spread(_to_sides(plan, trust, rectangle), trust)
+    if max(spread_m**2 - noise**2, 0.0) >= BETTER**2 * (against**2 - noise**2):
+        return None
+    # A nearly straight side has its axis far away.
+    if usual > 0.6 * float(rectangle[4:].max()) + TOP_M:
+        return None
+    angle = np.arctan2(*(plan - center).T[::-1])
+    near = np.abs(residual) < PART_RESIDUALS * spread_m
+    fine = np.unique(np.floor(angle[near] * (3.0 * SECTORS / (2.0 * math.pi))))
+    if len(fine) * 360.0 / (3 * SECTORS) < LEAST_ARC:
+        return None
+    sector = np.floor(angle * (SECTORS / (2.0 * math.pi))).astype(np.int64) + SECTORS // 2
+    sums = np.bincount(sector, trust * residual, SECTORS + 1), np.bincount(sector, trust, SECTORS + 1)
+    known = (np.bincount(sector, minlength=SECTORS + 1) >= 5) & (sums[1] > 0.0)
+    if not known.any() or np.ptp(sums[0][known] / sums[1][known]) > LEAST_TURN * usual:
+        return None
+    return center, spread_m
+
+
+def _footprint(box: Box, first: Float64Array, second: Float64Array) -> Float64Array:
+    """Return a box's footprint: (6,) its middle, sizes, and the direction of its length."""
+    return np.array(
+        [
+            first @ box.center,
+            second @ box.center,
+            first @ box.rotation[:, 0],
+            second @ box.rotation[:, 0],
+            box.size[0],
+            box.size[1],
+        ]
+    )
+
+
+def _to_sides(plan: Float64Array, trust: Float64Array, rectangle: Float64Array) -> Float64Array:
+    """Return how far points (N, 2) lie from the sides of a rectangle, each side moved to the mean of its points."""
+    along = rectangle[2:4]
+    away = plan - rectangle[:2]
+    a, b = away @ along, away @ np.array([-along[1], along[0]])
+    half = rectangle[4:] / 2.0
+    depth = np.stack([half[0] - a, half[0] + a, half[1] - b, half[1] + b])
+    which = depth.argmin(0)
+    own = depth[which, np.arange(len(plan))]
+    weight = np.bincount(which, trust, 4)
+    mean = np.bincount(which, trust * own, 4) / np.maximum(weight, 1e-12)
+    return np.asarray(own - mean[which])
+
+
+def _spread(residual: Float64Array, trust: Float64Array) -> float:
+    return float(np.sqrt(np.average(np.minimum(np.abs(residual), MOST_RESIDUAL_M) ** 2, weights=trust)))
