@@ -11,7 +11,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.boxes.fit import DIRECTIONS, box_within, plane_axes, reach_of
+from cuboid.boxes.fit import DIRECTIONS, box_within, plane_axes, reach_of, to_sides
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.kernels import revolve as kernel
@@ -105,7 +105,9 @@ def _axis(
     usual = float(np.average(radius[layer], weights=trust))
     spread_m = _spread(residual, trust)
     noise = NOISE_SHARE * noise_m
-    against = _spread(_to_sides(plan, trust, rectangle), trust)
+    along, half = rectangle[2:4], rectangle[4:] / 2.0
+    a, b = (plan - rectangle[:2]) @ along, (plan - rectangle[:2]) @ np.array([-along[1], along[0]])
+    against = _spread(to_sides(a, b, trust, -half, half), trust)
     if max(spread_m**2 - noise**2, 0.0) >= BETTER**2 * (against**2 - noise**2):
         return None
     # A nearly straight side has its axis far away.
@@ -136,20 +138,6 @@ def _footprint(box: Box, first: Float64Array, second: Float64Array) -> Float64Ar
             box.size[1],
         ]
     )
-
-
-def _to_sides(plan: Float64Array, trust: Float64Array, rectangle: Float64Array) -> Float64Array:
-    """Return how far points (N, 2) lie from the sides of a rectangle, each side moved to the mean of its points."""
-    along = rectangle[2:4]
-    away = plan - rectangle[:2]
-    a, b = away @ along, away @ np.array([-along[1], along[0]])
-    half = rectangle[4:] / 2.0
-    depth = np.stack([half[0] - a, half[0] + a, half[1] - b, half[1] + b])
-    which = depth.argmin(0)
-    own = depth[which, np.arange(len(plan))]
-    weight = np.bincount(which, trust, 4)
-    mean = np.bincount(which, trust * own, 4) / np.maximum(weight, 1e-12)
-    return np.asarray(own - mean[which])
 
 
 def _spread(residual: Float64Array, trust: Float64Array) -> float:

@@ -32,6 +32,8 @@ RIM_DEPTH_M = 0.035
 # Under a plane this far above theirs, metres, things that reach this share of the way up are legs or panels, and so
 # are those at most so wide, metres, that are so many times as high.
 TABLE_CLEARANCE_M, LEG_REACH, LEG_WIDTH_M, LEG_SLENDER = 0.4, 0.6, 0.13, 2.5
+# Under a board less high above, what reaches this share of the way up and is as long as a square of the board's area.
+SPAN_REACH = 0.8
 # A plane that is not used yet is forgotten after so many frames without a sighting.
 FORGET_FRAMES = 60
 # What a plane covers is found anew every so many frames, and in its first ones each time.
@@ -338,7 +340,8 @@ class PlaneTracker:
         """Tell whether a cluster of world points that stands on one plane is what holds up another one, so far above.
 
         It is when a tenth of its points, or twenty, lie just below a higher plane and under it or at its rim; and
-        when it stands under a table and reaches most of the way up, or is slender as a leg whose top is hidden.
+        when it stands under a table and reaches most of the way up, or is slender as a leg whose top is hidden; and
+        when it fills a shelf from side to side and almost to the next board: it is the shelf's back.
         """
         plan_points = self.to_plan(points)
         foot = plane.height(plan_points)
@@ -353,10 +356,12 @@ class PlaneTracker:
             # What a plane covers is asked only of points that matter: it takes the most time here.
             if np.count_nonzero(beside) >= enough and self.plan.covers(k, plan_points[beside]).sum() >= enough:
                 return True
-            if clearance < TABLE_CLEARANCE_M or self.plan.covers(k, plan_points).mean() < 0.5:
-                continue
             wide, high = float(np.ptp(plan_points[:, :2], axis=0).max()), float(foot.max())
-            if high >= LEG_REACH * clearance or (wide <= LEG_WIDTH_M and high >= LEG_SLENDER * wide):
+            if clearance >= TABLE_CLEARANCE_M:
+                fits = high >= LEG_REACH * clearance or (wide <= LEG_WIDTH_M and high >= LEG_SLENDER * wide)
+            else:
+                fits = high >= SPAN_REACH * clearance and wide**2 >= self.plan.area_m2(k)
+            if fits and self.plan.covers(k, plan_points).mean() >= 0.5:
                 return True
         return False
 
