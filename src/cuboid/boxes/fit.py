@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from cuboid.frame import Float32Array, Float64Array
 from cuboid.geometry.box import Box
-from cuboid.kernels.extents import reach
+from cuboid.kernels.extents import best_turn, reach
 
 # A cluster whose lowest point is within this of the plane rests on it, metres: the foot of an object is lost to the
 # noise floor of the plane, and the part below a bowl's belly is seldom seen.
@@ -17,11 +16,12 @@ REST_M = 0.06
 # A box whose footprint is larger by no more than this, and which is turned by at least so many steps of two degrees, is
 # taken instead of the smallest one where the points of the sides, those this far below the top (metres), lie so much
 # nearer to its sides. So many such boxes are looked at.
-RIVAL_AREA, APART, LID_M, BETTER_SIDES, LEAST_SIDE, MOST_RIVALS = 1.15, 5, 0.012, 0.7, 12, 3
+RIVAL_AREA, APART, LID_M, BETTER_SIDES, MOST_RIVALS = 1.15, 5, 0.012, 0.7, 3
 # Footprints are tried every two degrees: a 30 cm box turned by one degree is 3 mm off at its ends, below the noise.
 _ANGLES = np.radians(np.arange(0.0, 180.0, 2.0))
 DIRECTIONS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 _QUARTER = len(_ANGLES) // 2
+_NOTHING = np.zeros((0, 2))
 _ALONG_FIRST = np.array([[1.0, 0.0]])
 # Arcs of 130 degrees of the full turn, one every ten degrees: less does not fix a radius in noise, and a half disc,
 # whose ends are cut, has not much more. For each the design of c.u + r and its least-squares solver.
@@ -78,13 +78,24 @@ def fit_box(
     (bottom,), (top,) = reach_of(heights, trust, _ALONG_FIRST, share)
     if offset is not None and bottom + offset < REST_M:
         bottom = -offset
-    return box_within(low, high, bottom, top, normal, _turn(low, high, plan, trust, heights[:, 0] < top - LID_M))
+    side = heights[:, 0] < top - LID_M
+    return box_within(low, high, bottom, top, normal, plan[side], trust[side])
 
 
 def box_within(
-    low: Float64Array, high: Float64Array, bottom: float, top: float, normal: Float64Array, turn: int | None = None
+    low: Float64Array,
+    high: Float64Array,
+    bottom: float,
+    top: float,
+    normal: Float64Array,
+    side: Float64Array = _NOTHING,
+    trust: Float64Array = _NOTHING[:, 0],
 ) -> Box:
     """Return the box of least footprint around what reaches from `low` to `high` in each of `DIRECTIONS`.
+
+    Of a carton that shows two sides and not its top the footprint is a triangle, and the box along its long side is
+    as small as the carton's own: then the box is taken whose sides fit the points (Zhang et al., "Efficient L-Shape
+    Fitting", IV 2017, on cars in laser scans).
 
     Parameters
     ----------
@@ -94,12 +105,14 @@ def box_within(
         Along the normal, metres.
     normal : (3,) float64
         Unit.
-    turn : int, optional
-        Which of the directions is the box's own, instead of that of least footprint.
+    side : (N, 2) float64, optional
+        Points of the sides, not of the top, in the plane's own axes.
+    trust : (N,) float64, optional
+        How far each of them is to be believed.
     """
     first, second = plane_axes(normal)
     extent = high - low
-    a = int(np.argmin(_areas(extent))) if turn is None else turn
+    a = best_turn(side, trust, DIRECTIONS, low, high, RIVAL_AREA, APART, BETTER_SIDES, MOST_RIVALS)
     b = a + _QUARTER
     u, v = (c * first + s * second for c, s in (DIRECTIONS[a], DIRECTIONS[b]))
     if extent[a] < extent[b]:
@@ -113,64 +126,6 @@ def box_within(
     size[2], middle[2] = max(top - bottom, 0.0), (top + bottom) / 2.0
     axes = np.ascontiguousarray(np.array([u, v, normal]).T)
     return Box(center=axes @ middle, size=size, rotation=axes)
-
-
-def _areas(extent: Float64Array) -> Float64Array:
-    # Of a round footprint all boxes are alike: rounded, so that the first one counts and not what noise favours.
-    return np.asarray(np.round(extent[:_QUARTER] * extent[_QUARTER:], 9))
-
-
-def _turn(
-    low: Float64Array, high: Float64Array, plan: Float64Array, trust: Float64Array, side: npt.NDArray[np.bool_]
-) -> int:
-    """Return the direction of the box: that of least footprint, or of a hardly larger one whose sides fit far better.
-
-    Of a carton that shows two sides and not its top the footprint is a triangle, and the box along its long side is
-    as small as the carton's own (Zhang et al., "Efficient L-Shape Fitting", IV 2017, on cars in laser scans).
-    """
-    area = _areas(high - low)
-    best = int(np.argmin(area))
-    apart = np.abs((np.arange(_QUARTER) - best + _QUARTER // 2) % _QUARTER - _QUARTER // 2)
-    valley = (area <= np.roll(area, 1)) & (area <= np.roll(area, -1))
-    rivals = np.flatnonzero(valley & (apart >= APART) & (area <= RIVAL_AREA * area[best]))[:MOST_RIVALS]
-    if not len(rivals) or np.count_nonzero(side) < LEAST_SIDE:
-        return best
-    points, weights = plan[side], trust[side]
-    spread = [_side_spread(points, weights, low, high, int(k)) for k in (best, *rivals)]
-    k = int(np.argmin(spread))
-    return best if k == 0 or spread[k] > BETTER_SIDES * spread[0] else int(rivals[k - 1])
-
-
-def _side_spread(plan: Float64Array, trust: Float64Array, low: Float64Array, high: Float64Array, turn: int) -> float:
-    """Return how far points (N, 2) depart from the sides of the box with this direction, metres."""
-    a, b = plan @ DIRECTIONS[turn], plan @ DIRECTIONS[turn + _QUARTER]
-    return float(
-        np.sqrt(
-            np.average(
-                to_sides(a, b, trust, low[[turn, turn + _QUARTER]], high[[turn, turn + _QUARTER]]) ** 2, weights=trust
-            )
-        )
-    )
-
-
-def to_sides(
-    a: Float64Array, b: Float64Array, trust: Float64Array, low: Float64Array, high: Float64Array
-) -> Float64Array:
-    """Return how far points (N,), (N,) lie from the nearest side of a rectangle, each side moved to its own points.
-
-    Parameters
-    ----------
-    a, b : (N,) float64
-        Along the rectangle's directions.
-    trust : (N,) float64
-    low, high : (2,) float64
-        Where its sides are.
-    """
-    depth = np.stack([high[0] - a, a - low[0], high[1] - b, b - low[1]])
-    which = depth.argmin(0)
-    own = depth[which, np.arange(len(a))]
-    mean = np.bincount(which, trust * own, 4) / np.maximum(np.bincount(which, trust, 4), 1e-12)
-    return np.asarray(own - mean[which])
 
 
 def _disc(low: Float64Array, high: Float64Array) -> Float64Array | None:

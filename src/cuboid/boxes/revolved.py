@@ -11,10 +11,11 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.boxes.fit import DIRECTIONS, box_within, plane_axes, reach_of, to_sides
+from cuboid.boxes.fit import DIRECTIONS, box_within, plane_axes, reach_of
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.kernels import revolve as kernel
+from cuboid.kernels.extents import side_spread
 
 # Points this near the top, metres, are no side: a lid is filled. Layers are as thick as a voxel, metres.
 TOP_M, LAYER_M = 0.012, 0.01
@@ -106,8 +107,8 @@ def _axis(
     spread_m = _spread(residual, trust)
     noise = NOISE_SHARE * noise_m
     along, half = rectangle[2:4], rectangle[4:] / 2.0
-    a, b = (plan - rectangle[:2]) @ along, (plan - rectangle[:2]) @ np.array([-along[1], along[0]])
-    against = _spread(to_sides(a, b, trust, -half, half), trust)
+    sides = np.array([along, [-along[1], along[0]]])
+    against = side_spread(plan - rectangle[:2], trust, sides, -half, half, 0)
     if max(spread_m**2 - noise**2, 0.0) >= BETTER**2 * (against**2 - noise**2):
         return None
     # A nearly straight side has its axis far away.

@@ -54,3 +54,84 @@ def reach(points, weights, directions, share, low, high):
             left += bins[k]
             k -= 1
         high[d] = first + (k + 1 - (cut - left) / bins[k]) / scale
+
+
+@njit(cache=True, nogil=True)
+def best_turn(points, weights, directions, low, high, larger, apart, better, most):
+    """Find which of the directions is that of the box: of least footprint, or hardly larger with sides that fit better.
+
+    Parameters
+    ----------
+    points : (N, 2) float64
+        Of the sides, not of the top.
+    weights : (N,) float64
+    directions : (2 Q, 2) float64
+        Evenly over half a turn.
+    low, high : (2 Q,) float64
+        How far everything reaches along them.
+    larger : float
+        A footprint so many times the least one may be taken.
+    apart : int
+        Such a box is turned by at least so many steps.
+    better : float
+        Its sides fit so many times as well: the spread of the points around the sides nearest to them.
+    most : int
+        So many such boxes are looked at.
+
+    Returns
+    -------
+    int
+        0..Q-1.
+    """
+    quarter = directions.shape[0] // 2
+    area = np.empty(quarter)
+    best = 0
+    for k in range(quarter):
+        # Of a round footprint all boxes are alike: rounded, the first one counts and not what noise favours.
+        area[k] = np.round((high[k] - low[k]) * (high[k + quarter] - low[k + quarter]), 9)
+        if area[k] < area[best]:
+            best = k
+    if points.shape[0] == 0:
+        return best
+    chosen, limit, looked = best, -1.0, 0
+    for k in range(quarter):
+        off = abs(k - best)
+        if min(off, quarter - off) < apart or area[k] > larger * area[best] or looked == most:
+            continue
+        if area[k] > area[k - 1] or area[k] > area[(k + 1) % quarter]:
+            continue
+        if limit < 0.0:
+            limit = better * side_spread(points, weights, directions, low, high, best)
+        looked += 1
+        spread = side_spread(points, weights, directions, low, high, k)
+        if spread < limit:
+            chosen, limit = k, spread
+    return chosen
+
+
+@njit(cache=True, nogil=True)
+def side_spread(points, weights, directions, low, high, turn):
+    """Return how far points depart from the sides of a box, each side moved to the mean of those nearest to it."""
+    quarter = directions.shape[0] // 2
+    sums = np.zeros((4, 3))
+    other = turn + quarter
+    for i in range(points.shape[0]):
+        a = points[i, 0] * directions[turn, 0] + points[i, 1] * directions[turn, 1]
+        b = points[i, 0] * directions[other, 0] + points[i, 1] * directions[other, 1]
+        side, depth = 0, high[turn] - a
+        if a - low[turn] < depth:
+            side, depth = 1, a - low[turn]
+        if high[other] - b < depth:
+            side, depth = 2, high[other] - b
+        if b - low[other] < depth:
+            side, depth = 3, b - low[other]
+        w = weights[i]
+        sums[side, 0] += w
+        sums[side, 1] += w * depth
+        sums[side, 2] += w * depth * depth
+    total = square = 0.0
+    for k in range(4):
+        if sums[k, 0] > 0.0:
+            total += sums[k, 0]
+            square += sums[k, 2] - sums[k, 1] * sums[k, 1] / sums[k, 0]
+    return np.sqrt(max(square, 0.0) / total) if total > 0.0 else 0.0

@@ -30,6 +30,11 @@ TOP_SHARE, TOP_M, TOP_PIXELS, BEFORE_M = 0.1, 0.01, 8, 0.03
 # An upright sheet at most this thick, and longer and higher than that, metres, is a panel: a chair's back, a shelf's
 # side. The front of a cereal box is narrower.
 PANEL_THICK_M, PANEL_LONG_M = 0.06, 0.25
+# What runs along the border of its plane, at least so long, no wider and no higher, with this share of its points, is
+# the lip of a shelf or a tray; metres.
+LIP_LONG_M, LIP_WIDE_M, LIP_HIGH_M, LIP_SHARE = 0.25, 0.07, 0.05, 0.9
+# The ground that points cover is counted in squares of this edge, metres: a voxel's.
+PLACE_M = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,7 +202,7 @@ def map_clusters(rows: Rows, voxels: VoxelMap, planes: PlaneTracker, config: Tra
         furniture = reach > 2.0 * config.max_size_m
         if plane is not None and not furniture:
             some = points[:: 1 + len(points) // LOOKED_AT]
-            furniture = planes.holds_up(some, plane) or _is_panel(planes.to_plan(some))
+            furniture = planes.holds_up(some, plane) or _is_panel(planes.to_plan(some)) or _is_lip(some, plane, planes)
         links = _Links(k, place, component, edges)
         clusters.append(MapCluster(rows[members], links, plane, furniture))
     return clusters
@@ -215,6 +220,19 @@ class _Links:
     def __call__(self) -> npt.NDArray[np.int64]:
         mine = self.edges[self.component[self.edges[:, 0]] == self.number]
         return np.asarray(self.place[mine], dtype=np.int64)
+
+
+def _is_lip(points: Float32Array, plane: Plane, planes: PlaneTracker) -> bool:
+    """Tell whether points (N, 3) of the world run low along the border of the plane that they stand on."""
+    plan_points = planes.to_plan(points)
+    long = float(np.linalg.norm(np.ptp(plan_points[:, :2], axis=0)))
+    if long < LIP_LONG_M or float(plane.height(plan_points).max()) > LIP_HIGH_M:
+        return False
+    places = np.unique(np.floor(plan_points[:, :2] / PLACE_M), axis=0)
+    if len(places) * PLACE_M**2 > LIP_WIDE_M * long:
+        return False
+    border = planes.plan.on_border(planes.planes.index(plane), plan_points)
+    return bool(border.mean() >= LIP_SHARE)
 
 
 def _is_panel(plan_points: Float64Array) -> bool:

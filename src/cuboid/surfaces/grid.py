@@ -14,6 +14,8 @@ CELL_M = 0.05
 CLOSE_M = 0.2
 # What is seen of a plane reaches this much further, metres: its rim is lost to mixed pixels.
 RIM_M = 0.05
+# The border of a plane is so wide, metres: what it is said to reach beyond what was seen, twice, and a lip of 5 cm.
+BORDER_M = 0.15
 # A plane may go on this far beyond what is covered, metres.
 NEARBY_M = 0.4
 # Readings that a cell needs before it counts.
@@ -27,9 +29,10 @@ def _disc(radius_m: float) -> UInt8Array:
     return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * r + 1, 2 * r + 1)).astype(np.uint8)
 
 
-_CLOSE, _RIM, _NEARBY = (
+_CLOSE, _RIM, _BORDER, _NEARBY = (
     _disc(CLOSE_M),
     _disc(RIM_M),
+    _disc(BORDER_M),
     np.ones((2 * round(NEARBY_M / CELL_M) + 1,) * 2, np.uint8),
 )
 
@@ -129,6 +132,12 @@ class GroundPlan:
     def covers(self, plane: int, points: Float64Array) -> npt.NDArray[np.bool_]:
         """Tell which plan coordinates (N, 2) a plane covers."""
         return self._look_up(self.covered[plane], points)
+
+    def on_border(self, plane: int, points: Float64Array) -> npt.NDArray[np.bool_]:
+        """Tell which plan coordinates (N, 2) a plane covers within `BORDER_M` of where it ends."""
+        covered = np.pad(self.covered[plane], 1)
+        within = cv2.erode(covered, _BORDER)[1:-1, 1:-1].astype(np.uint8)
+        return self._look_up(self.covered[plane], points) & ~self._look_up(within, points)
 
     def _look_up(self, layer: UInt8Array, points: Float64Array) -> npt.NDArray[np.bool_]:
         i, j = self.cells_of(points).T

@@ -32,8 +32,9 @@ RIM_DEPTH_M = 0.035
 # Under a plane this far above theirs, metres, things that reach this share of the way up are legs or panels, and so
 # are those at most so wide, metres, that are so many times as high.
 TABLE_CLEARANCE_M, LEG_REACH, LEG_WIDTH_M, LEG_SLENDER = 0.4, 0.6, 0.13, 2.5
-# Under a board less high above, what reaches this share of the way up and is as long as a square of the board's area.
-SPAN_REACH = 0.8
+# Under a board less high above: what reaches this share of the way up and is as long as a square of the board's area;
+# and what reaches this share and is at least so wide, metres.
+SPAN_REACH, BACK_REACH, BACK_WIDTH_M = 0.5, 0.75, 0.25
 # A plane that is not used yet is forgotten after so many frames without a sighting.
 FORGET_FRAMES = 60
 # What a plane covers is found anew every so many frames, and in its first ones each time.
@@ -341,7 +342,7 @@ class PlaneTracker:
 
         It is when a tenth of its points, or twenty, lie just below a higher plane and under it or at its rim; and
         when it stands under a table and reaches most of the way up, or is slender as a leg whose top is hidden; and
-        when it fills a shelf from side to side and almost to the next board: it is the shelf's back.
+        when it fills a shelf from side to side, or is wide and reaches almost to the next board: the shelf's back.
         """
         plan_points = self.to_plan(points)
         foot = plane.height(plan_points)
@@ -360,7 +361,8 @@ class PlaneTracker:
             if clearance >= TABLE_CLEARANCE_M:
                 fits = high >= LEG_REACH * clearance or (wide <= LEG_WIDTH_M and high >= LEG_SLENDER * wide)
             else:
-                fits = high >= SPAN_REACH * clearance and wide**2 >= self.plan.area_m2(k)
+                spans = high >= SPAN_REACH * clearance and wide**2 >= self.plan.area_m2(k)
+                fits = spans or (high >= BACK_REACH * clearance and wide >= BACK_WIDTH_M)
             if fits and self.plan.covers(k, plan_points).mean() >= 0.5:
                 return True
         return False
