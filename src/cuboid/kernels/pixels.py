@@ -7,6 +7,9 @@ from numba import njit
 
 from cuboid.kernels.voxels import find_root
 
+# Planes that an int8 tells apart.
+PLANES = 128
+
 
 @njit(cache=True, nogil=True)
 def drop_mixed(depth, jump, out):
@@ -171,3 +174,77 @@ def label_regions(depth, wanted, claim, noise, jump, parent, labels):
             else:
                 labels[v, u] = labels[root // columns, root % columns]
     return number
+
+
+@njit(cache=True, nogil=True)
+def gather_regions(labels, number, least, depth, camera, T, support, first, pixels, points, corners, beneath):
+    """Gather the pixels of each region that is not too small, in the order of their numbers.
+
+    Parameters
+    ----------
+    labels : (H, W) int32
+        Number of the region, from 1; 0 none.
+    number : int
+        How many regions there are.
+    least : int
+        A region of fewer pixels is left out.
+    depth : (H, W) float32
+    camera : (4,) float64
+        fx, fy, cx, cy.
+    T : (4, 4) float64
+        T_world_camera.
+    support : (H, W) int8
+        Plane beneath each pixel, -1 none.
+    first : (number + 1,) int64, output
+        Where the pixels of each region that is kept begin, and the end of the last one's.
+    pixels : (H * W,) int64, output
+        Their places in the flattened image, ascending within a region.
+    points : (H * W, 3) float64, output
+        World, metres.
+    corners : (number, 4) int64, output
+        The least and the largest column and row of each: left, top, right, bottom.
+    beneath : (number,) int64, output
+        The plane beneath most of its pixels, -1 where there is none.
+
+    Returns
+    -------
+    int
+        How many regions are kept.
+    """
+    rows, columns = labels.shape
+    size, place = np.zeros(number + 1, np.int64), np.full(number + 1, -1)
+    for v in range(rows):
+        for u in range(columns):
+            size[labels[v, u]] += 1
+    kept, total = 0, 0
+    for k in range(1, number + 1):
+        if size[k] >= least:
+            place[k], first[kept] = kept, total
+            kept, total = kept + 1, total + size[k]
+    first[kept] = total
+    filled = first[:kept].copy()
+    votes = np.zeros((kept, PLANES), np.int64)
+    for k in range(kept):
+        corners[k, 0], corners[k, 1], corners[k, 2], corners[k, 3] = columns, rows, -1, -1
+    for v in range(rows):
+        for u in range(columns):
+            k = place[labels[v, u]]
+            if k < 0:
+                continue
+            i = filled[k]
+            filled[k] += 1
+            pixels[i] = v * columns + u
+            z = np.float64(depth[v, u])
+            x, y = (u - camera[2]) / camera[0] * z, (v - camera[3]) / camera[1] * z
+            for c in range(3):
+                points[i, c] = x * T[c, 0] + y * T[c, 1] + z * T[c, 2] + T[c, 3]
+            box = corners[k]
+            box[0], box[1], box[2], box[3] = min(box[0], u), min(box[1], v), max(box[2], u), max(box[3], v)
+            if support[v, u] >= 0:
+                votes[k, support[v, u]] += 1
+    for k in range(kept):
+        beneath[k] = -1
+        for p in range(PLANES):
+            if votes[k, p] > 0 and (beneath[k] < 0 or votes[k, p] > votes[k, beneath[k]]):
+                beneath[k] = p
+    return kept
