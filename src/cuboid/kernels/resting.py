@@ -105,7 +105,7 @@ def around(low, high, bottom, top, axes, directions, side, trust, box):
         length, width, x, y = width, length, y, -x
         ux, uy, vx, vy = vx, vy, -ux, -uy
     z = (top + bottom) / 2.0
-    box[3], box[4], box[5] = length, width, max(top - bottom, 0.0)
+    box[3], box[4], box[5] = max(length, width), min(length, width), max(top - bottom, 0.0)
     for k in range(3):
         u, v = ux * axes[0, k] + uy * axes[1, k], vx * axes[0, k] + vy * axes[1, k]
         box[6 + 3 * k], box[7 + 3 * k], box[8 + 3 * k] = u, v, axes[2, k]

@@ -228,3 +228,40 @@ def flood(kind, marks, core, cores_only, v0, u0, label, labels, queue):
                 queue[tail] = vv * width + uu
                 tail += 1
     return tail
+
+
+@njit(cache=True, nogil=True)
+def cut_masks(labels, members, chosen, boxes, step, masks):
+    """Write the masks of regions, each cropped to its rectangle, one after the other.
+
+    Parameters
+    ----------
+    labels : (h, w) int16
+        Segment of each pixel, -1 none, -2 - p on plane p.
+    members : (N, S) uint8
+        1 for each segment that a region is made of; the planes count from the end.
+    chosen : (K,) int64
+        Regions.
+    boxes : (K, 4) int32
+        x0, y0, x1, y1 of each in pixels of `labels`, end exclusive.
+    step : int
+        Pixels of a mask, a side, that one of `labels` becomes.
+    masks : (L,) uint8, output
+    """
+    at, last = 0, members.shape[1]
+    # Of each label, counted from the last plane's on, whether it is in.
+    inside = np.zeros(2 * last + 1, np.uint8)
+    for row in range(chosen.size):
+        inside[:last] = inside[last + 1 :] = members[chosen[row]]
+        x0, y0, x1, y1 = boxes[row]
+        wide = (x1 - x0) * step
+        for v in range(y0, y1):
+            line = masks[at : at + wide]
+            for u in range(x1 - x0):
+                line[u] = inside[labels[v, x0 + u] + last + 1]
+            if step > 1:
+                for u in range(x1 - x0 - 1, -1, -1):
+                    line[u * step : (u + 1) * step] = line[u]
+                for k in range(1, step):
+                    masks[at + k * wide : at + (k + 1) * wide] = line
+            at += step * wide
