@@ -368,6 +368,7 @@ class ObjectMap:
             mean_color=np.zeros(3),
             first_frame=frame,
             last_frame=frame,
+            before=int(np.median(self._voxels.hits[piece.rows])) - 1,
         )
         self._next_number += 1
         self._objects[entry.number] = entry
@@ -410,10 +411,12 @@ class ObjectMap:
     def _weigh(self) -> None:
         """Tell how often each must be proposed before it gets a label; what is a part of something else joins that."""
         soon = self._config.confirm_frames - self._config.map_every
-        waiting = [e for e in self.alive() if not e.confirmed and e.proposed >= soon]
+        waiting = [e for e in self.alive() if not e.confirmed and e.proposed + e.before >= soon]
         # The largest first: what lies beside it may be its part.
         for entry in sorted(waiting, key=lambda e: -len(e.points)):
             other = beside(entry, self.alive())
+            if other is not None and entry.proposed < soon:
+                continue
             verdict = None if other is None else self.bonds.verdict(entry.number, other.number)
             if other is not None and is_part(
                 entry, other, verdict, partial(self._boxing.stands, entry, self._others(entry))
@@ -423,4 +426,6 @@ class ObjectMap:
                 other.bonded = True
                 continue
             times = patience(entry, other, verdict, self._boxing.plane(entry.plane))
-            entry.patience = times * self._config.confirm_frames
+            # What stands alone was itself before it had a number; beside others it may have been a part of them.
+            before = entry.before if other is None and times == 1 else 0
+            entry.patience = max(1, times * self._config.confirm_frames - before)
