@@ -31,7 +31,7 @@ from cuboid.objects.patience import beside, is_ready, patience
 from cuboid.objects.splits import Splits, larger_side
 from cuboid.objects.validity import is_object
 from cuboid.objects.visibility import in_view
-from cuboid.surfaces.clusters import LOOKED_AT, MapCluster, map_clusters
+from cuboid.surfaces.clusters import LOOKED_AT, MapCluster, is_back, map_clusters
 from cuboid.surfaces.planes import PlaneTracker
 from cuboid.working import WorkingImage
 
@@ -193,9 +193,11 @@ class ObjectMap:
         return pieces, refused
 
     def _holds_up(self, own: Piece) -> bool:
-        """Tell whether a piece of an object holds up a plane."""
+        """Tell whether a piece of an object holds up a plane, or is the back of a shelf."""
+        if own.plane is None:
+            return False
         points = self._voxels.xyz(own.rows[:: 1 + len(own.rows) // LOOKED_AT])
-        return own.plane is not None and self._planes.holds_up(points, own.plane, SUPPORT_M)
+        return self._planes.holds_up(points, own.plane, SUPPORT_M) or is_back(points, own.plane, self._planes)
 
     def _is_support(self, number: int, parts: Sequence[Piece]) -> bool:
         """Tell whether an object is furniture, most of which held up a plane look after look; retire it."""
