@@ -35,6 +35,8 @@ TABLE_CLEARANCE_M, LEG_REACH, LEG_WIDTH_M, LEG_SLENDER = 0.4, 0.6, 0.13, 2.5
 # Under a board less high above: what reaches this share of the way up and is as long as a square of the board's area;
 # and what reaches this share and is at least so wide, metres.
 SPAN_REACH, BACK_REACH, BACK_WIDTH_M = 0.5, 0.75, 0.25
+# What lies under a board does so with this share of its points.
+UNDER_SHARE = 0.8
 # A plane that is not used yet is forgotten after so many frames without a sighting.
 FORGET_FRAMES = 60
 # What a plane covers is found anew every so many frames, and in its first ones each time.
@@ -364,6 +366,18 @@ class PlaneTracker:
                 spans = high >= SPAN_REACH * clearance and wide**2 >= self.plan.area_m2(k)
                 fits = spans or (high >= BACK_REACH * clearance and wide >= BACK_WIDTH_M)
             if fits and self.plan.covers(k, plan_points).mean() >= 0.5:
+                return True
+        return False
+
+    def under_board(self, points: Float32Array | Float64Array, plane: Plane) -> bool:
+        """Tell whether most of the world points (N, 3) above a plane lie under another one, as low as a shelf's."""
+        plan_points = self.to_plan(points)
+        middle = plan_points.mean(0)[None]
+        for k, other in enumerate(self.planes):
+            clearance = float(plane.height(middle)[0] - other.height(middle)[0])
+            if other is plane or not other.in_use or not RIM_DEPTH_M < clearance < TABLE_CLEARANCE_M:
+                continue
+            if self.plan.covers(k, plan_points).mean() >= UNDER_SHARE:
                 return True
         return False
 
