@@ -69,11 +69,9 @@ def test_regions_are_gathered_as_array_operations_do_it() -> None:
     depth = rng.uniform(0.5, 2.0, labels.shape).astype(np.float32)
     support = rng.integers(-1, 3, labels.shape).astype(np.int8)
     support[labels == 6] = -1
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.normal(size=3)
     first, pixels, points = np.empty(7, np.int64), np.empty(labels.size, np.int64), np.empty((labels.size, 3))
     corners, beneath = np.empty((6, 4), np.int64), np.empty(6, np.int64)
-    kept = gather_regions(labels, 6, 4, depth, CAMERA, T, support, first, pixels, points, corners, beneath)
+    kept = gather_regions(labels, 6, 4, depth, CAMERA, support, first, pixels, points, corners, beneath)
     numbers = [1, 2, 4, 5, 6]
     assert kept == len(numbers)
     for k, number in enumerate(numbers):
@@ -82,7 +80,7 @@ def test_regions_are_gathered_as_array_operations_do_it() -> None:
         np.testing.assert_array_equal(pixels[own], v * 40 + u)
         z = depth[v, u].astype(float)
         seen = np.column_stack([(u - CAMERA[2]) / CAMERA[0] * z, (v - CAMERA[3]) / CAMERA[1] * z, z])
-        np.testing.assert_allclose(points[own], seen @ T[:3, :3].T + T[:3, 3], atol=1e-12)
+        np.testing.assert_allclose(points[own], seen, atol=1e-12)
         assert corners[k].tolist() == [u.min(), v.min(), u.max(), v.max()]
         planes = support[v, u][support[v, u] >= 0]
         assert beneath[k] == (np.bincount(planes).argmax() if len(planes) else -1)

@@ -50,11 +50,11 @@ def fit_box(
     Box
         In the points' frame; its length is not less than its width.
     """
-    cloud = np.ascontiguousarray(points, dtype=np.float64)
+    cloud, axes = np.asarray(points, dtype=np.float64), _axes(normal)
     trust = np.ones(len(cloud)) if weights is None else weights
     row = np.empty(15)
     rest = math.nan if offset is None else offset
-    kernel.fit(cloud, trust, _axes(normal), rest, share, DIRECTIONS, ARC_SOLVERS, row)
+    kernel.fit(cloud @ axes[:2].T, cloud @ normal, trust, axes, rest, share, DIRECTIONS, ARC_SOLVERS, row)
     return _box(row)
 
 

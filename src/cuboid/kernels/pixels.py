@@ -177,7 +177,7 @@ def label_regions(depth, wanted, claim, noise, jump, parent, labels):
 
 
 @njit(cache=True, nogil=True)
-def gather_regions(labels, number, least, depth, camera, T, support, first, pixels, points, corners, beneath):
+def gather_regions(labels, number, least, depth, camera, support, first, pixels, points, corners, beneath):
     """Gather the pixels of each region that is not too small, in the order of their numbers.
 
     Parameters
@@ -191,8 +191,6 @@ def gather_regions(labels, number, least, depth, camera, T, support, first, pixe
     depth : (H, W) float32
     camera : (4,) float64
         fx, fy, cx, cy.
-    T : (4, 4) float64
-        T_world_camera.
     support : (H, W) int8
         Plane beneath each pixel, -1 none.
     first : (number + 1,) int64, output
@@ -200,7 +198,7 @@ def gather_regions(labels, number, least, depth, camera, T, support, first, pixe
     pixels : (H * W,) int64, output
         Their places in the flattened image, ascending within a region.
     points : (H * W, 3) float64, output
-        World, metres.
+        In the camera frame, metres.
     corners : (number, 4) int64, output
         The least and the largest column and row of each: left, top, right, bottom.
     beneath : (number,) int64, output
@@ -235,9 +233,11 @@ def gather_regions(labels, number, least, depth, camera, T, support, first, pixe
             filled[k] += 1
             pixels[i] = v * columns + u
             z = np.float64(depth[v, u])
-            x, y = (u - camera[2]) / camera[0] * z, (v - camera[3]) / camera[1] * z
-            for c in range(3):
-                points[i, c] = x * T[c, 0] + y * T[c, 1] + z * T[c, 2] + T[c, 3]
+            points[i, 0], points[i, 1], points[i, 2] = (
+                (u - camera[2]) / camera[0] * z,
+                (v - camera[3]) / camera[1] * z,
+                z,
+            )
             box = corners[k]
             box[0], box[1], box[2], box[3] = min(box[0], u), min(box[1], v), max(box[2], u), max(box[3], v)
             if support[v, u] >= 0:

@@ -26,13 +26,15 @@ ALIKE_M = 1e-9
 
 
 @njit(cache=True, nogil=True)
-def fit(points, weights, axes, offset, share, directions, solvers, box):
+def fit(plan, heights, weights, axes, offset, share, directions, solvers, box):
     """Fit the box of minimal footprint whose third axis is a plane's normal.
 
     Parameters
     ----------
-    points : (N, 3) float64
-        At least one, metres.
+    plan : (N, 2) float64
+        Of at least one point, in the plane's own axes, metres.
+    heights : (N,) float64
+        Along the normal, metres.
     weights : (N,) float64
     axes : (3, 3) float64
         Two axes of the plane and its normal, row by row.
@@ -47,13 +49,6 @@ def fit(points, weights, axes, offset, share, directions, solvers, box):
     box : (15,) float64, output
         Centre, size, rotation row by row.
     """
-    n = points.shape[0]
-    plan, heights = np.empty((n, 2)), np.zeros((n, 2))
-    for i in range(n):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        plan[i, 0] = x * axes[0, 0] + y * axes[0, 1] + z * axes[0, 2]
-        plan[i, 1] = x * axes[1, 0] + y * axes[1, 1] + z * axes[1, 2]
-        heights[i, 0] = x * axes[2, 0] + y * axes[2, 1] + z * axes[2, 2]
     low, high = np.empty(directions.shape[0]), np.empty(directions.shape[0])
     reach(plan, weights, directions, share, low, high)
     x, y, radius = disc(low, high, directions, solvers)
@@ -61,13 +56,15 @@ def fit(points, weights, axes, offset, share, directions, solvers, box):
         for d in range(directions.shape[0]):
             along = x * directions[d, 0] + y * directions[d, 1]
             low[d], high[d] = min(low[d], along - radius), max(high[d], along + radius)
-    bottom, top = np.empty(1), np.empty(1)
-    reach(heights, weights, np.array([[1.0, 0.0]]), share, bottom, top)
+    n = heights.size
+    upright, bottom, top = np.zeros((n, 2)), np.empty(1), np.empty(1)
+    upright[:, 0] = heights
+    reach(upright, weights, np.array([[1.0, 0.0]]), share, bottom, top)
     if bottom[0] + offset < REST_M:
         bottom[0] = -offset
     side, trust, sides = np.empty((n, 2)), np.empty(n), 0
     for i in range(n):
-        if heights[i, 0] < top[0] - LID_M:
+        if heights[i] < top[0] - LID_M:
             side[sides, 0], side[sides, 1], trust[sides] = plan[i, 0], plan[i, 1], weights[i]
             sides += 1
     around(low, high, bottom[0], top[0], axes, directions, side[:sides], trust[:sides], box)

@@ -109,8 +109,8 @@ def frame_clusters(
     beneath = np.empty(number, np.int64)
     c = image.camera
     kept = gather_regions(
-        labels, number, LEAST_PIXELS, image.depth_m, np.array([c.fx, c.fy, c.cx, c.cy]),
-        np.ascontiguousarray(T_world_camera), support, first, pixels, points, corners, beneath,
+        labels, number, LEAST_PIXELS, image.depth_m, np.array([c.fx, c.fy, c.cx, c.cy]), support, first,
+        pixels, points, corners, beneath,
     )  # fmt: skip
     warm = heat.ravel()[pixels[: first[kept]]]
     ends = corners[:kept] + np.array([0, 0, 1, 1])
@@ -120,7 +120,8 @@ def frame_clusters(
     for k in range(kept):
         own = slice(int(first[k]), int(first[k + 1]))
         plane = planes.planes[beneath[k]] if beneath[k] >= 0 else None
-        clusters.append(FrameCluster(pixels[own], points[own], plane, float(warm[own].mean()), rects[k], bool(cut[k])))
+        world = points[own] @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
+        clusters.append(FrameCluster(pixels[own], world, plane, float(warm[own].mean()), rects[k], bool(cut[k])))
     return clusters
 
 
