@@ -342,7 +342,7 @@ class PlaneTracker:
     def holds_up(self, points: Float32Array | Float64Array, plane: Plane, clearance_m: float = RIM_DEPTH_M) -> bool:
         """Tell whether a cluster of world points that stands on one plane is what holds up another one, so far above.
 
-        It is when a tenth of its points, or twenty, lie just below a higher plane and under it or at its rim; and
+        It is when one in 25 of its points, or twenty, lie just below a higher plane and under it or at its rim; and
         when it stands under a table and reaches most of the way up, or is slender as a leg whose top is hidden; and
         when it fills a shelf from side to side, or is wide and reaches almost to the next board: the shelf's back.
         """
@@ -355,7 +355,7 @@ class PlaneTracker:
                 continue
             height = other.height(plan_points)
             beside = (height > -RIM_DEPTH_M) & (height < 0.5 * RIM_DEPTH_M)
-            enough = min(20, max(4, len(plan_points) // 10))
+            enough = min(20, max(4, len(plan_points) // 25))
             # What a plane covers is asked only of points that matter: it takes the most time here.
             if np.count_nonzero(beside) >= enough and self.plan.covers(k, plan_points[beside]).sum() >= enough:
                 return True
