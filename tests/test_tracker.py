@@ -265,7 +265,7 @@ def test_what_the_border_of_the_picture_always_cuts_has_no_label_until_its_end_i
     low = [look_at([1.2 * np.cos(a), 1.2 * np.sin(a), 0.5], [0, 0, 0.0]) for a in np.linspace(-2.0, -1.7, 24)]
     follow(tracker, (frame_of([FLOOR, TABLE, tower], T, k) for k, T in enumerate(low)))
     assert tracker.objects == []
-    high = [look_at([1.9 * np.cos(a), 1.9 * np.sin(a), 1.1], [0, 0, 0.35]) for a in np.linspace(-1.7, -1.4, 24)]
+    high = [look_at([1.9 * np.cos(a), 1.9 * np.sin(a), 1.1], [0, 0, 0.35]) for a in np.linspace(-1.7, -1.4, 48)]
     follow(tracker, (frame_of([FLOOR, TABLE, tower], T, k) for k, T in enumerate(high, 24)))
     assert [o.label for o in tracker.objects] == [1]
     assert tracker.objects[0].box.size[2] == pytest.approx(0.8, abs=0.02)
