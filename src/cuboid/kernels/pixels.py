@@ -33,8 +33,8 @@ def drop_mixed(depth, jump, out):
 
 @njit(cache=True, nogil=True)
 def stand_on(
-    depth, camera, T_grid_camera, planes_camera, ground, origin, cell, patches, patch, noise, floor, bias, max_depth,
-    heights, support, seen,
+    depth, camera, T_grid_camera, planes_camera, numbers, ground, origin, cell, patches, patch, noise, floor, bias,
+    max_depth, heights, support, seen,
 ):  # fmt: skip
     """Find for each pixel the supporting plane beneath it and its height above that plane.
 
@@ -47,13 +47,15 @@ def stand_on(
         Carries camera coordinates to the grid frame, whose third axis is up.
     planes_camera : (P, 4) float64
         Each plane in the camera frame, as this frame sees it: normal (up) and offset, n.p + d = height.
+    numbers : (P,) int32
+        What each plane is called in `patches` and `support`.
     ground : (P, N, M) uint8
         Cells that each plane covers (1), holes beneath objects filled.
     origin : (2,) float64
         Grid coordinates of the corner of cell (0, 0), metres.
     cell : float
         Edge of a cell, metres.
-    patches : (H // patch, W // patch) int8
+    patches : (H // patch, W // patch) int32
         Plane that each patch of the image lies on, -1 none.
     patch : int
         Edge of a patch, pixels.
@@ -64,7 +66,7 @@ def stand_on(
     max_depth : float
     heights : (H, W) float32, output
         Metres above the plane beneath, NaN without one.
-    support : (H, W) int8, output
+    support : (H, W) int32, output
         Plane beneath, -1 none.
     seen : (P, N, M) int32, in and out
         Readings that lie on each plane, by cell; only those of patches that lie on it as a whole.
@@ -101,15 +103,15 @@ def stand_on(
                 spread = noise * z * z * abs(n0 * rx + n1 * ry + n2)
                 limit = max(floor, bias + 3.0 * spread)
                 if abs(h) < limit:
-                    if on == p:
+                    if on == numbers[p]:
                         seen[p, ix, iy] += 1
                     if ground[p, ix, iy]:
                         best = 0.0
-                        support[v, u] = p
+                        support[v, u] = numbers[p]
                         break
                 elif limit <= h < best and ground[p, ix, iy]:
                     best = h
-                    support[v, u] = p
+                    support[v, u] = numbers[p]
             if best < np.inf:
                 heights[v, u] = best
 
