@@ -28,12 +28,10 @@ LEAST_LAYER, RIM = 0.02, 0.85
 # Such a body departs from itself from sector to sector by no more than this share of its radius: a mug's handle or a
 # cap's brim does. And it fits by so much better than the best rectangle: cartons do not.
 LEAST_TURN, BETTER = 0.11, 0.95
-# The noise that is in the map, as a share of that of a reading at the usual distance.
-NOISE_SHARE = 0.8
 # Residuals beyond this, metres, count no more: parts, strays.
 MOST_RESIDUAL_M = 0.03
-# A surface is rough (leaves) from this residual on: so many times a reading's noise, and metres besides.
-ROUGH_NOISE, ROUGH_M = 1.5, 0.003
+# A surface is rough (leaves) from this residual on: so many times the noise, and metres besides.
+ROUGH_NOISE, ROUGH_M = 1.9, 0.003
 # What sticks out by more than so many residuals, and metres, is a part of its own.
 PART_RESIDUALS, PART_M = 2.5, 0.004
 # A seen side at least so wide, as a share of its length, may be that of a round body.
@@ -63,7 +61,7 @@ def revolved(
     offset : float
         The plane is normal.p + offset = 0.
     noise_m : float
-        Standard deviation of the usual reading of it, metres.
+        Standard deviation of the points of a surface, metres.
     share : float
         Share of the trust that are strays, at each side.
     """
@@ -105,11 +103,10 @@ def _axis(
         return None
     usual = float(np.average(radius[layer], weights=trust))
     spread_m = _spread(residual, trust)
-    noise = NOISE_SHARE * noise_m
     along, half = rectangle[2:4], rectangle[4:] / 2.0
     sides = np.array([along, [-along[1], along[0]]])
     against = side_spread(plan - rectangle[:2], trust, sides, -half, half, 0)
-    if max(spread_m**2 - noise**2, 0.0) >= BETTER**2 * (against**2 - noise**2):
+    if max(spread_m**2 - noise_m**2, 0.0) >= BETTER**2 * (against**2 - noise_m**2):
         return None
     # A nearly straight side has its axis far away.
     if usual > 0.6 * float(rectangle[4:].max()) + TOP_M:

@@ -135,3 +135,35 @@ def side_spread(points, weights, directions, low, high, turn):
             total += sums[k, 0]
             square += sums[k, 2] - sums[k, 1] * sums[k, 1] / sums[k, 0]
     return np.sqrt(max(square, 0.0) / total) if total > 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True)
+def side_layers(points, weights, center, rotation, half, band, out):
+    """Weigh the points of a box that lie in two layers beneath each of its sides, but for the one that it stands on.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+    weights : (N,) float64
+    center, half : (3,) float64
+        Of the box: its middle, and half of its size.
+    rotation : (3, 3) float64
+    band : float
+        Thickness of a layer, metres.
+    out : (5, 3) float64, output
+        For the sides +x, -x, +y, -y, +z: weight in the outer layer, summed weight times depth there, weight in the
+        next layer.
+    """
+    out[:] = 0.0
+    for i in range(points.shape[0]):
+        w = weights[i]
+        dx, dy, dz = points[i, 0] - center[0], points[i, 1] - center[1], points[i, 2] - center[2]
+        for k in range(5):
+            axis = k // 2
+            along = dx * rotation[0, axis] + dy * rotation[1, axis] + dz * rotation[2, axis]
+            depth = half[axis] - along if k % 2 == 0 else half[axis] + along
+            if depth < band:
+                out[k, 0] += w
+                out[k, 1] += w * max(depth, 0.0)
+            elif depth < 2.0 * band:
+                out[k, 2] += w

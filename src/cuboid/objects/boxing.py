@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from cuboid.boxes.faces import to_faces
 from cuboid.boxes.fit import fit_box
 from cuboid.boxes.hidden import clear_of, foot_is_hidden, with_foot, with_hidden
 from cuboid.boxes.revolved import revolved
@@ -20,6 +21,8 @@ from cuboid.surfaces.planes import PlaneTracker
 
 # Share of an object's trust that lies outside its surface at each side: the tails of the sensor's noise.
 STRAY_SHARE = 0.008
+# The noise of the map's points, as a share of that of the usual reading of them.
+MAP_NOISE = 0.8
 # Voxels that a box is fitted to, at most about; more of a large object do not change it.
 BOX_VOXELS = 1500
 
@@ -61,17 +64,20 @@ class Boxing:
         near = _near(box, others)
         trust, noise_m = self._trust(rows)
         round_box = revolved(box, points, trust, *plane, noise_m, STRAY_SHARE)
-        if round_box is not None and clear_of(round_box, near):
-            return with_foot(round_box, *plane, near, self._voxels)
+        is_round = round_box is not None and clear_of(round_box, near)
+        box = round_box if round_box is not None and is_round else box
+        box = to_faces(box, points, trust, noise_m, is_round)
+        if is_round:
+            return with_foot(box, *plane, near, self._voxels)
         return with_hidden(box, points, *plane, near, self._voxels)
 
     def _trust(self, rows: Rows) -> tuple[Float64Array, float]:
-        """Return how far voxels (N,) are to be believed, and the usual noise of a reading of them, metres."""
+        """Return how far voxels (N,) are to be believed, and the usual noise of their places, metres."""
         hits = self._voxels.hits[rows].astype(np.float64)
         precision = self._voxels.weight(rows) / hits
         usual = _middle(precision)
         trust = np.minimum(hits, _middle(hits)) * np.minimum(precision, usual)
-        return trust, self._voxels.noise_per_m / float(np.sqrt(usual))
+        return trust, MAP_NOISE * self._voxels.noise_per_m / float(np.sqrt(usual))
 
     def rests(self, piece: Piece, box: Box) -> bool:
         """Tell whether a piece's box rests on its plane, or on nothing known."""

@@ -38,6 +38,8 @@ class MapObject:
         Frames that saw it.
     proposed : int
         Frames whose own proposals it matched.
+    before : int
+        Frames in which its points were hot before it was an object.
     whole : int
         Of these, frames in which no border of the picture cut it.
     patience : int
@@ -66,6 +68,7 @@ class MapObject:
     label: int = 0
     frames_seen: int = 0
     proposed: int = 0
+    before: int = 0
     whole: int = 0
     patience: int = 0
     merged_labels: list[int] = field(default_factory=list)

@@ -31,7 +31,7 @@ from cuboid.objects.patience import beside, is_ready, patience
 from cuboid.objects.splits import Splits, larger_side
 from cuboid.objects.validity import is_object
 from cuboid.objects.visibility import in_view
-from cuboid.surfaces.clusters import LOOKED_AT, MapCluster, map_clusters
+from cuboid.surfaces.clusters import LOOKED_AT, MapCluster, is_back, map_clusters
 from cuboid.surfaces.planes import PlaneTracker
 from cuboid.working import WorkingImage
 
@@ -193,9 +193,11 @@ class ObjectMap:
         return pieces, refused
 
     def _holds_up(self, own: Piece) -> bool:
-        """Tell whether a piece of an object holds up a plane."""
+        """Tell whether a piece of an object holds up a plane, or is the back of a shelf."""
+        if own.plane is None:
+            return False
         points = self._voxels.xyz(own.rows[:: 1 + len(own.rows) // LOOKED_AT])
-        return own.plane is not None and self._planes.holds_up(points, own.plane, SUPPORT_M)
+        return self._planes.holds_up(points, own.plane, SUPPORT_M) or is_back(points, own.plane, self._planes)
 
     def _is_support(self, number: int, parts: Sequence[Piece]) -> bool:
         """Tell whether an object is furniture, most of which held up a plane look after look; retire it."""
@@ -368,6 +370,7 @@ class ObjectMap:
             mean_color=np.zeros(3),
             first_frame=frame,
             last_frame=frame,
+            before=int(np.median(self._voxels.hits[piece.rows])) - 1,
         )
         self._next_number += 1
         self._objects[entry.number] = entry
@@ -410,10 +413,12 @@ class ObjectMap:
     def _weigh(self) -> None:
         """Tell how often each must be proposed before it gets a label; what is a part of something else joins that."""
         soon = self._config.confirm_frames - self._config.map_every
-        waiting = [e for e in self.alive() if not e.confirmed and e.proposed >= soon]
+        waiting = [e for e in self.alive() if not e.confirmed and e.proposed + e.before >= soon]
         # The largest first: what lies beside it may be its part.
         for entry in sorted(waiting, key=lambda e: -len(e.points)):
             other = beside(entry, self.alive())
+            if other is not None and entry.proposed < soon:
+                continue
             verdict = None if other is None else self.bonds.verdict(entry.number, other.number)
             if other is not None and is_part(
                 entry, other, verdict, partial(self._boxing.stands, entry, self._others(entry))
@@ -423,4 +428,6 @@ class ObjectMap:
                 other.bonded = True
                 continue
             times = patience(entry, other, verdict, self._boxing.plane(entry.plane))
-            entry.patience = times * self._config.confirm_frames
+            # What stands alone was itself before it had a number; beside others it may have been a part of them.
+            before = entry.before if other is None and times == 1 else 0
+            entry.patience = max(1, times * self._config.confirm_frames - before)

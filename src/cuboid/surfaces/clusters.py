@@ -31,6 +31,8 @@ TOP_SHARE, TOP_M, TOP_PIXELS, BEFORE_M = 0.1, 0.01, 8, 0.03
 # An upright sheet at most this thick, and longer and higher than that, metres, is a panel: a chair's back, a shelf's
 # side. The front of a cereal box is narrower.
 PANEL_THICK_M, PANEL_LONG_M = 0.06, 0.25
+# Under the board of a shelf such a sheet is the shelf's back, of which less shows: so long and so high, metres.
+BACK_LONG_M, BACK_HIGH_M = 0.15, 0.12
 # What runs along the border of its plane, at least so long, no wider and no higher, with this share of its points, is
 # the lip of a shelf or a tray; metres.
 LIP_LONG_M, LIP_WIDE_M, LIP_HIGH_M, LIP_SHARE = 0.25, 0.07, 0.05, 0.9
@@ -203,7 +205,7 @@ def map_clusters(rows: Rows, voxels: VoxelMap, planes: PlaneTracker, config: Tra
         furniture = reach > 2.0 * config.max_size_m
         if plane is not None and not furniture:
             some = points[:: 1 + len(points) // LOOKED_AT]
-            furniture = planes.holds_up(some, plane) or _is_panel(planes.to_plan(some)) or _is_lip(some, plane, planes)
+            furniture = planes.holds_up(some, plane) or _is_panel(some, plane, planes) or _is_lip(some, plane, planes)
         links = _Links(k, place, component, edges)
         clusters.append(MapCluster(rows[members], links, plane, furniture))
     return clusters
@@ -236,11 +238,20 @@ def _is_lip(points: Float32Array, plane: Plane, planes: PlaneTracker) -> bool:
     return bool(border.mean() >= LIP_SHARE)
 
 
-def _is_panel(plan_points: Float64Array) -> bool:
-    """Tell whether points (N, 3) of the plan frame make an upright sheet, long and high."""
-    if np.ptp(plan_points[:, 2]) < PANEL_LONG_M:
+def _is_panel(points: Float32Array, plane: Plane, planes: PlaneTracker) -> bool:
+    """Tell whether points (N, 3) of the world make an upright sheet, long and high: a chair's back, a shelf's side."""
+    return _is_sheet(planes.to_plan(points), PANEL_LONG_M, PANEL_LONG_M) or is_back(points, plane, planes)
+
+
+def is_back(points: Float32Array, plane: Plane, planes: PlaneTracker) -> bool:
+    """Tell whether points (N, 3) of the world, which stand on a plane, make a shelf's back: a sheet under a board."""
+    return _is_sheet(planes.to_plan(points), BACK_LONG_M, BACK_HIGH_M) and planes.under_board(points, plane)
+
+
+def _is_sheet(plan_points: Float64Array, long_m: float, high_m: float) -> bool:
+    if np.ptp(plan_points[:, 2]) < high_m:
         return False
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(plan_points[:, :2].T)), 0.0))
     # Points spread evenly over a length have a standard deviation of its twelfth part's root.
     thick, long = np.sqrt(12.0) * spread
-    return bool(thick <= PANEL_THICK_M and long >= PANEL_LONG_M)
+    return bool(thick <= PANEL_THICK_M and long >= long_m)

@@ -21,6 +21,8 @@ TABLE_CLEARANCE_M, LEG_REACH, LEG_WIDTH_M, LEG_SLENDER = 0.4, 0.6, 0.13, 2.5
 # Under a board less high above: what reaches this share of the way up and is as long as a square of the board's area;
 # and what reaches this share and is at least so wide, metres.
 SPAN_REACH, BACK_REACH, BACK_WIDTH_M = 0.5, 0.75, 0.25
+# What lies under a board does so with this share of its points.
+UNDER_SHARE = 0.8
 
 
 def is_lid(plane: Plane, area_m2: float, others: Iterable[Plane]) -> bool:
@@ -66,5 +68,17 @@ def holds_up(
             spans = high >= SPAN_REACH * clearance and wide**2 >= other.plan.area_m2()
             fits = spans or (high >= BACK_REACH * clearance and wide >= BACK_WIDTH_M)
         if fits and other.plan.covers(plan_points).mean() >= 0.5:
+            return True
+    return False
+
+
+def under_board(plan_points: Float64Array, plane: Plane, others: Iterable[Plane]) -> bool:
+    """Tell whether most points (N, 3) of the plan frame above a plane lie under another one, as low as a shelf's."""
+    middle = plan_points.mean(0)[None]
+    for other in others:
+        clearance = float(plane.height(middle)[0] - other.height(middle)[0])
+        if other is plane or not other.in_use or not RIM_DEPTH_M < clearance < TABLE_CLEARANCE_M:
+            continue
+        if other.plan.covers(plan_points).mean() >= UNDER_SHARE:
             return True
     return False

@@ -292,6 +292,11 @@ class PlaneTracker:
         plan_points = self.to_plan(points)
         return furniture.holds_up(plan_points, plane, self._at(plan_points), clearance_m)
 
+    def under_board(self, points: Float32Array | Float64Array, plane: Plane) -> bool:
+        """Tell whether most world points (N, 3) above a plane lie under a shelf's board; see `furniture.under_board`."""
+        plan_points = self.to_plan(points)
+        return furniture.under_board(plan_points, plane, self._at(plan_points))
+
     def in_world(self, plane: Plane) -> tuple[Float64Array, float]:
         """Return normal (3,) and offset of a plane in the world: normal.p + offset = 0."""
         assert self.T_plan_world is not None
