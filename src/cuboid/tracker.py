@@ -136,7 +136,7 @@ class Tracker:
             T_world_camera=T_world_camera,
             sightings=sightings,
             proposals=found,
-            objects_known=len(self._map.confirmed()),
+            objects_known=self._map.labelled,
             heat=heat,
             milliseconds=watch.milliseconds,
         )
@@ -257,10 +257,11 @@ class Tracker:
     @property
     def objects(self) -> list[TrackedObject]:
         """The confirmed objects of the map, by label."""
-        return [self._tracked(entry) for entry in self._map.confirmed()]
+        used = [plane for plane in self._planes.planes if plane.in_use]
+        place = {plane.index: k for k, plane in enumerate(used)}
+        return [self._tracked(entry, place) for entry in self._map.confirmed()]
 
-    def _tracked(self, entry: MapObject) -> TrackedObject:
-        planes = [plane for plane in self._planes.planes if plane.in_use]
+    def _tracked(self, entry: MapObject, place: Mapping[int, int]) -> TrackedObject:
         return TrackedObject(
             label=entry.label,
             box=entry.box,
@@ -271,7 +272,7 @@ class Tracker:
             frames_seen=entry.frames_seen,
             points=len(entry.points),
             mean_color=entry.mean_color,
-            plane=planes.index(entry.plane) if entry.plane in planes else None,
+            plane=None if entry.plane is None else place.get(entry.plane.index),
             merged_labels=tuple(entry.merged_labels),
         )
 
@@ -288,6 +289,11 @@ class Tracker:
     def up(self) -> Float64Array | None:
         """Up in the world, (3,); None while unknown."""
         return self._planes.up
+
+    @property
+    def points_known(self) -> int:
+        """How many points the global point map holds."""
+        return self._voxels.alive
 
     def map_points(self) -> MapPoints:
         """Return the global point map."""

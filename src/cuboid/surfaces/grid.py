@@ -26,8 +26,11 @@ NEARBY_M = 0.4
 CELL_READINGS = 8
 # A window is never wider than this many cells (200 m).
 LIMIT_CELLS = 4000
-# A window that has to grow grows by so many cells more, so that growing is rare.
-SLACK_CELLS = 16
+# A window that has to grow grows by so many cells more, or by this share of it, so that growing is rare.
+SLACK_CELLS, SLACK_SHARE = 16, 0.25
+# Of a window wider than this, cells, only what changed is found anew, and so much around it: 8 m, as wide as any hole
+# that is filled there.
+WHOLE_CELLS, AROUND_CELLS = 400, 160
 
 Places = npt.NDArray[np.int64]
 
@@ -45,6 +48,8 @@ _CLOSE, _RIM, _BORDER, _NEARBY = (
 )
 # Cells from a reading to the border of its window: all that is nearby lies in the window.
 _MARGIN = _RIM.shape[0] // 2 + _NEARBY.shape[0] // 2
+# Cells from a reading as far as it may change what is covered and nearby.
+_UNSURE = _MARGIN + 2 * (_CLOSE.shape[0] // 2)
 
 
 def cells_of(points: Float64Array) -> Places:
@@ -75,6 +80,8 @@ class GroundPlan:
         self.covered: UInt8Array = np.zeros((0, 0), np.uint8)
         self.nearby: UInt8Array = np.zeros((0, 0), np.uint8)
         self.stale = False
+        self._changed: Places = np.zeros(4, np.int64)
+        self._known = 0
 
     @property
     def window(self) -> Places:
@@ -90,7 +97,8 @@ class GroundPlan:
         after = np.maximum(0, high - self.corner - self.seen.shape)
         if not before.any() and not after.any():
             return
-        before, after = before + (before > 0) * SLACK_CELLS, after + (after > 0) * SLACK_CELLS
+        slack = np.maximum(SLACK_CELLS, (SLACK_SHARE * np.array(self.seen.shape)).astype(np.int64))
+        before, after = before + (before > 0) * slack, after + (after > 0) * slack
         if (self.seen.shape + before + after).max() > LIMIT_CELLS:
             return
         pads = ((before[0], after[0]), (before[1], after[1]))
@@ -105,7 +113,7 @@ class GroundPlan:
         self.reach((cells - half[:, None]).min(0), (cells + half[:, None]).max(0))
         for (i, j), k in zip(cells - self.corner, half, strict=True):
             self.seen[max(0, i - k) : max(0, i + k + 1), max(0, j - k) : max(0, j + k + 1)] = CELL_READINGS
-        self.refresh()
+        self._all_changed()
 
     def add(self, readings: npt.NDArray[np.int32], corner: Places) -> None:
         """Take in readings (n, m) by cell, the first of which is `corner`."""
@@ -113,8 +121,12 @@ class GroundPlan:
         if len(i) == 0:
             return
         self.reach(corner + np.array([i[0], j[0]]), corner + np.array([i[-1], j[-1]]))
-        mine, theirs = common(self.window, np.concatenate([corner, corner + readings.shape]))
+        window = np.concatenate([corner, corner + readings.shape])
+        mine, theirs = common(self.window, window)
+        before = int(np.count_nonzero(self.seen[mine] >= CELL_READINGS))
         self.seen[mine] += readings[theirs]
+        self._known += int(np.count_nonzero(self.seen[mine] >= CELL_READINGS)) - before
+        self._changed = _around(self._changed, window) if self.stale else window
         self.stale = True
 
     def absorb(self, other: GroundPlan) -> None:
@@ -131,21 +143,34 @@ class GroundPlan:
         here = np.zeros(self.seen.shape, np.int32)
         np.add.at(here, (i, j), 1)
         self.seen = np.where(here > 0, np.where(here > 1, np.maximum(self.seen, CELL_READINGS), self.seen), 0)
+        self._all_changed()
+
+    def _all_changed(self) -> None:
+        self._known = int(np.count_nonzero(self.seen >= CELL_READINGS))
+        self._changed = self.window
+        self.stale = True
         self.refresh()
 
     def refresh(self) -> None:
-        """Find anew what the plane covers."""
-        closed = cv2.morphologyEx((self.seen >= CELL_READINGS).astype(np.uint8), cv2.MORPH_CLOSE, _CLOSE)
-        contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        filled = np.zeros_like(closed)
-        cv2.drawContours(filled, contours, -1, 1, cv2.FILLED)
-        self.covered = cv2.dilate(filled, _RIM).astype(np.uint8, copy=False)
-        self.nearby = cv2.dilate(self.covered, _NEARBY).astype(np.uint8, copy=False)
+        """Find anew what the plane covers, where that changed."""
+        if not self.stale:
+            return
         self.stale = False
+        part = self.window
+        if max(self.seen.shape) > WHOLE_CELLS:
+            wide = self._changed + AROUND_CELLS * np.array([-1, -1, 1, 1])
+            part = np.concatenate([np.maximum(part[:2], wide[:2]), np.minimum(part[2:], wide[2:])])
+        here, _ = common(self.window, part)
+        covered = _covered(self.seen[here])
+        nearby = cv2.dilate(covered, _NEARBY)
+        # Where a part ends within the window, what lies beyond it is not known.
+        inner = part + np.where(part == self.window, 0, _UNSURE * np.array([1, 1, -1, -1]))
+        here, there = common(self.window, inner)[0], common(part, inner)[0]
+        self.covered[here], self.nearby[here] = covered[there], nearby[there]
 
     def area_m2(self) -> float:
         """Return the area in which readings of the plane were seen."""
-        return float(np.count_nonzero(self.seen >= CELL_READINGS)) * CELL_M**2
+        return float(self._known) * CELL_M**2
 
     def near(self, points: Float64Array) -> npt.NDArray[np.bool_]:
         """Tell which plan coordinates (N, 2) lie where the plane is or may go on."""
@@ -178,6 +203,22 @@ class GroundPlan:
         largest = max(contours, key=cv2.contourArea)
         smooth = cv2.approxPolyDP(largest, 1.0, closed=True)[:, 0, ::-1]
         return np.asarray((self.corner + smooth + 0.5) * CELL_M, dtype=np.float64)
+
+
+def _covered(seen: npt.NDArray[np.int32]) -> UInt8Array:
+    """Return what readings (N, M) cover: gaps closed, holes filled, and a rim around."""
+    n = _CLOSE.shape[0]
+    known = np.pad((seen >= CELL_READINGS).astype(np.uint8), n)
+    closed = cv2.morphologyEx(known, cv2.MORPH_CLOSE, _CLOSE)
+    contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    filled = np.zeros_like(closed)
+    cv2.drawContours(filled, contours, -1, 1, cv2.FILLED)
+    return np.ascontiguousarray(cv2.dilate(filled, _RIM)[n:-n, n:-n], np.uint8)
+
+
+def _around(a: Places, b: Places) -> Places:
+    """Return the window (4,) around two."""
+    return np.concatenate([np.minimum(a[:2], b[:2]), np.maximum(a[2:], b[2:])])
 
 
 def common(a: Places, b: Places) -> tuple[tuple[slice, slice], tuple[slice, slice]]:

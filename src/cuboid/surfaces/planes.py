@@ -9,6 +9,8 @@ A frame has to do with the planes whose windows it sees; all others stay as they
 
 from __future__ import annotations
 
+from heapq import heappop, heappush
+
 import numpy as np
 import numpy.typing as npt
 
@@ -26,6 +28,8 @@ from cuboid.surfaces.windows import Windows, window_of
 HORIZONTAL_COS = float(np.cos(np.radians(12.0)))
 # A horizontal cell belongs to a plane when it is within this of it, metres, or three standard deviations.
 ON_PLANE_M = 0.02
+# Two planes are one when the middle of each is within this of the other, metres, and both cover a place.
+TWINS_APART_M = 1.5 * ON_PLANE_M
 # A plane is used after it was seen in this many frames, or at once when this many times the least area is seen.
 USE_AFTER_FRAMES, USE_AT_ONCE = 3, 3.0
 # A plane that is not used yet is forgotten after so many frames without a sighting.
@@ -229,21 +233,24 @@ class PlaneTracker:
     def _merge_twins(self) -> list[int]:
         """Make one of two planes that lie in one another, where either has changed of late; return those that went."""
         changed, self._changed = self._changed, set()
-        near = {k for plane in changed for k in self._windows.within(plane.plan.window)}
+        queue = sorted({(min(p.index, k), max(p.index, k)) for p in changed for k in self._level_with(p)})
         gone: list[int] = []
-        for k in sorted(near):
-            one = self.planes[k]
-            if k in gone:
+        while queue:
+            k, j = heappop(queue)
+            one, two = self.planes[k], self.planes[j]
+            if k in gone or j in gone or not _are_twins(one, two):
                 continue
-            others = [self.planes[j] for j in self._windows.within(one.plan.window) if j > k]
-            for two in others:
-                if two.index in gone or not (one in changed or two in changed) or not _are_twins(one, two):
-                    continue
-                one.absorb(two)
-                self._windows.note(one)
-                self._changed.add(one)
-                gone.append(two.index)
+            one.absorb(two)
+            self._windows.note(one)
+            self._changed.add(one)
+            gone.append(j)
+            for more in self._level_with(one):
+                if more > j and (k, more) not in queue:
+                    heappush(queue, (k, more))
         return gone
+
+    def _level_with(self, plane: Plane) -> list[int]:
+        return self._windows.level_with(plane, TWINS_APART_M + 1e-6)
 
     @property
     def up(self) -> Float64Array | None:
@@ -293,7 +300,7 @@ class PlaneTracker:
         return furniture.holds_up(plan_points, plane, self._at(plan_points), clearance_m)
 
     def under_board(self, points: Float32Array | Float64Array, plane: Plane) -> bool:
-        """Tell whether most world points (N, 3) above a plane lie under a shelf's board; see `furniture.under_board`."""
+        """Tell whether most world points (N, 3) on a plane lie under a shelf's board; see `furniture.under_board`."""
         plan_points = self.to_plan(points)
         return furniture.under_board(plan_points, plane, self._at(plan_points))
 
@@ -335,4 +342,4 @@ class PlaneTracker:
 
 def _are_twins(one: Plane, two: Plane) -> bool:
     apart = max(abs(float(one.height(two.mean[None])[0])), abs(float(two.height(one.mean[None])[0])))
-    return apart <= 1.5 * ON_PLANE_M and one.plan.shares_ground(two.plan)
+    return apart <= TWINS_APART_M and one.plan.shares_ground(two.plan)

@@ -26,10 +26,12 @@ class Windows:
         self._windows: Places = np.zeros((0, 4), np.int64)
         self._ends: Places = np.zeros(0, np.int64)
         self._weights: Float64Array = np.zeros(0)
+        self._means: Float64Array = np.zeros((0, 3))
 
     def keep(self, keep: list[int]) -> None:
         """Keep only these planes, in this order."""
-        self._windows, self._ends, self._weights = self._windows[keep], self._ends[keep], self._weights[keep]
+        self._windows, self._ends = self._windows[keep], self._ends[keep]
+        self._weights, self._means = self._weights[keep], self._means[keep]
 
     def note(self, plane: Plane) -> None:
         """Take in a new plane, or what has become of one."""
@@ -37,7 +39,8 @@ class Windows:
         if k == len(self._windows):
             self._windows = np.concatenate([self._windows, np.zeros((1, 4), np.int64)])
             self._ends, self._weights = np.append(self._ends, 0), np.append(self._weights, 0.0)
-        self._windows[k] = plane.plan.window
+            self._means = np.concatenate([self._means, np.zeros((1, 3))])
+        self._windows[k], self._means[k] = plane.plan.window, plane.mean
         self._ends[k] = NEVER if plane.in_use else plane.last_frame + self._forget_frames
         self._weights[k] = plane.weight if plane.in_use else -1.0
 
@@ -55,6 +58,11 @@ class Windows:
         w = self._windows
         meets = (w[:, 0] < window[2]) & (w[:, 1] < window[3]) & (w[:, 2] > window[0]) & (w[:, 3] > window[1])
         return [int(k) for k in np.flatnonzero(meets)]
+
+    def level_with(self, plane: Plane, apart_m: float) -> list[int]:
+        """Return the others whose windows have cells in common with a plane's and whose middles lie as high or low."""
+        near = [k for k in self.within(plane.plan.window) if k != plane.index]
+        return [near[i] for i in np.flatnonzero(np.abs(plane.height(self._means[near])) <= apart_m)]
 
     def at(self, points: Float64Array) -> list[int]:
         """Return the planes whose windows reach among plan coordinates (N, 2 or 3)."""
