@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -212,7 +212,9 @@ class VoxelMap:
         """Let rows that were refused and were seen since a frame belong to no one."""
         kernel.forgive(self._blocks.seen_since(since), BLOCK_ROWS, self.count, since, self._last_frame, self.owner)
 
-    def solid_hot_rows(self, hot: float, since: int, asleep: UInt8Array) -> tuple[Rows, UInt8Array]:
+    def solid_hot_rows(
+        self, hot: float, since: int, asleep: UInt8Array, also: Sequence[int] = ()
+    ) -> tuple[Rows, UInt8Array]:
         """Return the solid hot rows seen since a frame with all those of the objects they belong to.
 
         Parameters
@@ -223,17 +225,20 @@ class VoxelMap:
             First frame that counts; 0 for all rows. Those that were refused are left out; see `forgive`.
         asleep : (M,) uint8
             1 for each object, by number, that is left out.
+        also : sequence of int
+            Objects that are not left out, seen or not.
 
         Returns
         -------
         (N,) int64
             Rows, ascending.
         (M,) uint8
-            1 for each object with a row among those seen.
+            1 for each of these objects.
         """
         touched = np.zeros_like(asleep)
         blocks = self._blocks.seen_since(since)
         kernel.touch(blocks, BLOCK_ROWS, self.count, since, self._last_frame, self.owner, asleep, touched)
+        touched[list(also)] = 1
         if since > 0:
             blocks = np.union1d(blocks, self._blocks.of(np.flatnonzero(touched).tolist()))
         rows = np.empty(len(blocks) * BLOCK_ROWS, np.int64)

@@ -60,6 +60,8 @@ RETIRE_LOOKS = 3
 SUPPORT_LOOKS, SUPPORT_M = 2, 0.2
 # Beyond so many times the longest reach of a box others are no neighbours of it: a little more than is asked for.
 NEAR_SIZES = 2.01
+# Objects beyond so many times the range of depth are not looked for: too far to tell even their colors.
+FAR = 2.0
 # Of objects farther than this from all that was seen, metres, nothing has changed.
 AROUND_M = 1.0
 # What stands where a retired object stood is that object, when this share of the smaller box is common.
@@ -90,6 +92,8 @@ class ObjectMap:
         self._next_label = 1
         self._looks = 0
         self._last_look = self._last_wide = -1
+        # Objects that were in the picture since the last wide look.
+        self._viewed: set[int] = set()
         # Objects that have no points in the map.
         self._lost: set[int] = set()
         # Objects without a label whose patience is known.
@@ -109,8 +113,11 @@ class ObjectMap:
         return len(self._objects) - len(self._index.unlabelled) - len(self._index.retired)
 
     def in_view(self, image: WorkingImage, T_camera_world: Float64Array) -> list[MapObject]:
-        """Return the objects, confirmed or not, whose boxes reach into the picture, in order of their numbers."""
-        return [self._objects[number] for number in in_view(self._index.boxes, image, T_camera_world).tolist()]
+        """Return the objects, confirmed or not, whose boxes reach into the picture, none too far to see, by number."""
+        far_m = FAR * self._config.max_depth_m
+        numbers = in_view(self._index.boxes, image, T_camera_world, far_m).tolist()
+        self._viewed.update(numbers)
+        return [self._objects[number] for number in numbers]
 
     def settle(self, frame: int) -> None:
         """Bring the objects up to date with the map: those seen of late, and now and then all.
@@ -128,7 +135,10 @@ class ObjectMap:
             voxels.forgive(since)
         count = self._next_number
         asleep = np.zeros(count, np.uint8) if wide else self._index.large(count, LARGE_VOXELS)
-        rows, touched = voxels.solid_hot_rows(self._config.hot, since, asleep)
+        # What was taken away is in the picture, and no point of it is seen.
+        also = sorted(self._viewed.intersection(self._objects)) if wide else []
+        self._viewed = set() if wide else self._viewed
+        rows, touched = voxels.solid_hot_rows(self._config.hot, since, asleep, also)
         clusters = map_clusters(rows, voxels, self._planes, self._config)
         pieces, refused = self._divide(clusters, wide, whole, asleep)
         seen = np.flatnonzero(touched).tolist()
