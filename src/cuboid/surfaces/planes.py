@@ -22,7 +22,7 @@ from cuboid.surfaces.cells import Cells
 from cuboid.surfaces.in_view import PlanesInView, cut_out, frustum
 from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.up import UpVote
-from cuboid.surfaces.windows import Windows, window_of
+from cuboid.surfaces.windows import Tiles, Windows, window_of
 
 # A cell whose normal is within this of up is horizontal.
 HORIZONTAL_COS = float(np.cos(np.radians(12.0)))
@@ -126,8 +126,10 @@ class PlaneTracker:
         if self.T_plan_world is None:
             return
         old, new = self.to_plan(before), self.to_plan(after)
+        tiles = Tiles(old)
         for plane in self.planes:
-            on = np.flatnonzero(np.abs(plane.height(old)) < ON_PLANE_M)
+            on = tiles.within(plane.plan.window)
+            on = on[np.abs(plane.height(old[on])) < ON_PLANE_M]
             on = on[plane.plan.covers(old[on])]
             if len(on) >= LEAST_CARRIED:
                 plane.move(new[on])
