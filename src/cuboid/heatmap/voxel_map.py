@@ -87,7 +87,8 @@ class VoxelMap:
             capacity *= 2
         self._allocate(capacity)
         for target, source in zip(self._columns(), old, strict=True):
-            target[: len(alive)] = source[alive]
+            # Into its place at once: a fraction of the time that a copy in between takes.
+            np.take(source, alive, axis=0, out=target[: len(alive)], mode="clip")
         self._begin_anew(len(alive))
 
     def _begin_anew(self, count: int) -> None:
