@@ -41,3 +41,18 @@ def test_a_carton_is_no_part_of_a_disc(length: float, ratio: float, turn: float)
     box = fit_box(cloud, UP, 0.0, 0.0)
     np.testing.assert_allclose(box.size[:2], [length, ratio * length], rtol=0.08)
     np.testing.assert_allclose(box.center[:2], 0.0, atol=0.05 * length)
+
+
+@given(st.floats(0.08, 0.3), st.floats(0.6, 0.9), st.floats(0, 6.28))
+def test_a_carton_that_shows_two_sides_and_no_top_keeps_its_own_turn(length: float, ratio: float, turn: float) -> None:
+    rng = np.random.default_rng(11)
+    half = np.array([length, ratio * length]) / 2
+    side = np.column_stack([np.full(700, half[0]), rng.uniform(-half[1], half[1], 700)])
+    end = np.column_stack([rng.uniform(-half[0], half[0], 1000), np.full(1000, half[1])])
+    plan = np.concatenate([side, end]) + rng.normal(0, 0.002, (1700, 2))
+    c, s = np.cos(turn), np.sin(turn)
+    cloud = np.column_stack([plan @ np.array([[c, s], [-s, c]]), rng.uniform(0, 0.2, 1700)])
+    box = fit_box(cloud, UP, 0.0, 0.008)
+    along = abs(float(box.rotation[:2, 0] @ [c, s]))
+    assert max(along, np.sqrt(1 - min(1.0, along**2))) > np.cos(np.radians(8))
+    np.testing.assert_allclose(box.center[:2], 0.0, atol=0.01)

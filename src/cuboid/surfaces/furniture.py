@@ -45,7 +45,7 @@ def holds_up(
 ) -> bool:
     """Tell whether a cluster of points (N, 3) of the plan frame holds up another plane than the one it stands on.
 
-    It does when a tenth of its points, or twenty, lie just below a plane at least so far above and under it or at its
+    It does when one in 25 of its points, or twenty, lie just below a plane at least so far above and under it or at its
     rim; and when it stands under a table and reaches most of the way up, or is slender as a leg whose top is hidden;
     and when it fills a shelf from side to side, or is wide and reaches almost to the next board: the shelf's back.
     """
@@ -57,7 +57,7 @@ def holds_up(
             continue
         height = other.height(plan_points)
         beside = (height > -RIM_DEPTH_M) & (height < 0.5 * RIM_DEPTH_M)
-        enough = min(20, max(4, len(plan_points) // 10))
+        enough = min(20, max(4, len(plan_points) // 25))
         # What a plane covers is asked only of points that matter: it takes the most time here.
         if np.count_nonzero(beside) >= enough and other.plan.covers(plan_points[beside]).sum() >= enough:
             return True

@@ -1,0 +1,107 @@
+"""Bodies of revolution seen from one side."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cuboid.boxes.fit import fit_box
+from cuboid.boxes.revolved import revolved
+from cuboid.geometry.box import Box
+from cuboid.kernels import revolve as kernel
+
+UP = np.array([0.0, 0.0, 1.0])
+NOISE_M = 0.002
+
+
+def side(profile: list[tuple[float, float]], seen_deg: float, towards: float, noise_m: float = NOISE_M) -> np.ndarray:
+    """What is seen of a turned body, (radius, height) from the foot up: so many degrees of its side, and its top."""
+    rng = np.random.default_rng(5)
+    radius, height = np.array(profile).T
+    h = rng.uniform(0, height[-1], 2500)
+    angle = towards + np.radians(rng.uniform(-seen_deg / 2, seen_deg / 2, len(h)))
+    r = np.interp(h, height, radius)
+    wall = np.column_stack([r * np.cos(angle), r * np.sin(angle), h])
+    lid = rng.uniform(-1, 1, (400, 2)) * radius[-1]
+    lid = lid[np.hypot(*lid.T) < radius[-1]]
+    cloud = np.concatenate([wall, np.column_stack([lid, np.full(len(lid), height[-1])])])
+    return np.asarray(cloud + rng.normal(0, noise_m, cloud.shape))
+
+
+def around(cloud: np.ndarray, noise_m: float = NOISE_M) -> Box | None:
+    trust = np.ones(len(cloud))
+    return revolved(fit_box(cloud, UP, 0.0, 0.008, trust), cloud, trust, UP, 0.0, noise_m, 0.008)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.floats(0.03, 0.12), st.floats(160, 300), st.floats(0, 6.28))
+def test_a_can_seen_from_one_side_has_its_whole_box_to_two_millimetres(
+    radius: float, seen_deg: float, towards: float
+) -> None:
+    box = around(side([(radius, 0.0), (radius, 0.12)], seen_deg, towards))
+    assert box is not None
+    np.testing.assert_allclose(box.size[:2], 2 * radius, atol=0.004)
+    np.testing.assert_allclose(box.center[:2], 0.0, atol=0.002)
+
+
+@pytest.mark.parametrize(
+    "profile",
+    [
+        [(0.04, 0.0), (0.04, 0.09), (0.033, 0.1), (0.033, 0.12)],
+        [(0.03, 0.0), (0.03, 0.15), (0.012, 0.2), (0.012, 0.25)],
+        [(0.035, 0.0), (0.05, 0.08), (0.04, 0.15), (0.02, 0.18)],
+    ],
+    ids=["jar", "bottle", "vase"],
+)
+def test_a_turned_body_is_as_wide_as_its_widest_layer(profile: list[tuple[float, float]]) -> None:
+    box = around(side(profile, 180, 1.0))
+    assert box is not None
+    np.testing.assert_allclose(box.size[:2], 2 * max(r for r, _ in profile), atol=0.006)
+    np.testing.assert_allclose(box.center[:2], 0.0, atol=0.003)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.floats(0.05, 0.2), st.floats(0.6, 1.0), st.floats(0, 6.28), st.booleans())
+def test_a_carton_is_no_turned_body(length: float, ratio: float, turn: float, all_round: bool) -> None:
+    rng = np.random.default_rng(3)
+    half = np.array([length, ratio * length]) / 2
+    sides = [np.column_stack([np.full(600, s), rng.uniform(-half[1], half[1], 600)]) for s in (half[0], -half[0])]
+    ends = [np.column_stack([rng.uniform(-half[0], half[0], 600), np.full(600, s)]) for s in (half[1], -half[1])]
+    plan = np.concatenate([*sides, *ends] if all_round else [sides[0], ends[0]])
+    c, s = np.cos(turn), np.sin(turn)
+    cloud = np.column_stack([plan @ np.array([[c, s], [-s, c]]), rng.uniform(0, 0.2, len(plan))])
+    assert around(cloud + rng.normal(0, NOISE_M, cloud.shape)) is None
+
+
+def test_a_mug_keeps_the_box_of_what_was_seen_for_its_handle_sticks_out() -> None:
+    rng = np.random.default_rng(1)
+    handle = np.column_stack([rng.uniform(0.04, 0.075, 300), rng.normal(0, 0.005, 300), rng.uniform(0.02, 0.08, 300)])
+    assert around(np.concatenate([side([(0.04, 0.0), (0.04, 0.1)], 300, 0.0), handle])) is None
+
+
+def test_too_little_of_the_turn_fixes_no_axis() -> None:
+    assert around(side([(0.05, 0.0), (0.05, 0.12)], 100, 0.0)) is None
+
+
+def test_the_axis_is_that_of_the_least_squares_of_the_distances() -> None:
+    rng = np.random.default_rng(2)
+    layer = rng.integers(0, 5, 800)
+    angle = rng.uniform(0, 3.5, 800)
+    r = np.array([0.05, 0.04, 0.06, 0.03, 0.05])[layer] + rng.normal(0, 0.001, 800)
+    plan = np.array([0.3, -0.2]) + np.column_stack([r * np.cos(angle), r * np.sin(angle)])
+    center, radius, residual = np.empty(2), np.empty(5), np.empty(800)
+    assert kernel.fit_axis(plan, layer, np.ones(800), 8, center, radius, residual)
+
+    def robust_cost(place: np.ndarray) -> float:
+        out = np.hypot(*(plan - place).T)
+        usual = kernel.ROBUST * kernel.LEAST_SPREAD_M
+        weight = 1.0 / (1.0 + (residual / usual) ** 2)
+        mean = np.bincount(layer, weight * out) / np.bincount(layer, weight)
+        return float((weight * (out - mean[layer]) ** 2).sum())
+
+    steps = [np.array([dx, dy]) for dx in (-2e-4, 0, 2e-4) for dy in (-2e-4, 0, 2e-4)]
+    assert robust_cost(center) <= min(robust_cost(center + step) for step in steps) + 1e-12
+    np.testing.assert_allclose(radius, [0.05, 0.04, 0.06, 0.03, 0.05], atol=5e-4)
+    np.testing.assert_allclose(residual, np.hypot(*(plan - center).T) - radius[layer], atol=1e-12)
