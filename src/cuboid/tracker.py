@@ -186,9 +186,9 @@ class Tracker:
             view = planes.in_view(k, farthest, T_world_camera)
             stand_on(
                 image.depth_m, np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera,
-                planes.in_frame(view.planes, cells, owner, T_world_camera), view.numbers, view.ground, view.origin,
-                CELL_M, owner, PATCH_PIXELS, c.depth_noise_per_m, c.min_height_m, DEPTH_BIAS_M, c.max_depth_m,
-                heights, support, view.seen,
+                view.in_frame(cells, owner, planes.T_plan_world, T_world_camera), view.numbers, view.ground,
+                view.origin, CELL_M, owner, PATCH_PIXELS, c.depth_noise_per_m, c.min_height_m, DEPTH_BIAS_M,
+                c.max_depth_m, heights, support, view.seen,
             )  # fmt: skip
             planes.take_in(view)
         return heights, support

@@ -9,8 +9,6 @@ A frame has to do with the planes whose windows it sees; all others stay as they
 
 from __future__ import annotations
 
-from heapq import heappop, heappush
-
 import numpy as np
 import numpy.typing as npt
 
@@ -21,6 +19,7 @@ from cuboid.surfaces import furniture
 from cuboid.surfaces.cells import Cells
 from cuboid.surfaces.in_view import PlanesInView, cut_out, frustum
 from cuboid.surfaces.plane import Plane
+from cuboid.surfaces.twins import merge_twins
 from cuboid.surfaces.up import UpVote
 from cuboid.surfaces.windows import Tiles, Windows, window_of
 
@@ -28,8 +27,6 @@ from cuboid.surfaces.windows import Tiles, Windows, window_of
 HORIZONTAL_COS = float(np.cos(np.radians(12.0)))
 # A horizontal cell belongs to a plane when it is within this of it, metres, or three standard deviations.
 ON_PLANE_M = 0.02
-# Two planes are one when the middle of each is within this of the other, metres, and both cover a place.
-TWINS_APART_M = 1.5 * ON_PLANE_M
 # A plane is used after it was seen in this many frames, or at once when this many times the least area is seen.
 USE_AFTER_FRAMES, USE_AT_ONCE = 3, 3.0
 # A plane that is not used yet is forgotten after so many frames without a sighting.
@@ -214,7 +211,8 @@ class PlaneTracker:
         self._changed |= near
         gone = self._windows.over(frame)
         if frame % REFRESH_FRAMES == 0:
-            gone += self._merge_twins()
+            merged, self._changed = merge_twins(self.planes, self._windows, self._changed)
+            gone += merged
         self._remove(set(gone))
         main = self._windows.heaviest()
         self._main = None if main is None else self.planes[main]
@@ -231,28 +229,6 @@ class PlaneTracker:
             plane.index = k
         self._windows.keep(keep)
         self._stale, self._changed = ({p for p in some if p.index >= 0} for some in (self._stale, self._changed))
-
-    def _merge_twins(self) -> list[int]:
-        """Make one of two planes that lie in one another, where either has changed of late; return those that went."""
-        changed, self._changed = self._changed, set()
-        queue = sorted({(min(p.index, k), max(p.index, k)) for p in changed for k in self._level_with(p)})
-        gone: list[int] = []
-        while queue:
-            k, j = heappop(queue)
-            one, two = self.planes[k], self.planes[j]
-            if k in gone or j in gone or not _are_twins(one, two):
-                continue
-            one.absorb(two)
-            self._windows.note(one)
-            self._changed.add(one)
-            gone.append(j)
-            for more in self._level_with(one):
-                if more > j and (k, more) not in queue:
-                    heappush(queue, (k, more))
-        return gone
-
-    def _level_with(self, plane: Plane) -> list[int]:
-        return self._windows.level_with(plane, TWINS_APART_M + 1e-6)
 
     @property
     def up(self) -> Float64Array | None:
@@ -318,30 +294,3 @@ class PlaneTracker:
         n, d = plane.normal, plane.offset
         height = -(plan @ n[:2] + d) / n[2]
         return np.asarray(np.column_stack([plan, height]) @ self.T_plan_world[:3, :3])
-
-    def in_frame(
-        self, planes: list[Plane], cells: Cells, owner: npt.NDArray[np.int32], T_world_camera: Float64Array
-    ) -> Float64Array:
-        """Return some planes as this frame sees them, (P, 4): normal and offset in the camera frame.
-
-        The poses drift: a frame's own table may lie a centimetre off the map's. Each plane is shifted and tilted to
-        the frame's cells on it, as far as the priors of drift allow.
-        """
-        assert self.T_plan_world is not None
-        T_plan_camera = self.T_plan_world @ T_world_camera
-        R = self.T_plan_world[:3, :3]
-        of_cell = owner.reshape(-1)[cells.places[:, 0]]
-        result = np.zeros((len(planes), 4))
-        for row, plane in zip(result, planes, strict=True):
-            normal, offset = plane.normal, plane.offset
-            mine = of_cell == plane.index
-            if np.count_nonzero(mine) >= 4:
-                normal, offset = plane.adapted(cells.center[mine] @ R.T, cells.sigma_m[mine])
-            row[:3] = normal @ T_plan_camera[:3, :3]
-            row[3] = normal @ T_plan_camera[:3, 3] + offset
-        return result
-
-
-def _are_twins(one: Plane, two: Plane) -> bool:
-    apart = max(abs(float(one.height(two.mean[None])[0])), abs(float(two.height(one.mean[None])[0])))
-    return apart <= TWINS_APART_M and one.plan.shares_ground(two.plan)
