@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy_boxes import numpy_box
 
 from cuboid.boxes.fit import fit_box
 
@@ -56,3 +57,38 @@ def test_a_carton_that_shows_two_sides_and_no_top_keeps_its_own_turn(length: flo
     along = abs(float(box.rotation[:2, 0] @ [c, s]))
     assert max(along, np.sqrt(1 - min(1.0, along**2))) > np.cos(np.radians(8))
     np.testing.assert_allclose(box.center[:2], 0.0, atol=0.01)
+
+
+def clouds(kind: str, rng: np.random.Generator) -> np.ndarray:
+    """Points of a carton, of a half of a can, or of a few strays."""
+    if kind == "strays":
+        return rng.uniform(-0.2, 0.2, (15, 3))
+    if kind == "can":
+        return ring(rng.uniform(0.03, 0.15), rng.uniform(90, 360), rng.uniform(0, 6.28), 0.002)[:: rng.integers(1, 20)]
+    cloud = rng.uniform(-0.5, 0.5, (rng.integers(20, 800), 3)) * rng.uniform(0.03, 0.4, 3)
+    # Of a carton two sides and the top show.
+    nearest = (cloud / cloud.max(0)).argmax(1)
+    cloud[np.arange(len(cloud)), nearest] = cloud.max(0)[nearest]
+    angle = rng.uniform(0, 6.28)
+    c, s = np.cos(angle), np.sin(angle)
+    return cloud @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+@settings(deadline=None)
+@given(
+    st.integers(0, 10_000), st.sampled_from(["carton", "can", "strays"]), st.sampled_from([0.0, 0.01, 0.1]),
+    st.booleans(), st.booleans(),
+)  # fmt: skip
+def test_the_compiled_fit_gives_the_box_of_the_plain_one(
+    seed: int, kind: str, share: float, on_plane: bool, weighted: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    cloud = clouds(kind, rng)
+    normal = UP + rng.normal(0, 0.3, 3)
+    normal /= np.linalg.norm(normal)
+    offset = float(rng.uniform(-0.05, 0.1)) - float((cloud @ normal).min()) if on_plane else None
+    weights = rng.uniform(0.2, 2.0, len(cloud)) if weighted else None
+    expected, box = (fit(cloud, normal, offset, share, weights) for fit in (numpy_box, fit_box))
+    np.testing.assert_allclose(box.size, expected.size, atol=1e-9)
+    np.testing.assert_allclose(box.center, expected.center, atol=1e-9)
+    np.testing.assert_allclose(box.rotation, expected.rotation, atol=1e-9)

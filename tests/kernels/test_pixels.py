@@ -4,7 +4,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from cuboid.kernels.pixels import drop_mixed, label_regions, stand_on
+from cuboid.kernels.pixels import drop_mixed, gather_regions, label_regions, stand_on
 
 CAMERA = np.array([50.0, 50.0, 31.5, 23.5])
 
@@ -58,6 +58,32 @@ def test_regions_are_those_of_a_graph_search() -> None:
     assert len(set(zip(labels[inside].tolist(), truth[inside].tolist(), strict=True))) == number
     first = [np.flatnonzero(labels.ravel() == k)[0] for k in range(1, number + 1)]
     assert (np.diff(first) > 0).all()
+
+
+def test_regions_are_gathered_as_array_operations_do_it() -> None:
+    rng = np.random.default_rng(3)
+    labels = rng.integers(0, 6, (24, 40)).astype(np.int32)
+    labels[labels == 3] = 0
+    labels[5, 7:10] = 3  # too small
+    labels[20:, 20:] = 6
+    depth = rng.uniform(0.5, 2.0, labels.shape).astype(np.float32)
+    support = rng.choice([-1, 0, 3, 129, 40000], labels.shape).astype(np.int32)
+    support[labels == 6] = -1
+    first, pixels, points = np.empty(7, np.int64), np.empty(labels.size, np.int64), np.empty((labels.size, 3))
+    corners, beneath = np.empty((6, 4), np.int64), np.empty(6, np.int64)
+    kept = gather_regions(labels, 6, 4, depth, CAMERA, support, first, pixels, points, corners, beneath)
+    numbers = [1, 2, 4, 5, 6]
+    assert kept == len(numbers)
+    for k, number in enumerate(numbers):
+        own = slice(first[k], first[k + 1])
+        v, u = np.nonzero(labels == number)
+        np.testing.assert_array_equal(pixels[own], v * 40 + u)
+        z = depth[v, u].astype(float)
+        seen = np.column_stack([(u - CAMERA[2]) / CAMERA[0] * z, (v - CAMERA[3]) / CAMERA[1] * z, z])
+        np.testing.assert_allclose(points[own], seen, atol=1e-12)
+        assert corners[k].tolist() == [u.min(), v.min(), u.max(), v.max()]
+        planes = support[v, u][support[v, u] >= 0]
+        assert beneath[k] == (np.bincount(planes).argmax() if len(planes) else -1)
 
 
 def test_height_is_taken_above_the_highest_plane_beneath() -> None:

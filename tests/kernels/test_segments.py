@@ -244,3 +244,58 @@ def test_joining_takes_the_weakest_outline_first_and_keeps_every_union() -> None
     assert union[regions.OUTLINE] == 40 * 3 - 4 * 10
     assert union[regions.STRENGTH] == pytest.approx(90 - 4 - 18)
     assert (union[regions.LEFT], union[regions.RIGHTMOST]) == (0, 29)
+
+
+def plain_jumps(inverse: np.ndarray, kind: np.ndarray, jump: float) -> tuple[np.ndarray, np.ndarray]:
+    """Jumps and the mean over like neighbours, pixel by pixel; outside the picture nothing is read."""
+    height, width = inverse.shape
+    marks, smooth = np.zeros(inverse.shape, np.uint8), np.zeros(inverse.shape)
+
+    def at(v: int, u: int) -> float:
+        return float(inverse[v, u]) if 0 <= v < height and 0 <= u < width else 0.0
+
+    for v, u in zip(*np.nonzero(inverse), strict=True):
+        w = at(v, u)
+        limit = jump * w * w + 4.0 * NOISE
+        for bit, dv, du in ((segments.RIGHT, 0, 1), (segments.DOWN, 1, 0)):
+            before, there, after = at(v - dv, u - du), at(v + dv, u + du), at(v + 2 * dv, u + 2 * du)
+            goes_on = before > 0 and abs(2 * w - before - there) < limit and abs(w - before) < 2 * abs(w - there)
+            goes_on |= after > 0 and abs(2 * there - after - w) < limit
+            if there > 0 and abs(there - w) > limit and not goes_on:
+                marks[v, u] |= bit
+        around = [at(v + dv, u + du) for dv in (-1, 0, 1) for du in (-1, 0, 1)]
+        if kind[v, u] == segments.SURFACE:
+            smooth[v, u] = np.mean([x for x in around if x > 0 and abs(x - w) < limit])
+    return marks, smooth
+
+
+def test_jumps_and_smooth_surfaces_are_those_of_the_plain_loop() -> None:
+    rng = np.random.default_rng(6)
+    depth = rng.choice([0.0, 1.0, 1.01, 1.06, 1.2], (25, 33)) + 0.002 * np.arange(33)
+    inverse = np.where(depth > 0.5, 1.0 / np.maximum(depth, 0.5), 0.0).astype(np.float32)
+    kind = rng.choice([segments.PLANE, segments.SURFACE], inverse.shape).astype(np.uint8)
+    kind[inverse == 0] = segments.NONE
+    marks, smooth = np.empty(inverse.shape, np.uint8), np.empty(inverse.shape, np.float32)
+    segments.mark_jumps(inverse, kind, NOISE, 0.012, smooth, marks)
+    expected = plain_jumps(inverse, kind, 0.012)
+    assert (np.bincount(expected[0].ravel())[1:] > 20).all()
+    np.testing.assert_array_equal(marks, expected[0])
+    np.testing.assert_allclose(smooth, expected[1], rtol=1e-6)
+
+
+@pytest.mark.parametrize("step", [1, 3])
+def test_masks_are_those_pixels_whose_segment_is_in(step: int) -> None:
+    rng = np.random.default_rng(4)
+    labels = rng.integers(-3, 5, (12, 20)).astype(np.int16)  # segments 0..4, none, and planes 0 and 1
+    members = rng.integers(0, 2, (6, 7)).astype(np.uint8)
+    chosen = np.array([4, 0, 5])
+    boxes = np.array([[0, 0, 20, 12], [3, 2, 9, 7], [19, 11, 20, 12]], np.int32)
+    sizes = (boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1]) * step * step
+    masks = np.full(sizes.sum(), 9, np.uint8)
+    segments.cut_masks(labels, members, chosen, boxes, step, masks)
+    ends = np.cumsum(sizes)
+    for k, (x0, y0, x1, y1) in enumerate(boxes):
+        # Label -1 is the entry behind all others, and plane p the one p + 1 before that.
+        small = np.append(members[chosen[k]], 0)[labels[y0:y1, x0:x1]]
+        expected = small.repeat(step, axis=0).repeat(step, axis=1)
+        np.testing.assert_array_equal(masks[ends[k] - sizes[k] : ends[k]], expected.ravel())

@@ -8,32 +8,18 @@ import numpy as np
 
 from cuboid.frame import Float32Array, Float64Array
 from cuboid.geometry.box import Box
-from cuboid.kernels.extents import best_turn, reach
+from cuboid.kernels import resting as kernel
+from cuboid.kernels.extents import reach
 
-# A cluster whose lowest point is within this of the plane rests on it, metres: the foot of an object is lost to the
-# noise floor of the plane, and the part below a bowl's belly is seldom seen.
-REST_M = 0.06
-# A box whose footprint is larger by no more than this, and which is turned by at least so many steps of two degrees, is
-# taken instead of the smallest one where the points of the sides, those this far below the top (metres), lie so much
-# nearer to its sides. So many such boxes are looked at.
-RIVAL_AREA, APART, LID_M, BETTER_SIDES, MOST_RIVALS = 1.15, 5, 0.012, 0.7, 3
 # Footprints are tried every two degrees: a 30 cm box turned by one degree is 3 mm off at its ends, below the noise.
 _ANGLES = np.radians(np.arange(0.0, 180.0, 2.0))
 DIRECTIONS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
-_QUARTER = len(_ANGLES) // 2
-_NOTHING = np.zeros((0, 2))
-_ALONG_FIRST = np.array([[1.0, 0.0]])
 # Arcs of 130 degrees of the full turn, one every ten degrees: less does not fix a radius in noise, and a half disc,
-# whose ends are cut, has not much more. For each the design of c.u + r and its least-squares solver.
-_ARCS = (np.arange(0, 180, 5)[:, None] + np.arange(66)[None]) % 180
-_ARC_DESIGNS = np.dstack([np.concatenate([DIRECTIONS, -DIRECTIONS])[_ARCS], np.ones((36, 66))])
-_ARC_SOLVERS = np.linalg.pinv(_ARC_DESIGNS)
-# A round footprint follows the law of the disc to this share of its radius, and is at most this share of what was
-# seen of it wide, per side: half a disc shows its whole width, but for what is lost at its edges.
-ROUND_RESIDUAL, ROUND_RADIUS = 0.03, 0.6
-# A disc of which no more than this is missing, metres, is whole: drift and noise widen what was seen all round by a
-# centimetre in one direction.
-MISSING_M = 0.012
+# whose ends are cut, has not much more. For each the least-squares solver of c.u + r.
+ARCS = (np.arange(0, 180, 5)[:, None] + np.arange(66)[None]) % 180
+ARC_DESIGNS = np.dstack([np.concatenate([DIRECTIONS, -DIRECTIONS])[ARCS], np.ones((36, 66))])
+ARC_SOLVERS = np.linalg.pinv(ARC_DESIGNS)
+_NO_SIDE, _NO_TRUST = np.zeros((0, 2)), np.zeros(0)
 
 
 def fit_box(
@@ -64,38 +50,16 @@ def fit_box(
     Box
         In the points' frame; its length is not less than its width.
     """
-    cloud = np.asarray(points, dtype=np.float64)
+    cloud, axes = np.asarray(points, dtype=np.float64), _axes(normal)
     trust = np.ones(len(cloud)) if weights is None else weights
-    first, second = plane_axes(normal)
-    plan = cloud @ np.array([first, second]).T
-    low, high = reach_of(plan, trust, DIRECTIONS, share)
-    disc = _disc(low, high)
-    if disc is not None:
-        along = DIRECTIONS @ disc[:2]
-        low, high = np.minimum(low, along - disc[2]), np.maximum(high, along + disc[2])
-    heights = np.zeros((len(cloud), 2))
-    heights[:, 0] = cloud @ normal
-    (bottom,), (top,) = reach_of(heights, trust, _ALONG_FIRST, share)
-    if offset is not None and bottom + offset < REST_M:
-        bottom = -offset
-    side = heights[:, 0] < top - LID_M
-    return box_within(low, high, bottom, top, normal, plan[side], trust[side])
+    row = np.empty(15)
+    rest = math.nan if offset is None else offset
+    kernel.fit(cloud @ axes[:2].T, cloud @ normal, trust, axes, rest, share, DIRECTIONS, ARC_SOLVERS, row)
+    return _box(row)
 
 
-def box_within(
-    low: Float64Array,
-    high: Float64Array,
-    bottom: float,
-    top: float,
-    normal: Float64Array,
-    side: Float64Array = _NOTHING,
-    trust: Float64Array = _NOTHING[:, 0],
-) -> Box:
+def box_within(low: Float64Array, high: Float64Array, bottom: float, top: float, normal: Float64Array) -> Box:
     """Return the box of least footprint around what reaches from `low` to `high` in each of `DIRECTIONS`.
-
-    Of a carton that shows two sides and not its top the footprint is a triangle, and the box along its long side is
-    as small as the carton's own: then the box is taken whose sides fit the points (Zhang et al., "Efficient L-Shape
-    Fitting", IV 2017, on cars in laser scans).
 
     Parameters
     ----------
@@ -105,49 +69,18 @@ def box_within(
         Along the normal, metres.
     normal : (3,) float64
         Unit.
-    side : (N, 2) float64, optional
-        Points of the sides, not of the top, in the plane's own axes.
-    trust : (N,) float64, optional
-        How far each of them is to be believed.
     """
-    first, second = plane_axes(normal)
-    extent = high - low
-    a = best_turn(side, trust, DIRECTIONS, low, high, RIVAL_AREA, APART, BETTER_SIDES, MOST_RIVALS)
-    b = a + _QUARTER
-    u, v = (c * first + s * second for c, s in (DIRECTIONS[a], DIRECTIONS[b]))
-    if extent[a] < extent[b]:
-        # A turn by 90 degrees keeps the axes right-handed: (v, -u).
-        u, v = v, -u
-        size = np.array([extent[b], extent[a], 0.0])
-        middle = np.array([low[b] + high[b], -(low[a] + high[a]), 0.0]) / 2.0
-    else:
-        size = np.array([extent[a], extent[b], 0.0])
-        middle = np.array([low[a] + high[a], low[b] + high[b], 0.0]) / 2.0
-    size[2], middle[2] = max(top - bottom, 0.0), (top + bottom) / 2.0
-    axes = np.ascontiguousarray(np.array([u, v, normal]).T)
-    return Box(center=axes @ middle, size=size, rotation=axes)
+    row = np.empty(15)
+    kernel.around(low, high, bottom, top, _axes(normal), DIRECTIONS, _NO_SIDE, _NO_TRUST, row)
+    return _box(row)
 
 
-def _disc(low: Float64Array, high: Float64Array) -> Float64Array | None:
-    """Return centre and radius (3,) of the disc that a footprint shows a part of, if it does.
+def _axes(normal: Float64Array) -> Float64Array:
+    return np.array([*plane_axes(normal), normal])
 
-    A can, a bottle, a ball or a bowl that was seen from one side only shows half a disc. How far a disc reaches in
-    direction u is c.u + r: where that holds over an arc of 130 degrees, centre and radius follow by least squares.
-    The reach of a rectangle departs from any such law by a sixth of its side.
-    """
-    extent = high - low
-    narrow, wide = float(extent.min()), float(extent.max())
-    if narrow > wide - MISSING_M:
-        return None
-    arcs = np.concatenate([high, -low])[_ARCS]
-    fits = (_ARC_SOLVERS @ arcs[:, :, None])[:, :, 0]
-    radius = fits[:, 2]
-    fit = np.flatnonzero((narrow < 2.0 * radius - MISSING_M) & (radius <= ROUND_RADIUS * wide))
-    if not len(fit):
-        return None
-    residual = np.abs(arcs[fit] - (_ARC_DESIGNS[fit] @ fits[fit][:, :, None])[:, :, 0]).max(1) / radius[fit]
-    best = int(np.argmin(residual))
-    return np.asarray(fits[fit[best]]) if residual[best] <= ROUND_RESIDUAL else None
+
+def _box(row: Float64Array) -> Box:
+    return Box(center=row[:3], size=row[3:6], rotation=row[6:].reshape(3, 3))
 
 
 def plane_axes(normal: Float64Array) -> tuple[Float64Array, Float64Array]:

@@ -25,35 +25,51 @@ def reach(points, weights, directions, share, low, high):
         Share of the weight left out at each end, 0..0.5.
     low, high : (D,) float64, output
     """
+    spans(points, directions, low, high)
+    if share <= 0.0:
+        return
     total = 0.0
     for i in range(points.shape[0]):
         total += weights[i]
-    cut = share * total
     bins = np.empty(BINS)
-    along = np.empty(points.shape[0])
     for d in range(directions.shape[0]):
-        first, last = np.inf, -np.inf
-        for i in range(points.shape[0]):
-            a = points[i, 0] * directions[d, 0] + points[i, 1] * directions[d, 1]
-            along[i] = a
-            first, last = min(first, a), max(last, a)
-        low[d], high[d] = first, last
-        if share <= 0.0 or last <= first:
+        first, last = low[d], high[d]
+        if last <= first:
             continue
         bins[:] = 0.0
-        scale = BINS / (last - first)
+        scale, x, y = BINS / (last - first), directions[d, 0], directions[d, 1]
         for i in range(points.shape[0]):
-            bins[min(BINS - 1, int((along[i] - first) * scale))] += weights[i]
-        left, k = 0.0, 0
-        while left + bins[k] < cut:
-            left += bins[k]
-            k += 1
-        low[d] = first + (k + (cut - left) / bins[k]) / scale
-        left, k = 0.0, BINS - 1
-        while left + bins[k] < cut:
-            left += bins[k]
-            k -= 1
-        high[d] = first + (k + 1 - (cut - left) / bins[k]) / scale
+            along = points[i, 0] * x + points[i, 1] * y
+            bins[min(BINS - 1, int((along - first) * scale))] += weights[i]
+        low[d], high[d] = trimmed(bins, share * total, first, scale)
+
+
+@njit(cache=True, nogil=True)
+def spans(points, directions, low, high):
+    """Find for each direction from where to where all points reach; see `reach`."""
+    low[:], high[:] = np.inf, -np.inf
+    x, y = directions[:, 0].copy(), directions[:, 1].copy()
+    for i in range(points.shape[0]):
+        # The directions side by side: so one instruction takes several of them.
+        for d in range(directions.shape[0]):
+            along = points[i, 0] * x[d] + points[i, 1] * y[d]
+            low[d] = min(low[d], along)
+            high[d] = max(high[d], along)
+
+
+@njit(cache=True, nogil=True)
+def trimmed(bins, cut, first, scale):
+    """Return where all weight but `cut` at either end lies; the bins, `scale` a metre, begin at `first`."""
+    left, k = 0.0, 0
+    while left + bins[k] < cut:
+        left += bins[k]
+        k += 1
+    low = first + (k + (cut - left) / bins[k]) / scale
+    left, k = 0.0, bins.size - 1
+    while left + bins[k] < cut:
+        left += bins[k]
+        k -= 1
+    return low, first + (k + 1 - (cut - left) / bins[k]) / scale
 
 
 @njit(cache=True, nogil=True)

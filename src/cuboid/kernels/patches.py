@@ -183,25 +183,35 @@ def classify(
         a, b, c = planes[p, 0], planes[p, 1], planes[p, 2]
         nx, ny, nz = plane_normal(a, b, c, camera)
         normals[p, 0], normals[p, 1], normals[p, 2] = nx, ny, nz
+    # How far a cell lies off its plane, and the directions in which the pixels look.
+    off = np.empty((rows, columns))
+    for r in range(rows):
+        for q in range(columns):
+            p = member[r, q]
+            if p >= 0:
+                cell = cells[r * columns + q]
+                w = 1.0 / cell[CZ]
+                u, v = cell[CX] * w * camera[0] + camera[2], cell[CY] * w * camera[1] + camera[3]
+                off[r, q] = w - planes[p, 0] * u - planes[p, 1] * v - planes[p, 2]
+    across_x, across_y = (np.arange(width) - camera[2]) / camera[0], (np.arange(height) - camera[3]) / camera[1]
     near = np.empty(count, np.int32)
-    bow = np.empty(count, np.float64)
+    bow, total, weight = np.empty(count), np.empty(count), np.empty(count)
     for r in range((height + size - 1) // size):
         for q in range((width + size - 1) // size):
+            total[:] = 0.0
+            weight[:] = 0.0
+            for rr in range(max(0, r - reach), min(rows, r + reach + 1)):
+                for qq in range(max(0, q - reach), min(columns, q + reach + 1)):
+                    p = member[rr, qq]
+                    if p >= 0:
+                        share = 1.0 / (1.0 + (rr - r) * (rr - r) + (qq - q) * (qq - q))
+                        total[p] += share * off[rr, qq]
+                        weight[p] += share
             n = 0
             for p in range(count):
-                total = weight = 0.0
-                for rr in range(max(0, r - reach), min(rows, r + reach + 1)):
-                    for qq in range(max(0, q - reach), min(columns, q + reach + 1)):
-                        if member[rr, qq] == p:
-                            cell = cells[rr * columns + qq]
-                            w = 1.0 / cell[CZ]
-                            u, v = cell[CX] * w * camera[0] + camera[2], cell[CY] * w * camera[1] + camera[3]
-                            share = 1.0 / (1.0 + (rr - r) * (rr - r) + (qq - q) * (qq - q))
-                            total += share * (w - planes[p, 0] * u - planes[p, 1] * v - planes[p, 2])
-                            weight += share
-                if weight > 0.0:
+                if weight[p] > 0.0:
                     near[n] = p
-                    bow[n] = total / weight
+                    bow[n] = total[p] / weight[p]
                     n += 1
             for v in range(r * size, min(height, (r + 1) * size)):
                 for u in range(q * size, min(width, (q + 1) * size)):
@@ -218,7 +228,7 @@ def classify(
                         continue
                     inverse[v, u] = w
                     kind[v, u] = SURFACE
-                    rx, ry = (u - camera[2]) / camera[0], (v - camera[3]) / camera[1]
+                    rx, ry = across_x[u], across_y[v]
                     for i in range(n):
                         p = near[i]
                         expected = planes[p, 0] * u + planes[p, 1] * v + planes[p, 2] + bow[i]

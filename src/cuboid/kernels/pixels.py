@@ -173,3 +173,88 @@ def label_regions(depth, wanted, claim, noise, jump, parent, labels):
             else:
                 labels[v, u] = labels[root // columns, root % columns]
     return number
+
+
+@njit(cache=True, nogil=True)
+def gather_regions(labels, number, least, depth, camera, support, first, pixels, points, corners, beneath):
+    """Gather the pixels of each region that is not too small, in the order of their numbers.
+
+    Parameters
+    ----------
+    labels : (H, W) int32
+        Number of the region, from 1; 0 none.
+    number : int
+        How many regions there are.
+    least : int
+        A region of fewer pixels is left out.
+    depth : (H, W) float32
+    camera : (4,) float64
+        fx, fy, cx, cy.
+    support : (H, W) int32
+        Plane beneath each pixel, -1 none.
+    first : (number + 1,) int64, output
+        Where the pixels of each region that is kept begin, and the end of the last one's.
+    pixels : (H * W,) int64, output
+        Their places in the flattened image, ascending within a region.
+    points : (H * W, 3) float64, output
+        In the camera frame, metres.
+    corners : (number, 4) int64, output
+        The least and the largest column and row of each: left, top, right, bottom.
+    beneath : (number,) int64, output
+        The plane beneath most of its pixels, -1 where there is none.
+
+    Returns
+    -------
+    int
+        How many regions are kept.
+    """
+    rows, columns = labels.shape
+    size, place = np.zeros(number + 1, np.int64), np.full(number + 1, -1)
+    highest = -1
+    for v in range(rows):
+        for u in range(columns):
+            size[labels[v, u]] += 1
+            highest = max(highest, support[v, u])
+    # Of all planes few are in the picture.
+    column = np.full(highest + 1, -1)
+    for v in range(rows):
+        for u in range(columns):
+            if support[v, u] >= 0:
+                column[support[v, u]] = 0
+    planes = np.flatnonzero(column == 0)
+    column[planes] = np.arange(planes.size)
+    kept, total = 0, 0
+    for k in range(1, number + 1):
+        if size[k] >= least:
+            place[k], first[kept] = kept, total
+            kept, total = kept + 1, total + size[k]
+    first[kept] = total
+    filled = first[:kept].copy()
+    votes = np.zeros((kept, planes.size), np.int64)
+    for k in range(kept):
+        corners[k, 0], corners[k, 1], corners[k, 2], corners[k, 3] = columns, rows, -1, -1
+    for v in range(rows):
+        for u in range(columns):
+            k = place[labels[v, u]]
+            if k < 0:
+                continue
+            i = filled[k]
+            filled[k] += 1
+            pixels[i] = v * columns + u
+            z = np.float64(depth[v, u])
+            points[i, 0], points[i, 1], points[i, 2] = (
+                (u - camera[2]) / camera[0] * z,
+                (v - camera[3]) / camera[1] * z,
+                z,
+            )
+            box = corners[k]
+            box[0], box[1], box[2], box[3] = min(box[0], u), min(box[1], v), max(box[2], u), max(box[3], v)
+            if support[v, u] >= 0:
+                votes[k, column[support[v, u]]] += 1
+    for k in range(kept):
+        beneath[k] = -1
+        most = 0
+        for p in range(planes.size):
+            if votes[k, p] > most:
+                most, beneath[k] = votes[k, p], planes[p]
+    return kept

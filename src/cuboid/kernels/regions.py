@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from cuboid.kernels.segments import FAR, NONE, PLANE
+from cuboid.kernels.segments import COLUMN_MASK, FAR, NONE, PLACE_BITS, PLANE
 
 # Columns of a segment's row: pixels, readings, sum of 1/z, rectangle (end inclusive), length of the outline, the
 # sum of its strengths, and how much of it is cut off by the image's border.
@@ -53,7 +53,7 @@ def fill_holes(kind, on, color, step, edge, reach, focal, labels, inverse, cost,
                 cost[v, u] = np.inf
                 labels[v, u] = 0
                 inverse[v, u] = 0.0
-                queue[holes] = v * width + u
+                queue[holes] = (v << PLACE_BITS) | u
                 holes += 1
             else:
                 cost[v, u] = 0.0
@@ -63,8 +63,7 @@ def fill_holes(kind, on, color, step, edge, reach, focal, labels, inverse, cost,
         s = -1 if sweep % 2 == 0 else 1
         for i in range(holes):
             here = queue[i if s < 0 else holes - 1 - i]
-            v = here // width
-            u = here - v * width
+            v, u = here >> PLACE_BITS, here & COLUMN_MASK
             best = cost[v, u]
             for k in range(4):
                 vv = v if k == 0 else v + s

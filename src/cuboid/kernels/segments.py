@@ -13,6 +13,11 @@ from numba import njit
 NONE, PLANE, SURFACE, FAR = 0, 1, 2, 3
 # Bits of the marks of a pixel: depth jumps to its right, below it; a concave crease runs through it.
 RIGHT, DOWN, CREASE = 1, 2, 4
+# Creases are judged over at most so many pixels to either side.
+LONGEST = 10
+# A pixel in a queue is its row, shifted by so many bits, and its column: a division takes ten times as long.
+PLACE_BITS = 16
+COLUMN_MASK = (1 << PLACE_BITS) - 1
 
 
 @njit(cache=True, nogil=True)
@@ -38,39 +43,13 @@ def mark(inverse, kind, focal, noise, jump, arm, bend, smooth, marks):
         Bits RIGHT, DOWN, CREASE.
     """
     height, width = inverse.shape
-    for v in range(height):
-        for u in range(width):
-            marks[v, u] = 0
-            smooth[v, u] = 0.0
-            w = inverse[v, u]
-            if w <= 0.0:
-                continue
-            # A jump dz is dw = dz w^2.
-            limit = jump * w * w + 4.0 * noise
-            if u + 1 < width and inverse[v, u + 1] > 0.0:
-                right = inverse[v, u + 1]
-                if abs(right - w) > limit:
-                    before = inverse[v, u - 1] if u > 0 else np.float32(0.0)
-                    after = inverse[v, u + 2] if u + 2 < width else np.float32(0.0)
-                    if not continues(before, w, right, after, limit):
-                        marks[v, u] |= RIGHT
-            if v + 1 < height and inverse[v + 1, u] > 0.0:
-                below = inverse[v + 1, u]
-                if abs(below - w) > limit:
-                    before = inverse[v - 1, u] if v > 0 else np.float32(0.0)
-                    after = inverse[v + 2, u] if v + 2 < height else np.float32(0.0)
-                    if not continues(before, w, below, after, limit):
-                        marks[v, u] |= DOWN
-            if kind[v, u] == SURFACE:
-                total = 0.0
-                n = 0
-                for vv in range(max(0, v - 1), min(height, v + 2)):
-                    for uu in range(max(0, u - 1), min(width, u + 2)):
-                        x = inverse[vv, uu]
-                        if x > 0.0 and abs(x - w) < limit:
-                            total += x
-                            n += 1
-                smooth[v, u] = total / n
+    mark_jumps(inverse, kind, noise, jump, smooth, marks)
+    # Around it no surface, so that no arm ends outside.
+    wide = np.zeros((height + 2 * LONGEST, width + 2 * LONGEST), np.float32)
+    wide[LONGEST:-LONGEST, LONGEST:-LONGEST] = smooth
+    # The arms end at most three lengths before or behind the crease: no jump lies between.
+    lengths = np.arange(LONGEST + 1)
+    reaches, leasts = 3.0 * lengths / focal, 2.0 * bend * lengths / focal
     for v in range(height):
         for u in range(width):
             if kind[v, u] != SURFACE:
@@ -78,26 +57,71 @@ def mark(inverse, kind, focal, noise, jump, arm, bend, smooth, marks):
             w = smooth[v, u]
             # The depth behind the chord has a deviation of 0.6 noise / w^2 after smoothing: 2.5 of them are enough.
             length = max(arm, 1.5 * noise / (w * w * bend))
-            k = int(length * focal * w + 0.5)
-            k = min(max(k, 2), 10)
-            # The arms end at most three lengths before or behind the crease: no jump lies between.
-            reach = 3.0 * k / focal * w
-            least = 2.0 * bend * k / focal * w
-            for direction in range(4):
-                dv = k if direction != 0 else 0
-                du = k if direction == 0 else 0
-                if direction >= 2:
-                    dv = (k * 3 + 2) // 4
-                    du = dv if direction == 2 else -dv
-                v0, u0, v1, u1 = v - dv, u - du, v + dv, u + du
-                if v0 < 0 or v1 >= height or u0 < 0 or u1 < 0 or u0 >= width or u1 >= width:
-                    continue
-                p, q = smooth[v0, u0], smooth[v1, u1]
-                if p <= 0.0 or q <= 0.0 or abs(p - w) > reach or abs(q - w) > reach:
-                    continue
-                if p + q - 2.0 * w > least:
-                    marks[v, u] |= CREASE
-                    break
+            k = min(max(int(length * focal * w + 0.5), 2), LONGEST)
+            slant = (k * 3 + 2) // 4
+            reach, least = reaches[k] * w, leasts[k] * w
+            y, x = v + LONGEST, u + LONGEST
+            if (
+                is_crease(wide[y, x - k], w, wide[y, x + k], reach, least)
+                or is_crease(wide[y - k, x], w, wide[y + k, x], reach, least)
+                or is_crease(wide[y - slant, x - slant], w, wide[y + slant, x + slant], reach, least)
+                or is_crease(wide[y - slant, x + slant], w, wide[y + slant, x - slant], reach, least)
+            ):
+                marks[v, u] |= CREASE
+
+
+@njit(cache=True, nogil=True, inline="always")
+def is_crease(p, w, q, reach, least):
+    """Whether a surface lies behind the chord over it, from p to q."""
+    if p <= 0.0 or q <= 0.0 or abs(p - w) > reach or abs(q - w) > reach:
+        return False
+    return p + q - 2.0 * w > least
+
+
+@njit(cache=True, nogil=True, inline="always")
+def with_near(x, w, limit, total, n):
+    """Add a neighbour on the same surface to the sum and the number of those."""
+    near = (x > 0.0) & (abs(x - w) < limit)
+    return total + (x if near else 0.0), n + (1.0 if near else 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def mark_jumps(inverse, kind, noise, jump, smooth, marks):
+    """Mark depth jumps between neighbours, and smooth surfaces; see `mark`."""
+    height, width = inverse.shape
+    wide = np.zeros((height + 2, width + 2), np.float32)
+    wide[1:-1, 1:-1] = inverse
+    for v in range(height):
+        above, row, below = wide[v], wide[v + 1], wide[v + 2]
+        # Without a branch: so one instruction takes several pixels.
+        for u in range(width):
+            w = row[u + 1]
+            # A jump dz is dw = dz w^2.
+            limit = jump * w * w + 4.0 * noise
+            total = n = 0.0
+            for k in range(3):
+                total, n = with_near(above[u + k], w, limit, total, n)
+            for k in range(3):
+                total, n = with_near(row[u + k], w, limit, total, n)
+            for k in range(3):
+                total, n = with_near(below[u + k], w, limit, total, n)
+            smooth[v, u] = total / n if (w > 0.0) & (kind[v, u] == SURFACE) else 0.0
+            right = (w > 0.0) & (row[u + 2] > 0.0) & (abs(row[u + 2] - w) > limit)
+            down = (w > 0.0) & (below[u + 1] > 0.0) & (abs(below[u + 1] - w) > limit)
+            marks[v, u] = (RIGHT if right else 0) | (DOWN if down else 0)
+        for u in range(width):
+            if marks[v, u] == 0:
+                continue
+            w = row[u + 1]
+            limit = jump * w * w + 4.0 * noise
+            if marks[v, u] & RIGHT:
+                after = row[u + 3] if u + 2 < width else np.float32(0.0)
+                if continues(row[u], w, row[u + 2], after, limit):
+                    marks[v, u] ^= RIGHT
+            if marks[v, u] & DOWN:
+                after = wide[v + 3, u + 1] if v + 2 < height else np.float32(0.0)
+                if continues(above[u + 1], w, below[u + 1], after, limit):
+                    marks[v, u] ^= DOWN
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -169,18 +193,18 @@ def label_surfaces(inverse, kind, marks, least, labels, queue, sizes):
                 last += 1
             else:
                 for i in range(n):
-                    labels[queue[i] // width, queue[i] % width] = 0
-                    core[queue[i] // width, queue[i] % width] = 0
+                    labels[queue[i] >> PLACE_BITS, queue[i] & COLUMN_MASK] = 0
+                    core[queue[i] >> PLACE_BITS, queue[i] & COLUMN_MASK] = 0
     # Grow back from all cores at once.
     tail = 0
     for v in range(height):
         for u in range(width):
             if labels[v, u] != 0:
-                queue[tail] = v * width + u
+                queue[tail] = (v << PLACE_BITS) | u
                 tail += 1
     head = 0
     while head < tail:
-        v, u = queue[head] // width, queue[head] % width
+        v, u = queue[head] >> PLACE_BITS, queue[head] & COLUMN_MASK
         head += 1
         for k in range(4):
             vv, uu = v + (k == 0) - (k == 1), u + (k == 2) - (k == 3)
@@ -188,7 +212,7 @@ def label_surfaces(inverse, kind, marks, least, labels, queue, sizes):
                 continue
             if linked(kind, marks, v, u, vv, uu):
                 labels[vv, uu] = labels[v, u]
-                queue[tail] = vv * width + uu
+                queue[tail] = (vv << PLACE_BITS) | uu
                 tail += 1
     for v in range(height):
         for u in range(width):
@@ -199,8 +223,8 @@ def label_surfaces(inverse, kind, marks, least, labels, queue, sizes):
                 last += 1
             else:
                 for i in range(n):
-                    labels[queue[i] // width, queue[i] % width] = 0
-                    kind[queue[i] // width, queue[i] % width] = NONE
+                    labels[queue[i] >> PLACE_BITS, queue[i] & COLUMN_MASK] = 0
+                    kind[queue[i] >> PLACE_BITS, queue[i] & COLUMN_MASK] = NONE
     for v in range(height):
         for u in range(width):
             sizes[labels[v, u]] += 1
@@ -211,11 +235,11 @@ def label_surfaces(inverse, kind, marks, least, labels, queue, sizes):
 def flood(kind, marks, core, cores_only, v0, u0, label, labels, queue):
     """Label what is linked to a pixel; return how many pixels the queue lists."""
     height, width = kind.shape
-    queue[0] = v0 * width + u0
+    queue[0] = (v0 << PLACE_BITS) | u0
     labels[v0, u0] = label
     head, tail = 0, 1
     while head < tail:
-        v, u = queue[head] // width, queue[head] % width
+        v, u = queue[head] >> PLACE_BITS, queue[head] & COLUMN_MASK
         head += 1
         for k in range(4):
             vv, uu = v + (k == 0) - (k == 1), u + (k == 2) - (k == 3)
@@ -225,6 +249,43 @@ def flood(kind, marks, core, cores_only, v0, u0, label, labels, queue):
                 continue
             if linked(kind, marks, v, u, vv, uu):
                 labels[vv, uu] = label
-                queue[tail] = vv * width + uu
+                queue[tail] = (vv << PLACE_BITS) | uu
                 tail += 1
     return tail
+
+
+@njit(cache=True, nogil=True)
+def cut_masks(labels, members, chosen, boxes, step, masks):
+    """Write the masks of regions, each cropped to its rectangle, one after the other.
+
+    Parameters
+    ----------
+    labels : (h, w) int16
+        Segment of each pixel, -1 none, -2 - p on plane p.
+    members : (N, S) uint8
+        1 for each segment that a region is made of; the planes count from the end.
+    chosen : (K,) int64
+        Regions.
+    boxes : (K, 4) int32
+        x0, y0, x1, y1 of each in pixels of `labels`, end exclusive.
+    step : int
+        Pixels of a mask, a side, that one of `labels` becomes.
+    masks : (L,) uint8, output
+    """
+    at, last = 0, members.shape[1]
+    # Of each label, counted from the last plane's on, whether it is in.
+    inside = np.zeros(2 * last + 1, np.uint8)
+    for row in range(chosen.size):
+        inside[:last] = inside[last + 1 :] = members[chosen[row]]
+        x0, y0, x1, y1 = boxes[row]
+        wide = (x1 - x0) * step
+        for v in range(y0, y1):
+            line = masks[at : at + wide]
+            for u in range(x1 - x0):
+                line[u] = inside[labels[v, x0 + u] + last + 1]
+            if step > 1:
+                for u in range(x1 - x0 - 1, -1, -1):
+                    line[u * step : (u + 1) * step] = line[u]
+                for k in range(1, step):
+                    masks[at + k * wide : at + (k + 1) * wide] = line
+            at += step * wide

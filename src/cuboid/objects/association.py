@@ -80,9 +80,10 @@ def _common_points(
     owner = pixel_owner.ravel()
     place = np.zeros(max(o.number for o in objects) + 1, np.int64)
     place[[o.number for o in objects]] = np.arange(1, len(objects) + 1)
-    common = np.zeros((len(clusters), len(objects)))
-    for k, cluster in enumerate(clusters):
-        numbers = owner[cluster.pixels]
-        inside = numbers[(numbers > 0) & (numbers < len(place))]
-        common[k] = np.bincount(place[inside], minlength=len(objects) + 1)[1:] / len(cluster.pixels)
-    return common
+    sizes = np.array([len(cluster.pixels) for cluster in clusters])
+    numbers = owner[np.concatenate([cluster.pixels for cluster in clusters])]
+    numbers = np.where((numbers > 0) & (numbers < len(place)), numbers, 0)
+    columns = len(objects) + 1
+    cells = np.repeat(np.arange(len(clusters)) * columns, sizes) + place[numbers]
+    table = np.bincount(cells, minlength=len(clusters) * columns).reshape(-1, columns)
+    return np.asarray(table[:, 1:] / sizes[:, None])

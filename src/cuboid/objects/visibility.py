@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float64Array
+from cuboid.kernels.sightings import count_seen
 from cuboid.objects.entry import MapObject
 from cuboid.working import WorkingImage
 
@@ -88,45 +89,26 @@ def look(
         return []
     steps = [max(1, len(o.points) // LOOKED_UP) for o in objects]
     picks = [o.points[::step] for o, step in zip(objects, steps, strict=True)]
-    colors = np.concatenate([o.colors[::step] for o, step in zip(objects, steps, strict=True)])
-    which = np.repeat(np.arange(len(picks)), [len(p) for p in picks])
-    points = np.concatenate(picks).astype(np.float64) @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]
-    c = image.camera
-    z = np.maximum(points[:, 2], 0.05)
-    u, v = points[:, 0] / z * c.fx + c.cx, points[:, 1] / z * c.fy + c.cy
-    ui, vi = np.rint(u).astype(np.int64), np.rint(v).astype(np.int64)
-    inside = (points[:, 2] > 0.05) & (ui >= 0) & (vi >= 0) & (ui < c.width) & (vi < c.height)
-    ui, vi = np.where(inside, ui, 0), np.where(inside, vi, 0)
-    reading = np.where(inside, image.depth_m[vi, ui], 0.0)
-    agree = np.maximum(AGREE_M, 3 * noise_per_m * z * z)
-    numbers = np.repeat([o.number for o in objects], [len(p) for p in picks])
-    seen = (reading > 0) & (np.abs(reading - z) <= agree)
-    blind = np.flatnonzero(inside & (reading <= 0))
-    seen[blind] = np.abs(image.color[vi[blind], ui[blind]].astype(np.int16) - colors[blind]).max(1) <= ALIKE
-    behind_own = (reading > 0) & (reading < z - agree) & (pixel_owner[vi, ui] == numbers)
-    unknown = (reading <= 0) & ~seen
-    n = len(objects)
-    seen_n = np.bincount(which[seen], minlength=n)
-    unknown_n = np.bincount(which[unknown], minlength=n)
-    hidden_n = np.bincount(which[~seen & ~behind_own & ~unknown], minlength=n)
-    visible = seen_n / np.maximum(1.0, seen_n + hidden_n + 0.5 * unknown_n)
-    seen_enough = (visible >= SEEN_SHARE) & (seen_n >= SEEN_POINTS)
-    rectangles = _rectangles(np.column_stack([u, v]), points[:, 2] > 0.05, [len(p) for p in picks], image)
+    colors = [o.colors[::step] for o, step in zip(objects, steps, strict=True)]
+    n, c = len(objects), image.camera
+    counts, corners = np.empty((n, 3), np.int64), np.empty((n, 4))
+    count_seen(
+        np.concatenate(picks), np.concatenate(colors), np.cumsum([len(p) for p in picks]),
+        np.array([o.number for o in objects]), image.depth_m, image.color, pixel_owner,
+        np.array([c.fx, c.fy, c.cx, c.cy]), np.ascontiguousarray(T_camera_world), noise_per_m, AGREE_M, ALIKE, counts,
+        corners,
+    )  # fmt: skip
+    seen, hidden, unknown = counts.T
+    visible = seen / np.maximum(1.0, seen + hidden + 0.5 * unknown)
+    seen_enough = (visible >= SEEN_SHARE) & (seen >= SEEN_POINTS)
+    rectangles = _rectangles(corners, image)
     return [View(float(visible[k]), rectangles[k], bool(seen_enough[k])) for k in range(n)]
 
 
-def _rectangles(
-    pixels: Float64Array, front: npt.NDArray[np.bool_], sizes: Sequence[int], image: WorkingImage
-) -> Float64Array:
-    """Return the rectangle (n, 4) of each run of pixels (N, 2) that lies in front of the camera, zeros where none."""
-    starts = np.cumsum([0, *sizes[:-1]])
-    low = np.minimum.reduceat(np.where(front[:, None], pixels, np.inf), starts)
-    high = np.maximum.reduceat(np.where(front[:, None], pixels, -np.inf), starts)
-    none = ~np.logical_or.reduceat(front, starts)
-    full = np.array([image.camera.width, image.camera.height]) * image.step
-    corner = np.array(image.phase)
-    first = np.clip(low * image.step + corner, 0, full)
-    last = np.clip(high * image.step + corner + image.step, 0, full)
-    rectangles = np.column_stack([first, last])
-    rectangles[none] = 0.0
-    return rectangles
+def _rectangles(corners: Float64Array, image: WorkingImage) -> Float64Array:
+    """Return the rectangles (n, 4) in the full image of those in the working image, zeros where there is none."""
+    full = np.array([image.camera.width, image.camera.height] * 2) * image.step
+    origin, end = np.array([*image.phase, *image.phase]), np.array([0, 0, image.step, image.step])
+    rectangles = np.clip(corners * image.step + origin + end, 0, full)
+    rectangles[corners[:, 0] > corners[:, 2]] = 0.0
+    return np.asarray(rectangles, dtype=np.float64)

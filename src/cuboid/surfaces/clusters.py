@@ -11,7 +11,7 @@ import numpy.typing as npt
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, Float64Array
 from cuboid.heatmap.voxel_map import Rows, VoxelMap
-from cuboid.kernels.pixels import label_regions
+from cuboid.kernels.pixels import gather_regions, label_regions
 from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.planes import PlaneTracker
 from cuboid.working import WorkingImage
@@ -105,45 +105,25 @@ def frame_clusters(
     labels = np.empty(wanted.shape, np.int32)
     parent = np.empty(wanted.size, np.int32)
     number = label_regions(image.depth_m, wanted, claim, config.depth_noise_per_m, JUMP_M, parent, labels)
-    hot = np.flatnonzero(labels)
-    of_pixel = labels.ravel()[hot]
-    order = np.argsort(of_pixel, kind="stable")
-    ends = np.searchsorted(of_pixel[order], np.arange(1, number + 2))
+    pixels, points = np.empty(labels.size, np.int64), np.empty((labels.size, 3))
+    first, corners = np.empty(number + 1, np.int64), np.empty((number, 4), np.int64)
+    beneath = np.empty(number, np.int64)
+    c = image.camera
+    kept = gather_regions(
+        labels, number, LEAST_PIXELS, image.depth_m, np.array([c.fx, c.fy, c.cx, c.cy]), support, first,
+        pixels, points, corners, beneath,
+    )  # fmt: skip
+    warm = heat.ravel()[pixels[: first[kept]]]
+    ends = corners[:kept] + np.array([0, 0, 1, 1])
+    rects = ends * float(image.step) + np.array([*image.phase, *image.phase])
+    cut = ((corners[:kept, :2] <= 1) | (ends[:, 2:] >= [c.width - 1, c.height - 1])).any(1)
     clusters = []
-    for k in range(number):
-        pixels = hot[order[ends[k] : ends[k + 1]]]
-        if len(pixels) >= LEAST_PIXELS:
-            clusters.append(_describe(pixels, image, heat, support, planes, T_world_camera))
+    for k in range(kept):
+        own = slice(int(first[k]), int(first[k + 1]))
+        plane = planes.planes[beneath[k]] if beneath[k] >= 0 else None
+        world = points[own] @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
+        clusters.append(FrameCluster(pixels[own], world, plane, float(warm[own].mean()), rects[k], bool(cut[k])))
     return clusters
-
-
-def _describe(
-    pixels: npt.NDArray[np.int64],
-    image: WorkingImage,
-    heat: Float32Array,
-    support: npt.NDArray[np.int32],
-    planes: PlaneTracker,
-    T_world_camera: Float64Array,
-) -> FrameCluster:
-    c, step = image.camera, image.step
-    v, u = np.divmod(pixels, c.width)
-    z = image.depth_m.ravel()[pixels].astype(np.float64)
-    points = np.column_stack([(u - c.cx) / c.fx * z, (v - c.cy) / c.fy * z, z])
-    standing = support.ravel()[pixels]
-    standing = standing[standing >= 0]
-    left, top, right, bottom = u.min(), v.min(), u.max(), v.max()
-    x, y = image.phase
-    return FrameCluster(
-        pixels=pixels,
-        points=points @ T_world_camera[:3, :3].T + T_world_camera[:3, 3],
-        plane=planes.planes[int(np.bincount(standing).argmax())] if len(standing) else None,
-        heat=float(heat.ravel()[pixels].mean()),
-        rect_xyxy=np.array(
-            [x + left * step, y + top * step, x + right * step + step, y + bottom * step + step],
-            dtype=np.float64,
-        ),
-        cut=bool(left <= 1 or top <= 1 or right >= c.width - 2 or bottom >= c.height - 2),
-    )
 
 
 def top_is_seen(cluster: FrameCluster, image: WorkingImage, up: Float64Array, T_camera_world: Float64Array) -> bool:

@@ -1,0 +1,152 @@
+"""Hot loop: the box that rests on a plane, around a weighted cloud of points."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from cuboid.kernels.extents import best_turn, reach
+
+# A cluster whose lowest point is within this of the plane rests on it, metres: the foot of an object is lost to the
+# noise floor of the plane, and the part below a bowl's belly is seldom seen.
+REST_M = 0.06
+# A box whose footprint is larger by no more than this, and which is turned by at least so many steps of two degrees, is
+# taken instead of the smallest one where the points of the sides, those this far below the top (metres), lie so much
+# nearer to its sides. So many such boxes are looked at.
+RIVAL_AREA, APART, LID_M, BETTER_SIDES, MOST_RIVALS = 1.15, 5, 0.012, 0.7, 3
+# A round footprint follows the law of the disc to this share of its radius, and is at most this share of what was
+# seen of it wide, per side: half a disc shows its whole width, but for what is lost at its edges.
+ROUND_RESIDUAL, ROUND_RADIUS = 0.03, 0.6
+# A disc of which no more than this is missing, metres, is whole: drift and noise widen what was seen all round by a
+# centimetre in one direction.
+MISSING_M = 0.012
+# Length and width are alike within this, metres: of a round footprint the first direction counts, and not what the
+# last bit of a sum favours.
+ALIKE_M = 1e-9
+
+
+@njit(cache=True, nogil=True)
+def fit(plan, heights, weights, axes, offset, share, directions, solvers, box):
+    """Fit the box of minimal footprint whose third axis is a plane's normal.
+
+    Parameters
+    ----------
+    plan : (N, 2) float64
+        Of at least one point, in the plane's own axes, metres.
+    heights : (N,) float64
+        Along the normal, metres.
+    weights : (N,) float64
+    axes : (3, 3) float64
+        Two axes of the plane and its normal, row by row.
+    offset : float
+        The plane is normal.p + offset = 0; NaN: the cluster stands on nothing known and ends at its lowest point.
+    share : float
+        Share of the weight that may stick out at each side.
+    directions : (2 Q, 2) float64
+        Evenly over half a turn, in the plane's axes.
+    solvers : (K, 3, L) float64
+        See `disc`.
+    box : (15,) float64, output
+        Centre, size, rotation row by row.
+    """
+    low, high = np.empty(directions.shape[0]), np.empty(directions.shape[0])
+    reach(plan, weights, directions, share, low, high)
+    x, y, radius = disc(low, high, directions, solvers)
+    if radius > 0.0:
+        for d in range(directions.shape[0]):
+            along = x * directions[d, 0] + y * directions[d, 1]
+            low[d], high[d] = min(low[d], along - radius), max(high[d], along + radius)
+    n = heights.size
+    upright, bottom, top = np.zeros((n, 2)), np.empty(1), np.empty(1)
+    upright[:, 0] = heights
+    reach(upright, weights, np.array([[1.0, 0.0]]), share, bottom, top)
+    if bottom[0] + offset < REST_M:
+        bottom[0] = -offset
+    side, trust, sides = np.empty((n, 2)), np.empty(n), 0
+    for i in range(n):
+        if heights[i] < top[0] - LID_M:
+            side[sides, 0], side[sides, 1], trust[sides] = plan[i, 0], plan[i, 1], weights[i]
+            sides += 1
+    around(low, high, bottom[0], top[0], axes, directions, side[:sides], trust[:sides], box)
+
+
+@njit(cache=True, nogil=True)
+def around(low, high, bottom, top, axes, directions, side, trust, box):
+    """Find the box of least footprint around what reaches from `low` to `high` in each direction.
+
+    Of a carton that shows two sides and not its top the footprint is a triangle, and the box along its long side is
+    as small as the carton's own: then the box is taken whose sides fit the points (Zhang et al., "Efficient L-Shape
+    Fitting", IV 2017, on cars in laser scans).
+
+    Parameters
+    ----------
+    low, high : (2 Q,) float64
+        In the plane's axes, metres.
+    bottom, top : float
+        Along the normal, metres.
+    axes, directions, box
+        As for `fit`.
+    side : (M, 2) float64
+        Points of the sides, not of the top, in the plane's axes; there may be none.
+    trust : (M,) float64
+        How far each of them is to be believed.
+    """
+    quarter = directions.shape[0] // 2
+    a = best_turn(side, trust, directions, low, high, RIVAL_AREA, APART, BETTER_SIDES, MOST_RIVALS)
+    b = a + quarter
+    length, width = high[a] - low[a], high[b] - low[b]
+    x, y = (low[a] + high[a]) / 2.0, (low[b] + high[b]) / 2.0
+    ux, uy, vx, vy = directions[a, 0], directions[a, 1], directions[b, 0], directions[b, 1]
+    if length < width - ALIKE_M:
+        # A turn by 90 degrees keeps the axes right-handed: (v, -u).
+        length, width, x, y = width, length, y, -x
+        ux, uy, vx, vy = vx, vy, -ux, -uy
+    z = (top + bottom) / 2.0
+    box[3], box[4], box[5] = max(length, width), min(length, width), max(top - bottom, 0.0)
+    for k in range(3):
+        u, v = ux * axes[0, k] + uy * axes[1, k], vx * axes[0, k] + vy * axes[1, k]
+        box[6 + 3 * k], box[7 + 3 * k], box[8 + 3 * k] = u, v, axes[2, k]
+        box[k] = u * x + v * y + axes[2, k] * z
+
+
+@njit(cache=True, nogil=True)
+def disc(low, high, directions, solvers):
+    """Return centre and radius of the disc that a footprint shows a part of; a radius of 0 where it shows none.
+
+    A can, a bottle, a ball or a bowl that was seen from one side only shows half a disc. How far a disc reaches in
+    direction u is c.u + r: where that holds over an arc of 130 degrees, centre and radius follow by least squares.
+    The reach of a rectangle departs from any such law by a sixth of its side.
+
+    Parameters
+    ----------
+    low, high : (2 Q,) float64
+        How far everything reaches along each direction, metres.
+    directions : (2 Q, 2) float64
+        Evenly over half a turn.
+    solvers : (K, 3, L) float64
+        For each of K arcs, evenly over the full turn, what its L reaches are multiplied with to give centre and radius.
+    """
+    half, (arcs, _, long) = directions.shape[0], solvers.shape
+    extent = high - low
+    narrow, wide = extent.min(), extent.max()
+    x = y = radius = 0.0
+    if narrow > wide - MISSING_M:
+        return x, y, radius
+    # Behind half a turn the directions, and what is reached along them, are those before it the other way round.
+    reached, turned = np.concatenate((high, -low)), np.concatenate((directions, -directions))
+    least = np.inf
+    for k in range(arcs):
+        first = k * 2 * half // arcs
+        a = b = r = 0.0
+        for j in range(long):
+            here = reached[(first + j) % (2 * half)]
+            a, b, r = a + solvers[k, 0, j] * here, b + solvers[k, 1, j] * here, r + solvers[k, 2, j] * here
+        if not (narrow < 2.0 * r - MISSING_M and r <= ROUND_RADIUS * wide):
+            continue
+        off = 0.0
+        for j in range(long):
+            d = (first + j) % (2 * half)
+            off = max(off, abs(reached[d] - (a * turned[d, 0] + b * turned[d, 1] + r)))
+        if off < least * r:
+            least, x, y, radius = off / r, a, b, r
+    return (x, y, radius) if least <= ROUND_RESIDUAL else (0.0, 0.0, 0.0)

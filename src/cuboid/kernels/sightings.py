@@ -1,0 +1,79 @@
+"""Hot loop: how many points of each object a frame sees."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+# Points nearer than this to the camera's plane are not in its picture, metres.
+NEAREST_M = 0.05
+
+
+@njit(cache=True, nogil=True)
+def count_seen(points, colors, ends, numbers, depth, color, owner, camera, T, noise, agree, alike, counts, corners):
+    """Count, for each object, its points that a frame sees, those that it hides, and those it says nothing of.
+
+    A point is seen when the reading at its pixel agrees with it; where there is none, when the color does. One behind
+    a reading of its own object counts not at all; any other with a reading is hidden, and any other without, or
+    outside the picture, is one of which nothing is said.
+
+    Parameters
+    ----------
+    points : (N, 3) float32
+        World, metres; those of the objects one after the other.
+    colors : (N, 3) uint8
+    ends : (n,) int64
+        Where each object's points end.
+    numbers : (n,) int64
+        The objects.
+    depth : (h, w) float32
+        Metres, 0 none.
+    color : (h, w, 3) uint8
+    owner : (h, w) int32
+        Number of the object that each pixel belongs to.
+    camera : (4,) float64
+        fx, fy, cx, cy.
+    T : (4, 4) float64
+        T_camera_world.
+    noise : float
+        Standard deviation of depth is this times z squared.
+    agree : float
+        A reading within this of a point agrees with it, metres, or within three standard deviations.
+    alike : int
+        A color agrees when no channel is farther off, of 255.
+    counts : (n, 3) int64, output
+        Points seen, hidden, and unknown.
+    corners : (n, 4) float64, output
+        Rectangle around what lies before the camera, in pixels, within the picture or not: left, top, right, bottom;
+        infinite, the left beyond the right, where nothing does.
+    """
+    height, width = depth.shape
+    i = 0
+    for k in range(ends.size):
+        seen = hidden = unknown = 0
+        left = top = np.inf
+        right = bottom = -np.inf
+        while i < ends[k]:
+            px, py, pz = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
+            ahead = px * T[2, 0] + py * T[2, 1] + pz * T[2, 2] + T[2, 3]
+            z = max(ahead, NEAREST_M)
+            u = (px * T[0, 0] + py * T[0, 1] + pz * T[0, 2] + T[0, 3]) / z * camera[0] + camera[2]
+            v = (px * T[1, 0] + py * T[1, 1] + pz * T[1, 2] + T[1, 3]) / z * camera[1] + camera[3]
+            reading, same, mine = 0.0, False, False
+            if ahead > NEAREST_M:
+                left, top, right, bottom = min(left, u), min(top, v), max(right, u), max(bottom, v)
+                x, y = int(np.rint(u)), int(np.rint(v))
+                if 0 <= x < width and 0 <= y < height:
+                    reading, mine, same = depth[y, x], owner[y, x] == numbers[k], True
+                    for c in range(3):
+                        same &= abs(np.int64(color[y, x, c]) - np.int64(colors[i, c])) <= alike
+            within = max(agree, 3.0 * noise * z * z)
+            if abs(reading - z) <= within if reading > 0.0 else same:
+                seen += 1
+            elif reading <= 0.0:
+                unknown += 1
+            elif not (mine and reading < z - within):
+                hidden += 1
+            i += 1
+        counts[k, 0], counts[k, 1], counts[k, 2] = seen, hidden, unknown
+        corners[k, 0], corners[k, 1], corners[k, 2], corners[k, 3] = left, top, right, bottom

@@ -1,0 +1,65 @@
+"""Points of objects in a frame: counted as array operations do it."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cuboid.kernels.sightings import NEAREST_M, count_seen
+
+CAMERA = np.array([30.0, 32.0, 19.5, 14.5])
+NOISE, AGREE_M, ALIKE = 1.4e-3, 0.03, 30
+
+
+def numpy_counts(
+    points: np.ndarray,
+    colors: np.ndarray,
+    number: int,
+    depth: np.ndarray,
+    color: np.ndarray,
+    owner: np.ndarray,
+    T: np.ndarray,
+) -> tuple[list[int], np.ndarray]:
+    seen_from = points.astype(float) @ T[:3, :3].T + T[:3, 3]
+    z = np.maximum(seen_from[:, 2], NEAREST_M)
+    u, v = seen_from[:, 0] / z * CAMERA[0] + CAMERA[2], seen_from[:, 1] / z * CAMERA[1] + CAMERA[3]
+    x, y = np.rint(u).astype(int), np.rint(v).astype(int)
+    front = seen_from[:, 2] > NEAREST_M
+    inside = front & (x >= 0) & (y >= 0) & (x < depth.shape[1]) & (y < depth.shape[0])
+    x, y = np.where(inside, x, 0), np.where(inside, y, 0)
+    reading = np.where(inside, depth[y, x], 0.0)
+    within = np.maximum(AGREE_M, 3 * NOISE * z * z)
+    alike = inside & (np.abs(color[y, x].astype(int) - colors).max(1) <= ALIKE)
+    seen = np.where(reading > 0, np.abs(reading - z) <= within, alike)
+    unknown = (reading <= 0) & ~seen
+    far_side = (reading > 0) & (reading < z - within) & (owner[y, x] == number)
+    counts = [int(which.sum()) for which in (seen, ~seen & ~unknown & ~far_side, unknown)]
+    ends = np.column_stack([u, v])[front]
+    corners = [*ends.min(0), *ends.max(0)] if len(ends) else [np.inf, np.inf, -np.inf, -np.inf]
+    return counts, np.array(corners)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10_000))
+def test_points_are_counted_as_array_operations_do_it(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    depth = rng.choice([0.0, 0.9, 1.0, 1.1, 1.5], (30, 40)).astype(np.float32)
+    color = rng.integers(0, 80, (30, 40, 3)).astype(np.uint8)
+    owner = rng.integers(0, 4, (30, 40)).astype(np.int32)
+    sizes, numbers = np.array([1, 80, 50]), np.array([1, 2, 7])
+    points = rng.uniform([-1.0, -0.8, -0.3], [1.0, 0.8, 1.8], (sizes.sum(), 3)).astype(np.float32)
+    points[-50:, 2] = -1.0  # the last one lies behind the camera
+    colors = rng.integers(0, 80, (len(points), 3)).astype(np.uint8)
+    T = np.eye(4)
+    T[:3, 3] = rng.normal(0.0, 0.02, 3)
+    ends = np.cumsum(sizes)
+    counts, corners = np.empty((3, 3), np.int64), np.empty((3, 4))
+    count_seen(
+        points, colors, ends, numbers, depth, color, owner, CAMERA, T, NOISE, AGREE_M, ALIKE, counts, corners
+    )  # fmt: skip
+    for k, end in enumerate(ends):
+        own = slice(end - sizes[k], end)
+        expected = numpy_counts(points[own], colors[own], numbers[k], depth, color, owner, T)
+        assert counts[k].tolist() == expected[0]
+        np.testing.assert_allclose(corners[k], expected[1], atol=1e-9)
