@@ -136,7 +136,7 @@ class Tracker:
             T_world_camera=T_world_camera,
             sightings=sightings,
             proposals=found,
-            objects_known=len(self._map.confirmed()),
+            objects_known=self._map.labelled,
             heat=heat,
             milliseconds=watch.milliseconds,
         )
@@ -169,11 +169,11 @@ class Tracker:
 
     def _find_planes(
         self, image: WorkingImage, T_world_camera: Float64Array
-    ) -> tuple[Float32Array, npt.NDArray[np.int8]]:
+    ) -> tuple[Float32Array, npt.NDArray[np.int32]]:
         """Track the supporting planes; return each pixel's height above the one beneath, and which that is."""
         c, planes = self.config, self._planes
         heights = np.full(image.depth_m.shape, np.nan, np.float32)
-        support = np.full(image.depth_m.shape, -1, np.int8)
+        support = np.full(image.depth_m.shape, -1, np.int32)
         cells = find_cells(image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m)
         planes.vote(cells, T_world_camera)
         if planes.up is not None:
@@ -182,12 +182,15 @@ class Tracker:
         owner = planes.update(self._count, cells)
         if planes.T_plan_world is not None and planes.planes:
             k = image.camera
+            farthest = min(c.max_depth_m, float(image.depth_m.max()))
+            view = planes.in_view(k, farthest, T_world_camera)
             stand_on(
                 image.depth_m, np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera,
-                planes.in_frame(cells, owner, T_world_camera), planes.ground(), planes.plan.origin, CELL_M,
-                owner, PATCH_PIXELS, c.depth_noise_per_m, c.min_height_m, DEPTH_BIAS_M, c.max_depth_m,
-                heights, support, planes.plan.seen,
+                view.in_frame(cells, owner, planes.T_plan_world, T_world_camera), view.numbers, view.ground,
+                view.origin, CELL_M, owner, PATCH_PIXELS, c.depth_noise_per_m, c.min_height_m, DEPTH_BIAS_M,
+                c.max_depth_m, heights, support, view.seen,
             )  # fmt: skip
+            planes.take_in(view)
         return heights, support
 
     def _candidates(self, image: WorkingImage, heights: Float32Array) -> UInt8Array:
@@ -254,10 +257,11 @@ class Tracker:
     @property
     def objects(self) -> list[TrackedObject]:
         """The confirmed objects of the map, by label."""
-        return [self._tracked(entry) for entry in self._map.confirmed()]
+        used = [plane for plane in self._planes.planes if plane.in_use]
+        place = {plane.index: k for k, plane in enumerate(used)}
+        return [self._tracked(entry, place) for entry in self._map.confirmed()]
 
-    def _tracked(self, entry: MapObject) -> TrackedObject:
-        planes = [plane for plane in self._planes.planes if plane.in_use]
+    def _tracked(self, entry: MapObject, place: Mapping[int, int]) -> TrackedObject:
         return TrackedObject(
             label=entry.label,
             box=entry.box,
@@ -268,7 +272,7 @@ class Tracker:
             frames_seen=entry.frames_seen,
             points=len(entry.points),
             mean_color=entry.mean_color,
-            plane=planes.index(entry.plane) if entry.plane in planes else None,
+            plane=None if entry.plane is None else place.get(entry.plane.index),
             merged_labels=tuple(entry.merged_labels),
         )
 
@@ -276,8 +280,8 @@ class Tracker:
     def planes(self) -> list[SupportPlane]:
         """The supporting planes in use."""
         return [
-            SupportPlane(*self._planes.in_world(plane), self._planes.outline_in_world(k))
-            for k, plane in enumerate(self._planes.planes)
+            SupportPlane(*self._planes.in_world(plane), self._planes.outline_in_world(plane))
+            for plane in self._planes.planes
             if plane.in_use
         ]
 
@@ -285,6 +289,11 @@ class Tracker:
     def up(self) -> Float64Array | None:
         """Up in the world, (3,); None while unknown."""
         return self._planes.up
+
+    @property
+    def points_known(self) -> int:
+        """How many points the global point map holds."""
+        return self._voxels.alive
 
     def map_points(self) -> MapPoints:
         """Return the global point map."""

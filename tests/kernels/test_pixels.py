@@ -67,7 +67,7 @@ def test_regions_are_gathered_as_array_operations_do_it() -> None:
     labels[5, 7:10] = 3  # too small
     labels[20:, 20:] = 6
     depth = rng.uniform(0.5, 2.0, labels.shape).astype(np.float32)
-    support = rng.integers(-1, 3, labels.shape).astype(np.int8)
+    support = rng.choice([-1, 0, 3, 129, 40000], labels.shape).astype(np.int32)
     support[labels == 6] = -1
     first, pixels, points = np.empty(7, np.int64), np.empty(labels.size, np.int64), np.empty((labels.size, 3))
     corners, beneath = np.empty((6, 4), np.int64), np.empty(6, np.int64)
@@ -96,22 +96,23 @@ def test_height_is_taken_above_the_highest_plane_beneath() -> None:
     planes = np.array([[0, 0, -1.0, 2.0], [0, 0, -1.0, 1.3]])
     ground = np.ones((2, 80, 80), np.uint8)
     ground[1, :40] = 0  # plan x < 0 is beyond the table's rim
-    heights, support = np.empty(depth.shape, np.float32), np.empty(depth.shape, np.int8)
+    heights, support = np.empty(depth.shape, np.float32), np.empty(depth.shape, np.int32)
     seen = np.zeros((2, 80, 80), np.int32)
-    patches = np.zeros((6, 8), np.int8)
-    patches[:, 4:] = 1
+    numbers = np.array([200, 40000], np.int32)
+    patches = np.full((6, 8), 200, np.int32)
+    patches[:, 4:] = 40000
     stand_on(
-        depth, CAMERA, T_plan_camera, planes, ground, np.array([-2.0, -2.0]), 0.05, patches, 8,
+        depth, CAMERA, T_plan_camera, planes, numbers, ground, np.array([-2.0, -2.0]), 0.05, patches, 8,
         1.4e-3, 0.01, 0.005, 4.0, heights, support, seen,
     )  # fmt: skip
     assert heights[0, 0] == 0
-    assert support[0, 0] == 0
+    assert support[0, 0] == 200
     np.testing.assert_allclose(heights[12, 8], 0.2, atol=1e-6)
-    assert support[12, 8] == 0
+    assert support[12, 8] == 200
     assert heights[0, 60] == 0
-    assert support[0, 60] == 1
+    assert support[0, 60] == 40000
     np.testing.assert_allclose(heights[12, 50], 0.2, atol=1e-6)
-    assert support[12, 50] == 1
+    assert support[12, 50] == 40000
     on_floor, on_table = depth == 2.0, depth == np.float32(1.3)
     assert seen[0].sum() == on_floor.sum()
     assert seen[1].sum() == on_table.sum()

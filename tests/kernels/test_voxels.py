@@ -187,9 +187,10 @@ def map_of_grid(grid: np.ndarray) -> tuple[VoxelMap, np.ndarray]:
 def test_only_what_was_seen_of_late_and_its_object_is_looked_at() -> None:
     voxels, rows = map_of_grid(np.ones((5, 1, 1), bool))
     voxels.hits[rows] = 3
-    voxels.owner[rows] = [1, 1, 2, 0, REFUSED]
+    for row, number in zip(rows, [1, 1, 2, 0, REFUSED], strict=True):
+        voxels.give(rows[rows == row], number)
     found, touched = voxels.solid_hot_rows(0.3, 0, np.zeros(3, np.uint8))
-    assert found.tolist() == rows.tolist()
+    assert found.tolist() == rows[:4].tolist()
     assert touched.tolist() == [0, 1, 1]
     found, touched = voxels.solid_hot_rows(
         0.3, 1, np.zeros(3, np.uint8)
@@ -204,6 +205,11 @@ def test_only_what_was_seen_of_late_and_its_object_is_looked_at() -> None:
     voxels.passes[rows[2]] = 9
     found, _ = voxels.solid_hot_rows(0.3, 2, np.zeros(3, np.uint8))
     assert found.tolist() == rows[3:4].tolist()
+    voxels.forgive(5)  # the refused point was seen last in frame 4
+    assert voxels.owner[rows[4]] == REFUSED
+    voxels.forgive(4)
+    found, _ = voxels.solid_hot_rows(0.3, 2, np.zeros(3, np.uint8))
+    assert found.tolist() == rows[3:].tolist()
 
 
 def test_rows_beside_what_was_left_out_are_counted() -> None:

@@ -7,9 +7,6 @@ from numba import njit
 
 from cuboid.kernels.voxels import find_root
 
-# Planes that an int8 tells apart.
-PLANES = 128
-
 
 @njit(cache=True, nogil=True)
 def drop_mixed(depth, jump, out):
@@ -36,8 +33,8 @@ def drop_mixed(depth, jump, out):
 
 @njit(cache=True, nogil=True)
 def stand_on(
-    depth, camera, T_grid_camera, planes_camera, ground, origin, cell, patches, patch, noise, floor, bias, max_depth,
-    heights, support, seen,
+    depth, camera, T_grid_camera, planes_camera, numbers, ground, origin, cell, patches, patch, noise, floor, bias,
+    max_depth, heights, support, seen,
 ):  # fmt: skip
     """Find for each pixel the supporting plane beneath it and its height above that plane.
 
@@ -50,13 +47,15 @@ def stand_on(
         Carries camera coordinates to the grid frame, whose third axis is up.
     planes_camera : (P, 4) float64
         Each plane in the camera frame, as this frame sees it: normal (up) and offset, n.p + d = height.
+    numbers : (P,) int32
+        What each plane is called in `patches` and `support`.
     ground : (P, N, M) uint8
         Cells that each plane covers (1), holes beneath objects filled.
     origin : (2,) float64
         Grid coordinates of the corner of cell (0, 0), metres.
     cell : float
         Edge of a cell, metres.
-    patches : (H // patch, W // patch) int8
+    patches : (H // patch, W // patch) int32
         Plane that each patch of the image lies on, -1 none.
     patch : int
         Edge of a patch, pixels.
@@ -67,7 +66,7 @@ def stand_on(
     max_depth : float
     heights : (H, W) float32, output
         Metres above the plane beneath, NaN without one.
-    support : (H, W) int8, output
+    support : (H, W) int32, output
         Plane beneath, -1 none.
     seen : (P, N, M) int32, in and out
         Readings that lie on each plane, by cell; only those of patches that lie on it as a whole.
@@ -104,15 +103,15 @@ def stand_on(
                 spread = noise * z * z * abs(n0 * rx + n1 * ry + n2)
                 limit = max(floor, bias + 3.0 * spread)
                 if abs(h) < limit:
-                    if on == p:
+                    if on == numbers[p]:
                         seen[p, ix, iy] += 1
                     if ground[p, ix, iy]:
                         best = 0.0
-                        support[v, u] = p
+                        support[v, u] = numbers[p]
                         break
                 elif limit <= h < best and ground[p, ix, iy]:
                     best = h
-                    support[v, u] = p
+                    support[v, u] = numbers[p]
             if best < np.inf:
                 heights[v, u] = best
 
@@ -191,7 +190,7 @@ def gather_regions(labels, number, least, depth, camera, support, first, pixels,
     depth : (H, W) float32
     camera : (4,) float64
         fx, fy, cx, cy.
-    support : (H, W) int8
+    support : (H, W) int32
         Plane beneath each pixel, -1 none.
     first : (number + 1,) int64, output
         Where the pixels of each region that is kept begin, and the end of the last one's.
@@ -211,9 +210,19 @@ def gather_regions(labels, number, least, depth, camera, support, first, pixels,
     """
     rows, columns = labels.shape
     size, place = np.zeros(number + 1, np.int64), np.full(number + 1, -1)
+    highest = -1
     for v in range(rows):
         for u in range(columns):
             size[labels[v, u]] += 1
+            highest = max(highest, support[v, u])
+    # Of all planes few are in the picture.
+    column = np.full(highest + 1, -1)
+    for v in range(rows):
+        for u in range(columns):
+            if support[v, u] >= 0:
+                column[support[v, u]] = 0
+    planes = np.flatnonzero(column == 0)
+    column[planes] = np.arange(planes.size)
     kept, total = 0, 0
     for k in range(1, number + 1):
         if size[k] >= least:
@@ -221,7 +230,7 @@ def gather_regions(labels, number, least, depth, camera, support, first, pixels,
             kept, total = kept + 1, total + size[k]
     first[kept] = total
     filled = first[:kept].copy()
-    votes = np.zeros((kept, PLANES), np.int64)
+    votes = np.zeros((kept, planes.size), np.int64)
     for k in range(kept):
         corners[k, 0], corners[k, 1], corners[k, 2], corners[k, 3] = columns, rows, -1, -1
     for v in range(rows):
@@ -241,10 +250,11 @@ def gather_regions(labels, number, least, depth, camera, support, first, pixels,
             box = corners[k]
             box[0], box[1], box[2], box[3] = min(box[0], u), min(box[1], v), max(box[2], u), max(box[3], v)
             if support[v, u] >= 0:
-                votes[k, support[v, u]] += 1
+                votes[k, column[support[v, u]]] += 1
     for k in range(kept):
         beneath[k] = -1
-        for p in range(PLANES):
-            if votes[k, p] > 0 and (beneath[k] < 0 or votes[k, p] > votes[k, beneath[k]]):
-                beneath[k] = p
+        most = 0
+        for p in range(planes.size):
+            if votes[k, p] > most:
+                most, beneath[k] = votes[k, p], planes[p]
     return kept

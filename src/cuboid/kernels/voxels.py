@@ -231,48 +231,73 @@ def near(values, a, b, reach):
 
 
 @njit(cache=True, nogil=True)
-def select(count, hot, since, values, hits, passes, last_frame, owner, asleep, touched, rows):
-    """Gather the solid hot rows that were seen of late, and all of the objects that these belong to.
-
-    Rows that were refused (owner below 0) are left out, unless all rows are asked for.
+def touch(blocks, size, count, since, last_frame, owner, asleep, touched):
+    """Find the objects with a row seen of late.
 
     Parameters
     ----------
-    count : int
-        Rows in use.
-    hot : float
-        Least heat.
+    blocks : (B,) int64
+        Blocks of `size` rows that are gone through.
+    size, count : int
+        Rows of a block, and rows in use.
     since : int
-        First frame that counts as of late; 0 or less asks for all.
-    values, hits, passes, last_frame, owner : the map's
+        First frame that counts as of late.
+    last_frame, owner : the map's
     asleep : (M,) uint8
         1 for each object, by number, that is left out.
     touched : (M,) uint8, output
         1 for each other object with a row seen of late.
-    rows : (count,) int64, output
+    """
+    touched[:] = 0
+    for block in blocks:
+        for row in range(block * size, min(count, (block + 1) * size)):
+            if owner[row] > 0 and last_frame[row] >= since and not asleep[owner[row]]:
+                touched[owner[row]] = 1
+
+
+@njit(cache=True, nogil=True)
+def select(blocks, size, count, hot, since, values, hits, passes, last_frame, owner, touched, rows):
+    """Gather the solid hot rows that were seen of late, and all of the objects that these belong to.
+
+    Rows that were refused (owner below 0) are left out.
+
+    Parameters
+    ----------
+    blocks, size, count, since, last_frame, owner, touched
+        As for `touch`; `blocks` ascend.
+    hot : float
+        Least heat.
+    values, hits, passes : the map's
+    rows : (B * size,) int64, output
 
     Returns
     -------
     int
         How many rows were gathered; they are in ascending order.
     """
-    touched[:] = 0
-    for row in range(count):
-        if owner[row] > 0 and last_frame[row] >= since and not asleep[owner[row]]:
-            touched[owner[row]] = 1
     n = 0
-    for row in range(count):
-        if owner[row] < 0 and since > 0:
-            continue
-        if (owner[row] > 0 and not touched[owner[row]]) or (owner[row] == 0 and last_frame[row] < since):
-            continue
-        if values[row, HEAT] < hot or values[row, WEIGHT] <= 0.0:
-            continue
-        # A point that is passed as often as it is hit is the edge of something, not its surface.
-        if hits[row] >= 2 and 2 * passes[row] <= hits[row] + 2:
-            rows[n] = row
-            n += 1
+    for block in blocks:
+        for row in range(block * size, min(count, (block + 1) * size)):
+            if owner[row] < 0 or (owner[row] == 0 and last_frame[row] < since):
+                continue
+            if owner[row] > 0 and not touched[owner[row]]:
+                continue
+            if values[row, HEAT] < hot or values[row, WEIGHT] <= 0.0:
+                continue
+            # A point that is passed as often as it is hit is the edge of something, not its surface.
+            if hits[row] >= 2 and 2 * passes[row] <= hits[row] + 2:
+                rows[n] = row
+                n += 1
     return n
+
+
+@njit(cache=True, nogil=True)
+def forgive(blocks, size, count, since, last_frame, owner):
+    """Let rows that were refused (owner below 0) and seen of late, see `touch`, belong to no one."""
+    for block in blocks:
+        for row in range(block * size, min(count, (block + 1) * size)):
+            if owner[row] < 0 and last_frame[row] >= since:
+                owner[row] = 0
 
 
 @njit(cache=True, nogil=True)

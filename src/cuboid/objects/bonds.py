@@ -27,6 +27,7 @@ class Bonds:
     def __init__(self) -> None:
         self._counts: dict[Pair, list[int]] = {}
         self._severed: set[Pair] = set()
+        self._partners: dict[int, set[int]] = {}
 
     def see(self, held: Holdings) -> None:
         """Take in what the masks of a frame hold of the objects."""
@@ -40,6 +41,8 @@ class Bonds:
         for i, j in zip(*np.nonzero(np.triu(touch & touch.T, 1)), strict=True):
             together = best[strong[i]] == best[strong[j]]
             pair = (int(held.numbers[strong[i]]), int(held.numbers[strong[j]]))
+            if pair not in self._counts:
+                self._meet(pair)
             self._counts.setdefault(pair, [0, 0])[0 if together else 1] += 1
 
     def verdict(self, a: int, b: int) -> bool | None:
@@ -57,8 +60,16 @@ class Bonds:
     def sever(self, a: int, b: int) -> None:
         """Hold two objects for two, whatever later frames say: they were told apart before."""
         self._severed.add((min(a, b), max(a, b)))
+        self._meet((a, b))
 
     def forget(self, number: int) -> None:
         """Drop an object that is no more."""
-        self._counts = {pair: n for pair, n in self._counts.items() if number not in pair}
-        self._severed = {pair for pair in self._severed if number not in pair}
+        for partner in self._partners.pop(number, ()):
+            pair = (min(number, partner), max(number, partner))
+            self._counts.pop(pair, None)
+            self._severed.discard(pair)
+            self._partners[partner].discard(number)
+
+    def _meet(self, pair: Pair) -> None:
+        for one, other in (pair, pair[::-1]):
+            self._partners.setdefault(one, set()).add(other)

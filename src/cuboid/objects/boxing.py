@@ -16,7 +16,8 @@ from cuboid.heatmap.voxel_map import Rows, VoxelMap
 from cuboid.objects.entry import MapObject
 from cuboid.objects.ownership import Piece
 from cuboid.objects.validity import rests
-from cuboid.surfaces.planes import Plane, PlaneTracker
+from cuboid.surfaces.plane import Plane
+from cuboid.surfaces.planes import PlaneTracker
 
 # Share of an object's trust that lies outside its surface at each side: the tails of the sensor's noise.
 STRAY_SHARE = 0.008

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
-from cuboid.surfaces.planes import Plane
+from cuboid.surfaces.plane import Plane
 
 
 @dataclass(slots=True, eq=False)

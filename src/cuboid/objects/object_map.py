@@ -18,6 +18,7 @@ from cuboid.heatmap.voxel_map import REFUSED, Rows, VoxelMap
 from cuboid.objects.bonds import Bonds
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.entry import MapObject
+from cuboid.objects.index import ObjectIndex
 from cuboid.objects.ownership import CONTACT_SHARE, Piece, bends_around, gap_m, owners_of, share_out
 from cuboid.objects.parts import (
     FRAGMENT_GAP_M,
@@ -43,19 +44,26 @@ MERGE_OVERLAP = 0.5
 APART_OVERLAP = 0.3
 # A part that stands apart in so many looks is an object of its own.
 SPLIT_LOOKS = 8
-# Every so many looks at the map take in all of it.
-WHOLE_EVERY = 8
-# Objects and contested clusters larger than this (a quarter of a square metre at 1 cm) wait for a look at all of the
+# Every so many looks at the map are wide: they take in all of it, or all that was seen since the last wide look where
+# the map has more rows than this: such a look takes 0.1 s.
+WIDE_EVERY, WHOLE_ROWS = 8, 1 << 20
+# Objects and contested clusters larger than this (a quarter of a square metre at 1 cm) wait for a wide look at the
 # map: they change slowly, and each object keeps what it has till then.
 LARGE_VOXELS = 2500
 # A new cluster that lies to this share along what was refused is more of that.
 REFUSED_SHARE = 0.05
-# An object that was not found in so many looks at all of the map is retired.
+# An object that was not found in so many wide looks is retired.
 RETIRE_LOOKS = 3
 # A labelled object that holds up a plane in so many looks is retired: a shelf whose board was not seen at first. The
 # plane lies so far above the one that it stands on, metres: the boards of shelves and the tops of tables do, and the
 # patches of one desk, which noise takes for several planes, do not.
 SUPPORT_LOOKS, SUPPORT_M = 2, 0.2
+# Beyond so many times the longest reach of a box others are no neighbours of it: a little more than is asked for.
+NEAR_SIZES = 2.01
+# Objects beyond so many times the range of depth are not looked for: too far to tell even their colors.
+FAR = 2.0
+# Of objects farther than this from all that was seen, metres, nothing has changed.
+AROUND_M = 1.0
 # What stands where a retired object stood is that object, when this share of the smaller box is common.
 RETURN_OVERLAP = 0.3
 
@@ -75,7 +83,7 @@ class ObjectMap:
         self._voxels = voxels
         self._planes = planes
         self._objects: dict[int, MapObject] = {}
-        self._boxes = np.full((64, 15), np.nan)
+        self._index = ObjectIndex()
         self._boxing = Boxing(voxels, planes)
         self.bonds = Bonds()
         self.splits = Splits()
@@ -83,7 +91,13 @@ class ObjectMap:
         self._next_number = 1
         self._next_label = 1
         self._looks = 0
-        self._last_look = -1
+        self._last_look = self._last_wide = -1
+        # Objects that were in the picture since the last wide look.
+        self._viewed: set[int] = set()
+        # Objects that have no points in the map.
+        self._lost: set[int] = set()
+        # Objects without a label whose patience is known.
+        self._weighed: set[int] = set()
 
     def alive(self) -> list[MapObject]:
         """Return all objects that are not retired, confirmed or not, in order of their numbers."""
@@ -93,43 +107,57 @@ class ObjectMap:
         """Return the objects of the map that have a label, by label."""
         return sorted((o for o in self.alive() if o.confirmed), key=lambda o: o.label)
 
+    @property
+    def labelled(self) -> int:
+        """How many objects of the map have a label."""
+        return len(self._objects) - len(self._index.unlabelled) - len(self._index.retired)
+
     def in_view(self, image: WorkingImage, T_camera_world: Float64Array) -> list[MapObject]:
-        """Return the objects, confirmed or not, whose boxes reach into the picture, in order of their numbers."""
-        return [self._objects[number] for number in in_view(self._boxes, image, T_camera_world).tolist()]
+        """Return the objects, confirmed or not, whose boxes reach into the picture, none too far to see, by number."""
+        far_m = FAR * self._config.max_depth_m
+        numbers = in_view(self._index.boxes, image, T_camera_world, far_m).tolist()
+        self._viewed.update(numbers)
+        return [self._objects[number] for number in numbers]
 
     def settle(self, frame: int) -> None:
         """Bring the objects up to date with the map: those seen of late, and now and then all.
 
         Only points seen since the last look and the objects they belong to are clustered, so that the cost follows
-        from the view, not from the map. What was refused before stays refused until all is looked at again.
+        from the view, not from the map. What was refused before stays refused until a wide look sees all of it.
         """
-        whole = self._looks % WHOLE_EVERY == 0
-        self._looks += 1
         voxels = self._voxels
-        since = 0 if whole else self._last_look + 1
-        self._last_look = frame
-        asleep = self._asleep(whole)
-        rows, touched = voxels.solid_hot_rows(self._config.hot, since, asleep)
+        wide = self._looks % WIDE_EVERY == 0
+        whole = wide and (self._looks == 0 or voxels.count <= WHOLE_ROWS)
+        since = 0 if whole else 1 + (self._last_wide if wide else self._last_look)
+        self._looks += 1
+        self._last_look, self._last_wide = frame, frame if wide else self._last_wide
+        if wide:
+            voxels.forgive(since)
+        count = self._next_number
+        asleep = np.zeros(count, np.uint8) if wide else self._index.large(count, LARGE_VOXELS)
+        # What was taken away is in the picture, and no point of it is seen.
+        also = sorted(self._viewed.intersection(self._objects)) if wide else []
+        self._viewed = set() if wide else self._viewed
+        rows, touched = voxels.solid_hot_rows(self._config.hot, since, asleep, also)
         clusters = map_clusters(rows, voxels, self._planes, self._config)
-        known = self._next_number
-        pieces, refused = self._divide(clusters, whole, asleep)
-        held = voxels.owner[: voxels.count]
-        if whole:
-            held[held == REFUSED] = 0
-        held[touched[np.maximum(held, 0)] > 0] = 0
+        pieces, refused = self._divide(clusters, wide, whole, asleep)
+        seen = np.flatnonzero(touched).tolist()
+        for number in seen:
+            voxels.release(number)
         for rows in refused:
-            voxels.owner[rows] = REFUSED
+            voxels.give(rows, REFUSED)
         for number, own in pieces.items():
             if number:
                 self._update(self._objects[number], own, frame)
         for piece in pieces.get(0, []):
             self._start(piece, frame)
-        if whole:
-            self._age([entry for entry in self.alive() if entry.number < known and entry.number not in pieces])
+        self._lost = {n for n in self._lost.union(seen) if n in self._objects and n not in pieces}
+        if wide:
+            missing = self.alive() if whole else [self._objects[n] for n in sorted(self._lost)]
+            self._age([e for e in missing if e.number < count and e.number not in pieces and not e.retired])
         self._split(frame)
-        self._weigh()
+        self._weigh([*seen, *range(count, self._next_number)])
         self.confirm()
-        self._list_boxes()
 
     def carry(self, moved: Mapping[int, Float64Array]) -> None:
         """Move the map, and each object with the keyframe that most of its points hang on; look at all of it next.
@@ -151,20 +179,11 @@ class ObjectMap:
                 entry.points = transform(T, entry.points).astype(np.float32)
             if number in owned:
                 entry.points, entry.colors = voxels.xyz(owned[number]), voxels.rgb(owned[number])
+            self._index.note(entry)
         self._looks = 0
-        self._list_boxes()
-
-    def _list_boxes(self) -> None:
-        """Keep the boxes of living objects in one table, a row a number: what a frame is matched with."""
-        if len(self._boxes) < self._next_number:
-            more = max(len(self._boxes), self._next_number - len(self._boxes))
-            self._boxes = np.concatenate([self._boxes, np.full((more, 15), np.nan)])
-        alive = self.alive()
-        self._boxes[: self._next_number] = np.nan
-        self._boxes[[entry.number for entry in alive]] = pack([entry.box for entry in alive])
 
     def _divide(
-        self, clusters: Sequence[MapCluster], whole: bool, asleep: UInt8Array
+        self, clusters: Sequence[MapCluster], wide: bool, whole: bool, asleep: UInt8Array
     ) -> tuple[dict[int, list[Piece]], list[Rows]]:
         """Give each cluster to its owner; share contested ones out unless their owners turn out to be one.
 
@@ -183,7 +202,7 @@ class ObjectMap:
                         (holding if self._holds_up(own) else pieces)[number].append(own)
                 refused.append(cluster.rows[owner <= 0])
                 continue
-            self._give(cluster, pieces, whole)
+            self._give(cluster, pieces, wide)
         for number, parts in holding.items():
             if self._is_support(number, parts):
                 refused.extend(part.rows for part in parts)
@@ -204,15 +223,10 @@ class ObjectMap:
         entry = self._objects[number]
         most = 2 * sum(len(part.rows) for part in parts) >= len(entry.points)
         entry.holding = entry.holding + 1 if most else 0
-        entry.retired = entry.holding >= SUPPORT_LOOKS
+        if entry.holding >= SUPPORT_LOOKS:
+            entry.retired = True
+            self._index.note(entry)
         return entry.retired
-
-    def _asleep(self, whole: bool) -> UInt8Array:
-        """Return which objects, by number, wait for a look at all of the map: the large ones change slowly."""
-        asleep = np.zeros(self._next_number, np.uint8)
-        if not whole:
-            asleep[[e.number for e in self.alive() if len(e.points) > LARGE_VOXELS]] = 1
-        return asleep
 
     def _joins_refused(self, rows: Rows, owner: npt.NDArray[np.int32], asleep: UInt8Array) -> bool:
         """Tell whether a cluster of no one's is more of what was refused before, or of a large object."""
@@ -220,9 +234,9 @@ class ObjectMap:
             return False
         return self._voxels.count_beside(rows, asleep) > REFUSED_SHARE * len(rows)
 
-    def _give(self, cluster: MapCluster, pieces: dict[int, list[Piece]], whole: bool) -> None:
+    def _give(self, cluster: MapCluster, pieces: dict[int, list[Piece]], wide: bool) -> None:
         owners = owners_of(cluster.rows, self._voxels, self._objects)
-        if len(owners) > 1 and len(cluster.rows) > LARGE_VOXELS and not whole:
+        if len(owners) > 1 and len(cluster.rows) > LARGE_VOXELS and not wide:
             held = self._voxels.owner[cluster.rows]
             for number in owners:
                 pieces[number].append(Piece(number, cluster.rows[held == number], cluster.plane))
@@ -235,7 +249,7 @@ class ObjectMap:
                     pieces[number].append(Piece(number, rows, cluster.plane))
                 return
             kept, gone = self._merge(*pair)
-            self._voxels.owner[self._voxels.owner == gone] = kept
+            self._voxels.pass_on(gone, kept)
             pieces[kept].extend(pieces.pop(gone, []))
             owners = [number for number in owners if number != gone]
         number = owners[0] if owners else 0
@@ -274,7 +288,7 @@ class ObjectMap:
         kept.frames_seen = max(kept.frames_seen, gone.frames_seen)
         kept.proposed = max(kept.proposed, gone.proposed)
         kept.whole = max(kept.whole, gone.whole)
-        del self._objects[gone.number]
+        self._forget(gone)
         self.bonds.forget(gone.number)
         self.splits.forget(gone.number)
         self._together = {key: n for key, n in self._together.items() if gone.number not in key}
@@ -306,11 +320,11 @@ class ObjectMap:
             near = []
         rows = np.sort(np.concatenate(own))
         if self._describe(entry, Piece(entry.number, rows, main.plane)):
-            self._voxels.owner[rows] = entry.number
+            self._voxels.give(rows, entry.number)
         elif entry.confirmed:
-            self._voxels.owner[main.rows] = entry.number
+            self._voxels.give(main.rows, entry.number)
         else:
-            del self._objects[entry.number]
+            self._forget(entry)
             return
         for piece in near + [piece for piece, far in apart if far]:
             self._start(piece, frame)
@@ -327,11 +341,13 @@ class ObjectMap:
 
     def _split(self, frame: int) -> None:
         """Make two of what has proved to be two things that touch; the larger one keeps the label."""
-        proved = [e for e in self.alive() if self.splits.are_two(e.number)]
-        owned, side = self._voxels.owned() if proved else {}, self._voxels.side
+        proved = [self._objects[n] for n in sorted(self.splits.proved) if n in self._objects]
+        side = self._voxels.side
         for entry in proved:
+            if entry.retired:
+                continue
             self.splits.forget(entry.number)
-            rows = owned.get(entry.number, np.zeros(0, np.int64))
+            rows = self._voxels.rows_of(entry.number)
             first = larger_side(self._voxels.xyz(rows), side[rows])
             if first is None:
                 continue
@@ -341,7 +357,7 @@ class ObjectMap:
             common = float(overlap_min_matrix(pack(boxes[:1]), pack(boxes[1:]))[0, 0])
             # Two things that stand side by side share no more than the corners of their boxes.
             if common < APART_OVERLAP and all(is_object(box, self._config) for box in boxes):
-                self._voxels.owner[other.rows] = 0
+                self._voxels.give(other.rows, 0)
                 self._describe(entry, kept)
                 self.bonds.sever(entry.number, self._next_number)
                 self._start(other, frame)
@@ -351,14 +367,14 @@ class ObjectMap:
         box = self._boxing.seen(piece)
         if not is_object(box, self._config):
             return
-        retired = [o for o in self._objects.values() if o.retired and o.holding < SUPPORT_LOOKS]
+        retired = [o for _, o in sorted(self._index.retired.items()) if o.holding < SUPPORT_LOOKS]
         if retired:
             common = overlap_min_matrix(pack([box]), pack([o.box for o in retired]))[0]
             if common.max() >= RETURN_OVERLAP:
                 entry = retired[int(common.argmax())]
                 entry.retired, entry.missing = False, 0
                 self._describe(entry, piece)
-                self._voxels.owner[piece.rows] = entry.number
+                self._voxels.give(piece.rows, entry.number)
                 return
         entry = MapObject(
             number=self._next_number,
@@ -375,59 +391,76 @@ class ObjectMap:
         self._next_number += 1
         self._objects[entry.number] = entry
         self._describe(entry, piece)
-        self._voxels.owner[piece.rows] = entry.number
+        self._voxels.give(piece.rows, entry.number)
 
     def _describe(self, entry: MapObject, piece: Piece) -> bool:
         """Fit the object to its voxels; False, and nothing changed, where they are not of an object's size."""
         box = self._boxing.seen(piece)
         if not is_object(box, self._config):
             return False
-        entry.box = self._boxing.whole(piece, box, self._others(entry)) if entry.confirmed else box
+        entry.box = self._boxing.whole(piece, box, self._others(entry, box)) if entry.confirmed else box
         entry.plane = piece.plane
         entry.points, entry.colors = self._voxels.xyz(piece.rows), self._voxels.rgb(piece.rows)
         entry.heat = float(self._voxels.heat(piece.rows).mean())
         entry.mean_color = entry.colors.mean(0)
         entry.missing = 0
+        self._index.note(entry)
         return True
 
-    def _others(self, entry: MapObject) -> list[MapObject]:
-        """Return the labelled objects but this one."""
-        return [other for other in self.confirmed() if other is not entry]
+    def _others(self, entry: MapObject, box: Box) -> list[MapObject]:
+        """Return the labelled objects but this one that a box of it may have to do with, by label."""
+        near = [self._objects[n] for n in self._index.near(box.center, NEAR_SIZES * float(np.linalg.norm(box.size)))]
+        return sorted((o for o in near if o.confirmed and o is not entry), key=lambda o: o.label)
+
+    def _forget(self, entry: MapObject) -> None:
+        """Drop an object."""
+        del self._objects[entry.number]
+        self._weighed.discard(entry.number)
+        self._index.drop(entry.number)
 
     def _age(self, missing: Iterable[MapObject]) -> None:
         """Retire what was not found at its place again and again; forget it where it never had a label."""
         for entry in missing:
             entry.missing += 1
             if not entry.confirmed:
-                self._objects.pop(entry.number, None)
+                self._forget(entry)
             elif entry.missing >= RETIRE_LOOKS:
                 entry.retired = True
+                self._index.note(entry)
 
     def confirm(self) -> None:
         """Label what was proposed often enough and seen whole, in order of age."""
-        for entry in self.alive():
+        for entry in [self._objects[n] for n in sorted(self._weighed) if n in self._objects]:
             if is_ready(entry):
+                self._weighed.discard(entry.number)
                 entry.label = self._next_label
                 self._next_label += 1
+                self._index.note(entry)
 
-    def _weigh(self) -> None:
+    def _weigh(self, seen: Sequence[int]) -> None:
         """Tell how often each must be proposed before it gets a label; what is a part of something else joins that."""
         soon = self._config.confirm_frames - self._config.map_every
-        waiting = [e for e in self.alive() if not e.confirmed and e.proposed + e.before >= soon]
+        waiting = [e for e in self._waiting(seen) if e.proposed + e.before >= soon]
         # The largest first: what lies beside it may be its part.
         for entry in sorted(waiting, key=lambda e: -len(e.points)):
-            other = beside(entry, self.alive())
+            other = beside(entry, [self._objects[n] for n in self._index.beside(entry.box, PART_REACH_M)])
             if other is not None and entry.proposed < soon:
                 continue
             verdict = None if other is None else self.bonds.verdict(entry.number, other.number)
             if other is not None and is_part(
-                entry, other, verdict, partial(self._boxing.stands, entry, self._others(entry))
+                entry, other, verdict, partial(self._boxing.stands, entry, self._others(entry, entry.box))
             ):
                 kept, gone = self._merge(other.number, entry.number)
-                self._voxels.owner[self._voxels.owner == gone] = kept
+                self._voxels.pass_on(gone, kept)
                 other.bonded = True
                 continue
             times = patience(entry, other, verdict, self._boxing.plane(entry.plane))
             # What stands alone was itself before it had a number; beside others it may have been a part of them.
             before = entry.before if other is None and times == 1 else 0
             entry.patience = max(1, times * self._config.confirm_frames - before)
+            self._weighed.add(entry.number)
+
+    def _waiting(self, seen: Sequence[int]) -> list[MapObject]:
+        """Return the objects without a label among and around those that were seen, in order of their numbers."""
+        near = self._index.around(seen, AROUND_M)
+        return [self._index.unlabelled[n] for n in near if n in self._index.unlabelled]

@@ -13,7 +13,7 @@ from cuboid.frame import Float64Array
 from cuboid.heatmap.voxel_map import Rows, VoxelMap
 from cuboid.objects.entry import MapObject
 from cuboid.surfaces.clusters import MapCluster
-from cuboid.surfaces.planes import Plane
+from cuboid.surfaces.plane import Plane
 
 # An object has a say in a cluster when it owns this many of its voxels, and this share of the cluster or of its own.
 SAY_VOXELS, SAY_SHARE = 5, 0.05

@@ -27,10 +27,17 @@ SURE_FRAMES, SURE_RATIO = 10, 0.75
 
 
 class Splits:
-    """Counts, for each object, of frames that saw one thing and of frames that saw two that stand side by side."""
+    """Counts, for each object, of frames that saw one thing and of frames that saw two that stand side by side.
+
+    Attributes
+    ----------
+    proved : set of int
+        The objects that have proved to be two.
+    """
 
     def __init__(self) -> None:
         self._counts: dict[int, list[int]] = {}
+        self.proved: set[int] = set()
 
     def see(
         self,
@@ -57,12 +64,16 @@ class Splits:
             ranked = np.argsort(held.table[k], kind="stable")
             second, first = (int(m) for m in ranked[-2:]) if len(ranked) > 1 else (0, 0)
             if held.table[k, first] >= ONE_SHARE * total[k]:
-                self._counts.setdefault(int(held.numbers[k]), [0, 0])[0] += 1
+                self._count(int(held.numbers[k]), 0)
             elif held.table[k, second] >= max(PART_PIXELS, PART_SHARE * total[k]):
                 one, other = held.of(k, first), held.of(k, second)
                 if _stands(heights.ravel()[one]) and _stands(heights.ravel()[other]):
-                    self._counts.setdefault(int(held.numbers[k]), [0, 0])[1] += 1
+                    self._count(int(held.numbers[k]), 1)
                     _take_sides(np.unique(slots.ravel()[one]), np.unique(slots.ravel()[other]), side)
+
+    def _count(self, number: int, which: int) -> None:
+        self._counts.setdefault(number, [0, 0])[which] += 1
+        (self.proved.add if self.are_two(number) else self.proved.discard)(number)
 
     def are_two(self, number: int) -> bool:
         """Tell whether what was taken for one object has proved to be two."""
@@ -72,6 +83,7 @@ class Splits:
     def forget(self, number: int) -> None:
         """Start anew with an object."""
         self._counts.pop(number, None)
+        self.proved.discard(number)
 
 
 def _stands(heights: Float32Array) -> bool:

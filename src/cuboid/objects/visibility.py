@@ -42,8 +42,10 @@ class View:
     seen: bool
 
 
-def in_view(boxes: Float64Array, image: WorkingImage, T_camera_world: Float64Array) -> npt.NDArray[np.int64]:
-    """Return which boxes (N, 15), see `pack`, reach into the picture with their bounding spheres, ascending.
+def in_view(
+    boxes: Float64Array, image: WorkingImage, T_camera_world: Float64Array, far_m: float
+) -> npt.NDArray[np.int64]:
+    """Return which boxes (N, 15), see `pack`, reach into the picture, and so near, with their spheres, ascending.
 
     A row of NaN is in no picture.
     """
@@ -53,7 +55,14 @@ def in_view(boxes: Float64Array, image: WorkingImage, T_camera_world: Float64Arr
     near = np.maximum(z, 0.05)
     reach_u, reach_v = radius / near * c.fx, radius / near * c.fy
     u, v = x / near * c.fx + c.cx, y / near * c.fy + c.cy
-    inside = (z > 0.05) & (u + reach_u > 0) & (u - reach_u < c.width) & (v + reach_v > 0) & (v - reach_v < c.height)
+    inside = (
+        (z > 0.05)
+        & (z - radius < far_m)
+        & (u + reach_u > 0)
+        & (u - reach_u < c.width)
+        & (v + reach_v > 0)
+        & (v - reach_v < c.height)
+    )
     return np.flatnonzero(inside)
 
 

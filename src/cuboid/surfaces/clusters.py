@@ -12,7 +12,8 @@ from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, Float64Array
 from cuboid.heatmap.voxel_map import Rows, VoxelMap
 from cuboid.kernels.pixels import gather_regions, label_regions
-from cuboid.surfaces.planes import Plane, PlaneTracker
+from cuboid.surfaces.plane import Plane
+from cuboid.surfaces.planes import PlaneTracker
 from cuboid.working import WorkingImage
 
 # Neighbouring readings of one surface differ by less than this plus four standard deviations, metres: 2.5 mm apart
@@ -94,7 +95,7 @@ def frame_clusters(
     image: WorkingImage,
     heat: Float32Array,
     claim: npt.NDArray[np.int32],
-    support: npt.NDArray[np.int8],
+    support: npt.NDArray[np.int32],
     planes: PlaneTracker,
     T_world_camera: Float64Array,
     config: TrackerConfig,
@@ -213,7 +214,7 @@ def _is_lip(points: Float32Array, plane: Plane, planes: PlaneTracker) -> bool:
     places = np.unique(np.floor(plan_points[:, :2] / PLACE_M), axis=0)
     if len(places) * PLACE_M**2 > LIP_WIDE_M * long:
         return False
-    border = planes.plan.on_border(planes.planes.index(plane), plan_points)
+    border = plane.plan.on_border(plan_points)
     return bool(border.mean() >= LIP_SHARE)
 
 

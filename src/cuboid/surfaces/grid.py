@@ -1,4 +1,8 @@
-"""The ground plan: which parts of the scene, seen from above, each supporting plane covers."""
+"""The ground plan of a plane: which parts of the scene, seen from above, it covers.
+
+All plans count in the same cells, `CELL_M` wide and numbered from the origin of the plan frame; each has a window of
+its own, as large as its plane.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +24,15 @@ BORDER_M = 0.15
 NEARBY_M = 0.4
 # Readings that a cell needs before it counts.
 CELL_READINGS = 8
-# A plan is never wider than this many cells (200 m).
+# A window is never wider than this many cells (200 m).
 LIMIT_CELLS = 4000
+# A window that has to grow grows by so many cells more, or by this share of it, so that growing is rare.
+SLACK_CELLS, SLACK_SHARE = 16, 0.25
+# Of a window wider than this, cells, only what changed is found anew, and so much around it: 8 m, as wide as any hole
+# that is filled there.
+WHOLE_CELLS, AROUND_CELLS = 400, 160
+
+Places = npt.NDArray[np.int64]
 
 
 def _disc(radius_m: float) -> UInt8Array:
@@ -35,120 +46,187 @@ _CLOSE, _RIM, _BORDER, _NEARBY = (
     _disc(BORDER_M),
     np.ones((2 * round(NEARBY_M / CELL_M) + 1,) * 2, np.uint8),
 )
+# Cells from a reading to the border of its window: all that is nearby lies in the window.
+_MARGIN = _RIM.shape[0] // 2 + _NEARBY.shape[0] // 2
+# Cells from a reading as far as it may change what is covered and nearby.
+_UNSURE = _MARGIN + 2 * (_CLOSE.shape[0] // 2)
+
+
+def cells_of(points: Float64Array) -> Places:
+    """Return the cells (N, 2) of plan coordinates (N, 2 or 3), metres."""
+    return np.floor(points[:, :2] / CELL_M).astype(np.int64)
 
 
 class GroundPlan:
-    """Counts of readings on each plane by cell, and the outline that follows from them.
+    """Counts of the readings on one plane by cell, and the outline that follows from them.
 
     Attributes
     ----------
-    origin : (2,) float64
-        Plan coordinates of the corner of cell (0, 0), metres.
-    seen : (P, N, M) int32
-        Readings by plane and cell.
-    covered : (P, N, M) uint8
+    corner : (2,) int64
+        The window's first cell.
+    seen : (N, M) int32
+        Readings by cell.
+    covered : (N, M) uint8
         1 where the plane is, holes under objects filled.
-    nearby : (P, N, M) uint8
+    nearby : (N, M) uint8
         1 where the plane is or may go on, within `NEARBY_M`.
+    stale : bool
+        Readings came in since `refresh`.
     """
 
     def __init__(self) -> None:
-        self.origin: Float64Array = np.zeros(2)
-        self.seen: npt.NDArray[np.int32] = np.zeros((0, 0, 0), np.int32)
-        self.covered: UInt8Array = np.zeros((0, 0, 0), np.uint8)
-        self.nearby: UInt8Array = np.zeros((0, 0, 0), np.uint8)
+        self.corner: Places = np.zeros(2, np.int64)
+        self.seen: npt.NDArray[np.int32] = np.zeros((0, 0), np.int32)
+        self.covered: UInt8Array = np.zeros((0, 0), np.uint8)
+        self.nearby: UInt8Array = np.zeros((0, 0), np.uint8)
+        self.stale = False
+        self._changed: Places = np.zeros(4, np.int64)
+        self._known = 0
 
-    def cells_of(self, points: Float64Array) -> npt.NDArray[np.int64]:
-        """Return the cells (N, 2) of plan coordinates (N, 2)."""
-        return np.floor((points[:, :2] - self.origin) / CELL_M).astype(np.int64)
+    @property
+    def window(self) -> Places:
+        """First cell and the one past the last, (4,): what lies outside is neither covered nor nearby."""
+        return np.concatenate([self.corner, self.corner + self.seen.shape])
 
-    def reach(self, points: Float64Array) -> None:
-        """Grow the plan so that it holds these plan coordinates (N, 2)."""
-        if len(points) == 0:
-            return
-        shape = np.array(self.seen.shape[1:])
-        if shape.prod() == 0:
-            self.origin = np.floor(points[:, :2].min(0) / CELL_M) * CELL_M
-        cells = self.cells_of(points)
-        before = np.maximum(0, -cells.min(0))
-        after = np.maximum(0, cells.max(0) + 1 - shape)
+    def reach(self, low: Places, high: Places) -> None:
+        """Grow the window so that it holds readings in cells from `low` to `high`, both (2,) and included."""
+        low, high = low - _MARGIN, high + _MARGIN + 1
+        if self.seen.size == 0:
+            self.corner = low
+        before = np.maximum(0, self.corner - low)
+        after = np.maximum(0, high - self.corner - self.seen.shape)
         if not before.any() and not after.any():
             return
-        # Grow by more than asked, so that growing is rare.
-        before, after = before + (before > 0) * 32, after + (after > 0) * 32
-        if (shape + before + after).max() > LIMIT_CELLS:
+        slack = np.maximum(SLACK_CELLS, (SLACK_SHARE * np.array(self.seen.shape)).astype(np.int64))
+        before, after = before + (before > 0) * slack, after + (after > 0) * slack
+        if (self.seen.shape + before + after).max() > LIMIT_CELLS:
             return
-        pads = ((0, 0), (before[0], after[0]), (before[1], after[1]))
+        pads = ((before[0], after[0]), (before[1], after[1]))
         self.seen = np.pad(self.seen, pads)
         self.covered, self.nearby = np.pad(self.covered, pads), np.pad(self.nearby, pads)
-        self.origin = self.origin - before * CELL_M
+        self.corner = self.corner - before
 
-    def add_plane(self, points: Float64Array, area_m2: Float64Array) -> None:
-        """Add a plane that was seen at these plan coordinates (N, 2), each standing for an area."""
-        self.reach(points)
-        layer = np.zeros((1, *self.seen.shape[1:]), np.int32)
-        for (i, j), r in zip(self.cells_of(points), np.sqrt(area_m2) / 2 / CELL_M, strict=True):
-            k = round(float(r))
-            layer[0, max(0, i - k) : i + k + 1, max(0, j - k) : j + k + 1] = CELL_READINGS
-        self.seen = np.concatenate([self.seen, layer])
-        self.covered = np.concatenate([self.covered, np.zeros_like(layer, np.uint8)])
-        self.nearby = np.concatenate([self.nearby, np.zeros_like(layer, np.uint8)])
-        self.refresh(len(self.seen) - 1)
+    def begin(self, points: Float64Array, area_m2: Float64Array) -> None:
+        """Begin with what was seen at these plan coordinates (N, 2), each standing for an area."""
+        cells = cells_of(points)
+        half = np.rint(np.sqrt(area_m2) / 2 / CELL_M).astype(np.int64)
+        self.reach((cells - half[:, None]).min(0), (cells + half[:, None]).max(0))
+        for (i, j), k in zip(cells - self.corner, half, strict=True):
+            self.seen[max(0, i - k) : max(0, i + k + 1), max(0, j - k) : max(0, j + k + 1)] = CELL_READINGS
+        self._all_changed()
 
-    def remove_planes(self, keep: npt.NDArray[np.int64]) -> None:
-        """Keep only these planes, in this order."""
-        self.seen, self.covered, self.nearby = self.seen[keep], self.covered[keep], self.nearby[keep]
+    def add(self, readings: npt.NDArray[np.int32], corner: Places) -> None:
+        """Take in readings (n, m) by cell, the first of which is `corner`."""
+        i, j = np.flatnonzero(readings.any(1)), np.flatnonzero(readings.any(0))
+        if len(i) == 0:
+            return
+        self.reach(corner + np.array([i[0], j[0]]), corner + np.array([i[-1], j[-1]]))
+        window = np.concatenate([corner, corner + readings.shape])
+        mine, theirs = common(self.window, window)
+        before = int(np.count_nonzero(self.seen[mine] >= CELL_READINGS))
+        self.seen[mine] += readings[theirs]
+        self._known += int(np.count_nonzero(self.seen[mine] >= CELL_READINGS)) - before
+        self._changed = _around(self._changed, window) if self.stale else window
+        self.stale = True
 
-    def move(self, plane: int, points: Float64Array) -> None:
-        """Let a plane be where its points (N, 2 or 3), in plan coordinates, now are: left cells lose their readings."""
-        self.reach(points)
-        seen = self.seen[plane]
-        cells = self.cells_of(points)
-        i, j = cells[((cells >= 0) & (cells < seen.shape)).all(1)].T
-        here = np.zeros(seen.shape, np.int32)
+    def absorb(self, other: GroundPlan) -> None:
+        """Take in the readings of another plan."""
+        self.add(other.seen, other.corner)
+        self.refresh()
+
+    def move(self, points: Float64Array) -> None:
+        """Let the plane be where its points (N, 2 or 3), plan coordinates, now are: left cells lose their readings."""
+        cells = cells_of(points)
+        self.reach(cells.min(0), cells.max(0))
+        cells = cells - self.corner
+        i, j = cells[((cells >= 0) & (cells < self.seen.shape)).all(1)].T
+        here = np.zeros(self.seen.shape, np.int32)
         np.add.at(here, (i, j), 1)
-        self.seen[plane] = np.where(here > 0, np.where(here > 1, np.maximum(seen, CELL_READINGS), seen), 0)
-        self.refresh(plane)
+        self.seen = np.where(here > 0, np.where(here > 1, np.maximum(self.seen, CELL_READINGS), self.seen), 0)
+        self._all_changed()
 
-    def refresh(self, plane: int) -> None:
-        """Find anew what a plane covers."""
-        seen = np.pad((self.seen[plane] >= CELL_READINGS).astype(np.uint8), _CLOSE.shape[0])
-        closed = cv2.morphologyEx(seen, cv2.MORPH_CLOSE, _CLOSE)
-        contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        filled = np.zeros_like(closed)
-        cv2.drawContours(filled, contours, -1, 1, cv2.FILLED)
-        n = _CLOSE.shape[0]
-        self.covered[plane] = cv2.dilate(filled, _RIM)[n:-n, n:-n]
-        self.nearby[plane] = cv2.dilate(self.covered[plane], _NEARBY)
+    def _all_changed(self) -> None:
+        self._known = int(np.count_nonzero(self.seen >= CELL_READINGS))
+        self._changed = self.window
+        self.stale = True
+        self.refresh()
 
-    def area_m2(self, plane: int) -> float:
-        """Return the area in which readings of a plane were seen."""
-        return float(np.count_nonzero(self.seen[plane] >= CELL_READINGS)) * CELL_M**2
+    def refresh(self) -> None:
+        """Find anew what the plane covers, where that changed."""
+        if not self.stale:
+            return
+        self.stale = False
+        part = self.window
+        if max(self.seen.shape) > WHOLE_CELLS:
+            wide = self._changed + AROUND_CELLS * np.array([-1, -1, 1, 1])
+            part = np.concatenate([np.maximum(part[:2], wide[:2]), np.minimum(part[2:], wide[2:])])
+        here, _ = common(self.window, part)
+        covered = _covered(self.seen[here])
+        nearby = cv2.dilate(covered, _NEARBY)
+        # Where a part ends within the window, what lies beyond it is not known.
+        inner = part + np.where(part == self.window, 0, _UNSURE * np.array([1, 1, -1, -1]))
+        here, there = common(self.window, inner)[0], common(part, inner)[0]
+        self.covered[here], self.nearby[here] = covered[there], nearby[there]
 
-    def near(self, plane: int, points: Float64Array) -> npt.NDArray[np.bool_]:
-        """Tell which plan coordinates (N, 2) lie where a plane is or may go on."""
-        return self._look_up(self.nearby[plane], points)
+    def area_m2(self) -> float:
+        """Return the area in which readings of the plane were seen."""
+        return float(self._known) * CELL_M**2
 
-    def covers(self, plane: int, points: Float64Array) -> npt.NDArray[np.bool_]:
-        """Tell which plan coordinates (N, 2) a plane covers."""
-        return self._look_up(self.covered[plane], points)
+    def near(self, points: Float64Array) -> npt.NDArray[np.bool_]:
+        """Tell which plan coordinates (N, 2) lie where the plane is or may go on."""
+        return self._look_up(self.nearby, points)
 
-    def on_border(self, plane: int, points: Float64Array) -> npt.NDArray[np.bool_]:
-        """Tell which plan coordinates (N, 2) a plane covers within `BORDER_M` of where it ends."""
-        covered = np.pad(self.covered[plane], 1)
-        within = cv2.erode(covered, _BORDER)[1:-1, 1:-1].astype(np.uint8)
-        return self._look_up(self.covered[plane], points) & ~self._look_up(within, points)
+    def covers(self, points: Float64Array) -> npt.NDArray[np.bool_]:
+        """Tell which plan coordinates (N, 2) the plane covers."""
+        return self._look_up(self.covered, points)
+
+    def shares_ground(self, other: GroundPlan) -> bool:
+        """Tell whether two planes cover a cell in common."""
+        mine, theirs = common(self.window, other.window)
+        return bool((self.covered[mine] & other.covered[theirs]).any())
+
+    def on_border(self, points: Float64Array) -> npt.NDArray[np.bool_]:
+        """Tell which plan coordinates (N, 2) the plane covers within `BORDER_M` of where it ends."""
+        within = cv2.erode(np.pad(self.covered, 1), _BORDER)[1:-1, 1:-1].astype(np.uint8)
+        return self._look_up(self.covered, points) & ~self._look_up(within, points)
 
     def _look_up(self, layer: UInt8Array, points: Float64Array) -> npt.NDArray[np.bool_]:
-        i, j = self.cells_of(points).T
+        i, j = (cells_of(points) - self.corner).T
         inside = np.asarray((i >= 0) & (j >= 0) & (i < layer.shape[0]) & (j < layer.shape[1]))
         return inside & (layer[np.where(inside, i, 0), np.where(inside, j, 0)] > 0)
 
-    def outline(self, plane: int) -> Float64Array:
-        """Return the outline (N, 2) of the largest connected part of a plane, in plan coordinates."""
-        contours, _ = cv2.findContours(self.covered[plane], cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    def outline(self) -> Float64Array:
+        """Return the outline (N, 2) of the largest connected part of the plane, in plan coordinates."""
+        contours, _ = cv2.findContours(self.covered, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         if not contours:
             return np.zeros((0, 2))
         largest = max(contours, key=cv2.contourArea)
         smooth = cv2.approxPolyDP(largest, 1.0, closed=True)[:, 0, ::-1]
-        return np.asarray(self.origin + (smooth + 0.5) * CELL_M, dtype=np.float64)
+        return np.asarray((self.corner + smooth + 0.5) * CELL_M, dtype=np.float64)
+
+
+def _covered(seen: npt.NDArray[np.int32]) -> UInt8Array:
+    """Return what readings (N, M) cover: gaps closed, holes filled, and a rim around."""
+    n = _CLOSE.shape[0]
+    known = np.pad((seen >= CELL_READINGS).astype(np.uint8), n)
+    closed = cv2.morphologyEx(known, cv2.MORPH_CLOSE, _CLOSE)
+    contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    filled = np.zeros_like(closed)
+    cv2.drawContours(filled, contours, -1, 1, cv2.FILLED)
+    return np.ascontiguousarray(cv2.dilate(filled, _RIM)[n:-n, n:-n], np.uint8)
+
+
+def _around(a: Places, b: Places) -> Places:
+    """Return the window (4,) around two."""
+    return np.concatenate([np.minimum(a[:2], b[:2]), np.maximum(a[2:], b[2:])])
+
+
+def common(a: Places, b: Places) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Return what two windows (4,) have in common, as places in the one and in the other."""
+    low = np.maximum(a[:2], b[:2])
+    high = np.maximum(low, np.minimum(a[2:], b[2:]))
+    return _places(low - a[:2], high - a[:2]), _places(low - b[:2], high - b[:2])
+
+
+def _places(low: Places, high: Places) -> tuple[slice, slice]:
+    return slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))

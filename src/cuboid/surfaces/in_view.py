@@ -1,0 +1,90 @@
+"""The planes that a frame may see, cut out where it sees them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.frame import Float64Array, Intrinsics, UInt8Array
+from cuboid.surfaces.cells import Cells
+from cuboid.surfaces.grid import CELL_M, Places, common
+from cuboid.surfaces.plane import Plane
+
+
+@dataclass(frozen=True, slots=True)
+class PlanesInView:
+    """What `stand_on` takes of the planes in view, K of them, over the ground in view.
+
+    Attributes
+    ----------
+    planes : list of Plane
+    numbers : (K,) int32
+        Their places among all planes, ascending.
+    window : (4,) int64
+        First cell of the ground and the one past the last.
+    ground : (K, N, M) uint8
+        Where planes in use are, 1 or 0.
+    seen : (K, N, M) int32
+        Zeros: room for this frame's readings.
+    """
+
+    planes: list[Plane]
+    numbers: npt.NDArray[np.int32]
+    window: Places
+    ground: UInt8Array
+    seen: npt.NDArray[np.int32]
+
+    @property
+    def origin(self) -> Float64Array:
+        """Plan coordinates (2,) of the corner of the first cell, metres."""
+        return np.asarray(self.window[:2] * CELL_M, dtype=np.float64)
+
+    def in_frame(
+        self, cells: Cells, owner: npt.NDArray[np.int32], T_plan_world: Float64Array, T_world_camera: Float64Array
+    ) -> Float64Array:
+        """Return the planes as a frame sees them, (K, 4): normal and offset in the camera frame.
+
+        The poses drift: a frame's own table may lie a centimetre off the map's. Each plane is shifted and tilted to
+        the frame's cells on it, as far as the priors of drift allow.
+
+        Parameters
+        ----------
+        cells : Cells
+            Of the frame.
+        owner : (rows, columns) int32
+            The plane that each patch lies on, -1 none.
+        T_plan_world, T_world_camera : (4, 4) float64
+        """
+        T_plan_camera = T_plan_world @ T_world_camera
+        R = T_plan_world[:3, :3]
+        of_cell = owner.reshape(-1)[cells.places[:, 0]]
+        result = np.zeros((len(self.planes), 4))
+        for row, plane in zip(result, self.planes, strict=True):
+            normal, offset = plane.normal, plane.offset
+            mine = of_cell == plane.index
+            if np.count_nonzero(mine) >= 4:
+                normal, offset = plane.adapted(cells.center[mine] @ R.T, cells.sigma_m[mine])
+            row[:3] = normal @ T_plan_camera[:3, :3]
+            row[3] = normal @ T_plan_camera[:3, 3] + offset
+        return result
+
+
+def cut_out(planes: list[Plane], window: Places) -> PlanesInView:
+    """Cut out of each plane's plan what lies in a window (4,)."""
+    shape = (len(planes), *(window[2:] - window[:2]))
+    ground = np.zeros(shape, np.uint8)
+    for layer, plane in zip(ground, planes, strict=True):
+        if plane.in_use:
+            theirs, mine = common(plane.plan.window, window)
+            layer[mine] = plane.plan.covered[theirs]
+    numbers = np.array([plane.index for plane in planes], np.int32)
+    return PlanesInView(planes, numbers, window, ground, np.zeros(shape, np.int32))
+
+
+def frustum(camera: Intrinsics, depth_m: float) -> Float64Array:
+    """Return the camera and the corners of its picture at some depth (5, 3): all readings up to there lie between."""
+    u, v = np.array([0, camera.width - 1]) - camera.cx, np.array([0, camera.height - 1]) - camera.cy
+    corners = [[x / camera.fx * depth_m, y / camera.fy * depth_m, depth_m] for x in u for y in v]
+    return np.array([[0.0, 0.0, 0.0], *corners])

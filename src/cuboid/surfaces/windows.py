@@ -1,0 +1,97 @@
+"""Where planes are, in one table: which of them a frame, a cluster or another plane may have to do with."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cuboid.frame import Float64Array
+from cuboid.surfaces.grid import Places, cells_of
+from cuboid.surfaces.plane import Plane
+
+# Edge of a tile of ground, cells: 3.2 m.
+TILE_CELLS = 64
+# A plane that is in use is never forgotten.
+NEVER = np.iinfo(np.int64).max
+
+
+class Windows:
+    """What is asked of all planes at once; heights cannot rule much out, places can.
+
+    Parameters
+    ----------
+    forget_frames : int
+        A plane that is not in use is over so many frames after it was seen last.
+    """
+
+    def __init__(self, forget_frames: int) -> None:
+        self._forget_frames = forget_frames
+        self._windows: Places = np.zeros((0, 4), np.int64)
+        self._ends: Places = np.zeros(0, np.int64)
+        self._weights: Float64Array = np.zeros(0)
+        self._means: Float64Array = np.zeros((0, 3))
+
+    def keep(self, keep: list[int]) -> None:
+        """Keep only these planes, in this order."""
+        self._windows, self._ends = self._windows[keep], self._ends[keep]
+        self._weights, self._means = self._weights[keep], self._means[keep]
+
+    def note(self, plane: Plane) -> None:
+        """Take in a new plane, or what has become of one."""
+        k = plane.index
+        if k == len(self._windows):
+            self._windows = np.concatenate([self._windows, np.zeros((1, 4), np.int64)])
+            self._ends, self._weights = np.append(self._ends, 0), np.append(self._weights, 0.0)
+            self._means = np.concatenate([self._means, np.zeros((1, 3))])
+        self._windows[k], self._means[k] = plane.plan.window, plane.mean
+        self._ends[k] = NEVER if plane.in_use else plane.last_frame + self._forget_frames
+        self._weights[k] = plane.weight if plane.in_use else -1.0
+
+    def over(self, frame: int) -> list[int]:
+        """Return the planes that are to be forgotten."""
+        return [int(k) for k in np.flatnonzero(self._ends < frame)]
+
+    def heaviest(self) -> int | None:
+        """Return the plane in use that most is known of, the first of equals."""
+        k = int(self._weights.argmax()) if len(self._weights) else -1
+        return k if k >= 0 and self._weights[k] >= 0 else None
+
+    def within(self, window: Places) -> list[int]:
+        """Return the planes whose windows have cells in common with this one (4,), ascending."""
+        w = self._windows
+        meets = (w[:, 0] < window[2]) & (w[:, 1] < window[3]) & (w[:, 2] > window[0]) & (w[:, 3] > window[1])
+        return [int(k) for k in np.flatnonzero(meets)]
+
+    def level_with(self, plane: Plane, apart_m: float) -> list[int]:
+        """Return the others whose windows have cells in common with a plane's and whose middles lie as high or low."""
+        near = [k for k in self.within(plane.plan.window) if k != plane.index]
+        return [near[i] for i in np.flatnonzero(np.abs(plane.height(self._means[near])) <= apart_m)]
+
+    def at(self, points: Float64Array) -> list[int]:
+        """Return the planes whose windows reach among plan coordinates (N, 2 or 3)."""
+        return self.within(window_of(points)) if len(points) else []
+
+
+def window_of(points: Float64Array) -> Places:
+    """Return the first cell and the one past the last (4,) of plan coordinates (N, 2 or 3)."""
+    cells = cells_of(np.stack([points.min(0), points.max(0)]))
+    return np.concatenate([cells[0], cells[1] + 1])
+
+
+class Tiles:
+    """Points of the plan frame (N, 3) in order of the tiles of ground that they lie on."""
+
+    def __init__(self, points: Float64Array) -> None:
+        tiles = cells_of(points) // TILE_CELLS
+        self._low = tiles.min(0) if len(tiles) else np.zeros(2, np.int64)
+        self._span = (tiles.max(0) if len(tiles) else self._low) - self._low + 1
+        codes = (tiles - self._low) @ np.array([self._span[1], 1])
+        self._order = np.argsort(codes, kind="stable")
+        self._codes = codes[self._order]
+
+    def within(self, window: Places) -> Places:
+        """Return the points (M,) of all tiles that a window (4,) reaches into, ascending."""
+        first = np.clip(window[:2] // TILE_CELLS - self._low, 0, self._span)
+        last = np.clip((window[2:] - 1) // TILE_CELLS - self._low + 1, 0, self._span)
+        rows = np.arange(first[0], last[0]) * self._span[1]
+        ends = np.searchsorted(self._codes, np.stack([rows + first[1], rows + last[1]]))
+        return np.sort(np.concatenate([self._order[a:b] for a, b in ends.T] or [self._order[:0]]))

@@ -1,0 +1,93 @@
+"""The ground plan of a plane: windows that grow, and parts that are found anew alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cuboid.surfaces.grid import CELL_M, CELL_READINGS, GroundPlan, cells_of
+
+
+def patch(plan: GroundPlan, low: tuple[int, int], high: tuple[int, int], hole: tuple[int, int] | None = None) -> None:
+    """Readings in all cells from low to high, but one of 3 x 3 cells."""
+    readings = np.full(np.subtract(high, low) + 1, CELL_READINGS, np.int32)
+    if hole is not None:
+        readings[hole[0] : hole[0] + 3, hole[1] : hole[1] + 3] = 0
+    plan.add(readings, np.array(low))
+    plan.refresh()
+
+
+def covered(plan: GroundPlan) -> set[tuple[int, int]]:
+    return {(int(i), int(j)) for i, j in np.argwhere(plan.covered) + plan.corner}
+
+
+def test_a_plane_covers_what_was_seen_a_rim_and_its_holes() -> None:
+    plan = GroundPlan()
+    patch(plan, (-5, 3), (14, 22), hole=(8, 8))
+    cells = covered(plan)
+    assert {(i, j) for i in range(-5, 15) for j in range(3, 23)} <= cells
+    assert (-6, 10) in cells
+    assert (-7, 10) not in cells
+    assert plan.area_m2() == pytest.approx((400 - 9) * CELL_M**2)
+    inside, rim, beyond, far = (np.array([[x, 0.6]]) for x in (0.1, -0.27, -0.6, -0.75))
+    assert plan.covers(inside)[0]
+    assert plan.covers(rim)[0]
+    assert not plan.covers(beyond)[0]
+    assert plan.near(beyond)[0]
+    assert not plan.near(far)[0]
+    assert not plan.on_border(inside)[0]
+    assert plan.on_border(rim)[0]
+
+
+def test_a_window_holds_all_that_is_nearby_wherever_the_plane_grows_to() -> None:
+    rng = np.random.default_rng(3)
+    plan, at = GroundPlan(), np.array([0, 0])
+    for _ in range(12):
+        at = at + rng.integers(-9, 10, 2)
+        patch(plan, tuple(at), tuple(at + 12))
+    for layer in (plan.covered, plan.nearby):
+        assert not layer[[0, -1]].any()
+        assert not layer[:, [0, -1]].any()
+    fresh = GroundPlan()
+    fresh.add(plan.seen, plan.corner)
+    fresh.refresh()
+    assert covered(fresh) == covered(plan)
+
+
+def test_a_part_found_anew_is_as_if_all_were(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(5)
+    steps = [(tuple(at), tuple(at + 9)) for at in rng.integers(0, 120, (40, 2))]
+    whole = GroundPlan()
+    for low, high in steps:
+        patch(whole, low, high, hole=(3, 3))
+    monkeypatch.setattr("cuboid.surfaces.grid.WHOLE_CELLS", 30)
+    monkeypatch.setattr("cuboid.surfaces.grid.AROUND_CELLS", 60)
+    parts = GroundPlan()
+    for low, high in steps:
+        patch(parts, low, high, hole=(3, 3))
+    assert covered(parts) == covered(whole)
+    np.testing.assert_array_equal(parts.nearby, whole.nearby)
+    assert parts.area_m2() == whole.area_m2()
+
+
+def test_planes_that_touch_share_ground_and_others_do_not() -> None:
+    one, two, three = GroundPlan(), GroundPlan(), GroundPlan()
+    patch(one, (0, 0), (9, 9))
+    patch(two, (11, 0), (20, 9))
+    patch(three, (40, 0), (50, 9))
+    assert one.shares_ground(two)
+    assert not one.shares_ground(three)
+    one.absorb(three)
+    assert covered(one) >= covered(three)
+    assert one.shares_ground(three)
+
+
+def test_a_plane_that_moved_is_where_its_points_are() -> None:
+    plan = GroundPlan()
+    patch(plan, (0, 0), (9, 9))
+    x, y = np.meshgrid(np.arange(2.0, 2.5, 0.02), np.arange(0.0, 0.5, 0.02))
+    points = np.column_stack([x.ravel(), y.ravel()])
+    plan.move(points)
+    assert plan.covers(points).all()
+    assert not plan.covers(np.array([[0.2, 0.2]]))[0]
+    assert {tuple(c) for c in cells_of(points).tolist()} <= covered(plan)

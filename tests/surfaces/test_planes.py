@@ -1,0 +1,133 @@
+"""Supporting planes: those in view are tracked as if there were no others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cuboid.config import TrackerConfig
+from cuboid.results import FrameResult
+from cuboid.surfaces.cells import Cells
+from cuboid.surfaces.grid import CELL_READINGS, cells_of
+from cuboid.surfaces.planes import PlaneTracker
+from cuboid.tracker import Tracker
+from made_scenes import CAMERA, frame_of, look_at, upright
+
+SCENE = [
+    upright((0, 0), (8, 8, 0.1), z=-0.85),
+    upright((0, 0), (1.4, 1.0, 0.05), z=-0.05),
+    upright((-0.25, 0.1), (0.12, 0.08, 0.15), 0.4),
+    upright((0.2, -0.1), (0.1, 0.1, 0.1), 0.2),
+]
+# A camera that is held upright and looks along y.
+LEVEL = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+
+
+def level_cells(x: float, y: float, z: float = 0.0, side: int = 20) -> Cells:
+    """A square of flat cells, 6 cm wide each."""
+    i, j = (a.ravel() for a in np.mgrid[:side, :side])
+    count = side * side
+    return Cells(
+        places=np.tile(np.arange(count)[:, None], (1, 4)),
+        normal=np.tile([0.0, 0.0, 1.0], (count, 1)),
+        center=np.column_stack([x + 0.06 * i, y + 0.06 * j, np.full(count, z)]),
+        area_m2=np.full(count, 0.0036),
+        sigma_m=np.full(count, 0.002),
+        image_shape=(side, side),
+    )
+
+
+def with_planes_elsewhere(count: int) -> Tracker:
+    """A tracker that has seen planes at the table's own height, 40 m away and more, each 4 m from the next."""
+    tracker = Tracker(CAMERA)
+    for k in range(count):
+        cells = level_cells(40.0 + 4.0 * (k % 12), 4.0 * (k // 12))
+        tracker._planes.vote(cells, LEVEL)
+        tracker._planes.update(0, cells)
+    assert len(tracker.planes) == count
+    return tracker
+
+
+def follow(tracker: Tracker) -> list[FrameResult]:
+    angles = np.linspace(-0.6, 0.6, 24) - np.pi / 2
+    poses = [look_at((1.3 * np.cos(a), 1.3 * np.sin(a), 0.8), (0, 0, 0.05)) for a in angles]
+    return [tracker.update(frame_of(SCENE, T, k)) for k, T in enumerate(poses)]
+
+
+def test_planes_elsewhere_change_nothing_however_many_there_are() -> None:
+    few, many = with_planes_elsewhere(1), with_planes_elsewhere(137)
+    far = [(plane.weight, plane.frames, plane.plan.seen.copy()) for plane in many._planes.planes]
+    for one, other in zip(follow(few), follow(many), strict=True):
+        np.testing.assert_array_equal(one.heat, other.heat)
+        assert [s.label for s in one.sightings] == [s.label for s in other.sightings]
+        assert all(
+            np.array_equal(a.box.corners(), b.box.corners())
+            for a, b in zip(one.proposals, other.proposals, strict=True)
+        )
+    assert [o.label for o in few.objects] == [1, 2]
+    for one, other in zip(few.objects, many.objects, strict=True):
+        np.testing.assert_array_equal(one.box.corners(), other.box.corners())
+        assert one.score == other.score
+        assert one.plane is not None
+        assert other.plane == one.plane + 136 > 127
+    for one, other in zip(few.planes[1:], many.planes[137:], strict=True):
+        np.testing.assert_array_equal(one.extent, other.extent)
+        assert one.offset == other.offset
+    for plane, (weight, frames, seen) in zip(many._planes.planes, far, strict=False):
+        assert (plane.weight, plane.frames) == (weight, frames)
+        np.testing.assert_array_equal(plane.plan.seen, seen)
+
+
+def test_a_frame_has_to_do_with_the_planes_in_view_alone() -> None:
+    tracker = with_planes_elsewhere(40)
+    follow(tracker)
+    pose = look_at((0, -1.3, 0.8), (0, 0, 0.05))
+    view = tracker._planes.in_view(CAMERA, 3.0, pose)
+    assert [plane.index for plane in view.planes] == view.numbers.tolist()
+    assert min(view.numbers) >= 40
+    assert view.ground.shape[1] * view.ground.shape[2] < 200 * 200
+    above = np.array([[0.0, 0.0, 0.1], [44.3, 0.3, 0.2], [30.0, 0.0, 0.2]])
+    beneath = tracker._planes.beneath(above, 0.006)
+    assert beneath[0] >= 40
+    assert tracker._planes.planes[beneath[1]].mean[2] == pytest.approx(0.0)
+    assert 0 <= beneath[1] < 40
+    assert beneath[2] == -1
+
+
+def test_two_planes_that_prove_to_be_one_are_merged_and_others_keep_their_places() -> None:
+    planes = PlaneTracker(TrackerConfig())
+    places = [(0.0, 0.0), (20.0, 0.0), (2.2, 0.0), (40.0, 0.0)]
+    for frame, (x, y) in enumerate(places):
+        planes.vote(level_cells(x, y), LEVEL)
+        planes.update(frame, level_cells(x, y))
+    assert [p.index for p in planes.planes] == [0, 1, 2, 3]
+    first, gone = planes.planes[0], planes.planes[2]
+    assert planes.planes[1].in_use
+    # A frame between the two shows that the first one goes on as far as the third.
+    view = planes.in_view(CAMERA, 3.0, look_at((1.7, -1.0, 1.2), (1.7, 0.6, 0.0)))
+    assert view.numbers.tolist() == [0, 2]
+    cells = cells_of(planes.to_plan(level_cells(1.1, 0.0).center)) - view.window[:2]
+    view.seen[0, cells[:, 0], cells[:, 1]] = CELL_READINGS
+    planes.take_in(view)
+    weight = first.weight + gone.weight
+    for frame in range(4, 20):
+        planes.update(frame, level_cells(20.0, 0.0))
+    assert [p.index for p in planes.planes] == [0, 1, 2]
+    assert gone.index == -1
+    assert planes.planes[0] is first
+    assert first.weight == pytest.approx(weight)
+    assert planes.planes[0].plan.covers(planes.to_plan(np.array([[0.5, 0.5, 0.0], [3.0, 0.5, 0.0]]))).all()
+    assert planes.planes[2].plan.covers(planes.to_plan(np.array([[40.5, 0.5, 0.0]]))).all()
+
+
+def test_what_was_seen_once_and_is_too_small_is_forgotten_and_a_table_is_not() -> None:
+    planes = PlaneTracker(TrackerConfig())
+    planes.vote(level_cells(0, 0), LEVEL)
+    planes.update(0, level_cells(0, 0))
+    planes.update(1, level_cells(10, 0, side=4))
+    for frame in range(2, 80):
+        planes.update(frame, level_cells(20, 0))
+        if frame == 60:
+            assert len(planes.planes) == 3
+    assert len(planes.planes) == 2
+    assert all(plane.in_use for plane in planes.planes)

@@ -1,0 +1,47 @@
+"""Tables of planes and tiles of points against a search through all."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cuboid.surfaces.grid import cells_of
+from cuboid.surfaces.plane import Plane
+from cuboid.surfaces.windows import TILE_CELLS, Tiles, Windows
+
+
+def test_the_points_of_a_window_are_among_those_of_its_tiles() -> None:
+    rng = np.random.default_rng(2)
+    points = rng.uniform(-30, 30, (4000, 3))
+    tiles, cells = Tiles(points), cells_of(points)
+    for low in rng.integers(-800, 700, (40, 2)):
+        window = np.concatenate([low, low + rng.integers(1, 200, 2)])
+        found = tiles.within(window)
+        inside = np.flatnonzero(((cells >= window[:2]) & (cells < window[2:])).all(1))
+        assert (np.diff(found) > 0).all()
+        assert np.isin(inside, found).all()
+        assert ((cells[found] > window[:2] - TILE_CELLS) & (cells[found] < window[2:] + TILE_CELLS)).all()
+    assert len(Tiles(points[:0]).within(np.array([0, 0, 9, 9]))) == 0
+
+
+def test_what_is_asked_of_all_planes_is_what_each_one_says() -> None:
+    rng = np.random.default_rng(4)
+    windows, planes = Windows(10), []
+    for k in range(60):
+        plane = Plane(index=k, last_frame=k, in_use=k % 3 > 0, weight=float(rng.integers(1, 9)))
+        plane.mean = rng.uniform(-5, 5, 3) * (1, 1, 0.02)
+        plane.plan.begin(plane.mean[None], np.array([0.5]))
+        windows.note(plane)
+        planes.append(plane)
+    box = np.array([-10, -30, 25, 40])
+    apart = [(p.plan.window[:2] >= box[2:]).any() or (p.plan.window[2:] <= box[:2]).any() for p in planes]
+    assert windows.within(box) == [k for k in range(60) if not apart[k]]
+    assert windows.over(40) == [k for k in range(30) if k % 3 == 0]
+    heaviest = max(p.weight for p in planes if p.in_use)
+    assert windows.heaviest() == next(p.index for p in planes if p.in_use and p.weight == heaviest)
+    near = [k for k in windows.within(planes[7].plan.window) if k != 7]
+    level = [k for k in near if abs(float(planes[7].height(planes[k].mean[None])[0])) <= 0.05]
+    assert windows.level_with(planes[7], 0.05) == level
+    windows.keep([5, 7, 9])
+    planes[7].index = 1
+    assert 1 in windows.within(planes[7].plan.window)
+    assert len(windows.within(np.array([-999, -999, 999, 999]))) == 3
