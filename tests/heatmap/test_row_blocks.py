@@ -31,7 +31,7 @@ def test_the_rows_of_an_object_are_found_whatever_becomes_of_them() -> None:
         if step % 7 == 0:
             voxels.pass_on(3, 2)
         if step % 11 == 0:
-            voxels.release(5)
+            voxels.release([5])
     for number in range(1, 6):
         assert voxels.rows_of(number).tolist() == np.flatnonzero(voxels.owner == number).tolist()
     assert len(voxels.rows_of(1)) > 0

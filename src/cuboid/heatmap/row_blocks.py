@@ -5,6 +5,8 @@ Rows are numbered as their points come into view, so that a few runs hold what i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -53,18 +55,21 @@ class RowBlocks:
         """Return the blocks with rows of any of some objects, ascending."""
         return np.array(sorted(set().union(*(self._of.get(number, set()) for number in numbers))), np.int64)
 
-    def rows_of(self, number: int, owner: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
-        """Return the rows of an object, ascending.
+    def rows_of(self, numbers: Sequence[int], owner: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
+        """Return the rows of some objects, ascending.
 
         Parameters
         ----------
-        number : int
+        numbers : sequence of int
         owner : (N,) int32
             Of the map's rows in use.
         """
-        rows = (self.of([number])[:, None] * BLOCK_ROWS + np.arange(BLOCK_ROWS)).ravel()
+        rows = (self.of(list(numbers))[:, None] * BLOCK_ROWS + np.arange(BLOCK_ROWS)).ravel()
         rows = rows[: np.searchsorted(rows, len(owner))]
-        return np.asarray(rows[owner[rows] == number], dtype=np.int64)
+        wanted = np.zeros(max(numbers, default=0) + 1, bool)
+        wanted[list(numbers)] = True
+        held = owner[rows]
+        return np.asarray(rows[(held > 0) & (held < len(wanted)) & wanted[np.clip(held, 0, len(wanted) - 1)]], np.int64)
 
     def rebuild(self, owner: npt.NDArray[np.int32], last_frame: npt.NDArray[np.int32]) -> None:
         """Begin anew after the map's rows in use, with these owners and last frames (N,), were renumbered."""

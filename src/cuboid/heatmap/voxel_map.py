@@ -190,7 +190,7 @@ class VoxelMap:
 
     def rows_of(self, number: int) -> Rows:
         """Return the rows of an object, ascending."""
-        rows = self._blocks.rows_of(number, self.owner[: self.count])
+        rows = self._blocks.rows_of([number], self.owner[: self.count])
         return np.asarray(rows[self.values[rows, kernel.WEIGHT] > 0], dtype=np.int64)
 
     def give(self, rows: Rows, number: int) -> None:
@@ -201,13 +201,14 @@ class VoxelMap:
 
     def pass_on(self, gone: int, kept: int) -> None:
         """Let all rows of one object belong to another."""
-        self.owner[self._blocks.rows_of(gone, self.owner[: self.count])] = kept
+        self.owner[self._blocks.rows_of([gone], self.owner[: self.count])] = kept
         self._blocks.pass_on(gone, kept)
 
-    def release(self, number: int) -> None:
-        """Let an object have no rows."""
-        self.owner[self._blocks.rows_of(number, self.owner[: self.count])] = 0
-        self._blocks.release(number)
+    def release(self, numbers: Sequence[int]) -> None:
+        """Let objects have no rows."""
+        self.owner[self._blocks.rows_of(numbers, self.owner[: self.count])] = 0
+        for number in numbers:
+            self._blocks.release(number)
 
     def forgive(self, since: int) -> None:
         """Let rows that were refused and were seen since a frame belong to no one."""

@@ -28,7 +28,7 @@ from cuboid.objects.parts import (
     TOUCH_M,
     is_part,
 )
-from cuboid.objects.patience import beside, is_ready, patience
+from cuboid.objects.patience import beside, is_ready, patience, times_alone
 from cuboid.objects.splits import Splits, larger_side
 from cuboid.objects.validity import is_object
 from cuboid.objects.visibility import in_view
@@ -142,8 +142,7 @@ class ObjectMap:
         clusters = map_clusters(rows, voxels, self._planes, self._config)
         pieces, refused = self._divide(clusters, wide, whole, asleep)
         seen = np.flatnonzero(touched).tolist()
-        for number in seen:
-            voxels.release(number)
+        voxels.release(seen)
         for rows in refused:
             voxels.give(rows, REFUSED)
         for number, own in pieces.items():
@@ -437,10 +436,14 @@ class ObjectMap:
                 self._next_label += 1
                 self._index.note(entry)
 
+    def _may_be_early(self, entry: MapObject) -> bool:
+        """Tell whether the frames before an object had a number may count, if nothing lies beside it."""
+        return entry.before > 0 and times_alone(entry, self._boxing.plane(entry.plane)) == 1
+
     def _weigh(self, seen: Sequence[int]) -> None:
         """Tell how often each must be proposed before it gets a label; what is a part of something else joins that."""
         soon = self._config.confirm_frames - self._config.map_every
-        waiting = [e for e in self._waiting(seen) if e.proposed + e.before >= soon]
+        waiting = [e for e in self._waiting(seen) if e.proposed >= soon or self._may_be_early(e)]
         # The largest first: what lies beside it may be its part.
         for entry in sorted(waiting, key=lambda e: -len(e.points)):
             other = beside(entry, [self._objects[n] for n in self._index.beside(entry.box, PART_REACH_M)])

@@ -58,14 +58,16 @@ def patience(
     plane : ((3,) float64, float) or None
         Normal and offset of what it stands on.
     """
-    times = 1
-    if not rests(entry.box, plane):
-        times = FLOATING_PATIENCE
-    if len(entry.points) < SMALL_VOXELS:
-        times = max(times, SMALL_PATIENCE)
+    times = times_alone(entry, plane)
     if other is not None and (_share_room(entry, other) or (verdict is None and _may_be_one(entry, other))):
         times = max(times, BESIDE_PATIENCE)
     return times
+
+
+def times_alone(entry: MapObject, plane: tuple[Float64Array, float] | None) -> int:
+    """Return how many times as many proposals as usual an object takes that nothing lies beside; see `patience`."""
+    times = FLOATING_PATIENCE if not rests(entry.box, plane) else 1
+    return max(times, SMALL_PATIENCE) if len(entry.points) < SMALL_VOXELS else times
 
 
 def _may_be_one(entry: MapObject, other: MapObject) -> bool:
