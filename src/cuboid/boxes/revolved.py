@@ -21,8 +21,11 @@ from cuboid.kernels.extents import side_spread
 TOP_M, LAYER_M = 0.012, 0.01
 # Share of the height that is the top; the fit takes so many steps, and asks for so many points of the side.
 TOP_QUANTILE, STEPS, LEAST_POINTS = 0.98, 6, 30
-# A side that covers less of the turn, degrees, fixes no axis in noise; it is looked at in sectors of 30 degrees.
-LEAST_ARC, SECTORS = 150.0, 12
+# A side that covers less of the turn, degrees, fixes no axis in noise: counted in sectors of 10 degrees. How far it
+# departs from itself is looked at in sectors of 30 degrees, each with at least so many points.
+LEAST_ARC, FINE_SECTORS, SECTORS, SECTOR_POINTS = 150.0, 36, 12, 5
+# A radius is at most this share of what was seen in length, which half a disc shows whole but for its edges.
+MOST_RADIUS = 0.6
 # A layer with less than this share of all trust does not count; of a filled layer the rim begins at this share.
 LEAST_LAYER, RIM = 0.02, 0.85
 # Such a body departs from itself from sector to sector by no more than this share of its radius: a mug's handle or a
@@ -34,6 +37,8 @@ MOST_RESIDUAL_M = 0.03
 ROUGH_NOISE, ROUGH_M = 1.9, 0.003
 # What sticks out by more than so many residuals, and metres, is a part of its own.
 PART_RESIDUALS, PART_M = 2.5, 0.004
+# Of what sticks out strays are at most this share: of less there is no part.
+MOST_STRAYS = 0.3
 # A seen side at least so wide, as a share of its length, may be that of a round body.
 LEAST_WIDTH = 0.4
 
@@ -86,8 +91,7 @@ def revolved(
     rough = spread_m > ROUGH_NOISE * noise_m + ROUGH_M
     part = rough | (distance > radius + max(PART_M, PART_RESIDUALS * spread_m))
     strays = share * weight / max(float(trust[part].sum()), 1e-12)
-    # What is hardly more than the strays is none.
-    if strays < 0.3:
+    if strays < MOST_STRAYS:
         least, most = reach_of(plan[part], trust[part], DIRECTIONS, strays)
         low, high = np.minimum(low, least), np.maximum(high, most)
     middle = float(normal @ box.center)
@@ -109,16 +113,16 @@ def _axis(
     if max(spread_m**2 - noise_m**2, 0.0) >= BETTER**2 * (against**2 - noise_m**2):
         return None
     # A nearly straight side has its axis far away.
-    if usual > 0.6 * float(rectangle[4:].max()) + TOP_M:
+    if usual > MOST_RADIUS * float(rectangle[4:].max()) + TOP_M:
         return None
     angle = np.arctan2(*(plan - center).T[::-1])
     near = np.abs(residual) < PART_RESIDUALS * spread_m
-    fine = np.unique(np.floor(angle[near] * (3.0 * SECTORS / (2.0 * math.pi))))
-    if len(fine) * 360.0 / (3 * SECTORS) < LEAST_ARC:
+    fine = np.unique(np.floor(angle[near] * (FINE_SECTORS / (2.0 * math.pi))))
+    if len(fine) * 360.0 / FINE_SECTORS < LEAST_ARC:
         return None
     sector = np.floor(angle * (SECTORS / (2.0 * math.pi))).astype(np.int64) + SECTORS // 2
     sums = np.bincount(sector, trust * residual, SECTORS + 1), np.bincount(sector, trust, SECTORS + 1)
-    known = (np.bincount(sector, minlength=SECTORS + 1) >= 5) & (sums[1] > 0.0)
+    known = (np.bincount(sector, minlength=SECTORS + 1) >= SECTOR_POINTS) & (sums[1] > 0.0)
     if not known.any() or np.ptp(sums[0][known] / sums[1][known]) > LEAST_TURN * usual:
         return None
     return center, spread_m

@@ -64,11 +64,9 @@ class Boxing:
         near = _near(box, others)
         trust, noise_m = self._trust(rows)
         round_box = revolved(box, points, trust, *plane, noise_m, STRAY_SHARE)
-        is_round = round_box is not None and clear_of(round_box, near)
-        box = round_box if round_box is not None and is_round else box
-        box = to_faces(box, points, trust, noise_m, is_round)
-        if is_round:
-            return with_foot(box, *plane, near, self._voxels)
+        if round_box is not None and clear_of(round_box, near):
+            return with_foot(to_faces(round_box, points, trust, noise_m, top_alone=True), *plane, near, self._voxels)
+        box = to_faces(box, points, trust, noise_m, top_alone=False)
         return with_hidden(box, points, *plane, near, self._voxels)
 
     def _trust(self, rows: Rows) -> tuple[Float64Array, float]:
