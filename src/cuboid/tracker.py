@@ -15,19 +15,19 @@ from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Arr
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse
 from cuboid.heatmap.carrying import moved_with
-from cuboid.heatmap.pixel_heat import pixel_heat
+from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.pixels import stand_on
-from cuboid.objects.association import Match, associate
 from cuboid.objects.entry import MapObject
-from cuboid.objects.holdings import holdings
+from cuboid.objects.association import Association
 from cuboid.objects.object_map import ObjectMap
+from cuboid.objects.prior import prior_of
 from cuboid.objects.visibility import look
 from cuboid.proposals import make_source
 from cuboid.proposals.types import ProposalSource
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
 from cuboid.surfaces.cells import PATCH_PIXELS, find_cells, with_level_patches
-from cuboid.surfaces.clusters import FrameCluster, frame_clusters, top_is_seen
+from cuboid.surfaces.clusters import FrameCluster, FrameClusters, frame_clusters
 from cuboid.surfaces.grid import CELL_M
 from cuboid.surfaces.planes import PlaneTracker
 from cuboid.working import WorkingImage, thin
@@ -114,20 +114,21 @@ class Tracker:
         watch.lap("planes")
         candidate = self._candidates(image, heights)
         c = self.config
-        heat, claim = pixel_heat(image, candidate, proposals, self.intrinsics.fx, c)
+        weighed = weigh(image, candidate, proposals, self.intrinsics.fx, c)
+        heat = pixel_heat(image, candidate, weighed)
         watch.lap("heat")
         slots = self._voxels.fuse(image, heat, T_world_camera, frame.index, anchor)
         self._voxels.look_through(image, T_camera_world)
         watch.lap("fuse")
-        clusters = frame_clusters(image, heat, claim, support, self._planes, T_world_camera, c)
-        boxes = [self._box(cluster, T_world_camera) for cluster in clusters]
+        objects = self._map.in_view(image, T_camera_world)
+        prior = prior_of(objects, image, candidate, self._voxels.owner_of(slots), weighed)
+        things = frame_clusters(image, heat, candidate, weighed, prior, heights, support, T_world_camera, c)
+        boxes = [self._box(cluster, T_world_camera) for cluster in things.clusters]
         watch.lap("boxes")
-        if self._count % c.map_every == 0:
-            self._map.settle(frame.index)
-        else:
-            self._map.confirm()
+        found = self._map.update(frame.index, things, boxes, objects, slots, candidate)
         watch.lap("map")
-        sightings, found = self._match(frame.index, image, slots, claim, heights, clusters, boxes, T_camera_world)
+        sightings = self._sightings(frame.index, image, slots, found, T_camera_world)
+        own = self._own_boxes(things, boxes, found)
         watch.lap("matching")
         self._count += 1
         return FrameResult(
@@ -135,8 +136,8 @@ class Tracker:
             timestamp_s=frame.timestamp_s,
             T_world_camera=T_world_camera,
             sightings=sightings,
-            proposals=found,
-            objects_known=self._map.labelled,
+            proposals=own,
+            objects_known=self._map.store.labelled,
             heat=heat,
             milliseconds=watch.milliseconds,
         )
@@ -191,75 +192,65 @@ class Tracker:
                 c.max_depth_m, heights, support, view.seen,
             )  # fmt: skip
             planes.take_in(view)
-        return heights, support
+        return heights, planes.identities(support)
 
     def _candidates(self, image: WorkingImage, heights: Float32Array) -> UInt8Array:
-        """Return which readings may belong to an object: those above a plane; any, where no plane is to be had."""
-        if self._planes.any_in_use:
-            return (heights > 0).astype(np.uint8)
-        if self._count < PATIENCE_FRAMES:
-            return np.zeros(image.depth_m.shape, np.uint8)
-        return ((image.depth_m > 0) & (image.depth_m <= self.config.max_depth_m)).astype(np.uint8)
+        """Return which readings may belong to an object: all within range but those on a supporting plane."""
+        within = (image.depth_m > 0) & (image.depth_m <= self.config.max_depth_m)
+        return (within & (heights != 0)).astype(np.uint8)
 
     def _box(self, cluster: FrameCluster, T_world_camera: Float64Array) -> Box:
         points = cluster.points[:: 1 + len(cluster.points) // FRAME_POINTS]
-        if cluster.plane is not None:
-            return fit_box(points, *self._planes.in_world(cluster.plane), FRAME_STRAYS)
+        for identity in sorted(cluster.supports, key=lambda k: (-cluster.supports[k], k)):
+            plane = self._planes.find(identity)
+            if plane is not None:
+                return fit_box(points, *self._planes.in_world(plane), FRAME_STRAYS)
         up = self._planes.up
         up = T_world_camera[:3, :3] @ _IMAGE_UP if up is None else up
         return fit_box(points, up, None, FRAME_STRAYS)
 
-    def _match(
+    def _sightings(
         self,
         frame: int,
         image: WorkingImage,
         slots: npt.NDArray[np.int32],
-        claim: npt.NDArray[np.int32],
-        heights: Float32Array,
-        clusters: Sequence[FrameCluster],
-        boxes: Sequence[Box],
+        found: Association,
         T_camera_world: Float64Array,
-    ) -> tuple[tuple[Sighting, ...], tuple[Proposal3D, ...]]:
-        """Match the frame's boxes to the map, and tell which of its objects the frame sees."""
-        pixel_owner = np.where(slots >= 0, self._voxels.owner[slots], 0).astype(np.int32)
-        held = holdings(claim, pixel_owner)
-        if held is not None:
-            self._map.bonds.see(held)
-            self._map.splits.see(held, heights, slots, self._voxels.side)
-        objects = self._map.in_view(image, T_camera_world)
-        matches = associate(clusters, boxes, objects, pixel_owner)
-        own: dict[int, Match] = {}
-        for cluster, match in zip(clusters, matches, strict=True):
-            if match.entry is not None and match.primary:
-                match.entry.proposed += 1
-                if not match.entry.confirmed and not cluster.cut:
-                    up = self._planes.up
-                    match.entry.whole += up is None or top_is_seen(cluster, image, up, T_camera_world)
-                own[match.entry.number] = match
+    ) -> tuple[Sighting, ...]:
+        """Tell which of the map's objects the frame sees."""
+        objects = [o for o in self._map.in_view(image, T_camera_world) if len(o.points)]
+        pixel_owner = self._voxels.owner_of(slots)
         views = look(objects, image, pixel_owner, T_camera_world, self.config.depth_noise_per_m)
+        iou = {found.objects[j].number: float(found.iou[i, j]) for i, j in enumerate(found.match) if j >= 0}
         sightings = []
         for entry, view in zip(objects, views, strict=True):
             if not view.seen:
                 continue
-            first = entry.frames_seen == 0 or not entry.confirmed
+            first = entry.frames_seen == 0
             entry.frames_seen += 1
             entry.last_frame = frame
             if entry.confirmed:
-                own_match = own.get(entry.number)
-                iou = own_match.iou if own_match is not None and not first else None
-                sightings.append(Sighting(entry.label, entry.box, iou, view.visible, view.rect_xyxy))
-        found = tuple(
-            Proposal3D(match.entry.label if match.entry else 0, box, cluster.heat, cluster.rect_xyxy)
-            for cluster, box, match in zip(clusters, boxes, matches, strict=True)
+                own = None if first else iou.get(entry.number)
+                sightings.append(Sighting(entry.label, entry.box, own, view.visible, view.rect_xyxy))
+        return tuple(sorted(sightings, key=lambda s: s.label))
+
+    def _own_boxes(
+        self, things: FrameClusters, boxes: Sequence[Box], found: Association
+    ) -> tuple[Proposal3D, ...]:
+        """Return the frame's own boxes with the labels of the objects that they are."""
+        place = np.where(found.match >= 0, found.match, found.part)
+        labels = [found.objects[j].label if j >= 0 else 0 for j in place]
+        return tuple(
+            Proposal3D(label, box, cluster.heat, cluster.rect_xyxy)
+            for label, box, cluster in zip(labels, boxes, things.clusters, strict=True)
         )
-        return tuple(sorted(sightings, key=lambda s: s.label)), found
 
     @property
     def objects(self) -> list[TrackedObject]:
         """The confirmed objects of the map, by label."""
         used = [plane for plane in self._planes.planes if plane.in_use]
-        place = {plane.index: k for k, plane in enumerate(used)}
-        return [self._tracked(entry, place) for entry in self._map.confirmed()]
+        place = {plane.identity: k for k, plane in enumerate(used)}
+        return [self._tracked(entry, place) for entry in self._map.store.confirmed()]
 
     def _tracked(self, entry: MapObject, place: Mapping[int, int]) -> TrackedObject:
         return TrackedObject(
@@ -272,7 +263,7 @@ class Tracker:
             frames_seen=entry.frames_seen,
             points=len(entry.points),
             mean_color=entry.mean_color,
-            plane=None if entry.plane is None else place.get(entry.plane.index),
+            plane=None if entry.plane is None else place.get(entry.plane),
             merged_labels=tuple(entry.merged_labels),
         )
 
@@ -298,8 +289,8 @@ class Tracker:
     def map_points(self) -> MapPoints:
         """Return the global point map."""
         rows = self._voxels.living()
-        label_of = np.zeros(max((o.number for o in self._map.alive()), default=0) + 1, np.int32)
-        for entry in self._map.confirmed():
+        label_of = np.zeros(max((o.number for o in self._map.store.living()), default=0) + 1, np.int32)
+        for entry in self._map.store.confirmed():
             label_of[entry.number] = entry.label
         owner = self._voxels.owner[rows]
         return MapPoints(

@@ -39,6 +39,10 @@ class RowBlocks:
         """Let rows belong to an object."""
         self._of.setdefault(number, set()).update(np.unique(rows >> BLOCK_BITS).tolist())
 
+    def give_block(self, number: int, block: int) -> None:
+        """Let an object have rows of a block."""
+        self._of.setdefault(number, set()).add(block)
+
     def pass_on(self, gone: int, kept: int) -> None:
         """Let what belonged to one object belong to another."""
         self._of.setdefault(kept, set()).update(self._of.pop(gone, set()))

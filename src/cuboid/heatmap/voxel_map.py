@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.heatmap.carrying import average, keys_of, moved_with, oldest
-from cuboid.heatmap.row_blocks import BLOCK_ROWS, RowBlocks
+from cuboid.heatmap.row_blocks import BLOCK_BITS, RowBlocks
+from cuboid.kernels import claims as kernel_claims
 from cuboid.kernels import voxels as kernel
 from cuboid.working import WorkingImage
 
@@ -20,11 +21,8 @@ Rows = npt.NDArray[np.int64]
 LOOK_VOXELS = 40_000
 # A reading this far behind a voxel passes through it, metres (two voxels of 1 cm: pose error and edges).
 PASS_MARGIN_M = 0.02
-# Owner of points of walls, furniture and what else is hot but no object.
-REFUSED = -1
-# Points of neighbouring voxels this many voxels apart are connected: a surface's are, those across a gap of two
-# voxels are not.
-CONNECT_VOXELS = 1.6
+# Votes that a voxel keeps for its owner: so many frames of another opinion change it.
+MOST_VOTES = 8
 # The map is packed when this share of its rows is dead.
 DEAD_SHARE = 0.25
 
@@ -46,8 +44,8 @@ class VoxelMap:
     owner : (capacity,) int32
         Number of the object that the point belongs to, 0 none, `REFUSED` where it belongs to something that is
         no object. Written by `give`, `pass_on`, `release` and `forgive` alone.
-    side : (capacity,) int32
-        Where an object may be two: frames for the one less frames for the other.
+    confidence : (capacity,) uint8
+        Votes that the owner is ahead of all others.
     anchor : (capacity,) int32
         Keyframe that the last frame to see the point hangs on.
     """
@@ -67,14 +65,15 @@ class VoxelMap:
         self.hits = np.zeros(capacity, np.int32)
         self.passes = np.zeros(capacity, np.int32)
         self.owner = np.zeros(capacity, np.int32)
-        self.side = np.zeros(capacity, np.int32)
+        self.confidence = np.zeros(capacity, np.uint8)
+        self._voted = np.zeros(capacity, np.uint8)
         self.anchor = np.zeros(capacity, np.int32)
         self._last_frame = np.full(capacity, -1, np.int32)
         self._table = np.zeros(2 * capacity, np.int32)
         self._blocks = RowBlocks(capacity)
 
     def _columns(self) -> tuple[npt.NDArray[Any], ...]:
-        return (self.keys, self.values, self.hits, self.passes, self.owner, self.side, self.anchor, self._last_frame)
+        return (self.keys, self.values, self.hits, self.passes, self.owner, self.confidence, self.anchor, self._last_frame)
 
     def _reserve(self, more: int) -> None:
         """Make room for more rows: pack the living ones, into larger arrays where these are full."""
@@ -151,7 +150,7 @@ class VoxelMap:
             average(self.values[rows], xyz[order], first),
             *(np.add.reduceat(column[rows], first) for column in (self.hits, self.passes)),
             oldest(self.owner[rows], first),
-            *(np.maximum.reduceat(column[rows], first) for column in (self.side, self.anchor, self._last_frame)),
+            *(np.maximum.reduceat(column[rows], first) for column in (self.confidence, self.anchor, self._last_frame)),
         )
         self._allocate(len(self.keys))
         for target, source in zip(self._columns(), columns, strict=True):
@@ -193,11 +192,29 @@ class VoxelMap:
         rows = self._blocks.rows_of([number], self.owner[: self.count])
         return np.asarray(rows[self.values[rows, kernel.WEIGHT] > 0], dtype=np.int64)
 
-    def give(self, rows: Rows, number: int) -> None:
-        """Let rows belong to an object, to none (0), or to what is no object (`REFUSED`)."""
-        self.owner[rows] = number
-        if number > 0:
-            self._blocks.give(rows, number)
+    def vote(
+        self,
+        claim: npt.NDArray[np.int32],
+        number_of: npt.NDArray[np.int32],
+        protected: UInt8Array,
+        candidate: UInt8Array,
+        slots: npt.NDArray[np.int32],
+    ) -> None:
+        """Let a frame's shares vote for whom their voxels belong to; see `kernels.claims.vote`."""
+        kernel_claims.vote(
+            claim, number_of, protected, candidate, slots, MOST_VOTES, self.owner, self.confidence, self._voted
+        )
+        won = (claim >= 0) & (slots >= 0)
+        rows, numbers = slots[won].astype(np.int64), number_of[claim[won]].astype(np.int64)
+        # Blocks of an object's rows: a row that the vote did not give it does no harm there.
+        pairs = np.unique((numbers << 32) | (rows >> BLOCK_BITS))
+        for number, block in zip((pairs >> 32).tolist(), (pairs & 0xFFFFFFFF).tolist(), strict=True):
+            if number:
+                self._blocks.give_block(number, block)
+
+    def owner_of(self, slots: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+        """Return the number of the object (h, w) that each pixel's voxel belongs to, 0 none."""
+        return np.where(slots >= 0, self.owner[slots], 0).astype(np.int32)
 
     def pass_on(self, gone: int, kept: int) -> None:
         """Let all rows of one object belong to another."""
@@ -209,70 +226,6 @@ class VoxelMap:
         self.owner[self._blocks.rows_of(numbers, self.owner[: self.count])] = 0
         for number in numbers:
             self._blocks.release(number)
-
-    def forgive(self, since: int) -> None:
-        """Let rows that were refused and were seen since a frame belong to no one."""
-        kernel.forgive(self._blocks.seen_since(since), BLOCK_ROWS, self.count, since, self._last_frame, self.owner)
-
-    def solid_hot_rows(
-        self, hot: float, since: int, asleep: UInt8Array, also: Sequence[int] = ()
-    ) -> tuple[Rows, UInt8Array]:
-        """Return the solid hot rows seen since a frame with all those of the objects they belong to.
-
-        Parameters
-        ----------
-        hot : float
-            Least heat.
-        since : int
-            First frame that counts; 0 for all rows. Those that were refused are left out; see `forgive`.
-        asleep : (M,) uint8
-            1 for each object, by number, that is left out.
-        also : sequence of int
-            Objects that are not left out, seen or not.
-
-        Returns
-        -------
-        (N,) int64
-            Rows, ascending.
-        (M,) uint8
-            1 for each of these objects.
-        """
-        touched = np.zeros_like(asleep)
-        blocks = self._blocks.seen_since(since)
-        kernel.touch(blocks, BLOCK_ROWS, self.count, since, self._last_frame, self.owner, asleep, touched)
-        touched[list(also)] = 1
-        if since > 0:
-            blocks = np.union1d(blocks, self._blocks.of(np.flatnonzero(touched).tolist()))
-        rows = np.empty(len(blocks) * BLOCK_ROWS, np.int64)
-        n = kernel.select(
-            blocks, BLOCK_ROWS, self.count, hot, since, self.values, self.hits, self.passes, self._last_frame,
-            self.owner, touched, rows,
-        )  # fmt: skip
-        return rows[:n], touched
-
-    def connect(self, rows: Rows) -> tuple[npt.NDArray[np.int32], int, npt.NDArray[np.int32]]:
-        """Find the connected components among rows.
-
-        Returns
-        -------
-        (N,) int32
-            Component of each row, from 0.
-        int
-            How many there are.
-        (E, 2) int32
-            Places in `rows` of each pair of neighbours.
-        """
-        component = np.empty(len(rows), np.int32)
-        edges = np.empty((13 * len(rows), 2), np.int32)
-        reach = CONNECT_VOXELS * self.voxel_m
-        table = np.zeros(1 << max(4, int(4 * len(rows)).bit_length()), np.int32)
-        number, pairs = kernel.connect(self.keys[rows], self.xyz(rows), reach, table, component, edges)
-        return component, int(number), edges[:pairs]
-
-    def count_beside(self, rows: Rows, asleep: UInt8Array) -> int:
-        """Return how many of these rows have a neighbour that is `REFUSED` or belongs to an object left out."""
-        reach = CONNECT_VOXELS * self.voxel_m
-        return int(kernel.count_beside(rows, self.values, reach, self.keys, self._table, self.owner, asleep))
 
     def holds(self, points: Float64Array) -> npt.NDArray[np.bool_]:
         """Tell which places (N, 3) of the world lie in a voxel that holds a point."""

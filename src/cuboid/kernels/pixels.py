@@ -117,8 +117,8 @@ def stand_on(
 
 
 @njit(cache=True, nogil=True)
-def label_regions(depth, wanted, claim, noise, jump, parent, labels):
-    """Number the 8-connected regions of wanted pixels of one claim whose depth is continuous.
+def label_regions(depth, wanted, noise, jump, parent, labels):
+    """Number the 8-connected regions of wanted pixels whose depth is continuous.
 
     Neighbours belong together when their depths differ by less than `jump` (metres) plus four standard deviations.
 
@@ -126,8 +126,6 @@ def label_regions(depth, wanted, claim, noise, jump, parent, labels):
     ----------
     depth : (H, W) float32
     wanted : (H, W) uint8
-    claim : (H, W) int32
-        The mask that claims a pixel.
     noise, jump : float
     parent : (H * W,) int32, scratch
     labels : (H, W) int32, output
@@ -151,7 +149,7 @@ def label_regions(depth, wanted, claim, noise, jump, parent, labels):
             for k in range(4):
                 vv = v - 1 if k < 3 else v
                 uu = u + k - 1 if k < 3 else u - 1
-                if vv < 0 or uu < 0 or uu >= columns or not wanted[vv, uu] or claim[vv, uu] != claim[v, u]:
+                if vv < 0 or uu < 0 or uu >= columns or not wanted[vv, uu]:
                     continue
                 if abs(depth[vv, uu] - z) < limit:
                     a, b = find_root(parent, here), find_root(parent, vv * columns + uu)
@@ -176,7 +174,7 @@ def label_regions(depth, wanted, claim, noise, jump, parent, labels):
 
 
 @njit(cache=True, nogil=True)
-def gather_regions(labels, number, least, depth, camera, support, first, pixels, points, corners, beneath):
+def gather_regions(labels, number, least, depth, camera, first, pixels, points, corners, place):
     """Gather the pixels of each region that is not too small, in the order of their numbers.
 
     Parameters
@@ -190,8 +188,6 @@ def gather_regions(labels, number, least, depth, camera, support, first, pixels,
     depth : (H, W) float32
     camera : (4,) float64
         fx, fy, cx, cy.
-    support : (H, W) int32
-        Plane beneath each pixel, -1 none.
     first : (number + 1,) int64, output
         Where the pixels of each region that is kept begin, and the end of the last one's.
     pixels : (H * W,) int64, output
@@ -200,8 +196,8 @@ def gather_regions(labels, number, least, depth, camera, support, first, pixels,
         In the camera frame, metres.
     corners : (number, 4) int64, output
         The least and the largest column and row of each: left, top, right, bottom.
-    beneath : (number,) int64, output
-        The plane beneath most of its pixels, -1 where there is none.
+    place : (number + 1,) int64, output
+        Place among those kept of each region, -1 where it is left out, and of 0.
 
     Returns
     -------
@@ -209,20 +205,11 @@ def gather_regions(labels, number, least, depth, camera, support, first, pixels,
         How many regions are kept.
     """
     rows, columns = labels.shape
-    size, place = np.zeros(number + 1, np.int64), np.full(number + 1, -1)
-    highest = -1
+    size = np.zeros(number + 1, np.int64)
+    place[:] = -1
     for v in range(rows):
         for u in range(columns):
             size[labels[v, u]] += 1
-            highest = max(highest, support[v, u])
-    # Of all planes few are in the picture.
-    column = np.full(highest + 1, -1)
-    for v in range(rows):
-        for u in range(columns):
-            if support[v, u] >= 0:
-                column[support[v, u]] = 0
-    planes = np.flatnonzero(column == 0)
-    column[planes] = np.arange(planes.size)
     kept, total = 0, 0
     for k in range(1, number + 1):
         if size[k] >= least:
@@ -230,7 +217,6 @@ def gather_regions(labels, number, least, depth, camera, support, first, pixels,
             kept, total = kept + 1, total + size[k]
     first[kept] = total
     filled = first[:kept].copy()
-    votes = np.zeros((kept, planes.size), np.int64)
     for k in range(kept):
         corners[k, 0], corners[k, 1], corners[k, 2], corners[k, 3] = columns, rows, -1, -1
     for v in range(rows):
@@ -249,12 +235,4 @@ def gather_regions(labels, number, least, depth, camera, support, first, pixels,
             )
             box = corners[k]
             box[0], box[1], box[2], box[3] = min(box[0], u), min(box[1], v), max(box[2], u), max(box[3], v)
-            if support[v, u] >= 0:
-                votes[k, column[support[v, u]]] += 1
-    for k in range(kept):
-        beneath[k] = -1
-        most = 0
-        for p in range(planes.size):
-            if votes[k, p] > most:
-                most, beneath[k] = votes[k, p], planes[p]
     return kept

@@ -26,7 +26,7 @@ def weigh(depth, candidate, boxes, scores, masks, starts, step, phase, focal, lo
     masks : (L,) uint8
         All masks, row by row, one after the other.
     starts : (N,) int64
-        Where each proposal's mask begins; -1 where it is its whole rectangle.
+        Where each proposal's mask begins.
     step : int
     phase : (2,) int64
         x and y.
@@ -45,10 +45,8 @@ def weigh(depth, candidate, boxes, scores, masks, starts, step, phase, focal, lo
         left, right, top, bottom = width, -1, height, -1
         for v in range(max(0, (y0 - phase[1] + step - 1) // step), min(height, (y1 - phase[1] + step - 1) // step)):
             for u in range(max(0, (x0 - phase[0] + step - 1) // step), min(width, (x1 - phase[0] + step - 1) // step)):
-                if starts[k] >= 0:
-                    at = starts[k] + (phase[1] + step * v - y0) * (x1 - x0) + (phase[0] + step * u - x0)
-                    if masks[at] == 0:
-                        continue
+                if masks[starts[k] + (phase[1] + step * v - y0) * (x1 - x0) + (phase[0] + step * u - x0)] == 0:
+                    continue
                 pixels += 1
                 z = depth[v, u]
                 if z <= 0.0:
@@ -72,25 +70,15 @@ def weigh(depth, candidate, boxes, scores, masks, starts, step, phase, focal, lo
 
 
 @njit(cache=True, nogil=True)
-def vote(candidate, boxes, weights, masks, starts, step, phase, heat, claim):
-    """Add each proposal's weight to the candidates that it covers; see `weigh` for the parameters.
-
-    `claim` (h, w) int32 gets the number of the heaviest mask that covers a candidate, -1 where there is none.
-    """
+def vote(candidate, boxes, weights, masks, starts, step, phase, heat):
+    """Add each proposal's weight to the candidates that it covers; see `weigh` for the parameters."""
     height, width = candidate.shape
-    claim[:] = -1
     for k in range(boxes.shape[0]):
         if weights[k] <= 0.0:
             continue
         x0, y0, x1, y1 = boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3]
         for v in range(max(0, (y0 - phase[1] + step - 1) // step), min(height, (y1 - phase[1] + step - 1) // step)):
             for u in range(max(0, (x0 - phase[0] + step - 1) // step), min(width, (x1 - phase[0] + step - 1) // step)):
-                if candidate[v, u] == 0:
-                    continue
-                if starts[k] >= 0:
-                    at = starts[k] + (phase[1] + step * v - y0) * (x1 - x0) + (phase[0] + step * u - x0)
-                    if masks[at] == 0:
-                        continue
-                    if claim[v, u] < 0 or weights[k] > weights[claim[v, u]]:
-                        claim[v, u] = k
-                heat[v, u] += weights[k]
+                at = starts[k] + (phase[1] + step * v - y0) * (x1 - x0) + (phase[0] + step * u - x0)
+                if candidate[v, u] and masks[at]:
+                    heat[v, u] += weights[k]

@@ -1,4 +1,4 @@
-"""A frame's own boxes and the map of objects: which is which."""
+"""The things that a frame shows and the objects of the map: which is which."""
 
 from __future__ import annotations
 
@@ -8,82 +8,104 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlaps, pack
 from cuboid.objects.entry import MapObject
 from cuboid.objects.matching import assign
-from cuboid.surfaces.clusters import FrameCluster
+from cuboid.surfaces.clusters import FrameClusters
 
-# A frame's box is an object's when their overlap, or the share of common points, is at least this.
+# A thing is an object when their overlap, in space or of what is seen, is at least this.
 SAME = 0.25
-# A part of an object is seen when so much of the frame's box lies in the object's.
-PART = 0.5
+# A thing lies in an object, or holds what is seen of one, when this share of it does.
+MOST = 0.5
+# An object is in sight when it shows so many working pixels.
+IN_SIGHT = 12
 
 
 @dataclass(frozen=True, slots=True)
-class Match:
-    """What a frame's cluster was matched to.
+class Association:
+    """Which thing of a frame is which object.
 
     Attributes
     ----------
-    entry : MapObject or None
-    iou : float
-        3D IoU of the frame's box with the object's.
-    primary : bool
-        Whether it is the object's one match; a further part of it otherwise.
+    objects : sequence of MapObject
+        Those that may be seen.
+    match : (n,) int64
+        Place in `objects` of each thing's, -1 none.
+    part : (n,) int64
+        Of a thing without a match the object that most of it lies in, -1 none.
+    iou : (n, m) float64
+        3D IoU of the boxes.
+    common : (n, m) int64
+        Pixels of a thing that belong to an object.
+    sight : (m,) int64
+        Pixels that belong to an object, in any thing or none.
     """
 
-    entry: MapObject | None
-    iou: float
-    primary: bool
+    objects: Sequence[MapObject]
+    match: npt.NDArray[np.int64]
+    part: npt.NDArray[np.int64]
+    iou: Float64Array
+    common: npt.NDArray[np.int64]
+    sight: npt.NDArray[np.int64]
 
 
 def associate(
-    clusters: Sequence[FrameCluster],
+    frame: FrameClusters,
     boxes: Sequence[Box],
     objects: Sequence[MapObject],
     pixel_owner: npt.NDArray[np.int32],
-) -> list[Match]:
-    """Match a frame's clusters to objects: one to one first, then partial views.
+    known: npt.NDArray[np.bool_],
+) -> Association:
+    """Match the things of a frame to objects one to one; what is left over may be a part of one.
 
-    The likeness of a cluster and an object is the larger of their boxes' IoU and the share of the cluster's pixels
-    that lie on the object's own points of the map. What is left over is a part of the object that holds most of it.
+    The likeness of a thing and an object is the larger of their boxes' IoU and of the IoU of the pixels that they
+    have: of the object those that it shows in this frame, of the thing those that the map knew before.
 
     Parameters
     ----------
-    clusters, boxes : of the frame, alike in number
-    objects : those that may be seen
+    frame : FrameClusters
+    boxes : sequence of Box
+        Of the frame's things.
+    objects : sequence of MapObject
+        Those that may be seen.
     pixel_owner : (h, w) int32
         Number of the object that each working pixel belongs to, 0 none.
+    known : (h, w) bool
+        Where the map knew something before this frame.
     """
-    if not clusters or not objects:
-        return [Match(None, 0.0, False) for _ in clusters]
+    n, m = len(frame.clusters), len(objects)
+    common, size = _common_pixels(frame, objects, pixel_owner, known)
+    nobody = np.full(n, -1, np.int64)
+    if n == 0 or m == 0:
+        return Association(objects, nobody, nobody, np.zeros((n, m)), common[:n], common[-1])
     iou, inside = overlaps(pack(boxes), pack([o.box for o in objects]))
-    common = _common_points(clusters, objects, pixel_owner)
-    likeness = np.maximum(iou, common)
-    partner = dict(assign(likeness, SAME))
-    matches = []
-    for k in range(len(clusters)):
-        j = partner.get(k)
-        if j is not None:
-            matches.append(Match(objects[j], float(iou[k, j]), True))
-            continue
-        part = np.maximum(common[k], np.where(inside[k] >= PART, inside[k], 0.0))
-        j = int(part.argmax())
-        matches.append(Match(objects[j] if part[j] >= SAME else None, float(iou[k, j]), False))
-    return matches
+    mine, sight = common[:n], common.sum(0)
+    seen = mine / np.maximum(size[:, None] + sight[None] - mine, 1)
+    match, part = nobody.copy(), nobody.copy()
+    for i, j in assign(np.maximum(iou, seen), SAME):
+        match[i] = j
+    held = np.maximum(mine / np.maximum(size, 1)[:, None], inside)
+    best = held.argmax(1)
+    lies = held[np.arange(n), best] >= MOST
+    part[(match < 0) & lies] = best[(match < 0) & lies]
+    return Association(objects, match, part, iou, mine, sight)
 
 
-def _common_points(
-    clusters: Sequence[FrameCluster], objects: Sequence[MapObject], pixel_owner: npt.NDArray[np.int32]
-) -> npt.NDArray[np.float64]:
-    owner = pixel_owner.ravel()
-    place = np.zeros(max(o.number for o in objects) + 1, np.int64)
-    place[[o.number for o in objects]] = np.arange(1, len(objects) + 1)
-    sizes = np.array([len(cluster.pixels) for cluster in clusters])
-    numbers = owner[np.concatenate([cluster.pixels for cluster in clusters])]
-    numbers = np.where((numbers > 0) & (numbers < len(place)), numbers, 0)
-    columns = len(objects) + 1
-    cells = np.repeat(np.arange(len(clusters)) * columns, sizes) + place[numbers]
-    table = np.bincount(cells, minlength=len(clusters) * columns).reshape(-1, columns)
-    return np.asarray(table[:, 1:] / sizes[:, None])
+def _common_pixels(
+    frame: FrameClusters,
+    objects: Sequence[MapObject],
+    pixel_owner: npt.NDArray[np.int32],
+    known: npt.NDArray[np.bool_],
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return pixels by thing and object (n + 1, m), the last row for those of no thing, and each thing's known ones."""
+    n, m = len(frame.clusters), len(objects)
+    place = np.full(max((o.number for o in objects), default=0) + 1, m)
+    place[[o.number for o in objects]] = np.arange(m)
+    owner = np.where(pixel_owner < len(place), pixel_owner, 0)
+    column = np.where(owner > 0, place[owner], m)
+    row = np.where(frame.claim < 0, n, frame.claim)
+    table = np.bincount((row * (m + 1) + column).ravel(), minlength=(n + 1) * (m + 1)).reshape(n + 1, m + 1)
+    size = np.bincount(row[known], minlength=n + 1)[:n]
+    return table[:, :m], size

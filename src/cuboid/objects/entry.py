@@ -3,87 +3,89 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import Enum
 
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
-from cuboid.surfaces.plane import Plane
+
+
+class State(Enum):
+    """Where an object is in its life."""
+
+    CANDIDATE = "candidate"
+    CONFIRMED = "confirmed"
+    RETIRED = "retired"
 
 
 @dataclass(slots=True, eq=False)
 class MapObject:
-    """An object of the map, confirmed or not.
+    """An object of the map, with a label or not yet.
 
     Attributes
     ----------
     number : int
-        Owner number in the voxel map, from 1.
+        Owner number in the voxel map, from 1; never reused.
+    box : Box
+    state : State
     label : int
         0 until confirmed.
+    plane : int or None
+        Identity of the plane that it stands on.
     points : (N, 3) float32
-        Its voxels' places in the world, as of the last look at the map.
+        Its voxels' places in the world, as of the last fit.
     colors : (N, 3) uint8
         Their colors.
-    box : Box
-    plane : Plane or None
-        What it stands on.
     heat : float
         Mean heat of its voxels.
-    mean_color : (3,) float64
     first_frame, last_frame : int
         First and last frame that saw it.
     frames_seen : int
         Frames that saw it.
-    proposed : int
+    sightings : int
         Frames whose own proposals it matched.
-    before : int
-        Frames in which its points were hot before it was an object.
-    whole : int
-        Of these, frames in which no border of the picture cut it.
-    patience : int
-        How often it has to be proposed before it gets a label; 0 while that is not known.
+    log_odds : float
+        That it is an object: what its sightings have told so far.
+    outline : (4,) float64
+        What bounded it in its sightings, by kind; see `kernels.claims.outlines`.
+    supports : dict of int to int
+        Pixels of it seen above each plane, by the plane's identity.
     merged_labels : list of int
-    missing : int
-        Looks at its place in which it was not found.
-    apart : int
-        Looks in a row in which a part of it stood apart.
-    bonded : bool
-        Parts that no voxels link were found to belong to it.
-    holding : int
-        Looks in which most of it held up a plane, since one in which less of it did.
-    retired : bool
+    fitted : int
+        Sightings at the last fit of its box.
     """
 
     number: int
-    points: npt.NDArray[np.float32]
-    colors: npt.NDArray[np.uint8]
     box: Box
-    plane: Plane | None
-    heat: float
-    mean_color: Float64Array
     first_frame: int
     last_frame: int
+    state: State = State.CANDIDATE
     label: int = 0
+    plane: int | None = None
+    points: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), np.float32))
+    colors: npt.NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
+    heat: float = 0.0
     frames_seen: int = 0
-    proposed: int = 0
-    before: int = 0
-    whole: int = 0
-    patience: int = 0
+    sightings: int = 0
+    log_odds: float = 0.0
+    outline: Float64Array = field(default_factory=lambda: np.zeros(4))
+    supports: dict[int, int] = field(default_factory=dict)
     merged_labels: list[int] = field(default_factory=list)
-    missing: int = 0
-    apart: int = 0
-    bonded: bool = False
-    holding: int = 0
-    retired: bool = False
+    fitted: int = 0
 
     @property
     def confirmed(self) -> bool:
-        """Whether it has a label."""
-        return self.label > 0
+        """Whether it has a label and is not retired."""
+        return self.state is State.CONFIRMED
+
+    @property
+    def mean_color(self) -> Float64Array:
+        """RGB, 0..255."""
+        return self.colors.mean(0) if len(self.colors) else np.zeros(3)
 
     @property
     def score(self) -> float:
-        """Confidence that it is an object: hot, and proposed again and again, 0..1."""
-        return float(min(1.0, self.heat) * (1.0 - np.exp(-self.proposed / 10.0)))
+        """Confidence that it is an object, 0..1."""
+        return float(1.0 / (1.0 + np.exp(-self.log_odds)))

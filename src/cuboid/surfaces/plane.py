@@ -21,15 +21,20 @@ class Plane:
     ----------
     index : int
         Its place among the planes, -1 when it is no more.
+    identity : int
+        Its own for good, never given to another plane.
     frames, last_frame : int
         Frames that saw it, and the last of these.
     in_use : bool
         Objects may stand on it.
     plan : GroundPlan
         What it covers.
+    taken_by : Plane or None
+        The one that it turned out to be a part of.
     """
 
     index: int = -1
+    identity: int = -1
     weight: float = 0.0
     mean: Float64Array = field(default_factory=lambda: np.zeros(3))
     scatter: Float64Array = field(default_factory=lambda: np.zeros((3, 3)))
@@ -39,6 +44,7 @@ class Plane:
     last_frame: int = 0
     in_use: bool = False
     plan: GroundPlan = field(default_factory=GroundPlan)
+    taken_by: Plane | None = None
 
     def add(self, points: Float64Array, weights: Float64Array) -> None:
         """Take in points (N, 3) of the plane."""
@@ -63,6 +69,7 @@ class Plane:
         self.in_use |= other.in_use
         self.fit()
         self.plan.absorb(other.plan)
+        other.taken_by = self
 
     def fit(self) -> None:
         """Find normal and offset: a horizontal plane, tilted as far as its own points demand.

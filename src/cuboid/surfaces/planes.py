@@ -51,6 +51,8 @@ class PlaneTracker:
     def __init__(self, config: TrackerConfig) -> None:
         self._config = config
         self._vote = UpVote()
+        self._next_identity = 0
+        self._of: dict[int, Plane] = {}
         self.T_plan_world: Float64Array | None = None
         self._clear()
 
@@ -185,7 +187,9 @@ class PlaneTracker:
             members = order[first : end[first]]
             if gain[first] < 0.5 * self._config.min_plane_area_m2 or len(members) < 6:
                 return
-            plane = Plane(index=len(self.planes), frames=1, last_frame=frame)
+            plane = Plane(len(self.planes), self._next_identity, frames=1, last_frame=frame)
+            self._of[plane.identity] = plane
+            self._next_identity += 1
             plane.add(centers[members], area_m2[members] / sigma_m[members] ** 2)
             plane.fit()
             plane.plan.begin(centers[members], area_m2[members])
@@ -229,6 +233,18 @@ class PlaneTracker:
             plane.index = k
         self._windows.keep(keep)
         self._stale, self._changed = ({p for p in some if p.index >= 0} for some in (self._stale, self._changed))
+
+    def identities(self, index: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+        """Return the identities of planes given by their places among `planes`, -1 for -1."""
+        own = np.array([*(plane.identity for plane in self.planes), -1], dtype=np.int32)
+        return np.asarray(own[index], dtype=np.int32)
+
+    def find(self, identity: int) -> Plane | None:
+        """Return the plane that has, or has taken in the one that had, an identity; None where it is no more."""
+        plane = self._of.get(identity)
+        while plane is not None and plane.index < 0 and plane.taken_by is not None:
+            plane = plane.taken_by
+        return plane if plane is not None and plane.index >= 0 and plane.in_use else None
 
     @property
     def up(self) -> Float64Array | None:

@@ -1,0 +1,224 @@
+"""Hot loops that share a frame's pixels out among its proposals, and weigh what bounds each share."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+# What lies across a piece of outline: columns of `outline`.
+FREE, SUPPORT, CONTACT, UNKNOWN = range(4)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def span(low, high, phase, step, size):
+    """Return the working pixels that lie in low..high of the full image, clipped to the picture."""
+    return max(0, (low - phase + step - 1) // step), min(size, (high - phase + step - 1) // step)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def covers(masks, start, box, phase, step, v, u):
+    """Tell whether a proposal covers a working pixel of its rectangle."""
+    return masks[start + (phase[1] + step * v - box[1]) * (box[2] - box[0]) + phase[0] + step * u - box[0]] != 0
+
+
+@njit(cache=True, nogil=True)
+def common(candidate, owner, place, objects, boxes, masks, starts, step, phase, table):
+    """Count the candidates that each proposal covers, and those among them that belong to each object.
+
+    Parameters
+    ----------
+    candidate : (h, w) uint8
+    owner : (h, w) int32
+        Object of each working pixel, 0 none.
+    place : (M,) int64
+        Column of each object by number; -1 for those that do not count.
+    objects : int
+        How many columns there are.
+    boxes : (N, 4) int32
+    masks : (L,) uint8
+    starts : (N,) int64
+        As for `votes.weigh`.
+    step : int
+    phase : (2,) int64
+    table : (N, objects + 1) int64, output
+        The last column counts all candidates.
+    """
+    height, width = candidate.shape
+    table[:] = 0
+    for k in range(boxes.shape[0]):
+        box = boxes[k]
+        top, bottom = span(box[1], box[3], phase[1], step, height)
+        left, right = span(box[0], box[2], phase[0], step, width)
+        for v in range(top, bottom):
+            for u in range(left, right):
+                if candidate[v, u] and covers(masks, starts[k], box, phase, step, v, u):
+                    table[k, objects] += 1
+                    if place[owner[v, u]] >= 0:
+                        table[k, place[owner[v, u]]] += 1
+
+
+@njit(cache=True, nogil=True)
+def share_out(candidate, order, boxes, masks, starts, step, phase, least, free_share, claim):
+    """Give each candidate pixel to at most one proposal: the strongest first, as long as it is mostly free.
+
+    Parameters
+    ----------
+    order : (K,) int64
+        Proposals, the strongest first.
+    least : int
+        A share of fewer pixels is none.
+    free_share : float
+        A proposal is left out when less than this of it is free.
+    claim : (h, w) int32, output
+        Place in `order` of the proposal that has the pixel, -1 none.
+
+    Notes
+    -----
+    The other parameters are those of `common`.
+    """
+    height, width = candidate.shape
+    claim[:] = -1
+    for i in range(order.size):
+        k = order[i]
+        box = boxes[k]
+        top, bottom = span(box[1], box[3], phase[1], step, height)
+        left, right = span(box[0], box[2], phase[0], step, width)
+        total = free = 0
+        for v in range(top, bottom):
+            for u in range(left, right):
+                if candidate[v, u] and covers(masks, starts[k], box, phase, step, v, u):
+                    total += 1
+                    free += claim[v, u] < 0
+        if free < least or free < free_share * total:
+            continue
+        for v in range(top, bottom):
+            for u in range(left, right):
+                if candidate[v, u] and claim[v, u] < 0 and covers(masks, starts[k], box, phase, step, v, u):
+                    claim[v, u] = i
+
+
+@njit(cache=True, nogil=True)
+def outlines(depth, claim, on_plane, count, focal, noise, jump, gap_m, outline, contact):
+    """Tell what bounds each share of a frame: air, what it stands on, something else, or nothing known.
+
+    From each pixel of a share whose neighbour (of four) is not of it, the first reading outwards is looked for, over
+    holes up to a width of `gap_m`. It is FREE where that lies behind by more than a jump; SUPPORT where it lies on a
+    supporting plane; CONTACT where a surface goes on; UNKNOWN where it lies before (what is behind it cannot be told),
+    where there is none, and at the border of the picture.
+
+    Parameters
+    ----------
+    depth : (h, w) float32
+    claim : (h, w) int32
+        Share of each pixel, -1 none.
+    on_plane : (h, w) uint8
+        1 on a supporting plane.
+    count : int
+        How many shares there are.
+    focal : float
+        Pixels.
+    noise : float
+        Standard deviation of depth is this times z squared.
+    jump, gap_m : float
+        Metres.
+    outline : (count, 4) int64, output
+        Pixels of outline by kind.
+    contact : (count, count) int64, output
+        [i, j]: pixels of i's outline that lie at j, jump or none.
+    """
+    height, width = depth.shape
+    outline[:] = 0
+    contact[:] = 0
+    for v in range(height):
+        for u in range(width):
+            a = claim[v, u]
+            if a < 0:
+                continue
+            z = depth[v, u]
+            limit = jump + 4.0 * noise * z * z
+            reach = max(2, int(gap_m * focal / z))
+            for k in range(4):
+                dv, du = (k == 0) - (k == 1), (k == 2) - (k == 3)
+                vv, uu = v + dv, u + du
+                if 0 <= vv < height and 0 <= uu < width and claim[vv, uu] == a:
+                    continue
+                kind = UNKNOWN
+                for _ in range(reach):
+                    if vv < 0 or uu < 0 or vv >= height or uu >= width:
+                        break
+                    other = depth[vv, uu]
+                    if claim[vv, uu] == a:
+                        kind = -1
+                        break
+                    if other > 0.0:
+                        b = claim[vv, uu]
+                        if b >= 0:
+                            contact[a, b] += 1
+                        if other > z + limit:
+                            kind = FREE
+                        elif on_plane[vv, uu]:
+                            kind = SUPPORT
+                        elif other >= z - limit:
+                            kind = CONTACT
+                        break
+                    vv, uu = vv + dv, uu + du
+                if kind >= 0:
+                    outline[a, kind] += 1
+
+
+@njit(cache=True, nogil=True)
+def vote(claim, number_of, protected, candidate, slots, most, owner, confidence, voted):
+    """Let the pixels of a frame vote for whom their voxels belong to: a majority vote in one number a voxel.
+
+    Boyer and Moore 1981: a voxel's owner gains a vote where a frame agrees and loses one where it does not; whoever
+    takes the last one away owns it. A voxel has one vote a frame.
+
+    Parameters
+    ----------
+    claim : (h, w) int32
+        Share of each pixel, -1 none.
+    number_of : (count,) int32
+        Object that each share votes for; 0 abstains.
+    protected : (M,) uint8
+        1 for each object, by number, from which a share of another one takes nothing.
+    candidate : (h, w) uint8
+        0 on supporting planes: such pixels vote for no one.
+    slots : (h, w) int32
+        Voxel of each pixel, -1 none.
+    most : int
+        Most votes that a voxel keeps.
+    owner : (C,) int32, in and out
+    confidence : (C,) uint8, in and out
+    voted : (C,) uint8, scratch
+        Zeros.
+    """
+    height, width = claim.shape
+    for v in range(height):
+        for u in range(width):
+            row = slots[v, u]
+            if row < 0 or voted[row]:
+                continue
+            if claim[v, u] >= 0:
+                number = number_of[claim[v, u]]
+                if number == 0:
+                    continue
+            elif candidate[v, u] == 0:
+                number = 0
+            else:
+                continue
+            held = owner[row]
+            if held == number:
+                if number > 0 and confidence[row] < most:
+                    confidence[row] += 1
+            elif number > 0 and held > 0 and protected[held]:
+                continue
+            elif confidence[row] <= 1:
+                owner[row] = number
+                confidence[row] = 1 if number > 0 else 0
+            else:
+                confidence[row] -= 1
+            voted[row] = 1
+    for v in range(height):
+        for u in range(width):
+            if slots[v, u] >= 0:
+                voted[slots[v, u]] = 0

@@ -1,0 +1,130 @@
+"""The one store of objects: it alone adds, labels, merges and retires them, and keeps their boxes in a table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from cuboid.frame import Float64Array
+from cuboid.geometry.box import Box
+from cuboid.geometry.overlap import pack
+from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.objects.affinity import Affinity
+from cuboid.objects.entry import MapObject, State
+
+
+class ObjectStore:
+    """All objects by number, their voxels, and what pairs of them are to each other.
+
+    Parameters
+    ----------
+    voxels : VoxelMap
+        Whose points know their owners' numbers.
+
+    Attributes
+    ----------
+    affinity : Affinity
+    boxes : (capacity, 15) float64
+        See `pack`, a row a number; NaN where no object lives.
+    """
+
+    def __init__(self, voxels: VoxelMap) -> None:
+        self._voxels = voxels
+        self._objects: dict[int, MapObject] = {}
+        self._candidates: dict[int, MapObject] = {}
+        self._confirmed: dict[int, MapObject] = {}
+        self._next_number = self._next_label = 1
+        self.affinity = Affinity()
+        self.boxes: Float64Array = np.full((64, 15), np.nan)
+
+    def __getitem__(self, number: int) -> MapObject:
+        return self._objects[number]
+
+    def __contains__(self, number: int) -> bool:
+        return number in self._objects
+
+    @property
+    def numbers(self) -> int:
+        """One more than the highest number given so far."""
+        return self._next_number
+
+    @property
+    def labelled(self) -> int:
+        """How many objects that live have a label."""
+        return len(self._confirmed)
+
+    def living(self) -> list[MapObject]:
+        """Return all objects that are not retired, by number."""
+        return [o for o in self._objects.values() if o.state is not State.RETIRED]
+
+    def confirmed(self) -> list[MapObject]:
+        """Return the objects that live and have a label, by label."""
+        return sorted(self._confirmed.values(), key=lambda o: o.label)
+
+    def add(self, box: Box, frame: int) -> MapObject:
+        """Begin an object."""
+        entry = MapObject(self._next_number, box, frame, frame)
+        self._next_number += 1
+        self._objects[entry.number] = self._candidates[entry.number] = entry
+        if entry.number >= len(self.boxes):
+            self.boxes = np.concatenate([self.boxes, np.full_like(self.boxes, np.nan)])
+        self.place(entry, box)
+        return entry
+
+    def place(self, entry: MapObject, box: Box) -> None:
+        """Let an object have another box."""
+        entry.box = box
+        if entry.state is not State.RETIRED:
+            self.boxes[entry.number] = pack([box])[0]
+
+    def confirm(self, entry: MapObject) -> None:
+        """Give an object its label."""
+        entry.state, entry.label = State.CONFIRMED, self._next_label
+        self._next_label += 1
+        self._confirmed[entry.number] = self._candidates.pop(entry.number)
+
+    def retire(self, entry: MapObject) -> None:
+        """End an object's life: its label is kept and never given again, its points are no one's."""
+        self._voxels.release([entry.number])
+        self._end(entry)
+        if entry.label:
+            entry.state = State.RETIRED
+        else:
+            del self._objects[entry.number]
+
+    def merge(self, first: MapObject, second: MapObject) -> tuple[MapObject, MapObject]:
+        """Make two objects one: the older label stays, the younger is recorded. Returns (kept, gone)."""
+        kept, gone = sorted((first, second), key=lambda o: (o.label or np.inf, o.number))
+        kept.merged_labels = sorted({*kept.merged_labels, *gone.merged_labels, *([gone.label] if gone.label else [])})
+        kept.first_frame = min(kept.first_frame, gone.first_frame)
+        kept.last_frame = max(kept.last_frame, gone.last_frame)
+        kept.frames_seen = max(kept.frames_seen, gone.frames_seen)
+        kept.sightings = max(kept.sightings, gone.sightings)
+        kept.log_odds = max(kept.log_odds, gone.log_odds)
+        kept.outline = kept.outline + gone.outline
+        for plane, pixels in gone.supports.items():
+            kept.supports[plane] = kept.supports.get(plane, 0) + pixels
+        kept.fitted = 0
+        self._voxels.pass_on(gone.number, kept.number)
+        self.affinity.pass_on(gone.number, kept.number)
+        self._end(gone)
+        del self._objects[gone.number]
+        return kept, gone
+
+    def _end(self, entry: MapObject) -> None:
+        self.boxes[entry.number] = np.nan
+        self._candidates.pop(entry.number, None)
+        self._confirmed.pop(entry.number, None)
+        self.affinity.forget(entry.number)
+
+    def near(self, box: Box, gap_m: float) -> list[MapObject]:
+        """Return the living objects whose bounding spheres come that near a box's, by number."""
+        apart = np.sqrt(((self.boxes[:, :3] - box.center) ** 2).sum(1))
+        radii = np.sqrt((self.boxes[:, 3:6] ** 2).sum(1)) + float(np.linalg.norm(box.size))
+        return [self._objects[int(k)] for k in np.flatnonzero(apart <= 0.5 * radii + gap_m)]
+
+    def all_of(self, numbers: Iterable[int]) -> list[MapObject]:
+        """Return those of some objects that still live, by number."""
+        found = (self._objects.get(n) for n in sorted(set(numbers)))
+        return [o for o in found if o is not None and o.state is not State.RETIRED]
