@@ -17,6 +17,7 @@ from cuboid.geometry.se3 import inverse
 from cuboid.heatmap.carrying import moved_with
 from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.kernels.claims import BOTTOM, LEFT, RIGHT, TOP
 from cuboid.kernels.pixels import stand_on
 from cuboid.objects.entry import MapObject
 from cuboid.objects.association import Association
@@ -34,8 +35,9 @@ from cuboid.working import WorkingImage, thin
 
 # Systematic error of depth near a plane (lens, baseline), metres; noise comes on top of it.
 DEPTH_BIAS_M = 0.005
-# Without any plane for so many frames, objects are taken from the proposals alone.
-PATIENCE_FRAMES = 15
+# A frame is all news of how things stand to each other when the camera has gone round them by this since the last one,
+# radians; a frame from the same place is a little.
+ANOTHER_SIDE_RAD, LEAST_NEWS = 0.05, 0.1
 # Share of a frame's points that may stick out of its box at each side: strays of a single frame.
 FRAME_STRAYS = 0.01
 # Points of a frame's cluster that its box is fitted to, at most; more do not change it.
@@ -89,6 +91,7 @@ class Tracker:
         self._voxels = VoxelMap(c.voxel_m, c.depth_noise_per_m, c.max_depth_m)
         self._map = ObjectMap(c, self._voxels, self._planes)
         self._count = 0
+        self._place: Float64Array | None = None
 
     def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
         """Take in a frame.
@@ -122,10 +125,12 @@ class Tracker:
         watch.lap("fuse")
         objects = self._map.in_view(image, T_camera_world)
         prior = prior_of(objects, image, candidate, self._voxels.owner_of(slots), weighed)
-        things = frame_clusters(image, heat, candidate, weighed, prior, heights, support, T_world_camera, c)
+        things = frame_clusters(image, heat, candidate, weighed, prior, heights, support, self._sides(T_world_camera), T_world_camera, c)
         boxes = [self._box(cluster, T_world_camera) for cluster in things.clusters]
         watch.lap("boxes")
-        found = self._map.update(frame.index, things, boxes, objects, slots, candidate)
+        found = self._map.update(
+            frame.index, things, boxes, objects, slots, candidate, self._news(image, T_world_camera)
+        )
         watch.lap("map")
         sightings = self._sightings(frame.index, image, slots, found, T_camera_world)
         own = self._own_boxes(things, boxes, found)
@@ -198,6 +203,23 @@ class Tracker:
         """Return which readings may belong to an object: all within range but those on a supporting plane."""
         within = (image.depth_m > 0) & (image.depth_m <= self.config.max_depth_m)
         return (within & (heights != 0)).astype(np.uint8)
+
+    def _sides(self, T_world_camera: Float64Array) -> npt.NDArray[np.int64]:
+        """Return which side of a thing lies below, above, right and left of it in the image: up may point anywhere."""
+        up = None if self._planes.up is None else T_world_camera[:3, :3].T @ self._planes.up
+        if up is None or abs(up[0]) <= abs(up[1]):
+            flipped = up is not None and up[1] > 0
+            return np.array([TOP, BOTTOM, LEFT, RIGHT] if flipped else [BOTTOM, TOP, RIGHT, LEFT])
+        return np.array([LEFT, RIGHT, TOP, BOTTOM] if up[0] > 0 else [RIGHT, LEFT, BOTTOM, TOP])
+
+    def _news(self, image: WorkingImage, T_world_camera: Float64Array) -> float:
+        """Return how far a frame shows things from another side than the last one did, 0..1."""
+        known = image.depth_m[image.depth_m > 0]
+        last, self._place = self._place, T_world_camera[:3, 3]
+        if last is None or len(known) == 0:
+            return 1.0
+        turn = float(np.linalg.norm(self._place - last)) / float(np.median(known))
+        return min(1.0, max(LEAST_NEWS, turn / ANOTHER_SIDE_RAD))
 
     def _box(self, cluster: FrameCluster, T_world_camera: Float64Array) -> Box:
         points = cluster.points[:: 1 + len(cluster.points) // FRAME_POINTS]

@@ -23,6 +23,8 @@ LOOK_VOXELS = 40_000
 PASS_MARGIN_M = 0.02
 # Votes that a voxel keeps for its owner: so many frames of another opinion change it.
 MOST_VOTES = 8
+# A voxel is its owner's when the votes are one in so many of the frames that saw it.
+VOTES_SHARE = 3
 # The map is packed when this share of its rows is dead.
 DEAD_SHARE = 0.25
 
@@ -192,17 +194,34 @@ class VoxelMap:
         rows = self._blocks.rows_of([number], self.owner[: self.count])
         return np.asarray(rows[self.values[rows, kernel.WEIGHT] > 0], dtype=np.int64)
 
+    def solid_rows_of(self, number: int, hot: float, votes: int) -> Rows:
+        """Return the rows of an object, ascending, that are hot and whose votes bear it out.
+
+        Parameters
+        ----------
+        number : int
+        hot : float
+            Least heat.
+        votes : int
+            Least votes.
+        """
+        rows = self.rows_of(number)
+        confidence, hits = self.confidence[rows].astype(np.int64), self.hits[rows]
+        borne_out = (confidence >= votes) & (VOTES_SHARE * confidence >= np.minimum(hits, MOST_VOTES))
+        return np.asarray(rows[borne_out & (self.values[rows, kernel.HEAT] >= hot)], dtype=np.int64)
+
     def vote(
         self,
         claim: npt.NDArray[np.int32],
         number_of: npt.NDArray[np.int32],
-        protected: UInt8Array,
+        bold: UInt8Array,
         candidate: UInt8Array,
         slots: npt.NDArray[np.int32],
     ) -> None:
         """Let a frame's shares vote for whom their voxels belong to; see `kernels.claims.vote`."""
         kernel_claims.vote(
-            claim, number_of, protected, candidate, slots, MOST_VOTES, self.owner, self.confidence, self._voted
+            claim, number_of, bold, candidate, slots, self.hits, MOST_VOTES, self.owner, self.confidence,
+            self._voted,
         )
         won = (claim >= 0) & (slots >= 0)
         rows, numbers = slots[won].astype(np.int64), number_of[claim[won]].astype(np.int64)

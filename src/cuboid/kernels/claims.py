@@ -6,7 +6,9 @@ import numpy as np
 from numba import njit
 
 # What lies across a piece of outline: columns of `outline`.
-FREE, SUPPORT, CONTACT, UNKNOWN = range(4)
+FREE, SUPPORT, NEIGHBOUR, CONTACT, UNKNOWN = range(5)
+# Sides of a thing in the picture, seen from the camera held upright: columns of `outline` too.
+TOP, BOTTOM, LEFT, RIGHT = range(4)
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -98,31 +100,34 @@ def share_out(candidate, order, boxes, masks, starts, step, phase, least, free_s
 
 
 @njit(cache=True, nogil=True)
-def outlines(depth, claim, on_plane, count, focal, noise, jump, gap_m, outline, contact):
-    """Tell what bounds each share of a frame: air, what it stands on, something else, or nothing known.
+def outlines(depth, claim, on_plane, plane_of, side_of, focal, noise, jump, gap_m, outline, contact):
+    """Tell what bounds each share of a frame: air, what it stands on, another thing, something else, or nothing known.
 
     From each pixel of a share whose neighbour (of four) is not of it, the first reading outwards is looked for, over
-    holes up to a width of `gap_m`. It is FREE where that lies behind by more than a jump; SUPPORT where it lies on a
-    supporting plane; CONTACT where a surface goes on; UNKNOWN where it lies before (what is behind it cannot be told),
-    where there is none, and at the border of the picture.
+    holes up to a width of `gap_m`. It is FREE where that lies behind by more than a jump; SUPPORT where it lies on the
+    plane that the share stands on; NEIGHBOUR where another share begins at the same depth; CONTACT where any other
+    surface goes on; UNKNOWN where it lies before (what is behind it cannot be told), where there is none, and at the
+    border of the picture.
 
     Parameters
     ----------
     depth : (h, w) float32
     claim : (h, w) int32
         Share of each pixel, -1 none.
-    on_plane : (h, w) uint8
-        1 on a supporting plane.
-    count : int
-        How many shares there are.
+    on_plane : (h, w) int32
+        Supporting plane that a pixel lies on, -1 none.
+    plane_of : (count,) int64
+        Plane that each share stands on, -1 none.
+    side_of : (4,) int64
+        Side of a thing that lies below, above, right and left of a pixel in the image: see TOP.
     focal : float
         Pixels.
     noise : float
         Standard deviation of depth is this times z squared.
     jump, gap_m : float
         Metres.
-    outline : (count, 4) int64, output
-        Pixels of outline by kind.
+    outline : (count, 4, 5) int64, output
+        Pixels of outline by side and kind.
     contact : (count, count) int64, output
         [i, j]: pixels of i's outline that lie at j, jump or none.
     """
@@ -146,28 +151,27 @@ def outlines(depth, claim, on_plane, count, focal, noise, jump, gap_m, outline, 
                 for _ in range(reach):
                     if vv < 0 or uu < 0 or vv >= height or uu >= width:
                         break
-                    other = depth[vv, uu]
-                    if claim[vv, uu] == a:
+                    other, b = depth[vv, uu], claim[vv, uu]
+                    if b == a:
                         kind = -1
                         break
                     if other > 0.0:
-                        b = claim[vv, uu]
                         if b >= 0:
                             contact[a, b] += 1
-                        if other > z + limit:
-                            kind = FREE
-                        elif on_plane[vv, uu]:
+                        if on_plane[vv, uu] >= 0 and on_plane[vv, uu] == plane_of[a]:
                             kind = SUPPORT
+                        elif other > z + limit:
+                            kind = FREE
                         elif other >= z - limit:
-                            kind = CONTACT
+                            kind = NEIGHBOUR if b >= 0 else CONTACT
                         break
                     vv, uu = vv + dv, uu + du
                 if kind >= 0:
-                    outline[a, kind] += 1
+                    outline[a, side_of[k], kind] += 1
 
 
 @njit(cache=True, nogil=True)
-def vote(claim, number_of, protected, candidate, slots, most, owner, confidence, voted):
+def vote(claim, number_of, bold, candidate, slots, hits, most, owner, confidence, voted):
     """Let the pixels of a frame vote for whom their voxels belong to: a majority vote in one number a voxel.
 
     Boyer and Moore 1981: a voxel's owner gains a vote where a frame agrees and loses one where it does not; whoever
@@ -179,12 +183,15 @@ def vote(claim, number_of, protected, candidate, slots, most, owner, confidence,
         Share of each pixel, -1 none.
     number_of : (count,) int32
         Object that each share votes for; 0 abstains.
-    protected : (M,) uint8
-        1 for each object, by number, from which a share of another one takes nothing.
+    bold : (count,) uint8
+        1 for each share that may take voxels that were seen before and are not its object's; any other only
+        strengthens what its object has, and takes what is new.
     candidate : (h, w) uint8
         0 on supporting planes: such pixels vote for no one.
     slots : (h, w) int32
         Voxel of each pixel, -1 none.
+    hits : (C,) int32
+        Frames that saw each voxel, this one included.
     most : int
         Most votes that a voxel keeps.
     owner : (C,) int32, in and out
@@ -200,7 +207,7 @@ def vote(claim, number_of, protected, candidate, slots, most, owner, confidence,
                 continue
             if claim[v, u] >= 0:
                 number = number_of[claim[v, u]]
-                if number == 0:
+                if number == 0 or (owner[row] != number and hits[row] > 1 and not bold[claim[v, u]]):
                     continue
             elif candidate[v, u] == 0:
                 number = 0
@@ -210,8 +217,6 @@ def vote(claim, number_of, protected, candidate, slots, most, owner, confidence,
             if held == number:
                 if number > 0 and confidence[row] < most:
                     confidence[row] += 1
-            elif number > 0 and held > 0 and protected[held]:
-                continue
             elif confidence[row] <= 1:
                 owner[row] = number
                 confidence[row] = 1 if number > 0 else 0

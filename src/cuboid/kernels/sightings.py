@@ -44,8 +44,8 @@ def count_seen(points, colors, ends, numbers, depth, color, owner, camera, T, no
     counts : (n, 3) int64, output
         Points seen, hidden, and unknown.
     corners : (n, 4) float64, output
-        Rectangle around what lies before the camera, in pixels, within the picture or not: left, top, right, bottom;
-        infinite, the left beyond the right, where nothing does.
+        Rectangle around the points seen, in pixels: left, top, right, bottom; infinite, the left beyond the right,
+        where there are none.
     """
     height, width = depth.shape
     i = 0
@@ -70,6 +70,7 @@ def count_seen(points, colors, ends, numbers, depth, color, owner, camera, T, no
             within = max(agree, 3.0 * noise * z * z)
             if abs(reading - z) <= within if reading > 0.0 else same:
                 seen += 1
+                left, right, top, bottom = min(left, u), max(right, u), min(top, v), max(bottom, v)
             elif reading <= 0.0:
                 unknown += 1
             elif not (mine and reading < z - within):

@@ -10,8 +10,10 @@ from math import log
 
 Pair = tuple[int, int]
 
-# A frame's word on a pair is wrong once in four: what it adds to the log-odds that two are one, or takes off.
-WORD = log(3.0)
+# Frames take one thing apart more often (here, once in three) than two things for one (once in seven): what a frame
+# adds to the log-odds that two are one, or takes off.
+SPLIT_RATE, JOIN_RATE = 0.35, 0.15
+ONE, TWO = log((1.0 - SPLIT_RATE) / JOIN_RATE), log(SPLIT_RATE / (1.0 - JOIN_RATE))
 # Two are one when that is so in 99 of 100 such cases, and hardly ever are when it is so in one of 100.
 SURE = log(99.0)
 # Beyond this no more is counted, so that a mistake of long ago can be mended.
@@ -25,13 +27,15 @@ class Affinity:
         self._log_odds: dict[Pair, float] = {}
         self._partners: dict[int, set[int]] = {}
 
-    def tell(self, a: int, b: int, *, one: bool, weight: float = 1.0) -> None:
-        """Take in what a frame says of two objects."""
+    def tell(self, a: int, b: int, *, one: bool, news: float) -> None:
+        """Take in what a frame says of two objects, as far as it is news (0..1)."""
+        self._add(a, b, (ONE if one else TWO) * news)
+
+    def _add(self, a: int, b: int, told: float) -> None:
         pair = (min(a, b), max(a, b))
         self._partners.setdefault(a, set()).add(b)
         self._partners.setdefault(b, set()).add(a)
-        total = self._log_odds.get(pair, 0.0) + (WORD if one else -WORD) * weight
-        self._log_odds[pair] = min(MOST, max(-MOST, total))
+        self._log_odds[pair] = min(MOST, max(-MOST, self._log_odds.get(pair, 0.0) + told))
 
     def of(self, a: int, b: int) -> float | None:
         """Return the log-odds that two objects are one; None where they were never seen side by side."""
@@ -45,8 +49,7 @@ class Affinity:
         """Let what was told of one object hold of another."""
         for partner in self.partners(gone):
             if partner != kept:
-                told = self._log_odds[(min(gone, partner), max(gone, partner))]
-                self.tell(kept, partner, one=told > 0, weight=abs(told) / WORD)
+                self._add(kept, partner, self._log_odds[(min(gone, partner), max(gone, partner))])
         self.forget(gone)
 
     def forget(self, number: int) -> None:

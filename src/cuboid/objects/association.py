@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import overlaps, pack
+from cuboid.geometry.overlap import iou_matrix, pack
 from cuboid.objects.entry import MapObject
 from cuboid.objects.matching import assign
 from cuboid.surfaces.clusters import FrameClusters
@@ -19,6 +19,8 @@ from cuboid.surfaces.clusters import FrameClusters
 SAME = 0.25
 # A thing lies in an object, or holds what is seen of one, when this share of it does.
 MOST = 0.5
+# Of a thing at least this share counts as known before: of what is all but new its known part tells little.
+KNOWN = 0.2
 # An object is in sight when it shows so many working pixels.
 IN_SIGHT = 12
 
@@ -37,6 +39,8 @@ class Association:
         Of a thing without a match the object that most of it lies in, -1 none.
     iou : (n, m) float64
         3D IoU of the boxes.
+    likeness : (n,) float64
+        Of each thing to what it was matched to, 0..1.
     common : (n, m) int64
         Pixels of a thing that belong to an object.
     sight : (m,) int64
@@ -47,6 +51,7 @@ class Association:
     match: npt.NDArray[np.int64]
     part: npt.NDArray[np.int64]
     iou: Float64Array
+    likeness: Float64Array
     common: npt.NDArray[np.int64]
     sight: npt.NDArray[np.int64]
 
@@ -79,18 +84,20 @@ def associate(
     common, size = _common_pixels(frame, objects, pixel_owner, known)
     nobody = np.full(n, -1, np.int64)
     if n == 0 or m == 0:
-        return Association(objects, nobody, nobody, np.zeros((n, m)), common[:n], common[-1])
-    iou, inside = overlaps(pack(boxes), pack([o.box for o in objects]))
+        return Association(objects, nobody, nobody, np.zeros((n, m)), np.zeros(n), common[:n], common[-1])
+    iou = iou_matrix(pack(boxes), pack([o.box for o in objects]))
     mine, sight = common[:n], common.sum(0)
-    seen = mine / np.maximum(size[:, None] + sight[None] - mine, 1)
+    whole = np.array([len(cluster.pixels) for cluster in frame.clusters])
+    seen = mine / np.maximum(np.maximum(size, KNOWN * whole)[:, None] + sight[None] - mine, 1)
     match, part = nobody.copy(), nobody.copy()
-    for i, j in assign(np.maximum(iou, seen), SAME):
-        match[i] = j
-    held = np.maximum(mine / np.maximum(size, 1)[:, None], inside)
+    like, likeness = np.maximum(iou, seen), np.zeros(n)
+    for i, j in assign(like, SAME):
+        match[i], likeness[i] = j, like[i, j]
+    held = mine / whole[:, None]
     best = held.argmax(1)
     lies = held[np.arange(n), best] >= MOST
     part[(match < 0) & lies] = best[(match < 0) & lies]
-    return Association(objects, match, part, iou, mine, sight)
+    return Association(objects, match, part, iou, likeness, mine, sight)
 
 
 def _common_pixels(

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import log
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float64Array, UInt8Array
@@ -14,11 +14,11 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.geometry.se3 import transform
 from cuboid.heatmap.voxel_map import Rows, VoxelMap
-from cuboid.kernels.claims import CONTACT, FREE, SUPPORT
 from cuboid.objects.affinity import SURE, Affinity
 from cuboid.objects.association import IN_SIGHT, MOST, Association, associate
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.entry import MapObject, State
+from cuboid.objects.outline import enclosed, told_by
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object, too_large
 from cuboid.objects.visibility import in_view
@@ -26,18 +26,16 @@ from cuboid.surfaces.clusters import FrameCluster, FrameClusters
 from cuboid.surfaces.planes import PlaneTracker
 from cuboid.working import WorkingImage
 
-# Log-odds that a sighting adds which shows all of an outline, all of it free: three make an object sure.
-CLEAR = log(99.0) / 2.0
-# Of an object at least this share of the outline that can be judged is free or rests on its support.
-OWN_SHARE = 0.6
 # Beyond this no more is counted, so that a mistake can be mended.
 MOST_SURE = 3.0 * SURE
-# Sightings that a label takes at least.
-LEAST_SIGHTINGS = 3
 # A box is fitted anew when the sightings have grown by this share.
 GROWN = 0.15
 # Objects whose boxes are fitted anew in a frame, at most: what is left over has its turn next.
 FITS = 6
+# A thing this much like its object is all of it, or shows more of it.
+SURE_MATCH = 0.5
+# Frames do not agree on two objects that touch, metres, while the log-odds that they are two are below this.
+UNSURE, TOUCH_M = 1.1, 0.03
 # Fewer voxels are no object.
 LEAST_VOXELS = 8
 # Objects beyond so many times the range of depth are not looked for: too far to tell even their colors.
@@ -78,6 +76,7 @@ class ObjectMap:
         objects: Sequence[MapObject],
         slots: npt.NDArray[np.int32],
         candidate: UInt8Array,
+        news: float,
     ) -> Association:
         """Take in what a frame shows.
 
@@ -93,6 +92,8 @@ class ObjectMap:
             Voxel of each working pixel, -1 none.
         candidate : (h, w) uint8
             Pixels off every supporting plane.
+        news : float
+            How far the frame shows things from another side than the one before, 0..1.
 
         Returns
         -------
@@ -102,9 +103,9 @@ class ObjectMap:
         known = (slots >= 0) & (self._voxels.hits[slots] > 1)
         found = associate(things, boxes, objects, pixel_owner, known)
         number_of = self._sightings(frame, things, boxes, found)
-        protected = self._protected(found)
-        self._voxels.vote(things.claim, number_of, protected, candidate, slots)
-        self._pairs(things, found)
+        bold = ((found.match < 0) | (found.likeness >= SURE_MATCH)).astype(np.uint8)
+        self._voxels.vote(things.claim, number_of, bold, candidate, slots)
+        self._pairs(things, found, news)
         touched = [o.number for o in objects] + [int(n) for n in number_of if n]
         self._fit(touched)
         self._merge(touched)
@@ -138,24 +139,13 @@ class ObjectMap:
         return j is not None and bool(things.contact[i, j] + things.contact[j, i] > 0)
 
     def _sighting(self, entry: MapObject, cluster: FrameCluster) -> None:
-        outline = cluster.outline
-        judged = int(outline[FREE] + outline[SUPPORT] + outline[CONTACT])
-        share = (outline[FREE] + outline[SUPPORT]) / max(judged, 1)
-        told = CLEAR * (judged / max(int(outline.sum()), 1)) * (share - OWN_SHARE) / (1.0 - OWN_SHARE)
-        entry.log_odds = min(MOST_SURE, max(-MOST_SURE, entry.log_odds + told))
-        entry.outline += outline
+        entry.log_odds = min(MOST_SURE, max(-MOST_SURE, entry.log_odds + told_by(cluster.outline)))
+        entry.outline += cluster.outline
         entry.sightings += 1
         for plane, pixels in cluster.supports.items():
             entry.supports[plane] = entry.supports.get(plane, 0) + pixels
 
-    def _protected(self, found: Association) -> UInt8Array:
-        """Return by number 1 for each labelled object: no thing that is another object's takes its voxels."""
-        protected = np.zeros(self.store.numbers, np.uint8)
-        for o in found.objects:
-            protected[o.number] = 0
-        return protected
-
-    def _pairs(self, things: FrameClusters, found: Association) -> None:
+    def _pairs(self, things: FrameClusters, found: Association, news: float) -> None:
         """Take in which objects this frame shows as one, and which as two side by side."""
         affinity = self.store.affinity
         sight, common = found.sight, found.common
@@ -164,14 +154,14 @@ class ObjectMap:
             whole = np.flatnonzero((sight >= IN_SIGHT) & (common[i] >= MOST * sight))
             for a in range(len(whole)):
                 for b in range(a + 1, len(whole)):
-                    affinity.tell(found.objects[whole[a]].number, found.objects[whole[b]].number, one=True)
+                    affinity.tell(found.objects[whole[a]].number, found.objects[whole[b]].number, one=True, news=news)
         for i in range(n):
             for j in range(i + 1, n):
                 if things.contact[i, j] + things.contact[j, i] == 0:
                     continue
                 if found.match[i] >= 0 and found.match[j] >= 0:
                     affinity.tell(
-                        found.objects[found.match[i]].number, found.objects[found.match[j]].number, one=False
+                        found.objects[found.match[i]].number, found.objects[found.match[j]].number, one=False, news=news
                     )
 
     def _fit(self, numbers: Sequence[int]) -> None:
@@ -185,9 +175,7 @@ class ObjectMap:
 
     def _describe(self, entry: MapObject) -> None:
         voxels = self._voxels
-        rows = voxels.rows_of(entry.number)
-        solid = rows[voxels.confidence[rows] > 1]
-        rows = solid if 2 * len(solid) > len(rows) else rows
+        rows = voxels.solid_rows_of(entry.number, self._config.hot, min(2, entry.sightings))
         entry.fitted = entry.sightings
         if len(rows) < LEAST_VOXELS:
             self.store.retire(entry)
@@ -253,11 +241,27 @@ class ObjectMap:
         for entry in self.store.all_of(numbers):
             if entry.state is State.CANDIDATE and entry.log_odds <= -SURE:
                 self.store.retire(entry)
-            elif entry.state is State.CANDIDATE and entry.log_odds >= SURE and entry.sightings >= LEAST_SIGHTINGS:
+            elif entry.state is State.CANDIDATE and entry.log_odds >= SURE and enclosed(entry.outline):
                 if fits_object(entry.box, self._config) and not self._may_be_part(entry):
                     self.store.confirm(entry)
 
     def _may_be_part(self, entry: MapObject) -> bool:
-        """Tell whether frames do not agree yet that an object is another one than its neighbours."""
-        partners = self.store.all_of(self.store.affinity.partners(entry.number))
-        return any((self.store.affinity.of(entry.number, o.number) or 0.0) > -SURE / 2.0 for o in partners if o.confirmed)
+        """Tell whether frames do not agree yet that an object is another one than a labelled one that it touches."""
+        beside = set(self.store.affinity.partners(entry.number))
+        for other in self._neighbours(entry):
+            if other.confirmed and other.number in beside:
+                told = self.store.affinity.of(entry.number, other.number) or 0.0
+                if told > -UNSURE and gap_m(entry.points, other.points, TOUCH_M) <= TOUCH_M:
+                    return True
+        return False
+
+
+def gap_m(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32], limit_m: float) -> float:
+    """Return the distance of two sets of points, infinite beyond a limit."""
+    if len(a) == 0 or len(b) == 0:
+        return float("inf")
+    b = b[((b > a.min(0) - limit_m) & (b < a.max(0) + limit_m)).all(1)]
+    if len(b) == 0:
+        return float("inf")
+    distance, _ = cKDTree(b).query(a, distance_upper_bound=limit_m)
+    return float(np.min(distance))

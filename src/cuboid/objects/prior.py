@@ -50,5 +50,5 @@ def prior_of(
     sight = np.bincount(pixel_owner.ravel(), minlength=len(place))[[o.number for o in objects]]
     mine = table[:, :m]
     iou = mine / np.maximum(table[:, m:] + sight[None] - mine, 1)
-    sure = np.array([o.score for o in objects])
+    sure = np.array([o.score if o.confirmed else 0.0 for o in objects])
     return np.asarray(1.0 + EXPECTED * (iou * sure).max(1))

@@ -33,7 +33,7 @@ class View:
     visible : float
         Share of its near side that is seen, 0..1.
     rect_xyxy : (4,) float64
-        Rectangle of the whole object, hidden parts included, in pixels of the full image, clipped to it.
+        Rectangle of what is seen of it, in pixels of the full image, clipped to it.
     seen : bool
     """
 

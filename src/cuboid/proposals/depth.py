@@ -30,7 +30,7 @@ LEAST_WIDE = 120
 SAME_SURFACE = 0.01
 # Standard deviation of depth at distance z is this times z squared, 1/metre (Khoshelham and Elberink 2012); that of
 # 1/z is then this number itself, wherever a pixel looks.
-NOISE_PER_M = 1.425e-3
+NOISE_PER_M = 1.8e-3
 # Neighbours on one surface differ in depth by less than this times z squared, plus 1 cm: ten deviations.
 MIXED_PER_M = 0.014
 # Farther readings are background, metres: there, noise (2 cm) hides a small object in its own depth.
@@ -63,13 +63,13 @@ LEAST_PIXELS = 10
 # The largest segments that are kept.
 SEGMENTS = 100
 # Holes are filled at most so far, metres, and a difference in color of so many levels counts as a pixel.
-HOLE_M = 0.08
+HOLE_M = 0.3
 COLOR_LEVELS = 12.0
 # Longest side of an object, metres.
 MIN_SIZE_M = 0.025
 MAX_SIZE_M = 1.0
 # Proposals of a frame, the best ones: two for each of as many objects as a desk holds. More cost time downstream.
-MOST = 40
+MOST = 80
 # With so many readings a piece is no work of noise.
 SOLID_PIXELS = 120
 # A part that is so much of a union is the same proposal.

@@ -40,8 +40,8 @@ class FrameCluster:
         Weight of its proposal, 0..1.
     rect_xyxy : (4,) float64
         In pixels of the full image, end exclusive.
-    outline : (4,) int64
-        Pixels of its outline by what is beyond them; see `kernels.claims.outlines`.
+    outline : (4, 5) int64
+        Pixels of its outline by side and by what is beyond them; see `kernels.claims.outlines`.
     """
 
     pixels: npt.NDArray[np.int64]
@@ -79,6 +79,7 @@ def frame_clusters(
     prior: Float64Array,
     heights: Float32Array,
     support: npt.NDArray[np.int32],
+    side_of: npt.NDArray[np.int64],
     T_world_camera: Float64Array,
     config: TrackerConfig,
 ) -> FrameClusters:
@@ -96,6 +97,8 @@ def frame_clusters(
         Above the plane beneath, 0 on it, NaN without one.
     support : (h, w) int32
         Identity of that plane, -1 none.
+    side_of : (4,) int64
+        See `kernels.claims.outlines`.
     T_world_camera : (4, 4) float64
     config : TrackerConfig
     """
@@ -116,23 +119,29 @@ def frame_clusters(
         claim + 1, len(order), LEAST_PIXELS, image.depth_m, pinhole, first, pixels, points, corners, place
     )
     claim = place[claim + 1].astype(np.int32)
-    outline, contact = np.empty((kept, 4), np.int64), np.empty((kept, kept), np.int64)
-    kernel.outlines(
-        image.depth_m, claim, (heights == 0).astype(np.uint8), kept, c.fx, config.depth_noise_per_m, JUMP_M, GAP_M,
-        outline, contact,
-    )  # fmt: skip
     warm, beneath = heat.ravel()[pixels[: first[kept]]], support.ravel()[pixels[: first[kept]]]
+    supports = [_counts(beneath[first[k] : first[k + 1]]) for k in range(kept)]
+    plane_of = np.array([max(s, key=lambda p: (s[p], -p), default=-1) for s in supports], dtype=np.int64)
+    outline, contact = np.empty((kept, 4, 5), np.int64), np.empty((kept, kept), np.int64)
+    kernel.outlines(
+        image.depth_m, claim, np.where(heights == 0, support, -1).astype(np.int32), plane_of, side_of, c.fx,
+        config.depth_noise_per_m, JUMP_M, GAP_M, outline, contact,
+    )  # fmt: skip
     rects = (corners[:kept] + np.array([0, 0, 1, 1])) * float(image.step) + np.array([*image.phase, *image.phase])
     scores = weighed.weights[order[np.flatnonzero(place[1:] >= 0)]]
     clusters = []
     for k in range(kept):
         own = slice(int(first[k]), int(first[k + 1]))
         world = points[own] @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
-        planes, counts = np.unique(beneath[own], return_counts=True)
-        supports = {int(p): int(n) for p, n in zip(planes, counts, strict=True) if p >= 0}
         clusters.append(
             FrameCluster(
-                pixels[own], world, supports, float(warm[own].mean()), float(scores[k]), rects[k], outline[k]
+                pixels[own], world, supports[k], float(warm[own].mean()), float(scores[k]), rects[k], outline[k]
             )
         )
     return FrameClusters(clusters, claim, contact)
+
+
+def _counts(planes: npt.NDArray[np.int32]) -> dict[int, int]:
+    """Return how often each plane but -1 is there."""
+    numbers, counts = np.unique(planes, return_counts=True)
+    return {int(p): int(n) for p, n in zip(numbers, counts, strict=True) if p >= 0}
