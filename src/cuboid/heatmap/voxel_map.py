@@ -214,13 +214,14 @@ class VoxelMap:
         self,
         claim: npt.NDArray[np.int32],
         number_of: npt.NDArray[np.int32],
-        bold: UInt8Array,
+        place: npt.NDArray[np.int64],
+        allowed: UInt8Array,
         candidate: UInt8Array,
         slots: npt.NDArray[np.int32],
     ) -> None:
         """Let a frame's shares vote for whom their voxels belong to; see `kernels.claims.vote`."""
         kernel_claims.vote(
-            claim, number_of, bold, candidate, slots, self.hits, MOST_VOTES, self.owner, self.confidence,
+            claim, number_of, place, allowed, candidate, slots, self.hits, MOST_VOTES, self.owner, self.confidence,
             self._voted,
         )
         won = (claim >= 0) & (slots >= 0)

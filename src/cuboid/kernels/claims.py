@@ -171,7 +171,7 @@ def outlines(depth, claim, on_plane, plane_of, side_of, focal, noise, jump, gap_
 
 
 @njit(cache=True, nogil=True)
-def vote(claim, number_of, bold, candidate, slots, hits, most, owner, confidence, voted):
+def vote(claim, number_of, place, allowed, candidate, slots, hits, most, owner, confidence, voted):
     """Let the pixels of a frame vote for whom their voxels belong to: a majority vote in one number a voxel.
 
     Boyer and Moore 1981: a voxel's owner gains a vote where a frame agrees and loses one where it does not; whoever
@@ -183,9 +183,11 @@ def vote(claim, number_of, bold, candidate, slots, hits, most, owner, confidence
         Share of each pixel, -1 none.
     number_of : (count,) int32
         Object that each share votes for; 0 abstains.
-    bold : (count,) uint8
-        1 for each share that may take voxels that were seen before and are not its object's; any other only
-        strengthens what its object has, and takes what is new.
+    place : (M,) int64
+        Column of each object by number; 0 for no one, -1 for those that are not in view.
+    allowed : (count, columns) uint8
+        1 where a share may take voxels that were seen before from an object; any share strengthens what its object
+        has, and takes what is new.
     candidate : (h, w) uint8
         0 on supporting planes: such pixels vote for no one.
     slots : (h, w) int32
@@ -207,8 +209,12 @@ def vote(claim, number_of, bold, candidate, slots, hits, most, owner, confidence
                 continue
             if claim[v, u] >= 0:
                 number = number_of[claim[v, u]]
-                if number == 0 or (owner[row] != number and hits[row] > 1 and not bold[claim[v, u]]):
+                if number == 0:
                     continue
+                if owner[row] != number and hits[row] > 1:
+                    column = place[owner[row]]
+                    if column < 0 or not allowed[claim[v, u], column]:
+                        continue
             elif candidate[v, u] == 0:
                 number = 0
             else:

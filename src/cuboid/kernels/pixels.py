@@ -117,15 +117,16 @@ def stand_on(
 
 
 @njit(cache=True, nogil=True)
-def label_regions(depth, wanted, noise, jump, parent, labels):
-    """Number the 8-connected regions of wanted pixels whose depth is continuous.
+def label_regions(depth, share, noise, jump, parent, labels):
+    """Number the 8-connected regions of pixels of one share whose depth is continuous.
 
     Neighbours belong together when their depths differ by less than `jump` (metres) plus four standard deviations.
 
     Parameters
     ----------
     depth : (H, W) float32
-    wanted : (H, W) uint8
+    share : (H, W) int32
+        What each pixel belongs to, -1 nothing.
     noise, jump : float
     parent : (H * W,) int32, scratch
     labels : (H, W) int32, output
@@ -140,7 +141,7 @@ def label_regions(depth, wanted, noise, jump, parent, labels):
     for v in range(rows):
         for u in range(columns):
             here = v * columns + u
-            if not wanted[v, u]:
+            if share[v, u] < 0:
                 parent[here] = -1
                 continue
             parent[here] = here
@@ -149,7 +150,7 @@ def label_regions(depth, wanted, noise, jump, parent, labels):
             for k in range(4):
                 vv = v - 1 if k < 3 else v
                 uu = u + k - 1 if k < 3 else u - 1
-                if vv < 0 or uu < 0 or uu >= columns or not wanted[vv, uu]:
+                if vv < 0 or uu < 0 or uu >= columns or share[vv, uu] != share[v, u]:
                     continue
                 if abs(depth[vv, uu] - z) < limit:
                     a, b = find_root(parent, here), find_root(parent, vv * columns + uu)

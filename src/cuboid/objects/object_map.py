@@ -30,10 +30,12 @@ from cuboid.working import WorkingImage
 MOST_SURE = 3.0 * SURE
 # A box is fitted anew when the sightings have grown by this share.
 GROWN = 0.15
-# Objects whose boxes are fitted anew in a frame, at most: what is left over has its turn next.
-FITS = 6
+# Labelled objects, and candidates, whose boxes are fitted anew in a frame, at most: the rest has its turn next.
+FITS = 4
 # A thing this much like its object is all of it, or shows more of it.
 SURE_MATCH = 0.5
+# What a candidate loses in a frame that shows its place and has no proposal for it.
+MISSED = 0.5
 # Frames do not agree on two objects that touch, metres, while the log-odds that they are two are below this.
 UNSURE, TOUCH_M = 1.1, 0.03
 # Fewer voxels are no object.
@@ -103,9 +105,9 @@ class ObjectMap:
         known = (slots >= 0) & (self._voxels.hits[slots] > 1)
         found = associate(things, boxes, objects, pixel_owner, known)
         number_of = self._sightings(frame, things, boxes, found)
-        bold = ((found.match < 0) | (found.likeness >= SURE_MATCH)).astype(np.uint8)
-        self._voxels.vote(things.claim, number_of, bold, candidate, slots)
+        self._voxels.vote(things.claim, number_of, *self._may_take(number_of, found), candidate, slots)
         self._pairs(things, found, news)
+        self._missed(found, news)
         touched = [o.number for o in objects] + [int(n) for n in number_of if n]
         self._fit(touched)
         self._merge(touched)
@@ -145,6 +147,29 @@ class ObjectMap:
         for plane, pixels in cluster.supports.items():
             entry.supports[plane] = entry.supports.get(plane, 0) + pixels
 
+    def _may_take(
+        self, number_of: npt.NDArray[np.int32], found: Association
+    ) -> tuple[npt.NDArray[np.int64], UInt8Array]:
+        """Return a column for each object by number, and for each thing from whose it may take known voxels (n, m + 1).
+
+        What is like its object takes what is no one's, or a candidate's; from a labelled object only what has proved
+        to be another one takes anything.
+        """
+        place = np.full(self.store.numbers, -1, np.int64)
+        place[0] = 0
+        place[[o.number for o in found.objects]] = np.arange(1, len(found.objects) + 1)
+        sure = (found.match < 0) | (found.likeness >= SURE_MATCH)
+        allowed = np.zeros((len(number_of), len(found.objects) + 1), np.uint8)
+        allowed[:, 0] = sure
+        for i in np.flatnonzero(sure):
+            for j, other in enumerate(found.objects):
+                if other.confirmed:
+                    told = self.store.affinity.of(int(number_of[i]), other.number)
+                    allowed[i, j + 1] = told is not None and told <= -SURE
+                else:
+                    allowed[i, j + 1] = 1
+        return place, allowed
+
     def _pairs(self, things: FrameClusters, found: Association, news: float) -> None:
         """Take in which objects this frame shows as one, and which as two side by side."""
         affinity = self.store.affinity
@@ -164,13 +189,20 @@ class ObjectMap:
                         found.objects[found.match[i]].number, found.objects[found.match[j]].number, one=False, news=news
                     )
 
+    def _missed(self, found: Association, news: float) -> None:
+        """Let candidates that no proposal of the frame shows lose ground."""
+        matched = set(found.match.tolist())
+        for j, entry in enumerate(found.objects):
+            if entry.state is State.CANDIDATE and j not in matched:
+                entry.log_odds -= MISSED * news
+
     def _fit(self, numbers: Sequence[int]) -> None:
         """Fit the boxes of objects of which more was seen than at the last fit."""
-        waiting = [
-            o for o in self.store.all_of(numbers) if o.sightings > 0 and o.sightings >= (1 + GROWN) * o.fitted
-        ]
-        waiting.sort(key=lambda o: (o.confirmed, (o.fitted + 1) / (o.sightings + 1), o.number))
-        for entry in waiting[:FITS]:
+        waiting = [o for o in self.store.all_of(numbers) if o.sightings >= (1 + GROWN) * o.fitted and o.sightings > 0]
+        waiting.sort(key=lambda o: ((o.fitted + 1) / (o.sightings + 1), o.number))
+        confirmed = [o for o in waiting if o.confirmed][:FITS]
+        sure = [o for o in waiting if not o.confirmed and o.log_odds > 0][:FITS]
+        for entry in confirmed + sure:
             self._describe(entry)
 
     def _describe(self, entry: MapObject) -> None:
@@ -178,7 +210,8 @@ class ObjectMap:
         rows = voxels.solid_rows_of(entry.number, self._config.hot, min(2, entry.sightings))
         entry.fitted = entry.sightings
         if len(rows) < LEAST_VOXELS:
-            self.store.retire(entry)
+            if entry.confirmed:
+                self.store.retire(entry)
             return
         identity = max(entry.supports.items(), key=lambda s: (s[1], -s[0]), default=(None, 0))[0]
         plane = None if identity is None else self._planes.find(identity)

@@ -11,7 +11,7 @@ from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.heatmap.pixel_heat import JUMP_M, WeighedProposals
 from cuboid.kernels import claims as kernel
-from cuboid.kernels.pixels import gather_regions
+from cuboid.kernels.pixels import gather_regions, label_regions
 from cuboid.working import WorkingImage
 
 # A share of fewer working pixels is noise: a 3 cm object at 2 m covers about this many.
@@ -110,15 +110,16 @@ def frame_clusters(
         candidate, order, weighed.boxes, weighed.masks, weighed.starts, image.step,
         np.array(image.phase, dtype=np.int64), LEAST_PIXELS, FREE_SHARE, claim,
     )  # fmt: skip
+    regions, parent = np.empty(claim.shape, np.int32), np.empty(claim.size, np.int32)
+    number = label_regions(image.depth_m, claim, config.depth_noise_per_m, JUMP_M, parent, regions)
     pixels, points = np.empty(claim.size, np.int64), np.empty((claim.size, 3))
-    first, corners = np.empty(len(order) + 1, np.int64), np.empty((len(order), 4), np.int64)
+    first, corners = np.empty(number + 1, np.int64), np.empty((number, 4), np.int64)
     c = image.camera
     pinhole = np.array([c.fx, c.fy, c.cx, c.cy])
-    place = np.empty(len(order) + 1, np.int64)
-    kept = gather_regions(
-        claim + 1, len(order), LEAST_PIXELS, image.depth_m, pinhole, first, pixels, points, corners, place
-    )
-    claim = place[claim + 1].astype(np.int32)
+    place = np.empty(number + 1, np.int64)
+    kept = gather_regions(regions, number, LEAST_PIXELS, image.depth_m, pinhole, first, pixels, points, corners, place)
+    shares = claim.ravel()[pixels[first[:kept]]]
+    claim = place[regions].astype(np.int32)
     warm, beneath = heat.ravel()[pixels[: first[kept]]], support.ravel()[pixels[: first[kept]]]
     supports = [_counts(beneath[first[k] : first[k + 1]]) for k in range(kept)]
     plane_of = np.array([max(s, key=lambda p: (s[p], -p), default=-1) for s in supports], dtype=np.int64)
@@ -128,7 +129,7 @@ def frame_clusters(
         config.depth_noise_per_m, JUMP_M, GAP_M, outline, contact,
     )  # fmt: skip
     rects = (corners[:kept] + np.array([0, 0, 1, 1])) * float(image.step) + np.array([*image.phase, *image.phase])
-    scores = weighed.weights[order[np.flatnonzero(place[1:] >= 0)]]
+    scores = weighed.weights[order[shares]]
     clusters = []
     for k in range(kept):
         own = slice(int(first[k]), int(first[k + 1]))
