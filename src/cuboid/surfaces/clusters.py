@@ -19,7 +19,7 @@ LEAST_PIXELS = 24
 # A proposal is left out when less than this of it is free of stronger ones.
 FREE_SHARE = 0.7
 # What is beyond a hole in the depth image is looked for over so much, metres: the shadow at an outline is as wide.
-GAP_M = 0.03
+GAP_M = 0.08
 
 
 @dataclass(frozen=True, slots=True)
