@@ -181,7 +181,8 @@ class Tracker:
         heights = np.full(image.depth_m.shape, np.nan, np.float32)
         support = np.full(image.depth_m.shape, -1, np.int32)
         cells = find_cells(image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m)
-        planes.vote(cells, T_world_camera)
+        if planes.vote(cells, T_world_camera):
+            self._map.stand_anew()
         if planes.up is not None:
             level = image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m
             cells = with_level_patches(cells, planes.up, *level)

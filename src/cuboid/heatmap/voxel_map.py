@@ -247,11 +247,20 @@ class VoxelMap:
         for number in numbers:
             self._blocks.release(number)
 
+    def rows_at(self, points: Float64Array) -> Rows:
+        """Return the rows (N,) of the voxels at places (N, 3) of the world, -1 where there is no point."""
+        rows = np.empty(len(points), np.int64)
+        kernel.rows_at(np.ascontiguousarray(points), self.voxel_m, self.keys, self.values, self._table, rows)
+        return rows
+
     def holds(self, points: Float64Array) -> npt.NDArray[np.bool_]:
         """Tell which places (N, 3) of the world lie in a voxel that holds a point."""
-        held = np.empty(len(points), np.uint8)
-        kernel.holds(np.ascontiguousarray(points), self.voxel_m, self.keys, self.values, self._table, held)
-        return held > 0
+        return self.rows_at(points) >= 0
+
+    def owner_at(self, points: Float64Array) -> npt.NDArray[np.int32]:
+        """Return the owner of what was seen more than once at places (N, 3) of the world, -1 where nothing was."""
+        rows = self.rows_at(points)
+        return np.where((rows >= 0) & (self.hits[rows] > 1), self.owner[rows], -1).astype(np.int32)
 
     def xyz(self, rows: Rows) -> Float32Array:
         """Return world points (N, 3) of these rows."""

@@ -9,6 +9,8 @@ from numba import njit
 FREE, SUPPORT, NEIGHBOUR, CONTACT, UNKNOWN = range(5)
 # Sides of a thing in the picture, seen from the camera held upright: columns of `outline` too.
 TOP, BOTTOM, LEFT, RIGHT = range(4)
+# The top and the bottom of a thing are so much of its height.
+END_SHARE = 0.15
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -100,7 +102,7 @@ def share_out(candidate, order, boxes, masks, starts, step, phase, least, free_s
 
 
 @njit(cache=True, nogil=True)
-def outlines(depth, claim, on_plane, plane_of, side_of, focal, noise, jump, gap_m, outline, contact):
+def outlines(depth, claim, on_plane, corners, plane_of, side_of, focal, noise, jump, gap_m, outline, contact):
     """Tell what bounds each share of a frame: air, what it stands on, another thing, something else, or nothing known.
 
     From each pixel of a share whose neighbour (of four) is not of it, the first reading outwards is looked for, over
@@ -116,6 +118,8 @@ def outlines(depth, claim, on_plane, plane_of, side_of, focal, noise, jump, gap_
         Share of each pixel, -1 none.
     on_plane : (h, w) int32
         Supporting plane that a pixel lies on, -1 none.
+    corners : (count, 4) int64
+        The least and the largest column and row of each share: left, top, right, bottom.
     plane_of : (count,) int64
         Plane that each share stands on, -1 none.
     side_of : (4,) int64
@@ -147,6 +151,13 @@ def outlines(depth, claim, on_plane, plane_of, side_of, focal, noise, jump, gap_
                 vv, uu = v + dv, u + du
                 if 0 <= vv < height and 0 <= uu < width and claim[vv, uu] == a:
                     continue
+                if side_of[k] <= BOTTOM:
+                    # Top and bottom are at the ends, not where a slanted side steps.
+                    low, high = (corners[a, 1], corners[a, 3]) if k < 2 else (corners[a, 0], corners[a, 2])
+                    here = v if k < 2 else u
+                    far = high - here if dv + du > 0 else here - low
+                    if far > END_SHARE * (high - low):
+                        continue
                 kind = UNKNOWN
                 for _ in range(reach):
                     if vv < 0 or uu < 0 or vv >= height or uu >= width:

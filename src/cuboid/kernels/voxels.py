@@ -375,8 +375,8 @@ def count_beside(rows, values, reach, keys, table, owner, asleep):
 
 
 @njit(cache=True, nogil=True)
-def holds(points, voxel, keys, values, table, held):
-    """Tell for each point (N, 3) whether the map has a living voxel there; written to `held` (N,) uint8."""
+def rows_at(points, voxel, keys, values, table, rows):
+    """Find for each point (N, 3) the row of the living voxel there, -1 none; written to `rows` (N,) int64."""
     inverse = 1.0 / voxel
     for i in range(points.shape[0]):
         key = pack_key(
@@ -385,4 +385,4 @@ def holds(points, voxel, keys, values, table, held):
             np.int64(np.floor(points[i, 2] * inverse)),
         )
         row, _ = find_slot(key, keys, table)
-        held[i] = 1 if row >= 0 and values[row, WEIGHT] > 0.0 else 0
+        rows[i] = row if row >= 0 and values[row, WEIGHT] > 0.0 else -1

@@ -55,6 +55,8 @@ class MapObject:
     merged_labels : list of int
     fitted : int
         Sightings at the last fit of its box.
+    structure : bool
+        Whether it went on into structure at the last fit.
     """
 
     number: int
@@ -74,6 +76,7 @@ class MapObject:
     supports: dict[int, int] = field(default_factory=dict)
     merged_labels: list[int] = field(default_factory=list)
     fitted: int = 0
+    structure: bool = False
 
     @property
     def confirmed(self) -> bool:

@@ -17,6 +17,7 @@ from cuboid.heatmap.voxel_map import Rows, VoxelMap
 from cuboid.objects.affinity import SURE, Affinity
 from cuboid.objects.association import IN_SIGHT, MOST, Association, associate
 from cuboid.objects.boxing import Boxing
+from cuboid.objects.continuation import is_structure
 from cuboid.objects.entry import MapObject, State
 from cuboid.objects.outline import enclosed, told_by
 from cuboid.objects.store import ObjectStore
@@ -34,6 +35,8 @@ GROWN = 0.15
 FITS = 4
 # A thing this much like its object is all of it, or shows more of it.
 SURE_MATCH = 0.5
+# What an object loses at a fit that finds it going on into structure.
+STRUCTURE = 2.0
 # What a candidate loses in a frame that shows its place and has no proposal for it.
 MISSED = 0.5
 # Frames do not agree on two objects that touch, metres, while the log-odds that they are two are below this.
@@ -44,7 +47,7 @@ LEAST_VOXELS = 8
 FAR = 2.0
 # What stands where a retired object stood is that object, when this share of the smaller box is common.
 RETURN_OVERLAP = 0.3
-# Two labelled objects are one when their boxes share this much of the smaller one: drift made two of one.
+# Two objects are likely one when their boxes share this much of the smaller one.
 TWIN_OVERLAP = 0.5
 
 
@@ -107,6 +110,7 @@ class ObjectMap:
         number_of = self._sightings(frame, things, boxes, found)
         self._voxels.vote(things.claim, number_of, *self._may_take(number_of, found), candidate, slots)
         self._pairs(things, found, news)
+        self._share_room([o.number for o in objects], news)
         self._missed(found, news)
         touched = [o.number for o in objects] + [int(n) for n in number_of if n]
         self._fit(touched)
@@ -189,6 +193,17 @@ class ObjectMap:
                         found.objects[found.match[i]].number, found.objects[found.match[j]].number, one=False, news=news
                     )
 
+    def _share_room(self, numbers: Sequence[int], news: float) -> None:
+        """Take objects that are in each other's place for parts of one: no two solids share room."""
+        entries = [o for o in self.store.all_of(numbers) if len(o.points)]
+        if not any(o.confirmed for o in entries):
+            return
+        labelled = [o for o in entries if o.confirmed]
+        inside = overlap_min_matrix(pack([o.box for o in entries]), pack([o.box for o in labelled]))
+        for i, j in zip(*np.nonzero(inside >= TWIN_OVERLAP), strict=True):
+            if entries[i] is not labelled[j]:
+                self.store.affinity.tell(entries[i].number, labelled[j].number, one=True, news=news)
+
     def _missed(self, found: Association, news: float) -> None:
         """Let candidates that no proposal of the frame shows lose ground."""
         matched = set(found.match.tolist())
@@ -226,8 +241,18 @@ class ObjectMap:
         entry.points, entry.colors = voxels.xyz(rows), voxels.rgb(rows)
         entry.heat = float(voxels.heat(rows).mean())
         self.store.place(entry, box)
+        owned = np.zeros(self.store.numbers, np.uint8)
+        owned[[entry.number, *(o.number for o in self._neighbours(entry) if o.confirmed)]] = 1
+        entry.structure = is_structure(box, rows, voxels, owned)
+        if entry.structure:
+            entry.log_odds -= STRUCTURE
         if too_large(box, self._config):
             self.store.retire(entry)
+
+    def stand_anew(self) -> None:
+        """Let all objects find their planes anew: up is not what it was."""
+        for entry in self.store.living():
+            entry.plane, entry.supports, entry.fitted = None, {}, 0
 
     def carry(self, moved: Mapping[int, Float64Array]) -> None:
         """Move the map, and each object with the keyframe that most of its points hang on.
@@ -272,9 +297,9 @@ class ObjectMap:
     def _decide(self, numbers: Sequence[int]) -> None:
         """Give labels to those that are sure, and end those that are surely none."""
         for entry in self.store.all_of(numbers):
-            if entry.state is State.CANDIDATE and entry.log_odds <= -SURE:
+            if entry.log_odds <= -SURE:
                 self.store.retire(entry)
-            elif entry.state is State.CANDIDATE and entry.log_odds >= SURE and enclosed(entry.outline):
+            elif entry.state is State.CANDIDATE and entry.log_odds >= SURE and not entry.structure and enclosed(entry.outline):
                 if fits_object(entry.box, self._config) and not self._may_be_part(entry):
                     self.store.confirm(entry)
 

@@ -64,8 +64,8 @@ class PlaneTracker:
         self._stale: set[Plane] = set()
         self._changed: set[Plane] = set()
 
-    def vote(self, cells: Cells, T_world_camera: Float64Array) -> None:
-        """Let a frame's flat cells say which way is up; all begins anew where that changes."""
+    def vote(self, cells: Cells, T_world_camera: Float64Array) -> bool:
+        """Let a frame's flat cells say which way is up; all begins anew, and True is returned, where that changes."""
         up = self._vote.update(cells, T_world_camera)
         if up is not None and (self.T_plan_world is None or self._vote.changed):
             side = np.eye(3)[int(np.argmin(np.abs(up)))]
@@ -74,6 +74,8 @@ class PlaneTracker:
             self.T_plan_world = np.eye(4)
             self.T_plan_world[:3, :3] = np.stack([first, np.cross(up, first), up])
             self._clear()
+            return True
+        return False
 
     def update(self, frame: int, cells: Cells) -> npt.NDArray[np.int32]:
         """Take in a frame's flat cells.
