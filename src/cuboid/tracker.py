@@ -27,7 +27,7 @@ from cuboid.objects.visibility import look
 from cuboid.proposals import make_source
 from cuboid.proposals.types import ProposalSource
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
-from cuboid.surfaces.cells import PATCH_PIXELS, find_cells, with_level_patches
+from cuboid.surfaces.cells import PATCH_PIXELS, VOTING_PIXELS, find_cells, with_level_patches
 from cuboid.surfaces.clusters import FrameCluster, FrameClusters, frame_clusters
 from cuboid.surfaces.grid import CELL_M
 from cuboid.surfaces.planes import PlaneTracker
@@ -42,8 +42,6 @@ ANOTHER_SIDE_RAD, LEAST_NEWS = 0.05, 0.1
 FRAME_STRAYS = 0.01
 # Points of a frame's cluster that its box is fitted to, at most; more do not change it.
 FRAME_POINTS = 200
-# An image-up guess for boxes before up is known: camera y points down.
-_IMAGE_UP = np.array([0.0, -1.0, 0.0])
 
 
 class Stopwatch:
@@ -126,7 +124,7 @@ class Tracker:
         objects = self._map.in_view(image, T_camera_world)
         prior = prior_of(objects, image, candidate, self._voxels.owner_of(slots), weighed)
         things = frame_clusters(image, heat, candidate, weighed, prior, heights, support, self._sides(T_world_camera), T_world_camera, c)
-        boxes = [self._box(cluster, T_world_camera) for cluster in things.clusters]
+        boxes = [self._box(cluster) for cluster in things.clusters]
         watch.lap("boxes")
         found = self._map.update(
             frame.index, things, boxes, objects, slots, candidate, self._news(image, T_world_camera)
@@ -181,8 +179,12 @@ class Tracker:
         heights = np.full(image.depth_m.shape, np.nan, np.float32)
         support = np.full(image.depth_m.shape, -1, np.int32)
         cells = find_cells(image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m)
-        if planes.vote(cells, T_world_camera):
-            self._map.stand_anew()
+        if planes.vote_is_due():
+            wide = find_cells(
+                image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m, VOTING_PIXELS
+            )
+            if planes.vote(wide, T_world_camera):
+                self._map.stand_anew()
         if planes.up is not None:
             level = image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m
             cells = with_level_patches(cells, planes.up, *level)
@@ -207,10 +209,9 @@ class Tracker:
 
     def _sides(self, T_world_camera: Float64Array) -> npt.NDArray[np.int64]:
         """Return which side of a thing lies below, above, right and left of it in the image: up may point anywhere."""
-        up = None if self._planes.up is None else T_world_camera[:3, :3].T @ self._planes.up
-        if up is None or abs(up[0]) <= abs(up[1]):
-            flipped = up is not None and up[1] > 0
-            return np.array([TOP, BOTTOM, LEFT, RIGHT] if flipped else [BOTTOM, TOP, RIGHT, LEFT])
+        up = T_world_camera[:3, :3].T @ self._planes.likely_up
+        if abs(up[0]) <= abs(up[1]):
+            return np.array([TOP, BOTTOM, LEFT, RIGHT] if up[1] > 0 else [BOTTOM, TOP, RIGHT, LEFT])
         return np.array([LEFT, RIGHT, TOP, BOTTOM] if up[0] > 0 else [RIGHT, LEFT, BOTTOM, TOP])
 
     def _news(self, image: WorkingImage, T_world_camera: Float64Array) -> float:
@@ -222,15 +223,13 @@ class Tracker:
         turn = float(np.linalg.norm(self._place - last)) / float(np.median(known))
         return min(1.0, max(LEAST_NEWS, turn / ANOTHER_SIDE_RAD))
 
-    def _box(self, cluster: FrameCluster, T_world_camera: Float64Array) -> Box:
+    def _box(self, cluster: FrameCluster) -> Box:
         points = cluster.points[:: 1 + len(cluster.points) // FRAME_POINTS]
         for identity in sorted(cluster.supports, key=lambda k: (-cluster.supports[k], k)):
             plane = self._planes.find(identity)
             if plane is not None:
                 return fit_box(points, *self._planes.in_world(plane), FRAME_STRAYS)
-        up = self._planes.up
-        up = T_world_camera[:3, :3] @ _IMAGE_UP if up is None else up
-        return fit_box(points, up, None, FRAME_STRAYS)
+        return fit_box(points, self._planes.likely_up, None, FRAME_STRAYS)
 
     def _sightings(
         self,

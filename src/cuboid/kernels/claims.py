@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 # What lies across a piece of outline: columns of `outline`.
-FREE, SUPPORT, NEIGHBOUR, CONTACT, UNKNOWN = range(5)
+FREE, SUPPORT, UNSURE, CONTACT, UNKNOWN = range(5)
 # Sides of a thing in the picture, seen from the camera held upright: columns of `outline` too.
 TOP, BOTTOM, LEFT, RIGHT = range(4)
 # The top and the bottom of a thing are so much of its height.
@@ -107,9 +107,9 @@ def outlines(depth, claim, on_plane, corners, plane_of, side_of, focal, noise, j
 
     From each pixel of a share whose neighbour (of four) is not of it, the first reading outwards is looked for, over
     holes up to a width of `gap_m`. It is FREE where that lies behind by more than a jump; SUPPORT where it lies on the
-    plane that the share stands on; NEIGHBOUR where another share begins at the same depth; CONTACT where any other
-    surface goes on; UNKNOWN where it lies before (what is behind it cannot be told), where there is none, and at the
-    border of the picture.
+    plane that the share stands on; UNSURE where another share begins at the same depth, and where there is a wide hole
+    (the shadow of an edge, or something dark); CONTACT where any other surface goes on; UNKNOWN where it lies before
+    (what is behind it cannot be told), and at the border of the picture.
 
     Parameters
     ----------
@@ -158,9 +158,10 @@ def outlines(depth, claim, on_plane, corners, plane_of, side_of, focal, noise, j
                     far = high - here if dv + du > 0 else here - low
                     if far > END_SHARE * (high - low):
                         continue
-                kind = UNKNOWN
+                kind = UNSURE
                 for _ in range(reach):
                     if vv < 0 or uu < 0 or vv >= height or uu >= width:
+                        kind = UNKNOWN
                         break
                     other, b = depth[vv, uu], claim[vv, uu]
                     if b == a:
@@ -173,8 +174,10 @@ def outlines(depth, claim, on_plane, corners, plane_of, side_of, focal, noise, j
                             kind = SUPPORT
                         elif other > z + limit:
                             kind = FREE
-                        elif other >= z - limit:
-                            kind = NEIGHBOUR if b >= 0 else CONTACT
+                        elif other < z - limit:
+                            kind = UNKNOWN
+                        elif b < 0:
+                            kind = CONTACT
                         break
                     vv, uu = vv + dv, uu + du
                 if kind >= 0:

@@ -231,11 +231,10 @@ class ObjectMap:
         identity = max(entry.supports.items(), key=lambda s: (s[1], -s[0]), default=(None, 0))[0]
         plane = None if identity is None else self._planes.find(identity)
         entry.plane = None if plane is None else plane.identity
-        up = self._planes.up
         box = self._boxing.fit(
             rows,
             None if plane is None else self._planes.in_world(plane),
-            entry.box.up if up is None else up,
+            self._planes.likely_up,
             [o.box for o in self._neighbours(entry) if o.confirmed],
         )
         entry.points, entry.colors = voxels.xyz(rows), voxels.rgb(rows)

@@ -12,6 +12,8 @@ from cuboid.kernels import cells as kernel
 
 # Edge of a cell in pixels of the 320-pixel wide working image: about 3 cm at 1 m.
 CELL_PIXELS = 8
+# Edge of the cells that vote for up: four times as true, in noise, as those of half the edge.
+VOTING_PIXELS = 16
 # Edge of a patch in pixels, and from where on, metres, patches that lie level are looked for besides: of a shelf that
 # is seen from far and low no cell shows the board alone.
 PATCH_PIXELS, PATCHES_FROM_M = 4, 1.2
@@ -53,6 +55,7 @@ def find_cells(
     T_world_camera: Float64Array,
     noise_per_m: float,
     max_depth_m: float,
+    cell_pixels: int = CELL_PIXELS,
 ) -> Cells:
     """Find the flat cells of a depth image.
 
@@ -66,10 +69,12 @@ def find_cells(
     noise_per_m : float
         Standard deviation of depth is this times z squared.
     max_depth_m : float
+    cell_pixels : int
+        Edge of a cell; a whole number of times `CELL_PIXELS`.
     """
-    rows, columns = depth_m.shape[0] // CELL_PIXELS, depth_m.shape[1] // CELL_PIXELS
+    rows, columns = depth_m.shape[0] // cell_pixels, depth_m.shape[1] // cell_pixels
     raw = np.empty((rows * columns, kernel.CELL_COLUMNS))
-    kernel.fit_cells(depth_m, _pinhole(camera), CELL_PIXELS, max_depth_m, raw)
+    kernel.fit_cells(depth_m, _pinhole(camera), cell_pixels, max_depth_m, raw)
     flat = np.flatnonzero((raw[:, kernel.AREA] > 0) & (raw[:, kernel.RMS] < FLAT_RESIDUAL * noise_per_m))
     found = raw[flat]
     R, t = T_world_camera[:3, :3], T_world_camera[:3, 3]

@@ -64,6 +64,10 @@ class PlaneTracker:
         self._stale: set[Plane] = set()
         self._changed: set[Plane] = set()
 
+    def vote_is_due(self) -> bool:
+        """Count a frame, and tell whether it is to vote for up."""
+        return self._vote.is_due()
+
     def vote(self, cells: Cells, T_world_camera: Float64Array) -> bool:
         """Let a frame's flat cells say which way is up; all begins anew, and True is returned, where that changes."""
         up = self._vote.update(cells, T_world_camera)
@@ -255,6 +259,11 @@ class PlaneTracker:
             return None
         normal = np.array([0.0, 0.0, 1.0]) if self._main is None else self._main.normal
         return np.asarray(normal @ self.T_plan_world[:3, :3])
+
+    @property
+    def likely_up(self) -> Float64Array:
+        """Up in the world, (3,), or the images' up while that is not known."""
+        return self._vote.image_up if self.up is None else self.up
 
     @property
     def any_in_use(self) -> bool:

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.surfaces.cells import Cells
 
 # Normals within this of each other are one direction.
 SAME_COS = float(np.cos(np.radians(10.0)))
+# Directions nearer to one of more area are its noise: walls and floors are not that near each other.
+NOISE_COS = float(np.cos(np.radians(40.0)))
+# The camera turns about an axis that stays this long, on average, while the others get no longer than that: hands and
+# robots turn cameras about the vertical. That axis is as likely up as a level surface that is half seen as such.
+FIXED, TURNED, FIXED_LIKELY = 0.97, 0.92, 0.5
+# A surface that only an odd camera would take for level is a wall sooner than a table, unless it is within arm's reach,
+# metres, or the camera, fixed to something, has not moved by this share of its distance in so many votes.
+REACH_M, STILL, STILL_VOTES = 1.2, 0.02, 10
 # Directions followed at a time.
 MOST_DIRECTIONS = 8
 # A direction counts in a frame that shows so much flat area of it, square metres: less is the side of a thing.
@@ -41,9 +50,24 @@ class UpVote:
         self._directions: Float64Array = np.zeros((0, 3))
         self._area_m2: Float64Array = np.zeros(0)
         self._upright_m2: Float64Array = np.zeros(0)
+        self._volume_m3: Float64Array = np.zeros(0)
+        self._first: Float64Array | None = None
+        self._moved_m = 0.0
+        self._axes: Float64Array = np.zeros((3, 3))
         self._up: Float64Array | None = None
-        self._frames = 0
+        self._frames = self._votes = 0
         self.changed = False
+
+    @property
+    def image_up(self) -> Float64Array:
+        """The up of the images so far, (3,) in the world: what is left where nothing else tells."""
+        norm = float(np.linalg.norm(self._axes[:, 1]))
+        return np.asarray(-self._axes[:, 1] / norm if norm > 0 else np.array([0.0, 0.0, 1.0]))
+
+    def is_due(self) -> bool:
+        """Count a frame, and tell whether its vote is asked for."""
+        self._frames += 1
+        return self._up is None or self._frames % EVERY == 0
 
     def update(self, cells: Cells, T_world_camera: Float64Array) -> Float64Array | None:
         """Take in a frame's cells; return up (3,) in the world, or None while unknown.
@@ -51,23 +75,44 @@ class UpVote:
         `changed` tells whether up is not what it was before.
         """
         self.changed = False
-        self._frames += 1
-        if self._up is not None and self._frames % EVERY:
-            return self._up
+        self._axes += T_world_camera[:3, :3]
+        self._votes += 1
+        self._first = T_world_camera[:3, 3].copy() if self._first is None else self._first
+        self._moved_m = max(self._moved_m, float(np.linalg.norm(T_world_camera[:3, 3] - self._first)))
         self._collect(cells, T_world_camera)
-        if len(self._area_m2) == 0:
+        directions, likely, known = self._likely()
+        if len(likely) == 0:
             return self._up
-        likely = self._upright_m2 / self._area_m2 * -np.expm1(-self._area_m2 / ENOUGH_M2)
         best = int(np.argmax(likely))
         if self._up is None:
-            if self._area_m2[best] >= ENOUGH_M2:
-                self._up = self._directions[best].copy()
+            if known[best]:
+                self._up = directions[best].copy()
             return self._up
-        current = self._directions @ self._up > SAME_COS
+        current = directions @ self._up > SAME_COS
         held = float(likely[current].max()) if current.any() else 0.0
-        if not current[best] and likely[best] > OVERTAKE * held:
-            self._up, self.changed = self._directions[best].copy(), True
+        if not current[best] and known[best] and likely[best] > OVERTAKE * held:
+            self._up, self.changed = directions[best].copy(), True
         return self._up
+
+    def _likely(self) -> tuple[Float64Array, Float64Array, npt.NDArray[np.bool_]]:
+        """Return the directions (N, 3) that may be up, how likely each is, and whether enough is known of it."""
+        alike = self._directions @ self._directions.T > NOISE_COS
+        mode = ~(alike & (self._area_m2[None] > self._area_m2[:, None])).any(1)
+        directions, area_m2 = self._directions[mode], self._area_m2[mode]
+        likely = self._upright_m2[mode] / area_m2 * -np.expm1(-area_m2 / ENOUGH_M2)
+        distance_m = self._volume_m3[mode] / area_m2
+        still = (self._moved_m < STILL * distance_m) & (self._votes >= STILL_VOTES)
+        odd = self._upright_m2[mode] < 2.0 * ODD * area_m2
+        known = (area_m2 >= ENOUGH_M2) & (~odd | (distance_m < REACH_M) | still)
+        length = np.linalg.norm(self._axes, axis=0) / self._votes
+        axis = int(np.argmax(length))
+        if axis > 0 and length[axis] >= FIXED and np.delete(length, axis).max() <= TURNED:
+            # The image's up, or, where the camera turns about its own axis, back along its sight.
+            fixed = -self._axes[:, axis] / np.linalg.norm(self._axes[:, axis])
+            if len(directions) == 0 or not (directions @ fixed > SAME_COS).any():
+                return np.vstack([directions, fixed]), np.append(likely, FIXED_LIKELY), np.append(known, True)
+            likely = np.where(directions @ fixed > SAME_COS, np.maximum(likely, FIXED_LIKELY), likely)
+        return directions, likely, known
 
     def _collect(self, cells: Cells, T_world_camera: Float64Array) -> None:
         left = np.ones(len(cells.places), dtype=bool)
@@ -86,9 +131,13 @@ class UpVote:
             mean = w @ normals[near]
             # No frame counts for more than a square metre: a near wall does not outvote a table seen for long.
             total = min(1.0, float(w.sum()))
-            self._add(mean / np.linalg.norm(mean), total, total * float(w @ upright[members[near]]) / float(w.sum()))
+            far = np.linalg.norm(cells.center[members[near]] - T_world_camera[:3, 3], axis=1)
+            share = total / float(w.sum())
+            self._add(
+                mean / np.linalg.norm(mean), total, share * float(w @ upright[members[near]]), share * float(w @ far)
+            )
 
-    def _add(self, direction: Float64Array, area_m2: float, upright_m2: float) -> None:
+    def _add(self, direction: Float64Array, area_m2: float, upright_m2: float, volume_m3: float) -> None:
         if len(self._directions):
             likeness = self._directions @ direction
             k = int(np.argmax(likeness))
@@ -97,10 +146,13 @@ class UpVote:
                 self._directions[k] = mean / np.linalg.norm(mean)
                 self._area_m2[k] += area_m2
                 self._upright_m2[k] += upright_m2
+                self._volume_m3[k] += volume_m3
                 return
         self._directions = np.vstack([self._directions, direction])
         self._area_m2, self._upright_m2 = np.append(self._area_m2, area_m2), np.append(self._upright_m2, upright_m2)
+        self._volume_m3 = np.append(self._volume_m3, volume_m3)
         if len(self._area_m2) > MOST_DIRECTIONS:
             keep = np.sort(np.argsort(-self._upright_m2, kind="stable")[:MOST_DIRECTIONS])
             self._directions = self._directions[keep]
             self._area_m2, self._upright_m2 = self._area_m2[keep], self._upright_m2[keep]
+            self._volume_m3 = self._volume_m3[keep]
