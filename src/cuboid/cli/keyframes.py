@@ -10,7 +10,7 @@ from cuboid.errors import InputError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from cuboid.evaluation.drawn import KeyframeEvaluation
+    from cuboid.evaluation.evaluate_keyframes import KeyframeEvaluation
 
 # Of a list of frames so many are named.
 NAMED = 8
@@ -19,7 +19,7 @@ NAMED = 8
 def run(args: argparse.Namespace) -> int:
     """Evaluate, draw and print."""
     from cuboid.cli.tables import console, write_json
-    from cuboid.evaluation.drawn import evaluate_keyframes
+    from cuboid.evaluation.evaluate_keyframes import evaluate_keyframes
 
     for name in ("cloud", "trajectory"):
         if getattr(args, name) is not None:
@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _draw(args: argparse.Namespace, found: KeyframeEvaluation) -> int:
     """Write the pictures; return how many they are."""
-    from cuboid.evaluation.drawn_pictures import write_pictures
+    from cuboid.evaluation.keyframe_pictures import write_pictures
 
     if found.recording is None:
         raise InputError(f"{args.pictures}: no pictures without the recording: {found.no_recording}")
@@ -62,7 +62,8 @@ def print_evaluation(found: KeyframeEvaluation) -> None:
     if found.skipped:
         out.print(f"skipped by the run, so that all in them is missed: {_frames(found.skipped)}")
     out.print(_scores_table(found))
-    out.print(_funnel_table(found))
+    if len(found.funnel) > 1:
+        out.print(_funnel_table(found))
     for stage in found.funnel:
         if stage.reason:
             out.print(f"no {stage.name}: {stage.reason}", markup=False)
@@ -124,15 +125,14 @@ def _funnel_table(found: KeyframeEvaluation) -> Table:
 def _objects_table(found: KeyframeEvaluation) -> Table:
     from cuboid.cli.tables import new_table
 
-    short = {"2D proposals": "2D", "the frame's own 3D boxes": "3D", "boxes of the map": "map"}
-    stages = [short.get(stage.name, "labelled") for stage in found.funnel]
+    stages = [stage.short for stage in found.funnel]
     table = new_table("object", "id", "drawn", *stages, "labels")
     for item in found.objects:
         table.add_row(
             f"{item.name}{' (group)' if item.group else ''}",
             str(item.id),
             str(item.rectangles),
-            *("" if count is None else str(count) for count in item.found),
+            *(str(item.stages.get(stage, "")) for stage in stages),
             ", ".join(map(str, item.labels)) or "none",
         )
     return table

@@ -31,7 +31,7 @@ class Stage:
 
     Attributes
     ----------
-    name : str
+    name, short : str
     rects_xyxy : mapping of int to (N, 4) float64, or None
         By frame of the recording, those of frames that have any; pixels of the recording's full size. None where
         they cannot be had.
@@ -40,6 +40,7 @@ class Stage:
     """
 
     name: str
+    short: str
     rects_xyxy: Rects | None
     reason: str = ""
 
@@ -56,15 +57,15 @@ class Finished:
     content : ObjectsFile
         The map of objects.
     recording : Recording or None
-    reason : str
-        Why there is no recording.
+    no_recording : str
+        Why there is none.
     """
 
     path: Path
     report: RunReport
     content: ObjectsFile
     recording: Recording | None
-    reason: str
+    no_recording: str
 
     @classmethod
     def open(cls, path: Path, report: RunReport, recording: Path | None) -> Finished:
@@ -101,25 +102,25 @@ def early_stages(run: Finished, frames: Sequence[int]) -> list[Stage]:
         Frames of the recording that the run used.
     """
     return [
-        _stage("2D proposals", _proposals_2d, run, frames),
-        _stage("the frame's own 3D boxes", _proposals_3d, run, frames),
-        _stage("boxes of the map", _map_boxes, run, frames),
+        _stage("2D proposals", "2D", _proposals_2d, run, frames),
+        _stage("the frame's own 3D boxes", "3D", _proposals_3d, run, frames),
+        _stage("boxes of the map", "map", _map_boxes, run, frames),
     ]
 
 
 def _stage(
-    name: str, rects_of: Callable[[Finished, Sequence[int]], Rects], run: Finished, frames: Sequence[int]
+    name: str, short: str, rects_of: Callable[[Finished, Sequence[int]], Rects], run: Finished, frames: Sequence[int]
 ) -> Stage:
     try:
-        return Stage(name, rects_of(run, frames))
+        return Stage(name, short, rects_of(run, frames))
     except CuboidError as error:
-        return Stage(name, None, str(error))
+        return Stage(name, short, None, str(error))
 
 
 def _proposals_2d(run: Finished, frames: Sequence[int]) -> Rects:
     """Compute the 2D proposals again, from the same images with the same source."""
     if run.recording is None:
-        raise InputError(f"the recording cannot be opened: {run.reason}")
+        raise InputError(f"the recording cannot be opened: {run.no_recording}")
     spec, scale = str(run.report.config.get("proposals", "")), int(run.report.config.get("scale", 1))
     if spec.partition(":")[0] not in SOURCES.names():
         raise InputError(f"the proposals came from '{spec}', which has no name on the command line")
@@ -159,6 +160,6 @@ def _poses(run: Finished) -> Mapping[int, Float64Array]:
     if len(rows) != len(used):
         raise InputError(
             f"{TRAJECTORY} has {len(rows)} poses for {len(used)} frames; which is whose the recording would tell, "
-            f"but it cannot be opened: {run.reason}"
+            f"but it cannot be opened: {run.no_recording}"
         )
     return {frame: row.T_world_camera for frame, row in zip(used, rows, strict=True)}

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
 
@@ -70,14 +71,14 @@ class Keyframe:
     drawn : tuple of DrawnRect
     ignored : (N, 4) float64
         Rectangles in which finding something counts neither way.
-    number : str
-        The number in the name of the frame's file, where the file of keyframes gives it; else "".
+    number : Decimal or None
+        The number in the name of the frame's file, where the keyframes give it.
     """
 
     frame: int
     drawn: tuple[DrawnRect, ...]
     ignored: Float64Array
-    number: str = ""
+    number: Decimal | None = None
 
     @property
     def rects_xyxy(self) -> Float64Array:
@@ -141,7 +142,7 @@ def keyframes_from_json(path: Path, document: dict[str, Any]) -> Keyframes:
         where = str(path)
     except KeyError as error:
         raise InputError(f"{where}: field {error} is missing") from error
-    except (TypeError, ValueError, AttributeError) as error:
+    except (TypeError, ValueError, AttributeError, InvalidOperation) as error:
         raise InputError(f"{where}: a field is malformed: {error}") from error
     if len({item.frame for item in frames}) < len(frames):
         raise InputError(f"{path}: a frame stands there twice")
@@ -165,7 +166,8 @@ def _keyframe(item: dict[str, Any], objects: dict[int, DrawnObject]) -> Keyframe
     if len({one.id for one in drawn}) < len(drawn):
         raise ValueError("an id stands there twice")
     ignored = np.array([_rect(rect) for rect in item.get("ignore") or ()]).reshape(-1, 4)
-    return Keyframe(_whole(item["frame"], "frame", least=0), drawn, ignored, str(item.get("number", "")))
+    number = Decimal(str(item["number"])) if item.get("number") is not None else None
+    return Keyframe(_whole(item["frame"], "frame", least=0), drawn, ignored, number)
 
 
 def _drawn(item: dict[str, Any], objects: dict[int, DrawnObject]) -> DrawnRect:

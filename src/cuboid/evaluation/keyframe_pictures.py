@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from cuboid.errors import FrameError
-from cuboid.evaluation.drawn import THRESHOLDS, JudgedFrame
+from cuboid.evaluation.keyframe_scores import JudgedFrame
 from cuboid.evaluation.rectangles import Outcome
 from cuboid.frame import Float64Array, UInt8Array
 from cuboid.outputs.folder import writing
@@ -19,7 +19,13 @@ from cuboid.views.text import Color, put_text
 # The hues of M. Okabe and K. Ito, which color-blind people tell apart: drawn things found and missed, sightings that
 # are true and false, and what counts neither way.
 FOUND, MISSED, TRUE, FALSE, NEITHER = (0, 158, 115), (230, 97, 0), (86, 180, 233), (240, 228, 66), (170, 170, 170)
-KEY = (("found", FOUND), ("missed", MISSED), ("true label", TRUE), ("false label", FALSE), ("neither way", NEITHER))
+KEY = (
+    ("found", FOUND),
+    ("missed / last had by", MISSED),
+    ("true label", TRUE),
+    ("false label", FALSE),
+    ("neither way", NEITHER),
+)
 STRIP_PX = 24
 DASH_PX, HATCH_PX = 8, 14
 QUALITY = 90
@@ -50,21 +56,21 @@ def write_pictures(folder: Path, frames: tuple[JudgedFrame, ...], recording: Rec
 
 
 def draw_judged(color: UInt8Array, frame: JudgedFrame) -> UInt8Array:
-    """Return a picture (H + strip, W, 3) of a frame as it was judged at IoU 0.5.
+    """Return a picture (H + strip, W, 3) of a frame as it was judged at the first threshold.
 
     Drawn rectangles are solid, labelled sightings dashed, ignored places hatched.
     """
     unit = max(1.0, color.shape[1] / 640.0)
     picture = np.vstack((color, np.full((round(STRIP_PX * unit), color.shape[1], 3), 16, np.uint8)))
-    scene, at = picture[: color.shape[0]], frame.at[THRESHOLDS.index(0.5)]
+    scene, at = picture[: color.shape[0]], frame.at[0]
     for rect in frame.keyframe.ignored:
         _hatch(scene, rect, round(HATCH_PX * unit))
     tags: list[tuple[str, Color, bool, Float64Array]] = []
     for i, drawn in enumerate(frame.keyframe.drawn):
         tint = (FOUND if at.found[i] else MISSED) if at.counts[i] else NEITHER
         _outline(scene, drawn.rect_xyxy, tint, round(2 * unit), 0)
-        tags.append((str(drawn.id), tint, False, drawn.rect_xyxy))
-    for label, rect, outcome in zip(frame.rects.label, frame.rects.rects_xyxy, at.outcomes, strict=True):
+        tags.append((_tag(frame, i), tint, False, drawn.rect_xyxy))
+    for label, rect, outcome in zip(frame.sightings.label, frame.sightings.rects_xyxy, at.outcomes, strict=True):
         tint = {Outcome.TRUE: TRUE, Outcome.FALSE: FALSE}.get(outcome, NEITHER)
         _outline(scene, rect, tint, round(2 * unit), round(DASH_PX * unit))
         tags.append((f"#{label}", tint, True, rect))
@@ -75,6 +81,15 @@ def draw_judged(color: UInt8Array, frame: JudgedFrame) -> UInt8Array:
         put_tag(scene, text, round(TAG_PX * unit), tint, outlined, place)
     _key(picture, frame.keyframe.frame, color.shape[0], unit)
     return picture
+
+
+def _tag(frame: JudgedFrame, i: int) -> str:
+    """Return the id of what was drawn and, where it is missed, the last stage that had it."""
+    drawn, at = frame.keyframe.drawn[i], frame.at[0]
+    if at.found[i] or not at.counts[i]:
+        return str(drawn.id)
+    had = [short for short, which in frame.stages.items() if which[i]]
+    return f"{drawn.id} / {had[-1] if had else 'none'}"
 
 
 def _outline(picture: UInt8Array, rect: Float64Array, tint: Color, thickness: int, dash: int) -> None:
