@@ -14,17 +14,17 @@ from cuboid.frame import Float64Array, UInt8Array
 from cuboid.outputs.folder import writing
 from cuboid.readers.recording import Recording
 from cuboid.views.tags import TAG_PX, place_tag, put_tag
-from cuboid.views.text import Color, put_text
+from cuboid.views.text import Color, ink, put_text
 
 # The hues of M. Okabe and K. Ito, which color-blind people tell apart: drawn things found and missed, sightings that
 # are true and false, and what counts neither way.
 FOUND, MISSED, TRUE, FALSE, NEITHER = (0, 158, 115), (230, 97, 0), (86, 180, 233), (240, 228, 66), (170, 170, 170)
 KEY = (
     ("found", FOUND),
-    ("missed / last had by", MISSED),
+    ("missed / last stage that had it", MISSED),
     ("true label", TRUE),
     ("false label", FALSE),
-    ("neither way", NEITHER),
+    ("neither", NEITHER),
 )
 STRIP_PX = 24
 DASH_PX, HATCH_PX = 8, 14
@@ -119,13 +119,12 @@ def _hatch(picture: UInt8Array, rect: Float64Array, step: int) -> None:
 
 def _key(picture: UInt8Array, frame: int, top: int, unit: float) -> None:
     """Write the frame's number and what the colors mean into the strip."""
-    size, left = round(13 * unit), round(8 * unit)
-    top += round(4 * unit)
+    size, gap = round(12 * unit), round(8 * unit)
+    top, left = top + round(4 * unit), gap
     put_text(picture, f"frame {frame}", left, top, size, (245, 246, 248))
-    left += round(100 * unit)
+    left += ink(f"frame {frame}", size).shape[1] + 2 * gap
     for text, tint in KEY:
-        cv2.rectangle(
-            picture, (left, top + round(3 * unit)), (left + round(10 * unit), top + round(13 * unit)), tint, -1
-        )
-        put_text(picture, text, left + round(15 * unit), top, size, (200, 205, 212))
-        left += round(105 * unit)
+        low, high = (left, top + round(3 * unit)), (left + round(9 * unit), top + round(12 * unit))
+        cv2.rectangle(picture, low, high, tint, cv2.FILLED)
+        put_text(picture, text, left + round(13 * unit), top, size, (200, 205, 212))
+        left += round(13 * unit) + ink(text, size).shape[1] + gap
