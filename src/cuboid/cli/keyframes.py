@@ -41,8 +41,8 @@ def _draw(args: argparse.Namespace, found: KeyframeEvaluation) -> int:
     """Write the pictures; return how many they are."""
     from cuboid.evaluation.keyframe_pictures import write_pictures
 
-    if found.recording is None:
-        raise InputError(f"{args.pictures}: no pictures without the recording: {found.no_recording}")
+    if isinstance(found.recording, str):
+        raise InputError(f"{args.pictures}: no pictures without the recording: {found.recording}")
     return write_pictures(args.pictures, found.frames, found.recording)
 
 

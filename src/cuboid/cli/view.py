@@ -22,14 +22,12 @@ def run(args: argparse.Namespace) -> int:
 
     from cuboid.cli.tables import console
     from cuboid.cli.threads import limit_threads
-    from cuboid.readers.reopen import reopen_recording
     from cuboid.views.replay import Replay
     from cuboid.views.report.server import Viewer, make_server
 
     limit_threads(1)
     replay = Replay(args.results)
-    where = args.recording or replay.recording
-    recording = reopen_recording(where, replay.format, replay.intrinsics, replay.distortion, replay.last_frame)
+    recording = replay.reopen(args.recording)
     viewer = Viewer(args.results, replay, recording)
     _ = viewer.page  # a mistake in the results is told here, not to the browser
     with make_server(viewer, args.port) as server:

@@ -10,7 +10,7 @@ from typing import Any
 
 from cuboid.errors import InputError
 from cuboid.evaluation.evaluate import plain
-from cuboid.evaluation.funnel import Finished, Stage, early_stages, rects_by_frame
+from cuboid.evaluation.funnel import Stage, early_stages, open_again, rects_by_frame
 from cuboid.evaluation.keyframe_scores import (
     THRESHOLDS,
     DrawnOutcome,
@@ -23,8 +23,9 @@ from cuboid.evaluation.keyframe_scores import (
 )
 from cuboid.evaluation.keyframes import Keyframe, Keyframes, read_keyframes
 from cuboid.evaluation.result import read_rects
-from cuboid.outputs import RunReport, read_run
-from cuboid.outputs.folder import RUN, TRACKS
+from cuboid.exports.finished import FinishedRun
+from cuboid.outputs import RunReport
+from cuboid.outputs.folder import TRACKS
 from cuboid.outputs.text import LENGTH, rounded
 from cuboid.readers.recording import Recording
 
@@ -49,10 +50,8 @@ class KeyframeEvaluation:
     funnel : tuple of StageRecall
         In the order of work; the last stage is that of the labelled sightings.
     objects : tuple of DrawnOutcome
-    recording : Recording or None
-        Opened again.
-    no_recording : str
-        Why there is none.
+    recording : Recording or str
+        Opened again, or why there is none.
     """
 
     result: str
@@ -63,8 +62,7 @@ class KeyframeEvaluation:
     at: tuple[ScoresAt, ...]
     funnel: tuple[StageRecall, ...]
     objects: tuple[DrawnOutcome, ...]
-    recording: Recording | None
-    no_recording: str
+    recording: Recording | str
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything, ready for JSON: numbers have six decimals, what is undefined is None."""
@@ -104,16 +102,18 @@ def evaluate_keyframes(
     """
     result = Path(result)
     truth = keyframes if isinstance(keyframes, Keyframes) else read_keyframes(Path(keyframes))
-    report = read_run(result / RUN) if result.is_dir() else None
+    run = FinishedRun(result, None if recording is None else Path(recording)) if result.is_dir() else None
+    report = None if run is None else run.report
     judged, not_given = _given(truth, result, report)
     bad = set() if report is None else {frame for frame, _ in report.skipped}
     skipped = tuple(item.frame for item in judged if item.frame in bad)
-    sightings = read_rects(result if report is None else result / TRACKS, unique=True)
+    sightings = read_rects(result if run is None else result / TRACKS, unique=True)
     stages = [Stage("labelled sightings", "labelled", rects_by_frame(sightings))]
-    run = None if report is None else Finished.open(result, report, None if recording is None else Path(recording))
+    opened: Recording | str = f"{result} names none"
     if run is not None:
-        _check_numbers(truth, run.recording)
-        stages = [*early_stages(run, [item.frame for item in judged if item.frame not in skipped]), *stages]
+        opened = open_again(run)
+        _check_numbers(truth, opened)
+        stages = [*early_stages(run, opened, [item.frame for item in judged if item.frame not in skipped]), *stages]
     frames, funnel = judge(judged, sightings, stages)
     return KeyframeEvaluation(
         result=str(result),
@@ -124,8 +124,7 @@ def evaluate_keyframes(
         at=tuple(scores_at(frames, k) for k in range(len(THRESHOLDS))),
         funnel=funnel,
         objects=outcomes_of(truth.objects, frames),
-        recording=None if run is None else run.recording,
-        no_recording=f"{result} names none" if run is None else run.no_recording,
+        recording=opened,
     )
 
 
@@ -151,10 +150,12 @@ def _given(truth: Keyframes, result: Path, report: RunReport | None) -> tuple[li
     return given, tuple(item.frame for item in truth.frames if item not in given)
 
 
-def _check_numbers(truth: Keyframes, recording: Recording | None) -> None:
+def _check_numbers(truth: Keyframes, recording: Recording | str) -> None:
     """Refuse keyframes whose frames have other files in this recording than they say."""
-    for item in truth.frames if recording is not None else ():
-        name = recording.color_name(item.frame) if recording is not None and item.frame < len(recording) else None
+    if isinstance(recording, str):
+        return
+    for item in truth.frames:
+        name = recording.color_name(item.frame) if item.frame < len(recording) else None
         found = NUMBER.search(Path(name).stem) if name else None
         if found and item.number is not None and Decimal(found[0]) != item.number:
             raise InputError(

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from cuboid.downscaling import downscale
-from cuboid.errors import CuboidError, FrameError, InputError
+from cuboid.errors import CuboidError, InputError
 from cuboid.evaluation.result import RectRows, read_rects
+from cuboid.exports.finished import FinishedRun
 from cuboid.frame import Float64Array
-from cuboid.outputs import ObjectsFile, RunReport, read_objects, read_trajectory
-from cuboid.outputs.folder import OBJECTS, PROPOSALS, TRAJECTORY
+from cuboid.outputs import read_trajectory
+from cuboid.outputs.folder import PROPOSALS, TRAJECTORY
 from cuboid.outputs.text import LENGTH, number
 from cuboid.proposals import SOURCES, make_source
 from cuboid.readers.recording import Recording
-from cuboid.readers.reopen import reopen_recording
 from cuboid.views.projection import visible_rect
 from cuboid.views.replay import used_frames
 
@@ -45,46 +44,20 @@ class Stage:
     reason: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Finished:
-    """A finished run, with its recording where that can be opened.
+def open_again(run: FinishedRun) -> Recording | str:
+    """Return the recording of results, without its poses, or why it cannot be opened.
 
-    Attributes
-    ----------
-    path : Path
-        The result folder.
-    report : RunReport
-    content : ObjectsFile
-        The map of objects.
-    recording : Recording or None
-    no_recording : str
-        Why there is none.
+    Raises
+    ------
+    InputError
+        The recording was named, and is not there or is another one.
     """
-
-    path: Path
-    report: RunReport
-    content: ObjectsFile
-    recording: Recording | None
-    no_recording: str
-
-    @classmethod
-    def open(cls, path: Path, report: RunReport, recording: Path | None) -> Finished:
-        """Read a result folder; InputError where it is malformed, or a recording that was named is another one."""
-        content = read_objects(path / OBJECTS)
-        used = used_frames(report)
-        try:
-            opened = reopen_recording(
-                recording or Path(report.recording),
-                report.format,
-                content.intrinsics,
-                report.distortion,
-                used[-1] if used else -1,
-            )
-        except CuboidError as error:
-            if recording is not None:
-                raise
-            return cls(path, report, content, None, str(error))
-        return cls(path, report, content, opened.without_poses(), "")
+    try:
+        return run.recording.without_poses()
+    except CuboidError as error:
+        if run.recording_path is not None:
+            raise
+        return str(error)
 
 
 def rects_by_frame(rows: RectRows) -> Rects:
@@ -92,74 +65,62 @@ def rects_by_frame(rows: RectRows) -> Rects:
     return {int(frame): rows.rects_xyxy[rows.frame == frame] for frame in np.unique(rows.frame)}
 
 
-def early_stages(run: Finished, frames: Sequence[int]) -> list[Stage]:
+def early_stages(run: FinishedRun, recording: Recording | str, frames: Sequence[int]) -> list[Stage]:
     """Return the stages before the labelled sightings, in the order of work.
 
     Parameters
     ----------
-    run : Finished
+    run : FinishedRun
+    recording : Recording or str
+        Of the run, or why it cannot be opened.
     frames : sequence of int
         Frames of the recording that the run used.
     """
     return [
-        _stage("2D proposals", "2D", _proposals_2d, run, frames),
-        _stage("the frame's own 3D boxes", "3D", _proposals_3d, run, frames),
-        _stage("boxes of the map", "map", _map_boxes, run, frames),
+        _stage("2D proposals", "2D", lambda: _proposals_2d(run, recording, frames)),
+        _stage("the frame's own 3D boxes", "3D", lambda: rects_by_frame(read_rects(run.folder / PROPOSALS))),
+        _stage("boxes of the map", "map", lambda: _map_boxes(run, recording, frames)),
     ]
 
 
-def _stage(
-    name: str, short: str, rects_of: Callable[[Finished, Sequence[int]], Rects], run: Finished, frames: Sequence[int]
-) -> Stage:
+def _stage(name: str, short: str, rects: Callable[[], Rects]) -> Stage:
     try:
-        return Stage(name, short, rects_of(run, frames))
+        return Stage(name, short, rects())
     except CuboidError as error:
         return Stage(name, short, None, str(error))
 
 
-def _proposals_2d(run: Finished, frames: Sequence[int]) -> Rects:
+def _proposals_2d(run: FinishedRun, recording: Recording | str, frames: Sequence[int]) -> Rects:
     """Compute the 2D proposals again, from the same images with the same source."""
-    if run.recording is None:
-        raise InputError(f"the recording cannot be opened: {run.no_recording}")
+    if isinstance(recording, str):
+        raise InputError(f"the recording cannot be opened: {recording}")
     spec, scale = str(run.report.config.get("proposals", "")), int(run.report.config.get("scale", 1))
     if spec.partition(":")[0] not in SOURCES.names():
-        raise InputError(f"the proposals came from '{spec}', which has no name on the command line")
-    source, camera = make_source(spec), run.content.intrinsics.downscaled(scale)
+        raise InputError(f"they came from '{spec}', which has no name on the command line")
+    source, camera = make_source(spec), recording.intrinsics.downscaled(scale)
     found = {}
     for frame in frames:
-        try:
-            image = downscale(run.recording.read(frame), scale)
-        except FrameError:
-            continue
+        image = downscale(recording.read(frame), scale)
         found[frame] = source(image, camera).boxes_xyxy.astype(np.float64) * scale
     return found
 
 
-def _proposals_3d(run: Finished, frames: Sequence[int]) -> Rects:
-    return rects_by_frame(read_rects(run.path / PROPOSALS))
-
-
-def _map_boxes(run: Finished, frames: Sequence[int]) -> Rects:
+def _map_boxes(run: FinishedRun, recording: Recording | str, frames: Sequence[int]) -> Rects:
     """Project the map's boxes at the end into the frames."""
-    poses = _poses(run)
+    poses = _poses(run, recording)
     found = {}
     for frame in frames:
         if frame in poses:
-            rects = [visible_rect(item.box, poses[frame], run.content.intrinsics) for item in run.content.objects]
+            rects = [visible_rect(item.box, poses[frame], run.found.intrinsics) for item in run.found.objects]
             found[frame] = np.array([rect for rect in rects if rect is not None]).reshape(-1, 4)
     return found
 
 
-def _poses(run: Finished) -> Mapping[int, Float64Array]:
+def _poses(run: FinishedRun, recording: Recording | str) -> Mapping[int, Float64Array]:
     """Return T_world_camera by frame: lines of the trajectory have times, and no frame numbers."""
-    rows, used = read_trajectory(run.path / TRAJECTORY), used_frames(run.report)
-    if run.recording is not None:
-        by_time = {number(row.timestamp_s, LENGTH): row.T_world_camera for row in rows}
-        times = {frame: number(run.recording.timestamp_s(frame), LENGTH) for frame in used}
-        return {frame: by_time[time] for frame, time in times.items() if time in by_time}
-    if len(rows) != len(used):
-        raise InputError(
-            f"{TRAJECTORY} has {len(rows)} poses for {len(used)} frames; which is whose the recording would tell, "
-            f"but it cannot be opened: {run.no_recording}"
-        )
-    return {frame: row.T_world_camera for frame, row in zip(used, rows, strict=True)}
+    if isinstance(recording, str):
+        return {frame: row.T_world_camera for frame, row in run.poses.items()}
+    rows = read_trajectory(run.folder / TRAJECTORY)
+    by_time = {number(row.timestamp_s, LENGTH): row.T_world_camera for row in rows}
+    times = {frame: number(recording.timestamp_s(frame), LENGTH) for frame in used_frames(run.report)}
+    return {frame: by_time[time] for frame, time in times.items() if time in by_time}
