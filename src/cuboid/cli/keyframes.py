@@ -53,7 +53,7 @@ def print_evaluation(found: KeyframeEvaluation) -> None:
     out = console()
     at = found.at[0]
     out.print(
-        f"{found.result} against {found.keyframes}: {_count(len(found.frames), 'keyframe')} judged, "
+        f"{found.result} against {found.keyframes}\n{_count(len(found.frames), 'keyframe')} judged, "
         f"{_count(at.rectangles, 'rectangle')} of {_count(at.objects, 'object')} to be found",
         markup=False,
     )
