@@ -128,7 +128,7 @@ def test_the_file_that_a_frame_names_must_be_that_frame_s(results: Path, tmp_pat
     document["frames"][0]["number"] = 8
     assert evaluate_keyframes(results, write_keyframes(tmp_path, document)).at[0].found == 1
     document["frames"][0]["number"] = 27
-    with pytest.raises(InputError, match=r"frame 8 has the number 27, but .*color/000008\.png"):
+    with pytest.raises(InputError, match=r"frame 8 is said to have the number 27, but .*color/000008\.png"):
         evaluate_keyframes(results, write_keyframes(tmp_path, document))
 
 

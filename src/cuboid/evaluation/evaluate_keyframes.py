@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import asdict, dataclass
-from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +19,7 @@ from cuboid.evaluation.keyframe_scores import (
     outcomes_of,
     scores_at,
 )
-from cuboid.evaluation.keyframes import Keyframe, Keyframes, read_keyframes
+from cuboid.evaluation.keyframes import COUNTING, Keyframe, Keyframes, check_frames, read_keyframes
 from cuboid.evaluation.result import read_rects
 from cuboid.exports.finished import FinishedRun
 from cuboid.outputs import RunReport
@@ -30,8 +28,6 @@ from cuboid.outputs.text import LENGTH, rounded
 from cuboid.readers.recording import Recording
 
 FORMAT, VERSION = "cuboid-keyframes-evaluation", 1
-# A frame's number in the name of its file: the first there is, which may be a time.
-NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +108,8 @@ def evaluate_keyframes(
     opened: Recording | str = f"{result} names none"
     if run is not None:
         opened = open_again(run)
-        _check_numbers(truth, opened)
+        if isinstance(opened, Recording):
+            check_frames(truth, opened)
         stages = [*early_stages(run, opened, [item.frame for item in judged if item.frame not in skipped]), *stages]
     frames, funnel = judge(judged, sightings, stages)
     return KeyframeEvaluation(
@@ -138,8 +135,7 @@ def _given(truth: Keyframes, result: Path, report: RunReport | None) -> tuple[li
     end = report.frames_read * every
     if report.complete and report.config.get("limit") is None and last >= end:
         raise InputError(
-            f"{truth.path}: has frame {last}, but {result} is of a recording of at most {end} frames; "
-            "'frame' counts the recording's frames from 0, whatever their files are called"
+            f"{truth.path}: has frame {last}, but {result} is of a recording of at most {end} frames; {COUNTING}"
         )
     given = [item for item in truth.frames if item.frame < end and item.frame % every == 0]
     if not given:
@@ -148,20 +144,6 @@ def _given(truth: Keyframes, result: Path, report: RunReport | None) -> tuple[li
             f"it had {'each' if every == 1 else f'one in {every}'} of the first {end}"
         )
     return given, tuple(item.frame for item in truth.frames if item not in given)
-
-
-def _check_numbers(truth: Keyframes, recording: Recording | str) -> None:
-    """Refuse keyframes whose frames have other files in this recording than they say."""
-    if isinstance(recording, str):
-        return
-    for item in truth.frames:
-        name = recording.color_name(item.frame) if item.frame < len(recording) else None
-        found = NUMBER.search(Path(name).stem) if name else None
-        if found and item.number is not None and Decimal(found[0]) != item.number:
-            raise InputError(
-                f"{truth.path}: frame {item.frame} has the number {item.number}, but frame {item.frame} of this "
-                f"recording is {name}; 'frame' counts its frames from 0"
-            )
 
 
 def _frame_to_dict(frame: JudgedFrame) -> dict[str, Any]:

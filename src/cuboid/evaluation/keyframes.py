@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -15,8 +16,12 @@ import numpy as np
 from cuboid.errors import InputError
 from cuboid.frame import Float64Array
 from cuboid.outputs.objects import read_json
+from cuboid.readers.recording import Recording
 
 FORMAT, VERSION = "cuboid-keyframes", 1
+# A frame's number in the name of its file: the first there is, which may be a time.
+NUMBER = re.compile(r"\d+(?:\.\d+)?")
+COUNTING = "'frame' counts the recording's frames from 0, whatever their files are called"
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,6 +159,32 @@ def keyframes_from_json(path: Path, document: dict[str, Any]) -> Keyframes:
         tuple(sorted(objects.values(), key=lambda item: item.id)),
         tuple(sorted(frames, key=lambda item: item.frame)),
     )
+
+
+def file_number(recording: Recording, frame: int) -> Decimal | None:
+    """Return the number in the name of a frame's color image; None where it has no file or the name no number."""
+    name = recording.color_name(frame)
+    found = NUMBER.search(Path(name).stem) if name else None
+    return Decimal(found[0]) if found else None
+
+
+def check_frames(keyframes: Keyframes, recording: Recording) -> None:
+    """Refuse keyframes whose frames the recording does not have, or has other files for than they say.
+
+    Raises
+    ------
+    InputError
+    """
+    for item in keyframes.frames:
+        if item.frame >= len(recording):
+            has = f"{recording.path} has {len(recording)} frames"
+            raise InputError(f"{keyframes.path}: has frame {item.frame}, but {has}; {COUNTING}")
+        number = file_number(recording, item.frame)
+        if None not in (number, item.number) and number != item.number:
+            raise InputError(
+                f"{keyframes.path}: frame {item.frame} is said to have the number {item.number}, but frame "
+                f"{item.frame} of {recording.path} is {recording.color_name(item.frame)}; {COUNTING}"
+            )
 
 
 def _object(item: dict[str, Any]) -> DrawnObject:
