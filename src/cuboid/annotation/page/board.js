@@ -224,6 +224,7 @@ class Board {
     context.scale(ratio, ratio);
     context.imageSmoothingEnabled = zoom < 3; // pixels, where one looks for an edge
     if (this.image) context.drawImage(this.image, left, top, zoom * data.width, zoom * data.height);
+    this.svg.dataset.view = [zoom, left, top].join(" ");
     this.svg.replaceChildren(this.hatching(), ...(this.image ? [...this.guides(), ...this.ghosts(), ...this.rects()] : []));
   }
 
@@ -235,7 +236,7 @@ class Board {
 
   /** Lines through the pointer: they tell whether a rectangle begins at the edge of a thing. */
   guides() {
-    if (!this.pointer || (this.drag && this.drag.kind !== "new")) return [];
+    if (!this.pointer || (this.drag ? this.drag.kind !== "new" : this.svg.style.cursor !== "crosshair")) return [];
     const { x, y } = this.toScreen([...this.pointer, ...this.pointer]);
     const all = this.toScreen([0, 0, data.width, data.height]);
     return [

@@ -24,7 +24,8 @@ class Saving {
     this.sending = false;
     this.outdated = false;
     window.addEventListener("beforeunload", (event) => this.unsaved && event.preventDefault());
-    this.say("saved", keyframes.frames.length ? `saved in ${data.file}` : `will be saved in ${data.file}`);
+    if (keyframes.frames.length) this.say("saved", `saved in ${data.file}`);
+    else this.say("new", `will be saved in ${data.file}`);
   }
 
   say(kind, text) {
