@@ -152,6 +152,7 @@ def test_a_source_without_a_name_cannot_be_asked_again(results: Path, tmp_path: 
     path = write_keyframes(tmp_path, keyframes_document({8: [drawn(2, SEEN)]}))
     own = with_config(results, tmp_path, proposals="MyDetector")
     assert "MyDetector" in evaluate_keyframes(own, path).funnel[0].reason
+    assert "does not say" in evaluate_keyframes(results, path).funnel[0].reason
 
 
 @pytest.mark.parametrize(

@@ -94,7 +94,9 @@ def _proposals_2d(run: FinishedRun, recording: Recording | str, frames: Sequence
     """Compute the 2D proposals again, from the same images with the same source."""
     if isinstance(recording, str):
         raise InputError(f"the recording cannot be opened: {recording}")
-    spec, scale = str(run.report.config.get("proposals", "")), int(run.report.config.get("scale", 1))
+    if "proposals" not in run.report.config:
+        raise InputError("run.json does not say where they came from")
+    spec, scale = str(run.report.config["proposals"]), int(run.report.config.get("scale", 1))
     if spec.partition(":")[0] not in SOURCES.names():
         raise InputError(f"they came from '{spec}', which has no name on the command line")
     source, camera = make_source(spec), recording.intrinsics.downscaled(scale)

@@ -232,6 +232,7 @@ function setUpKeys() {
   document.addEventListener("keydown", (event) => {
     if (event.target.matches("input[type=text], select") || (find("help").open && event.key !== "?")) return;
     if (event.target.matches("button") && ["Enter", " "].includes(event.key)) return;
+    if (event.target.matches("#visible") && event.key in ARROWS) return;
     const single = event.key.length === 1;
     const held = [(event.ctrlKey || event.metaKey) && "Ctrl", event.altKey && "Alt", event.shiftKey && (!single || event.ctrlKey || event.metaKey) && "Shift"];
     const action = actions.get([...held.filter(Boolean), single ? event.key.toLowerCase() : event.key].join("+"));
