@@ -24,7 +24,7 @@ from cuboid.views.live.messages import PICTURE_WIDTH_PX, map_message, moment_mes
 from cuboid.views.live.server import PORTS
 from cuboid.views.live.watch import Moment, Ration
 from cuboid.views.palette import hex_of
-from cuboid.views.report.server import HOST
+from cuboid.views.serving import HOST
 from fakes import INTRINSICS, FakeRecording, FakeTracker
 
 

@@ -20,12 +20,13 @@ import numpy as np
 import pytest
 
 from browser import Watched, browser, pixels
-from cuboid.cli import view
+from cuboid.cli import serving, view
 from cuboid.errors import InputError, OutputError
 from cuboid.frame import UInt8Array
 from cuboid.readers import open_recording
 from cuboid.views.replay import Replay
-from cuboid.views.report.server import HOST, Viewer, make_server
+from cuboid.views.report.server import Viewer, make_server
+from cuboid.views.serving import HOST
 from made_results import FRAMES, HEIGHT, SKIPPED, WIDTH, write_results
 
 STRIP_PX = 24
@@ -112,7 +113,7 @@ def test_a_port_that_is_taken_is_one_line(server: ThreadingHTTPServer, results: 
     with pytest.raises(OutputError, match=f"port {server.server_port} cannot be used"):
         call(results, "--port", str(server.server_port), "--no-browser")
     with pytest.raises(argparse.ArgumentTypeError, match="expected a port"):
-        view.port("70000")
+        serving.port("70000")
 
 
 def test_another_recording_or_no_results_is_one_line(results: Path, tmp_path: Path) -> None:

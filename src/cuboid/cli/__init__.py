@@ -21,6 +21,7 @@ COMMANDS = (
     "track",
     "evaluate",
     "evaluate trajectory",
+    "annotate",
     "render",
     "report",
     "view",

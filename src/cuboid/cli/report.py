@@ -41,11 +41,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _reading(results: Path, moved: Path | None) -> Callable[[int], Frame]:
     """Return what reads the frames of the recording that results are of."""
-    from cuboid.readers.reopen import reopen_recording
-    from cuboid.views.replay import open_results, used_frames
+    from cuboid.views.replay import open_results, reopen
 
     report, found = open_results(results)
-    last_frame = max(used_frames(report), default=-1)
-    path = moved or Path(report.recording)
-    recording = reopen_recording(path, report.format, found.intrinsics, report.distortion, last_frame)
-    return recording.without_poses().read
+    return reopen(report, found.intrinsics, moved).without_poses().read

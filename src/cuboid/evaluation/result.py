@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -20,6 +21,7 @@ IntArray = npt.NDArray[np.int64]
 
 PLACE = ("cx", "cy", "cz", "length", "width", "height", "qw", "qx", "qy", "qz")
 NEEDED = ("frame", "label", *PLACE)
+RECT = ("x0", "y0", "x1", "y1")
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +38,22 @@ class BoxRows:
     frame: IntArray
     label: IntArray
     boxes: Float64Array
+
+
+@dataclass(frozen=True, slots=True)
+class RectRows:
+    """Rectangles of frames, in frame order.
+
+    Attributes
+    ----------
+    frame, label : (N,) int64
+    rects_xyxy : (N, 4) float64
+        Pixels of the recording's color image.
+    """
+
+    frame: IntArray
+    label: IntArray
+    rects_xyxy: Float64Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,44 +169,70 @@ def read_boxes(path: Path, *, unique: bool = False) -> BoxRows:
     InputError
         The file cannot be read, lacks a column, or a row is malformed; the message names file and line.
     """
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            lines = csv.reader(file)
-            columns = _columns(path, next(lines, []))
-            rows = [_row(path, lines.line_num, cells, columns) for cells in lines if cells]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    table = np.array(rows).reshape(-1, 2 + 15)
-    table = table[np.argsort(table[:, 0], kind="stable")]
-    found = BoxRows(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:])
+    table = _read_table(path, PLACE, _box)
+    found = BoxRows(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:].reshape(-1, 15))
     if unique:
         _refuse_twice(path, found)
     return found
 
 
-def _columns(path: Path, header: list[str]) -> list[int]:
-    names = [name.strip() for name in header]
-    missing = [name for name in NEEDED if name not in names]
-    if missing:
-        raise InputError(f"{path}:1: expected a header with {','.join(NEEDED)}; missing: {', '.join(missing)}")
-    return [names.index(name) for name in NEEDED]
+def read_rects(path: Path, *, unique: bool = False) -> RectRows:
+    """Read the rectangles of a CSV with at least frame, label and `RECT`; parameters and errors as `read_boxes`."""
+    table = _read_table(path, RECT, _rect)
+    found = RectRows(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:].reshape(-1, 4))
+    if unique:
+        _refuse_twice(path, found)
+    return found
 
 
-def _row(path: Path, line: int, cells: list[str], columns: list[int]) -> list[float]:
+def _read_table(path: Path, names: tuple[str, ...], parse: Callable[[list[float]], list[float]]) -> Float64Array:
+    """Return frame, label and what `parse` makes of the named columns of a CSV, in frame order."""
     try:
-        frame, label, *place = (float(cells[k]) for k in columns)
+        with path.open(newline="", encoding="utf-8") as file:
+            lines = csv.reader(file)
+            columns = _columns(path, next(lines, []), ("frame", "label", *names))
+            rows = [_row(path, lines.line_num, cells, columns, parse) for cells in lines if cells]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    table = np.array(rows, np.float64).reshape(len(rows), -1 if rows else 2)
+    return table[np.argsort(table[:, 0], kind="stable")]
+
+
+def _columns(path: Path, header: list[str], needed: tuple[str, ...]) -> list[int]:
+    names = [name.strip() for name in header]
+    missing = [name for name in needed if name not in names]
+    if missing:
+        raise InputError(f"{path}:1: expected a header with {','.join(needed)}; missing: {', '.join(missing)}")
+    return [names.index(name) for name in needed]
+
+
+def _row(
+    path: Path, line: int, cells: list[str], columns: list[int], parse: Callable[[list[float]], list[float]]
+) -> list[float]:
+    try:
+        frame, label, *rest = (float(cells[k]) for k in columns)
         if not (frame >= 0 and label >= 0 and frame == int(frame) and label == int(label)):
             raise ValueError(f"frame and label must be whole numbers of at least 0, got {frame:g}, {label:g}")
-        if not (np.isfinite(place).all() and min(place[3:6]) >= 0):
-            raise ValueError(f"a box needs finite numbers and a size of at least 0, got {place}")
-        return [frame, label, *place[:6], *rotation_from_quat_wxyz(place[6:]).ravel()]
+        return [frame, label, *parse(rest)]
     except IndexError:
         raise InputError(f"{path}:{line}: expected {max(columns) + 1} values, got {len(cells)}") from None
     except (ValueError, OverflowError) as error:
         raise InputError(f"{path}:{line}: {error}") from error
 
 
-def _refuse_twice(path: Path, rows: BoxRows) -> None:
+def _box(place: list[float]) -> list[float]:
+    if not (np.isfinite(place).all() and min(place[3:6]) >= 0):
+        raise ValueError(f"a box needs finite numbers and a size of at least 0, got {place}")
+    return [*place[:6], *rotation_from_quat_wxyz(place[6:]).ravel()]
+
+
+def _rect(rect: list[float]) -> list[float]:
+    if not np.isfinite(rect).all():
+        raise ValueError(f"a rectangle needs finite numbers, got {rect}")
+    return rect
+
+
+def _refuse_twice(path: Path, rows: BoxRows | RectRows) -> None:
     if len(rows.label) and rows.label.min() < 1:
         raise InputError(f"{path}: frame {rows.frame[rows.label.argmin()]}: a label must be at least 1")
     pairs, count = np.unique(np.stack([rows.frame, rows.label], axis=1), axis=0, return_counts=True)

@@ -20,9 +20,8 @@ from cuboid.outputs import (
 )
 from cuboid.outputs.folder import MAP, OBJECTS, RUN, TRACKS, TRAJECTORY
 from cuboid.readers import Recording
-from cuboid.readers.reopen import reopen_recording
 from cuboid.results import MapPoints, TrackedObject
-from cuboid.views.replay import used_frames
+from cuboid.views.replay import reopen, used_frames
 
 
 @dataclass(frozen=True)
@@ -95,6 +94,4 @@ class FinishedRun:
         InputError
             It is not there, or is another one.
         """
-        path = self.recording_path or Path(self.report.recording)
-        last_frame = max(self.poses, default=-1)
-        return reopen_recording(path, self.report.format, self.found.intrinsics, self.report.distortion, last_frame)
+        return reopen(self.report, self.found.intrinsics, self.recording_path)

@@ -108,6 +108,12 @@ class RunReport:
         """Of the lens, as it was taken out of the images; empty where there was none."""
         return tuple(float(value) for value in self.config.get("distortion", ()))
 
+    @property
+    def depth_units_per_metre(self) -> float | None:
+        """Of the depth images; None in results that do not say."""
+        units = self.config.get("depth_units_per_metre")
+        return None if units is None else float(units)
+
     def skipped_kinds(self) -> list[SkippedKind]:
         """Return what kinds of bad frames there were, the most frequent first.
 

@@ -23,6 +23,8 @@ from cuboid.outputs import (
 )
 from cuboid.outputs.folder import OBJECTS, PROPOSALS, RUN, TRACKS, TRAJECTORY
 from cuboid.outputs.text import LENGTH, number
+from cuboid.readers.recording import Recording
+from cuboid.readers.reopen import reopen_recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,14 +79,8 @@ class Replay:
 
     Attributes
     ----------
-    recording : Path
-        Where the recording lay.
-    format : str
-        Name of its layout.
     intrinsics : Intrinsics
-        Of its color image.
-    distortion : tuple of float
-        Of its lens, as it was taken out.
+        Of the recording's color image.
     every : int
         One in so many frames was used.
     frames_per_second : float or None
@@ -98,10 +94,8 @@ class Replay:
 
     def __init__(self, folder: Path) -> None:
         report, found = open_results(folder)
-        self.recording = Path(report.recording)
-        self.format = report.format
+        self._report = report
         self.intrinsics: Intrinsics = found.intrinsics
-        self.distortion = report.distortion
         self.every = _every(report)
         median_ms = report.milliseconds["frame"].median_ms if "frame" in report.milliseconds else 0.0
         self.frames_per_second = 1e3 / median_ms if median_ms > 0 else None
@@ -123,6 +117,10 @@ class Replay:
     def last_frame(self) -> int:
         """The last frame of the recording that was used; -1 where none was."""
         return self._used[-1] if self._used else -1
+
+    def reopen(self, moved: Path | None) -> Recording:
+        """Open the recording, which lies at `moved`, or where it lay; InputError where it is not there."""
+        return reopen(self._report, self.intrinsics, moved)
 
     def frames(self, timestamp_of: Callable[[int], float]) -> Iterator[ReplayedFrame]:
         """Iterate over the frames that have a pose, in order.
@@ -162,6 +160,32 @@ def open_results(folder: Path) -> tuple[RunReport, ObjectsFile]:
     if not folder.is_dir():
         raise InputError(f"{folder}: expected a folder with the results of 'cuboid track'")
     return read_run(folder / RUN), read_objects(folder / OBJECTS)
+
+
+def reopen(report: RunReport, intrinsics: Intrinsics, moved: Path | None) -> Recording:
+    """Open the recording of finished results.
+
+    Parameters
+    ----------
+    report : RunReport
+    intrinsics : Intrinsics
+        Of its color image.
+    moved : Path or None
+        Where it lies now; None where it still is where it was.
+
+    Raises
+    ------
+    InputError
+        It is not there, or is another one.
+    """
+    return reopen_recording(
+        moved or Path(report.recording),
+        report.format,
+        intrinsics,
+        report.distortion,
+        max(used_frames(report), default=-1),
+        report.depth_units_per_metre,
+    )
 
 
 def used_frames(report: RunReport) -> list[int]:
