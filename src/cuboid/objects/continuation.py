@@ -1,0 +1,59 @@
+"""What goes on beyond its box into a surface that is no object's is a part of that surface: structure."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cuboid.frame import Float64Array, UInt8Array
+from cuboid.geometry.box import Box
+from cuboid.heatmap.voxel_map import Rows, VoxelMap
+
+# What lies this near a side of the box, voxels, makes that side; it goes on where there are points so far beyond, voxels.
+SIDE_VOXELS, BEYOND_VOXELS = 2.0, (2.0, 3.0, 4.0)
+# A side goes on when this share of it does.
+SIDE_SHARE = 0.5
+# What is lower than this above the foot of a box, metres, is beside what it stands on.
+FOOT_M = 0.03
+# Points of an object that are asked, at most about.
+ASKED = 400
+
+
+def continues(box: Box, rows: Rows, voxels: VoxelMap, owned: UInt8Array) -> tuple[bool, int]:
+    """Tell whether an object's top goes on into structure, and how many of its four other sides do.
+
+    Parameters
+    ----------
+    box : Box
+    rows : (N,) int64
+        Its voxels.
+    voxels : VoxelMap
+    owned : (M,) uint8
+        1 for each object, by number, that is no structure.
+    """
+    rows = rows[:: 1 + len(rows) // ASKED]
+    own = (voxels.xyz(rows).astype(np.float64) - box.center) @ box.rotation
+    own = own[own[:, 2] > FOOT_M - box.size[2] / 2]
+    if len(own) == 0:
+        return False, 0
+    low, high = own.min(0), own.max(0)
+    top, sides = False, 0
+    for axis, sign in ((2, 1), (0, 1), (0, -1), (1, 1), (1, -1)):
+        edge = high[axis] - own[:, axis] if sign > 0 else own[:, axis] - low[axis]
+        side = own[edge <= SIDE_VOXELS * voxels.voxel_m]
+        step = np.zeros(3)
+        step[axis] = sign * voxels.voxel_m
+        beyond = (side[:, None] + np.array(BEYOND_VOXELS)[:, None] * step).reshape(-1, 3)
+        owner = voxels.owner_at(beyond @ box.rotation.T + box.center)
+        foreign = (owner >= 0) & ~owned[np.maximum(owner, 0)].astype(bool)
+        goes_on = float(foreign.reshape(len(side), -1).any(1).mean()) >= SIDE_SHARE
+        if axis == 2:
+            top = goes_on
+        else:
+            sides += goes_on
+    return top, sides
+
+
+def is_structure(box: Box, rows: Rows, voxels: VoxelMap, owned: UInt8Array) -> bool:
+    """Tell whether an object is a part of structure: its top goes on, or more than one of its sides does."""
+    top, sides = continues(box, rows, voxels, owned)
+    return top or sides > 1

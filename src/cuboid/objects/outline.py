@@ -1,0 +1,54 @@
+"""What bounds a thing tells whether it is an object: air all round, and what it stands on."""
+
+from __future__ import annotations
+
+from math import log
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.kernels.claims import BOTTOM, CONTACT, FREE, UNSURE, SUPPORT, UNKNOWN
+
+# Log-odds that a sighting adds which shows all of an outline, all of it free: two or three make an object sure.
+CLEAR = log(99.0) / 2.0
+# Of an object at least this share of the outline that can be judged is free or rests on its support.
+OWN_SHARE = 0.6
+# What another thing or a hole bounds is an object's own outline half of the time.
+UNSURE_SHARE = 0.5
+# A side is known when this share of it can be judged, and goes on into structure when this share of that does.
+KNOWN_SHARE, STRUCTURE_SHARE = 0.2, 0.5
+
+Outline = npt.NDArray[Any]
+
+
+def told_by(outline: Outline) -> float:
+    """Return the log-odds that a sighting adds that it shows an object.
+
+    Parameters
+    ----------
+    outline : (4, 5)
+        Pixels by side and kind; see `kernels.claims.outlines`.
+    """
+    kinds = outline.sum(0)
+    # Everything stands on something, known or not.
+    kinds[SUPPORT] += outline[BOTTOM, CONTACT]
+    kinds[CONTACT] -= outline[BOTTOM, CONTACT]
+    judged = float(kinds[:UNKNOWN].sum())
+    own = kinds[FREE] + kinds[SUPPORT] + UNSURE_SHARE * kinds[UNSURE]
+    share = own / max(judged, 1.0)
+    return float(CLEAR * judged / max(float(kinds.sum()), 1.0) * (share - OWN_SHARE) / (1.0 - OWN_SHARE))
+
+
+def enclosed(outline: Outline) -> bool:
+    """Tell whether all sides but the bottom were seen to end: what continues into the unknown waits.
+
+    Parameters
+    ----------
+    outline : (4, 5)
+        Summed over the sightings of a thing.
+    """
+    judged = outline[:, :UNKNOWN].sum(1)
+    known = judged >= KNOWN_SHARE * outline.sum(1)
+    structure = outline[:, CONTACT] > STRUCTURE_SHARE * judged
+    return bool(np.delete(known & ~structure, BOTTOM).all())
