@@ -19,8 +19,8 @@ from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.claims import BOTTOM, LEFT, RIGHT, TOP
 from cuboid.kernels.pixels import stand_on
-from cuboid.objects.entry import MapObject
 from cuboid.objects.association import Association
+from cuboid.objects.entry import MapObject
 from cuboid.objects.object_map import ObjectMap
 from cuboid.objects.prior import prior_of
 from cuboid.objects.visibility import look
@@ -123,7 +123,9 @@ class Tracker:
         watch.lap("fuse")
         objects = self._map.in_view(image, T_camera_world)
         prior = prior_of(objects, image, candidate, self._voxels.owner_of(slots), weighed)
-        things = frame_clusters(image, heat, candidate, weighed, prior, heights, support, self._sides(T_world_camera), T_world_camera, c)
+        things = frame_clusters(
+            image, heat, candidate, weighed, prior, heights, support, self._sides(T_world_camera), T_world_camera, c
+        )
         boxes = [self._box(cluster) for cluster in things.clusters]
         watch.lap("boxes")
         found = self._map.update(
@@ -205,7 +207,7 @@ class Tracker:
     def _candidates(self, image: WorkingImage, heights: Float32Array) -> UInt8Array:
         """Return which readings may belong to an object: all within range but those on a supporting plane."""
         within = (image.depth_m > 0) & (image.depth_m <= self.config.max_depth_m)
-        return (within & (heights != 0)).astype(np.uint8)
+        return np.asarray(within & (heights != 0), dtype=np.uint8)
 
     def _sides(self, T_world_camera: Float64Array) -> npt.NDArray[np.int64]:
         """Return which side of a thing lies below, above, right and left of it in the image: up may point anywhere."""
@@ -256,9 +258,7 @@ class Tracker:
                 sightings.append(Sighting(entry.label, entry.box, own, view.visible, view.rect_xyxy))
         return tuple(sorted(sightings, key=lambda s: s.label))
 
-    def _own_boxes(
-        self, things: FrameClusters, boxes: Sequence[Box], found: Association
-    ) -> tuple[Proposal3D, ...]:
+    def _own_boxes(self, things: FrameClusters, boxes: Sequence[Box], found: Association) -> tuple[Proposal3D, ...]:
         """Return the frame's own boxes with the labels of the objects that they are."""
         place = np.where(found.match >= 0, found.match, found.part)
         labels = [found.objects[j].label if j >= 0 else 0 for j in place]

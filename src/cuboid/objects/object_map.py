@@ -13,8 +13,8 @@ from cuboid.frame import Float64Array, UInt8Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.geometry.se3 import transform
-from cuboid.heatmap.voxel_map import Rows, VoxelMap
-from cuboid.objects.affinity import SURE, Affinity
+from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.objects.affinity import SURE
 from cuboid.objects.association import IN_SIGHT, MOST, Association, associate
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.continuation import is_structure
@@ -45,8 +45,6 @@ UNSURE, TOUCH_M = 1.1, 0.03
 LEAST_VOXELS = 8
 # Objects beyond so many times the range of depth are not looked for: too far to tell even their colors.
 FAR = 2.0
-# What stands where a retired object stood is that object, when this share of the smaller box is common.
-RETURN_OVERLAP = 0.3
 # Two objects are likely one when their boxes share this much of the smaller one.
 TWIN_OVERLAP = 0.5
 
@@ -298,9 +296,17 @@ class ObjectMap:
         for entry in self.store.all_of(numbers):
             if entry.log_odds <= -SURE:
                 self.store.retire(entry)
-            elif entry.state is State.CANDIDATE and entry.log_odds >= SURE and not entry.structure and enclosed(entry.outline):
-                if fits_object(entry.box, self._config) and not self._may_be_part(entry):
-                    self.store.confirm(entry)
+            elif entry.state is State.CANDIDATE and entry.log_odds >= SURE and self._is_whole(entry):
+                self.store.confirm(entry)
+
+    def _is_whole(self, entry: MapObject) -> bool:
+        """Tell whether a candidate is an object as a whole: no structure, of an object's size, no part of another."""
+        return (
+            not entry.structure
+            and enclosed(entry.outline)
+            and fits_object(entry.box, self._config)
+            and not self._may_be_part(entry)
+        )
 
     def _may_be_part(self, entry: MapObject) -> bool:
         """Tell whether frames do not agree yet that an object is another one than a labelled one that it touches."""
