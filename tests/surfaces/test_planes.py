@@ -86,12 +86,6 @@ def test_a_frame_has_to_do_with_the_planes_in_view_alone() -> None:
     assert [plane.index for plane in view.planes] == view.numbers.tolist()
     assert min(view.numbers) >= 40
     assert view.ground.shape[1] * view.ground.shape[2] < 200 * 200
-    above = np.array([[0.0, 0.0, 0.1], [44.3, 0.3, 0.2], [30.0, 0.0, 0.2]])
-    beneath = tracker._planes.beneath(above, 0.006)
-    assert beneath[0] >= 40
-    assert tracker._planes.planes[beneath[1]].mean[2] == pytest.approx(0.0)
-    assert 0 <= beneath[1] < 40
-    assert beneath[2] == -1
 
 
 def test_two_planes_that_prove_to_be_one_are_merged_and_others_keep_their_places() -> None:
