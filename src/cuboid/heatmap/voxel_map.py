@@ -243,8 +243,9 @@ class VoxelMap:
         self._blocks.pass_on(gone, kept)
 
     def release(self, numbers: Sequence[int]) -> None:
-        """Let objects have no rows."""
-        self.owner[self._blocks.rows_of(numbers, self.owner[: self.count])] = 0
+        """Let objects have no rows: these are no one's, and no votes hold them."""
+        rows = self._blocks.rows_of(numbers, self.owner[: self.count])
+        self.owner[rows] = self.confidence[rows] = 0
         for number in numbers:
             self._blocks.release(number)
 
