@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
 
@@ -104,6 +104,7 @@ TestWorlds.settings = settings(
     stateful_step_count=30,
     deadline=None,
     derandomize=True,
+    phases=(Phase.generate,),  # a long way is quickly told; to make it short takes minutes
     database=None,
     suppress_health_check=list(HealthCheck),
 )

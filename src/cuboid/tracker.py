@@ -245,7 +245,7 @@ class Tracker:
         objects = [o for o in self._map.in_view(image, T_camera_world) if len(o.points)]
         pixel_owner = self._voxels.owner_of(slots)
         views = look(objects, image, pixel_owner, T_camera_world, self.config.depth_noise_per_m)
-        iou = {found.objects[j].number: float(found.iou[i, j]) for i, j in enumerate(found.match) if j >= 0}
+        iou = {found.objects[j].whole.number: float(found.iou[i, j]) for i, j in enumerate(found.match) if j >= 0}
         sightings = []
         for entry, view in zip(objects, views, strict=True):
             if not view.seen:
@@ -261,7 +261,8 @@ class Tracker:
     def _own_boxes(self, things: FrameClusters, boxes: Sequence[Box], found: Association) -> tuple[Proposal3D, ...]:
         """Return the frame's own boxes with the labels of the objects that they are."""
         place = np.where(found.match >= 0, found.match, found.part)
-        labels = [found.objects[j].label if j >= 0 else 0 for j in place]
+        now = [found.objects[j].whole if j >= 0 else None for j in place]
+        labels = [o.label if o is not None and o.confirmed else 0 for o in now]
         return tuple(
             Proposal3D(label, box, cluster.heat, cluster.rect_xyxy)
             for label, box, cluster in zip(labels, boxes, things.clusters, strict=True)

@@ -121,11 +121,12 @@ class VoxelMap:
         """
         self._reserve(heat.size)
         slots = np.empty(heat.shape, np.int32)
-        self.count = kernel.fuse(
+        self.count, again = kernel.fuse(
             image.depth_m, image.color, heat, _pinhole(image), np.ascontiguousarray(T_world_camera), self.voxel_m,
             self._max_depth_m, frame, self.keys, self.values, self.hits, self._last_frame, self.count, self._table,
             slots,
         )  # fmt: skip
+        self._dead -= again
         if anchor:
             self.anchor[slots[slots >= 0]] = anchor
         return slots

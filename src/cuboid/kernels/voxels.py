@@ -97,10 +97,11 @@ def fuse(
 
     Returns
     -------
-    int
-        Rows in use afterwards.
+    (int, int)
+        Rows in use afterwards, and how many that were removed are seen again.
     """
     height, width = depth.shape
+    again = 0
     inverse = 1.0 / voxel
     # Local copies: what is written below could lie in these arrays, for all the compiler knows.
     fx, fy, cx, cy = 1.0 / camera[0], 1.0 / camera[1], camera[2], camera[3]
@@ -154,6 +155,8 @@ def fuse(
                 values[row, :] = 0.0
                 hits[row] = 0
                 last_frame[row] = -1
+            elif values[row, WEIGHT] <= 0.0:
+                again += 1
             slots[v, u] = row
             # Depth's variance grows with z^4: a near sighting says more. Half a metre and nearer weigh alike.
             near = max(z, 0.5)
@@ -172,7 +175,7 @@ def fuse(
             if last_frame[row] != frame:
                 last_frame[row] = frame
                 hits[row] += 1
-    return count
+    return count, again
 
 
 @njit(cache=True, nogil=True)

@@ -110,6 +110,7 @@ class ObjectStore:
         self.affinity.pass_on(gone.number, kept.number)
         self._end(gone)
         del self._objects[gone.number]
+        gone.taken_by = kept
         return kept, gone
 
     def _end(self, entry: MapObject) -> None:
