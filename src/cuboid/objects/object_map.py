@@ -14,6 +14,7 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.geometry.se3 import transform
 from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.kernels.claims import BOTTOM, CONTACT, FREE, SUPPORT
 from cuboid.objects.affinity import SURE
 from cuboid.objects.association import IN_SIGHT, MOST, Association, associate
 from cuboid.objects.boxing import Boxing
@@ -139,8 +140,8 @@ class ObjectMap:
 
     @staticmethod
     def _apart(things: FrameClusters, i: int, j: int | None) -> bool:
-        """Tell whether a thing that lies in an object is bounded by that object's own thing: one of two, not a part."""
-        return j is not None and bool(things.contact[i, j] + things.contact[j, i] > 0)
+        """Tell whether two things are bounded by each other, and are no pieces of one proposal."""
+        return j is not None and things.share[i] != things.share[j] and things.contact[i, j] + things.contact[j, i] > 0
 
     def _sighting(self, entry: MapObject, cluster: FrameCluster) -> None:
         entry.log_odds = min(MOST_SURE, max(-MOST_SURE, entry.log_odds + told_by(cluster.outline)))
@@ -184,9 +185,7 @@ class ObjectMap:
                     affinity.tell(found.objects[whole[a]].number, found.objects[whole[b]].number, one=True, news=news)
         for i in range(n):
             for j in range(i + 1, n):
-                if things.contact[i, j] + things.contact[j, i] == 0:
-                    continue
-                if found.match[i] >= 0 and found.match[j] >= 0:
+                if self._apart(things, i, j) and found.match[i] >= 0 and found.match[j] >= 0:
                     affinity.tell(
                         found.objects[found.match[i]].number, found.objects[found.match[j]].number, one=False, news=news
                     )
@@ -304,9 +303,20 @@ class ObjectMap:
         return (
             not entry.structure
             and enclosed(entry.outline)
+            and not self._floats(entry)
             and fits_object(entry.box, self._config)
             and not self._may_be_part(entry)
         )
+
+    def _floats(self, entry: MapObject) -> bool:
+        """Tell whether an object hangs in the air: above what it would stand on by more than it is long, air beneath."""
+        plane = None if entry.plane is None else self._planes.find(entry.plane)
+        if plane is None:
+            return False
+        normal, offset = self._planes.in_world(plane)
+        gap_m = float(normal @ entry.box.center) + offset - entry.box.size[2] / 2
+        beneath = entry.outline[BOTTOM]
+        return gap_m > entry.box.size.max() and beneath[FREE] > beneath[SUPPORT] + beneath[CONTACT]
 
     def _may_be_part(self, entry: MapObject) -> bool:
         """Tell whether frames do not agree yet that an object is another one than a labelled one that it touches."""

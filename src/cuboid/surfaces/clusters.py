@@ -64,11 +64,14 @@ class FrameClusters:
         Place in `clusters` of each working pixel's, -1 none.
     contact : (n, n) int64
         [i, j]: pixels of the outline of i beyond which j begins.
+    share : (n,) int64
+        The proposal that each was a piece of.
     """
 
     clusters: list[FrameCluster]
     claim: npt.NDArray[np.int32]
     contact: npt.NDArray[np.int64]
+    share: npt.NDArray[np.int64]
 
 
 def frame_clusters(
@@ -139,7 +142,7 @@ def frame_clusters(
                 pixels[own], world, supports[k], float(warm[own].mean()), float(scores[k]), rects[k], outline[k]
             )
         )
-    return FrameClusters(clusters, claim, contact)
+    return FrameClusters(clusters, claim, contact, shares.astype(np.int64))
 
 
 def _counts(planes: npt.NDArray[np.int32]) -> dict[int, int]:
