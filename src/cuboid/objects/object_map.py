@@ -309,14 +309,14 @@ class ObjectMap:
         )
 
     def _floats(self, entry: MapObject) -> bool:
-        """Tell whether an object hangs in the air: above what it would stand on by more than it is long, air beneath."""
+        """Tell whether an object hangs in the air: higher above its plane than it is long, air beneath."""
         plane = None if entry.plane is None else self._planes.find(entry.plane)
         if plane is None:
             return False
         normal, offset = self._planes.in_world(plane)
         gap_m = float(normal @ entry.box.center) + offset - entry.box.size[2] / 2
         beneath = entry.outline[BOTTOM]
-        return gap_m > entry.box.size.max() and beneath[FREE] > beneath[SUPPORT] + beneath[CONTACT]
+        return bool(gap_m > entry.box.size.max() and beneath[FREE] > beneath[SUPPORT] + beneath[CONTACT])
 
     def _may_be_part(self, entry: MapObject) -> bool:
         """Tell whether frames do not agree yet that an object is another one than a labelled one that it touches."""
