@@ -299,9 +299,10 @@ class ObjectMap:
                 self.store.confirm(entry)
 
     def _is_whole(self, entry: MapObject) -> bool:
-        """Tell whether a candidate is an object as a whole: no structure, of an object's size, no part of another."""
+        """Tell whether a candidate has a box, and is a whole object: no structure, of its size, no part of another."""
         return (
-            not entry.structure
+            len(entry.points) > 0
+            and not entry.structure
             and enclosed(entry.outline)
             and not self._floats(entry)
             and fits_object(entry.box, self._config)
