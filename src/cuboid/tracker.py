@@ -276,6 +276,7 @@ class Tracker:
         return [self._tracked(entry, place) for entry in self._map.store.confirmed()]
 
     def _tracked(self, entry: MapObject, place: Mapping[int, int]) -> TrackedObject:
+        plane = None if entry.plane is None else self._planes.find(entry.plane)
         return TrackedObject(
             label=entry.label,
             box=entry.box,
@@ -286,7 +287,7 @@ class Tracker:
             frames_seen=entry.frames_seen,
             points=len(entry.points),
             mean_color=entry.mean_color,
-            plane=None if entry.plane is None else place.get(entry.plane),
+            plane=None if plane is None else place[plane.identity],
             merged_labels=tuple(entry.merged_labels),
         )
 

@@ -52,12 +52,12 @@ class PlaneTracker:
         self._config = config
         self._vote = UpVote()
         self._next_identity = 0
-        self._of: dict[int, Plane] = {}
         self.T_plan_world: Float64Array | None = None
         self._clear()
 
     def _clear(self) -> None:
         self.planes: list[Plane] = []
+        self._of: dict[int, Plane] = {}
         self._windows = Windows(FORGET_FRAMES)
         self._main: Plane | None = None
         # Those with readings that were not looked at yet, and those looked at since twins were looked for.
