@@ -9,7 +9,7 @@ FREE, SUPPORT, UNSURE, CONTACT, UNKNOWN = range(5)
 # Sides of a thing in the picture, seen from the camera held upright: columns of `outline` too.
 TOP, BOTTOM, LEFT, RIGHT = range(4)
 # The top and the bottom of a thing are so much of its height.
-END_SHARE = 0.15
+END_SHARE = 0.05
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -155,7 +155,7 @@ def outlines(depth, claim, on_plane, corners, plane_of, side_of, focal, noise, j
                     low, high = (corners[a, 1], corners[a, 3]) if k < 2 else (corners[a, 0], corners[a, 2])
                     here = v if k < 2 else u
                     far = high - here if dv + du > 0 else here - low
-                    if far > END_SHARE * (high - low):
+                    if far > max(1.0, END_SHARE * (high - low)):
                         continue
                 kind = UNSURE
                 for _ in range(reach):

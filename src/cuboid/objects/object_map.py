@@ -239,7 +239,7 @@ class ObjectMap:
         self.store.place(entry, box)
         owned = np.zeros(self.store.numbers, np.uint8)
         owned[[entry.number, *(o.number for o in self._neighbours(entry) if o.confirmed)]] = 1
-        entry.structure = is_structure(box, rows, voxels, owned)
+        entry.structure = not fits_object(box, self._config) or is_structure(box, rows, voxels, owned)
         if entry.structure:
             entry.log_odds -= STRUCTURE
         if too_large(box, self._config):

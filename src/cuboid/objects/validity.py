@@ -8,7 +8,7 @@ from cuboid.config import TrackerConfig
 from cuboid.geometry.box import Box
 
 # An object rises at least so many times the least size above what it stands on: flatter is the noise of a plane.
-LEAST_HEIGHT = 0.5
+LEAST_HEIGHT = 0.6
 # A box this thin, metres, is a sheet of noise.
 SHEET_M = 0.008
 

@@ -30,7 +30,7 @@ LEAST_WIDE = 120
 SAME_SURFACE = 0.01
 # Standard deviation of depth at distance z is this times z squared, 1/metre (Khoshelham and Elberink 2012); that of
 # 1/z is then this number itself, wherever a pixel looks.
-NOISE_PER_M = 1.8e-3
+NOISE_PER_M = 2.2e-3
 # Neighbours on one surface differ in depth by less than this times z squared, plus 1 cm: ten deviations.
 MIXED_PER_M = 0.014
 # Farther readings are background, metres: there, noise (2 cm) hides a small object in its own depth.
