@@ -335,9 +335,14 @@ class _Pipeline:
         return () if found is None else (found,)
 
     def trajectory(self) -> list[PoseRow] | None:
-        """Return the corrected poses; None where none was corrected."""
+        """Return the corrected poses of the frames that were used; None where none was corrected.
+
+        Frames that were lost when they came get a pose when their place is found later; the tracker never used them.
+        """
         poses = self.poses.trajectory()
-        return None if poses is None else [PoseRow(self.times_s[frame], T) for frame, T in sorted(poses.items())]
+        if poses is None:
+            return None
+        return [PoseRow(self.times_s[k], T) for k, T in sorted(poses.items()) if k in self.T_world_camera]
 
     def _skip(self, index: int, reason: str) -> None:
         self.log.skip(index, reason)
