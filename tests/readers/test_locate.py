@@ -127,7 +127,7 @@ def test_intrinsics_come_from_a_file_with_its_depth_scale(plain, tmp_path):
     matrix = tmp_path / "matrix.txt"
     matrix.write_text("60 0 31\n0 61 22\n0 0 1\n")
     assert open_recording(plain.path, intrinsics=matrix).intrinsics.fy == 61
-    with pytest.raises(InputError, match=r"none\.json cannot be read"):
+    with pytest.raises(InputError, match=r"none\.json: cannot be read"):
         open_recording(plain.path, intrinsics=tmp_path / "none.json")
     write_camera(file, Intrinsics(51.5, 52.5, 30.25, 20.0, 128, 96), 4000.0)
     with pytest.raises(InputError, match=r"are 64x48, but the intrinsics \(mine\.json\) are for 128x96"):

@@ -109,7 +109,7 @@ def test_no_pose_files_are_a_recording_without_poses(tmp_path):
     ("text", "reason"),
     [
         ("60 0 31.5\n0 61 23.5\n", "expected a 3x3 camera matrix, got 2 rows"),
-        ("60 0\n0 61\n", r"camera-intrinsics\.txt line 1: expected three numbers a row, got '60 0'"),
+        ("60 0\n0 61\n", r"camera-intrinsics\.txt:1: expected first second third, got 2 values"),
         ("60 5 31.5\n0 61 23.5\n0 0 1\n", "expected the matrix fx 0 cx, 0 fy cy, 0 0 1"),
         (
             "600 0 320\n0 600 240\n0 0 1\n",

@@ -41,11 +41,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _reading(results: Path, moved: Path | None) -> Callable[[int], Frame]:
     """Return what reads the frames of the recording that results are of."""
+    from cuboid.outputs import FinishedResults
     from cuboid.readers.reopen import reopen_recording
-    from cuboid.views.replay import open_results, used_frames
 
-    report, found = open_results(results)
-    last_frame = max(used_frames(report), default=-1)
+    finished = FinishedResults(results)
+    report = finished.report
     path = moved or Path(report.recording)
-    recording = reopen_recording(path, report.format, found.intrinsics, report.distortion, last_frame)
+    recording = reopen_recording(path, report.format, finished.found.intrinsics, report.distortion, finished.last_frame)
     return recording.without_poses().read

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -10,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.errors import InputError
+from cuboid.formats.rows_files import BoxEntry, OwnBoxEntry
+from cuboid.formats.table_door import read_table
 from cuboid.frame import Float64Array
 from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import rotation_from_quat_wxyz
@@ -17,9 +18,6 @@ from cuboid.outputs import read_objects, read_run
 from cuboid.outputs.folder import MAP, OBJECTS, PROPOSALS, RUN, TRACKS, TRAJECTORY
 
 IntArray = npt.NDArray[np.int64]
-
-PLACE = ("cx", "cy", "cz", "length", "width", "height", "qw", "qx", "qy", "qz")
-NEEDED = ("frame", "label", *PLACE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +101,7 @@ class Result:
 
 
 def read_result(path: Path) -> Result:
-    """Read a result folder (``docs/commands.md``), or a CSV with at least the columns of `NEEDED`.
+    """Read a result folder (``docs/commands.md``), or a CSV with at least the columns of `BoxEntry`.
 
     The map of a plain CSV is each label's last box, and the more frames a label has, the higher it is ranked.
 
@@ -113,84 +111,56 @@ def read_result(path: Path) -> Result:
         A file is missing or malformed; the message names file and line.
     """
     if not path.is_dir():
-        tracks = read_boxes(path, unique=True)
+        tracks = read_boxes(path)
         return Result(path, tracks, _last_boxes(tracks))
     report = read_run(path / RUN)
-    every = int(report.config.get("every", 1))
-    skipped = [frame for frame, _ in report.skipped]
-    read = np.arange(0, report.frames_read * every, every)
     known = read_objects(path / OBJECTS).objects
     return Result(
         path=path,
-        tracks=read_boxes(path / TRACKS, unique=True),
+        tracks=read_boxes(path / TRACKS),
         objects=MapBoxes(
             np.array([item.label for item in known], np.int64),
             pack([item.box for item in known]),
             np.array([item.score for item in known], np.float64),
         ),
-        proposals=read_boxes(path / PROPOSALS) if (path / PROPOSALS).exists() else None,
-        frames=read[~np.isin(read, skipped)],
-        skipped=len(skipped),
+        proposals=read_boxes(path / PROPOSALS, OwnBoxEntry) if (path / PROPOSALS).exists() else None,
+        frames=report.used(),
+        skipped=len(report.skipped),
         poses=report.poses,
         map_points=path / MAP if (path / MAP).exists() else None,
         trajectory=path / TRAJECTORY if (path / TRAJECTORY).exists() else None,
     )
 
 
-def read_boxes(path: Path, *, unique: bool = False) -> BoxRows:
-    """Read a CSV whose header names at least the columns of `NEEDED`, in any order; others are left alone.
+def read_boxes(path: Path, kind: type[BoxEntry] | type[OwnBoxEntry] = BoxEntry) -> BoxRows:
+    """Read a CSV whose header names at least the columns of a kind of row, in any order; others are left alone.
 
     Parameters
     ----------
     path : Path
-    unique : bool
-        Whether a label may stand only once in a frame, and must be above 0.
+    kind : type
+        `BoxEntry`, of which a label stands only once in a frame, or `OwnBoxEntry`.
 
     Raises
     ------
     InputError
         The file cannot be read, lacks a column, or a row is malformed; the message names file and line.
     """
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            lines = csv.reader(file)
-            columns = _columns(path, next(lines, []))
-            rows = [_row(path, lines.line_num, cells, columns) for cells in lines if cells]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    rows = [_numbers(row) for _, row in read_table(path, kind, any_order=True)]
     table = np.array(rows).reshape(-1, 2 + 15)
     table = table[np.argsort(table[:, 0], kind="stable")]
     found = BoxRows(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:])
-    if unique:
+    if kind is BoxEntry:
         _refuse_twice(path, found)
     return found
 
 
-def _columns(path: Path, header: list[str]) -> list[int]:
-    names = [name.strip() for name in header]
-    missing = [name for name in NEEDED if name not in names]
-    if missing:
-        raise InputError(f"{path}:1: expected a header with {','.join(NEEDED)}; missing: {', '.join(missing)}")
-    return [names.index(name) for name in NEEDED]
-
-
-def _row(path: Path, line: int, cells: list[str], columns: list[int]) -> list[float]:
-    try:
-        frame, label, *place = (float(cells[k]) for k in columns)
-        if not (frame >= 0 and label >= 0 and frame == int(frame) and label == int(label)):
-            raise ValueError(f"frame and label must be whole numbers of at least 0, got {frame:g}, {label:g}")
-        if not (np.isfinite(place).all() and min(place[3:6]) >= 0):
-            raise ValueError(f"a box needs finite numbers and a size of at least 0, got {place}")
-        return [frame, label, *place[:6], *rotation_from_quat_wxyz(place[6:]).ravel()]
-    except IndexError:
-        raise InputError(f"{path}:{line}: expected {max(columns) + 1} values, got {len(cells)}") from None
-    except (ValueError, OverflowError) as error:
-        raise InputError(f"{path}:{line}: {error}") from error
+def _numbers(row: BoxEntry | OwnBoxEntry) -> list[float]:
+    turn = rotation_from_quat_wxyz((row.qw, row.qx, row.qy, row.qz))
+    return [row.frame, row.label, row.cx, row.cy, row.cz, row.length, row.width, row.height, *turn.ravel()]
 
 
 def _refuse_twice(path: Path, rows: BoxRows) -> None:
-    if len(rows.label) and rows.label.min() < 1:
-        raise InputError(f"{path}: frame {rows.frame[rows.label.argmin()]}: a label must be at least 1")
     pairs, count = np.unique(np.stack([rows.frame, rows.label], axis=1), axis=0, return_counts=True)
     if (count > 1).any():
         frame, label = pairs[count > 1][0]

@@ -11,11 +11,15 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.errors import FrameError
+from cuboid.formats.reading import UnreadableError, read_bytes
 from cuboid.frame import Float32Array, UInt8Array
+from cuboid.readers.imagesize import PNG_MAGIC, image_size
 from cuboid.readers.reader import ImageSource
 
-PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
-JPEG_MAGIC = b"\xff\xd8\xff"
+# The largest file, and the most pixels, that are decoded; a depth camera's color image has 12 megapixels at most.
+MOST_IMAGE_BYTES = 256 << 20
+MOST_PIXELS = 64 << 20
+
 JPEG_END = b"\xff\xd9"
 # Some writers pad a JPEG file behind its end marker; compressed data itself never holds the marker.
 JPEG_PADDING_BYTES = 1024
@@ -43,7 +47,7 @@ def decode_color(source: ImageSource, name: str) -> UInt8Array:
     Raises
     ------
     FrameError
-        If the file is missing, empty, truncated, damaged or no image.
+        If the file is missing, empty, too large, truncated, damaged or no image.
     """
     image: npt.NDArray[Any]
     if not isinstance(source, Path):
@@ -64,7 +68,7 @@ def decode_depth(source: ImageSource, name: str) -> npt.NDArray[np.uint16]:
     Raises
     ------
     FrameError
-        If the file is missing, empty, truncated, damaged, no image, or not a single channel of 16 bits.
+        If the file is missing, empty, too large, truncated, damaged, no image, or not a single channel of 16 bits.
     """
     image = _decode(source, f"depth image {name}", cv2.IMREAD_UNCHANGED) if isinstance(source, Path) else source()
     if image.ndim != 2 or image.dtype != np.uint16:
@@ -108,11 +112,9 @@ def _refuse_implausible(
 
 def _decode(path: Path, what: str, flags: int) -> npt.NDArray[Any]:
     try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise FrameError(f"{what} is missing") from None
-    except OSError as error:
-        raise FrameError(f"{what} cannot be read: {error.strerror}") from None
+        data = read_bytes(path, MOST_IMAGE_BYTES)
+    except UnreadableError as error:
+        raise FrameError(f"{what} {'is missing' if error.missing else error.reason}") from None
     _check_whole(data, what)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
@@ -127,12 +129,15 @@ def _check_whole(data: bytes, what: str) -> None:
     """Raise FrameError where an image is cut short: decoders give the part that is there without a word."""
     if not data:
         raise FrameError(f"{what} is empty (0 bytes)")
+    size = image_size(data)
+    if size is None:
+        raise FrameError(f"{what} is neither a PNG nor a JPEG ({len(data)} bytes)")
+    if not 0 < size[0] * size[1] <= MOST_PIXELS:
+        raise FrameError(f"{what} is {size[0]}x{size[1]}, expected at most {MOST_PIXELS / 1e6:.0f} megapixels")
     if data.startswith(PNG_MAGIC):
         fault = _png_fault(data)
-    elif data.startswith(JPEG_MAGIC):
-        fault = None if JPEG_END in data[-JPEG_PADDING_BYTES:] else "truncated"
     else:
-        fault = None  # other formats: the decoder's word is all there is
+        fault = None if JPEG_END in data[-JPEG_PADDING_BYTES:] else "truncated"
     if fault:
         raise FrameError(f"{what} is {fault} ({len(data)} bytes)")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from cuboid.errors import InputError
+from cuboid.errors import InputError, shown
 from cuboid.readers import calibration as calibrations
 from cuboid.readers.reader import READERS, Reader
 from cuboid.readers.recording import Recording
@@ -53,12 +53,18 @@ def open_recording(
     >>> for frame in recording.iterate():  # doctest: +SKIP
     ...     ...
     """
-    given = Path(os.path.abspath(path))  # not resolved: a link's neighbours are those of the link
-    if not given.exists():
-        raise InputError(f"{path} does not exist")
     readers = list(READERS.items()) if format is None else [(format, READERS.get(format))]
-    name, reader, found = _find(given, readers)
-    listing = reader.read(found)
+    try:
+        given = Path(os.path.abspath(path))  # not resolved: a link's neighbours are those of the link
+        if not given.exists():
+            raise InputError(f"{path} does not exist")
+        name, reader, found = _find(given, readers)
+        listing = reader.read(found)
+    except OSError as error:  # links in a circle, a name that is too long, a folder that may not be read
+        where = error.filename if isinstance(error.filename, str) else path
+        raise InputError(f"{where} cannot be read: {error.strerror}") from None
+    except ValueError:  # a NUL, or half a character, in the name
+        raise InputError(f"{shown(str(path))}: no recording can have this name") from None
     calibration, depth_units_per_metre = calibrations.choose(listing, intrinsics, depth_scale, found)
     return Recording(found, name, listing, calibration, depth_units_per_metre)
 
@@ -98,10 +104,11 @@ def _folders(path: Path) -> list[Path]:
         return []
     try:
         with os.scandir(path) as items:
-            names = sorted(item.name for item in items if item.is_dir() and not item.name.startswith("."))
+            names = sorted(item.name for item in items if not item.name.startswith("."))
     except PermissionError:
         return []
-    return [path / name for name in names if os.access(path / name, os.R_OK | os.X_OK)]
+    # isdir is False for a link that leads nowhere, or round in a circle
+    return [path / name for name in names if os.path.isdir(path / name) and os.access(path / name, os.R_OK | os.X_OK)]
 
 
 def _nothing_found(given: Path, readers: list[tuple[str, Reader]]) -> str:

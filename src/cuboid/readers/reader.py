@@ -32,8 +32,8 @@ class FrameEntry:
     timestamp_s : float or None
         Seconds; None in recordings without timestamps.
     pose : callable or None
-        Gives T_world_camera (4, 4), rigid, or raises FrameError with the reason why this frame has none
-        (`cuboid.readers.posetext` has the checks).
+        Gives T_world_camera (4, 4), which `Recording` checks, or raises FrameError with the reason why this frame has
+        none.
     fault : str or None
         A reason known beforehand why the frame cannot be used, one line.
     """

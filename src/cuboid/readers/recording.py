@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from cuboid.errors import FrameError, InputError
 from cuboid.frame import Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.geometry.se3 import rigid
 from cuboid.readers import calibration as calibrations
 from cuboid.readers.images import decode_color, decode_depth, depth_in_metres
 from cuboid.readers.prefetch import run_ahead
@@ -125,7 +126,10 @@ class Recording:
         load = self._frames[index].pose
         if load is None:
             raise FrameError("the frame has no camera pose")
-        return load()
+        try:
+            return rigid(load())
+        except ValueError as error:  # of a reader that does not look at its poses
+            raise FrameError(str(error)) from None
 
     def color_name(self, index: int) -> str | None:
         """Return the file of a frame's color image as seen from the recording; None where it has no file of its own."""

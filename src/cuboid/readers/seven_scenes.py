@@ -18,15 +18,22 @@ from __future__ import annotations
 import os
 import re
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
+import numpy as np
+
 from cuboid.errors import FrameError
+from cuboid.formats.reading import UnreadableError, text_lines
 from cuboid.frame import Float64Array
-from cuboid.readers.posetext import parse_numbers, pose_from_matrix
+from cuboid.geometry.se3 import rigid
+from cuboid.readers.posetext import parse_numbers
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, holds
 
 FRAME_FILE = re.compile(r"frame-(\d+)\.(color|depth|pose)\.(png|jpg|jpeg|txt)")
 DEPTH_UNITS_PER_METRE = 1000.0
+# A matrix has four lines; more of a file than this is not looked at.
+MOST_LINES = 20
 # The dataset's page gives these for all its scenes.
 CALIBRATION = Calibration(585.0, 585.0, 320.0, 240.0, (640, 480), "published for 7-Scenes")
 
@@ -57,16 +64,13 @@ def read(path: Path) -> Listing:
 def _pose(path: Path) -> Float64Array:
     """Read T_world_camera from the file of one frame."""
     try:
-        values = parse_numbers(path.read_text(encoding="utf-8"), 16, "the 16 numbers of a 4x4 matrix")
-    except FileNotFoundError:
-        raise FrameError(f"the camera pose is missing: {path.name}") from None
-    except OSError as error:
-        raise FrameError(f"{path.name} cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise FrameError(f"{path.name} is not a text file") from None
+        values = parse_numbers(" ".join(islice(text_lines(path), MOST_LINES)), 16, "the 16 numbers of a 4x4 matrix")
+        return rigid(np.reshape(values, (4, 4)))
+    except UnreadableError as error:
+        what = f"the camera pose is missing: {path.name}" if error.missing else f"{path.name} {error.reason}"
+        raise FrameError(what) from None
     except ValueError as error:
         raise FrameError(f"{path.name}: {error}") from None
-    return pose_from_matrix([values[row : row + 4] for row in range(0, 16, 4)], path.name)
 
 
 READERS.register("7-scenes")(

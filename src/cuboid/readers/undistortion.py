@@ -11,8 +11,6 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array, UInt8Array
 
-# How many coefficients there may be: k1, k2, p1, p2, then k3, then k4, k5, k6.
-COEFFICIENTS = (4, 5, 8)
 # An image that is stretched or pressed together by more than this factor of its area anywhere is no camera's.
 MOST_STRETCHED = 10.0
 
