@@ -149,7 +149,7 @@ def test_a_camera_that_cannot_be_written_is_one_line(tmp_path):
             {"intrinsics": (500, 500, 320, 240)},
             r"principal point \(320, 240\), from the user, lies outside the 64x48",
         ),
-        ({"depth_scale": 0}, "depth scale must be a number of units per metre above 0, got 0"),
+        ({"depth_scale": 0}, "depth scale must be 0.1 to 1e[+]07 units per metre, got 0"),
         ({"depth_scale": float("inf")}, "depth scale must be"),
     ],
 )

@@ -75,9 +75,9 @@ class JudgedRegion:
         inside = np.zeros(len(points), bool)
         for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
             # Even-odd rule: each edge that a ray along +x crosses takes the point in or out.
-            crossed = (y0 > spots[:, 1]) != (y1 > spots[:, 1])
-            if crossed.any():
-                inside ^= crossed & (spots[:, 0] < x0 + (x1 - x0) * (spots[:, 1] - y0) / (y1 - y0))
+            crossed = np.flatnonzero((y0 > spots[:, 1]) != (y1 > spots[:, 1]))
+            along = (spots[crossed, 1] - y0) / (y1 - y0)  # 0..1
+            inside[crossed] ^= spots[crossed, 0] < x0 + (x1 - x0) * along
         return np.asarray(inside & (height >= low) & (height <= high))
 
 

@@ -11,6 +11,9 @@ from cuboid.formats.values import Entry, FocalLength, ImageSide, Pixel
 
 # How many coefficients there may be: none, or k1, k2, p1, p2, then k3, then k4, k5, k6.
 COEFFICIENTS = (0, 4, 5, 8)
+# Units of depth images that make a metre; of 16 bits, the coarsest that a depth camera can have is the metre itself.
+LEAST_UNITS, MOST_UNITS = 0.1, 1e7
+DepthUnits = Annotated[float, Meta(ge=LEAST_UNITS, le=MOST_UNITS)]
 Coefficient = Annotated[float, Meta(ge=-1e6, le=1e6)]
 
 
@@ -23,9 +26,7 @@ class CameraDocument(Entry, frozen=True, forbid_unknown_fields=True):
     cy: Pixel
     width: ImageSide
     height: ImageSide
-    depth_units_per_metre: Annotated[
-        Annotated[float, Meta(gt=0.0, le=1e9)] | None, Meta(description="1000 for millimetres")
-    ] = None
+    depth_units_per_metre: Annotated[DepthUnits | None, Meta(description="1000 for millimetres")] = None
     distortion: Annotated[
         tuple[Coefficient, ...], Meta(max_length=8, description="of the lens: k1, k2, p1, p2[, k3[, k4, k5, k6]]")
     ] = ()

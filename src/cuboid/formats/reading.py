@@ -19,8 +19,6 @@ MOST_BINARY_BYTES = 1 << 30
 # A line of a text file; a path has at most 4096 bytes.
 MOST_LINE_CHARS = 10_000
 
-# Opening a FIFO waits for who writes it, unless told not to.
-_FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 _KINDS = {
     stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a FIFO",
@@ -59,7 +57,7 @@ def opened(path: Path, most_bytes: int) -> Iterator[BinaryIO]:
     with _refusals(path):
         try:
             _refuse_special(path, os.stat(path), most_bytes)  # before it is opened: that alone has effects on a device
-            file = os.fdopen(os.open(path, _FLAGS), "rb")
+            file = open(path, "rb", opener=_open)  # noqa: SIM115
         except ValueError:  # a NUL, or half a character, in the name
             raise UnreadableError(path, "cannot be read: no file can have this name", missing=True) from None
         with file:
@@ -105,6 +103,11 @@ def _refusals(path: Path) -> Iterator[None]:
         raise UnreadableError(path, "cannot be read: No such file or directory", missing=True) from None
     except OSError as error:
         raise UnreadableError(path, f"cannot be read: {error.strerror or error}") from None
+
+
+def _open(path: str, flags: int) -> int:
+    """Open without waiting, as for who writes a FIFO."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def _refuse_special(path: Path, found: os.stat_result, most_bytes: int) -> None:

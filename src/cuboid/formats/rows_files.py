@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cuboid.formats.table_door import Row
 from cuboid.formats.values import (
+    Count,
     Fraction,
     FrameNumber,
     Label,
@@ -126,6 +127,22 @@ class PoseEntry(Row, frozen=True):
 
     def __post_init__(self) -> None:
         refuse_no_quaternion(self.qw, self.qx, self.qy, self.qz)
+
+
+class RectangleEntry(Row, frozen=True):
+    """A 2D proposal in a file of `--proposals precomputed`; what is no finite box is left out later."""
+
+    x0: float
+    y0: float
+    x1: float
+    y1: float
+    score: float
+
+
+class LabelEntry(Row, frozen=True):
+    """A line of a `.label` file of RGB-D Scenes v2: first the number of points, then the class of each."""
+
+    number: Count
 
 
 def _refuse_inverted(x0: float, y0: float, x1: float, y1: float) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cuboid.errors import InputError, OutputError
-from cuboid.formats.camera_file import CameraDocument, MatrixRow
+from cuboid.formats.camera_file import LEAST_UNITS, MOST_UNITS, CameraDocument, MatrixRow
 from cuboid.formats.json_door import read_json
 from cuboid.formats.table_door import read_lines
 from cuboid.frame import Intrinsics
@@ -62,8 +62,10 @@ def choose(
     elif intrinsics is not None:
         calibration = _from_user(intrinsics)
     if depth_scale is not None:
-        if not (math.isfinite(depth_scale) and depth_scale > 0):
-            raise InputError(f"the depth scale must be a number of units per metre above 0, got {depth_scale}")
+        if not LEAST_UNITS <= depth_scale <= MOST_UNITS:
+            raise InputError(
+                f"the depth scale must be {LEAST_UNITS:g} to {MOST_UNITS:g} units per metre, got {depth_scale:g}"
+            )
         units = float(depth_scale)
     if calibration is None:
         raise UnknownIntrinsicsError(f"{recording}: the intrinsics are not known; {HOW_TO_GIVE}")
