@@ -269,7 +269,9 @@ TARGETS: dict[str, Target] = {
     "uw": recordings(make_uw),
     "results": Target(make_results, result_files, RESULT_CALLS),
     "truth": Target(make_results, truth_files, TRUTH_CALLS),
-    "proposals": Target(make_proposals, files_of, {f"load {name}": partial(load_proposals, name=name) for name in PROPOSALS}),
+    "proposals": Target(
+        make_proposals, files_of, {f"load {name}": partial(load_proposals, name=name) for name in PROPOSALS}
+    ),
     "meshes": Target(make_meshes, files_of, {f"load {name}": partial(load_named, name=name) for name in MESHES}),
 }
 READERS = ("plain", "tum", "seven-scenes", "uw")

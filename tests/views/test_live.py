@@ -24,7 +24,7 @@ from cuboid.views.live.messages import PICTURE_WIDTH_PX, map_message, moment_mes
 from cuboid.views.live.server import PORTS
 from cuboid.views.live.watch import Moment, Ration
 from cuboid.views.palette import hex_of
-from cuboid.views.report.server import HOST
+from cuboid.views.serving import HOST
 from fakes import INTRINSICS, FakeRecording, FakeTracker
 
 
@@ -257,7 +257,7 @@ def test_only_this_machine_is_answered(server: LiveServer) -> None:
     assert address[0] == HOST
 
 
-def test_with_a_host_of_ones_own_any_name_is_answered() -> None:
+def test_with_a_host_of_ones_own_any_local_name_is_answered() -> None:
     with LiveServer(LiveView(), "x", INTRINSICS, "0.0.0.0") as server:
         server.view.end(complete=True)
         assert get(server, "/", host="robot.local:8765")[0] == 200

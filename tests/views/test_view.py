@@ -25,7 +25,8 @@ from cuboid.errors import InputError, OutputError
 from cuboid.frame import UInt8Array
 from cuboid.readers import open_recording
 from cuboid.views.replay import Replay
-from cuboid.views.report.server import HOST, Viewer, make_server
+from cuboid.views.report.server import Viewer, make_server
+from cuboid.views.serving import HOST
 from made_results import FRAMES, HEIGHT, SKIPPED, WIDTH, write_results
 
 STRIP_PX = 24

@@ -34,7 +34,7 @@ def live_view(args: argparse.Namespace, recording: Recording) -> Iterator[LiveVi
         yield None
         return
     from cuboid.views.live import LiveServer, LiveView
-    from cuboid.views.report.server import HOST
+    from cuboid.views.serving import HOST
 
     host = args.live_host or HOST
     with LiveServer(LiveView(), recording.path.name, recording.intrinsics, host) as server:

@@ -95,7 +95,10 @@ def _standing(mesh: Mesh, path: Path) -> Mesh:
     sides = np.ptp(mesh.vertices, axis=0)
     if sides.min() < THINNEST_M:
         raise InputError(f"{path}: is flat, its thinnest side is {sides.min():.3g} m")
-    middle, _, _ = smallest_rectangle(hull(mesh.vertices[:, :2]))
+    try:
+        middle, _, _ = smallest_rectangle(hull(mesh.vertices[:, :2]))
+    except (RuntimeError, ValueError, IndexError):  # Qhull has an error of its own
+        raise InputError(f"{path}: is flat, seen from above it has no area") from None
     return mesh.moved(shift((-middle[0], -middle[1], -mesh.vertices[:, 2].min())))
 
 

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import re
-import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from http.server import ThreadingHTTPServer
 from types import TracebackType
 from typing import Self
-from urllib.parse import urlsplit
 
 from cuboid.errors import OutputError
 from cuboid.frame import Intrinsics
 from cuboid.results import MapPoints
 from cuboid.views.live.messages import end_message, map_message, moment_message, page_of, spacing_of, warm_up
 from cuboid.views.live.watch import LiveView, Ration
-from cuboid.views.report.server import HOST, LOCAL_NAMES, PageHandler
+from cuboid.views.serving import HOST, LOCAL_NAMES, Answer, PageHandler, PageServer, listening, path_and_query
 
 # The same in every run, so that a forwarded port may stay; where it is taken, one of the next.
 PORT = 8765
@@ -30,8 +27,6 @@ PATIENCE_S = 5.0
 FIRST_S = 1.0
 
 ASKED = re.compile(r"/(moment|map)/(\d{1,9})")
-
-Answer = tuple[str, bytes]
 
 
 class LiveServer:
@@ -91,7 +86,7 @@ class LiveServer:
 
     def _answer(self, address: str) -> Answer | None:
         """Return kind and content of what lies at an address; None where nothing does."""
-        path = urlsplit(address).path
+        path, _ = path_and_query(address)
         if path == "/":
             moment = self.view.moment_after(0, FIRST_S)
             page = page_of(self._title, self._intrinsics, moment, self.view.first_pose)
@@ -138,22 +133,9 @@ def charged(ration: Ration, make: Callable[[], bytes]) -> bytes:
         return make()
 
 
-class _Server(ThreadingHTTPServer):
-    """A server that takes it calmly when somebody closes the page."""
-
-    daemon_threads = True
-
-    def handle_error(self, request: object, client_address: object) -> None:
-        """Say nothing of a connection that was cut; a fault of the program is shown."""
-        if not isinstance(sys.exception(), ConnectionError):
-            super().handle_error(request, client_address)  # type: ignore[arg-type]
-
-
-def _listening(host: str, handler: type[PageHandler]) -> _Server:
+def _listening(host: str, handler: type[PageHandler]) -> PageServer:
     """Return a server at the first port that is free."""
-    for port in (*PORTS, 0):
-        try:
-            return _Server((host, port), handler)
-        except OSError as error:
-            refusal = error
-    raise OutputError(f"--live: {host} cannot be listened on: {refusal.strerror or refusal}") from refusal
+    try:
+        return listening(host, (*PORTS, 0), handler)
+    except OSError as error:
+        raise OutputError(f"--live: {host} cannot be listened on: {error.strerror or error}") from error

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Callable
 from functools import cached_property
-from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
 from cuboid.errors import FrameError, InputError, OutputError
 from cuboid.frame import Frame
@@ -19,10 +16,7 @@ from cuboid.views.replay import Replay, ReplayedFrame
 from cuboid.views.report.page import page_of
 from cuboid.views.report.pictures import encode_jpeg
 from cuboid.views.report.summary import summarise
-
-# Nobody but who is on this machine, or comes through a forwarded port, sees the results.
-HOST = "127.0.0.1"
-LOCAL_NAMES = ("localhost", HOST)
+from cuboid.views.serving import HOST, PageHandler, PageServer, listening, path_and_query
 
 PICTURES = "/frame"
 PICTURE = re.compile(rf"{PICTURES}/(\d{{1,9}})\.jpg")
@@ -90,7 +84,7 @@ class Viewer:
             return encode_jpeg(self._drawers[what](frame, found), QUALITY)
 
 
-def make_server(viewer: Viewer, port: int = 0) -> ThreadingHTTPServer:
+def make_server(viewer: Viewer, port: int = 0) -> PageServer:
     """Return a server of the page on this machine's own address; `serve_forever` starts it.
 
     Parameters
@@ -110,56 +104,17 @@ def make_server(viewer: Viewer, port: int = 0) -> ThreadingHTTPServer:
         show = staticmethod(lambda address: _answer(viewer, address))
 
     try:
-        server = ThreadingHTTPServer((HOST, port), Handler)
+        return listening(HOST, (port,), Handler)
     except OSError as error:
         raise OutputError(f"port {port} cannot be used: {error.strerror}; leave --port out for a free one") from error
-    server.daemon_threads = True
-    return server
 
 
 def _answer(viewer: Viewer, address: str) -> tuple[str, bytes] | None:
     """Return kind and content of what lies at an address; None where nothing does."""
-    parts = urlsplit(address)
-    if parts.path == "/":
+    path, query = path_and_query(address)
+    if path == "/":
         return "text/html; charset=utf-8", viewer.page
-    asked = PICTURE.fullmatch(parts.path)
-    what = parse_qs(parts.query).get("what", ["boxes"])[0]
+    asked = PICTURE.fullmatch(path)
+    what = parse_qs(query).get("what", ["boxes"])[0]
     picture = viewer.picture(int(asked[1]), what) if asked else None
     return None if picture is None else ("image/jpeg", picture)
-
-
-class PageHandler(BaseHTTPRequestHandler):
-    """Answers GET for what is there.
-
-    Attributes
-    ----------
-    show : callable
-        Kind and content of what lies at an address; None where nothing does.
-    names : tuple of str
-        Names of this machine that are answered to; none stands for any.
-    """
-
-    show: Callable[[str], tuple[str, bytes] | None]
-    names: tuple[str, ...] = LOCAL_NAMES
-
-    def do_GET(self) -> None:
-        """Answer, unless it was asked for under another name."""
-        # another site's page may have its own name lead to this address: it gets nothing
-        name = self.headers.get("Host", "").rsplit(":", 1)[0]
-        if self.names and name not in self.names:
-            self.send_error(HTTPStatus.FORBIDDEN)
-            return
-        found = self.show(self.path)
-        if found is None:
-            self.send_error(HTTPStatus.NOT_FOUND)
-            return
-        kind, content = found
-        self.send_response(HTTPStatus.OK)
-        self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(content)))
-        self.send_header("Cache-Control", "no-store")  # the next run's pictures have the same addresses
-        self.end_headers()
-        self.wfile.write(content)
-
-    def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the base class's name
-        """Say nothing: a slider asks often."""

@@ -1,0 +1,172 @@
+"""What the two servers have in common: to whom they answer, what they answer to, and for how long."""
+
+from __future__ import annotations
+
+import socket
+import sys
+import time
+from collections.abc import Callable, Sequence
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from ipaddress import ip_address
+from typing import Any
+from urllib.parse import urlsplit
+
+# Nobody but who is on this machine, or comes through a forwarded port, sees the results.
+HOST = "127.0.0.1"
+LOCAL_NAMES = ("localhost", HOST)
+# Ends of names that are given within a local network only (RFC 6762, RFC 8375, and by habit).
+LOCAL_ENDINGS = (".local", ".lan", ".internal", ".home.arpa", ".localdomain")
+
+# So many connections at once: a browser opens 6.
+MOST_CONNECTIONS = 128
+# Who says nothing for so long is cut off; so is, later, who takes in an answer too slowly.
+SILENT_S = 10.0
+SLOW_S = 60.0
+# The longest address, and the largest head of a request; browsers send about 1 kB.
+LONGEST_ADDRESS = 2_000
+LARGEST_HEAD = 16_000
+
+# The pages hold their own scripts and style, and need nothing from elsewhere.
+HEADERS = {
+    "Cache-Control": "no-store",  # the next run's pictures have the same addresses
+    "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src 'self' data: blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+}
+
+Answer = tuple[str, bytes]
+
+
+class PageHandler(BaseHTTPRequestHandler):
+    """Answers GET for what is there, to those who ask for it under a name of this machine.
+
+    Attributes
+    ----------
+    show : callable
+        Kind and content of what lies at an address; None where nothing does.
+    names : tuple of str
+        Names of this machine that are answered to. With none of them number addresses and the names of a local network
+        are, but no name that another site could own and have lead here.
+    """
+
+    show: Callable[[str], Answer | None]
+    names: tuple[str, ...] = LOCAL_NAMES
+    timeout = SILENT_S
+
+    def do_GET(self) -> None:
+        """Answer, unless it is asked from elsewhere, or at too great a length."""
+        if len(self.path) > LONGEST_ADDRESS:
+            self.send_error(HTTPStatus.REQUEST_URI_TOO_LONG)
+        elif sum(len(name) + len(value) for name, value in self.headers.items()) > LARGEST_HEAD:
+            self.send_error(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE)
+        elif not (self._is_own(f"http://{self.headers.get('Host', '')}") and self._is_own_origin()):
+            self.send_error(HTTPStatus.FORBIDDEN)
+        else:
+            found = self.show(self.path)
+            if found is None:
+                self.send_error(HTTPStatus.NOT_FOUND)
+            else:
+                self._send(*found)
+
+    def _is_own_origin(self) -> bool:
+        """Tell whether a page that asks, if one does, is our own."""
+        return all(self._is_own(origin) for origin in self.headers.get_all("Origin", []))
+
+    def _is_own(self, address: str) -> bool:
+        try:
+            name = urlsplit(address).hostname or ""
+        except ValueError:
+            return False
+        return name in self.names if self.names else _is_local(name)
+
+    def _send(self, kind: str, content: bytes) -> None:
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(content)))
+        for name, value in HEADERS.items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(content)
+
+    def version_string(self) -> str:
+        """Return what answers: not which Python it runs on."""
+        return "cuboid"
+
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the base class's name
+        """Say nothing: a slider asks often."""
+
+
+class PageServer(ThreadingHTTPServer):
+    """A server of pages that stays calm: slow clients are cut off, too many are turned away, who leaves is no fault."""
+
+    daemon_threads = True
+    block_on_close = False
+    request_queue_size = MOST_CONNECTIONS
+
+    def __init__(self, address: tuple[str, int], handler: type[PageHandler]) -> None:
+        self._begun_s: dict[Any, float] = {}
+        super().__init__(address, handler)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer in a thread of its own, unless there are too many already."""
+        if len(self._begun_s) >= MOST_CONNECTIONS:
+            super().shutdown_request(request)
+            return
+        self._begun_s[request] = time.monotonic()
+        super().process_request(request, client_address)
+
+    def shutdown_request(self, request: Any) -> None:
+        """End a connection."""
+        self._begun_s.pop(request, None)
+        super().shutdown_request(request)
+
+    def service_actions(self) -> None:
+        """Cut off who is too slow; called twice a second."""
+        late_s = time.monotonic() - SLOW_S
+        for request, begun_s in list(self._begun_s.items()):
+            if begun_s < late_s:
+                try:
+                    request.shutdown(socket.SHUT_RDWR)  # its thread notices, and closes it
+                except OSError:  # it has gone meanwhile
+                    continue
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """Say nothing of a connection that was cut; a fault of the program is shown."""
+        if not isinstance(sys.exception(), OSError):
+            super().handle_error(request, client_address)  # type: ignore[arg-type]
+
+
+def listening(host: str, ports: Sequence[int], handler: type[PageHandler]) -> PageServer:
+    """Return a server at the first of the ports that is free.
+
+    Raises
+    ------
+    OSError
+        None of them can be listened on.
+    """
+    for port in ports[:-1]:
+        try:
+            return PageServer((host, port), handler)
+        except OSError:
+            continue
+    return PageServer((host, ports[-1]), handler)
+
+
+def path_and_query(address: str) -> tuple[str, str]:
+    """Return the two parts of the address in a request."""
+    path, _, query = address.partition("?")
+    return path, query
+
+
+def _is_local(name: str) -> bool:
+    """Tell whether a name is an address in numbers, this machine's own, or one that only a local network gives."""
+    if name and ("." not in name or name.endswith(LOCAL_ENDINGS) or name == socket.getfqdn().lower()):
+        return True
+    try:
+        ip_address(name)
+    except ValueError:
+        return False
+    return True
