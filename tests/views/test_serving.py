@@ -169,7 +169,7 @@ def test_a_name_is_text_wherever_it_is_shown(results: Path, tmp_path: Path) -> N
     with browser() as launched, make_server(viewer) as server, LiveServer(LiveView(), EVIL, INTRINSICS) as live:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         for address in (tmp_path / "page.html", f"http://localhost:{server.server_port}/"):
-            watched = Watched(launched)
+            watched = Watched(launched, strict=True)
             watched.open(address)
             assert watched.page.locator("#title").inner_text().endswith(EVIL)
             watched.page.locator("#tab-run").click()
@@ -177,7 +177,7 @@ def test_a_name_is_text_wherever_it_is_shown(results: Path, tmp_path: Path) -> N
             assert watched.page.title().startswith(EVIL)
             assert watched.page.locator("img[src=x]").count() == 0
             assert watched.complaints == []
-        watched = Watched(launched)
+        watched = Watched(launched, strict=True)
         watched.page.goto(f"http://localhost:{live.port}/")
         assert watched.page.title().startswith(EVIL)
         assert watched.page.locator("img[src=x]").count() == 0
