@@ -14,8 +14,8 @@ from cuboid.formats.table_door import read_table
 from cuboid.frame import Float64Array
 from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import rotation_from_quat_wxyz
-from cuboid.outputs import read_objects, read_run
-from cuboid.outputs.folder import MAP, OBJECTS, PROPOSALS, RUN, TRACKS, TRAJECTORY
+from cuboid.outputs import FinishedResults
+from cuboid.outputs.folder import MAP, PROPOSALS, TRACKS, TRAJECTORY
 
 IntArray = npt.NDArray[np.int64]
 
@@ -113,8 +113,9 @@ def read_result(path: Path) -> Result:
     if not path.is_dir():
         tracks = read_boxes(path)
         return Result(path, tracks, _last_boxes(tracks))
-    report = read_run(path / RUN)
-    known = read_objects(path / OBJECTS).objects
+    finished = FinishedResults(path)
+    report = finished.report
+    known = finished.found.objects
     return Result(
         path=path,
         tracks=read_boxes(path / TRACKS),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 from cuboid.errors import InputError
-from cuboid.outputs.folder import MAP, OBJECTS, PROPOSALS, RUN, TRACKS, TRAJECTORY
+from cuboid.outputs.folder import MAP, OBJECTS, PROPOSALS, RUN, TRACKS, TRAJECTORY, finish_replacing
 from cuboid.outputs.objects import ObjectsFile, read_objects
 from cuboid.outputs.ply import read_map
 from cuboid.outputs.report import RunReport, read_run
@@ -35,6 +36,8 @@ class FinishedResults:
     def __post_init__(self) -> None:
         if not self.folder.is_dir():
             raise InputError(f"{self.folder}: expected a folder with the results of 'cuboid track'")
+        with suppress(OSError):  # of a folder that cannot be written, what is there is read
+            finish_replacing(self.folder)
 
     @cached_property
     def report(self) -> RunReport:

@@ -88,7 +88,7 @@ def read_objects(path: Path) -> ObjectsFile:
 
 def write_json(path: Path, document: dict[str, Any]) -> None:
     """Write a JSON document the way all of ours are written: short lists on one line, no NaN."""
-    path.write_text(_layout(document) + "\n", encoding="utf-8")
+    path.write_text(_layout(document) + "\n", encoding="utf-8", errors="backslashreplace")
 
 
 def _layout(value: Any, indent: int = 0) -> str:

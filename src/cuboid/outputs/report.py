@@ -138,7 +138,8 @@ class RunReport:
         return {
             "version": self.version,
             "complete": self.complete,
-            "recording": self.recording,
+            # a name may have bytes that are no characters, which JSON does not have
+            "recording": self.recording.encode("utf-8", "backslashreplace").decode("utf-8"),
             "format": self.format,
             "poses": self.poses,
             "threads": self.threads,

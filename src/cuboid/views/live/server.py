@@ -90,7 +90,7 @@ class LiveServer:
         if path == "/":
             moment = self.view.moment_after(0, FIRST_S)
             page = page_of(self._title, self._intrinsics, moment, self.view.first_pose)
-            return "text/html; charset=utf-8", page.encode("utf-8")
+            return "text/html; charset=utf-8", page.encode("utf-8", "backslashreplace")
         asked = ASKED.fullmatch(path)
         if asked is None:
             return None
