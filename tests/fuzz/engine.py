@@ -8,6 +8,7 @@ import os
 import random
 import resource
 import signal
+import sys
 import time
 import traceback
 import warnings
@@ -105,8 +106,6 @@ def _memory(before_kb: int) -> str:
 
 
 def _place() -> str:
-    import sys
-
     at = traceback.extract_tb(sys.exc_info()[2])
     own = [entry for entry in at if "/src/cuboid/" in entry.filename] or at
     return f"{own[-1].filename.rpartition('/cuboid/')[2]}:{own[-1].lineno}"
@@ -121,7 +120,7 @@ def alarm(limit_s: float) -> Iterator[None]:
 
     before = signal.signal(signal.SIGALRM, ring)
     signal.setitimer(signal.ITIMER_REAL, limit_s)
-    faulthandler.dump_traceback_later(DEAD_S, exit=True)
+    faulthandler.dump_traceback_later(DEAD_S, exit=True, file=sys.__stderr__)
     try:
         yield
     finally:
