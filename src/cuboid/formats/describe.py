@@ -114,13 +114,13 @@ def _kind(item: dict[str, Any]) -> str:
         return " or ".join(f"`{value}`" if isinstance(value, str) else str(value) for value in item["enum"])
     match item.get("type"):
         case "array" if "prefixItems" in item:
-            kinds = list(map(_kind, item["prefixItems"]))
-            return f"{len(kinds)} x ({kinds[0]})" if len({*kinds}) == 1 else f"[{', '.join(kinds)}]"
+            each = list(map(_kind, item["prefixItems"]))
+            return f"{len(each)} x ({each[0]})" if len({*each}) == 1 else f"[{', '.join(each)}]"
         case "array":
             return f"list of {_kind(item['items'])}"
         case "object":
-            each = item.get("additionalProperties", {})
-            return "object" if "anyOf" in each else f"object, each value {_kind(each)}"
+            values = item.get("additionalProperties", {})
+            return "object" if "anyOf" in values else f"object, each value {_kind(values)}"
         case "number" | "integer":
             return ("number" if item["type"] == "number" else "whole number") + _range(item)
         case "string":
