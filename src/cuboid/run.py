@@ -51,6 +51,10 @@ class RecordingLike(Protocol):
         """What the lens did to them, and was taken out; empty where nothing was."""
 
     @property
+    def depth_units_per_metre(self) -> float:
+        """Of its depth images."""
+
+    @property
     def has_poses(self) -> bool:
         """Whether camera poses come with it."""
 
@@ -239,7 +243,7 @@ def track_recording(
             format=recording.format,
             poses=poses,
             threads=threads,
-            config=_effective(config, proposals, every, limit, scale, bridge, recording.distortion),
+            config=_effective(config, proposals, every, limit, scale, bridge, recording),
             frames_read=log.read,
             frames_used=log.used,
             skipped=tuple(log.skipped),
@@ -434,7 +438,7 @@ def _effective(
     limit: int | None,
     scale: int,
     bridge: bool,
-    distortion: Sequence[float],
+    recording: RecordingLike,
 ) -> dict[str, Any]:
     from cuboid.proposals import DEFAULT_SOURCE
 
@@ -444,7 +448,8 @@ def _effective(
         "limit": limit,
         "scale": scale,
         "bridge": bridge,
-        "distortion": list(distortion),
+        "distortion": list(recording.distortion),
+        "depth_units_per_metre": recording.depth_units_per_metre,
         "proposals": source if isinstance(source, str) else type(source).__qualname__,
         "tracker": config.to_dict(),
     }

@@ -17,6 +17,7 @@ from cuboid.views.projection import (
     clip_segments,
     may_be_in_view,
     project,
+    visible_rect,
     wireframes,
 )
 
@@ -150,3 +151,44 @@ def test_boxes_together_are_drawn_as_each_alone() -> None:
         np.testing.assert_allclose(wire.back, alone.back, atol=1e-9)
         assert [face for face, _ in wire.faces] == [face for face, _ in alone.faces]
     assert wireframes([], np.eye(4), INTRINSICS) == []
+
+
+@given(boxes)
+def test_the_visible_rectangle_is_around_what_of_a_box_is_in_the_picture(box: Box) -> None:
+    side = np.linspace(-0.5, 0.5, 24)
+    inside = np.stack(np.meshgrid(side, side, side), axis=-1).reshape(-1, 3)
+    points = box.center + (inside * box.size) @ box.rotation.T
+    seen = project(points[points[:, 2] > NEAR_M], INTRINSICS)
+    seen = seen[((seen >= 0) & (seen <= (INTRINSICS.width, INTRINSICS.height))).all(axis=1)]
+    rect = visible_rect(box, np.eye(4), INTRINSICS)
+    if rect is None:
+        assert len(seen) == 0
+        return
+    assert (rect[2:] > rect[:2]).all()
+    assert (rect[:2] >= 0).all()
+    assert (rect[2:] <= (INTRINSICS.width, INTRINSICS.height)).all()
+    if len(seen):
+        assert (seen.min(axis=0) >= rect[:2] - 1e-6).all()
+        assert (seen.max(axis=0) <= rect[2:] + 1e-6).all()
+
+
+def test_the_visible_rectangle_is_that_of_the_corners_where_all_are_in_view() -> None:
+    turn = compose((0.9, 0.1, -0.3, 0.2), (0, 0, 0))[:3, :3]
+    box = Box(np.array([0.1, -0.05, 1.5]), np.array([0.3, 0.2, 0.4]), turn)
+    pixels = project(box.corners(), INTRINSICS)
+    rect = visible_rect(box, np.eye(4), INTRINSICS)
+    assert rect == pytest.approx(np.concatenate((pixels.min(axis=0), pixels.max(axis=0))))
+
+
+def test_of_a_box_that_reaches_behind_the_camera_what_is_in_view_counts() -> None:
+    # A board on the floor, 0.2 m below the camera, from 1 m behind it to 2 m before: it begins where it comes into
+    # view, and ends at 2 m.
+    box = Box(np.array([0.0, 0.25, 0.5]), np.array([0.2, 0.1, 3.0]), FRONTAL)
+    rect = visible_rect(box, np.eye(4), INTRINSICS)
+    assert rect is not None
+    near_m = 0.2 * INTRINSICS.fy / (INTRINSICS.height - INTRINSICS.cy)
+    assert rect[3] == INTRINSICS.height
+    assert rect[1] == pytest.approx(240 + 510 * 0.2 / 2.0)
+    assert rect[2] - rect[0] == pytest.approx(0.2 * 500 / near_m)
+    assert visible_rect(box, compose((0, 0, 1, 0), (0, 0, 4.0)), INTRINSICS) is not None  # from the other side
+    assert visible_rect(Box(np.array([0, 0, -1.0]), np.full(3, 0.2), FRONTAL), np.eye(4), INTRINSICS) is None

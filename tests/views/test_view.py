@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from browser import Watched, browser, pixels
-from cuboid.cli import view
+from cuboid.cli import serving, view
 from cuboid.errors import InputError, OutputError
 from cuboid.frame import UInt8Array
 from cuboid.readers import open_recording
@@ -113,7 +113,7 @@ def test_a_port_that_is_taken_is_one_line(server: ThreadingHTTPServer, results: 
     with pytest.raises(OutputError, match=f"port {server.server_port} cannot be used"):
         call(results, "--port", str(server.server_port), "--no-browser")
     with pytest.raises(argparse.ArgumentTypeError, match="expected a port"):
-        view.port("70000")
+        serving.port("70000")
 
 
 def test_another_recording_or_no_results_is_one_line(results: Path, tmp_path: Path) -> None:

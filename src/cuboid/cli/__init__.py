@@ -22,6 +22,7 @@ COMMANDS = (
     "track",
     "evaluate",
     "evaluate trajectory",
+    "annotate",
     "render",
     "report",
     "view",

@@ -24,7 +24,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="RESULT",
         help="what 'cuboid track' left behind, or a CSV with the boxes of any other tracker",
     )
-    parser.add_argument("truth", type=Path, metavar="TRUTH", help="a truth file, or the folder of a made recording")
+    parser.add_argument(
+        "truth",
+        type=Path,
+        metavar="TRUTH",
+        help="a truth file, the folder of a made recording, or keyframes with rectangles that a person drew",
+    )
     parser.add_argument(
         "--cloud",
         type=Path,
@@ -38,6 +43,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="true camera poses, by which the result is carried to the truth's world "
         "(default: true_trajectory.txt beside TRUTH, where the result's poses were estimated)",
     )
+    drawn = parser.add_argument_group("against keyframes")
+    drawn.add_argument("--recording", type=Path, metavar="PATH", help="the recording, where it is not where it was")
+    drawn.add_argument(
+        "--pictures", type=Path, metavar="DIR", help="draw each keyframe with what was found, missed and false into it"
+    )
     parser.add_argument("--json", metavar="FILE", help="write everything as JSON; - prints it and no tables")
 
 
@@ -45,9 +55,18 @@ def run(args: argparse.Namespace) -> int:
     """Evaluate and print."""
     from cuboid.cli.tables import console, write_json
     from cuboid.cli.threads import limit_threads
+    from cuboid.errors import InputError
     from cuboid.evaluation import evaluate
+    from cuboid.evaluation.keyframes import is_keyframes
 
     limit_threads(1)
+    if is_keyframes(args.truth):
+        from cuboid.cli.keyframes import run as judge_keyframes
+
+        return judge_keyframes(args)
+    for name in ("recording", "pictures"):
+        if getattr(args, name) is not None:
+            raise InputError(f"--{name} goes with keyframes, which {args.truth} are none of")
     found = evaluate(args.result, args.truth, cloud=args.cloud, trajectory=args.trajectory)
     if args.json is not None:
         write_json(found.to_dict(), args.json)

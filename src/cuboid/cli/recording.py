@@ -46,6 +46,14 @@ def add_recording(parser: argparse.ArgumentParser, default_threads: int) -> None
 
 
 def add_reading(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """Add the recording, how it is read, and which frames of it; return the group of the latter two."""
+    reading = add_source(parser)
+    reading.add_argument("--every", type=positive, default=1, metavar="N", help="use each N-th frame")
+    reading.add_argument("--limit", type=positive, metavar="N", help="read at most N frames")
+    return reading
+
+
+def add_source(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     """Add the recording and how it is read; return the group of the latter."""
     parser.add_argument("recording", type=Path, metavar="RECORDING", help="folder of the RGB-D recording")
     reading = parser.add_argument_group("reading")
@@ -59,8 +67,6 @@ def add_reading(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     reading.add_argument(
         "--depth-scale", type=depth_scale, metavar="UNITS", help="depth units a metre, instead of its own"
     )
-    reading.add_argument("--every", type=positive, default=1, metavar="N", help="use each N-th frame")
-    reading.add_argument("--limit", type=positive, metavar="N", help="read at most N frames")
     return reading
 
 

@@ -42,15 +42,13 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.cli.tables import console
     from cuboid.cli.threads import limit_threads
     from cuboid.errors import InputError
-    from cuboid.readers.reopen import reopen_recording
     from cuboid.views.redraw import drawer
     from cuboid.views.replay import Replay
 
     limit_threads(1)
     path = _path(args)
     replay = Replay(args.results)
-    path_now = args.recording or replay.recording
-    recording = reopen_recording(path_now, replay.format, replay.intrinsics, replay.distortion, replay.last_frame)
+    recording = replay.reopen(args.recording)
     draw, drawn = drawer(args.what, args.results, replay), 0
     seen = replay.frames(recording.timestamp_s)
     shown = Console(stderr=True)

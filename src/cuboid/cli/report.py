@@ -42,10 +42,6 @@ def run(args: argparse.Namespace) -> int:
 def _reading(results: Path, moved: Path | None) -> Callable[[int], Frame]:
     """Return what reads the frames of the recording that results are of."""
     from cuboid.outputs import FinishedResults
-    from cuboid.readers.reopen import reopen_recording
+    from cuboid.views.replay import reopen
 
-    finished = FinishedResults(results)
-    report = finished.report
-    path = moved or Path(report.recording)
-    recording = reopen_recording(path, report.format, finished.found.intrinsics, report.distortion, finished.last_frame)
-    return recording.without_poses().read
+    return reopen(FinishedResults(results), moved).without_poses().read

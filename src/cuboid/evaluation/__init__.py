@@ -3,7 +3,20 @@
 from __future__ import annotations
 
 from cuboid.evaluation.evaluate import Evaluation, evaluate
+from cuboid.evaluation.evaluate_keyframes import KeyframeEvaluation, evaluate_keyframes
+from cuboid.evaluation.keyframes import Keyframes, read_keyframes
 from cuboid.evaluation.result import Result, read_result
 from cuboid.evaluation.truth import Truth, read_truth
 
-__all__ = ["Evaluation", "Result", "Truth", "evaluate", "read_result", "read_truth"]
+__all__ = [
+    "Evaluation",
+    "KeyframeEvaluation",
+    "Keyframes",
+    "Result",
+    "Truth",
+    "evaluate",
+    "evaluate_keyframes",
+    "read_keyframes",
+    "read_result",
+    "read_truth",
+]

@@ -121,8 +121,7 @@ class Evaluation:
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything, ready for JSON: numbers have six decimals, what is undefined is None."""
-        plain: dict[str, Any] = _plain(asdict(self))
-        return {"format": FORMAT, "version": VERSION, **plain}
+        return {"format": FORMAT, "version": VERSION, **plain(asdict(self))}
 
 
 def evaluate(
@@ -227,9 +226,10 @@ def _heat(result: Result, cloud: Path, truth: Truth) -> HeatQuality:
     return heat_quality(xyz, points.heat, read_labelled_cloud(cloud), truth)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """Return a value ready for JSON: lists for tuples, floats with six decimals."""
     if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     return rounded(value, LENGTH) if isinstance(value, float) else value

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.errors import InputError
-from cuboid.formats.rows_files import BoxEntry, OwnBoxEntry
+from cuboid.formats.rows_files import BoxEntry, OwnBoxEntry, OwnRectEntry, RectEntry
 from cuboid.formats.table_door import read_table
 from cuboid.frame import Float64Array
 from cuboid.geometry.overlap import pack
@@ -34,6 +34,22 @@ class BoxRows:
     frame: IntArray
     label: IntArray
     boxes: Float64Array
+
+
+@dataclass(frozen=True, slots=True)
+class RectRows:
+    """Rectangles of frames, in frame order.
+
+    Attributes
+    ----------
+    frame, label : (N,) int64
+    rects_xyxy : (N, 4) float64
+        Pixels of the recording's color image.
+    """
+
+    frame: IntArray
+    label: IntArray
+    rects_xyxy: Float64Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,12 +172,23 @@ def read_boxes(path: Path, kind: type[BoxEntry] | type[OwnBoxEntry] = BoxEntry) 
     return found
 
 
+def read_rects(path: Path, kind: type[RectEntry] | type[OwnRectEntry] = RectEntry) -> RectRows:
+    """Read the rectangles of a CSV; a label stands only once in a frame of `RectEntry`. Raises as `read_boxes`."""
+    rows = [(row.frame, row.label, row.x0, row.y0, row.x1, row.y1) for _, row in read_table(path, kind, any_order=True)]
+    table = np.array(rows, np.float64).reshape(-1, 6)
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    found = RectRows(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:])
+    if kind is RectEntry:
+        _refuse_twice(path, found)
+    return found
+
+
 def _numbers(row: BoxEntry | OwnBoxEntry) -> list[float]:
     turn = rotation_from_quat_wxyz((row.qw, row.qx, row.qy, row.qz))
     return [row.frame, row.label, row.cx, row.cy, row.cz, row.length, row.width, row.height, *turn.ravel()]
 
 
-def _refuse_twice(path: Path, rows: BoxRows) -> None:
+def _refuse_twice(path: Path, rows: BoxRows | RectRows) -> None:
     pairs, count = np.unique(np.stack([rows.frame, rows.label], axis=1), axis=0, return_counts=True)
     if (count > 1).any():
         frame, label = pairs[count > 1][0]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cuboid.outputs import FinishedResults
 from cuboid.readers import Recording
-from cuboid.readers.reopen import reopen_recording
+from cuboid.views.replay import reopen
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,4 @@ class FinishedRun(FinishedResults):
         InputError
             It is not there, or is another one.
         """
-        path = self.recording_path or Path(self.report.recording)
-        return reopen_recording(
-            path, self.report.format, self.found.intrinsics, self.report.distortion, self.last_frame
-        )
+        return reopen(self, self.recording_path)

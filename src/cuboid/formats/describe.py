@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 
 from cuboid.formats.camera_file import CameraDocument
+from cuboid.formats.keyframes_file import KeyframesDocument
 from cuboid.formats.objects_file import ObjectsDocument
 from cuboid.formats.rows_files import BoxEntry, PoseEntry, ProposalEntry, TrackEntry
 from cuboid.formats.run_file import RunDocument
@@ -20,6 +21,7 @@ DOCUMENTS: dict[str, type[msgspec.Struct]] = {
     "run.json": RunDocument,
     "truth.json": TruthDocument,
     "camera.json": CameraDocument,
+    "keyframes.json": KeyframesDocument,
 }
 TABLES: dict[str, type[Row]] = {
     "tracks.csv": TrackEntry,

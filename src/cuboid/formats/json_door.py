@@ -11,7 +11,7 @@ import msgspec
 from cuboid.errors import InputError, shown
 from cuboid.formats.reading import MOST_JSON_BYTES, read_bytes
 
-T = TypeVar("T", bound=msgspec.Struct)
+T = TypeVar("T")
 
 # What msgspec calls the kinds of values.
 _WORDS = {
@@ -47,7 +47,22 @@ def read_json(path: Path, kind: type[T]) -> T:
         The file cannot be read, is no JSON, is of another format or version, or a field is not as it must be; the
         message names the field, what is there, and what was expected.
     """
-    content = read_bytes(path, MOST_JSON_BYTES)
+    return checked(path, read_bytes(path, MOST_JSON_BYTES), kind)
+
+
+def read_any(path: Path) -> dict[str, Any]:
+    """Read a JSON object of whatever fields; raises as `read_json`."""
+    return checked(path, read_bytes(path, MOST_JSON_BYTES), dict[str, Any])
+
+
+def format_in(path: Path) -> str | None:
+    """Return the format that a JSON document says it has, if it says one; raises as `read_json`."""
+    said = checked(path, read_bytes(path, MOST_JSON_BYTES), _Head).format
+    return said if isinstance(said, str) else None
+
+
+def checked(path: Path, content: bytes, kind: type[T]) -> T:
+    """Return the document that the content of a file is; parameters and errors as of `read_json`."""
     try:
         _refuse_other(content, kind)
         return msgspec.json.decode(content, type=kind)
@@ -61,7 +76,7 @@ def read_json(path: Path, kind: type[T]) -> T:
         raise InputError(f"{path}: {error}") from None
 
 
-def _refuse_other(content: bytes, kind: type[msgspec.Struct]) -> None:
+def _refuse_other(content: bytes, kind: type[Any]) -> None:
     """Raise ValueError where a document is of another format or version."""
     wanted = format_of(kind)
     if wanted is None:
@@ -73,15 +88,17 @@ def _refuse_other(content: bytes, kind: type[msgspec.Struct]) -> None:
         )
 
 
-def format_of(kind: type[msgspec.Struct]) -> tuple[str, int] | None:
+def format_of(kind: type[Any]) -> tuple[str, int] | None:
     """Return the format's name and version that documents of a kind say; None where they say nothing."""
+    if kind is _Head or not hasattr(kind, "__struct_fields__"):
+        return None
     hints = get_type_hints(kind)
     if not {"format", "version"} <= set(hints) or not get_args(hints["version"]):
         return None
     return get_args(hints["format"])[0], get_args(hints["version"])[0]
 
 
-def _explained(error: msgspec.ValidationError, content: bytes, kind: type[msgspec.Struct]) -> str:
+def _explained(error: msgspec.ValidationError, content: bytes, kind: type[Any]) -> str:
     """Return what is wrong in a document: where, what was expected, and what is there."""
     said, _, place = str(error).partition(" - at `$")
     place = place.rstrip("`").lstrip(".")
@@ -91,7 +108,7 @@ def _explained(error: msgspec.ValidationError, content: bytes, kind: type[msgspe
         said = re.sub(r", got `\w+`$", "", said) if found else said
     said = in_words(said)
     if not place and ("unknown" in said or said == "expected an object"):
-        said += f"{' with' if found else ', expected'} {', '.join(kind.__struct_fields__)}"
+        said += f"{' with' if found else ', expected'} {', '.join(getattr(kind, '__struct_fields__', ('fields',)))}"
     return (f"{place}: " if place else "") + said + found
 
 
@@ -114,7 +131,7 @@ def _found(content: bytes, place: str) -> str:
             value = value[int(number)] if number else value[name]
     except (msgspec.DecodeError, LookupError, TypeError, ValueError, RecursionError):
         return ""
-    return f", got {shown(value)}"
+    return f", got {'null' if value is None else shown(value)}"
 
 
 def _placed(error: msgspec.DecodeError, content: bytes) -> str:

@@ -58,6 +58,28 @@ class OwnBoxEntry(Row, frozen=True):
         refuse_no_quaternion(self.qw, self.qx, self.qy, self.qz)
 
 
+class RectEntry(Row, frozen=True):
+    """A rectangle seen in a frame, as any tracker can say it; the columns may stand in any order, others among them."""
+
+    frame: FrameNumber
+    label: Label
+    x0: Pixel
+    y0: Pixel
+    x1: Pixel
+    y1: Pixel
+
+
+class OwnRectEntry(Row, frozen=True):
+    """A frame's own rectangle before matching, with the label it was given, or 0."""
+
+    frame: FrameNumber
+    label: LabelOrNone
+    x0: Pixel
+    y0: Pixel
+    x1: Pixel
+    y1: Pixel
+
+
 class TrackEntry(Row, frozen=True):
     """A confirmed object seen in a frame: `tracks.csv`."""
 

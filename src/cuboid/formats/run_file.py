@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+from cuboid.formats.camera_file import DepthUnits
 from cuboid.formats.values import LAST_FRAME, Amount, Entry, FrameNumber, Name, Text, refuse_twice
 
 Whole = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
@@ -50,6 +51,7 @@ class ConfigEntry(Entry, frozen=True):
     distortion: Annotated[
         tuple[Distortion, ...], Meta(max_length=8, description="of the lens, as it was taken out of the images")
     ] = ()
+    depth_units_per_metre: Annotated[DepthUnits | None, Meta(description="of the depth images")] = None
 
 
 class RunDocument(Entry, frozen=True):
@@ -63,7 +65,7 @@ class RunDocument(Entry, frozen=True):
     threads: Annotated[int, Meta(ge=1, le=100_000)]
     config: Annotated[
         dict[str, Setting | list[Setting] | dict[str, Setting]],
-        Meta(description="the effective settings, among them `every` and `distortion`"),
+        Meta(description="the effective settings, among them `every`, `distortion`, `depth_units_per_metre`"),
     ]
     frames: FramesEntry
     milliseconds: Annotated[

@@ -113,6 +113,12 @@ class RunReport:
         return tuple(float(value) for value in self.config.get("distortion", ()))
 
     @property
+    def depth_units_per_metre(self) -> float | None:
+        """Of the depth images; None in results that do not say."""
+        units = self.config.get("depth_units_per_metre")
+        return None if units is None else float(units)
+
+    @property
     def every(self) -> int:
         """One in so many frames of the recording was used."""
         return int(self.config.get("every", 1))

@@ -17,6 +17,7 @@ def reopen_recording(
     intrinsics: Intrinsics,
     distortion: tuple[float, ...],
     last_frame: int,
+    depth_units_per_metre: float | None = None,
 ) -> Recording:
     """Open the recording that results were made from.
 
@@ -32,6 +33,8 @@ def reopen_recording(
         Of its lens, from the results; it was taken out.
     last_frame : int
         The last of its frames that the results speak of.
+    depth_units_per_metre : float, optional
+        Of its depth images, from the results; its own where they do not say.
 
     Raises
     ------
@@ -40,7 +43,7 @@ def reopen_recording(
     """
     K = intrinsics
     camera = Calibration(K.fx, K.fy, K.cx, K.cy, None, "the results", distortion)
-    recording = open_recording(path, format=format, intrinsics=camera)
+    recording = open_recording(path, format=format, intrinsics=camera, depth_scale=depth_units_per_metre)
     size = recording.intrinsics.width, recording.intrinsics.height
     if size != (K.width, K.height) or len(recording) <= last_frame:
         raise InputError(

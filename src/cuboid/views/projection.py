@@ -129,6 +129,28 @@ def _edges(facing: tuple[bool, ...]) -> tuple[Corners, Corners]:
     return _EDGE_ENDS[is_front], _EDGE_ENDS[~is_front]
 
 
+def visible_rect(box: Box, T_world_camera: Float64Array, intrinsics: Intrinsics) -> Float64Array | None:
+    """Return the rectangle around what of a box lies in the picture; nothing but the picture's border hides any of it.
+
+    The box is cut to the view first: its corners alone give too large a rectangle where some lie far outside of
+    the picture, and none where some lie behind the camera.
+
+    Returns
+    -------
+    (4,) float64 or None
+        Pixels, ends exclusive; None where nothing of the box is in the picture.
+    """
+    corners = transform(inverse(T_world_camera), box.corners())
+    planes = _view_planes(intrinsics, margin_px=0.0)
+    kept = np.concatenate([clip_polygon(corners[face], planes) for face in _FACE_ENDS])
+    if len(kept) == 0:
+        return None
+    pixels = project(kept, intrinsics)
+    size = intrinsics.width, intrinsics.height
+    rect = np.concatenate((np.clip(pixels.min(axis=0), 0, size), np.clip(pixels.max(axis=0), 0, size)))
+    return rect if (rect[2:] > rect[:2]).all() else None
+
+
 def may_be_in_view(boxes: Sequence[Box], T_world_camera: Float64Array, intrinsics: Intrinsics) -> npt.NDArray[np.bool_]:
     """Tell for each box whether the ball around it reaches into the view; quick, for maps of many objects.
 
@@ -213,11 +235,11 @@ def _facing(box: Box, camera: Float64Array) -> tuple[bool, ...]:
     return (-x > a, x > a, -y > b, y > b, -z > c, z > c)
 
 
-def _view_planes(intrinsics: Intrinsics) -> Float64Array:
-    """Return near plane and the four sides of the view, (5, 4), in the camera frame, with `MARGIN_PX`."""
+def _view_planes(intrinsics: Intrinsics, margin_px: float = MARGIN_PX) -> Float64Array:
+    """Return near plane and the four sides of the view, (5, 4), in the camera frame."""
     K = intrinsics
-    left, top = -(K.cx + MARGIN_PX) / K.fx, -(K.cy + MARGIN_PX) / K.fy
-    right, bottom = (K.width + MARGIN_PX - K.cx) / K.fx, (K.height + MARGIN_PX - K.cy) / K.fy
+    left, top = -(K.cx + margin_px) / K.fx, -(K.cy + margin_px) / K.fy
+    right, bottom = (K.width + margin_px - K.cx) / K.fx, (K.height + margin_px - K.cy) / K.fy
     return np.array(
         [
             [0.0, 0.0, 1.0, -NEAR_M],

@@ -11,6 +11,8 @@ from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.outputs import FinishedResults, ProposalRow, TrackRow
 from cuboid.outputs.text import LENGTH, number
+from cuboid.readers.recording import Recording
+from cuboid.readers.reopen import reopen_recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,14 +67,8 @@ class Replay:
 
     Attributes
     ----------
-    recording : Path
-        Where the recording lay.
-    format : str
-        Name of its layout.
     intrinsics : Intrinsics
-        Of its color image.
-    distortion : tuple of float
-        Of its lens, as it was taken out.
+        Of the recording's color image.
     every : int
         One in so many frames was used.
     frames_per_second : float or None
@@ -89,10 +85,8 @@ class Replay:
     def __init__(self, folder: Path) -> None:
         results = FinishedResults(folder)
         report = results.report
-        self.recording = Path(report.recording)
-        self.format = report.format
+        self._results = results
         self.intrinsics: Intrinsics = results.found.intrinsics
-        self.distortion = report.distortion
         self.every = report.every
         median_ms = report.milliseconds["frame"].median_ms if "frame" in report.milliseconds else 0.0
         self.frames_per_second = 1e3 / median_ms if median_ms > 0 else None
@@ -109,6 +103,10 @@ class Replay:
     def __len__(self) -> int:
         """Return how many frames were used."""
         return len(self._poses)
+
+    def reopen(self, moved: Path | None) -> Recording:
+        """Open the recording, which lies at `moved`, or where it lay; InputError where it is not there."""
+        return reopen(self._results, moved)
 
     def frames(self, timestamp_of: Callable[[int], float]) -> Iterator[ReplayedFrame]:
         """Iterate over the used frames, in order; those that have another time in the recording are left out.
@@ -132,3 +130,28 @@ class Replay:
             )
             proposals = tuple(self._proposals.get(index, ()))
             yield ReplayedFrame(index, pose.T_world_camera, sightings, proposals, hidden)
+
+
+def reopen(results: FinishedResults, moved: Path | None) -> Recording:
+    """Open the recording of finished results.
+
+    Parameters
+    ----------
+    results : FinishedResults
+    moved : Path or None
+        Where it lies now; None where it still is where it was.
+
+    Raises
+    ------
+    InputError
+        It is not there, or is another one.
+    """
+    report = results.report
+    return reopen_recording(
+        moved or Path(report.recording),
+        report.format,
+        results.found.intrinsics,
+        report.distortion,
+        results.last_frame,
+        report.depth_units_per_metre,
+    )

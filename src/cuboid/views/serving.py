@@ -12,6 +12,8 @@ from ipaddress import ip_address
 from typing import Any
 from urllib.parse import urlsplit
 
+from cuboid.errors import OutputError
+
 # Nobody but who is on this machine, or comes through a forwarded port, sees the results.
 HOST = "127.0.0.1"
 LOCAL_NAMES = ("localhost", HOST)
@@ -37,27 +39,64 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
 }
 
+# What a page sends back is a document of some kilobytes; more than this is none of ours.
+MOST_BYTES = 16 << 20
+
 Answer = tuple[str, bytes]
 
 
+class Refusal(Exception):  # noqa: N818 - an answer, not a fault
+    """What was asked cannot be done: a status and one line for who asked."""
+
+    def __init__(self, status: HTTPStatus, reason: str) -> None:
+        super().__init__(reason)
+        self.status = status
+
+
 class PageHandler(BaseHTTPRequestHandler):
-    """Answers GET for what is there, to those who ask for it under a name of this machine.
+    """Answers GET for what is there, and POST where a page may send something back, under a name of this machine.
 
     Attributes
     ----------
     show : callable
         Kind and content of what lies at an address; None where nothing does.
+    take : callable or None
+        The same for what was sent to an address as JSON; None takes nothing.
     names : tuple of str
         Names of this machine that are answered to. With none of them number addresses and the names of a local network
         are, but no name that another site could own and have lead here.
     """
 
     show: Callable[[str], Answer | None]
+    take: Callable[[str, bytes], Answer | None] | None = None
     names: tuple[str, ...] = LOCAL_NAMES
     timeout = SILENT_S
 
     def do_GET(self) -> None:
         """Answer, unless it is asked from elsewhere, or at too great a length."""
+        if self._is_taken():
+            self._answer(lambda: self.show(self.path))
+
+    def do_POST(self) -> None:
+        """Take what one of our own pages sends."""
+        take = self.take
+        if not self._is_taken():
+            return
+        if take is None:
+            self.send_error(HTTPStatus.METHOD_NOT_ALLOWED)
+            return
+        # a form of another site's page can send neither this type nor our origin
+        length = self.headers.get("Content-Length", "")
+        if "Origin" not in self.headers or self.headers.get_content_type() != "application/json":
+            self.send_error(HTTPStatus.FORBIDDEN)
+        elif not (length.isascii() and length.isdecimal() and int(length[:10]) <= MOST_BYTES):
+            self.send_error(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
+        else:
+            content = self.rfile.read(int(length))
+            self._answer(lambda: take(self.path, content))
+
+    def _is_taken(self) -> bool:
+        """Tell whether a request is of bounded length and from a page of ours, or the user; refuse it else."""
         if len(self.path) > LONGEST_ADDRESS:
             self.send_error(HTTPStatus.REQUEST_URI_TOO_LONG)
         elif sum(len(name) + len(value) for name, value in self.headers.items()) > LARGEST_HEAD:
@@ -65,15 +104,13 @@ class PageHandler(BaseHTTPRequestHandler):
         elif not (self._is_own(f"http://{self.headers.get('Host', '')}") and self._is_own_origin()):
             self.send_error(HTTPStatus.FORBIDDEN)
         else:
-            found = self.show(self.path)
-            if found is None:
-                self.send_error(HTTPStatus.NOT_FOUND)
-            else:
-                self._send(*found)
+            return True
+        return False
 
     def _is_own_origin(self) -> bool:
-        """Tell whether a page that asks, if one does, is our own."""
-        return all(self._is_own(origin) for origin in self.headers.get_all("Origin", []))
+        """Tell whether a page that asks, if one does, is our own: of this host and port."""
+        own = f"http://{self.headers.get('Host', '')}"
+        return all(origin == own for origin in self.headers.get_all("Origin", []))
 
     def _is_own(self, address: str) -> bool:
         try:
@@ -82,8 +119,16 @@ class PageHandler(BaseHTTPRequestHandler):
             return False
         return name in self.names if self.names else _is_local(name)
 
-    def _send(self, kind: str, content: bytes) -> None:
-        self.send_response(HTTPStatus.OK)
+    def _answer(self, of: Callable[[], Answer | None]) -> None:
+        try:
+            found, status = of(), HTTPStatus.OK
+        except Refusal as refusal:
+            found, status = ("text/plain; charset=utf-8", str(refusal).encode("utf-8", "replace")), refusal.status
+        if found is None:
+            self.send_error(HTTPStatus.NOT_FOUND)
+            return
+        kind, content = found
+        self.send_response(status)
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(content)))
         for name, value in HEADERS.items():
@@ -153,6 +198,20 @@ def listening(host: str, ports: Sequence[int], handler: type[PageHandler]) -> Pa
         except OSError:
             continue
     return PageServer((host, ports[-1]), handler)
+
+
+def listening_at(port: int, handler: type[PageHandler]) -> PageServer:
+    """Return a server at a port of this machine's own address; 0 takes one that is free.
+
+    Raises
+    ------
+    OutputError
+        The port is taken.
+    """
+    try:
+        return PageServer((HOST, port), handler)
+    except OSError as error:
+        raise OutputError(f"port {port} cannot be used: {error.strerror}; leave --port out for a free one") from error
 
 
 def path_and_query(address: str) -> tuple[str, str]:

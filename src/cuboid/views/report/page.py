@@ -16,6 +16,7 @@ from cuboid.views.report.summary import Summary
 # In the order in which they use each other.
 SCRIPTS = (
     "math.js",
+    "elements.js",
     "data.js",
     "shaders.js",
     "renderer.js",

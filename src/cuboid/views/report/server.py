@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from urllib.parse import parse_qs
 
-from cuboid.errors import FrameError, InputError, OutputError
+from cuboid.errors import FrameError, InputError
 from cuboid.frame import Frame
 from cuboid.readers import Recording
 from cuboid.views.redraw import KINDS, Draw, drawer
@@ -16,7 +16,7 @@ from cuboid.views.replay import Replay, ReplayedFrame
 from cuboid.views.report.page import page_of
 from cuboid.views.report.pictures import encode_jpeg
 from cuboid.views.report.summary import summarise
-from cuboid.views.serving import HOST, PageHandler, PageServer, listening, path_and_query
+from cuboid.views.serving import Answer, PageHandler, PageServer, listening_at, path_and_query
 
 PICTURES = "/frame"
 PICTURE = re.compile(rf"{PICTURES}/(\d{{1,9}})\.jpg")
@@ -103,13 +103,10 @@ def make_server(viewer: Viewer, port: int = 0) -> PageServer:
     class Handler(PageHandler):
         show = staticmethod(lambda address: _answer(viewer, address))
 
-    try:
-        return listening(HOST, (port,), Handler)
-    except OSError as error:
-        raise OutputError(f"port {port} cannot be used: {error.strerror}; leave --port out for a free one") from error
+    return listening_at(port, Handler)
 
 
-def _answer(viewer: Viewer, address: str) -> tuple[str, bytes] | None:
+def _answer(viewer: Viewer, address: str) -> Answer | None:
     """Return kind and content of what lies at an address; None where nothing does."""
     path, query = path_and_query(address)
     if path == "/":

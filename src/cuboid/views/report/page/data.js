@@ -1,7 +1,5 @@
 // What the page shows, as Python wrote it; see summary.py and points.py for the layout.
 
-const data = JSON.parse(document.getElementById("data").textContent);
-
 function bytesOf(base64) {
   const text = atob(base64);
   const bytes = new Uint8Array(text.length);
@@ -36,7 +34,6 @@ function stateIn(object, frame) {
 /** A page's number of centimetres, metres, milliseconds. */
 const cm = (metres) => (100 * metres).toFixed(1);
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1");
-const plural = (count, word) => `${count.toLocaleString("en")} ${word}${count === 1 ? "" : "s"}`;
 const sizeOf = (object) => object.size.map(cm).join(" × ");
 
 async function inflate(bytes) {
@@ -75,18 +72,8 @@ async function unpackPoints() {
   return { steps, look, label: summedPair(bytes, 10, count) };
 }
 
-/** An element with attributes, and children that are elements or texts. */
-function element(name, attributes = {}, ...children) {
-  const made = document.createElement(name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  made.append(...children);
-  return made;
-}
-
 /** The label in its color, as it looks everywhere. */
 function chip(object, ...rest) {
   const style = `background:${object.color};color:${object.ink}`;
   return element("span", { class: "chip", style }, `#${object.label}`, ...rest);
 }
-
-const find = (id) => document.getElementById(id);

@@ -1,0 +1,84 @@
+"""Rectangles carried from one frame to another: where the same things should be, as camera poses and depth tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cuboid.errors import FrameError
+from cuboid.frame import Float32Array, Float64Array, Intrinsics
+from cuboid.geometry.se3 import inverse, transform
+from cuboid.readers.recording import Recording
+
+# Depth is taken from the middle half of a rectangle, each way: at its sides other things show.
+MIDDLE = 0.25
+# Nearer than this no sensor measures, metres.
+NEAR_M = 0.05
+# Of what leaves the picture at least this share must stay, or it is taken to have left.
+LEAST_LEFT = 0.15
+
+Rect = tuple[int, int, int, int]
+
+
+def carried(recording: Recording, source: int, target: int, rects: Sequence[Float64Array]) -> list[Rect | None]:
+    """Return where rectangles of one frame should be in another one.
+
+    The middle of a rectangle moves as the point behind it does, its size with the distance. Where a pose or all depth
+    is missing, a rectangle stays as it is: a person puts it right.
+
+    Parameters
+    ----------
+    recording : Recording
+    source, target : int
+        Frames of it.
+    rects : sequence of (4,) float64
+        In the source, pixels, ends exclusive.
+
+    Returns
+    -------
+    list of (x0, y0, x1, y1) or None
+        Clipped to the picture; None for what has left it.
+    """
+    try:
+        T_world_target = recording.pose(target)
+        frame = recording.read(source)
+    except FrameError:
+        T_world_target = None
+    if T_world_target is None or frame.T_world_camera is None:
+        return [_whole(rect) for rect in rects]
+    T_target_source = inverse(T_world_target) @ frame.T_world_camera
+    return [_carried(rect, frame.depth_m, T_target_source, recording.intrinsics) for rect in rects]
+
+
+def _carried(
+    rect: Float64Array, depth_m: Float32Array, T_target_source: Float64Array, intrinsics: Intrinsics
+) -> Rect | None:
+    K, z = intrinsics, _depth_of(rect, depth_m)
+    if z is None:
+        return _whole(rect)
+    middle, half = (rect[:2] + rect[2:]) / 2.0, (rect[2:] - rect[:2]) / 2.0
+    x, y = (middle - (K.cx, K.cy)) / (K.fx, K.fy) * z
+    moved = transform(T_target_source, np.array([[x, y, z]]))[0]
+    if moved[2] < NEAR_M:
+        return None
+    center = moved[:2] / moved[2] * (K.fx, K.fy) + (K.cx, K.cy)
+    low, high = center - half * z / moved[2], center + half * z / moved[2]
+    inside = np.clip((low, high), 0.0, (K.width, K.height))
+    if np.prod(inside[1] - inside[0]) < LEAST_LEFT * np.prod(high - low):
+        return None
+    return _whole(inside.ravel())
+
+
+def _depth_of(rect: Float64Array, depth_m: Float32Array) -> float | None:
+    """Return the median depth in the middle of a rectangle; None where there is none."""
+    inset = MIDDLE * (rect[2:] - rect[:2])
+    x0, y0, x1, y1 = np.round((*(rect[:2] + inset), *(rect[2:] - inset))).astype(int)
+    part = depth_m[y0 : max(y1, y0 + 1), x0 : max(x1, x0 + 1)]
+    measured = part[np.isfinite(part) & (part > NEAR_M)]
+    return float(np.median(measured)) if len(measured) else None
+
+
+def _whole(rect: Float64Array) -> Rect | None:
+    x0, y0, x1, y1 = (int(value) for value in np.round(rect))
+    return (x0, y0, x1, y1) if x1 > x0 and y1 > y0 else None

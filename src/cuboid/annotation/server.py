@@ -1,0 +1,147 @@
+"""The page for drawing keyframes, served to the browser of this machine."""
+
+from __future__ import annotations
+
+import json
+import re
+import threading
+from http import HTTPStatus
+from importlib.resources import files
+from typing import Any
+from urllib.parse import urlsplit
+
+import numpy as np
+
+from cuboid.annotation.carry import carried
+from cuboid.annotation.store import KeyframesFile, Outdated
+from cuboid.errors import CuboidError, FrameError
+from cuboid.readers.recording import Recording
+from cuboid.views.palette import COLORS
+from cuboid.views.report.page import assembled, own
+from cuboid.views.report.pictures import encode_jpeg
+from cuboid.views.report.summary import label_colors
+from cuboid.views.serving import Answer, PageHandler, PageServer, Refusal, listening_at
+
+# In the order in which they use each other; the first are those of the report.
+SHARED = ("math.js", "elements.js")
+SCRIPTS = ("keyframes.js", "saving.js", "pictures.js", "board.js", "card.js", "timeline.js", "annotate.js")
+
+PICTURE = re.compile(r"/frame/(\d{1,9})\.jpg")
+# Edges must be as sharp as they are: rectangles are drawn to the pixel.
+QUALITY = 95
+
+
+class Annotator:
+    """A recording and its keyframes, as the page asks for them.
+
+    Parameters
+    ----------
+    recording : Recording
+    keyframes : KeyframesFile
+        Of the recording.
+    every : int
+        The page suggests each n-th frame.
+    """
+
+    def __init__(self, recording: Recording, keyframes: KeyframesFile, every: int) -> None:
+        self._posed = recording
+        self._recording = recording.without_poses()  # a frame without a pose can be drawn on as well
+        self._keyframes = keyframes
+        self._every = every
+        self._lock = threading.Lock()  # readers are made for one thread; a browser asks for several frames at once
+
+    def show(self, address: str) -> Answer | None:
+        """Return kind and content of what lies at an address; None where nothing does."""
+        path = urlsplit(address).path
+        if path == "/":
+            return "text/html; charset=utf-8", self._page().encode("utf-8")
+        asked = PICTURE.fullmatch(path)
+        return ("image/jpeg", self._picture(int(asked[1]))) if asked else None
+
+    def take(self, address: str, content: bytes) -> Answer | None:
+        """Do what the page asks for, save or carry, and answer in JSON; None where there is no such thing."""
+        action = {"/keyframes": self._save, "/carry": self._carry}.get(urlsplit(address).path)
+        if action is None:
+            return None
+        try:
+            answer = action(json.loads(content))
+        except Outdated as error:
+            raise Refusal(HTTPStatus.CONFLICT, str(error)) from error
+        except (ValueError, TypeError, KeyError, IndexError) as error:
+            raise Refusal(HTTPStatus.BAD_REQUEST, f"this page and this program do not fit: {error!r}") from error
+        except CuboidError as error:
+            raise Refusal(HTTPStatus.UNPROCESSABLE_ENTITY, str(error)) from error
+        return "application/json", json.dumps(answer).encode("ascii")
+
+    def _save(self, sent: dict[str, Any]) -> dict[str, Any]:
+        return {"revision": self._keyframes.save(int(sent["revision"]), dict(sent["document"]))}
+
+    def _carry(self, sent: dict[str, Any]) -> dict[str, Any]:
+        rects = [np.array(rect, np.float64).reshape(4) for rect in sent["rects"]]
+        with self._lock:
+            return {"rects": carried(self._posed, int(sent["from"]), int(sent["to"]), rects)}
+
+    def _picture(self, index: int) -> bytes:
+        """Return a frame's color image as JPEG."""
+        with self._lock:
+            try:
+                return encode_jpeg(self._recording.read(index).color, QUALITY)
+            except (FrameError, IndexError) as error:
+                raise Refusal(HTTPStatus.UNPROCESSABLE_ENTITY, str(error)) from error
+
+    def _page(self) -> str:
+        scripts = [own(name) for name in SHARED] + [_source(name) for name in SCRIPTS]
+        return assembled(_source("annotate.html"), own("page.css") + _source("annotate.css"), scripts, self._document())
+
+    def _document(self) -> dict[str, Any]:
+        K = self._recording.intrinsics
+        return {
+            "title": self._recording.path.name,
+            "place": self._recording.path.parent.name,
+            "file": self._keyframes.path.name,
+            "width": K.width,
+            "height": K.height,
+            "count": len(self._recording),
+            "every": self._every,
+            "poseless": self._poseless(),
+            "files": [self._recording.color_name(index) for index in range(len(self._recording))],
+            "colors": [label_colors(number) for number in range(1, COLORS + 1)],
+            "revision": self._keyframes.revision,
+            "keyframes": self._keyframes.document,
+        }
+
+    def _poseless(self) -> list[int]:
+        """Return the frames that a run with the recording's poses cannot use."""
+        found = []
+        for index in range(len(self._posed)) if self._posed.has_poses else ():
+            try:
+                self._posed.pose(index)
+            except FrameError:
+                found.append(index)
+        return found
+
+
+def _source(name: str) -> str:
+    return (files("cuboid.annotation") / "page" / name).read_text(encoding="utf-8")
+
+
+def make_server(annotator: Annotator, port: int = 0) -> PageServer:
+    """Return a server of the page on this machine's own address; `serve_forever` starts it.
+
+    Parameters
+    ----------
+    annotator : Annotator
+    port : int
+        0 takes one that is free.
+
+    Raises
+    ------
+    OutputError
+        The port is taken.
+    """
+
+    class Handler(PageHandler):
+        show = staticmethod(annotator.show)
+        take = staticmethod(annotator.take)
+
+    return listening_at(port, Handler)

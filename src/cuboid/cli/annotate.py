@@ -1,0 +1,64 @@
+"""`cuboid annotate`: draw rectangles into some frames of a recording, by which results of it can be judged."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cuboid.cli.recording import add_source, open_from
+from cuboid.cli.serving import add_page, serve
+from cuboid.cli.threads import positive
+
+if TYPE_CHECKING:
+    from cuboid.readers import Recording
+
+HELP = "draw what is to be found into some frames of a recording, in the browser"
+
+# So many keyframes are suggested: ten minutes of work, and enough to tell a good result from a bad one.
+SUGGESTED = 12
+NAME = "keyframes.json"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    add_source(parser)
+    parser.add_argument(
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help=f"file of the keyframes, new or to be continued (default: {NAME} in the recording)",
+    )
+    parser.add_argument(
+        "--every",
+        type=positive,
+        metavar="N",
+        help=f"suggest each N-th frame (default: so many that about {SUGGESTED} are suggested)",
+    )
+    add_page(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve the page until Ctrl-C."""
+    from cuboid.annotation import Annotator, KeyframesFile, make_server
+    from cuboid.cli.threads import limit_threads
+
+    limit_threads(1)
+    recording = open_from(args)
+    file = KeyframesFile(_path(args.output, recording), recording)
+    annotator = Annotator(recording, file, args.every or max(1, len(recording) // SUGGESTED))
+    return serve(args, f"{recording.path}, keyframes in {file.path},", make_server(annotator, args.port))
+
+
+def _path(output: Path | None, recording: Recording) -> Path:
+    """Return the file of the keyframes; OutputError where none can be written there."""
+    import os
+
+    from cuboid.errors import OutputError
+
+    path = output or (recording.path / NAME if recording.path.is_dir() else recording.path.with_suffix(f".{NAME}"))
+    if path.suffix != ".json":
+        raise OutputError(f"{path}: the name of a file of keyframes must end with .json")
+    if not os.access(path.parent, os.W_OK):
+        raise OutputError(f"{path}: cannot be written there; name another file with --output")
+    return path

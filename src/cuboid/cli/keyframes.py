@@ -1,0 +1,138 @@
+"""`cuboid evaluate` against keyframes: its tables and pictures."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from cuboid.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from cuboid.evaluation.evaluate_keyframes import KeyframeEvaluation
+
+# Of a list of frames so many are named.
+NAMED = 8
+
+
+def run(args: argparse.Namespace) -> int:
+    """Evaluate, draw and print."""
+    from cuboid.cli.tables import console, write_json
+    from cuboid.evaluation.evaluate_keyframes import evaluate_keyframes
+
+    for name in ("cloud", "trajectory"):
+        if getattr(args, name) is not None:
+            raise InputError(f"--{name} does not go with keyframes: {args.truth}")
+    found = evaluate_keyframes(args.result, args.truth, args.recording)
+    drawn = 0 if args.pictures is None else _draw(args, found)
+    if args.json is not None:
+        write_json(found.to_dict(), args.json)
+    if args.json != "-":
+        print_evaluation(found)
+        if args.json is not None:
+            console().print(f"all figures in {args.json}", markup=False)
+        if args.pictures is not None:
+            console().print(f"{_count(drawn, 'picture')} in {args.pictures}", markup=False)
+    return 0
+
+
+def _draw(args: argparse.Namespace, found: KeyframeEvaluation) -> int:
+    """Write the pictures; return how many they are."""
+    from cuboid.evaluation.keyframe_pictures import write_pictures
+
+    if isinstance(found.recording, str):
+        raise InputError(f"{args.pictures}: no pictures without the recording: {found.recording}")
+    return write_pictures(args.pictures, found.frames, found.recording)
+
+
+def print_evaluation(found: KeyframeEvaluation) -> None:
+    """Print everything, as tables."""
+    from cuboid.cli.tables import console
+
+    out = console()
+    at = found.at[0]
+    out.print(
+        f"{found.result} against {found.keyframes}\n{_count(len(found.frames), 'keyframe')} judged, "
+        f"{_count(at.rectangles, 'rectangle')} of {_count(at.objects, 'object')} to be found",
+        markup=False,
+    )
+    if found.not_given:
+        out.print(f"not judged, as the run was not given them (--every, --limit): {_frames(found.not_given)}")
+    if found.skipped:
+        out.print(f"skipped by the run, so that all in them is missed: {_frames(found.skipped)}")
+    out.print(_scores_table(found))
+    if len(found.funnel) > 1:
+        out.print(_funnel_table(found))
+    for stage in found.funnel:
+        if stage.reason:
+            out.print(f"no {stage.name}: {stage.reason}", markup=False)
+    out.print(_objects_table(found))
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _frames(frames: tuple[int, ...]) -> str:
+    more = f" and {len(frames) - NAMED} more" if len(frames) > NAMED else ""
+    return f"{'frame' if len(frames) == 1 else 'frames'} {', '.join(map(str, frames[:NAMED]))}{more}"
+
+
+def _share(value: float | None, digits: int = 3) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _scores_table(found: KeyframeEvaluation) -> Table:
+    from cuboid.cli.tables import new_table
+
+    table = new_table(
+        "labelled sightings",
+        "recall",
+        "precision",
+        "found",
+        "false",
+        "neither way",
+        "objects found",
+        "one label",
+        "IDF1",
+    )
+    for at in found.at:
+        table.add_row(
+            f"IoU {at.threshold:.2f}",
+            _share(at.recall),
+            _share(at.precision),
+            f"{at.found} of {at.rectangles}",
+            str(at.false),
+            str(sum(at.neither.values())),
+            f"{at.objects_found} of {at.objects}",
+            _share(at.one_label),
+            _share(at.idf1),
+        )
+    return table
+
+
+def _funnel_table(found: KeyframeEvaluation) -> Table:
+    from cuboid.cli.tables import new_table
+
+    table = new_table("where things are lost", *(f"recall at {at.threshold:.2f}" for at in found.at), "a frame")
+    for stage in found.funnel:
+        shares = [f"{_share(at.recall)}  ({at.found})" for at in stage.at] or [""] * len(found.at)
+        table.add_row(stage.name, *shares, "" if stage.per_frame is None else f"{stage.per_frame:.1f}")
+    return table
+
+
+def _objects_table(found: KeyframeEvaluation) -> Table:
+    from cuboid.cli.tables import new_table
+
+    stages = [stage.short for stage in found.funnel]
+    table = new_table("object", "id", "drawn", *stages, "labels")
+    for item in found.objects:
+        table.add_row(
+            f"{item.name}{' (group)' if item.group else ''}",
+            str(item.id),
+            str(item.rectangles),
+            *(str(item.stages.get(stage, "")) for stage in stages),
+            ", ".join(map(str, item.labels)) or "none",
+        )
+    return table

@@ -1,0 +1,167 @@
+"""A result against keyframes: how much of what a person drew was found, and at which stage the rest is lost."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from cuboid.errors import InputError
+from cuboid.evaluation.evaluate import plain
+from cuboid.evaluation.funnel import Stage, early_stages, open_again, rects_by_frame
+from cuboid.evaluation.keyframe_scores import (
+    THRESHOLDS,
+    DrawnOutcome,
+    JudgedFrame,
+    ScoresAt,
+    StageRecall,
+    judge,
+    outcomes_of,
+    scores_at,
+)
+from cuboid.evaluation.keyframes import COUNTING, Keyframe, Keyframes, check_frames, read_keyframes
+from cuboid.evaluation.result import read_rects
+from cuboid.exports.finished import FinishedRun
+from cuboid.outputs import RunReport
+from cuboid.outputs.folder import TRACKS
+from cuboid.outputs.text import LENGTH, rounded
+from cuboid.readers.recording import Recording
+
+FORMAT, VERSION = "cuboid-keyframes-evaluation", 1
+
+
+@dataclass(frozen=True, slots=True)
+class KeyframeEvaluation:
+    """All that `evaluate_keyframes` finds.
+
+    Attributes
+    ----------
+    result, keyframes : str
+        What was compared.
+    frames : tuple of JudgedFrame
+    not_given, skipped : tuple of int
+        Keyframes that the run was not given (`--every`, `--limit`), which are not judged; and those that it was
+        given and could not use, which are: what they show is missed.
+    at : tuple of ScoresAt
+    funnel : tuple of StageRecall
+        In the order of work; the last stage is that of the labelled sightings.
+    objects : tuple of DrawnOutcome
+    recording : Recording or str
+        Opened again, or why there is none.
+    """
+
+    result: str
+    keyframes: str
+    frames: tuple[JudgedFrame, ...]
+    not_given: tuple[int, ...]
+    skipped: tuple[int, ...]
+    at: tuple[ScoresAt, ...]
+    funnel: tuple[StageRecall, ...]
+    objects: tuple[DrawnOutcome, ...]
+    recording: Recording | str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything, ready for JSON: numbers have six decimals, what is undefined is None."""
+        document: dict[str, Any] = plain(
+            {
+                "result": self.result,
+                "keyframes": self.keyframes,
+                "frames_judged": len(self.frames),
+                "frames_not_given": list(self.not_given),
+                "frames_skipped": list(self.skipped),
+                "at": [asdict(at) for at in self.at],
+                "funnel": [asdict(stage) for stage in self.funnel],
+                "objects": [asdict(item) for item in self.objects],
+                "frames": [_frame_to_dict(frame) for frame in self.frames],
+            }
+        )
+        return {"format": FORMAT, "version": VERSION, **document}
+
+
+def evaluate_keyframes(
+    result: Path | str, keyframes: Keyframes | Path | str, recording: Path | str | None = None
+) -> KeyframeEvaluation:
+    """Judge a result by rectangles that a person drew.
+
+    Parameters
+    ----------
+    result : path
+        A result folder, or a CSV with the rectangles of any other tracker.
+    keyframes : Keyframes or path
+    recording : path, optional
+        Where the recording lies now, from which the 2D proposals are computed again; unless given, where it lay.
+
+    Raises
+    ------
+    InputError
+        A file cannot be used, or result and keyframes are of different recordings.
+    """
+    result = Path(result)
+    truth = keyframes if isinstance(keyframes, Keyframes) else read_keyframes(Path(keyframes))
+    run = FinishedRun(result, None if recording is None else Path(recording)) if result.is_dir() else None
+    report = None if run is None else run.report
+    judged, not_given = _given(truth, result, report)
+    bad = set() if report is None else {frame for frame, _ in report.skipped}
+    skipped = tuple(item.frame for item in judged if item.frame in bad)
+    sightings = read_rects(result if run is None else result / TRACKS)
+    stages = [Stage("labelled sightings", "labelled", rects_by_frame(sightings))]
+    opened: Recording | str = f"{result} names none"
+    if run is not None:
+        opened = open_again(run)
+        if isinstance(opened, Recording):
+            check_frames(truth, opened)
+        stages = [*early_stages(run, opened, [item.frame for item in judged if item.frame not in skipped]), *stages]
+    frames, funnel = judge(judged, sightings, stages)
+    return KeyframeEvaluation(
+        result=str(result),
+        keyframes=str(truth.path),
+        frames=frames,
+        not_given=not_given,
+        skipped=skipped,
+        at=tuple(scores_at(frames, k) for k in range(len(THRESHOLDS))),
+        funnel=funnel,
+        objects=outcomes_of(truth.objects, frames),
+        recording=opened,
+    )
+
+
+def _given(truth: Keyframes, result: Path, report: RunReport | None) -> tuple[list[Keyframe], tuple[int, ...]]:
+    """Return the keyframes that the run was given, and the numbers of those that it was not."""
+    if not truth.frames:
+        raise InputError(f"{truth.path}: has no frames")
+    if report is None:
+        return list(truth.frames), ()
+    every, last = int(report.config.get("every", 1)), truth.frames[-1].frame
+    end = report.frames_read * every
+    if report.complete and report.config.get("limit") is None and last >= end:
+        raise InputError(
+            f"{truth.path}: has frame {last}, but {result} is of a recording of at most {end} frames; {COUNTING}"
+        )
+    given = [item for item in truth.frames if item.frame < end and item.frame % every == 0]
+    if not given:
+        raise InputError(
+            f"{result}: the run was given none of the frames of {truth.path}: "
+            f"it had {'each' if every == 1 else f'one in {every}'} of the first {end}"
+        )
+    return given, tuple(item.frame for item in truth.frames if item not in given)
+
+
+def _frame_to_dict(frame: JudgedFrame) -> dict[str, Any]:
+    """Return what was found in a frame at the first threshold."""
+    at, label = frame.at[0], frame.sightings.label
+    return {
+        "frame": frame.keyframe.frame,
+        "drawn": [
+            {
+                "id": drawn.id,
+                "counts": bool(at.counts[i]),
+                "label": int(label[at.partner[i]]) if at.partner[i] >= 0 else None,
+                "best_iou": rounded(at.iou[i].max(initial=0.0), LENGTH),
+                "stages": [short for short, had in frame.stages.items() if had[i]],
+            }
+            for i, drawn in enumerate(frame.keyframe.drawn)
+        ],
+        "sightings": [
+            {"label": int(name), "outcome": outcome.value} for name, outcome in zip(label, at.outcomes, strict=True)
+        ],
+    }

@@ -1,0 +1,239 @@
+"""Figures over all keyframes: recall, precision, labels over time, and what each stage of a run has."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cuboid.evaluation.clear import clear
+from cuboid.evaluation.funnel import NO_RECTS, Stage
+from cuboid.evaluation.keyframes import DrawnObject, Keyframe
+from cuboid.evaluation.matching import FrameOverlap, ratio
+from cuboid.evaluation.rectangles import BoolArray, FrameJudgement, Outcome, judge_frame
+from cuboid.evaluation.result import RectRows
+
+# What is reported first, and what pictures and tables of objects show, is the first of these.
+THRESHOLDS = (0.5, 0.25)
+# Outcomes of sightings that count neither way.
+ASIDE = (Outcome.IGNORED, Outcome.HARDLY_VISIBLE, Outcome.IN_GROUP)
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedFrame:
+    """A frame with what was drawn and found in it.
+
+    Attributes
+    ----------
+    keyframe : Keyframe
+    sightings : RectRows
+        What the result labelled in it.
+    at : tuple of FrameJudgement
+        Of the sightings, one a threshold.
+    stages : mapping of str to (G,) bool
+        By the short name of each stage that can be had, the drawn rectangles that it has at the first threshold.
+    """
+
+    keyframe: Keyframe
+    sightings: RectRows
+    at: tuple[FrameJudgement, ...]
+    stages: Mapping[str, BoolArray]
+
+
+@dataclass(frozen=True, slots=True)
+class ScoresAt:
+    """What the labelled sightings are worth at one IoU.
+
+    Attributes
+    ----------
+    threshold : float
+    recall, precision : float or None
+        found / rectangles; found / (found + false). None where there is nothing to divide by.
+    rectangles, found : int
+        Drawn ones that count, and those of them that are found.
+    false : int
+        Sightings that pair with nothing drawn.
+    neither : mapping of str to int
+        Sightings that count neither way, by why.
+    objects, objects_found : int
+        Objects that have a rectangle that counts; those that are found in one frame or more.
+    one_label : float or None
+        Of the pairs of objects that were found more than once, the share with the object's most frequent label.
+    idf1 : float or None
+        Under the best one-to-one pairing of objects with labels (Ristani et al., ECCV workshops 2016).
+    """
+
+    threshold: float
+    recall: float | None
+    precision: float | None
+    rectangles: int
+    found: int
+    false: int
+    neither: Mapping[str, int]
+    objects: int
+    objects_found: int
+    one_label: float | None
+    idf1: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class RecallAt:
+    """How many of the drawn rectangles a stage has at one IoU."""
+
+    threshold: float
+    found: int
+    recall: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class StageRecall:
+    """What of the drawn rectangles a stage of a run has.
+
+    Attributes
+    ----------
+    name, short : str
+    per_frame : float or None
+        Its rectangles a judged frame.
+    at : tuple of RecallAt
+        Empty where they cannot be had.
+    reason : str
+        Why not.
+    """
+
+    name: str
+    short: str
+    per_frame: float | None
+    at: tuple[RecallAt, ...]
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnOutcome:
+    """What became of one object, at the first threshold.
+
+    Attributes
+    ----------
+    id : int
+    name : str
+    group : bool
+    rectangles : int
+        Drawn ones that count.
+    stages : mapping of str to int
+        By the short name of each stage that can be had, how many of them it has.
+    labels : tuple of int
+        Of the sightings that found it, in the order in which they came.
+    """
+
+    id: int
+    name: str
+    group: bool
+    rectangles: int
+    stages: Mapping[str, int]
+    labels: tuple[int, ...]
+
+
+def judge(
+    keyframes: Sequence[Keyframe], sightings: RectRows, stages: Sequence[Stage]
+) -> tuple[tuple[JudgedFrame, ...], tuple[StageRecall, ...]]:
+    """Judge the labelled sightings of each keyframe, and the rectangles of each stage."""
+    judged = [_judge_stage(stage, keyframes) for stage in stages]
+    frames = []
+    for t, keyframe in enumerate(keyframes):
+        here = sightings.frame == keyframe.frame
+        rows = RectRows(sightings.frame[here], sightings.label[here], sightings.rects_xyxy[here])
+        reached = {stage.short: of[0][t].found for stage, of in zip(stages, judged, strict=True) if of}
+        at = tuple(judge_frame(keyframe, rows.rects_xyxy, threshold) for threshold in THRESHOLDS)
+        frames.append(JudgedFrame(keyframe, rows, at, reached))
+    return tuple(frames), tuple(_recall(stage, of, keyframes) for stage, of in zip(stages, judged, strict=True))
+
+
+def _judge_stage(stage: Stage, keyframes: Sequence[Keyframe]) -> list[list[FrameJudgement]]:
+    """Return the judgements of all frames for each threshold; none where the stage cannot be had."""
+    rects = stage.rects_xyxy
+    if rects is None:
+        return []
+    return [[judge_frame(item, rects.get(item.frame, NO_RECTS), t) for item in keyframes] for t in THRESHOLDS]
+
+
+def _recall(stage: Stage, judged: Sequence[Sequence[FrameJudgement]], keyframes: Sequence[Keyframe]) -> StageRecall:
+    if stage.rects_xyxy is None:
+        return StageRecall(stage.name, stage.short, None, (), stage.reason)
+    at = []
+    for threshold, frames in zip(THRESHOLDS, judged, strict=True):
+        found = sum(int(one.found.sum()) for one in frames)
+        at.append(RecallAt(threshold, found, ratio(found, sum(int(one.counts.sum()) for one in frames))))
+    rects = sum(len(stage.rects_xyxy.get(item.frame, NO_RECTS)) for item in keyframes)
+    return StageRecall(stage.name, stage.short, ratio(rects, len(keyframes)), tuple(at), "")
+
+
+def scores_at(frames: Sequence[JudgedFrame], k: int) -> ScoresAt:
+    """Return the figures at the threshold of this number."""
+    at = [frame.at[k] for frame in frames]
+    outcomes = Counter(outcome for one in at for outcome in one.outcomes)
+    rectangles, found = (sum(int(which.sum()) for which in each) for each in zip(*_counts(at), strict=True))
+    false = outcomes[Outcome.FALSE]
+    labels = _labels(frames, k)
+    again = [had for had in labels.values() if len(had) > 1]
+    return ScoresAt(
+        threshold=THRESHOLDS[k],
+        recall=ratio(found, rectangles),
+        precision=ratio(found, found + false),
+        rectangles=rectangles,
+        found=found,
+        false=false,
+        neither={why.value: outcomes[why] for why in ASIDE},
+        objects=len(labels),
+        objects_found=sum(len(had) > 0 for had in labels.values()),
+        one_label=ratio(sum(max(Counter(had).values()) for had in again), sum(map(len, again))),
+        idf1=_idf1(frames, k),
+    )
+
+
+def _counts(at: Sequence[FrameJudgement]) -> list[tuple[BoolArray, BoolArray]]:
+    return [(one.counts, one.found) for one in at]
+
+
+def _labels(frames: Sequence[JudgedFrame], k: int) -> dict[int, list[int]]:
+    """Return for each object with a rectangle that counts the labels with which it was found, frame by frame."""
+    labels: dict[int, list[int]] = {}
+    for frame in frames:
+        for drawn, counts, partner in zip(frame.keyframe.drawn, frame.at[k].counts, frame.at[k].partner, strict=True):
+            if counts:
+                had = labels.setdefault(drawn.id, [])
+                if partner >= 0:
+                    had.append(int(frame.sightings.label[partner]))
+    return labels
+
+
+def _idf1(frames: Sequence[JudgedFrame], k: int) -> float | None:
+    """Return IDF1 of what counts: rectangles of which enough is visible, sightings that are true or false."""
+    ids = {name: i for i, name in enumerate(sorted({one.id for frame in frames for one in frame.keyframe.drawn}))}
+    names = np.unique([label for frame in frames for label in frame.sightings.label])
+    overlaps = []
+    for frame in frames:
+        at = frame.at[k]
+        judged = [n for n, outcome in enumerate(at.outcomes) if outcome not in ASIDE]
+        thing = np.array([ids[one.id] for one in frame.keyframe.drawn], np.int64)[at.counts]
+        label = np.searchsorted(names, frame.sightings.label[judged])
+        overlaps.append(FrameOverlap(frame.keyframe.frame, thing, label, at.iou[at.counts][:, judged]))
+    return clear(overlaps, [[] for _ in overlaps], THRESHOLDS[k]).idf1
+
+
+def outcomes_of(objects: Sequence[DrawnObject], frames: Sequence[JudgedFrame]) -> tuple[DrawnOutcome, ...]:
+    """Return what became of each object that has a rectangle that counts."""
+    labels = _labels(frames, 0)
+    stages = frames[0].stages
+    outcomes = []
+    for item in objects:
+        places = [
+            (frame, i) for frame in frames for i, one in enumerate(frame.keyframe.drawn)
+            if one.id == item.id and frame.at[0].counts[i]
+        ]  # fmt: skip
+        if places:
+            had = {short: sum(int(frame.stages[short][i]) for frame, i in places) for short in stages}
+            shown = tuple(dict.fromkeys(labels[item.id]))
+            group = any(frame.keyframe.drawn[i].group for frame, i in places)
+            outcomes.append(DrawnOutcome(item.id, item.name, group, len(places), had, shown))
+    return tuple(outcomes)

@@ -1,0 +1,32 @@
+"""Rectangles of an image that are aligned with its axes: how much of them is common."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cuboid.frame import Float64Array
+
+
+def areas(rects_xyxy: Float64Array) -> Float64Array:
+    """Return the areas (N,) of rectangles (N, 4), ends exclusive; 0 where a rectangle is empty."""
+    return np.asarray(np.maximum(rects_xyxy[:, 2:] - rects_xyxy[:, :2], 0.0).prod(1))
+
+
+def common_areas(a_xyxy: Float64Array, b_xyxy: Float64Array) -> Float64Array:
+    """Return the area (N, M) that each of N rectangles (N, 4) has in common with each of M others (M, 4)."""
+    low = np.maximum(a_xyxy[:, None, :2], b_xyxy[None, :, :2])
+    high = np.minimum(a_xyxy[:, None, 2:], b_xyxy[None, :, 2:])
+    return np.asarray(np.maximum(high - low, 0.0).prod(2))
+
+
+def rect_iou_matrix(a_xyxy: Float64Array, b_xyxy: Float64Array) -> Float64Array:
+    """Return the IoU (N, M), 0..1, of rectangles (N, 4) with others (M, 4); that of an empty one is 0."""
+    common = common_areas(a_xyxy, b_xyxy)
+    union = areas(a_xyxy)[:, None] + areas(b_xyxy)[None, :] - common
+    return np.divide(common, union, out=np.zeros_like(common), where=common > 0)
+
+
+def shares_inside(a_xyxy: Float64Array, b_xyxy: Float64Array) -> Float64Array:
+    """Return the share (N, M), 0..1, of each of N rectangles (N, 4) that lies in each of M others (M, 4)."""
+    common = common_areas(a_xyxy, b_xyxy)
+    return np.divide(common, areas(a_xyxy)[:, None], out=np.zeros_like(common), where=common > 0)

@@ -1,0 +1,15 @@
+// What every page of ours needs: its data, and making and finding its elements.
+
+const data = JSON.parse(document.getElementById("data").textContent);
+
+const find = (id) => document.getElementById(id);
+
+/** An element with attributes, and children that are elements or texts. */
+function element(name, attributes = {}, ...children) {
+  const made = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  made.append(...children);
+  return made;
+}
+
+const plural = (count, word) => `${count.toLocaleString("en")} ${word}${count === 1 ? "" : "s"}`;
