@@ -32,6 +32,7 @@ class FakeRecording:
         self.path = Path("fake-recording")
         self.intrinsics = INTRINSICS
         self.distortion: tuple[float, ...] = ()
+        self.depth_camera = None
         self.has_poses = poses
         self._frames = frames
         self._broken = broken or {}

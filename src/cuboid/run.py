@@ -24,6 +24,7 @@ from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
 
 if TYPE_CHECKING:
     from cuboid.proposals.types import ProposalSource
+    from cuboid.readers.depth_camera import DepthCamera
     from cuboid.views.video import View
 
 # The work inside shrinks with --scale to no less than this width, pixels: fewer show no objects.
@@ -49,6 +50,10 @@ class RecordingLike(Protocol):
     @property
     def distortion(self) -> tuple[float, ...]:
         """What the lens did to them, and was taken out; empty where nothing was."""
+
+    @property
+    def depth_camera(self) -> DepthCamera | None:
+        """The camera that depth was carried from into color; None where it was aligned already."""
 
     @property
     def has_poses(self) -> bool:
@@ -239,7 +244,7 @@ def track_recording(
             format=recording.format,
             poses=poses,
             threads=threads,
-            config=_effective(config, proposals, every, limit, scale, bridge, recording.distortion),
+            config=_effective(config, proposals, every, limit, scale, bridge, recording),
             frames_read=log.read,
             frames_used=log.used,
             skipped=tuple(log.skipped),
@@ -434,7 +439,7 @@ def _effective(
     limit: int | None,
     scale: int,
     bridge: bool,
-    distortion: Sequence[float],
+    recording: RecordingLike,
 ) -> dict[str, Any]:
     from cuboid.proposals import DEFAULT_SOURCE
 
@@ -444,7 +449,8 @@ def _effective(
         "limit": limit,
         "scale": scale,
         "bridge": bridge,
-        "distortion": list(distortion),
+        "distortion": list(recording.distortion),
+        **(recording.depth_camera.document() if recording.depth_camera is not None else {}),
         "proposals": source if isinstance(source, str) else type(source).__qualname__,
         "tracker": config.to_dict(),
     }

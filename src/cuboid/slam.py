@@ -114,6 +114,7 @@ def estimate_trajectory(
     if complete and not estimator.keyframes:
         raise InputError(f"{recording.path}: no frame has enough depth and texture to start with")
     trajectory = estimator.trajectory()
+    lens = bare.depth_camera.document() if bare.depth_camera is not None else {}
     report = RunReport(
         version=__version__,
         complete=complete,
@@ -121,7 +122,7 @@ def estimate_trajectory(
         format=recording.format,
         poses="estimated",
         threads=threads,
-        config={"every": every, "limit": limit, "distortion": list(bare.distortion)},
+        config={"every": every, "limit": limit, "distortion": list(bare.distortion), **lens},
         frames_read=log.read,
         frames_used=log.used,
         skipped=tuple(log.skipped),

@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     units = recording.depth_units_per_metre / found.depth_scale
     # the frames that were compared have no distortion: what took it out bends them as before with the new focal length
     distortion = rescaled(recording.distortion, found.intrinsics.fx / recording.calibration.fx)
-    write_camera(args.output, found.intrinsics, units, distortion)
+    write_camera(args.output, found.intrinsics, units, distortion, recording.depth_camera)
     _print(found, recording, args.output)
     return 0
 

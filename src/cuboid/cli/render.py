@@ -50,7 +50,9 @@ def run(args: argparse.Namespace) -> int:
     path = _path(args)
     replay = Replay(args.results)
     path_now = args.recording or replay.recording
-    recording = reopen_recording(path_now, replay.format, replay.intrinsics, replay.distortion, replay.last_frame)
+    recording = reopen_recording(
+        path_now, replay.format, replay.intrinsics, replay.distortion, replay.depth_camera, replay.last_frame
+    )
     draw, drawn = drawer(args.what, args.results, replay), 0
     seen = replay.frames(recording.timestamp_s)
     shown = Console(stderr=True)

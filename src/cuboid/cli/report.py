@@ -47,5 +47,7 @@ def _reading(results: Path, moved: Path | None) -> Callable[[int], Frame]:
     report, found = open_results(results)
     last_frame = max(used_frames(report), default=-1)
     path = moved or Path(report.recording)
-    recording = reopen_recording(path, report.format, found.intrinsics, report.distortion, last_frame)
+    recording = reopen_recording(
+        path, report.format, found.intrinsics, report.distortion, report.depth_camera, last_frame
+    )
     return recording.without_poses().read

@@ -29,7 +29,9 @@ def run(args: argparse.Namespace) -> int:
     limit_threads(1)
     replay = Replay(args.results)
     where = args.recording or replay.recording
-    recording = reopen_recording(where, replay.format, replay.intrinsics, replay.distortion, replay.last_frame)
+    recording = reopen_recording(
+        where, replay.format, replay.intrinsics, replay.distortion, replay.depth_camera, replay.last_frame
+    )
     viewer = Viewer(args.results, replay, recording)
     _ = viewer.page  # a mistake in the results is told here, not to the browser
     with make_server(viewer, args.port) as server:

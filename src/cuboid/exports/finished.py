@@ -97,4 +97,7 @@ class FinishedRun:
         """
         path = self.recording_path or Path(self.report.recording)
         last_frame = max(self.poses, default=-1)
-        return reopen_recording(path, self.report.format, self.found.intrinsics, self.report.distortion, last_frame)
+        report = self.report
+        return reopen_recording(
+            path, report.format, self.found.intrinsics, report.distortion, report.depth_camera, last_frame
+        )

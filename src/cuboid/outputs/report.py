@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 
 from cuboid.errors import InputError
+from cuboid.outputs.folder import RUN
 from cuboid.outputs.objects import read_json, write_json
 from cuboid.outputs.text import rounded
+from cuboid.readers.depth_camera import DepthCamera, take_depth_camera
 
 # Digits after the point: what the clocks can tell.
 MILLISECOND = 3
@@ -107,6 +109,11 @@ class RunReport:
     def distortion(self) -> tuple[float, ...]:
         """Of the lens, as it was taken out of the images; empty where there was none."""
         return tuple(float(value) for value in self.config.get("distortion", ()))
+
+    @property
+    def depth_camera(self) -> DepthCamera | None:
+        """The camera that depth was carried from into color; None where depth was aligned already."""
+        return take_depth_camera(dict(self.config), RUN)
 
     def skipped_kinds(self) -> list[SkippedKind]:
         """Return what kinds of bad frames there were, the most frequent first.

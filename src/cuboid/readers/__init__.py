@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cuboid.readers import plain, seven_scenes, tum, uw_rgbd_scenes_v2
+from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.locate import open_recording
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, ImageSource, Listing, Reader
 from cuboid.readers.recording import Recording, SkippedFrame
@@ -10,6 +11,7 @@ from cuboid.readers.recording import Recording, SkippedFrame
 __all__ = [
     "READERS",
     "Calibration",
+    "DepthCamera",
     "FrameEntry",
     "ImageSource",
     "Listing",

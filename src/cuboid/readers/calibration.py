@@ -13,15 +13,25 @@ import numpy as np
 
 from cuboid.errors import InputError, OutputError
 from cuboid.frame import Intrinsics
+from cuboid.readers.depth_camera import (
+    DEPTH_CAMERA,
+    DISTORTION,
+    TRANSFORM,
+    DepthCamera,
+    check_number,
+    read_distortion,
+    read_numbers,
+    take_depth_camera,
+)
 from cuboid.readers.posetext import data_lines, parse_numbers
 from cuboid.readers.reader import Calibration, Listing
-from cuboid.readers.undistortion import COEFFICIENTS, Undistortion
+from cuboid.readers.registration import Registration
+from cuboid.readers.undistortion import Undistortion
 
 CAMERA_FILE = "camera.json"
 MATRIX_FILE = "camera-intrinsics.txt"
 _NUMBERS = ("fx", "fy", "cx", "cy", "width", "height")
 _DEPTH_UNITS = "depth_units_per_metre"
-_DISTORTION = "distortion"
 
 HOW_TO_GIVE = f"give them with --intrinsics FX,FY,CX,CY or in {CAMERA_FILE}"
 
@@ -113,6 +123,24 @@ def undistortion(calibration: Calibration, size: tuple[int, int], recording: Pat
         ) from None
 
 
+def registration(calibration: Calibration, intrinsics: Intrinsics, recording: Path) -> Registration | None:
+    """Return what carries depth into images with these intrinsics; None where depth is aligned already.
+
+    Raises
+    ------
+    InputError
+        If the coefficients of the depth camera's lens are no lens's.
+    """
+    if calibration.depth_camera is None:
+        return None
+    try:
+        return Registration(calibration.depth_camera, intrinsics)
+    except ValueError as error:
+        raise InputError(
+            f"{recording}: the distortion coefficients of the depth camera ({calibration.source}) are wrong: {error}"
+        ) from None
+
+
 def _find_file(folders: Sequence[Path]) -> Path | None:
     for folder in folders:
         for name in (CAMERA_FILE, MATRIX_FILE):
@@ -126,7 +154,11 @@ def _read(path: Path) -> tuple[Calibration, float | None]:
 
 
 def write_camera(
-    path: Path, intrinsics: Intrinsics, depth_units_per_metre: float, distortion: Sequence[float] = ()
+    path: Path,
+    intrinsics: Intrinsics,
+    depth_units_per_metre: float,
+    distortion: Sequence[float] = (),
+    depth_camera: DepthCamera | None = None,
 ) -> None:
     """Write a `camera.json`.
 
@@ -139,7 +171,9 @@ def write_camera(
     sizes = {"width": intrinsics.width, "height": intrinsics.height}
     document: dict[str, Any] = {**values, **sizes, _DEPTH_UNITS: float(f"{depth_units_per_metre:.6g}")}
     if any(distortion):
-        document[_DISTORTION] = [float(f"{value:.6g}") for value in distortion]
+        document[DISTORTION] = [float(f"{value:.6g}") for value in distortion]
+    if depth_camera is not None:
+        document |= depth_camera.document()
     try:
         path.write_text(json.dumps(document) + "\n", encoding="utf-8")
     except OSError as error:
@@ -158,36 +192,13 @@ def _read_json(path: Path) -> tuple[Calibration, float | None]:
         raise InputError(f"{path} is not a text file") from None
     if not isinstance(document, dict):
         raise InputError(f"{path}: expected an object with {', '.join(_NUMBERS)}")
-    known = (*_NUMBERS, _DEPTH_UNITS, _DISTORTION)
-    distortion = _distortion(document.pop(_DISTORTION, []), path)
-    for name in document:
-        if name not in known:
-            raise InputError(f"{path}: unknown field '{name}', expected {', '.join(known)}")
-    for name in _NUMBERS:
-        if name not in document:
-            raise InputError(f"{path}: '{name}' is missing, expected {', '.join(_NUMBERS)}")
-    for name, value in document.items():
-        number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-        if not number or (value <= 0 and name not in ("cx", "cy")):
-            raise InputError(f"{path}: '{name}' must be a number{' above 0' * (name[0] != 'c')}, got {value!r}")
-    for name in ("width", "height"):
-        if document[name] != int(document[name]):
-            raise InputError(f"{path}: '{name}' must be a whole number of pixels, got {document[name]!r}")
-    fx, fy, cx, cy = (float(document[name]) for name in _NUMBERS[:4])
-    size = (int(document["width"]), int(document["height"]))
-    return Calibration(fx, fy, cx, cy, size, path.name, distortion), document.get(_DEPTH_UNITS)
-
-
-def _distortion(values: Any, path: Path) -> tuple[float, ...]:
-    whole = isinstance(values, list) and all(
-        isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value) for value in values
-    )
-    if not whole or len(values) not in (0, *COEFFICIENTS):
-        counts = ", ".join(map(str, COEFFICIENTS))
-        raise InputError(
-            f"{path}: '{_DISTORTION}' must be a list of {counts} numbers k1, k2, p1, p2, k3, ..., got {values!r}"
-        )
-    return tuple(float(value) for value in values)
+    depth_camera = take_depth_camera(document, str(path))
+    distortion = read_distortion(document.pop(DISTORTION, []), str(path))
+    units = document.pop(_DEPTH_UNITS, None)
+    if units is not None:
+        check_number(_DEPTH_UNITS, units, str(path))
+    fx, fy, cx, cy, width, height = read_numbers(document, str(path), others=(_DEPTH_UNITS, DEPTH_CAMERA, TRANSFORM))
+    return Calibration(fx, fy, cx, cy, (int(width), int(height)), path.name, distortion, depth_camera), units
 
 
 def _read_matrix(path: Path) -> Calibration:

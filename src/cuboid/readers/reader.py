@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from cuboid.errors import InputError
 from cuboid.frame import Float64Array
+from cuboid.readers.depth_camera import DepthCamera
 from cuboid.registry import Registry
 
 # An image file, or, for recordings that are one big file, a function that gives the decoded image:
@@ -60,6 +61,9 @@ class Calibration:
     distortion : tuple of float
         Of the lens, in OpenCV's order: k1, k2, p1, p2[, k3[, k4, k5, k6]]; empty where the images are a pinhole's.
         It is taken out of color and depth.
+    depth_camera : DepthCamera or None
+        Where depth was taken by a camera of its own, beside this one, and is not aligned to color; then the
+        attributes above are those of the color camera, and depth is carried into its image.
     """
 
     fx: float
@@ -69,6 +73,7 @@ class Calibration:
     size: tuple[int, int] | None
     source: str
     distortion: tuple[float, ...] = ()
+    depth_camera: DepthCamera | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,12 +90,15 @@ class Listing:
         The pinhole that was published for the recording or its format, used where no file gives another.
     camera_folders : tuple of Path
         Folders in which a ``camera.json`` or ``camera-intrinsics.txt`` counts, the first find wins.
+    poses_of_depth : bool
+        Whether the poses are those of the depth camera, where depth has a camera of its own; else of the color camera.
     """
 
     frames: Sequence[FrameEntry]
     depth_units_per_metre: float | None = None
     calibration: Calibration | None = None
     camera_folders: tuple[Path, ...] = ()
+    poses_of_depth: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -85,6 +85,8 @@ class Replay:
         Of its color image.
     distortion : tuple of float
         Of its lens, as it was taken out.
+    depth_camera : DepthCamera or None
+        From which depth was carried into color.
     every : int
         One in so many frames was used.
     frames_per_second : float or None
@@ -102,6 +104,7 @@ class Replay:
         self.format = report.format
         self.intrinsics: Intrinsics = found.intrinsics
         self.distortion = report.distortion
+        self.depth_camera = report.depth_camera
         self.every = _every(report)
         median_ms = report.milliseconds["frame"].median_ms if "frame" in report.milliseconds else 0.0
         self.frames_per_second = 1e3 / median_ms if median_ms > 0 else None
