@@ -329,11 +329,13 @@ class _Pipeline:
         if self.writer is None:
             return ()
         from cuboid.calibration.check import intrinsics_warning
+        from cuboid.calibration.registering import registration_warning
 
         corrected = self.poses.trajectory()
         poses = self.T_world_camera if corrected is None else corrected
         found = intrinsics_warning(recording.read, recording.intrinsics, poses, estimated=corrected is not None)
-        return () if found is None else (found,)
+        beside = registration_warning(recording.read, recording.intrinsics, sorted(poses))
+        return tuple(one for one in (found, beside) if one is not None)
 
     def trajectory(self) -> list[PoseRow] | None:
         """Return the corrected poses; None where none was corrected."""

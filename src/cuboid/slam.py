@@ -139,9 +139,11 @@ def estimate_trajectory(
 
 def _warnings(recording: Recording, trajectory: Mapping[int, Float64Array]) -> tuple[str, ...]:
     from cuboid.calibration.check import intrinsics_warning
+    from cuboid.calibration.registering import registration_warning
 
     found = intrinsics_warning(recording.read, recording.intrinsics, trajectory, estimated=True)
-    return () if found is None else (found,)
+    beside = registration_warning(recording.read, recording.intrinsics, sorted(trajectory))
+    return tuple(one for one in (found, beside) if one is not None)
 
 
 def _write(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections import Counter
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
@@ -86,10 +87,16 @@ class Recording:
         width, height = self._vote_on_size()
         self.intrinsics: Intrinsics = calibrations.for_size(calibration, width, height, path)
         self._undistort = calibrations.undistortion(calibration, (width, height), path)
-        self._register = calibrations.registration(calibration, self.intrinsics, path)
+        self._poses_of_depth = listing.poses_of_depth
+        self._set_camera(calibration)
+
+    def _set_camera(self, calibration: Calibration) -> None:
+        """Let frames come from this camera, and from its depth camera, where it has one."""
+        self.calibration = calibration
+        self._register = calibrations.registration(calibration, self.intrinsics, self.path)
         depth_camera = calibration.depth_camera
-        self._T_depth_color = None
-        if depth_camera is not None and listing.poses_of_depth:
+        self._T_depth_color: Float64Array | None = None
+        if depth_camera is not None and self._poses_of_depth:
             self._T_depth_color = se3.inverse(depth_camera.T_color_depth)
 
     @property
@@ -118,6 +125,19 @@ class Recording:
         other = object.__new__(Recording)
         other.__dict__.update(self.__dict__)
         other.intrinsics = intrinsics
+        return other
+
+    def with_depth_camera(self, depth_camera: DepthCamera) -> Recording:
+        """Return the same recording with depth carried into color from this camera.
+
+        Raises
+        ------
+        InputError
+            The coefficients of its lens are no lens's.
+        """
+        other = object.__new__(Recording)
+        other.__dict__.update(self.__dict__)
+        other._set_camera(dataclasses.replace(self.calibration, depth_camera=depth_camera))
         return other
 
     def timestamp_s(self, index: int) -> float:
