@@ -60,6 +60,9 @@ def add_reading(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     reading.add_argument(
         "--depth-scale", type=depth_scale, metavar="UNITS", help="depth units a metre, instead of its own"
     )
+    reading.add_argument(
+        "--topics", metavar="color=TOPIC,depth=TOPIC", help="topics of a ROS bag, where they are not found by name"
+    )
     reading.add_argument("--every", type=positive, default=1, metavar="N", help="use each N-th frame")
     reading.add_argument("--limit", type=positive, metavar="N", help="read at most N frames")
     reading.add_argument(
@@ -72,9 +75,8 @@ def open_from(args: argparse.Namespace) -> Recording:
     """Open the recording that the arguments name, and register it where they ask for it."""
     from cuboid.readers import open_recording
 
-    recording = open_recording(
-        args.recording, format=args.format, intrinsics=args.intrinsics, depth_scale=args.depth_scale
-    )
+    form = args.format if args.topics is None else f"ros-bag:{args.topics}"
+    recording = open_recording(args.recording, format=form, intrinsics=args.intrinsics, depth_scale=args.depth_scale)
     return _registered(recording) if args.register else recording
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cuboid.readers import plain, seven_scenes, tum, uw_rgbd_scenes_v2
+from cuboid.readers import plain, realsense_bag, ros_bag, seven_scenes, tum, uw_rgbd_scenes_v2
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.locate import open_recording
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, ImageSource, Listing, Reader
@@ -20,6 +20,8 @@ __all__ = [
     "SkippedFrame",
     "open_recording",
     "plain",
+    "realsense_bag",
+    "ros_bag",
     "seven_scenes",
     "tum",
     "uw_rgbd_scenes_v2",

@@ -113,6 +113,17 @@ def _decode(path: Path, what: str, flags: int) -> npt.NDArray[Any]:
         raise FrameError(f"{what} is missing") from None
     except OSError as error:
         raise FrameError(f"{what} cannot be read: {error.strerror}") from None
+    return decode_bytes(data, what, flags)
+
+
+def decode_bytes(data: bytes, what: str, flags: int) -> npt.NDArray[Any]:
+    """Return the image that the bytes of a file hold, as OpenCV decodes it with these flags.
+
+    Raises
+    ------
+    FrameError
+        If they are empty, truncated, damaged or no image.
+    """
     _check_whole(data, what)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cuboid.errors import InputError
 from cuboid.readers import calibration as calibrations
-from cuboid.readers.reader import READERS, Reader
+from cuboid.readers.reader import READERS, Listing, Reader
 from cuboid.readers.recording import Recording
 
 # A user may name a dataset's folder: recordings lie up to two folders deeper (rgbd-scenes-v2/imgs/scene_01).
@@ -30,7 +30,8 @@ def open_recording(
     path : str or path
         The recording's folder (or file), or a folder up to two levels above it if it is the only one there.
     format : str, optional
-        Name of the reader: "plain", "tum", "7-scenes", "uw-rgbd-scenes-v2", or one of another package.
+        Name of the reader: "plain", "tum", "7-scenes", "uw-rgbd-scenes-v2", ..., or one of another package; options of
+        the format follow a colon, as in "ros-bag:color=/camera/color/image_raw".
     intrinsics : sequence of 4 floats or path, optional
         fx, fy, cx, cy in pixels, instead of those found with the recording; or a file of the form of ``camera.json``,
         whose depth scale counts too, or of ``camera-intrinsics.txt``.
@@ -56,11 +57,25 @@ def open_recording(
     given = Path(os.path.abspath(path))  # not resolved: a link's neighbours are those of the link
     if not given.exists():
         raise InputError(f"{path} does not exist")
-    readers = list(READERS.items()) if format is None else [(format, READERS.get(format))]
+    wanted, _, text = (format or "").partition(":")
+    readers = list(READERS.items()) if format is None else [(wanted, READERS.get(wanted))]
     name, reader, found = _find(given, readers)
-    listing = reader.read(found)
+    listing = reader.read(found) if not text else _read_with(name, reader, found, text)
     calibration, depth_units_per_metre = calibrations.choose(listing, intrinsics, depth_scale, found)
-    return Recording(found, name, listing, calibration, depth_units_per_metre)
+    return Recording(found, f"{name}:{text}" if text else name, listing, calibration, depth_units_per_metre)
+
+
+def _read_with(name: str, reader: Reader, path: Path, text: str) -> Listing:
+    """List the frames of a recording with the options behind the name of its format."""
+    if reader.read_with is None:
+        raise InputError(f"the format '{name}' has no options, got '{text}'")
+    options: dict[str, str] = {}
+    for word in text.split(","):
+        key, equals, value = word.partition("=")
+        if not (key and equals and value):
+            raise InputError(f"the format '{name}' expects options NAME=VALUE,..., got '{text}'")
+        options[key] = value
+    return reader.read_with(path, options)
 
 
 def _find(given: Path, readers: list[tuple[str, Reader]]) -> tuple[str, Reader, Path]:
@@ -73,7 +88,7 @@ def _find(given: Path, readers: list[tuple[str, Reader]]) -> tuple[str, Reader, 
             here = [(name, reader, path) for name, reader in readers if reader.recognises(path)]
             found += here
             if not here and depth < LEVELS:
-                inner += _folders(path)
+                inner += _inside(path, {ending for _, reader in readers for ending in reader.files})
         level = inner
     if not found:
         raise InputError(_nothing_found(given, readers))
@@ -92,16 +107,24 @@ def _only_one(found: list[tuple[str, Reader, Path]], given: Path) -> tuple[str, 
     return found[0]
 
 
-def _folders(path: Path) -> list[Path]:
-    """Return the folders in a folder, sorted, hidden ones and those that may not be read left out."""
+def _inside(path: Path, endings: set[str]) -> list[Path]:
+    """Return the folders in a folder, and files with these endings, sorted; hidden and closed ones are left out."""
     if not path.is_dir():
         return []
     try:
         with os.scandir(path) as items:
-            names = sorted(item.name for item in items if item.is_dir() and not item.name.startswith("."))
+            names = sorted(
+                item.name
+                for item in items
+                if not item.name.startswith(".") and (item.is_dir() or os.path.splitext(item.name)[1] in endings)
+            )
     except PermissionError:
         return []
-    return [path / name for name in names if os.access(path / name, os.R_OK | os.X_OK)]
+    return [path / name for name in names if _open_to_us(path / name)]
+
+
+def _open_to_us(path: Path) -> bool:
+    return os.access(path, os.R_OK | os.X_OK if path.is_dir() else os.R_OK)
 
 
 def _nothing_found(given: Path, readers: list[tuple[str, Reader]]) -> str:

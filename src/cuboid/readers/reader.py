@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -113,11 +113,18 @@ class Reader:
         Path -> bool: whether exactly this path (not something beneath it) is a recording of this format.
     read : callable
         Path -> Listing; raises InputError where the recording as a whole is faulty.
+    read_with : callable, optional
+        (Path, options) -> Listing, where the format has options: names and values, as the user gave them behind the
+        format's name.
+    files : tuple of str
+        Endings of the names of files that may be such a recording; folders always may.
     """
 
     expects: str
     recognises: Callable[[Path], bool]
     read: Callable[[Path], Listing]
+    read_with: Callable[[Path, Mapping[str, str]], Listing] | None = None
+    files: tuple[str, ...] = ()
 
 
 def holds(path: Path, name: re.Pattern[str]) -> bool:
