@@ -91,7 +91,7 @@ def test_format_by_name(plain):
     assert open_recording(plain.path, format="plain").format == "plain"
     with pytest.raises(InputError, match=r"a folder of one of these forms is expected: tum \(rgb\.txt, depth\.txt\)$"):
         open_recording(plain.path, format="tum")
-    with pytest.raises(InputError, match="unknown format 'bag'; there are: 7-scenes, plain, "):
+    with pytest.raises(InputError, match="unknown format 'bag'; there are: 7-scenes, azure-kinect, "):
         open_recording(plain.path, format="bag")
 
 

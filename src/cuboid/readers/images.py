@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import zlib
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError
+from cuboid.errors import FrameError, InputError
 from cuboid.frame import Float32Array, UInt8Array
 from cuboid.readers.reader import ImageSource
 
@@ -29,6 +30,18 @@ PLAUSIBLE_M = (0.1, 20.0)
 # Pixels as stored: a turn noted in EXIF would part color from depth and from the intrinsics.
 _COLOR_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
 _COLOR_RGB_FLAGS = getattr(cv2, "IMREAD_COLOR_RGB", None)  # absent from some builds of OpenCV 4
+
+
+IMAGE_ENDINGS = (".png", ".jpg", ".jpeg")
+
+
+def images_in(folder: Path) -> list[Path]:
+    """Return the image files in a folder, sorted; raises InputError where it cannot be listed."""
+    try:
+        names = sorted(os.listdir(folder))
+    except OSError as error:
+        raise InputError(f"{folder} cannot be read: {error.strerror}") from None
+    return [folder / name for name in names if os.path.splitext(name)[1].lower() in IMAGE_ENDINGS]
 
 
 def decode_color(source: ImageSource, name: str) -> UInt8Array:

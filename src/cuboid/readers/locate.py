@@ -86,6 +86,8 @@ def _find(given: Path, readers: list[tuple[str, Reader]]) -> tuple[str, Reader, 
         inner = []
         for path in level:
             here = [(name, reader, path) for name, reader in readers if reader.recognises(path)]
+            if not (path / calibrations.CAMERA_FILE).is_file():
+                here = [one for one in here if not one[1].gives_way] or here
             found += here
             if not here and depth < LEVELS:
                 inner += _inside(path, {ending for _, reader in readers for ending in reader.files})

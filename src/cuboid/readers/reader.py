@@ -118,6 +118,9 @@ class Reader:
         format's name.
     files : tuple of str
         Endings of the names of files that may be such a recording; folders always may.
+    gives_way : bool
+        Whether another reader that recognises the same path is right, for it knows more of it, unless a
+        ``camera.json`` lies there.
     """
 
     expects: str
@@ -125,6 +128,7 @@ class Reader:
     read: Callable[[Path], Listing]
     read_with: Callable[[Path, Mapping[str, str]], Listing] | None = None
     files: tuple[str, ...] = ()
+    gives_way: bool = False
 
 
 def holds(path: Path, name: re.Pattern[str]) -> bool:
