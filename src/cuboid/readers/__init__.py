@@ -2,7 +2,19 @@
 
 from __future__ import annotations
 
-from cuboid.readers import azure_kinect, open3d, plain, realsense_bag, ros_bag, seven_scenes, tum, uw_rgbd_scenes_v2
+from cuboid.readers import (
+    azure_kinect,
+    nerfstudio,
+    open3d,
+    plain,
+    realsense_bag,
+    replica,
+    ros_bag,
+    scannet,
+    seven_scenes,
+    tum,
+    uw_rgbd_scenes_v2,
+)
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.locate import open_recording
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, ImageSource, Listing, Reader
@@ -19,11 +31,14 @@ __all__ = [
     "Recording",
     "SkippedFrame",
     "azure_kinect",
+    "nerfstudio",
     "open3d",
     "open_recording",
     "plain",
     "realsense_bag",
+    "replica",
     "ros_bag",
+    "scannet",
     "seven_scenes",
     "tum",
     "uw_rgbd_scenes_v2",

@@ -44,6 +44,15 @@ def images_in(folder: Path) -> list[Path]:
     return [folder / name for name in names if os.path.splitext(name)[1].lower() in IMAGE_ENDINGS]
 
 
+def image_dimensions(path: Path) -> tuple[int, int] | None:
+    """Return width and height of an image file, decoded; None where it cannot be."""
+    try:
+        image = _decode(path, str(path), cv2.IMREAD_UNCHANGED)
+    except FrameError:
+        return None
+    return image.shape[1], image.shape[0]
+
+
 def decode_color(source: ImageSource, name: str) -> UInt8Array:
     """Return the color image, (H, W, 3) uint8 RGB; grey images get three equal channels.
 
