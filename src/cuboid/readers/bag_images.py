@@ -11,12 +11,10 @@ import numpy.typing as npt
 
 from cuboid.errors import FrameError
 from cuboid.frame import UInt8Array
-from cuboid.readers.images import decode_bytes
+from cuboid.readers.images import FLOAT_UNITS_PER_METRE, decode_bytes, metres_to_units
 
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 RAW = "sensor_msgs/msg/Image"
-# Depth in metres becomes whole units of a fifth of a millimetre: up to 13 m, finer than any sensor.
-FLOAT_UNITS_PER_METRE = 5000.0
 # REP 118: depth as 16-bit numbers is in millimetres.
 WHOLE_UNITS_PER_METRE = 1000.0
 DEPTH_ENCODINGS: dict[str, np.dtype[Any]] = {"16UC1": np.dtype("u2"), "mono16": np.dtype("u2"), "32FC1": np.dtype("f4")}
@@ -76,13 +74,6 @@ def depth_of(message: Any, what: str) -> npt.NDArray[np.uint16]:
     kind = DEPTH_ENCODINGS[message.encoding].newbyteorder(">" if message.is_bigendian else "<")
     pixels = _pixels(message, kind, 1, what)[..., 0]
     return metres_to_units(pixels) if kind.kind == "f" else pixels.astype(np.uint16)
-
-
-def metres_to_units(depth_m: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.uint16]:
-    """Return depth in `FLOAT_UNITS_PER_METRE`; 0 where it is not finite, not above 0, or beyond what they reach."""
-    units = np.asarray(depth_m, np.float32) * np.float32(FLOAT_UNITS_PER_METRE)
-    seen = (units > 0) & (units < 65535)  # NaN is neither
-    return np.where(seen, np.rint(np.where(seen, units, 0)), 0).astype(np.uint16)
 
 
 def _pixels(message: Any, kind: np.dtype[Any], channels: int, what: str) -> npt.NDArray[Any]:

@@ -21,6 +21,9 @@ JPEG_END = b"\xff\xd9"
 # Some writers pad a JPEG file behind its end marker; compressed data itself never holds the marker.
 JPEG_PADDING_BYTES = 1024
 
+# Depth in metres becomes whole units of a fifth of a millimetre: up to 13 m, finer than any sensor.
+FLOAT_UNITS_PER_METRE = 5000.0
+
 # What a saturated sensor or converter writes; 7-Scenes uses it for "no reading".
 SATURATED = 65535
 # A depth camera that sees a scene has a reading in this range, metres: structured light and time of flight
@@ -95,6 +98,13 @@ def decode_depth(source: ImageSource, name: str) -> npt.NDArray[np.uint16]:
             f"depth image {name} must have one channel of 16 bits, it has {channels} of {8 * image.dtype.itemsize}"
         )
     return image.astype(np.uint16, copy=False)
+
+
+def metres_to_units(depth_m: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.uint16]:
+    """Return depth in `FLOAT_UNITS_PER_METRE`; 0 where it is not finite, not above 0, or beyond what they reach."""
+    units = np.asarray(depth_m, np.float32) * np.float32(FLOAT_UNITS_PER_METRE)
+    seen = (units > 0) & (units < 65535)  # NaN is neither
+    return np.where(seen, np.rint(np.where(seen, units, 0)), 0).astype(np.uint16)
 
 
 def depth_in_metres(raw: npt.NDArray[np.uint16], units_per_metre: float, name: str) -> Float32Array:

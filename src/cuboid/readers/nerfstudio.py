@@ -27,6 +27,7 @@ from cuboid.frame import Float64Array
 from cuboid.readers.depth_camera import DepthCamera, check_number
 from cuboid.readers.documents import read_object
 from cuboid.readers.images import image_dimensions
+from cuboid.readers.phone import T_OPENGL_OPENCV
 from cuboid.readers.posetext import pose_from_matrix
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
 
@@ -34,8 +35,6 @@ TRANSFORMS = "transforms.json"
 DEFAULT_SCALE = 0.001
 _CAMERA = {"fx": "fl_x", "fy": "fl_y", "cx": "cx", "cy": "cy", "width": "w", "height": "h"}
 _LENS = ("k1", "k2", "p1", "p2", "k3")
-# Carries coordinates of a camera with OpenCV's axes to those of one with OpenGL's.
-T_OPENGL_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def recognises(path: Path) -> bool:
