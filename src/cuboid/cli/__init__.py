@@ -19,6 +19,8 @@ from cuboid.errors import CuboidError
 
 COMMANDS = (
     "track",
+    "info",
+    "convert",
     "evaluate",
     "evaluate trajectory",
     "render",

@@ -46,8 +46,8 @@ def add_recording(parser: argparse.ArgumentParser, default_threads: int) -> None
     )
 
 
-def add_reading(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """Add the recording and how it is read; return the group of the latter."""
+def add_reading(parser: argparse.ArgumentParser, *, thinned: bool = True) -> argparse._ArgumentGroup:
+    """Add the recording and how it is read, where wanted with thinning; return the group of the latter."""
     parser.add_argument("recording", type=Path, metavar="RECORDING", help="folder of the RGB-D recording")
     reading = parser.add_argument_group("reading")
     reading.add_argument("--format", metavar="NAME", help="its layout, where it is not recognised")
@@ -63,8 +63,9 @@ def add_reading(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     reading.add_argument(
         "--topics", metavar="color=TOPIC,depth=TOPIC", help="topics of a ROS bag, where they are not found by name"
     )
-    reading.add_argument("--every", type=positive, default=1, metavar="N", help="use each N-th frame")
-    reading.add_argument("--limit", type=positive, metavar="N", help="read at most N frames")
+    if thinned:
+        reading.add_argument("--every", type=positive, default=1, metavar="N", help="use each N-th frame")
+        reading.add_argument("--limit", type=positive, metavar="N", help="read at most N frames")
     reading.add_argument(
         "--register", action="store_true", help="find where depth lies beside color, and carry it there"
     )
