@@ -205,6 +205,28 @@ def test_damaged_bags_are_refused_in_one_line_or_give_their_good_frames(tmp_path
         assert all("\n" not in one for one in said)
 
 
+@pytest.mark.parametrize("kind", ["bag", "mcap"])
+def test_a_bag_that_was_cut_off_gives_what_it_holds(tmp_path, kind):
+    rng = np.random.default_rng(6)
+    with writing(bag_path(tmp_path, kind), kind) as (make, publish):
+        for k in range(60):  # of noise, so that there are many chunks
+            t = time_of(k)
+            publish("/camera/color/camera_info", make.info(CAMERA | {"width": 320, "height": 240}, OPTICAL, t), t)
+            color = rng.integers(0, 256, (240, 320, 3), np.uint8)
+            color[0, 0] = k
+            publish("/camera/color/image_raw", make.image(color, "rgb8", OPTICAL, t), t)
+            depth = rng.integers(900, 1100, (240, 320), np.uint16)
+            publish("/camera/depth/image_raw", make.image(depth, "16UC1", OPTICAL, t), t)
+    file = bag_path(tmp_path, kind) if kind == "bag" else next(bag_path(tmp_path, kind).glob("*.mcap"))
+    whole = file.read_bytes()
+    file.write_bytes(whole[: len(whole) * 2 // 3])
+    recording = open_recording(file)
+    assert 30 <= len(recording) <= 40
+    for k in (len(recording) - 1, 0, 17):
+        assert recording.read(k).color[0, 0, 0] == k
+    assert recording.timestamp_s(17) == pytest.approx(1_700_000_000 + 0.033 * 17, abs=1e-5)
+
+
 def what_is_said(file):
     """The refusal of a recording, or the reasons of its frames that are skipped."""
     try:

@@ -181,14 +181,38 @@ def _open(path: Path) -> AnyReader:
         raise InputError(
             f"{path}: bags are read with rosbags, which is not installed: pip install 'cuboid[ros]'"
         ) from None
-    store = Stores.ROS1_NOETIC if path.suffix == ".bag" else Stores.ROS2_HUMBLE
-    reader = None
+    store = get_typestore(Stores.ROS1_NOETIC if path.suffix == ".bag" else Stores.ROS2_HUMBLE)
     try:
-        reader = AnyReader([path], default_typestore=get_typestore(store))
+        reader = AnyReader([path], default_typestore=store)
         reader.open()
     except Exception as fault:  # a damaged file makes the library raise nearly anything
-        raise InputError(f"{path}: cannot be read as a bag: {_line(fault)}") from None
+        mended = _mended(path, store)
+        if mended is None:
+            raise InputError(f"{path}: cannot be read as a bag: {_line(fault)}") from None
+        return mended
     return reader
+
+
+def _mended(path: Path, store: Any) -> AnyReader | None:
+    """Open a bag whose end is missing by what is whole of it; None where that is nothing."""
+    from rosbags.highlevel import AnyReader
+
+    from cuboid.readers.bag_mending import CutMcapReader, CutRos1Reader
+
+    with suppress(Exception):  # as above
+        reader = AnyReader([path], default_typestore=store)
+        inner: Any = reader.readers[0]
+        if path.suffix == ".bag":
+            reader.readers = [CutRos1Reader(path)]
+        elif path.suffix == ".mcap":
+            inner.storage = CutMcapReader(path)
+        else:
+            return None
+        reader.open()
+        if reader.connections:
+            return reader
+        reader.close()
+    return None
 
 
 def _close_all(readers: list[AnyReader]) -> None:
