@@ -1,9 +1,12 @@
-"""Folders of data sets: Replica, ScanNet, nerfstudio."""
+"""Data sets: Replica, ScanNet, BOP, nerfstudio."""
 
 from __future__ import annotations
 
 import json
+import struct
+import zlib
 
+import cv2
 import numpy as np
 import pytest
 from made_recordings import color_image, depth_image, write_image
@@ -11,6 +14,7 @@ from made_recordings import color_image, depth_image, write_image
 from cuboid.errors import FrameError, InputError
 from cuboid.frame import Intrinsics
 from cuboid.readers import open_recording
+from cuboid.readers.recording import SkippedFrame
 
 
 def matrix_at(x):
@@ -103,6 +107,92 @@ def test_faulty_intrinsics_of_scannet_are_named(tmp_path):
     scene = make_scannet(tmp_path / "scene0000_00", frames=1)
     (scene / "intrinsic" / "intrinsic_depth.txt").write_text("1 0\n0 1\n")
     with pytest.raises(InputError, match=r"intrinsic_depth\.txt: expected a 4x4 matrix, got 2 rows"):
+        open_recording(scene)
+
+
+def make_sens(path, frames=6):
+    K, D = np.diag([120.0, 120, 1, 1]), np.diag([60.0, 60, 1, 1])
+    K[:2, 2], D[:2, 2] = (63.5, 47.5), (31.5, 23.5)
+    data = struct.pack("<IQ", 4, 5) + b"phone"
+    for matrix in (K, np.eye(4), D, np.eye(4)):
+        data += struct.pack("<16f", *matrix.ravel())
+    data += struct.pack("<iiIIIIfQ", 2, 1, 128, 96, 64, 48, 1000.0, frames)
+    for k in range(frames):
+        jpeg = cv2.imencode(".jpg", np.ascontiguousarray(color_image(k, (96, 128))[..., ::-1]))[1].tobytes()
+        depth = zlib.compress(depth_image(k, 1000).tobytes())
+        T = matrix_at(0.1 * k) if k != 3 else np.full((4, 4), -np.inf)
+        data += struct.pack("<16fQQQQ", *T.ravel(), 33_000 * k + 5, 33_000 * k, len(jpeg), len(depth)) + jpeg + depth
+    path.write_bytes(data)
+    return path
+
+
+def test_a_sens_file_in_any_order(tmp_path):
+    recording = open_recording(make_sens(tmp_path / "scene0000_00.sens"))
+    assert (recording.format, len(recording)) == ("scannet-sens", 6)
+    assert recording.intrinsics == Intrinsics(120, 120, 63.5, 47.5, 128, 96)
+    for k in (5, 0, 2):
+        frame = recording.read(k)
+        np.testing.assert_allclose(frame.T_world_camera, matrix_at(0.1 * k), atol=1e-6)
+        assert frame.depth_m[40, 20] == pytest.approx(1 + 0.01 * k)
+        assert frame.timestamp_s == pytest.approx(0.033 * k, abs=1e-4)
+        assert np.abs(frame.color[10, 10].astype(int) - (200, 10 + k, 30)).max() < 6
+    with pytest.raises(FrameError, match="frame 3: the pose has NaN or infinite numbers"):
+        recording.read(3)
+
+
+def test_a_sens_file_cut_short_or_damaged(tmp_path):
+    path = make_sens(tmp_path / "scene.sens")
+    whole, rng = path.read_bytes(), np.random.default_rng(1)
+    path.write_bytes(whole[: len(whole) - 100])
+    assert len(open_recording(path)) == 5
+    path.write_bytes(whole[:200])
+    with pytest.raises(InputError, match=r"scene\.sens: ends within its header"):
+        open_recording(path)
+    for trial in range(60):
+        data = bytearray(whole)
+        for at in rng.integers(4, 400 if trial % 2 else len(data), 1 << (trial % 6)):
+            data[at] = rng.integers(256)
+        path.write_bytes(data)
+        try:
+            said = [one.reason for one in open_recording(path).iterate(prefetch=False) if isinstance(one, SkippedFrame)]
+        except InputError as error:
+            said = [str(error)]
+        assert all("\n" not in one for one in said)
+
+
+def make_bop(scene, frames=4):
+    cameras = {}
+    for k in range(frames):
+        write_image(scene / "rgb" / f"{k:06d}.png", color_image(k))
+        write_image(scene / "depth" / f"{k:06d}.png", depth_image(k, 10000))
+        T = np.linalg.inv(matrix_at(0.1 * k))
+        pose = {"cam_R_w2c": T[:3, :3].ravel().tolist(), "cam_t_w2c": (1000 * T[:3, 3]).tolist()}
+        cameras[str(k)] = {"cam_K": [60.0, 0, 31.5, 0, 61.0, 23.5, 0, 0, 1], "depth_scale": 0.1} | pose
+    (scene / "scene_camera.json").write_text(json.dumps(cameras))
+    return scene
+
+
+def test_bop(tmp_path):
+    scene = make_bop(tmp_path / "000001")
+    cameras = json.loads((scene / "scene_camera.json").read_text())
+    cameras["1"]["cam_K"][0] = 99.0
+    del cameras["2"]["cam_t_w2c"], cameras["3"]
+    (scene / "scene_camera.json").write_text(json.dumps(cameras))
+    recording = open_recording(scene)
+    assert (recording.format, len(recording)) == ("bop", 4)
+    assert recording.intrinsics == Intrinsics(60, 61, 31.5, 23.5, 64, 48)
+    frame = recording.read(0)
+    assert frame.depth_m[0, 1] == pytest.approx(1.0)
+    np.testing.assert_allclose(frame.T_world_camera, matrix_at(0.0), atol=1e-9)
+    for number, reason in (
+        (1, "image 1 has a camera or a depth scale of its own"),
+        (2, r"scene_camera\.json has no pose of image 2"),
+        (3, r"scene_camera\.json has no (pose|camera) of image 3"),
+    ):
+        with pytest.raises(FrameError, match=reason):
+            recording.read(number)
+    (scene / "scene_camera.json").write_text('{"0": {"cam_K": [1]}}')
+    with pytest.raises(InputError, match="image 0: expected 'cam_K' with 9 numbers, row by row"):
         open_recording(scene)
 
 

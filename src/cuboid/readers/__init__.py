@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cuboid.readers import (
     azure_kinect,
+    bop,
     nerfstudio,
     open3d,
     plain,
@@ -12,6 +13,7 @@ from cuboid.readers import (
     replica,
     ros_bag,
     scannet,
+    scannet_sens,
     seven_scenes,
     stray_scanner,
     tum,
@@ -33,6 +35,7 @@ __all__ = [
     "Recording",
     "SkippedFrame",
     "azure_kinect",
+    "bop",
     "nerfstudio",
     "open3d",
     "open_recording",
@@ -42,6 +45,7 @@ __all__ = [
     "replica",
     "ros_bag",
     "scannet",
+    "scannet_sens",
     "seven_scenes",
     "stray_scanner",
     "tum",
