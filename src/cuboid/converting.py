@@ -1,13 +1,12 @@
 """Writes the frames of any readable recording as another: a plain folder, the form of TUM, a bag of ROS 2.
 
 What is written are the frames as the tracker would get them: without distortion, depth in the color image, poses those
-of the color camera. Color and depth are kept without loss (depth to a fifth of a millimetre where it was carried into
-color, and in TUM's form, which knows no finer unit).
+of the color camera. Color and depth are kept without loss, but that folders have depth to a fifth of a millimetre where
+it was carried into color, as TUM's form always has.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -26,6 +25,8 @@ from cuboid.readers.calibration import CAMERA_FILE, write_camera
 
 # Units of depth that is not whole in the recording's own: a fifth of a millimetre, up to 13 m.
 CARRIED_UNITS = 5000.0
+# Fewer units a metre are no whole numbers.
+LEAST_UNITS = 100.0
 TUM_UNITS = 5000.0
 # PNG at this effort: a few percent larger than the best, in a tenth of the time.
 PNG_EFFORT = 1
@@ -208,7 +209,7 @@ def _read(recording: Recording, index: int, skipped: dict[int, str]) -> Frame | 
 def _units(recording: Recording) -> float:
     """Return the units in which depth is written: the recording's own where its depth is still whole in them."""
     units = recording.depth_units_per_metre
-    return units if recording.depth_camera is None and math.isfinite(units) else CARRIED_UNITS
+    return units if recording.depth_camera is None and units >= LEAST_UNITS else CARRIED_UNITS
 
 
 def as_units(depth_m: Float32Array, units_per_metre: float) -> npt.NDArray[np.uint16]:

@@ -77,6 +77,19 @@ def test_what_is_converted_reads_back_the_same(tmp_path, form, capsys):
     assert "exists" in capsys.readouterr().err
 
 
+def test_a_bag_keeps_depth_of_any_unit_without_loss(tmp_path):
+    pytest.importorskip("rosbags", reason="bags are written with rosbags: pip install 'cuboid[ros]'")
+    made = make_plain(tmp_path, frames=2)
+    (made.path / "camera.json").write_text(json.dumps(CAMERA | {"depth_units_per_metre": 10000}))
+    depth = np.random.default_rng(0).integers(5000, 60000, (48, 64)).astype(np.uint16)
+    depth[0] = 65535
+    for k in range(2):
+        write_image(made.depth(k), depth)
+    assert main(["convert", str(made.path), "--to", "mcap", "--output", str(tmp_path / "out")]) == 0
+    before, after = open_recording(made.path).read(1), open_recording(tmp_path / "out").read(1)
+    np.testing.assert_array_equal(after.depth_m, before.depth_m)
+
+
 def test_depth_of_its_own_camera_is_written_registered(tmp_path):
     made = make_plain(tmp_path, frames=2)
     depth = {"fx": 50.0, "fy": 50.0, "cx": 39.5, "cy": 29.5, "width": 80, "height": 60}

@@ -45,7 +45,7 @@ class TestRecord3D:
         assert [recording.timestamp_s(k) for k in (0, 1, 19)] == pytest.approx([0, 0.016668, 0.316693], abs=1e-5)
         frame = recording.read(0)
         assert frame.color.shape == (640, 480, 3)
-        assert frame.depth_m.max() == pytest.approx(1.221, abs=2e-3)
+        assert frame.depth_m.max() == pytest.approx(1.221, abs=1e-3)
         assert (frame.depth_m > 0).mean() > 0.95  # whole, though color has 6 times the pixels
         assert gap_m(recording, 0, 19) < 0.004  # poses and axes fit: with others it is twice that and more
 

@@ -11,12 +11,13 @@ import numpy.typing as npt
 
 from cuboid.errors import FrameError
 from cuboid.frame import UInt8Array
-from cuboid.readers.images import FLOAT_UNITS_PER_METRE, decode_bytes, metres_to_units
+from cuboid.readers.images import decode_bytes
+from cuboid.readers.undistortion import DepthArray
 
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 RAW = "sensor_msgs/msg/Image"
-# REP 118: depth as 16-bit numbers is in millimetres.
-WHOLE_UNITS_PER_METRE = 1000.0
+# REP 118: depth as 16-bit numbers is in millimetres, as floating point in metres.
+WHOLE_UNITS_PER_METRE, FLOAT_UNITS_PER_METRE = 1000.0, 1.0
 DEPTH_ENCODINGS: dict[str, np.dtype[Any]] = {"16UC1": np.dtype("u2"), "mono16": np.dtype("u2"), "32FC1": np.dtype("f4")}
 # Channels of color encodings, and how OpenCV makes RGB of them.
 COLOR_ENCODINGS: dict[str, tuple[int, int | None]] = {
@@ -65,7 +66,7 @@ def color_of(message: Any, what: str) -> UInt8Array:
     return np.ascontiguousarray(pixels if conversion is None else cv2.cvtColor(pixels, conversion), np.uint8)
 
 
-def depth_of(message: Any, what: str) -> npt.NDArray[np.uint16]:
+def depth_of(message: Any, what: str) -> DepthArray:
     """Return the depth image (H, W) of a message, in `units_per_metre`; raises FrameError where it holds none."""
     if message.__msgtype__ == COMPRESSED:
         return _compressed_depth(message, what)
@@ -73,7 +74,7 @@ def depth_of(message: Any, what: str) -> npt.NDArray[np.uint16]:
         raise FrameError(f"{what} is encoded as '{message.encoding}', expected {', '.join(DEPTH_ENCODINGS)}")
     kind = DEPTH_ENCODINGS[message.encoding].newbyteorder(">" if message.is_bigendian else "<")
     pixels = _pixels(message, kind, 1, what)[..., 0]
-    return metres_to_units(pixels) if kind.kind == "f" else pixels.astype(np.uint16)
+    return pixels.astype(np.float32) if kind.kind == "f" else pixels.astype(np.uint16)
 
 
 def _pixels(message: Any, kind: np.dtype[Any], channels: int, what: str) -> npt.NDArray[Any]:
@@ -87,7 +88,7 @@ def _pixels(message: Any, kind: np.dtype[Any], channels: int, what: str) -> npt.
     return np.ascontiguousarray(rows).view(kind).reshape(height, width, channels)
 
 
-def _compressed_depth(message: Any, what: str) -> npt.NDArray[np.uint16]:
+def _compressed_depth(message: Any, what: str) -> DepthArray:
     data = _bytes(message)
     words = [word.strip() for word in message.format.split(";")]
     if "rvl" in message.format.lower():
@@ -103,7 +104,7 @@ def _compressed_depth(message: Any, what: str) -> npt.NDArray[np.uint16]:
     if words[0] != "32FC1":
         return np.asarray(image, np.uint16)
     with np.errstate(divide="ignore", invalid="ignore"):  # the writer makes depth = a / (value - b)
-        return metres_to_units(np.where(image > 0, inverse[0] / (image.astype(np.float32) - inverse[1]), 0))
+        return np.where(image > 0, inverse[0] / (image.astype(np.float32) - inverse[1]), 0).astype(np.float32)
 
 
 def _bytes(message: Any) -> bytes:

@@ -14,15 +14,13 @@ import numpy.typing as npt
 from cuboid.errors import FrameError, InputError
 from cuboid.frame import Float32Array, UInt8Array
 from cuboid.readers.reader import ImageSource
+from cuboid.readers.undistortion import DepthArray
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 JPEG_MAGIC = b"\xff\xd8\xff"
 JPEG_END = b"\xff\xd9"
 # Some writers pad a JPEG file behind its end marker; compressed data itself never holds the marker.
 JPEG_PADDING_BYTES = 1024
-
-# Depth in metres becomes whole units of a fifth of a millimetre: up to 13 m, finer than any sensor.
-FLOAT_UNITS_PER_METRE = 5000.0
 
 # What a saturated sensor or converter writes; 7-Scenes uses it for "no reading".
 SATURATED = 65535
@@ -83,8 +81,8 @@ def decode_color(source: ImageSource, name: str) -> UInt8Array:
     return image.astype(np.uint8, copy=False)
 
 
-def decode_depth(source: ImageSource, name: str) -> npt.NDArray[np.uint16]:
-    """Return the depth image as stored, (H, W) uint16.
+def decode_depth(source: ImageSource, name: str) -> DepthArray:
+    """Return the depth image as stored, (H, W) uint16, or float32 where a reader gives that.
 
     Raises
     ------
@@ -92,6 +90,8 @@ def decode_depth(source: ImageSource, name: str) -> npt.NDArray[np.uint16]:
         If the file is missing, empty, truncated, damaged, no image, or not a single channel of 16 bits.
     """
     image = _decode(source, f"depth image {name}", cv2.IMREAD_UNCHANGED) if isinstance(source, Path) else source()
+    if image.ndim == 2 and image.dtype == np.float32 and not isinstance(source, Path):
+        return image.astype(np.float32, copy=False)
     if image.ndim != 2 or image.dtype != np.uint16:
         channels = 1 if image.ndim == 2 else image.shape[2]
         raise FrameError(
@@ -100,22 +100,19 @@ def decode_depth(source: ImageSource, name: str) -> npt.NDArray[np.uint16]:
     return image.astype(np.uint16, copy=False)
 
 
-def metres_to_units(depth_m: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.uint16]:
-    """Return depth in `FLOAT_UNITS_PER_METRE`; 0 where it is not finite, not above 0, or beyond what they reach."""
-    units = np.asarray(depth_m, np.float32) * np.float32(FLOAT_UNITS_PER_METRE)
-    seen = (units > 0) & (units < 65535)  # NaN is neither
-    return np.where(seen, np.rint(np.where(seen, units, 0)), 0).astype(np.uint16)
+def depth_in_metres(raw: DepthArray, units_per_metre: float, name: str) -> Float32Array:
+    """Return depth in metres, (H, W) float32, with 0 where there is no reading.
 
-
-def depth_in_metres(raw: npt.NDArray[np.uint16], units_per_metre: float, name: str) -> Float32Array:
-    """Return depth in metres, (H, W) float32, with 0 where there is no reading (0 or 65535 in the image).
+    That is 0 or 65535 in an image of whole numbers; in one of others what is not above 0 or not finite.
 
     Raises
     ------
     FrameError
         If no pixel has a reading, or none lies in the range that a depth camera can see.
     """
-    if raw.max() == SATURATED:
+    if raw.dtype == np.float32:
+        raw = np.where(np.isfinite(raw) & (raw > 0), raw, np.float32(0))
+    elif raw.max() == SATURATED:
         raw = np.where(raw == SATURATED, np.uint16(0), raw)
     low, high = (limit * units_per_metre for limit in PLAUSIBLE_M)
     if high <= raw.max() or raw.max() < low:  # else the largest reading is a plausible one
@@ -123,9 +120,7 @@ def depth_in_metres(raw: npt.NDArray[np.uint16], units_per_metre: float, name: s
     return np.divide(raw, np.float32(units_per_metre), dtype=np.float32)
 
 
-def _refuse_implausible(
-    raw: npt.NDArray[np.uint16], units_per_metre: float, low: float, high: float, name: str
-) -> None:
+def _refuse_implausible(raw: DepthArray, units_per_metre: float, low: float, high: float, name: str) -> None:
     """Raise FrameError unless a reading lies between `low` and `high` (units of the image)."""
     readings = raw[raw > 0]
     if readings.size == 0:

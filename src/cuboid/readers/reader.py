@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from cuboid.errors import InputError
@@ -18,8 +17,8 @@ from cuboid.readers.depth_camera import DepthCamera
 from cuboid.registry import Registry
 
 # An image file, or, for recordings that are one big file, a function that gives the decoded image:
-# color (H, W, 3) uint8 RGB, depth (H, W) uint16. It raises FrameError where it cannot.
-ImageSource = Path | Callable[[], npt.NDArray[np.integer[Any]]]
+# color (H, W, 3) uint8 RGB, depth (H, W) uint16 or float32. It raises FrameError where it cannot.
+ImageSource = Path | Callable[[], npt.NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,13 +19,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from cuboid.errors import FrameError, InputError
-from cuboid.frame import Float64Array, UInt8Array
+from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.readers.depth_camera import check_number
 from cuboid.readers.documents import read_object
-from cuboid.readers.images import FLOAT_UNITS_PER_METRE, decode_color, images_in, metres_to_units
+from cuboid.readers.images import decode_color, images_in
 from cuboid.readers.phone import T_OPENGL_OPENCV, phone_cameras, shrink_factor, shrunk
 from cuboid.readers.posetext import pose_from_quaternion
 from cuboid.readers.reader import READERS, FrameEntry, Listing, Reader, holds
@@ -63,7 +62,7 @@ def read(path: Path) -> Listing:
         _entry(number, colors.get(number), depths.get(number), metadata, shrink_factor(size))
         for number in sorted(colors.keys() | depths.keys())
     ]
-    return Listing(frames, FLOAT_UNITS_PER_METRE, phone_cameras(K, size, depth_size, METADATA), camera_folders=(path,))
+    return Listing(frames, 1.0, phone_cameras(K, size, depth_size, METADATA), camera_folders=(path,))
 
 
 def _entry(number: int, color: Path | None, depth: Path | None, metadata: dict[str, Any], factor: int) -> FrameEntry:
@@ -98,11 +97,7 @@ def _color(file: Path, factor: int) -> UInt8Array:
     return shrunk(decode_color(file, f"rgb/{file.name}"), factor)
 
 
-def _depth(file: Path) -> npt.NDArray[np.uint16]:
-    return metres_to_units(_exr(file))
-
-
-def _exr(file: Path) -> npt.NDArray[np.floating[Any]]:
+def _depth(file: Path) -> Float32Array:
     """Return the one channel of an EXR image."""
     import OpenEXR
 
@@ -120,7 +115,7 @@ def _exr(file: Path) -> npt.NDArray[np.floating[Any]]:
 
 def _exr_size(file: Path) -> tuple[int, int] | None:
     try:
-        height, width = _exr(file).shape
+        height, width = _depth(file).shape
     except FrameError:
         return None
     return int(width), int(height)

@@ -19,6 +19,7 @@ from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.images import decode_color, decode_depth, depth_in_metres
 from cuboid.readers.prefetch import run_ahead
 from cuboid.readers.reader import Calibration, FrameEntry, ImageSource, Listing
+from cuboid.readers.undistortion import DepthArray
 
 # Frames per second of recordings that do not say: all common depth cameras of this kind run at 30.
 DEFAULT_RATE_HZ = 30.0
@@ -222,7 +223,7 @@ class Recording:
         except FrameError as error:
             return SkippedFrame(index, str(error))
 
-    def _decode(self, entry: FrameEntry) -> tuple[UInt8Array, npt.NDArray[np.uint16], str]:
+    def _decode(self, entry: FrameEntry) -> tuple[UInt8Array, DepthArray, str]:
         """Return color, depth as stored and its name; FrameError unless both are there and of the expected sizes."""
         if entry.fault is not None:
             raise FrameError(entry.fault)

@@ -72,7 +72,7 @@ def _color(video: VideoFile, number: int, factor: int) -> UInt8Array:
 
 
 def _depth(file: Path, confidence: Path) -> npt.NDArray[np.uint16]:
-    raw = decode_depth(file, f"depth/{file.name}")
+    raw = decode_depth(file, f"depth/{file.name}").astype(np.uint16, copy=False)
     if not confidence.is_file():
         return raw
     name = f"image confidence/{confidence.name}"

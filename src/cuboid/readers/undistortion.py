@@ -11,6 +11,9 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array, UInt8Array
 
+# Depth as stored: whole units, or units with fractions.
+DepthArray = npt.NDArray[np.uint16] | npt.NDArray[np.float32]
+
 # How many coefficients there may be: k1, k2, p1, p2, then k3, then k4, k5, k6.
 COEFFICIENTS = (4, 5, 8)
 # An image that is stretched or pressed together by more than this factor of its area anywhere is no camera's.
@@ -57,11 +60,13 @@ class Undistortion:
         seen = cv2.remap(color, *self._linear, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
         return seen.astype(np.uint8, copy=False)
 
-    def depth(self, raw: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint16]:
+    def depth(self, raw: DepthArray) -> DepthArray:
         """Return depth as stored (H, W), aligned to color, as the pinhole sees it."""
         if not self.needed:
             return raw
         seen = cv2.remap(raw, *self._nearest, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+        if raw.dtype == np.float32:
+            return seen.astype(np.float32, copy=False)
         return seen.astype(np.uint16, copy=False)
 
 
