@@ -14,6 +14,8 @@ from cuboid.readers.recording import Recording
 LEVELS = 2
 # So many recordings are named when there are several to choose from.
 NAMED = 8
+# And so many forms are described; of more only the names.
+DESCRIBED = 3
 
 
 def open_recording(
@@ -133,6 +135,10 @@ def _nothing_found(given: Path, readers: list[tuple[str, Reader]]) -> str:
     above = [path for path in given.parents[:LEVELS] for _, reader in readers if reader.recognises(path)]
     if above:
         return f"{given} is a part of a recording; name {above[0]}"
-    expected = "; ".join(f"{name} ({reader.expects})" for name, reader in readers)
+    if len(readers) > DESCRIBED:
+        expected = "a recording of one of these forms is expected: " + ", ".join(name for name, _ in readers)
+    else:
+        described = "; ".join(f"{name} ({reader.expects})" for name, reader in readers)
+        expected = f"a recording of one of these forms is expected: {described}"
     what = "is a file" if given.is_file() else "is empty" if not any(given.iterdir()) else "holds no recording"
-    return f"{given} {what}; a folder of one of these forms is expected: {expected}"
+    return f"{given} {what}; {expected}"
