@@ -1,4 +1,4 @@
-"""Recordings of iPhones: Record3D's export and Stray Scanner."""
+"""Recordings of iPhones: Record3D's export, Polycam's raw data, and Stray Scanner."""
 
 from __future__ import annotations
 
@@ -140,3 +140,58 @@ def test_faults_of_stray_scanner(tmp_path):
     (folder / "camera_matrix.csv").write_text("900.0, 0.0\n")
     with pytest.raises(InputError, match=r"camera_matrix\.csv line 1: expected three numbers a row"):
         open_recording(folder)
+
+
+def make_polycam(scan, frames=3, corrected=False):
+    folder, prefix = scan / "keyframes", "corrected_" if corrected else ""
+    for k in range(frames):
+        name = str(99_999_990 + 7 * k)  # the last has a digit more
+        write_image(
+            folder / f"{prefix}images" / f"{name}.jpg", np.full((768, 1024, 3), (50 + 40 * k, 100, 30), np.uint8)
+        )
+        write_image(folder / "depth" / f"{name}.png", np.full((192, 256), 1000 + 10 * k, np.uint16))
+        sure = np.full((192, 256), 255, np.uint8)
+        sure[:40] = 0
+        write_image(folder / "confidence" / f"{name}.png", sure)
+        T = np.eye(4) @ np.diag([1.0, -1, -1, 1])
+        T[0, 3] = 0.1 * k
+        camera = {"fx": 800.0 + k, "fy": 800.0 + k, "cx": 511.5, "cy": 383.5, "width": 1024, "height": 768}
+        camera |= {f"t_{r}{c}": T[r, c] for r in range(3) for c in range(4)} | {"timestamp": 5.0 + k}
+        for place in ("cameras", f"{prefix}cameras"):
+            (folder / place).mkdir(exist_ok=True)
+            (folder / place / f"{name}.json").write_text(json.dumps(camera))
+    (folder / "images").mkdir(exist_ok=True)
+    return scan
+
+
+@pytest.mark.parametrize("corrected", [False, True])
+def test_polycam(tmp_path, corrected):
+    recording = open_recording(make_polycam(tmp_path / "scan", corrected=corrected))
+    assert (recording.format, len(recording)) == ("polycam", 3)
+    K = recording.intrinsics
+    assert (K.width, K.height, K.fx, K.cx) == (1024, 768, 801, 511.5)
+    for k in (2, 0):
+        frame = recording.read(k)
+        assert frame.color[400, 500].astype(int) == pytest.approx((50 + 40 * k, 100, 30), abs=6)
+        assert frame.depth_m[600, 500] == pytest.approx(1 + 0.01 * k)
+        assert (frame.depth_m[:150] == 0).all()
+        assert frame.timestamp_s == 5.0 + k
+        np.testing.assert_allclose(frame.T_world_camera[:3, 3], [0.1 * k, 0, 0])
+        np.testing.assert_allclose(frame.T_world_camera[:3, :3], np.eye(3))
+
+
+def test_faults_of_polycam(tmp_path):
+    scan = make_polycam(tmp_path / "scan", frames=5)
+    cameras = sorted((scan / "keyframes" / "cameras").iterdir(), key=lambda file: (len(file.name), file.name))
+    document = json.loads(cameras[0].read_text())
+    cameras[0].write_text(json.dumps(document | {"fx": 1600.0}))
+    cameras[1].write_text("{")
+    recording = open_recording(scan)
+    with pytest.raises(FrameError, match="differs from the others: fx 1600"):
+        recording.read(0)
+    with pytest.raises(FrameError, match="not valid JSON"):
+        recording.read(1)
+    for file in cameras:
+        file.unlink()
+    with pytest.raises(InputError, match="no camera of a frame can be read"):
+        open_recording(scan)

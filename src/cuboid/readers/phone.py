@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
+import numpy.typing as npt
 
+from cuboid.errors import FrameError
 from cuboid.frame import UInt8Array
 from cuboid.readers.depth_camera import DepthCamera
+from cuboid.readers.images import decode_bytes, decode_depth
 from cuboid.readers.reader import Calibration
 
 # Depth has 192x256 pixels: color is shrunk by a whole number to about this width or height, whichever is longer. Finer
@@ -47,6 +52,27 @@ def phone_cameras(
     depth = _scaled(K, depth_size[0] / size[0], depth_size[1] / size[1])
     camera = DepthCamera(*depth, depth_size, np.eye(4))
     return Calibration(*color, (size[0] // factor, size[1] // factor), source, depth_camera=camera)
+
+
+def confident_depth(file: Path, confidence: Path, least: int) -> npt.NDArray[np.uint16]:
+    """Return a depth image (H, W) without the readings whose confidence is less; all where there is no such image.
+
+    Raises
+    ------
+    FrameError
+        One of the two cannot be decoded, or they differ in size.
+    """
+    raw = decode_depth(file, f"depth/{file.name}").astype(np.uint16, copy=False)
+    if not confidence.is_file():
+        return raw
+    name = f"image confidence/{confidence.name}"
+    try:
+        sure = decode_bytes(confidence.read_bytes(), name, cv2.IMREAD_UNCHANGED)
+    except OSError as error:
+        raise FrameError(f"{name} cannot be read: {error.strerror}") from None
+    if sure.shape != raw.shape:
+        raise FrameError(f"{name} is {sure.shape[1::-1]}, depth {raw.shape[::-1]}")
+    return np.where(sure >= least, raw, 0).astype(np.uint16)
 
 
 def _scaled(K: tuple[float, float, float, float], sx: float, sy: float) -> tuple[float, float, float, float]:

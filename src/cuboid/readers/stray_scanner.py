@@ -17,14 +17,12 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
-import numpy.typing as npt
 
 from cuboid.errors import FrameError, InputError
 from cuboid.frame import Float64Array, UInt8Array
-from cuboid.readers.images import decode_bytes, decode_depth, image_dimensions, images_in
-from cuboid.readers.phone import phone_cameras, shrink_factor, shrunk
+from cuboid.readers.images import image_dimensions, images_in
+from cuboid.readers.phone import confident_depth, phone_cameras, shrink_factor, shrunk
 from cuboid.readers.posetext import data_lines, parse_numbers, pose_from_quaternion
 from cuboid.readers.reader import READERS, FrameEntry, Listing, Reader
 from cuboid.readers.video_file import VideoFile
@@ -57,7 +55,7 @@ def read(path: Path) -> Listing:
     frames = [
         FrameEntry(
             color=partial(_color, video, number, factor),
-            depth=partial(_depth, depths[number], path / "confidence" / depths[number].name),
+            depth=partial(confident_depth, depths[number], path / "confidence" / depths[number].name, LEAST_CONFIDENCE),
             timestamp_s=rows[number][1][0] if number in rows else None,
             pose=partial(_pose, rows, number),
         )
@@ -69,20 +67,6 @@ def read(path: Path) -> Listing:
 
 def _color(video: VideoFile, number: int, factor: int) -> UInt8Array:
     return shrunk(video.read(number), factor)
-
-
-def _depth(file: Path, confidence: Path) -> npt.NDArray[np.uint16]:
-    raw = decode_depth(file, f"depth/{file.name}").astype(np.uint16, copy=False)
-    if not confidence.is_file():
-        return raw
-    name = f"image confidence/{confidence.name}"
-    try:
-        sure = decode_bytes(confidence.read_bytes(), name, cv2.IMREAD_UNCHANGED)
-    except OSError as error:
-        raise FrameError(f"{name} cannot be read: {error.strerror}") from None
-    if sure.shape != raw.shape:
-        raise FrameError(f"{name} is {sure.shape[1::-1]}, depth {raw.shape[::-1]}")
-    return np.where(sure >= LEAST_CONFIDENCE, raw, 0).astype(np.uint16)
 
 
 def _odometry(path: Path) -> dict[int, OdometryRow]:
