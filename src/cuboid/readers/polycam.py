@@ -69,7 +69,7 @@ def read(path: Path) -> Listing:
             color=partial(_color, colors[name], factor) if name in colors else None,
             depth=partial(_depth, depths[name], folder / "confidence" / f"{name}.png") if name in depths else None,
             timestamp_s=cameras[name]["timestamp"] if name in cameras and "timestamp" in cameras[name] else None,
-            pose=partial(_pose, cameras.get(name, {}), name),
+            pose=partial(_pose, cameras.get(name, {}), name, faults.get(name, "")),
             fault=faults.get(name),
         )
         for name in names
@@ -116,9 +116,9 @@ def _depth(file: Path, confidence: Path) -> npt.NDArray[np.uint16]:
     return confident_depth(file, confidence, least=1)
 
 
-def _pose(camera: dict[str, float], name: str) -> Float64Array:
+def _pose(camera: dict[str, float], name: str, fault: str) -> Float64Array:
     if not camera:
-        raise FrameError(f"no camera pose of {name}")
+        raise FrameError(fault)
     rows = [[camera[f"t_{row}{column}"] for column in range(4)] for row in range(3)]
     return pose_from_matrix([*rows, [0.0, 0.0, 0.0, 1.0]], f"cameras/{name}.json") @ T_OPENGL_OPENCV
 
