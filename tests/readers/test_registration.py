@@ -98,7 +98,8 @@ def test_without_a_depth_camera_sizes_must_be_equal(tmp_path):
         (DEPTH, "x", "'T_color_depth' must be a 4x4 matrix"),
         (DEPTH, [[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "the pose is not rigid"),
         (DEPTH, [[1, 0, 0, -50], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "50 m apart; is it in millimetres"),
-        (DEPTH | {"distortion": [-9.0, 0, 0, 0]}, BESIDE, r"depth camera \(camera\.json\) are wrong"),
+        (DEPTH | {"distortion": [-9.0, 0, 0, 0]}, BESIDE, r"depth camera \(camera\.json\) is wrong: its distortion"),
+        (DEPTH | {"fx": 1e-300}, BESIDE, r"depth camera \(camera\.json\) is wrong: a focal length is 1e-300 pixels"),
     ],
 )
 def test_a_faulty_depth_camera_is_one_line(tmp_path, depth, T, says):

@@ -129,16 +129,14 @@ def registration(calibration: Calibration, intrinsics: Intrinsics, recording: Pa
     Raises
     ------
     InputError
-        If the coefficients of the depth camera's lens are no lens's.
+        If the depth camera is none.
     """
     if calibration.depth_camera is None:
         return None
     try:
         return Registration(calibration.depth_camera, intrinsics)
     except ValueError as error:
-        raise InputError(
-            f"{recording}: the distortion coefficients of the depth camera ({calibration.source}) are wrong: {error}"
-        ) from None
+        raise InputError(f"{recording}: the depth camera ({calibration.source}) is wrong: {error}") from None
 
 
 def _find_file(folders: Sequence[Path]) -> Path | None:

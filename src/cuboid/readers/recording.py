@@ -134,7 +134,7 @@ class Recording:
         Raises
         ------
         InputError
-            The coefficients of its lens are no lens's.
+            It is none.
         """
         other = object.__new__(Recording)
         other.__dict__.update(self.__dict__)

@@ -11,6 +11,8 @@ from cuboid.readers.depth_camera import DepthCamera
 
 # A pixel whose ray, bent by the lens again, comes out this far from it has no ray: it lies where the lens's model ends.
 RAY_ERROR_PX = 0.5
+# With a shorter focal length a camera sees all before it in a few pixels.
+LEAST_FOCAL_PX = 1.0
 # A lens that gives fewer of its pixels a ray is none.
 LEAST_SEEN = 0.5
 
@@ -30,17 +32,21 @@ class Registration:
     Raises
     ------
     ValueError
-        The coefficients of the depth camera's lens are no lens's.
+        A focal length, or the coefficients of the depth camera's lens, are none.
     """
 
     def __init__(self, depth: DepthCamera, color: Intrinsics) -> None:
+        if not min(depth.fx, depth.fy, color.fx, color.fy) >= LEAST_FOCAL_PX:
+            raise ValueError(f"a focal length is {min(depth.fx, depth.fy, color.fx, color.fy):.3g} pixels")
         self._T_color_depth = np.ascontiguousarray(depth.T_color_depth)
         self._K_color = np.array([color.fx, color.fy, color.cx, color.cy])
         self._shape = (color.height, color.width)
         self._pixel = 1.0 / min(depth.fx, depth.fy)
         rays = _rays(depth)
         if not np.isfinite(rays).mean() > LEAST_SEEN:
-            raise ValueError("they bend the image by more than a lens does; the order is k1, k2, p1, p2, k3")
+            raise ValueError(
+                "its distortion coefficients bend the image by more than a lens does; the order is k1, k2, p1, p2, k3"
+            )
         self._rays = rays.astype(np.float32)
         self._footprint = _footprint(rays, self._T_color_depth, color)
 
