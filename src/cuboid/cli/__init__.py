@@ -20,6 +20,8 @@ from cuboid.errors import CuboidError, one_line
 
 COMMANDS = (
     "track",
+    "info",
+    "convert",
     "evaluate",
     "evaluate trajectory",
     "annotate",

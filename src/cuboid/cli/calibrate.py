@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     # the frames that were compared have no distortion: what took it out bends them as before with the new focal length
     distortion = rescaled(recording.distortion, found.intrinsics.fx / recording.calibration.fx)
     with new_file(args.output, force=args.force) as file:
-        write_camera(file, found.intrinsics, units, distortion)
+        write_camera(file, found.intrinsics, units, distortion, recording.depth_camera)
     _print(found, recording, args.output)
     return 0
 

@@ -7,7 +7,13 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from cuboid.formats.camera_file import DepthUnits
+from cuboid.formats.camera_file import (
+    DepthCameraEntry,
+    DepthUnits,
+    Matrix,
+    refuse_half_a_camera,
+    refuse_no_lens,
+)
 from cuboid.formats.values import LAST_FRAME, Amount, Entry, FrameNumber, Name, Text, refuse_twice
 
 Whole = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
@@ -52,6 +58,12 @@ class ConfigEntry(Entry, frozen=True):
         tuple[Distortion, ...], Meta(max_length=8, description="of the lens, as it was taken out of the images")
     ] = ()
     depth_units_per_metre: Annotated[DepthUnits | None, Meta(description="of the depth images")] = None
+    depth_camera: DepthCameraEntry | None = None
+    T_color_depth: Matrix | None = None
+
+    def __post_init__(self) -> None:
+        refuse_no_lens(self.distortion)
+        refuse_half_a_camera(self.depth_camera, self.T_color_depth)
 
 
 class RunDocument(Entry, frozen=True):
@@ -64,7 +76,7 @@ class RunDocument(Entry, frozen=True):
     poses: Literal["given", "estimated"]
     threads: Annotated[int, Meta(ge=1, le=100_000)]
     config: Annotated[
-        dict[str, Setting | list[Setting] | dict[str, Setting]],
+        dict[str, Setting | list[Setting | list[Setting]] | dict[str, Setting | list[Setting]]],
         Meta(description="the effective settings, among them `every`, `distortion`, `depth_units_per_metre`"),
     ]
     frames: FramesEntry

@@ -8,13 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.formats.json_door import read_json
-from cuboid.formats.run_file import RunDocument
+from cuboid.formats.run_file import ConfigEntry, RunDocument
 from cuboid.outputs.objects import write_json
 from cuboid.outputs.text import rounded
+from cuboid.readers.depth_camera import DepthCamera, depth_camera_of
 
 IntArray = npt.NDArray[np.int64]
 
@@ -117,6 +119,11 @@ class RunReport:
         """Of the depth images; None in results that do not say."""
         units = self.config.get("depth_units_per_metre")
         return None if units is None else float(units)
+
+    @property
+    def depth_camera(self) -> DepthCamera | None:
+        """The camera that depth was carried from into color; None where depth was aligned already."""
+        return depth_camera_of(msgspec.convert(self.config, ConfigEntry))
 
     @property
     def every(self) -> int:

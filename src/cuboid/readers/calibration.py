@@ -16,7 +16,9 @@ from cuboid.formats.camera_file import LEAST_UNITS, MOST_UNITS, CameraDocument, 
 from cuboid.formats.json_door import read_json
 from cuboid.formats.table_door import read_lines
 from cuboid.frame import Intrinsics
+from cuboid.readers.depth_camera import DepthCamera, depth_camera_of
 from cuboid.readers.reader import Calibration, Listing
+from cuboid.readers.registration import Registration
 from cuboid.readers.undistortion import Undistortion
 
 CAMERA_FILE = "camera.json"
@@ -117,6 +119,22 @@ def undistortion(calibration: Calibration, size: tuple[int, int], recording: Pat
         ) from None
 
 
+def registration(calibration: Calibration, intrinsics: Intrinsics, recording: Path) -> Registration | None:
+    """Return what carries depth into images with these intrinsics; None where depth is aligned already.
+
+    Raises
+    ------
+    InputError
+        If the depth camera is none.
+    """
+    if calibration.depth_camera is None:
+        return None
+    try:
+        return Registration(calibration.depth_camera, intrinsics)
+    except ValueError as error:
+        raise InputError(f"{recording}: the depth camera ({calibration.source}) is wrong: {error}") from None
+
+
 def _find_file(folders: Sequence[Path]) -> Path | None:
     for folder in folders:
         for name in (CAMERA_FILE, MATRIX_FILE):
@@ -130,7 +148,11 @@ def _read(path: Path) -> tuple[Calibration, float | None]:
 
 
 def write_camera(
-    path: Path, intrinsics: Intrinsics, depth_units_per_metre: float, distortion: Sequence[float] = ()
+    path: Path,
+    intrinsics: Intrinsics,
+    depth_units_per_metre: float,
+    distortion: Sequence[float] = (),
+    depth_camera: DepthCamera | None = None,
 ) -> None:
     """Write a `camera.json`.
 
@@ -144,6 +166,8 @@ def write_camera(
     document: dict[str, Any] = {**values, **sizes, _DEPTH_UNITS: float(f"{depth_units_per_metre:.6g}")}
     if any(distortion):
         document[_DISTORTION] = [float(f"{value:.6g}") for value in distortion]
+    if depth_camera is not None:
+        document |= depth_camera.document()
     try:
         path.write_text(json.dumps(document) + "\n", encoding="utf-8")
     except OSError as error:
@@ -153,9 +177,9 @@ def write_camera(
 def _read_json(path: Path) -> tuple[Calibration, float | None]:
     """Read a camera.json: fx, fy, cx, cy, width, height and, where needed, depth_units_per_metre and distortion."""
     camera = read_json(path, CameraDocument)
-    size = (camera.width, camera.height)
-    distortion = tuple(camera.distortion)
-    found = Calibration(camera.fx, camera.fy, camera.cx, camera.cy, size, path.name, distortion)
+    size, distortion = (camera.width, camera.height), tuple(camera.distortion)
+    depth = depth_camera_of(camera)
+    found = Calibration(camera.fx, camera.fy, camera.cx, camera.cy, size, path.name, distortion, depth)
     return found, camera.depth_units_per_metre
 
 

@@ -128,4 +128,4 @@ def _pose(poses: dict[Decimal, PoseLine], number: Decimal, frames: int) -> Float
     return pose_from_quaternion((qw, qx, qy, qz), (tx, ty, tz), f"poses.txt line {line_number}")
 
 
-READERS.register("plain")(Reader("camera.json, color/, depth/", recognises, read))
+READERS.register("plain")(Reader("camera.json, color/, depth/", recognises, read, gives_way=True))

@@ -74,6 +74,20 @@ def pose_from_quaternion(quat_wxyz: Sequence[float], translation: Sequence[float
     return se3.compose(quat_wxyz, translation)
 
 
+def pose_from_matrix(values: npt.ArrayLike, where: str) -> Float64Array:
+    """Return T_world_camera (4, 4) of a matrix (4, 4) as read, its rotation freed of rounding.
+
+    Raises
+    ------
+    FrameError
+        If a number is NaN or infinite, or the matrix is not rigid.
+    """
+    try:
+        return se3.rigid(values)
+    except ValueError as error:
+        raise FrameError(f"{where}: {error}") from None
+
+
 class Trajectory:
     """Poses at times, from a file of lines ``timestamp tx ty tz qx qy qz qw`` (the TUM form).
 

@@ -152,6 +152,7 @@ def reopen(results: FinishedResults, moved: Path | None) -> Recording:
         report.format,
         results.found.intrinsics,
         report.distortion,
+        report.depth_camera,
         results.last_frame,
         report.depth_units_per_metre,
     )

@@ -1,0 +1,43 @@
+"""JSON documents that lie beside recordings."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from cuboid.errors import InputError
+
+# The largest document that is read: a pose for every frame of an hour.
+MOST_BYTES = 256 << 20
+
+
+def read_object(path: Path) -> dict[str, Any]:
+    """Return the object that a JSON file holds.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is too large, is not JSON, or holds something else.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(MOST_BYTES + 1)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from None
+    if len(data) > MOST_BYTES:
+        raise InputError(f"{path} is larger than {MOST_BYTES >> 20} MB, too large for what it should hold")
+    return parse_object(data, str(path))
+
+
+def parse_object(data: bytes, where: str) -> dict[str, Any]:
+    """Return the object that JSON text holds; raises InputError where it holds none."""
+    try:
+        document: Any = json.loads(data)
+    except json.JSONDecodeError as error:
+        raise InputError(f"{where} line {error.lineno}: not valid JSON ({error.msg})") from None
+    except (UnicodeDecodeError, RecursionError):
+        raise InputError(f"{where} is not a JSON text") from None
+    if not isinstance(document, dict):
+        raise InputError(f"{where}: expected a JSON object")
+    return document
