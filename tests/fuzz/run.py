@@ -15,8 +15,11 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
+from containers import CONTAINERS  # noqa: E402
 from engine import fuzz, keep_faults, quiet_libraries  # noqa: E402
-from targets import TARGETS  # noqa: E402
+from targets import TARGETS as OWN  # noqa: E402
+
+TARGETS = {**OWN, **CONTAINERS}
 
 
 def main() -> int:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cuboid.errors import InputError
+from cuboid.formats.reading import read_bytes
 
 # The largest document that is read: a pose for every frame of an hour.
 MOST_BYTES = 256 << 20
@@ -20,14 +21,7 @@ def read_object(path: Path) -> dict[str, Any]:
     InputError
         If it cannot be read, is too large, is not JSON, or holds something else.
     """
-    try:
-        with path.open("rb") as file:
-            data = file.read(MOST_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from None
-    if len(data) > MOST_BYTES:
-        raise InputError(f"{path} is larger than {MOST_BYTES >> 20} MB, too large for what it should hold")
-    return parse_object(data, str(path))
+    return parse_object(read_bytes(path, MOST_BYTES), str(path))
 
 
 def parse_object(data: bytes, where: str) -> dict[str, Any]:
@@ -36,7 +30,7 @@ def parse_object(data: bytes, where: str) -> dict[str, Any]:
         document: Any = json.loads(data)
     except json.JSONDecodeError as error:
         raise InputError(f"{where} line {error.lineno}: not valid JSON ({error.msg})") from None
-    except (UnicodeDecodeError, RecursionError):
+    except (ValueError, RecursionError):  # no UTF-8, a number of thousands of digits, too deep
         raise InputError(f"{where} is not a JSON text") from None
     if not isinstance(document, dict):
         raise InputError(f"{where}: expected a JSON object")

@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.errors import FrameError
+from cuboid.formats.reading import UnreadableError, read_bytes
 from cuboid.frame import UInt8Array
 from cuboid.readers.depth_camera import DepthCamera
-from cuboid.readers.images import decode_bytes, decode_depth
+from cuboid.readers.images import MOST_IMAGE_BYTES, decode_bytes, decode_depth
 from cuboid.readers.reader import Calibration
 
 # Depth has 192x256 pixels: color is shrunk by a whole number to about this width or height, whichever is longer. Finer
@@ -67,9 +68,9 @@ def confident_depth(file: Path, confidence: Path, least: int) -> npt.NDArray[np.
         return raw
     name = f"image confidence/{confidence.name}"
     try:
-        sure = decode_bytes(confidence.read_bytes(), name, cv2.IMREAD_UNCHANGED)
-    except OSError as error:
-        raise FrameError(f"{name} cannot be read: {error.strerror}") from None
+        sure = decode_bytes(read_bytes(confidence, MOST_IMAGE_BYTES), name, cv2.IMREAD_UNCHANGED)
+    except UnreadableError as error:
+        raise FrameError(f"{name} {error.reason}") from None
     if sure.shape != raw.shape:
         raise FrameError(f"{name} is {sure.shape[1::-1]}, depth {raw.shape[::-1]}")
     return np.where(sure >= least, raw, 0).astype(np.uint16)
