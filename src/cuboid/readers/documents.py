@@ -27,7 +27,7 @@ def read_object(path: Path) -> dict[str, Any]:
 def parse_object(data: bytes, where: str) -> dict[str, Any]:
     """Return the object that JSON text holds; raises InputError where it holds none."""
     try:
-        document: Any = json.loads(data)
+        document: Any = json.loads(data, parse_int=_whole)
     except json.JSONDecodeError as error:
         raise InputError(f"{where} line {error.lineno}: not valid JSON ({error.msg})") from None
     except (ValueError, RecursionError):  # no UTF-8, a number of thousands of digits, too deep
@@ -35,3 +35,8 @@ def parse_object(data: bytes, where: str) -> dict[str, Any]:
     if not isinstance(document, dict):
         raise InputError(f"{where}: expected a JSON object")
     return document
+
+
+def _whole(digits: str) -> int | float:
+    """Return a whole number; one that no 64 bits hold as a fraction, or infinity, which those who check refuse."""
+    return int(digits) if len(digits) < 19 else float(digits)
