@@ -68,6 +68,8 @@ def load_mesh(path: Path) -> Model:
     faces = np.asarray(getattr(loaded, "faces", np.empty((0, 3))), np.int32)
     if len(faces) == 0:
         raise InputError(f"{path}: no triangles in it")
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise InputError(f"{path}: expected vertices of three numbers, got {vertices.shape}")
     if len(faces) > MOST_FACES:
         raise InputError(f"{path}: {len(faces)} triangles, expected at most {MOST_FACES}")
     if not (np.abs(vertices) <= LARGEST).all():
