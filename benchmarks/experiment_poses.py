@@ -68,10 +68,7 @@ def merging(allowed: bool) -> Iterator[None]:
     if allowed:
         yield
         return
-    with (
-        patch.object(ObjectMap, "_pair_to_merge", lambda *_: None),
-        patch("cuboid.objects.object_map.is_part", lambda *_: False),
-    ):
+    with patch.object(ObjectMap, "_merge", lambda *_: None):
         yield
 
 

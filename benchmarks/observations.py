@@ -19,7 +19,7 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
 from cuboid.results import FrameResult
 from cuboid.run import track_recording
-from cuboid.surfaces.clusters import FrameCluster, frame_clusters
+from cuboid.surfaces.clusters import FrameCluster, FrameClusters, frame_clusters
 from cuboid.tracker import Tracker
 from scenes import Case
 
@@ -80,9 +80,10 @@ class _Listening(Tracker):
         """Take in a frame; keep its clusters with the boxes and labels that it was given."""
         clusters: list[FrameCluster] = []
 
-        def listen(*arguments: Any) -> list[FrameCluster]:
-            clusters.extend(frame_clusters(*arguments))
-            return clusters
+        def listen(*arguments: Any) -> FrameClusters:
+            things = frame_clusters(*arguments)
+            clusters.extend(things.clusters)
+            return things
 
         with patch("cuboid.tracker.frame_clusters", listen):
             result = super().update(frame, anchor)
@@ -92,7 +93,7 @@ class _Listening(Tracker):
                     cluster.points,
                     cluster.pixels,
                     proposal.box,
-                    None if cluster.plane is None else self._planes.in_world(cluster.plane),
+                    self._plane_of(cluster),
                     proposal.label,
                 )
                 for cluster, proposal in zip(clusters, result.proposals, strict=True)
@@ -100,6 +101,12 @@ class _Listening(Tracker):
             step = max(1, self.intrinsics.width // self.config.working_width_px)
             self.seen.append(Observed(frame.index, result.T_world_camera[:3, 3], self.intrinsics.width // step, parts))
         return result
+
+    def _plane_of(self, cluster: FrameCluster) -> tuple[Float64Array, float] | None:
+        """Return the plane that most of a cluster is above."""
+        identity = max(cluster.supports, key=lambda k: (cluster.supports[k], -k), default=-1)
+        plane = self._planes.find(identity)
+        return None if plane is None else self._planes.in_world(plane)
 
 
 def observe(case: Case, every: int = 1, limit: int | None = None) -> list[Observed]:

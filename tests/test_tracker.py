@@ -303,22 +303,7 @@ def test_what_proves_to_hold_up_a_plane_is_furniture_and_what_stands_on_it_an_ob
     assert not set(first) & {o.label for o in tracker.objects}
 
 
-def test_wide_looks_at_what_was_seen_alone_find_what_looks_at_all_of_the_map_find(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def run() -> list[tuple[int, int, float, tuple[float, ...]]]:
-        tracker = Tracker(CAMERA)
-        follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, k) for k, T in enumerate(orbit(70, -0.8, 0.8))))
-        return [(o.label, o.points, o.score, tuple(o.box.corners().ravel())) for o in tracker.objects]
-
-    whole = run()
-    monkeypatch.setattr("cuboid.objects.object_map.WHOLE_ROWS", 0)
-    assert run() == whole
-    assert len(whole) == 2
-
-
-def test_what_was_taken_away_is_retired_by_wide_looks_at_what_was_seen_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cuboid.objects.object_map.WHOLE_ROWS", 0)
+def test_what_was_taken_away_is_retired_and_what_was_not_stays() -> None:
     tracker = Tracker(CAMERA)
     poses = orbit(30)
     follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, k) for k, T in enumerate(poses)))

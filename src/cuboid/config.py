@@ -40,10 +40,6 @@ class TrackerConfig:
         A horizontal surface smaller than this is an object's lid, not a supporting plane, square metres.
     hot : float
         Points at least this hot belong to objects, 0..1.
-    confirm_frames : int
-        An object gets its label after so many frames have proposed it.
-    map_every : int
-        The map's clusters are found anew every so many frames.
     """
 
     voxel_m: float = _field(0.01, 0.003, 0.1, "m")
@@ -55,8 +51,6 @@ class TrackerConfig:
     max_size_m: float = _field(1.0, 0.05, 5.0, "m")
     min_plane_area_m2: float = _field(0.08, 0.005, 10.0, "m2")
     hot: float = _field(0.3, 0.01, 0.99, "")
-    confirm_frames: int = _field(5, 1, 1000, "frames")
-    map_every: int = _field(4, 1, 100, "frames")
 
     def __post_init__(self) -> None:
         for item in dataclasses.fields(self):

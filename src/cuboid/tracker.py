@@ -19,8 +19,8 @@ from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.claims import BOTTOM, LEFT, RIGHT, TOP
 from cuboid.kernels.pixels import stand_on
-from cuboid.objects.entry import MapObject
 from cuboid.objects.association import Association
+from cuboid.objects.entry import MapObject
 from cuboid.objects.object_map import ObjectMap
 from cuboid.objects.prior import prior_of
 from cuboid.objects.visibility import look
@@ -123,7 +123,9 @@ class Tracker:
         watch.lap("fuse")
         objects = self._map.in_view(image, T_camera_world)
         prior = prior_of(objects, image, candidate, self._voxels.owner_of(slots), weighed)
-        things = frame_clusters(image, heat, candidate, weighed, prior, heights, support, self._sides(T_world_camera), T_world_camera, c)
+        things = frame_clusters(
+            image, heat, candidate, weighed, prior, heights, support, self._sides(T_world_camera), T_world_camera, c
+        )
         boxes = [self._box(cluster) for cluster in things.clusters]
         watch.lap("boxes")
         found = self._map.update(
@@ -205,7 +207,7 @@ class Tracker:
     def _candidates(self, image: WorkingImage, heights: Float32Array) -> UInt8Array:
         """Return which readings may belong to an object: all within range but those on a supporting plane."""
         within = (image.depth_m > 0) & (image.depth_m <= self.config.max_depth_m)
-        return (within & (heights != 0)).astype(np.uint8)
+        return np.asarray(within & (heights != 0), dtype=np.uint8)
 
     def _sides(self, T_world_camera: Float64Array) -> npt.NDArray[np.int64]:
         """Return which side of a thing lies below, above, right and left of it in the image: up may point anywhere."""
@@ -243,7 +245,7 @@ class Tracker:
         objects = [o for o in self._map.in_view(image, T_camera_world) if len(o.points)]
         pixel_owner = self._voxels.owner_of(slots)
         views = look(objects, image, pixel_owner, T_camera_world, self.config.depth_noise_per_m)
-        iou = {found.objects[j].number: float(found.iou[i, j]) for i, j in enumerate(found.match) if j >= 0}
+        iou = {found.objects[j].whole.number: float(found.iou[i, j]) for i, j in enumerate(found.match) if j >= 0}
         sightings = []
         for entry, view in zip(objects, views, strict=True):
             if not view.seen:
@@ -256,12 +258,11 @@ class Tracker:
                 sightings.append(Sighting(entry.label, entry.box, own, view.visible, view.rect_xyxy))
         return tuple(sorted(sightings, key=lambda s: s.label))
 
-    def _own_boxes(
-        self, things: FrameClusters, boxes: Sequence[Box], found: Association
-    ) -> tuple[Proposal3D, ...]:
+    def _own_boxes(self, things: FrameClusters, boxes: Sequence[Box], found: Association) -> tuple[Proposal3D, ...]:
         """Return the frame's own boxes with the labels of the objects that they are."""
         place = np.where(found.match >= 0, found.match, found.part)
-        labels = [found.objects[j].label if j >= 0 else 0 for j in place]
+        now = [found.objects[j].whole if j >= 0 else None for j in place]
+        labels = [o.label if o is not None and o.confirmed else 0 for o in now]
         return tuple(
             Proposal3D(label, box, cluster.heat, cluster.rect_xyxy)
             for label, box, cluster in zip(labels, boxes, things.clusters, strict=True)
@@ -275,6 +276,7 @@ class Tracker:
         return [self._tracked(entry, place) for entry in self._map.store.confirmed()]
 
     def _tracked(self, entry: MapObject, place: Mapping[int, int]) -> TrackedObject:
+        plane = None if entry.plane is None else self._planes.find(entry.plane)
         return TrackedObject(
             label=entry.label,
             box=entry.box,
@@ -285,7 +287,7 @@ class Tracker:
             frames_seen=entry.frames_seen,
             points=len(entry.points),
             mean_color=entry.mean_color,
-            plane=None if entry.plane is None else place.get(entry.plane),
+            plane=None if plane is None else place[plane.identity],
             merged_labels=tuple(entry.merged_labels),
         )
 

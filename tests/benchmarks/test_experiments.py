@@ -11,7 +11,6 @@ from ab3dmot import track
 from cuboid import open_recording
 from cuboid.frame import Frame, Intrinsics
 from cuboid.geometry.box import Box
-from cuboid.objects import object_map
 from cuboid.objects.object_map import ObjectMap
 from cuboid.proposals import Proposals, make_source
 from cuboid.synthetic import make_scene, render_recording
@@ -72,11 +71,10 @@ def test_pose_noise_grows_with_its_level(recording: Path) -> None:
 
 
 def test_merging_can_be_switched_off_for_a_while() -> None:
-    before = ObjectMap._pair_to_merge, object_map.is_part
+    before = ObjectMap._merge
     with merging(allowed=False):
-        assert ObjectMap._pair_to_merge(None, [1, 2], None) is None  # type: ignore[arg-type]
-        assert not object_map.is_part(None, None, None, None)  # type: ignore[arg-type]
-    assert (ObjectMap._pair_to_merge, object_map.is_part) == before
+        assert ObjectMap._merge(None, [1, 2]) is None  # type: ignore[arg-type,func-returns-value]
+    assert ObjectMap._merge is before
 
 
 @pytest.mark.parametrize("write", [write_mcg, write_cpmc])

@@ -4,7 +4,7 @@ import numpy as np
 
 from cuboid.geometry import se3
 from cuboid.heatmap.carrying import average, keys_of, moved_with, oldest
-from cuboid.heatmap.voxel_map import REFUSED, VoxelMap
+from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.working import WorkingImage
 from made_scenes import CAMERA, cast, look_at, upright
 
@@ -34,8 +34,8 @@ def test_points_move_with_their_own_keyframe() -> None:
 
 
 def test_the_oldest_object_keeps_what_meets() -> None:
-    owner = np.array([0, 7, 3, REFUSED, 0, REFUSED, REFUSED], np.int32)
-    np.testing.assert_array_equal(oldest(owner, np.array([0, 3, 5])), [3, 0, REFUSED])
+    owner = np.array([0, 7, 3, 4, 0, 0, 0], np.int32)
+    np.testing.assert_array_equal(oldest(owner, np.array([0, 3, 5])), [3, 4, 0])
 
 
 def test_what_meets_is_averaged_by_weight() -> None:
@@ -88,7 +88,7 @@ def test_each_object_has_its_own_living_rows() -> None:
     voxels = fused([0.0])
     assert voxels.owned() == {}
     voxels.owner[: voxels.count] = np.arange(voxels.count) % 3
-    voxels.owner[:7] = -1
+    voxels.owner[:7] = 0
     dead = np.arange(0, voxels.count, 5)
     voxels.values[dead, 7] = 0.0
     owned = voxels.owned()

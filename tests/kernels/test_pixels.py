@@ -28,14 +28,14 @@ def test_an_edge_and_a_slope_stay() -> None:
     np.testing.assert_array_equal(out, depth)
 
 
-def regions_by_scipy(depth: np.ndarray, wanted: np.ndarray, claim: np.ndarray, noise: float, jump: float) -> np.ndarray:
+def regions_by_scipy(depth: np.ndarray, share: np.ndarray, noise: float, jump: float) -> np.ndarray:
     h, w = depth.shape
     pairs = []
     for v in range(h):
         for u in range(w):
             for dv, du in ((-1, -1), (-1, 0), (-1, 1), (0, -1)):
                 y, x = v + dv, u + du
-                if y >= 0 and 0 <= x < w and wanted[v, u] and wanted[y, x] and claim[v, u] == claim[y, x]:
+                if y >= 0 and 0 <= x < w and share[v, u] >= 0 and share[v, u] == share[y, x]:
                     z = float(depth[v, u])
                     if abs(float(depth[y, x]) - z) < jump + 4 * noise * z * z:
                         pairs.append((v * w + u, y * w + x))
@@ -47,12 +47,12 @@ def regions_by_scipy(depth: np.ndarray, wanted: np.ndarray, claim: np.ndarray, n
 def test_regions_are_those_of_a_graph_search() -> None:
     rng = np.random.default_rng(2)
     depth = rng.choice([1.0, 1.005, 1.1, 2.0], (30, 40)).astype(np.float32)
-    wanted = (rng.random(depth.shape) < 0.7).astype(np.uint8)
+    share = np.repeat(np.arange(2, dtype=np.int32), 20)[None].repeat(30, 0)  # two of them, side by side
+    share[rng.random(depth.shape) > 0.7] = -1
     labels, parent = np.empty(depth.shape, np.int32), np.empty(depth.size, np.int32)
-    claim = np.repeat(np.arange(2, dtype=np.int32), 20)[None].repeat(30, 0)  # two masks, side by side
-    number = label_regions(depth, wanted, claim, 1.4e-3, 0.01, parent, labels)
-    truth = regions_by_scipy(depth, wanted, claim, 1.4e-3, 0.01)
-    inside = wanted > 0
+    number = label_regions(depth, share, 1.4e-3, 0.01, parent, labels)
+    truth = regions_by_scipy(depth, share, 1.4e-3, 0.01)
+    inside = share >= 0
     assert (labels[~inside] == 0).all()
     assert number == len(np.unique(truth[inside]))
     assert len(set(zip(labels[inside].tolist(), truth[inside].tolist(), strict=True))) == number
@@ -67,13 +67,13 @@ def test_regions_are_gathered_as_array_operations_do_it() -> None:
     labels[5, 7:10] = 3  # too small
     labels[20:, 20:] = 6
     depth = rng.uniform(0.5, 2.0, labels.shape).astype(np.float32)
-    support = rng.choice([-1, 0, 3, 129, 40000], labels.shape).astype(np.int32)
-    support[labels == 6] = -1
     first, pixels, points = np.empty(7, np.int64), np.empty(labels.size, np.int64), np.empty((labels.size, 3))
-    corners, beneath = np.empty((6, 4), np.int64), np.empty(6, np.int64)
-    kept = gather_regions(labels, 6, 4, depth, CAMERA, support, first, pixels, points, corners, beneath)
+    corners, place = np.empty((6, 4), np.int64), np.empty(7, np.int64)
+    kept = gather_regions(labels, 6, 4, depth, CAMERA, first, pixels, points, corners, place)
     numbers = [1, 2, 4, 5, 6]
     assert kept == len(numbers)
+    assert place.tolist() == [-1, 0, 1, -1, 2, 3, 4]
+    assert first[kept] == (labels > 0).sum() - 3
     for k, number in enumerate(numbers):
         own = slice(first[k], first[k + 1])
         v, u = np.nonzero(labels == number)
@@ -82,8 +82,6 @@ def test_regions_are_gathered_as_array_operations_do_it() -> None:
         seen = np.column_stack([(u - CAMERA[2]) / CAMERA[0] * z, (v - CAMERA[3]) / CAMERA[1] * z, z])
         np.testing.assert_allclose(points[own], seen, atol=1e-12)
         assert corners[k].tolist() == [u.min(), v.min(), u.max(), v.max()]
-        planes = support[v, u][support[v, u] >= 0]
-        assert beneath[k] == (np.bincount(planes).argmax() if len(planes) else -1)
 
 
 def test_height_is_taken_above_the_highest_plane_beneath() -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from cuboid.config import TrackerConfig
 from cuboid.frame import Intrinsics
-from cuboid.heatmap.pixel_heat import pixel_heat
+from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.proposals.types import Proposals
 from cuboid.working import WorkingImage
 
@@ -25,8 +25,15 @@ def boxes(*rows: tuple[int, int, int, int]) -> np.ndarray:
     return np.array(rows, np.int32)
 
 
+def filled(boxes_xyxy: np.ndarray, scores: list[float]) -> Proposals:
+    """Proposals whose masks are their whole boxes."""
+    masks = tuple(np.ones((y1 - y0, x1 - x0), np.uint8) for x0, y0, x1, y1 in boxes_xyxy)
+    return Proposals(boxes_xyxy, np.array(scores, np.float32), masks)
+
+
 def heat_of(img: WorkingImage, candidate: np.ndarray, proposals: Proposals, focal: float = 100.0) -> np.ndarray:
-    return pixel_heat(img, candidate.astype(np.uint8), proposals, focal, TrackerConfig())[0]
+    readings = candidate.astype(np.uint8)
+    return pixel_heat(img, readings, weigh(img, readings, proposals, focal, TrackerConfig()))
 
 
 def test_one_sure_proposal_heats_its_candidates_and_nothing_else() -> None:
@@ -41,7 +48,7 @@ def test_one_sure_proposal_heats_its_candidates_and_nothing_else() -> None:
 def test_agreeing_proposals_are_hotter_than_one() -> None:
     img = image(np.ones((40, 60)))
     candidate = np.ones((40, 60), bool)
-    heat = heat_of(img, candidate, Proposals(boxes((5, 5, 25, 25), (15, 5, 35, 25)), np.array([0.5, 0.5], np.float32)))
+    heat = heat_of(img, candidate, filled(boxes((5, 5, 25, 25), (15, 5, 35, 25)), [0.5, 0.5]))
     np.testing.assert_allclose(heat[10, 20], 1 - np.exp(-2), rtol=1e-5)
     np.testing.assert_allclose([heat[10, 10], heat[10, 30]], 1 - np.exp(-1), rtol=1e-5)
 
@@ -82,9 +89,20 @@ def test_a_proposal_that_is_mostly_table_weighs_less() -> None:
     img = image(np.ones((40, 60)))
     candidate = np.zeros((40, 60), bool)
     candidate[10:20, 10:20] = candidate[10:20, 40:50] = True
-    proposals = Proposals(boxes((10, 10, 20, 20), (35, 0, 60, 40)), np.ones(2, np.float32))
+    proposals = filled(boxes((10, 10, 20, 20), (35, 0, 60, 40)), [1.0, 1.0])
     heat = heat_of(img, candidate, proposals)
     assert heat[15, 45] < 0.3 * heat[15, 15]
+
+
+def test_a_box_without_a_mask_means_the_surfaces_that_lie_in_it() -> None:
+    depth = np.full((40, 60), 1.0)
+    depth[:, 20:40] = 1.2  # three surfaces side by side
+    for step, phase in ((1, (0, 0)), (2, (1, 1))):
+        img = image(depth[phase[1] :: step, phase[0] :: step], step, phase)
+        # All of the middle one, a quarter of the left one, a strip of the right one.
+        proposals = Proposals(boxes((15, 0, 42, 40)), np.ones(1, np.float32))
+        heat = heat_of(img, np.ones(img.depth_m.shape, bool), proposals)
+        np.testing.assert_array_equal(heat > 0, img.depth_m == np.float32(1.2))
 
 
 def test_no_proposals_no_heat() -> None:

@@ -6,10 +6,9 @@ from collections import defaultdict
 
 import numpy as np
 import pytest
-from scipy.ndimage import generate_binary_structure, label
 
 from cuboid.frame import Intrinsics
-from cuboid.heatmap.voxel_map import REFUSED, VoxelMap
+from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.working import WorkingImage
 
 CAMERA = Intrinsics(60.0, 60.0, 31.5, 23.5, 64, 48)
@@ -148,75 +147,3 @@ def test_points_survive_the_growth_of_the_map() -> None:
     assert len(voxels.keys) > 1 << 17
     assert voxels.count == pytest.approx(len(seen), rel=1e-3)
     assert len(np.unique(voxels.keys[: voxels.count])) == voxels.count
-
-
-def test_components_are_those_of_scipy() -> None:
-    rng = np.random.default_rng(3)
-    grid = rng.random((14, 12, 10)) < 0.12
-    voxels, rows = map_of_grid(grid)
-    component, number, edges = voxels.connect(rows)
-    # Points in the middle of their voxels are within 1.6 voxels across faces and edges, not across corners.
-    expected, n = label(grid, generate_binary_structure(3, 2))
-    cells = np.floor(voxels.xyz(rows) / VOXEL).astype(int)
-    theirs = expected[tuple(cells.T)]
-    assert number == n
-    assert len({(a, b) for a, b in zip(component.tolist(), theirs.tolist(), strict=True)}) == n
-    assert (np.diff([np.flatnonzero(component == k)[0] for k in range(number)]) > 0).all()
-    steps = np.abs(cells[edges[:, 0]] - cells[edges[:, 1]])
-    assert (component[edges[:, 0]] == component[edges[:, 1]]).all()
-    pairs = np.abs(cells[:, None] - cells[None])
-    assert len(edges) == np.count_nonzero((pairs.max(-1) == 1) & (pairs.sum(-1) <= 2)) // 2
-    assert (steps.max(1) == 1).all()
-
-
-def map_of_grid(grid: np.ndarray) -> tuple[VoxelMap, np.ndarray]:
-    """A map with one point in the middle of each set cell."""
-    voxels = VoxelMap(VOXEL, 1e-3, 100.0)
-    cells = np.argwhere(grid)
-    centres = (cells + 0.5) * VOXEL
-    camera = Intrinsics(1.0, 1.0, 0.0, 0.0, 1, 1)
-    color = np.zeros((1, 1, 3), np.uint8)
-    depth = np.ones((1, 1), np.float32)
-    for k, p in enumerate(centres):
-        T = np.eye(4)
-        T[:3, 3] = p - np.array([0, 0, 1.0])
-        voxels.fuse(WorkingImage(depth, color, camera, 1, (0, 0)), np.ones((1, 1), np.float32), T, k)
-    return voxels, voxels.living()
-
-
-def test_only_what_was_seen_of_late_and_its_object_is_looked_at() -> None:
-    voxels, rows = map_of_grid(np.ones((5, 1, 1), bool))
-    voxels.hits[rows] = 3
-    for row, number in zip(rows, [1, 1, 2, 0, REFUSED], strict=True):
-        voxels.give(rows[rows == row], number)
-    found, touched = voxels.solid_hot_rows(0.3, 0, np.zeros(3, np.uint8))
-    assert found.tolist() == rows[:4].tolist()
-    assert touched.tolist() == [0, 1, 1]
-    found, touched = voxels.solid_hot_rows(
-        0.3, 1, np.zeros(3, np.uint8)
-    )  # frame 0 saw one of the two points of object 1
-    assert found.tolist() == rows[:4].tolist()
-    found, touched = voxels.solid_hot_rows(0.3, 2, np.zeros(3, np.uint8))
-    assert found.tolist() == rows[2:4].tolist()
-    assert touched.tolist() == [0, 0, 1]
-    found, touched = voxels.solid_hot_rows(0.3, 1, np.array([0, 1, 0], np.uint8))  # object 1 is left out
-    assert found.tolist() == rows[2:4].tolist()
-    assert touched.tolist() == [0, 0, 1]
-    voxels.passes[rows[2]] = 9
-    found, _ = voxels.solid_hot_rows(0.3, 2, np.zeros(3, np.uint8))
-    assert found.tolist() == rows[3:4].tolist()
-    voxels.forgive(5)  # the refused point was seen last in frame 4
-    assert voxels.owner[rows[4]] == REFUSED
-    voxels.forgive(4)
-    found, _ = voxels.solid_hot_rows(0.3, 2, np.zeros(3, np.uint8))
-    assert found.tolist() == rows[3:].tolist()
-
-
-def test_rows_beside_what_was_left_out_are_counted() -> None:
-    voxels, rows = map_of_grid(np.ones((6, 1, 1), bool))
-    voxels.owner[rows] = [REFUSED, 0, 0, 0, 7, 7]
-    asleep = np.zeros(8, np.uint8)
-    assert voxels.count_beside(rows[1:4], asleep) == 1
-    asleep[7] = 1
-    assert voxels.count_beside(rows[1:4], asleep) == 2
-    assert voxels.count_beside(rows[2:3], asleep) == 0

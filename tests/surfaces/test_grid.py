@@ -35,8 +35,6 @@ def test_a_plane_covers_what_was_seen_a_rim_and_its_holes() -> None:
     assert not plan.covers(beyond)[0]
     assert plan.near(beyond)[0]
     assert not plan.near(far)[0]
-    assert not plan.on_border(inside)[0]
-    assert plan.on_border(rim)[0]
 
 
 def test_a_window_holds_all_that_is_nearby_wherever_the_plane_grows_to() -> None:

@@ -86,12 +86,6 @@ def test_a_frame_has_to_do_with_the_planes_in_view_alone() -> None:
     assert [plane.index for plane in view.planes] == view.numbers.tolist()
     assert min(view.numbers) >= 40
     assert view.ground.shape[1] * view.ground.shape[2] < 200 * 200
-    above = np.array([[0.0, 0.0, 0.1], [44.3, 0.3, 0.2], [30.0, 0.0, 0.2]])
-    beneath = tracker._planes.beneath(above, 0.006)
-    assert beneath[0] >= 40
-    assert tracker._planes.planes[beneath[1]].mean[2] == pytest.approx(0.0)
-    assert 0 <= beneath[1] < 40
-    assert beneath[2] == -1
 
 
 def test_two_planes_that_prove_to_be_one_are_merged_and_others_keep_their_places() -> None:
@@ -131,3 +125,48 @@ def test_what_was_seen_once_and_is_too_small_is_forgotten_and_a_table_is_not() -
             assert len(planes.planes) == 3
     assert len(planes.planes) == 2
     assert all(plane.in_use for plane in planes.planes)
+
+
+def test_identities_are_never_given_twice_and_lead_to_the_plane_that_took_one_in() -> None:
+    planes = PlaneTracker(TrackerConfig())
+    for frame, (x, y) in enumerate([(0.0, 0.0), (20.0, 0.0), (2.2, 0.0)]):
+        planes.vote(level_cells(x, y), LEVEL)
+        planes.update(frame, level_cells(x, y))
+    first, far, gone = planes.planes
+    assert len({p.identity for p in planes.planes}) == 3
+    np.testing.assert_array_equal(
+        planes.identities(np.array([[1, -1], [0, 2]], np.int32)),
+        [[far.identity, -1], [first.identity, gone.identity]],
+    )
+    view = planes.in_view(CAMERA, 3.0, look_at((1.7, -1.0, 1.2), (1.7, 0.6, 0.0)))
+    cells = cells_of(planes.to_plan(level_cells(1.1, 0.0).center)) - view.window[:2]
+    view.seen[0, cells[:, 0], cells[:, 1]] = CELL_READINGS
+    planes.take_in(view)
+    for frame in range(3, 20):
+        planes.update(frame, level_cells(20.0, 0.0))
+    assert planes.find(gone.identity) is first
+    assert planes.find(first.identity) is first
+    assert planes.planes[1] is far, "its place has changed"
+    assert planes.find(far.identity) is far
+    assert planes.find(-1) is None
+    for frame in range(20, 24):
+        planes.update(frame, level_cells(60.0, 0.0))
+    assert planes.planes[-1].identity not in {first.identity, far.identity, gone.identity}
+
+
+def test_no_plane_outlives_a_change_of_up() -> None:
+    planes = PlaneTracker(TrackerConfig())
+    cells = level_cells(0.0, 0.0)
+    assert planes.vote(cells, LEVEL * np.array([-1, -1, 1, 1])), "seen by a camera held upside down: hardly sure"
+    planes.update(0, cells)
+    old = planes.planes[0].identity
+    assert planes.find(old) is not None
+    turned = Cells(
+        cells.places, np.tile([0.0, -1.0, 0.0], (len(cells.normal), 1)), cells.center[:, [0, 2, 1]], cells.area_m2,
+        cells.sigma_m, cells.image_shape,
+    )  # fmt: skip
+    assert any(planes.vote(turned, np.eye(4)) for _ in range(30)), "a camera held upright sees that up is along -y"
+    assert planes.planes == []
+    assert planes.find(old) is None
+    planes.update(1, turned)
+    assert planes.planes[0].identity != old

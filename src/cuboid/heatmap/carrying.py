@@ -12,8 +12,8 @@ from cuboid.kernels import voxels as kernel
 
 Int32Array = npt.NDArray[np.int32]
 
-# Owner numbers in order of age: objects by number, then what is no one's (0), then what is refused (-1).
-_NO_ONE = np.iinfo(np.int32).max - 1
+# Stands for no one (0) where the oldest object is looked for.
+_NO_ONE = np.iinfo(np.int32).max
 
 
 def moved_with(points: Float32Array, anchor: Int32Array, moved: Mapping[int, Float64Array]) -> Float64Array:
@@ -60,7 +60,6 @@ def average(values: Float32Array, points: Float64Array, first: npt.NDArray[np.in
 
 
 def oldest(owner: Int32Array, first: npt.NDArray[np.int64]) -> Int32Array:
-    """Return the oldest owner (M,) of each run of owners (N,): an object before no one before refused."""
-    rank = np.where(owner > 0, owner, _NO_ONE - owner)
-    best = np.minimum.reduceat(rank, first)
-    return np.where(best >= _NO_ONE, _NO_ONE - best, best).astype(np.int32)
+    """Return the oldest object (M,) of each run of owners (N,), 0 where there is none."""
+    best = np.minimum.reduceat(np.where(owner > 0, owner, _NO_ONE), first)
+    return np.where(best == _NO_ONE, 0, best).astype(np.int32)

@@ -95,7 +95,8 @@ def _surfaces_in(
     image: WorkingImage, candidate: UInt8Array, proposals: Proposals, config: TrackerConfig
 ) -> tuple[UInt8Array, ...]:
     """Return a mask for each box: the connected surfaces most of which lie in it."""
-    labels, parent = np.empty(candidate.shape, np.int32), np.empty(candidate.size, np.int32)
+    labels: npt.NDArray[np.int32] = np.empty(candidate.shape, np.int32)
+    parent = np.empty(candidate.size, np.int32)
     label_regions(image.depth_m, candidate.astype(np.int32) - 1, config.depth_noise_per_m, JUMP_M, parent, labels)
     sizes = np.bincount(labels.ravel())
     masks = []

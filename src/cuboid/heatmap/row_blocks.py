@@ -1,4 +1,4 @@
-"""Runs of rows of the map: which were seen of late, which hold an object's points. All others need no look.
+"""Runs of rows of the map that hold an object's points. All others need no look.
 
 Rows are numbered as their points come into view, so that a few runs hold what is in one place.
 """
@@ -18,26 +18,10 @@ Blocks = npt.NDArray[np.int64]
 
 
 class RowBlocks:
-    """Keeps the last frame of each block, and the blocks of each object; asks for no row that is out of view.
+    """Keeps the blocks of each object."""
 
-    Parameters
-    ----------
-    capacity : int
-        Rows of the map.
-    """
-
-    def __init__(self, capacity: int) -> None:
-        # The last one stands for pixels without a row, -1.
-        self._seen: npt.NDArray[np.int32] = np.full((capacity >> BLOCK_BITS) + 1, -1, np.int32)
+    def __init__(self) -> None:
         self._of: dict[int, set[int]] = {}
-
-    def see(self, slots: npt.NDArray[np.int32], frame: int) -> None:
-        """Take in the rows of a frame's pixels, -1 none."""
-        self._seen[slots.ravel() >> BLOCK_BITS] = frame
-
-    def give(self, rows: npt.NDArray[np.int64], number: int) -> None:
-        """Let rows belong to an object."""
-        self._of.setdefault(number, set()).update(np.unique(rows >> BLOCK_BITS).tolist())
 
     def give_block(self, number: int, block: int) -> None:
         """Let an object have rows of a block."""
@@ -51,11 +35,7 @@ class RowBlocks:
         """Let an object have no rows."""
         self._of.pop(number, None)
 
-    def seen_since(self, frame: int) -> Blocks:
-        """Return the blocks with rows seen since a frame, ascending."""
-        return np.flatnonzero(self._seen[:-1] >= frame)
-
-    def of(self, numbers: list[int]) -> Blocks:
+    def of(self, numbers: Sequence[int]) -> Blocks:
         """Return the blocks with rows of any of some objects, ascending."""
         return np.array(sorted(set().union(*(self._of.get(number, set()) for number in numbers))), np.int64)
 
@@ -68,18 +48,15 @@ class RowBlocks:
         owner : (N,) int32
             Of the map's rows in use.
         """
-        rows = (self.of(list(numbers))[:, None] * BLOCK_ROWS + np.arange(BLOCK_ROWS)).ravel()
+        rows = (self.of(numbers)[:, None] * BLOCK_ROWS + np.arange(BLOCK_ROWS)).ravel()
         rows = rows[: np.searchsorted(rows, len(owner))]
         wanted = np.zeros(max(numbers, default=0) + 1, bool)
         wanted[list(numbers)] = True
         held = owner[rows]
         return np.asarray(rows[(held > 0) & (held < len(wanted)) & wanted[np.clip(held, 0, len(wanted) - 1)]], np.int64)
 
-    def rebuild(self, owner: npt.NDArray[np.int32], last_frame: npt.NDArray[np.int32]) -> None:
-        """Begin anew after the map's rows in use, with these owners and last frames (N,), were renumbered."""
-        used = -(-len(owner) // BLOCK_ROWS)
-        if used:
-            self._seen[:used] = np.maximum.reduceat(last_frame, np.arange(used) * BLOCK_ROWS)
+    def rebuild(self, owner: npt.NDArray[np.int32]) -> None:
+        """Begin anew after the map's rows in use, with these owners (N,), were renumbered."""
         rows = np.flatnonzero(owner > 0)
         numbers, blocks = owner[rows], rows >> BLOCK_BITS
         runs = np.flatnonzero((np.diff(numbers, prepend=-1) != 0) | (np.diff(blocks, prepend=-1) != 0))

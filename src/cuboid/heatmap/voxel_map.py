@@ -44,8 +44,8 @@ class VoxelMap:
     hits, passes : (capacity,) int32
         Frames that saw the point, and that saw through it.
     owner : (capacity,) int32
-        Number of the object that the point belongs to, 0 none, `REFUSED` where it belongs to something that is
-        no object. Written by `give`, `pass_on`, `release` and `forgive` alone.
+        Number of the object that the point belongs to, 0 none. Written by `vote`, `pass_on`, `release` and `carry`
+        alone.
     confidence : (capacity,) uint8
         Votes that the owner is ahead of all others.
     anchor : (capacity,) int32
@@ -72,10 +72,12 @@ class VoxelMap:
         self.anchor = np.zeros(capacity, np.int32)
         self._last_frame = np.full(capacity, -1, np.int32)
         self._table = np.zeros(2 * capacity, np.int32)
-        self._blocks = RowBlocks(capacity)
+        self._blocks = RowBlocks()
 
     def _columns(self) -> tuple[npt.NDArray[Any], ...]:
-        return (self.keys, self.values, self.hits, self.passes, self.owner, self.confidence, self.anchor, self._last_frame)
+        return (
+            self.keys, self.values, self.hits, self.passes, self.owner, self.confidence, self.anchor, self._last_frame,
+        )  # fmt: skip
 
     def _reserve(self, more: int) -> None:
         """Make room for more rows: pack the living ones, into larger arrays where these are full."""
@@ -96,7 +98,7 @@ class VoxelMap:
         """Enter so many rows, all living, in fresh tables."""
         self.count, self._dead, self._next_look = count, 0, 0
         kernel.fill_table(self.keys, count, self._table)
-        self._blocks.rebuild(self.owner[:count], self._last_frame[:count])
+        self._blocks.rebuild(self.owner[:count])
 
     def fuse(
         self, image: WorkingImage, heat: Float32Array, T_world_camera: Float64Array, frame: int, anchor: int = 0
@@ -119,12 +121,12 @@ class VoxelMap:
         """
         self._reserve(heat.size)
         slots = np.empty(heat.shape, np.int32)
-        self.count = kernel.fuse(
+        self.count, again = kernel.fuse(
             image.depth_m, image.color, heat, _pinhole(image), np.ascontiguousarray(T_world_camera), self.voxel_m,
             self._max_depth_m, frame, self.keys, self.values, self.hits, self._last_frame, self.count, self._table,
             slots,
         )  # fmt: skip
-        self._blocks.see(slots, frame)
+        self._dead -= again
         if anchor:
             self.anchor[slots[slots >= 0]] = anchor
         return slots
@@ -223,7 +225,7 @@ class VoxelMap:
         kernel_claims.vote(
             claim, number_of, place, allowed, candidate, slots, self.hits, MOST_VOTES, self.owner, self.confidence,
             self._voted,
-        )
+        )  # fmt: skip
         won = (claim >= 0) & (slots >= 0)
         rows, numbers = slots[won].astype(np.int64), number_of[claim[won]].astype(np.int64)
         # Blocks of an object's rows: a row that the vote did not give it does no harm there.
@@ -242,8 +244,9 @@ class VoxelMap:
         self._blocks.pass_on(gone, kept)
 
     def release(self, numbers: Sequence[int]) -> None:
-        """Let objects have no rows."""
-        self.owner[self._blocks.rows_of(numbers, self.owner[: self.count])] = 0
+        """Let objects have no rows: these are no one's, and no votes hold them."""
+        rows = self._blocks.rows_of(numbers, self.owner[: self.count])
+        self.owner[rows] = self.confidence[rows] = 0
         for number in numbers:
             self._blocks.release(number)
 

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from cuboid.kernels.voxels import find_root
+
+@njit(cache=True, nogil=True, inline="always")
+def find_root(parent, a):
+    """Return the root of a in a union-find forest, halving the path."""
+    while parent[a] != a:
+        parent[a] = parent[parent[a]]
+        a = parent[a]
+    return a
 
 
 @njit(cache=True, nogil=True)

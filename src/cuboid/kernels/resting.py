@@ -23,6 +23,8 @@ MISSING_M = 0.012
 # Length and width are alike within this, metres: of a round footprint the first direction counts, and not what the
 # last bit of a sum favours.
 ALIKE_M = 1e-9
+# No side is shorter, metres: points that lie exactly level, or in one place, still have a box.
+LEAST_M = 1e-3
 
 
 @njit(cache=True, nogil=True)
@@ -60,7 +62,8 @@ def fit(plan, heights, weights, axes, offset, share, directions, solvers, box):
     upright, bottom, top = np.zeros((n, 2)), np.empty(1), np.empty(1)
     upright[:, 0] = heights
     reach(upright, weights, np.array([[1.0, 0.0]]), share, bottom, top)
-    if bottom[0] + offset < REST_M:
+    # What lies below the plane as a whole rests on something else.
+    if bottom[0] + offset < REST_M and top[0] + offset > 0.0:
         bottom[0] = -offset
     side, trust, sides = np.empty((n, 2)), np.empty(n), 0
     for i in range(n):
@@ -102,7 +105,7 @@ def around(low, high, bottom, top, axes, directions, side, trust, box):
         length, width, x, y = width, length, y, -x
         ux, uy, vx, vy = vx, vy, -ux, -uy
     z = (top + bottom) / 2.0
-    box[3], box[4], box[5] = max(length, width), min(length, width), max(top - bottom, 0.0)
+    box[3], box[4], box[5] = max(length, width, LEAST_M), max(min(length, width), LEAST_M), max(top - bottom, LEAST_M)
     for k in range(3):
         u, v = ux * axes[0, k] + uy * axes[1, k], vx * axes[0, k] + vy * axes[1, k]
         box[6 + 3 * k], box[7 + 3 * k], box[8 + 3 * k] = u, v, axes[2, k]

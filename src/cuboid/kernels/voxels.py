@@ -1,4 +1,4 @@
-"""Hot loops of the voxel hash: fuse a frame's points, see through stray ones, find connected hot ones.
+"""Hot loops of the voxel hash: fuse a frame's points, see through stray ones, find the point of a place.
 
 The map is a set of dense arrays, one row a voxel, and an open-addressing table that leads from a voxel's key
 to its row (0 is empty, k + 1 is row k). A removed voxel keeps its row with zero weight until the map is packed.
@@ -11,7 +11,6 @@ from numba import njit
 
 KEY_BITS = 21
 KEY_OFFSET = 1 << (KEY_BITS - 1)  # voxel numbers run from -2^20 to 2^20 - 1: +-10 km at 1 cm
-KEY_MASK = (1 << KEY_BITS) - 1
 
 # A pixel colder than this is no news.
 COLD = 0.1
@@ -98,10 +97,11 @@ def fuse(
 
     Returns
     -------
-    int
-        Rows in use afterwards.
+    (int, int)
+        Rows in use afterwards, and how many that were removed are seen again.
     """
     height, width = depth.shape
+    again = 0
     inverse = 1.0 / voxel
     # Local copies: what is written below could lie in these arrays, for all the compiler knows.
     fx, fy, cx, cy = 1.0 / camera[0], 1.0 / camera[1], camera[2], camera[3]
@@ -155,6 +155,8 @@ def fuse(
                 values[row, :] = 0.0
                 hits[row] = 0
                 last_frame[row] = -1
+            elif values[row, WEIGHT] <= 0.0:
+                again += 1
             slots[v, u] = row
             # Depth's variance grows with z^4: a near sighting says more. Half a metre and nearer weigh alike.
             near = max(z, 0.5)
@@ -173,7 +175,7 @@ def fuse(
             if last_frame[row] != frame:
                 last_frame[row] = frame
                 hits[row] += 1
-    return count
+    return count, again
 
 
 @njit(cache=True, nogil=True)
@@ -212,166 +214,6 @@ def see_through(first, last, depth, camera, T_camera_world, noise, margin, step,
                 passes[row] = 0
                 removed += 1
     return removed
-
-
-@njit(cache=True, nogil=True, inline="always")
-def find_root(parent, a):
-    """Return the root of a in a union-find forest, halving the path."""
-    while parent[a] != a:
-        parent[a] = parent[parent[a]]
-        a = parent[a]
-    return a
-
-
-@njit(cache=True, nogil=True, inline="always")
-def near(values, a, b, reach):
-    """Tell whether the points of two rows are within reach of each other."""
-    dx, dy, dz = values[a, X] - values[b, X], values[a, Y] - values[b, Y], values[a, Z] - values[b, Z]
-    return dx * dx + dy * dy + dz * dz <= reach * reach
-
-
-@njit(cache=True, nogil=True)
-def touch(blocks, size, count, since, last_frame, owner, asleep, touched):
-    """Find the objects with a row seen of late.
-
-    Parameters
-    ----------
-    blocks : (B,) int64
-        Blocks of `size` rows that are gone through.
-    size, count : int
-        Rows of a block, and rows in use.
-    since : int
-        First frame that counts as of late.
-    last_frame, owner : the map's
-    asleep : (M,) uint8
-        1 for each object, by number, that is left out.
-    touched : (M,) uint8, output
-        1 for each other object with a row seen of late.
-    """
-    touched[:] = 0
-    for block in blocks:
-        for row in range(block * size, min(count, (block + 1) * size)):
-            if owner[row] > 0 and last_frame[row] >= since and not asleep[owner[row]]:
-                touched[owner[row]] = 1
-
-
-@njit(cache=True, nogil=True)
-def select(blocks, size, count, hot, since, values, hits, passes, last_frame, owner, touched, rows):
-    """Gather the solid hot rows that were seen of late, and all of the objects that these belong to.
-
-    Rows that were refused (owner below 0) are left out.
-
-    Parameters
-    ----------
-    blocks, size, count, since, last_frame, owner, touched
-        As for `touch`; `blocks` ascend.
-    hot : float
-        Least heat.
-    values, hits, passes : the map's
-    rows : (B * size,) int64, output
-
-    Returns
-    -------
-    int
-        How many rows were gathered; they are in ascending order.
-    """
-    n = 0
-    for block in blocks:
-        for row in range(block * size, min(count, (block + 1) * size)):
-            if owner[row] < 0 or (owner[row] == 0 and last_frame[row] < since):
-                continue
-            if owner[row] > 0 and not touched[owner[row]]:
-                continue
-            if values[row, HEAT] < hot or values[row, WEIGHT] <= 0.0:
-                continue
-            # A point that is passed as often as it is hit is the edge of something, not its surface.
-            if hits[row] >= 2 and 2 * passes[row] <= hits[row] + 2:
-                rows[n] = row
-                n += 1
-    return n
-
-
-@njit(cache=True, nogil=True)
-def forgive(blocks, size, count, since, last_frame, owner):
-    """Let rows that were refused (owner below 0) and seen of late, see `touch`, belong to no one."""
-    for block in blocks:
-        for row in range(block * size, min(count, (block + 1) * size)):
-            if owner[row] < 0 and last_frame[row] >= since:
-                owner[row] = 0
-
-
-@njit(cache=True, nogil=True)
-def connect(keys, points, reach, table, component, edges):
-    """Number the connected components of voxels: neighbours (of 26) whose points are within reach.
-
-    Parameters
-    ----------
-    keys : (N,) int64
-        Distinct keys of the voxels.
-    points : (N, 3) float32
-        Metres.
-    reach : float
-        Metres. Voxels that touch may hold points up to two voxels apart: a gap that wide parts them.
-    table : (C,) int32, scratch
-        Zeros, at least twice as many as voxels, a power of two: small enough for the cache, as the map's is not.
-    component : (N,) int32, output
-        Component of each voxel, numbered from 0 in the order of their first voxel.
-    edges : (13 N, 2) int32, output
-        Places of each pair of neighbours.
-
-    Returns
-    -------
-    (int, int)
-        Number of components, and of edges.
-    """
-    n, pairs = keys.size, 0
-    parent = np.arange(n)
-    fill_table(keys, n, table)
-    for i in range(n):
-        key = keys[i]
-        ix = key >> (2 * KEY_BITS)
-        iy = (key >> KEY_BITS) & KEY_MASK
-        iz = key & KEY_MASK
-        for code in range(14, 27):  # the 13 neighbours after the centre: each pair is met once
-            jx, jy, jz = ix + code // 9 - 1, iy + (code // 3) % 3 - 1, iz + code % 3 - 1
-            j, _ = find_slot((jx << (2 * KEY_BITS)) | (jy << KEY_BITS) | jz, keys, table)
-            if j >= 0 and near(points, i, j, reach):
-                edges[pairs, 0], edges[pairs, 1] = i, j
-                pairs += 1
-                a, b = find_root(parent, i), find_root(parent, j)
-                if a < b:
-                    parent[b] = a
-                elif b < a:
-                    parent[a] = b
-    number = 0
-    for i in range(n):
-        root = find_root(parent, i)
-        if root == i:
-            component[i] = number
-            number += 1
-        else:
-            component[i] = component[root]
-    return number, pairs
-
-
-@njit(cache=True, nogil=True)
-def count_beside(rows, values, reach, keys, table, owner, asleep):
-    """Return how many of the rows have a neighbour within reach (as for `connect`) that was left out by `select`."""
-    count = 0
-    for i in range(rows.size):
-        key = keys[rows[i]]
-        ix = key >> (2 * KEY_BITS)
-        iy = (key >> KEY_BITS) & KEY_MASK
-        iz = key & KEY_MASK
-        for code in range(27):
-            jx, jy, jz = ix + code // 9 - 1, iy + (code // 3) % 3 - 1, iz + code % 3 - 1
-            row, _ = find_slot((jx << (2 * KEY_BITS)) | (jy << KEY_BITS) | jz, keys, table)
-            if row < 0 or owner[row] == 0 or (owner[row] > 0 and not asleep[owner[row]]):
-                continue
-            if near(values, rows[i], row, reach):
-                count += 1
-                break
-    return count
 
 
 @njit(cache=True, nogil=True)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.frame import Float64Array, UInt8Array
+from cuboid.frame import UInt8Array
 from cuboid.geometry.box import Box
 from cuboid.heatmap.voxel_map import Rows, VoxelMap
 
-# What lies this near a side of the box, voxels, makes that side; it goes on where there are points so far beyond, voxels.
+# What lies this near a side of the box, voxels, makes that side; it goes on where there are points so far beyond it,
+# voxels.
 SIDE_VOXELS, BEYOND_VOXELS = 2.0, (2.0, 3.0, 4.0)
 # A side goes on when this share of it does.
 SIDE_SHARE = 0.5

@@ -57,6 +57,8 @@ class MapObject:
         Sightings at the last fit of its box.
     structure : bool
         Whether it went on into structure at the last fit.
+    taken_by : MapObject or None
+        The one that it turned out to be a part of.
     """
 
     number: int
@@ -77,6 +79,15 @@ class MapObject:
     merged_labels: list[int] = field(default_factory=list)
     fitted: int = 0
     structure: bool = False
+    taken_by: MapObject | None = None
+
+    @property
+    def whole(self) -> MapObject:
+        """The object that it is a part of by now: itself until it was merged."""
+        entry = self
+        while entry.taken_by is not None:
+            entry = entry.taken_by
+        return entry
 
     @property
     def confirmed(self) -> bool:

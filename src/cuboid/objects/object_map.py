@@ -13,9 +13,9 @@ from cuboid.frame import Float64Array, UInt8Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.geometry.se3 import transform
-from cuboid.heatmap.voxel_map import Rows, VoxelMap
+from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.claims import BOTTOM, CONTACT, FREE, SUPPORT
-from cuboid.objects.affinity import SURE, Affinity
+from cuboid.objects.affinity import SURE
 from cuboid.objects.association import IN_SIGHT, MOST, Association, associate
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.continuation import is_structure
@@ -46,8 +46,6 @@ UNSURE, TOUCH_M = 1.1, 0.03
 LEAST_VOXELS = 8
 # Objects beyond so many times the range of depth are not looked for: too far to tell even their colors.
 FAR = 2.0
-# What stands where a retired object stood is that object, when this share of the smaller box is common.
-RETURN_OVERLAP = 0.3
 # Two objects are likely one when their boxes share this much of the smaller one.
 TWIN_OVERLAP = 0.5
 
@@ -297,19 +295,29 @@ class ObjectMap:
         for entry in self.store.all_of(numbers):
             if entry.log_odds <= (-SURE if entry.confirmed else -SURE / 2.0):
                 self.store.retire(entry)
-            elif entry.state is State.CANDIDATE and entry.log_odds >= SURE and not entry.structure and enclosed(entry.outline) and not self._floats(entry):
-                if fits_object(entry.box, self._config) and not self._may_be_part(entry):
-                    self.store.confirm(entry)
+            elif entry.state is State.CANDIDATE and entry.log_odds >= SURE and self._is_whole(entry):
+                self.store.confirm(entry)
+
+    def _is_whole(self, entry: MapObject) -> bool:
+        """Tell whether a candidate has a box, and is a whole object: no structure, of its size, no part of another."""
+        return (
+            len(entry.points) > 0
+            and not entry.structure
+            and enclosed(entry.outline)
+            and not self._floats(entry)
+            and fits_object(entry.box, self._config)
+            and not self._may_be_part(entry)
+        )
 
     def _floats(self, entry: MapObject) -> bool:
-        """Tell whether an object hangs in the air: above what it would stand on by more than it is long, air beneath."""
+        """Tell whether an object hangs in the air: higher above its plane than it is long, air beneath."""
         plane = None if entry.plane is None else self._planes.find(entry.plane)
         if plane is None:
             return False
         normal, offset = self._planes.in_world(plane)
         gap_m = float(normal @ entry.box.center) + offset - entry.box.size[2] / 2
         beneath = entry.outline[BOTTOM]
-        return gap_m > entry.box.size.max() and beneath[FREE] > beneath[SUPPORT] + beneath[CONTACT]
+        return bool(gap_m > entry.box.size.max() and beneath[FREE] > beneath[SUPPORT] + beneath[CONTACT])
 
     def _may_be_part(self, entry: MapObject) -> bool:
         """Tell whether frames do not agree yet that an object is another one than a labelled one that it touches."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.kernels.claims import BOTTOM, CONTACT, FREE, UNSURE, SUPPORT, UNKNOWN
+from cuboid.kernels.claims import BOTTOM, CONTACT, FREE, SUPPORT, UNKNOWN, UNSURE
 
 # Log-odds that a sighting adds which shows all of an outline, all of it free: two or three make an object sure.
 CLEAR = log(99.0) / 2.0

@@ -88,9 +88,7 @@ class ObjectStore:
         """End an object's life: its label is kept and never given again, its points are no one's."""
         self._voxels.release([entry.number])
         self._end(entry)
-        if entry.label:
-            entry.state = State.RETIRED
-        else:
+        if not entry.label:
             del self._objects[entry.number]
 
     def merge(self, first: MapObject, second: MapObject) -> tuple[MapObject, MapObject]:
@@ -110,9 +108,11 @@ class ObjectStore:
         self.affinity.pass_on(gone.number, kept.number)
         self._end(gone)
         del self._objects[gone.number]
+        gone.taken_by = kept
         return kept, gone
 
     def _end(self, entry: MapObject) -> None:
+        entry.state = State.RETIRED
         self.boxes[entry.number] = np.nan
         self._candidates.pop(entry.number, None)
         self._confirmed.pop(entry.number, None)

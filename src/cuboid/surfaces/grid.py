@@ -18,8 +18,6 @@ CELL_M = 0.05
 CLOSE_M = 0.2
 # What is seen of a plane reaches this much further, metres: its rim is lost to mixed pixels.
 RIM_M = 0.05
-# The border of a plane is so wide, metres: what it is said to reach beyond what was seen, twice, and a lip of 5 cm.
-BORDER_M = 0.15
 # A plane may go on this far beyond what is covered, metres.
 NEARBY_M = 0.4
 # Readings that a cell needs before it counts.
@@ -40,10 +38,9 @@ def _disc(radius_m: float) -> UInt8Array:
     return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * r + 1, 2 * r + 1)).astype(np.uint8)
 
 
-_CLOSE, _RIM, _BORDER, _NEARBY = (
+_CLOSE, _RIM, _NEARBY = (
     _disc(CLOSE_M),
     _disc(RIM_M),
-    _disc(BORDER_M),
     np.ones((2 * round(NEARBY_M / CELL_M) + 1,) * 2, np.uint8),
 )
 # Cells from a reading to the border of its window: all that is nearby lies in the window.
@@ -184,11 +181,6 @@ class GroundPlan:
         """Tell whether two planes cover a cell in common."""
         mine, theirs = common(self.window, other.window)
         return bool((self.covered[mine] & other.covered[theirs]).any())
-
-    def on_border(self, points: Float64Array) -> npt.NDArray[np.bool_]:
-        """Tell which plan coordinates (N, 2) the plane covers within `BORDER_M` of where it ends."""
-        within = cv2.erode(np.pad(self.covered, 1), _BORDER)[1:-1, 1:-1].astype(np.uint8)
-        return self._look_up(self.covered, points) & ~self._look_up(within, points)
 
     def _look_up(self, layer: UInt8Array, points: Float64Array) -> npt.NDArray[np.bool_]:
         i, j = (cells_of(points) - self.corner).T

@@ -52,12 +52,12 @@ class PlaneTracker:
         self._config = config
         self._vote = UpVote()
         self._next_identity = 0
-        self._of: dict[int, Plane] = {}
         self.T_plan_world: Float64Array | None = None
         self._clear()
 
     def _clear(self) -> None:
         self.planes: list[Plane] = []
+        self._of: dict[int, Plane] = {}
         self._windows = Windows(FORGET_FRAMES)
         self._main: Plane | None = None
         # Those with readings that were not looked at yet, and those looked at since twins were looked for.
@@ -265,11 +265,6 @@ class PlaneTracker:
         """Up in the world, (3,), or the images' up while that is not known."""
         return self._vote.image_up if self.up is None else self.up
 
-    @property
-    def any_in_use(self) -> bool:
-        """Whether any supporting plane is known."""
-        return self._main is not None
-
     def to_plan(self, points: Float32Array | Float64Array) -> Float64Array:
         """Carry world points (N, 3) to the plan frame."""
         assert self.T_plan_world is not None
@@ -277,37 +272,6 @@ class PlaneTracker:
 
     def _at(self, plan_points: Float64Array) -> list[Plane]:
         return [self.planes[k] for k in self._windows.at(plan_points)]
-
-    def beneath(self, points: Float32Array | Float64Array, floor_m: float) -> npt.NDArray[np.int64]:
-        """Return for each world point (N, 3) the plane beneath it: the nearest one that covers it.
-
-        -1 where there is none, and where the point is within `floor_m` of a plane that covers it.
-        """
-        plan_points = self.to_plan(points)
-        best = np.full(len(plan_points), np.inf)
-        owner = np.full(len(plan_points), -1, np.int64)
-        for plane in self._at(plan_points):
-            if not plane.in_use:
-                continue
-            height = plane.height(plan_points)
-            near = np.flatnonzero((height > -floor_m) & (height < best))
-            near = near[plane.plan.covers(plan_points[near])]
-            best[near] = height[near]
-            owner[near] = plane.index
-        owner[best < floor_m] = -1
-        return owner
-
-    def holds_up(
-        self, points: Float32Array | Float64Array, plane: Plane, clearance_m: float = furniture.RIM_DEPTH_M
-    ) -> bool:
-        """Tell whether world points that stand on one plane hold up another; see `furniture.holds_up`."""
-        plan_points = self.to_plan(points)
-        return furniture.holds_up(plan_points, plane, self._at(plan_points), clearance_m)
-
-    def under_board(self, points: Float32Array | Float64Array, plane: Plane) -> bool:
-        """Tell whether most world points (N, 3) on a plane lie under a shelf's board; see `furniture.under_board`."""
-        plan_points = self.to_plan(points)
-        return furniture.under_board(plan_points, plane, self._at(plan_points))
 
     def in_world(self, plane: Plane) -> tuple[Float64Array, float]:
         """Return normal (3,) and offset of a plane in the world: normal.p + offset = 0."""

@@ -1,0 +1,277 @@
+"""How a frame's pixels are shared out, what bounds each share, and how voxels are voted for, done slowly."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cuboid.kernels.claims import (
+    BOTTOM,
+    CONTACT,
+    FREE,
+    LEFT,
+    RIGHT,
+    SUPPORT,
+    TOP,
+    UNKNOWN,
+    UNSURE,
+    common,
+    outlines,
+    share_out,
+    vote,
+)
+
+HEIGHT, WIDTH = 16, 24
+SIDES = np.array([BOTTOM, TOP, RIGHT, LEFT])  # of a camera held upright: below, above, right, left
+SEEDS = given(st.integers(0, 100_000))
+FEW = settings(max_examples=25, deadline=None)
+
+
+class Proposed:
+    """Random proposals of an image twice as wide, and what each covers of the thinned one."""
+
+    def __init__(self, rng: np.random.Generator, count: int) -> None:
+        self.step, self.phase = int(rng.integers(1, 3)), rng.integers(0, 2, 2)
+        self.phase = self.phase if self.step > 1 else self.phase * 0
+        low = rng.integers(0, (WIDTH * self.step - 2, HEIGHT * self.step - 2), (count, 2))
+        high = np.minimum(low + rng.integers(1, 30, (count, 2)), (WIDTH * self.step, HEIGHT * self.step))
+        self.boxes = np.concatenate([low, high], 1).astype(np.int32)
+        self.covered = np.zeros((count, HEIGHT, WIDTH), bool)
+        masks = []
+        for k, (x0, y0, x1, y1) in enumerate(self.boxes):
+            full = np.zeros((HEIGHT * self.step, WIDTH * self.step), np.uint8)
+            full[y0:y1, x0:x1] = rng.random((y1 - y0, x1 - x0)) < 0.8
+            masks.append(full[y0:y1, x0:x1].ravel())
+            self.covered[k] = full[self.phase[1] :: self.step, self.phase[0] :: self.step] > 0
+        self.masks = np.concatenate(masks)
+        self.starts = np.cumsum([0, *(len(m) for m in masks[:-1])])
+
+    def arguments(self) -> tuple[object, ...]:
+        return self.boxes, self.masks, self.starts, self.step, self.phase
+
+
+@FEW
+@SEEDS
+def test_pixels_are_counted_by_proposal_and_object(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    proposed = Proposed(rng, 6)
+    candidate = (rng.random((HEIGHT, WIDTH)) < 0.7).astype(np.uint8)
+    owner = rng.choice([0, 3, 5, 6], (HEIGHT, WIDTH)).astype(np.int32)
+    place = np.array([-1, -1, -1, 1, -1, 0, -1])  # 3 and 5 are in view, 6 is not
+    table = np.full((6, 3), -7)
+    common(candidate, owner, place, 2, *proposed.arguments(), table)
+    for k, covered in enumerate(proposed.covered):
+        mine = covered & (candidate > 0)
+        assert table[k].tolist() == [(mine & (owner == 5)).sum(), (mine & (owner == 3)).sum(), mine.sum()]
+
+
+@FEW
+@SEEDS
+def test_each_pixel_goes_to_the_strongest_proposal_that_is_mostly_free(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    proposed = Proposed(rng, 8)
+    candidate = (rng.random((HEIGHT, WIDTH)) < 0.7).astype(np.uint8)
+    order = rng.permutation(8)[:6]
+    claim = np.full((HEIGHT, WIDTH), 9, np.int32)
+    share_out(candidate, order, *proposed.arguments(), 10, 0.6, claim)
+    expected = np.full((HEIGHT, WIDTH), -1)
+    for i, k in enumerate(order):
+        mine = proposed.covered[k] & (candidate > 0)
+        free = mine & (expected < 0)
+        if free.sum() >= 10 and free.sum() >= 0.6 * mine.sum():
+            expected[free] = i
+    np.testing.assert_array_equal(claim, expected)
+
+
+JUMP_M, NOISE, FOCAL, GAP_M = 0.01, 1e-3, 40.0, 0.08
+
+
+def outlines_of(
+    depth: np.ndarray, claim: np.ndarray, on_plane: np.ndarray, plane_of: list[int], sides: np.ndarray = SIDES
+) -> tuple[np.ndarray, np.ndarray]:
+    count = len(plane_of)
+    corners = np.zeros((count, 4), np.int64)
+    for k in range(count):
+        v, u = np.nonzero(claim == k)
+        if len(v):
+            corners[k] = u.min(), v.min(), u.max(), v.max()
+    outline, contact = np.empty((count, 4, 5), np.int64), np.empty((count, count), np.int64)
+    outlines(
+        depth.astype(np.float32), claim.astype(np.int32), on_plane.astype(np.int32), corners, np.array(plane_of),
+        sides, FOCAL, NOISE, JUMP_M, GAP_M, outline, contact,
+    )  # fmt: skip
+    return outline, contact
+
+
+def slow_outlines(
+    depth: np.ndarray, claim: np.ndarray, on_plane: np.ndarray, plane_of: list[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same, ray by ray along whole rows and columns; of a camera held upright."""
+    count = len(plane_of)
+    outline, contact = np.zeros((count, 4, 5), int), np.zeros((count, count), int)
+    steps = {BOTTOM: (1, 0), TOP: (-1, 0), RIGHT: (0, 1), LEFT: (0, -1)}
+    for v, u in np.argwhere(claim >= 0):
+        a, z = int(claim[v, u]), np.float32(depth[v, u])
+        rows = np.nonzero((claim == a).any(1))[0]
+        for side, (dv, du) in steps.items():
+            reach = max(2, int(GAP_M * FOCAL / z))
+            ray = [(v + n * dv, u + n * du) for n in range(1, reach + 1)]
+            inside = [(y, x) for y, x in ray if 0 <= y < depth.shape[0] and 0 <= x < depth.shape[1]]
+            if inside and claim[inside[0]] == a:
+                continue
+            end = {BOTTOM: rows.max() - v, TOP: v - rows.min()}.get(side, 0)
+            if end > 0.15 * (rows.max() - rows.min()):
+                continue  # neither its top nor its bottom
+            hit = next((p for p in inside if claim[p] == a or depth[p] > 0), None)
+            if hit is None:
+                outline[a, side, UNSURE if len(inside) == len(ray) else UNKNOWN] += 1
+                continue
+            b, beyond = int(claim[hit]), float(np.float32(depth[hit])) - float(z)
+            if b == a:
+                continue
+            limit = JUMP_M + 4 * NOISE * float(z) ** 2
+            if b >= 0:
+                contact[a, b] += 1
+            if on_plane[hit] >= 0 and on_plane[hit] == plane_of[a]:
+                kind = SUPPORT
+            elif abs(beyond) > limit:
+                kind = FREE if beyond > 0 else UNKNOWN
+            else:
+                kind = UNSURE if b >= 0 else CONTACT
+            outline[a, side, kind] += 1
+    return outline, contact
+
+
+@FEW
+@SEEDS
+def test_outlines_are_those_of_rays_that_are_followed_one_by_one(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    depth = rng.choice([0.0, 0.9, 1.0, 1.003, 1.1], (HEIGHT, WIDTH), p=[0.3, 0.1, 0.3, 0.2, 0.1])
+    blocks = rng.integers(-1, 4, (HEIGHT // 4, WIDTH // 4))
+    claim = np.where(depth > 0, np.kron(blocks, np.ones((4, 4), int)), -1)
+    on_plane = np.where(claim < 0, rng.integers(-1, 2, claim.shape), -1)
+    plane_of = [0, 1, -1, 0]
+    found, expected = outlines_of(depth, claim, on_plane, plane_of), slow_outlines(depth, claim, on_plane, plane_of)
+    np.testing.assert_array_equal(found[0], expected[0])
+    np.testing.assert_array_equal(found[1], expected[1])
+
+
+def scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A box of 6 x 6 pixels before a far wall, on a table: depth, shares, planes."""
+    depth, claim, plane = np.full((12, 20), 2.0), np.full((12, 20), -1), np.full((12, 20), -1)
+    depth[3:9, 7:13], claim[3:9, 7:13] = 1.0, 0
+    depth[9:], plane[9:] = 1.0, 5
+    return depth, claim, plane
+
+
+def test_what_stands_free_is_bounded_by_air_and_by_what_it_stands_on() -> None:
+    depth, claim, plane = scene()
+    outline, contact = outlines_of(depth, claim, plane, [5])
+    assert outline[0, TOP].tolist() == outline[0, LEFT].tolist() == outline[0, RIGHT].tolist() == [6, 0, 0, 0, 0]
+    assert outline[0, BOTTOM].tolist() == [0, 6, 0, 0, 0]
+    assert contact.sum() == 0
+    turned, _ = outlines_of(depth[::-1], claim[::-1], plane[::-1], [5], np.array([TOP, BOTTOM, LEFT, RIGHT]))
+    np.testing.assert_array_equal(turned, outline)
+    fallen, _ = outlines_of(depth.T, claim.T, plane.T, [5], np.array([RIGHT, LEFT, BOTTOM, TOP]))
+    np.testing.assert_array_equal(fallen, outline)
+
+
+def test_the_narrow_shadow_beside_a_thing_hides_nothing_and_a_wide_hole_may() -> None:
+    depth, claim, plane = scene()
+    depth[:9, 13:15] = 0.0  # 2 pixels, 5 cm at a metre: looked across
+    assert outlines_of(depth, claim, plane, [5])[0][0, RIGHT, FREE] == 6
+    depth[:9, 13:] = 0.0
+    assert outlines_of(depth, claim, plane, [5])[0][0, RIGHT, UNSURE] == 6
+
+
+def test_walls_neighbours_and_what_stands_before_are_told_apart() -> None:
+    depth, claim, plane = scene()
+    depth[3:9, 13:] = 1.003  # a wall goes on at the right
+    depth[3:9, 4:7], claim[3:9, 4:7] = 1.003, 1  # another thing touches at the left
+    depth[:3] = 0.7  # something nearer above
+    outline, contact = outlines_of(depth, claim, plane, [5, 5])
+    assert outline[0, RIGHT].tolist() == [0, 0, 0, 6, 0]
+    assert outline[0, LEFT].tolist() == [0, 0, 6, 0, 0]
+    assert outline[0, TOP].tolist() == [0, 0, 0, 0, 6]
+    assert contact.tolist() == [[0, 6], [6, 0]]
+    cut, _ = outlines_of(depth[:, :13], claim[:, :13], plane[:, :13], [5, 5])
+    assert cut[0, RIGHT].tolist() == [0, 0, 0, 0, 6], "what the picture's border cuts goes on, or not"
+
+
+def test_a_slanted_side_is_neither_top_nor_bottom() -> None:
+    depth, claim, plane = scene()
+    for k in range(6):  # a stair of 1 pixel a row
+        depth[3 + k, 7 : 12 - k], claim[3 + k, 7 : 12 - k] = 2.0, -1
+    outline, _ = outlines_of(depth, claim, plane, [5])
+    assert outline[0, TOP].sum() == 1
+    assert outline[0, LEFT, FREE] == outline[0, RIGHT, FREE] == 6
+
+
+MOST = 8
+
+
+def slow_vote(
+    held: dict[int, tuple[int, int]], claim: np.ndarray, slots: np.ndarray, speaks: dict[int, int],
+    candidate: np.ndarray, may: dict[tuple[int, int], bool], hits: np.ndarray,
+) -> dict[int, tuple[int, int]]:  # fmt: skip
+    """Each voxel hears the first pixel that has something to say: for an object, or, on a plane, for no one."""
+    after = dict(held)
+    done = set()
+    for row, share, off_plane in zip(slots.ravel(), claim.ravel(), candidate.ravel(), strict=True):
+        if row < 0 or row in done or (share < 0 and off_plane) or (share >= 0 and speaks[share] == 0):
+            continue
+        number = speaks[share] if share >= 0 else 0
+        owner, votes = held[row]
+        if share >= 0 and owner != number and hits[row] > 1 and not may[share, owner]:
+            continue
+        done.add(row)
+        if owner == number:
+            after[row] = (owner, min(MOST, votes + 1) if number else votes)
+        elif votes > 1:
+            after[row] = (owner, votes - 1)
+        else:
+            after[row] = (number, 1 if number else 0)
+    return after
+
+
+@FEW
+@SEEDS
+def test_voxels_are_voted_for_as_boyer_and_moore_do(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    count = 60
+    owner = rng.choice([0, 1, 2, 4], count).astype(np.int32)
+    confidence = np.where(owner > 0, rng.integers(1, MOST + 1, count), 0).astype(np.uint8)
+    place = np.array([0, 1, 2, -1, -1])  # 4 is not in view
+    voted = np.zeros(count, np.uint8)
+    for _ in range(6):
+        claim = rng.integers(-1, 3, (8, 12)).astype(np.int32)
+        slots = rng.integers(-1, count, (8, 12)).astype(np.int32)
+        candidate = ((rng.random((8, 12)) < 0.8) | (claim >= 0)).astype(np.uint8)
+        number_of = np.array([1, 2, 0], np.int32)
+        allowed = rng.integers(0, 2, (3, 3)).astype(np.uint8)
+        hits = rng.integers(1, 4, count).astype(np.int32)
+        may = {(i, o): bool(place[o] >= 0 and allowed[i, place[o]]) for i in range(3) for o in (0, 1, 2, 4)}
+        held = {k: (int(owner[k]), int(confidence[k])) for k in range(count)}
+        expected = slow_vote(held, claim, slots, dict(enumerate(number_of.tolist())), candidate, may, hits)
+        vote(claim, number_of, place, allowed, candidate, slots, hits, MOST, owner, confidence, voted)
+        assert {k: (int(owner[k]), int(confidence[k])) for k in range(count)} == expected
+        assert not voted.any()
+        np.testing.assert_array_equal(owner > 0, confidence > 0)
+
+
+def test_so_many_frames_as_there_are_votes_change_an_owner() -> None:
+    slots, claim, yes = np.zeros((1, 1), np.int32), np.zeros((1, 1), np.int32), np.ones((1, 3), np.uint8)
+    owner, confidence, voted = np.zeros(1, np.int32), np.zeros(1, np.uint8), np.zeros(1, np.uint8)
+    place, hits = np.array([0, 1, 2]), np.full(1, 9, np.int32)
+    history = []
+    for number in [1] * 12 + [2] * 10:
+        vote(
+            claim, np.array([number], np.int32), place, yes, np.ones((1, 1), np.uint8), slots, hits, MOST, owner,
+            confidence, voted,
+        )  # fmt: skip
+        history.append((int(owner[0]), int(confidence[0])))
+    assert history[11] == (1, MOST)
+    assert history[18] == (1, 1)
+    assert history[19] == (2, 1)
+    assert history[21] == (2, 3)

@@ -1,0 +1,63 @@
+"""Log-odds that two objects are one."""
+
+from __future__ import annotations
+
+from math import log
+
+import pytest
+
+from cuboid.objects.affinity import JOIN_RATE, MOST, ONE, SPLIT_RATE, SURE, TWO, Affinity
+
+
+def test_frames_add_up_as_far_as_they_are_news() -> None:
+    affinity = Affinity()
+    assert affinity.of(1, 2) is None
+    affinity.tell(1, 2, one=True, news=1.0)
+    affinity.tell(2, 1, one=False, news=0.5)
+    assert affinity.of(1, 2) == affinity.of(2, 1) == pytest.approx(ONE + 0.5 * TWO)
+    assert affinity.partners(1) == [2]
+
+
+def test_the_odds_after_many_frames_are_those_of_bayes() -> None:
+    """The odds that two are one, of which frames joined three and parted one, against the rates of both errors."""
+    affinity = Affinity()
+    for one in (True, False, True, True):
+        affinity.tell(1, 2, one=one, news=1.0)
+    if_one = (1 - SPLIT_RATE) ** 3 * SPLIT_RATE
+    if_two = JOIN_RATE**3 * (1 - JOIN_RATE)
+    assert affinity.of(1, 2) == pytest.approx(log(if_one / if_two))
+
+
+def test_a_mistake_of_long_ago_can_be_mended() -> None:
+    affinity = Affinity()
+    for _ in range(1000):
+        affinity.tell(1, 2, one=False, news=1.0)
+    assert affinity.of(1, 2) == -MOST
+    for _ in range(int(2 * MOST / ONE) + 1):
+        affinity.tell(1, 2, one=True, news=1.0)
+    assert (affinity.of(1, 2) or 0.0) > SURE
+
+
+def test_what_is_no_more_is_beside_nothing() -> None:
+    affinity = Affinity()
+    for other in (2, 3):
+        affinity.tell(1, other, one=True, news=1.0)
+    affinity.tell(2, 3, one=False, news=1.0)
+    affinity.forget(1)
+    assert affinity.of(1, 2) is affinity.of(1, 3) is None
+    assert (affinity.partners(1), affinity.partners(2), affinity.partners(3)) == ([], [3], [2])
+    affinity.forget(17)  # never seen beside anything
+
+
+def test_what_was_told_of_the_gone_holds_of_the_kept() -> None:
+    affinity = Affinity()
+    affinity.tell(5, 2, one=True, news=1.0)
+    affinity.tell(5, 3, one=False, news=1.0)
+    affinity.tell(2, 3, one=False, news=1.0)
+    affinity.tell(9, 5, one=True, news=0.5)
+    affinity.pass_on(5, 2)
+    assert affinity.partners(5) == []
+    assert affinity.of(2, 5) is None
+    assert affinity.partners(2) == [3, 9]
+    assert affinity.of(2, 3) == pytest.approx(2 * TWO)
+    assert affinity.of(2, 9) == pytest.approx(0.5 * ONE)

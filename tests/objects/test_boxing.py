@@ -1,0 +1,61 @@
+"""The box of an object of the map."""
+
+from __future__ import annotations
+
+import numpy as np
+from made_maps import grid, map_of, shell
+
+from cuboid.geometry.box import Box
+from cuboid.geometry.overlap import iou
+from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.objects.boxing import Boxing
+
+UP = np.array([0.0, 0.0, 1.0])
+GROUND = (UP, 0.0)
+THING = 1
+X, Y, Z = (-0.15, 0.15), (-0.06, 0.06), (0.0, 0.2)
+TRUE = Box(np.array([0.0, 0.0, 0.1]), np.array([0.3, 0.12, 0.2]), np.eye(3))
+
+
+def floor(hidden: np.ndarray | None = None) -> np.ndarray:
+    """What is seen of a floor: not what lies under the thing, nor in its shadow."""
+    points = grid((-0.6, 0.6), (-0.6, 0.6), (-0.01, 0.0))
+    under = (np.abs(points[:, 0]) < 0.15) & (np.abs(points[:, 1]) < 0.06)
+    return points[~under if hidden is None else ~under & ~hidden]
+
+
+def fitted(voxels: VoxelMap, plane: tuple[np.ndarray, float] | None, others: list[Box] | None = None) -> Box:
+    return Boxing(voxels).fit(voxels.rows_of(THING), plane, UP, others or [])
+
+
+def test_what_was_seen_all_round_has_its_own_box() -> None:
+    voxels = map_of((floor(), 0), (shell(X, Y, Z), THING))
+    assert iou(fitted(voxels, GROUND), TRUE) > 0.85
+    assert iou(fitted(voxels, None), TRUE) > 0.8
+
+
+def test_a_few_strays_change_nothing() -> None:
+    thing = shell(X, Y, Z)
+    strays = np.array([[0.3, 0.3, 0.3], [-0.4, 0.1, 0.2], [0.1, -0.4, 0.35]]) + 0.005
+    clean, spoilt = map_of((floor(), 0), (thing, THING)), map_of((floor(), 0), (thing, THING), (strays, THING))
+    assert iou(fitted(clean, GROUND), fitted(spoilt, GROUND)) > 0.9
+
+
+def test_a_foot_that_no_frame_has_seen_reaches_down_to_the_plane() -> None:
+    points = grid((-0.6, 0.6), (-0.6, 0.6), (-0.01, 0.0))
+    upper = shell(X, Y, (0.1, 0.2))
+    hidden = map_of((floor(), 0), (upper, THING))
+    assert iou(fitted(hidden, GROUND), TRUE) > 0.8
+    floats = map_of((points, 0), (upper, THING))  # the ground beneath it was seen
+    assert fitted(floats, GROUND).size[2] < 0.12
+
+
+def test_the_dwelt_on_side_is_not_all_of_it() -> None:
+    thing = shell(X, Y, Z)
+    voxels = map_of((floor(), 0), (thing, THING))
+    once = fitted(voxels, GROUND)
+    rows = voxels.rows_of(THING)
+    near = rows[voxels.xyz(rows)[:, 1] < -0.05]
+    voxels.hits[near] *= 300
+    voxels.values[near, 7] *= 300
+    np.testing.assert_allclose(fitted(voxels, GROUND).size, once.size, atol=0.01)

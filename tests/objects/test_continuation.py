@@ -1,0 +1,68 @@
+"""What goes on beyond its box into surface that is no object's is structure."""
+
+from __future__ import annotations
+
+import numpy as np
+from made_maps import box_of, grid, map_of, shell
+
+from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.objects.continuation import continues, is_structure
+
+FLOOR = grid((-0.6, 0.6), (-0.6, 0.6), (-0.01, 0.0))
+THING, OTHER = 3, 8
+
+
+def structure(voxels: VoxelMap, *no_structure: int) -> bool:
+    owned = np.zeros(10, np.uint8)
+    owned[[THING, *no_structure]] = 1
+    rows = voxels.rows_of(THING)
+    return is_structure(box_of(voxels.xyz(rows).astype(np.float64)), rows, voxels, owned)
+
+
+def test_a_patch_of_a_wall_is_structure() -> None:
+    wall = grid((-0.6, 0.6), (0.0, 0.01), (0.0, 1.2))
+    patch = (np.abs(wall[:, 0]) < 0.15) & (np.abs(wall[:, 2] - 0.6) < 0.15)
+    assert structure(map_of((wall[~patch], 0), (wall[patch], THING)))
+
+
+def test_a_box_that_stands_free_on_a_floor_is_none() -> None:
+    box = shell((-0.1, 0.1), (-0.08, 0.08), (0.0, 0.2))
+    assert not structure(map_of((FLOOR, 0), (box, THING)))
+
+
+def test_a_box_that_leans_on_one_wall_is_none() -> None:
+    box, wall = shell((-0.1, 0.1), (-0.08, 0.08), (0.0, 0.2)), grid((0.11, 0.12), (-0.6, 0.6), (0.0, 1.0))
+    voxels = map_of((FLOOR, 0), (wall, 0), (box, THING))
+    assert not structure(voxels)
+
+
+def test_the_leg_of_a_table_is_structure() -> None:
+    leg, top = shell((-0.03, 0.03), (-0.03, 0.03), (0.0, 0.7)), grid((-0.4, 0.4), (-0.4, 0.4), (0.7, 0.73))
+    voxels = map_of((FLOOR, 0), (leg, THING), (top, 0))
+    owned = np.eye(10, dtype=np.uint8)[THING]
+    rows = voxels.rows_of(THING)
+    assert continues(box_of(leg), rows, voxels, owned) == (True, 0)
+    assert structure(voxels)
+
+
+def test_what_stands_beneath_a_board_with_air_between_is_none() -> None:
+    box, board = shell((-0.1, 0.1), (-0.1, 0.1), (0.0, 0.3)), grid((-0.4, 0.4), (-0.4, 0.4), (0.36, 0.38))
+    assert not structure(map_of((FLOOR, 0), (box, THING), (board, 0)))
+
+
+def test_a_book_between_books_is_none() -> None:
+    row = shell((-0.3, 0.3), (-0.1, 0.1), (0.0, 0.25))
+    middle = np.abs(row[:, 0]) < 0.03
+    voxels = map_of((FLOOR, 0), (row[middle], THING), (row[~middle], OTHER))
+    assert not structure(voxels, OTHER)
+    assert structure(voxels), "were they no objects, it would be a part of what they are"
+
+
+def test_what_lies_flat_has_no_sides_to_go_on() -> None:
+    mat = grid((-0.2, 0.2), (-0.2, 0.2), (0.0, 0.01))
+    assert not structure(map_of((FLOOR, 0), (mat, THING)))
+
+
+def test_what_was_seen_but_once_proves_nothing() -> None:
+    leg, top = shell((-0.03, 0.03), (-0.03, 0.03), (0.0, 0.7)), grid((-0.4, 0.4), (-0.4, 0.4), (0.7, 0.73))
+    assert not structure(map_of((FLOOR, 0), (leg, THING), (top, 0), hits=1))

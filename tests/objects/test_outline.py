@@ -1,0 +1,69 @@
+"""What bounds a thing tells whether it is an object."""
+
+from __future__ import annotations
+
+from math import log
+
+import numpy as np
+import pytest
+
+from cuboid.kernels.claims import BOTTOM, CONTACT, FREE, LEFT, RIGHT, SUPPORT, TOP, UNKNOWN, UNSURE
+from cuboid.objects.affinity import SURE
+from cuboid.objects.outline import enclosed, told_by
+
+
+def outline(top: int, bottom: int, left: int, right: int, pixels: int = 20) -> np.ndarray:
+    """One kind of neighbour at each side."""
+    kinds = np.zeros((4, 5))
+    for side, kind in ((TOP, top), (BOTTOM, bottom), (LEFT, left), (RIGHT, right)):
+        kinds[side, kind] = pixels
+    return kinds
+
+
+def test_two_sightings_of_what_stands_free_are_enough() -> None:
+    free = outline(FREE, SUPPORT, FREE, FREE)
+    assert told_by(free) == pytest.approx(log(99) / 2)
+    assert 2 * told_by(free) >= SURE
+    assert enclosed(free)
+
+
+def test_what_is_contact_at_the_bottom_may_stand_there() -> None:
+    assert told_by(outline(FREE, CONTACT, FREE, FREE)) == told_by(outline(FREE, SUPPORT, FREE, FREE))
+
+
+def test_a_patch_of_a_wall_is_none() -> None:
+    patch = outline(CONTACT, CONTACT, CONTACT, CONTACT)
+    assert told_by(patch) < -0.5
+    assert not enclosed(patch)
+
+
+def test_a_side_that_goes_on_keeps_a_thing_from_being_enclosed() -> None:
+    for k, side in enumerate((TOP, LEFT, RIGHT)):
+        kinds = [FREE, SUPPORT, FREE, FREE]
+        kinds[(0, 2, 3)[k]] = CONTACT
+        assert not enclosed(outline(*kinds)), side
+        kinds[(0, 2, 3)[k]] = UNKNOWN
+        assert not enclosed(outline(*kinds)), side
+    assert enclosed(outline(FREE, UNKNOWN, FREE, FREE)), "its foot may be hidden"
+    assert enclosed(outline(UNSURE, SUPPORT, FREE, UNSURE)), "another thing ends it as air does"
+
+
+def test_what_cannot_be_judged_tells_nothing_either_way() -> None:
+    assert told_by(outline(UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN)) == 0.0
+    assert told_by(np.zeros((4, 5))) == 0.0
+    half = outline(FREE, SUPPORT, UNKNOWN, UNKNOWN)
+    assert told_by(half) == pytest.approx(log(99) / 4)
+
+
+def test_among_others_a_thing_takes_longer_than_alone() -> None:
+    crowded = told_by(outline(FREE, SUPPORT, UNSURE, UNSURE))
+    assert 0 < crowded < told_by(outline(FREE, SUPPORT, FREE, FREE))
+    assert told_by(outline(UNSURE, UNSURE, UNSURE, UNSURE)) < 0
+
+
+def test_the_outline_is_left_as_it_was() -> None:
+    kinds = outline(FREE, CONTACT, FREE, FREE)
+    before = kinds.copy()
+    told_by(kinds)
+    enclosed(kinds)
+    np.testing.assert_array_equal(kinds, before)

@@ -1,0 +1,126 @@
+"""The one store of objects: labels only grow, merging keeps the older one, what is retired leaves no trace."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from made_maps import grid, map_of
+
+from cuboid.geometry.box import Box
+from cuboid.geometry.overlap import pack
+from cuboid.objects.entry import State
+from cuboid.objects.store import ObjectStore
+
+
+def box(x: float, size: float = 0.1) -> Box:
+    return Box(np.array([x, 0.0, 0.0]), np.full(3, size), np.eye(3))
+
+
+def store_of(count: int) -> ObjectStore:
+    """Objects 1, 2, .. a metre apart, each with 100 voxels."""
+    parts = [(grid((k, k + 0.1), (0, 0.1), (0, 0.01)), k) for k in range(1, count + 1)]
+    store = ObjectStore(map_of(*parts))
+    for k in range(1, count + 1):
+        assert store.add(box(float(k)), frame=10 * k).number == k
+    return store
+
+
+def owners(store: ObjectStore) -> dict[int, int]:
+    return {number: len(rows) for number, rows in store._voxels.owned().items()}
+
+
+def test_labels_count_up_in_the_order_of_confirmation() -> None:
+    store = store_of(3)
+    assert store.confirmed() == []
+    store.confirm(store[3])
+    store.confirm(store[1])
+    assert [(o.number, o.label) for o in store.confirmed()] == [(3, 1), (1, 2)]
+    assert [o.number for o in store.living()] == [1, 2, 3]
+    assert store.labelled == 2
+
+
+def test_a_retired_label_is_never_given_again_and_its_voxels_are_no_ones() -> None:
+    store = store_of(3)
+    store.confirm(store[1])
+    store.affinity.tell(1, 2, one=True, news=1.0)
+    store.retire(store[1])
+    assert store[1].state is State.RETIRED
+    assert [o.number for o in store.living()] == [2, 3]
+    assert store.all_of([3, 1, 2, 77]) == [store[2], store[3]]
+    assert owners(store) == {2: 100, 3: 100}
+    assert store.affinity.partners(2) == []
+    store.confirm(store[2])
+    assert store[2].label == 2
+    assert store.labelled == 1
+    assert store.add(box(9.0), 0).number == 4
+
+
+def test_a_candidate_that_ends_is_forgotten() -> None:
+    store = store_of(2)
+    store.retire(store[1])
+    assert 1 not in store
+    assert owners(store) == {2: 100}
+    assert store.add(box(0.0), 0).number == 3, "numbers are not given again"
+
+
+@pytest.mark.parametrize("order", [(1, 2), (2, 1)])
+def test_merging_keeps_the_older_label_and_records_the_younger(order: tuple[int, int]) -> None:
+    store = store_of(3)
+    store.confirm(store[2])  # label 1
+    store.confirm(store[1])  # label 2
+    store[1].merged_labels = [7]
+    store[1].supports, store[2].supports = {4: 10, 5: 1}, {4: 1}
+    store[1].outline[0, 0], store[2].outline[0, 0] = 3, 4
+    store[1].log_odds, store[2].log_odds = 9.0, 5.0
+    store.affinity.tell(1, 3, one=True, news=1.0)
+    gone_one = store[1]
+    kept, gone = store.merge(*(store[k] for k in order))
+    assert (kept.number, kept.label, kept.merged_labels) == (2, 1, [2, 7])
+    assert gone is gone_one
+    assert gone.whole is kept
+    assert 1 not in store
+    assert [o.label for o in store.confirmed()] == [1]
+    assert owners(store) == {2: 200, 3: 100}
+    assert (kept.first_frame, kept.last_frame) == (10, 20)
+    assert kept.supports == {4: 11, 5: 1}
+    assert kept.outline[0, 0] == 7
+    assert kept.log_odds == 9.0
+    assert store.affinity.partners(2) == [3]
+    assert kept.fitted == 0, "its box is fitted anew"
+
+
+def test_a_label_outlives_an_older_candidate() -> None:
+    store = store_of(2)
+    store.confirm(store[2])
+    kept, _ = store.merge(store[1], store[2])
+    assert (kept.number, kept.label, kept.merged_labels) == (2, 1, [])
+
+
+def test_the_table_has_the_boxes_of_those_that_live_and_grows_with_them() -> None:
+    store = ObjectStore(map_of((grid((0, 0.1), (0, 0.1), (0, 0.1)), 0)))
+    entries = [store.add(box(0.5 * k), 0) for k in range(200)]
+    store.place(entries[7], box(70.0))
+    for k in (3, 150):
+        store.retire(entries[k])
+    store.place(entries[3], box(1.0))  # no one's box any more
+    living = [e for k, e in enumerate(entries) if k not in (3, 150)]
+    known = np.flatnonzero(~np.isnan(store.boxes[:, 0]))
+    assert known.tolist() == [e.number for e in living]
+    np.testing.assert_array_equal(store.boxes[known], pack([e.box for e in living]))
+    assert store.numbers == 201
+
+
+def test_neighbours_are_those_whose_spheres_come_near() -> None:
+    rng = np.random.default_rng(1)
+    store = ObjectStore(map_of((grid((0, 0.1), (0, 0.1), (0, 0.1)), 0)))
+    boxes = [Box(rng.uniform(-1, 1, 3), rng.uniform(0.05, 0.5, 3), np.eye(3)) for _ in range(150)]
+    entries = [store.add(one, 0) for one in boxes]
+    here = entries[17].box
+
+    def gap(other: Box) -> float:
+        apart = np.linalg.norm(other.center - here.center)
+        return float(apart - (np.linalg.norm(other.size) + np.linalg.norm(here.size)) / 2)
+
+    expected = [e.number for e in entries if gap(e.box) <= 0.1]
+    assert [e.number for e in store.near(here, 0.1)] == expected
+    assert 5 < len(expected) < 145

@@ -1,0 +1,88 @@
+"""The things that a frame shows: shares of its pixels, parted where depth jumps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cuboid.config import TrackerConfig
+from cuboid.frame import Intrinsics
+from cuboid.heatmap.pixel_heat import WeighedProposals
+from cuboid.kernels.claims import BOTTOM, FREE, LEFT, RIGHT, SUPPORT, TOP
+from cuboid.surfaces.clusters import LEAST_PIXELS, FrameClusters, frame_clusters
+from cuboid.working import WorkingImage
+
+CAMERA = Intrinsics(60.0, 60.0, 29.5, 19.5, 60, 40)
+T_WORLD_CAMERA = np.array([[1.0, 0, 0, 5], [0, 0, 1, 6], [0, -1, 0, 7], [0, 0, 0, 1]])
+SIDES = np.array([BOTTOM, TOP, RIGHT, LEFT])
+
+
+def found(
+    depth: np.ndarray, support: np.ndarray, heights: np.ndarray, boxes: list[tuple[int, int, int, int]],
+    weights: list[float], prior: list[float] | None = None,
+) -> FrameClusters:  # fmt: skip
+    """The things of a frame whose proposals are whole boxes."""
+    image = WorkingImage(depth.astype(np.float32), np.zeros((*depth.shape, 3), np.uint8), CAMERA, 1, (0, 0))
+    sizes = [(x1 - x0) * (y1 - y0) for x0, y0, x1, y1 in boxes]
+    weighed = WeighedProposals(
+        np.array(boxes, np.int32),
+        np.ones(sum(sizes), np.uint8),
+        np.cumsum([0, *sizes])[:-1].astype(np.int64),
+        np.array(weights, np.float32),
+    )
+    candidate = ((depth > 0) & (heights != 0)).astype(np.uint8)
+    return frame_clusters(
+        image, np.full(depth.shape, 0.5, np.float32), candidate, weighed, np.array(prior or [1.0] * len(boxes)),
+        heights.astype(np.float32), support.astype(np.int32), SIDES, T_WORLD_CAMERA, TrackerConfig(),
+    )  # fmt: skip
+
+
+def scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Two boxes, one 10 cm before the other in the picture's middle, on plane 7; a far wall."""
+    depth, heights, support = np.full((40, 60), 3.0), np.full((40, 60), np.nan), np.full((40, 60), -1)
+    depth[10:30, 15:30], depth[10:30, 30:45] = 1.0, 1.1
+    heights[10:30, 15:45], support[10:30, 15:45] = 0.1, 7
+    depth[30:], heights[30:], support[30:] = 1.0, 0.0, 7
+    return depth, support, heights
+
+
+def test_a_share_is_parted_where_depth_jumps() -> None:
+    things = found(*scene(), [(15, 10, 45, 30)], [0.8])
+    assert len(things.clusters) == 2
+    left, right = things.clusters
+    assert left.rect_xyxy.tolist() == [15, 10, 30, 30]
+    assert right.rect_xyxy.tolist() == [30, 10, 45, 30]
+    assert things.share.tolist() == [0, 0], "both are pieces of one proposal"
+    assert (left.score, left.heat, left.supports) == (np.float32(0.8), 0.5, {7: 300})
+    assert things.contact[0, 1] == things.contact[1, 0] == 20
+    assert left.outline[BOTTOM].tolist() == [0, 15, 0, 0, 0]
+    assert left.outline[TOP, FREE] == 15
+    assert left.outline[:, SUPPORT].sum() == 15
+    assert (things.claim[10:30, 15:30] == 0).all()
+    assert (things.claim >= 0).sum() == 600
+
+
+def test_points_are_in_the_world() -> None:
+    thing = found(*scene(), [(15, 10, 45, 30)], [0.8]).clusters[0]
+    v, u = np.divmod(thing.pixels, 60)
+    in_camera = np.column_stack([(u - 29.5) / 60, (v - 19.5) / 60, np.ones(len(u))])
+    np.testing.assert_allclose(thing.points, in_camera @ T_WORLD_CAMERA[:3, :3].T + [5, 6, 7], atol=1e-6)
+
+
+def test_what_the_map_expects_wins_over_what_is_a_little_stronger() -> None:
+    boxes = [(15, 10, 30, 30), (15, 10, 45, 30)]
+    one = found(*scene(), boxes, [0.5, 0.6])
+    assert one.share.tolist() == [0, 0], "the larger one has all"
+    other = found(*scene(), boxes, [0.5, 0.6], [2.0, 1.0])
+    assert len(other.clusters) == 1, "of the larger one too little is left"
+    assert other.clusters[0].rect_xyxy.tolist() == [15, 10, 30, 30]
+
+
+def test_what_is_too_small_or_weighs_nothing_is_no_thing() -> None:
+    depth, support, heights = scene()
+    few = LEAST_PIXELS - 1
+    assert found(depth, support, heights, [(15, 10, 15 + few, 11)], [0.8]).clusters == []
+    assert found(depth, support, heights, [(15, 10, 45, 30)], [0.0]).clusters == []
+    nothing = found(np.zeros((40, 60)), support, heights, [(15, 10, 45, 30)], [0.8])
+    assert nothing.clusters == []
+    assert nothing.contact.shape == (0, 0)
+    assert (nothing.claim == -1).all()
