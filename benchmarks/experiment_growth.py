@@ -9,6 +9,7 @@ objects; 0 laps leave it out.
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import sys
 import time
@@ -22,7 +23,6 @@ from cuboid import Tracker, open_recording
 from cuboid.evaluation.truth import NAME as TRUTH
 from cuboid.frame import Float64Array, Frame
 from cuboid.measuring import peak_memory_mb
-from cuboid.outputs.objects import read_json
 from scenes import MadeScene, made
 from scoring import processor_time
 from tables import cell, dump, show
@@ -41,7 +41,7 @@ class Lap:
         recording = open_recording(folder)
         self.intrinsics = recording.intrinsics
         self._frames = [recording.read(k) for k in range(LAP_FRAMES)]
-        normal = np.array(read_json(folder / TRUTH)["planes"][0]["normal"])
+        normal = np.array(json.loads((folder / TRUTH).read_text(encoding="utf-8"))["planes"][0]["normal"])
         self._along = np.linalg.svd(normal[None])[2][1:]
         self._side = max(1, math.ceil(math.sqrt(places)))
 

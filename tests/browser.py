@@ -49,13 +49,16 @@ class Watched:
         Errors and warnings in its console, and faults of its scripts.
     requests : list of str
         Addresses, without those that hold their content themselves.
+
+    `strict` leaves the page's own content policy in force.
     """
 
-    def __init__(self, launched: Browser, scheme: str = "dark") -> None:
+    def __init__(self, launched: Browser, scheme: str = "dark", *, strict: bool = False) -> None:
         self.page: Page = launched.new_page(
             viewport=VIEWPORT,
             color_scheme="light" if scheme == "light" else "dark",
             reduced_motion="reduce",
+            bypass_csp=not strict,  # waiting for a condition evaluates it in the page, which its policy forbids
         )
         self.complaints: list[str] = []
         self.requests: list[str] = []

@@ -33,6 +33,7 @@ class FakeRecording:
         self.intrinsics = INTRINSICS
         self.distortion: tuple[float, ...] = ()
         self.depth_units_per_metre = 1000.0
+        self.depth_camera = None
         self.has_poses = poses
         self._frames = frames
         self._broken = broken or {}

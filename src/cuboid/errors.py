@@ -2,9 +2,22 @@
 
 from __future__ import annotations
 
+from reprlib import Repr
+
+# A line of a message is shorter than this; a value in it is cut to fewer characters.
+LONGEST_MESSAGE = 299
+LONGEST_VALUE = 80
+# Of a list or an object only its beginning is written out.
+_REPR = Repr()
+_REPR.maxlist = _REPR.maxtuple = 9
+_REPR.maxstring = _REPR.maxlong = LONGEST_VALUE
+
 
 class CuboidError(Exception):
     """A mistake in the call or in the input: the message is one line that says what, where, and what was expected."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(one_line(message))
 
 
 class InputError(CuboidError):
@@ -25,3 +38,27 @@ class MissingExtraError(CuboidError):
 
 class FrameError(CuboidError):
     """One frame of a recording cannot be used; it is skipped, and the report gives the reason."""
+
+
+def printable(text: str) -> str:
+    """Return text that a terminal shows as it is: line breaks, escape codes and what is no character are escaped."""
+    if text.isprintable():
+        return text
+    return "".join(char if char.isprintable() else char.encode("unicode_escape").decode("ascii") for char in text)
+
+
+def shown(value: object) -> str:
+    """Return a value of the input as messages show it: texts in quotes, escaped, and never long."""
+    if isinstance(value, int) and abs(value) >= 10**LONGEST_VALUE:  # Python refuses to write the longest ones
+        return f"a whole number of {value.bit_length()} bits"
+    text = f"'{printable(value[: LONGEST_VALUE + 1])}'" if isinstance(value, str) else printable(_REPR.repr(value))
+    return text if len(text) <= LONGEST_VALUE else f"{text[: LONGEST_VALUE - 3]}..."
+
+
+def one_line(message: str) -> str:
+    """Return a message as one printable line; of one that is too long, the middle is left out."""
+    line = printable(" ".join(message.split()))
+    if len(line) <= LONGEST_MESSAGE:
+        return line
+    half = LONGEST_MESSAGE // 2 - 2
+    return f"{line[:half]} ... {line[-half:]}"

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.errors import FrameError
+from cuboid.geometry.se3 import rigid
+
 Float32Array = npt.NDArray[np.float32]
 Float64Array = npt.NDArray[np.float64]
 UInt8Array = npt.NDArray[np.uint8]
@@ -68,7 +71,13 @@ class Frame:
     depth_m : (H, W) float32
         Depth along the optical axis in metres; 0 is no reading.
     T_world_camera : (4, 4) float64 or None
-        Carries camera coordinates (x right, y down, z forward) to world coordinates.
+        Carries camera coordinates (x right, y down, z forward) to world coordinates. What is off from a rotation by
+        rounding is made one.
+
+    Raises
+    ------
+    FrameError
+        The pose is not rigid, or has numbers that are not finite.
     """
 
     index: int
@@ -87,5 +96,8 @@ class Frame:
                 f"frame {self.index}: depth must be {self.color.shape[:2]} float32 like the color image, "
                 f"got {self.depth_m.shape} {self.depth_m.dtype}"
             )
-        if self.T_world_camera is not None and self.T_world_camera.shape != (4, 4):
-            raise ValueError(f"frame {self.index}: T_world_camera must be (4, 4), got {self.T_world_camera.shape}")
+        if self.T_world_camera is not None:
+            try:
+                object.__setattr__(self, "T_world_camera", rigid(self.T_world_camera))
+            except ValueError as error:
+                raise FrameError(f"frame {self.index}: {error}") from None

@@ -24,6 +24,7 @@ from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
 
 if TYPE_CHECKING:
     from cuboid.proposals.types import ProposalSource
+    from cuboid.readers.depth_camera import DepthCamera
     from cuboid.views.video import View
 
 # The work inside shrinks with --scale to no less than this width, pixels: fewer show no objects.
@@ -53,6 +54,10 @@ class RecordingLike(Protocol):
     @property
     def depth_units_per_metre(self) -> float:
         """Of its depth images."""
+
+    @property
+    def depth_camera(self) -> DepthCamera | None:
+        """The camera that depth was carried from into color; None where it was aligned already."""
 
     @property
     def has_poses(self) -> bool:
@@ -328,16 +333,23 @@ class _Pipeline:
         if self.writer is None:
             return ()
         from cuboid.calibration.check import intrinsics_warning
+        from cuboid.calibration.registering import registration_warning
 
         corrected = self.poses.trajectory()
         poses = self.T_world_camera if corrected is None else corrected
         found = intrinsics_warning(recording.read, recording.intrinsics, poses, estimated=corrected is not None)
-        return () if found is None else (found,)
+        beside = registration_warning(recording.read, recording.intrinsics, sorted(poses))
+        return tuple(one for one in (found, beside) if one is not None)
 
     def trajectory(self) -> list[PoseRow] | None:
-        """Return the corrected poses; None where none was corrected."""
+        """Return the corrected poses of the frames that were used; None where none was corrected.
+
+        Frames that were lost when they came get a pose when their place is found later; the tracker never used them.
+        """
         poses = self.poses.trajectory()
-        return None if poses is None else [PoseRow(self.times_s[frame], T) for frame, T in sorted(poses.items())]
+        if poses is None:
+            return None
+        return [PoseRow(self.times_s[k], T) for k, T in sorted(poses.items()) if k in self.T_world_camera]
 
     def _skip(self, index: int, reason: str) -> None:
         self.log.skip(index, reason)
@@ -450,6 +462,7 @@ def _effective(
         "bridge": bridge,
         "distortion": list(recording.distortion),
         "depth_units_per_metre": recording.depth_units_per_metre,
+        **(recording.depth_camera.document() if recording.depth_camera is not None else {}),
         "proposals": source if isinstance(source, str) else type(source).__qualname__,
         "tracker": config.to_dict(),
     }

@@ -114,6 +114,7 @@ def estimate_trajectory(
     if complete and not estimator.keyframes:
         raise InputError(f"{recording.path}: no frame has enough depth and texture to start with")
     trajectory = estimator.trajectory()
+    lens = bare.depth_camera.document() if bare.depth_camera is not None else {}
     report = RunReport(
         version=__version__,
         complete=complete,
@@ -121,7 +122,7 @@ def estimate_trajectory(
         format=recording.format,
         poses="estimated",
         threads=threads,
-        config={"every": every, "limit": limit, "distortion": list(bare.distortion)},
+        config={"every": every, "limit": limit, "distortion": list(bare.distortion), **lens},
         frames_read=log.read,
         frames_used=log.used,
         skipped=tuple(log.skipped),
@@ -138,9 +139,11 @@ def estimate_trajectory(
 
 def _warnings(recording: Recording, trajectory: Mapping[int, Float64Array]) -> tuple[str, ...]:
     from cuboid.calibration.check import intrinsics_warning
+    from cuboid.calibration.registering import registration_warning
 
     found = intrinsics_warning(recording.read, recording.intrinsics, trajectory, estimated=True)
-    return () if found is None else (found,)
+    beside = registration_warning(recording.read, recording.intrinsics, sorted(trajectory))
+    return tuple(one for one in (found, beside) if one is not None)
 
 
 def _write(

@@ -227,7 +227,7 @@ def test_the_command_continues_the_file_in_the_recording(
     ("content", "complaint"),
     [
         ('{"format": "cuboid-truth"}', "expected format 'cuboid-keyframes'"),
-        ("[1]", "expected a JSON object"),
+        ("[1]", "expected an object"),
         (json.dumps(document_of([1, 2, 30, 40], frame=99)), "has frame 99, but"),
         (json.dumps(document_of([1, 2, 300, 400])), "within 160 x 120 pixels"),
     ],

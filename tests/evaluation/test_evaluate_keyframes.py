@@ -18,7 +18,7 @@ from cuboid.geometry.box import Box
 from cuboid.outputs import ObjectsFile, ResultWriter, RunReport
 from cuboid.readers import Recording
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, TrackedObject
-from made_results import FRAMES, SKIPPED, write_results
+from made_results import SKIPPED, write_results
 
 
 def hand_computed(folder: Path) -> tuple[Path, Path]:
@@ -87,9 +87,10 @@ def with_config(results: Path, folder: Path, **config: Any) -> Path:
     for path in results.iterdir():
         (copy / path.name).write_bytes(path.read_bytes())
     report = json.loads((copy / "run.json").read_text())
-    read = config.pop("frames_read", FRAMES)
+    if "frames_read" in config:
+        read = config.pop("frames_read")
+        report["frames"] = {"read": read, "used": read, "skipped": []}
     report["config"].update(config)
-    report["frames"]["read"] = read
     (copy / "run.json").write_text(json.dumps(report))
     return copy
 
@@ -160,16 +161,22 @@ def test_a_source_without_a_name_cannot_be_asked_again(results: Path, tmp_path: 
     [
         ({"version": 2}, "expected format 'cuboid-keyframes' version 1"),
         ({"frames": []}, "has no frames"),
-        ({"frames": [{"frame": 0}]}, "frame 0: field 'boxes' is missing"),
+        ({"frames": [{"frame": 0}]}, r"frames\[0\]: field 'boxes' is missing"),
         ({"frames": [{"frame": -1, "boxes": []}]}, "expected a whole number of at least 0, got -1"),
-        ({"frames": [{"frame": 0, "boxes": []}] * 2}, "a frame stands there twice"),
-        ({"frames": [{"frame": 3, "boxes": [drawn(1, [5, 0, 5, 9])]}]}, "frame 3: .*expected a rectangle"),
-        ({"frames": [{"frame": 3, "boxes": [drawn(1, square(0))] * 2}]}, "frame 3: .*an id stands there twice"),
-        ({"frames": [{"frame": 3, "boxes": [drawn(1, square(0), visible=1.5)]}]}, "visible of id 1: expected 0 to 1"),
-        ({"frames": [{"frame": 3, "boxes": [], "ignore": [[1, 2, 3]]}]}, "expected a rectangle"),
+        ({"frames": [{"frame": 0, "boxes": []}] * 2}, "frame 0 is there twice"),
+        (
+            {"frames": [{"frame": 3, "boxes": [drawn(1, [5, 0, 5, 9])]}]},
+            r"frames\[0\].boxes\[0\]: expected a rectangle",
+        ),
+        ({"frames": [{"frame": 3, "boxes": [drawn(1, square(0))] * 2}]}, r"frames\[0\]: id 1 is there twice"),
+        (
+            {"frames": [{"frame": 3, "boxes": [drawn(1, square(0), visible=1.5)]}]},
+            "visible: expected a number of at most 1",
+        ),
+        ({"frames": [{"frame": 3, "boxes": [], "ignore": [[1, 2, 3]]}]}, "expected a list of length 4"),
         ({"objects": [{"id": "a"}]}, "id: expected a whole number"),
-        ({"objects": [{"id": 1}, {"id": 1}]}, "two objects have the same id"),
-        ({"objects": None}, "malformed"),
+        ({"objects": [{"id": 1}, {"id": 1}]}, "object id 1 is there twice"),
+        ({"objects": None}, "objects: expected a list, got null"),
     ],
 )
 def test_bad_keyframes_are_one_line_that_says_where(

@@ -105,7 +105,7 @@ def test_wrong_calls_are_one_line(run: FinishedRun, tmp_path: Path, capsys: pyte
 def test_a_trajectory_of_another_run_is_an_error(run: FinishedRun, tmp_path: Path) -> None:
     path = run.folder / "trajectory.txt"
     path.write_text("".join(path.read_text().splitlines(keepends=True)[:-1]))
-    with pytest.raises(InputError, match=r"trajectory\.txt: expected 4 lines, one a used frame, got 3"):
+    with pytest.raises(InputError, match=r"trajectory\.txt: expected 4 lines, one a used frame of run.json, got 3"):
         export(run, "kitti", tmp_path / "a.txt")
 
 

@@ -108,10 +108,10 @@ def test_a_folder_that_cannot_be_used_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("x0,y0,x1,y1\n1,2,3,4\n", "line 1: column 'score' is missing"),
-        ("", "line 1: column 'x0' is missing"),
-        ("x0,y0,x1,y1,score\n1,2,3,4,0.5\n1,2,3\n", "line 3: five numbers expected"),
-        ("x0,y0,x1,y1,score\n1,2,3,four,0.5\n", "line 2: five numbers expected"),
+        ("x0,y0,x1,y1\n1,2,3,4\n", ":1: expected a header with x0,y0,x1,y1,score; missing: score"),
+        ("", ":1: expected a header with x0,y0,x1,y1,score; missing: x0"),
+        ("x0,y0,x1,y1,score\n1,2,3,4,0.5\n1,2,3\n", ":3: expected 5 values, got 3"),
+        ("x0,y0,x1,y1,score\n1,2,3,four,0.5\n", ":2: y1: expected a number, got 'four'"),
         ("x0,y0,x1,y1,score\n400,2,500,40,0.5\n", "box 0 lies outside the image of 32 x 24"),
     ],
 )

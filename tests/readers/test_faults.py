@@ -41,10 +41,10 @@ FAULTS = {
     "damaged depth": (lambda m: flip_byte(m.depth(2)), r"depth image .*000002\.png is damaged at byte \d+"),
     "empty color": (lambda m: m.color(2).write_bytes(b""), r"color image .*000002\.png is empty \(0 bytes\)"),
     "empty depth": (lambda m: m.depth(2).write_bytes(b""), r"depth image .*000002\.png is empty"),
-    "no image": (lambda m: m.color(2).write_bytes(b"hello" * 100), r"000002\.png cannot be decoded"),
+    "no image": (lambda m: m.color(2).write_bytes(b"hello" * 100), r"000002\.png is neither a PNG nor a JPEG"),
     "a folder": (
         lambda m: (m.color(2).unlink(), m.color(2).mkdir()),
-        r"color image .*000002\.png cannot be read",
+        r"color image .*000002\.png is a folder, a regular file was expected",
     ),
     "color only": (lambda m: m.depth(2).unlink(), r"color without depth: color/000002\.png"),
     "depth only": (lambda m: m.color(2).unlink(), r"depth without color: depth/000002\.png"),

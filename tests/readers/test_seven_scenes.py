@@ -44,9 +44,40 @@ def test_a_sequence_by_whatever_folder_is_named(tmp_path, named):
     assert recording.read(2).depth_m[0, 1] == pytest.approx(1.02)
 
 
-def test_default_intrinsics(tmp_path):
-    make_sequence(tmp_path, frames=1, shape=(480, 640))
-    assert open_recording(tmp_path).intrinsics == Intrinsics(585, 585, 320, 240, 640, 480)
+def test_as_published_depth_is_carried_into_color_and_poses_become_the_color_cameras(tmp_path):
+    made = make_sequence(tmp_path, frames=2, shape=(480, 640))
+    wall = np.full((480, 640), 2000, np.uint16)
+    wall[200:280, 280:360] = 0  # a hole tells where things go
+    for k in range(2):
+        write_image(made.depth(k), wall)
+    recording = open_recording(tmp_path)
+    assert recording.intrinsics == Intrinsics(525, 525, 320, 240, 640, 480)
+    frame = recording.read(1)
+    rows, columns = np.nonzero(frame.depth_m[100:380, 100:540] == 0)
+    # where color shows the edges of depth: u_depth = 1.11 u_color - 29, v_depth = 1.11 v_color - 24
+    assert columns.min() + 100 == pytest.approx((280 + 29) / 1.11, abs=3)
+    assert columns.max() + 100 == pytest.approx((359 + 29) / 1.11, abs=3)
+    assert rows.min() + 100 == pytest.approx((200 + 24) / 1.11, abs=3)
+    assert rows.max() + 100 == pytest.approx((279 + 24) / 1.11, abs=3)
+    assert frame.depth_m[240, 150] == pytest.approx(2.0, abs=0.01)
+    # the pose in the file is the depth camera's, at x = 1; the color camera is 2.5 cm to its right
+    np.testing.assert_allclose(frame.T_world_camera[:3, 3], [1.025, 0, 0], atol=1e-9)
+    seen, u, v = frame.depth_m[300, 400], 400, 300
+    point = frame.T_world_camera @ [(u - 320) / 525 * seen, (v - 240) / 525 * seen, seen, 1]
+    assert point[2] == pytest.approx(2.0, abs=0.002)  # the wall stands 2 m from where the depth camera was
+
+
+@pytest.mark.parametrize("how", ["file", "user"])
+def test_with_a_camera_of_its_own_it_counts_as_registered(tmp_path, how):
+    made = make_sequence(tmp_path, frames=1, shape=(480, 640))
+    if how == "file":
+        (tmp_path / "camera-intrinsics.txt").write_text("585 0 320\n0 585 240\n0 0 1\n")
+    recording = open_recording(tmp_path, intrinsics=(585, 585, 320, 240) if how == "user" else None)
+    assert recording.depth_camera is None
+    frame = recording.read(0)
+    stored = cv2.imread(str(made.depth(0)), cv2.IMREAD_UNCHANGED)
+    assert np.array_equal(frame.depth_m, (stored / 1000).astype(np.float32))
+    assert np.array_equal(frame.T_world_camera, np.eye(4))
 
 
 def test_0_and_65535_are_no_reading(tmp_path):
@@ -109,7 +140,7 @@ def test_no_pose_files_are_a_recording_without_poses(tmp_path):
     ("text", "reason"),
     [
         ("60 0 31.5\n0 61 23.5\n", "expected a 3x3 camera matrix, got 2 rows"),
-        ("60 0\n0 61\n", r"camera-intrinsics\.txt line 1: expected three numbers a row, got '60 0'"),
+        ("60 0\n0 61\n", r"camera-intrinsics\.txt:1: expected first second third, got 2 values"),
         ("60 5 31.5\n0 61 23.5\n0 0 1\n", "expected the matrix fx 0 cx, 0 fy cy, 0 0 1"),
         (
             "600 0 320\n0 600 240\n0 0 1\n",

@@ -107,7 +107,7 @@ def test_color_at_twice_the_rate_gives_no_bad_frames(tmp_path):
     ("file", "text", "reason"),
     [
         ("rgb.txt", "0.0\n", r"rgb\.txt line 1: expected 'timestamp filename', got '0\.0'"),
-        ("depth.txt", "# t\nnow depth/0.png\n", r"depth\.txt line 2: expected 'timestamp filename'"),
+        ("depth.txt", "# t\nnow depth/0.png\n", r"depth\.txt line 2: expected seconds, got 'now' and a file's name"),
         (
             "depth.txt",
             "",

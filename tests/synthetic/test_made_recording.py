@@ -9,9 +9,9 @@ import pytest
 import cuboid
 from cuboid.errors import InputError, OutputError
 from cuboid.evaluation.truth import read_truth
+from cuboid.formats.table_door import data_lines
 from cuboid.geometry import se3
 from cuboid.outputs.ply import read_map
-from cuboid.readers.posetext import data_lines
 from cuboid.synthetic import KINDS, demo_scene, make_scene, render_recording
 from cuboid.synthetic.raycast import pixel_rays
 from cuboid.synthetic.view import SceneView

@@ -257,7 +257,7 @@ def test_only_this_machine_is_answered(server: LiveServer) -> None:
     assert address[0] == HOST
 
 
-def test_with_a_host_of_ones_own_any_name_is_answered() -> None:
+def test_with_a_host_of_ones_own_any_local_name_is_answered() -> None:
     with LiveServer(LiveView(), "x", INTRINSICS, "0.0.0.0") as server:
         server.view.end(complete=True)
         assert get(server, "/", host="robot.local:8765")[0] == 200

@@ -207,7 +207,7 @@ def test_results_that_do_not_fit_are_one_line(results: Path, tmp_path: Path) -> 
     shutil.copytree(results, broken)
     lines = (broken / "trajectory.txt").read_text().splitlines(keepends=True)
     (broken / "trajectory.txt").write_text("".join(lines[:-1]))
-    with pytest.raises(InputError, match=r"trajectory\.txt: expected a pose for each of 38 frames, got 37"):
+    with pytest.raises(InputError, match=r"trajectory\.txt: expected 38 lines, one a used frame of run\.json, got 37"):
         call(broken, "--no-pictures")
     with pytest.raises(InputError, match="expected a folder with the results"):
         call(tmp_path / "nothing")

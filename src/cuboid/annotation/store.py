@@ -8,9 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from cuboid.errors import InputError
-from cuboid.evaluation.keyframes import FORMAT, VERSION, check_frames, file_number, keyframes_from_json
-from cuboid.outputs.folder import writing
-from cuboid.outputs.objects import read_json, write_json
+from cuboid.evaluation.keyframes import check_frames, file_number, keyframes_from_json
+from cuboid.formats.json_door import read_any
+from cuboid.formats.keyframes_file import FORMAT, VERSION
+from cuboid.formats.reading import MOST_JSON_BYTES, read_bytes
+from cuboid.outputs.objects import write_json
+from cuboid.outputs.pending import PendingFile
 from cuboid.readers.recording import Recording
 
 
@@ -51,7 +54,7 @@ class KeyframesFile:
                 "format": FORMAT, "version": VERSION, "name": name, "objects": [], "frames": []
             }  # fmt: skip
         else:
-            self.document = read_json(path)
+            self.document = read_any(path)
             self._check(self.document)
 
     def save(self, revision: int, document: dict[str, Any]) -> int:
@@ -85,17 +88,14 @@ class KeyframesFile:
             return self.revision
 
     def _on_disk(self) -> bytes | None:
-        return self.path.read_bytes() if self.path.exists() else None
+        return read_bytes(self.path, MOST_JSON_BYTES) if self.path.exists() else None
 
     def _write(self, document: dict[str, Any]) -> None:
-        partial = self.path.with_name(f".{self.path.name}.partial")
-        with writing(self.path):
-            try:
-                write_json(partial, self._tidy(document))
-                content = partial.read_bytes()
-                partial.replace(self.path)
-            finally:
-                partial.unlink(missing_ok=True)
+        file = PendingFile(self.path)
+        with file.writing():
+            write_json(file.partial, self._tidy(document))
+            content = file.partial.read_bytes()
+            file.show()
         self._content = content
 
     def _tidy(self, document: dict[str, Any]) -> dict[str, Any]:

@@ -5,13 +5,23 @@ from __future__ import annotations
 from cuboid.calibration.calibrate import CalibrationResult, calibrate, spread_out
 from cuboid.calibration.check import Verdict, intrinsics_warning, quick_check
 from cuboid.calibration.recording import calibrate_recording
+from cuboid.calibration.registering import (
+    Misregistration,
+    find_misregistration,
+    register_recording,
+    registration_warning,
+)
 
 __all__ = [
     "CalibrationResult",
+    "Misregistration",
     "Verdict",
     "calibrate",
     "calibrate_recording",
+    "find_misregistration",
     "intrinsics_warning",
     "quick_check",
+    "register_recording",
+    "registration_warning",
     "spread_out",
 ]

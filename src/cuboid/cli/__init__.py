@@ -11,14 +11,17 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from io import TextIOWrapper
 from types import ModuleType
 from typing import NoReturn
 
 from cuboid import __version__
-from cuboid.errors import CuboidError
+from cuboid.errors import CuboidError, one_line
 
 COMMANDS = (
     "track",
+    "info",
+    "convert",
     "evaluate",
     "evaluate trajectory",
     "annotate",
@@ -43,7 +46,8 @@ class _Parser(argparse.ArgumentParser):
     """A parser whose complaints are one line."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(MISTAKE, f"cuboid: error: {message} (see '{self.prog} --help')\n")
+        line = one_line(f"cuboid: error: {message} (see '{self.prog} --help')")
+        self.exit(MISTAKE, f"{line}\n")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -61,10 +65,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         program is a traceback, and the interpreter then exits with 1.
     """
     words = list(sys.argv[1:] if argv is None else argv)
+    _open_streams()
     try:
-        return _run(words)
+        status = _run(words)
+        sys.stdout.flush()
+        return status
     except CuboidError as error:
-        print(f"cuboid: error: {' '.join(str(error).split())}", file=sys.stderr)
+        print(one_line(f"cuboid: error: {error}"), file=sys.stderr)
         return MISTAKE
     except KeyboardInterrupt:
         print("cuboid: interrupted; nothing was written", file=sys.stderr)
@@ -72,6 +79,31 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # who read our output has gone: nothing is left to say, nor to be flushed at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return OK
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        print(f"cuboid: error: standard output cannot be written: {error.strerror}", file=sys.stderr)
+        return MISTAKE
+
+
+def _open_streams() -> None:
+    """Let there be all three standard streams, each of which takes any character.
+
+    Where one is closed, the next file that is opened would get its number, and what is printed would go into it.
+    """
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        try:
+            os.fstat(number)
+        except OSError:
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            if nowhere != number:
+                os.dup2(nowhere, number)
+                os.close(nowhere)
+            setattr(sys, name, os.fdopen(number, mode, closefd=False))
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _run(words: list[str]) -> int:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cuboid.cli.recording import add_source, open_from
+from cuboid.cli.recording import add_reading, open_from
 from cuboid.cli.serving import add_page, serve
 from cuboid.cli.threads import positive
 
@@ -22,7 +22,7 @@ NAME = "keyframes.json"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    add_source(parser)
+    add_reading(parser, thinned=False)
     parser.add_argument(
         "--output",
         type=Path,

@@ -48,6 +48,7 @@ def run(args: argparse.Namespace) -> int:
         raise OutputError(f"{args.output}: exists; --force replaces it")
     from cuboid.calibration import calibrate_recording
     from cuboid.cli.progress import counting
+    from cuboid.outputs.pending import new_file
     from cuboid.readers.calibration import write_camera
     from cuboid.readers.undistortion import rescaled
 
@@ -57,7 +58,8 @@ def run(args: argparse.Namespace) -> int:
     units = recording.depth_units_per_metre / found.depth_scale
     # the frames that were compared have no distortion: what took it out bends them as before with the new focal length
     distortion = rescaled(recording.distortion, found.intrinsics.fx / recording.calibration.fx)
-    write_camera(args.output, found.intrinsics, units, distortion)
+    with new_file(args.output, force=args.force) as file:
+        write_camera(file, found.intrinsics, units, distortion, recording.depth_camera)
     _print(found, recording, args.output)
     return 0
 

@@ -19,6 +19,7 @@ HELP = "check packages, compiled kernels, extras and threads"
 # Distribution, module, and the extra that brings it; a run is impossible without those that no extra brings.
 PACKAGES = (
     ("numpy", "numpy", ""),
+    ("msgspec", "msgspec", ""),
     ("scipy", "scipy", ""),
     ("numba", "numba", ""),
     ("opencv-contrib-python-headless", "cv2", ""),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -45,16 +46,8 @@ def add_recording(parser: argparse.ArgumentParser, default_threads: int) -> None
     )
 
 
-def add_reading(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """Add the recording, how it is read, and which frames of it; return the group of the latter two."""
-    reading = add_source(parser)
-    reading.add_argument("--every", type=positive, default=1, metavar="N", help="use each N-th frame")
-    reading.add_argument("--limit", type=positive, metavar="N", help="read at most N frames")
-    return reading
-
-
-def add_source(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """Add the recording and how it is read; return the group of the latter."""
+def add_reading(parser: argparse.ArgumentParser, *, thinned: bool = True) -> argparse._ArgumentGroup:
+    """Add the recording and how it is read, where wanted with thinning; return the group of the latter."""
     parser.add_argument("recording", type=Path, metavar="RECORDING", help="folder of the RGB-D recording")
     reading = parser.add_argument_group("reading")
     reading.add_argument("--format", metavar="NAME", help="its layout, where it is not recognised")
@@ -67,14 +60,48 @@ def add_source(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     reading.add_argument(
         "--depth-scale", type=depth_scale, metavar="UNITS", help="depth units a metre, instead of its own"
     )
+    reading.add_argument(
+        "--topics", metavar="color=TOPIC,depth=TOPIC", help="topics of a ROS bag, where they are not found by name"
+    )
+    if thinned:
+        reading.add_argument("--every", type=positive, default=1, metavar="N", help="use each N-th frame")
+        reading.add_argument("--limit", type=positive, metavar="N", help="read at most N frames")
+    reading.add_argument(
+        "--register", action="store_true", help="find where depth lies beside color, and carry it there"
+    )
     return reading
 
 
 def open_from(args: argparse.Namespace) -> Recording:
-    """Open the recording that the arguments name."""
+    """Open the recording that the arguments name, and register it where they ask for it."""
     from cuboid.readers import open_recording
 
-    return open_recording(args.recording, format=args.format, intrinsics=args.intrinsics, depth_scale=args.depth_scale)
+    form = args.format if args.topics is None else f"ros-bag:{args.topics}"
+    recording = open_recording(args.recording, format=form, intrinsics=args.intrinsics, depth_scale=args.depth_scale)
+    return _registered(recording) if args.register else recording
+
+
+def _registered(recording: Recording) -> Recording:
+    """Return the recording with depth on color, and say what was found."""
+    from cuboid.calibration.registering import register_recording
+
+    found, registered = register_recording(recording)
+    camera = registered.depth_camera
+    if found is None or not found.clear or camera is None:
+        views = 0 if found is None else found.views
+        print(
+            f"cuboid: --register: depth does not clearly lie beside color ({views} views); left as it is",
+            file=sys.stderr,
+        )
+        return recording
+    tx, ty, _ = 100 * camera.T_color_depth[:3, 3]
+    print(
+        f"cuboid: --register: depth lay {found.off_px:.1f} px beside color ({found.views} views); depth camera "
+        f"fx {camera.fx:.1f} fy {camera.fy:.1f} cx {camera.cx:.1f} cy {camera.cy:.1f}, "
+        f"{tx:.1f}, {ty:.1f} cm in the color camera's x, y",
+        file=sys.stderr,
+    )
+    return registered
 
 
 def config_from(args: argparse.Namespace) -> TrackerConfig:

@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _reading(results: Path, moved: Path | None) -> Callable[[int], Frame]:
     """Return what reads the frames of the recording that results are of."""
-    from cuboid.views.replay import open_results, reopen
+    from cuboid.outputs import FinishedResults
+    from cuboid.views.replay import reopen
 
-    report, found = open_results(results)
-    return reopen(report, found.intrinsics, moved).without_poses().read
+    return reopen(FinishedResults(results), moved).without_poses().read

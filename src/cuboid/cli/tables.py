@@ -11,8 +11,9 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from cuboid.errors import printable
 from cuboid.outputs import RunReport, Timing
-from cuboid.outputs.folder import writing
+from cuboid.outputs.pending import write_whole
 from cuboid.results import TrackedObject
 
 # A pipe has no width: tables take what they need, and no cell is cut.
@@ -22,10 +23,22 @@ WIDE = 200
 KINDS_SHOWN = 8
 
 
+class _Console(Console):
+    """A console to which names with escape codes in them do nothing."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print as usual; of texts all but line breaks that is not printable is escaped."""
+        super().print(*(_lines(item) if isinstance(item, str) else item for item in objects), **options)
+
+
+def _lines(text: str) -> str:
+    return "\n".join(map(printable, text.split("\n")))
+
+
 def console() -> Console:
     """Return the console of standard output; without a terminal it is plain and wide."""
-    plain = Console(highlight=False, soft_wrap=True)
-    return plain if plain.is_terminal else Console(highlight=False, width=WIDE, no_color=True)
+    plain = _Console(highlight=False, soft_wrap=True)
+    return plain if plain.is_terminal else _Console(highlight=False, width=WIDE, no_color=True)
 
 
 def new_table(*columns: str, left: int = 1) -> Table:
@@ -80,5 +93,4 @@ def write_json(document: Mapping[str, Any], name: str) -> None:
     if name == "-":
         print(text, end="")
         return
-    with writing(Path(name)):
-        Path(name).write_text(text, encoding="utf-8")
+    write_whole(Path(name), text)

@@ -103,7 +103,7 @@ def evaluate_keyframes(
     judged, not_given = _given(truth, result, report)
     bad = set() if report is None else {frame for frame, _ in report.skipped}
     skipped = tuple(item.frame for item in judged if item.frame in bad)
-    sightings = read_rects(result if run is None else result / TRACKS, unique=True)
+    sightings = read_rects(result if run is None else result / TRACKS)
     stages = [Stage("labelled sightings", "labelled", rects_by_frame(sightings))]
     opened: Recording | str = f"{result} names none"
     if run is not None:

@@ -11,14 +11,12 @@ from cuboid.downscaling import downscale
 from cuboid.errors import CuboidError, InputError
 from cuboid.evaluation.result import RectRows, read_rects
 from cuboid.exports.finished import FinishedRun
+from cuboid.formats.rows_files import OwnRectEntry
 from cuboid.frame import Float64Array
-from cuboid.outputs import read_trajectory
-from cuboid.outputs.folder import PROPOSALS, TRAJECTORY
-from cuboid.outputs.text import LENGTH, number
+from cuboid.outputs.folder import PROPOSALS
 from cuboid.proposals import SOURCES, make_source
 from cuboid.readers.recording import Recording
 from cuboid.views.projection import visible_rect
-from cuboid.views.replay import used_frames
 
 Rects = Mapping[int, Float64Array]
 NO_RECTS = np.zeros((0, 4))
@@ -78,8 +76,10 @@ def early_stages(run: FinishedRun, recording: Recording | str, frames: Sequence[
     """
     return [
         _stage("2D proposals", "2D", lambda: _proposals_2d(run, recording, frames)),
-        _stage("the frame's own 3D boxes", "3D", lambda: rects_by_frame(read_rects(run.folder / PROPOSALS))),
-        _stage("boxes of the map", "map", lambda: _map_boxes(run, recording, frames)),
+        _stage(
+            "the frame's own 3D boxes", "3D", lambda: rects_by_frame(read_rects(run.folder / PROPOSALS, OwnRectEntry))
+        ),
+        _stage("boxes of the map", "map", lambda: _map_boxes(run, frames)),
     ]
 
 
@@ -107,22 +107,12 @@ def _proposals_2d(run: FinishedRun, recording: Recording | str, frames: Sequence
     return found
 
 
-def _map_boxes(run: FinishedRun, recording: Recording | str, frames: Sequence[int]) -> Rects:
+def _map_boxes(run: FinishedRun, frames: Sequence[int]) -> Rects:
     """Project the map's boxes at the end into the frames."""
-    poses = _poses(run, recording)
+    poses = {frame: row.T_world_camera for frame, row in run.poses.items()}
     found = {}
     for frame in frames:
         if frame in poses:
             rects = [visible_rect(item.box, poses[frame], run.found.intrinsics) for item in run.found.objects]
             found[frame] = np.array([rect for rect in rects if rect is not None]).reshape(-1, 4)
     return found
-
-
-def _poses(run: FinishedRun, recording: Recording | str) -> Mapping[int, Float64Array]:
-    """Return T_world_camera by frame: lines of the trajectory have times, and no frame numbers."""
-    if isinstance(recording, str):
-        return {frame: row.T_world_camera for frame, row in run.poses.items()}
-    rows = read_trajectory(run.folder / TRAJECTORY)
-    by_time = {number(row.timestamp_s, LENGTH): row.T_world_camera for row in rows}
-    times = {frame: number(recording.timestamp_s(frame), LENGTH) for frame in used_frames(run.report)}
-    return {frame: by_time[time] for frame, time in times.items() if time in by_time}

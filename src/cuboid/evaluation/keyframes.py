@@ -7,18 +7,19 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
-from cuboid.errors import InputError
+from cuboid.errors import InputError, printable
+from cuboid.formats.json_door import checked, format_in, read_json
+from cuboid.formats.keyframes_file import FORMAT, KeyframeEntry, KeyframesDocument
 from cuboid.frame import Float64Array
-from cuboid.outputs.objects import read_json
 from cuboid.readers.recording import Recording
 
-FORMAT, VERSION = "cuboid-keyframes", 1
 # A frame's number in the name of its file: the first there is, which may be a time.
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 COUNTING = "'frame' counts the recording's frames from 0, whatever their files are called"
@@ -113,7 +114,7 @@ class Keyframes:
 
 def is_keyframes(path: Path) -> bool:
     """Tell whether a file says that it holds keyframes; InputError where it is no JSON object."""
-    return path.is_file() and read_json(path).get("format") == FORMAT
+    return path.is_file() and format_in(path) == FORMAT
 
 
 def read_keyframes(path: Path) -> Keyframes:
@@ -123,42 +124,27 @@ def read_keyframes(path: Path) -> Keyframes:
     ------
     InputError
         The file is missing, is of another format, or a field is missing or malformed; the message names file and
-        frame.
+        field.
     """
-    return keyframes_from_json(path, read_json(path))
+    return _keyframes(path, read_json(path, KeyframesDocument))
 
 
 def keyframes_from_json(path: Path, document: dict[str, Any]) -> Keyframes:
     """Return the keyframes that a document holds; `path` is for messages. Raises InputError as `read_keyframes`."""
-    if document.get("format") != FORMAT or document.get("version") != VERSION:
-        raise InputError(
-            f"{path}: expected format '{FORMAT}' version {VERSION}, "
-            f"got '{document.get('format')}' version {document.get('version')}"
-        )
-    where = str(path)
     try:
-        objects = {item.id: item for item in map(_object, document["objects"])}
-        if len(objects) < len(document["objects"]):
-            raise ValueError("two objects have the same id")
-        frames: list[Keyframe] = []
-        for item in document["frames"]:
-            where = f"{path}: frame {item['frame']}"
-            frames.append(_keyframe(item, objects))
-        where = str(path)
-    except KeyError as error:
-        raise InputError(f"{where}: field {error} is missing") from error
-    except (TypeError, ValueError, AttributeError, InvalidOperation) as error:
-        raise InputError(f"{where}: a field is malformed: {error}") from error
-    if len({item.frame for item in frames}) < len(frames):
-        raise InputError(f"{path}: a frame stands there twice")
+        content = msgspec.json.encode(document)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: is no JSON: {error}") from None
+    return _keyframes(path, checked(path, content, KeyframesDocument))
+
+
+def _keyframes(path: Path, document: KeyframesDocument) -> Keyframes:
+    objects = {item.id: DrawnObject(item.id, item.name or str(item.id), item.group) for item in document.objects}
+    frames = tuple(sorted((_keyframe(item, objects) for item in document.frames), key=lambda item: item.frame))
     for known in (drawn.id for item in frames for drawn in item.drawn):
         objects.setdefault(known, DrawnObject(known, str(known)))
-    return Keyframes(
-        path,
-        str(document.get("name", path.stem)),
-        tuple(sorted(objects.values(), key=lambda item: item.id)),
-        tuple(sorted(frames, key=lambda item: item.frame)),
-    )
+    name = document.name or printable(path.stem)
+    return Keyframes(path, name, tuple(sorted(objects.values(), key=lambda item: item.id)), frames)
 
 
 def file_number(recording: Recording, frame: int) -> Decimal | None:
@@ -187,37 +173,15 @@ def check_frames(keyframes: Keyframes, recording: Recording) -> None:
             )
 
 
-def _object(item: dict[str, Any]) -> DrawnObject:
-    number = _whole(item["id"], "id", least=1)
-    return DrawnObject(number, str(item.get("name", number)), bool(item.get("group", False)))
-
-
-def _keyframe(item: dict[str, Any], objects: dict[int, DrawnObject]) -> Keyframe:
-    drawn = tuple(_drawn(box, objects) for box in item["boxes"])
-    if len({one.id for one in drawn}) < len(drawn):
-        raise ValueError("an id stands there twice")
-    ignored = np.array([_rect(rect) for rect in item.get("ignore") or ()]).reshape(-1, 4)
-    number = Decimal(str(item["number"])) if item.get("number") is not None else None
-    return Keyframe(_whole(item["frame"], "frame", least=0), drawn, ignored, number)
-
-
-def _drawn(item: dict[str, Any], objects: dict[int, DrawnObject]) -> DrawnRect:
-    number = _whole(item["id"], "id", least=1)
-    visible = float(item.get("visible", 1.0))
-    if not 0 <= visible <= 1:
-        raise ValueError(f"visible of id {number}: expected 0 to 1, got {visible:g}")
-    group = bool(item.get("group", False)) or (number in objects and objects[number].group)
-    return DrawnRect(number, _rect(item["rect"]), visible, group)
-
-
-def _rect(value: Any) -> Float64Array:
-    rect = np.array(value, np.float64)
-    if rect.shape != (4,) or not np.isfinite(rect).all() or not (rect[2:] > rect[:2]).all():
-        raise ValueError(f"expected a rectangle [x0, y0, x1, y1] with x0 < x1 and y0 < y1, got {value}")
-    return rect
-
-
-def _whole(value: Any, name: str, least: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or value < least:
-        raise ValueError(f"{name}: expected a whole number of at least {least}, got {value!r}")
-    return value
+def _keyframe(item: KeyframeEntry, objects: dict[int, DrawnObject]) -> Keyframe:
+    drawn = tuple(
+        DrawnRect(
+            box.id,
+            np.array(box.rect, np.float64),
+            box.visible,
+            box.group or (box.id in objects and objects[box.id].group),
+        )
+        for box in item.boxes
+    )
+    number = None if item.number is None else Decimal(str(item.number))
+    return Keyframe(item.frame, drawn, np.array(item.ignore or (), np.float64).reshape(-1, 4), number)

@@ -12,8 +12,12 @@ from scipy.spatial import KDTree
 from cuboid.errors import InputError
 from cuboid.evaluation.matching import ratio
 from cuboid.evaluation.truth import Truth
+from cuboid.formats.reading import MOST_BINARY_BYTES, opened
+from cuboid.formats.rows_files import LabelEntry
+from cuboid.formats.table_door import read_lines
 from cuboid.frame import Float64Array
 from cuboid.geometry.overlap import pack
+from cuboid.geometry.se3 import FARTHEST_M
 
 # A labelled point has the heat of the nearest point of the map within this, metres: two voxels of 1 cm.
 REACH_M = 0.02
@@ -100,16 +104,15 @@ def read_labelled_cloud(path: Path) -> LabelledCloud:
     """
     import trimesh
 
-    try:
-        with path.open("rb") as file:
-            cloud = trimesh.load(file, file_type="ply", process=False)
-        vertex = cloud.metadata["_ply_raw"]["vertex"]["data"]
-        xyz = np.stack([np.ravel(vertex[name]) for name in "xyz"], axis=1).astype(np.float64)
-        names = vertex.dtype.names if isinstance(vertex, np.ndarray) else tuple(vertex)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    except Exception as error:  # the library has no error of its own for files that are no PLY
-        raise InputError(f"{path}: is no PLY of points: {error}") from error
+    with opened(path, MOST_BINARY_BYTES) as file:
+        try:
+            vertex = trimesh.load(file, file_type="ply", process=False).metadata["_ply_raw"]["vertex"]["data"]
+            xyz = np.stack([np.ravel(vertex[name]) for name in "xyz"], axis=1).astype(np.float64)
+            names = vertex.dtype.names if isinstance(vertex, np.ndarray) else tuple(vertex)
+        except Exception as error:  # the library has no error of its own for files that are no PLY
+            raise InputError(f"{path}: is no PLY of points: {error}") from error
+    if not (np.abs(xyz) <= FARTHEST_M).all():
+        raise InputError(f"{path}: a point is NaN, infinite, or more than {FARTHEST_M:g} m away")
     beside = path.with_suffix(".label")
     if beside.is_file():
         return LabelledCloud(xyz, np.isin(_classes(beside, len(xyz)), UW_OBJECT_CLASSES))
@@ -119,13 +122,10 @@ def read_labelled_cloud(path: Path) -> LabelledCloud:
 
 
 def _classes(path: Path, points: int) -> npt.NDArray[np.int64]:
-    try:
-        values = np.array(path.read_text(encoding="utf-8").split(), np.int64)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: expected whole numbers, one a line: {error}") from error
+    values = [row.number for _, row in read_lines(path, LabelEntry)]
     if len(values) != points + 1 or values[0] != points:
         raise InputError(f"{path}: expected {points} and as many classes, got {len(values)} numbers")
-    return values[1:]
+    return np.array(values[1:])
 
 
 def heat_quality(xyz: Float64Array, heat: npt.NDArray[np.floating], cloud: LabelledCloud, truth: Truth) -> HeatQuality:

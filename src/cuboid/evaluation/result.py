@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -11,17 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.errors import InputError
+from cuboid.formats.rows_files import BoxEntry, OwnBoxEntry, OwnRectEntry, RectEntry
+from cuboid.formats.table_door import read_table
 from cuboid.frame import Float64Array
 from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import rotation_from_quat_wxyz
-from cuboid.outputs import read_objects, read_run
-from cuboid.outputs.folder import MAP, OBJECTS, PROPOSALS, RUN, TRACKS, TRAJECTORY
+from cuboid.outputs import FinishedResults
+from cuboid.outputs.folder import MAP, PROPOSALS, TRACKS, TRAJECTORY
 
 IntArray = npt.NDArray[np.int64]
-
-PLACE = ("cx", "cy", "cz", "length", "width", "height", "qw", "qx", "qy", "qz")
-NEEDED = ("frame", "label", *PLACE)
-RECT = ("x0", "y0", "x1", "y1")
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +117,7 @@ class Result:
 
 
 def read_result(path: Path) -> Result:
-    """Read a result folder (``docs/commands.md``), or a CSV with at least the columns of `NEEDED`.
+    """Read a result folder (``docs/commands.md``), or a CSV with at least the columns of `BoxEntry`.
 
     The map of a plain CSV is each label's last box, and the more frames a label has, the higher it is ranked.
 
@@ -131,110 +127,68 @@ def read_result(path: Path) -> Result:
         A file is missing or malformed; the message names file and line.
     """
     if not path.is_dir():
-        tracks = read_boxes(path, unique=True)
+        tracks = read_boxes(path)
         return Result(path, tracks, _last_boxes(tracks))
-    report = read_run(path / RUN)
-    every = int(report.config.get("every", 1))
-    skipped = [frame for frame, _ in report.skipped]
-    read = np.arange(0, report.frames_read * every, every)
-    known = read_objects(path / OBJECTS).objects
+    finished = FinishedResults(path)
+    report = finished.report
+    known = finished.found.objects
     return Result(
         path=path,
-        tracks=read_boxes(path / TRACKS, unique=True),
+        tracks=read_boxes(path / TRACKS),
         objects=MapBoxes(
             np.array([item.label for item in known], np.int64),
             pack([item.box for item in known]),
             np.array([item.score for item in known], np.float64),
         ),
-        proposals=read_boxes(path / PROPOSALS) if (path / PROPOSALS).exists() else None,
-        frames=read[~np.isin(read, skipped)],
-        skipped=len(skipped),
+        proposals=read_boxes(path / PROPOSALS, OwnBoxEntry) if (path / PROPOSALS).exists() else None,
+        frames=report.used(),
+        skipped=len(report.skipped),
         poses=report.poses,
         map_points=path / MAP if (path / MAP).exists() else None,
         trajectory=path / TRAJECTORY if (path / TRAJECTORY).exists() else None,
     )
 
 
-def read_boxes(path: Path, *, unique: bool = False) -> BoxRows:
-    """Read a CSV whose header names at least the columns of `NEEDED`, in any order; others are left alone.
+def read_boxes(path: Path, kind: type[BoxEntry] | type[OwnBoxEntry] = BoxEntry) -> BoxRows:
+    """Read a CSV whose header names at least the columns of a kind of row, in any order; others are left alone.
 
     Parameters
     ----------
     path : Path
-    unique : bool
-        Whether a label may stand only once in a frame, and must be above 0.
+    kind : type
+        `BoxEntry`, of which a label stands only once in a frame, or `OwnBoxEntry`.
 
     Raises
     ------
     InputError
         The file cannot be read, lacks a column, or a row is malformed; the message names file and line.
     """
-    table = _read_table(path, PLACE, _box)
-    found = BoxRows(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:].reshape(-1, 15))
-    if unique:
+    rows = [_numbers(row) for _, row in read_table(path, kind, any_order=True)]
+    table = np.array(rows).reshape(-1, 2 + 15)
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    found = BoxRows(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:])
+    if kind is BoxEntry:
         _refuse_twice(path, found)
     return found
 
 
-def read_rects(path: Path, *, unique: bool = False) -> RectRows:
-    """Read the rectangles of a CSV with at least frame, label and `RECT`; parameters and errors as `read_boxes`."""
-    table = _read_table(path, RECT, _rect)
-    found = RectRows(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:].reshape(-1, 4))
-    if unique:
+def read_rects(path: Path, kind: type[RectEntry] | type[OwnRectEntry] = RectEntry) -> RectRows:
+    """Read the rectangles of a CSV; a label stands only once in a frame of `RectEntry`. Raises as `read_boxes`."""
+    rows = [(row.frame, row.label, row.x0, row.y0, row.x1, row.y1) for _, row in read_table(path, kind, any_order=True)]
+    table = np.array(rows, np.float64).reshape(-1, 6)
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    found = RectRows(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:])
+    if kind is RectEntry:
         _refuse_twice(path, found)
     return found
 
 
-def _read_table(path: Path, names: tuple[str, ...], parse: Callable[[list[float]], list[float]]) -> Float64Array:
-    """Return frame, label and what `parse` makes of the named columns of a CSV, in frame order."""
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            lines = csv.reader(file)
-            columns = _columns(path, next(lines, []), ("frame", "label", *names))
-            rows = [_row(path, lines.line_num, cells, columns, parse) for cells in lines if cells]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    table = np.array(rows, np.float64).reshape(len(rows), -1 if rows else 2)
-    return table[np.argsort(table[:, 0], kind="stable")]
-
-
-def _columns(path: Path, header: list[str], needed: tuple[str, ...]) -> list[int]:
-    names = [name.strip() for name in header]
-    missing = [name for name in needed if name not in names]
-    if missing:
-        raise InputError(f"{path}:1: expected a header with {','.join(needed)}; missing: {', '.join(missing)}")
-    return [names.index(name) for name in needed]
-
-
-def _row(
-    path: Path, line: int, cells: list[str], columns: list[int], parse: Callable[[list[float]], list[float]]
-) -> list[float]:
-    try:
-        frame, label, *rest = (float(cells[k]) for k in columns)
-        if not (frame >= 0 and label >= 0 and frame == int(frame) and label == int(label)):
-            raise ValueError(f"frame and label must be whole numbers of at least 0, got {frame:g}, {label:g}")
-        return [frame, label, *parse(rest)]
-    except IndexError:
-        raise InputError(f"{path}:{line}: expected {max(columns) + 1} values, got {len(cells)}") from None
-    except (ValueError, OverflowError) as error:
-        raise InputError(f"{path}:{line}: {error}") from error
-
-
-def _box(place: list[float]) -> list[float]:
-    if not (np.isfinite(place).all() and min(place[3:6]) >= 0):
-        raise ValueError(f"a box needs finite numbers and a size of at least 0, got {place}")
-    return [*place[:6], *rotation_from_quat_wxyz(place[6:]).ravel()]
-
-
-def _rect(rect: list[float]) -> list[float]:
-    if not np.isfinite(rect).all():
-        raise ValueError(f"a rectangle needs finite numbers, got {rect}")
-    return rect
+def _numbers(row: BoxEntry | OwnBoxEntry) -> list[float]:
+    turn = rotation_from_quat_wxyz((row.qw, row.qx, row.qy, row.qz))
+    return [row.frame, row.label, row.cx, row.cy, row.cz, row.length, row.width, row.height, *turn.ravel()]
 
 
 def _refuse_twice(path: Path, rows: BoxRows | RectRows) -> None:
-    if len(rows.label) and rows.label.min() < 1:
-        raise InputError(f"{path}: frame {rows.frame[rows.label.argmin()]}: a label must be at least 1")
     pairs, count = np.unique(np.stack([rows.frame, rows.label], axis=1), axis=0, return_counts=True)
     if (count > 1).any():
         frame, label = pairs[count > 1][0]

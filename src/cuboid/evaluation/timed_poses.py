@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from cuboid.errors import CuboidError, FrameError, InputError
+from cuboid.formats.table_door import data_lines
 from cuboid.frame import Float64Array
 from cuboid.outputs.folder import TRAJECTORY
 from cuboid.readers import open_recording
-from cuboid.readers.posetext import Trajectory, data_lines, parse_numbers, pose_from_quaternion
+from cuboid.readers.posetext import Trajectory, parse_numbers, pose_from_quaternion
 from cuboid.readers.recording import DEFAULT_RATE_HZ
 
 # The name by which a file of poses of RGB-D Scenes v2 is known: a line a frame, no times.

@@ -13,7 +13,7 @@ import numpy as np
 from cuboid.errors import InputError
 from cuboid.evaluation.trajectory import TrajectoryErrors
 from cuboid.frame import Float64Array
-from cuboid.outputs.folder import writing
+from cuboid.outputs.pending import write_whole
 from cuboid.views.text import Color, ink, put_text
 
 WIDTH_PX, HEIGHT_PX = 1200, 560
@@ -35,8 +35,8 @@ class Canvas(Protocol):
     def text(self, text: str, x: float, y: float, color: Color, *, middle: bool = False) -> None:
         """Write a line of text whose left end, or middle, is at x and whose top is at y."""
 
-    def write(self, path: Path) -> None:
-        """Write the picture."""
+    def content(self) -> bytes:
+        """Return the picture's file."""
 
 
 class PngCanvas:
@@ -55,9 +55,9 @@ class PngCanvas:
         left = x - ink(text, TEXT_PX).shape[1] / 2 if middle else x
         put_text(self._picture, text, round(left), round(y), TEXT_PX, color)
 
-    def write(self, path: Path) -> None:
-        """Write the picture."""
-        path.write_bytes(cv2.imencode(".png", self._picture[..., ::-1])[1].tobytes())
+    def content(self) -> bytes:
+        """Return the picture's file."""
+        return cv2.imencode(".png", self._picture[..., ::-1])[1].tobytes()
 
 
 class SvgCanvas:
@@ -82,15 +82,15 @@ class SvgCanvas:
             f"{escape(text)}</text>"
         )
 
-    def write(self, path: Path) -> None:
-        """Write the picture."""
+    def content(self) -> bytes:
+        """Return the picture's file."""
         body = "\n".join(self._parts)
-        path.write_text(
+        text = (
             f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH_PX} {HEIGHT_PX}" '
             f'font-family="sans-serif" font-size="{TEXT_PX}">\n<rect width="100%" height="100%" fill="white"/>\n'
-            f"{body}\n</svg>\n",
-            encoding="utf-8",
+            f"{body}\n</svg>\n"
         )
+        return text.encode("utf-8")
 
 
 CANVASES: dict[str, type[PngCanvas] | type[SvgCanvas]] = {".png": PngCanvas, ".svg": SvgCanvas}
@@ -155,8 +155,7 @@ def plot(found: TrajectoryErrors, path: Path) -> None:
     canvas = canvas_of(path)
     _draw_paths(canvas, found)
     _draw_error(canvas, found)
-    with writing(path):
-        canvas.write(path)
+    write_whole(path, canvas.content())
 
 
 def canvas_of(path: Path) -> Canvas:

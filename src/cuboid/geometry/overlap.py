@@ -10,6 +10,9 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.kernels.overlap import intersections
 
+# A cube of a micrometre: quotients of less lose their digits.
+NO_VOLUME_M3 = 1e-18
+
 
 def pack(boxes: Sequence[Box]) -> Float64Array:
     """Return boxes as rows (N, 15): centre (3), size (3), rotation (9, row by row)."""
@@ -45,7 +48,7 @@ def overlaps(a: Float64Array, b: Float64Array) -> tuple[Float64Array, Float64Arr
     i, j = np.nonzero(common)
     if len(i):
         both, mine, theirs = common[i, j], _volumes(a)[i], _volumes(b[j])
-        solid = np.minimum(mine, theirs) > 0
+        solid = np.minimum(mine, theirs) > NO_VOLUME_M3
         i, j, both, mine, theirs = i[solid], j[solid], both[solid], mine[solid], theirs[solid]
         iou[i, j] = np.minimum(1.0, both / (mine + theirs - both))
         inside[i, j] = np.minimum(1.0, both / np.minimum(mine, theirs))

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import math
+from typing import TYPE_CHECKING
+
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array
+if TYPE_CHECKING:  # a frame knows what a pose is, so this cannot know what a frame is
+    from cuboid.frame import Float64Array
 
+# How far a matrix may be from a rotation; files with 3 digits stay below. What passes is made a rotation.
+RIGID_TOLERANCE = 0.01
+# Below this a rotation is one but for the rounding of 64 bits, and is left as it is.
+EXACT_TOLERANCE = 1e-12
+# Farther than this from the origin of its world no camera is, metres.
+FARTHEST_M = 1e6
 # Below this angle between two quaternions (radians) the slerp weights sin(a t) / sin(a) lose digits,
 # and a straight line between them is exact to 1e-13.
 SLERP_SMALL_ANGLE = 1e-6
@@ -113,14 +123,60 @@ def is_rigid(T: npt.ArrayLike, tolerance: float = 1e-3) -> bool:
         False for matrices of another shape, with NaN or infinity, with scale or shear, and for mirrors.
     """
     M = np.asarray(T, np.float64)
-    if M.shape != (4, 4) or not np.isfinite(M).all():
-        return False
-    R = M[:3, :3]
-    if np.abs(R).max() > 2.0:  # also keeps the product below from overflowing
-        return False
-    straight = np.abs(R @ R.T - np.eye(3)).max() <= tolerance
-    bottom = np.abs(M[3] - (0.0, 0.0, 0.0, 1.0)).max() <= tolerance
-    return bool(straight and bottom and np.linalg.det(R) > 0)
+    return M.shape == (4, 4) and _deviation(M) <= tolerance
+
+
+def _deviation(T: Float64Array) -> float:
+    """Return by how much a matrix (4, 4) is off from a rigid motion; infinite for mirrors, NaN and infinity.
+
+    In plain numbers: NumPy takes ten times as long for so small a matrix, and each frame passes here.
+    """
+    (a, b, c, x), (d, e, f, y), (g, h, i, z), (p, q, r, s) = T.tolist()
+    if not all(map(math.isfinite, (x, y, z, p, q, r, s))):
+        return math.inf
+    off = max(
+        abs(a * a + b * b + c * c - 1.0),
+        abs(d * d + e * e + f * f - 1.0),
+        abs(g * g + h * h + i * i - 1.0),
+        abs(a * d + b * e + c * f),
+        abs(a * g + b * h + c * i),
+        abs(d * g + e * h + f * i),
+        abs(p),
+        abs(q),
+        abs(r),
+        abs(s - 1.0),
+    )
+    turned = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0
+    return off if turned else math.inf
+
+
+def rigid(T: npt.ArrayLike) -> Float64Array:
+    """Return a pose (4, 4) as given by a user, freed of the rounding with which it was written.
+
+    This is the door of poses: what is no rotation and translation does not pass, what passes is one to the last digit.
+
+    Raises
+    ------
+    ValueError
+        If it has another shape, a number is NaN, infinite or too large, or it is not rigid (scale, shear, a mirror).
+    """
+    M = np.asarray(T, np.float64)
+    if M.shape != (4, 4):
+        raise ValueError(f"a pose must be (4, 4), got {M.shape}")
+    refuse_nowhere(M)
+    off = _deviation(M)
+    if off > RIGID_TOLERANCE:
+        raise ValueError("the pose is not rigid (a rotation, a translation and a last row 0 0 0 1)")
+    return M if off <= EXACT_TOLERANCE else tidied(M)
+
+
+def refuse_nowhere(numbers: npt.ArrayLike) -> None:
+    """Raise ValueError where a number of a pose is NaN or infinite, or farther than `FARTHEST_M`."""
+    largest = np.abs(numbers).max()
+    if not np.isfinite(largest):
+        raise ValueError("the pose has NaN or infinite numbers")
+    if largest > FARTHEST_M:
+        raise ValueError(f"the pose is {largest:.3g} m away, expected at most {FARTHEST_M:g} m")
 
 
 def interpolate(T_a_b0: npt.ArrayLike, T_a_b1: npt.ArrayLike, s: float) -> Float64Array:

@@ -39,7 +39,7 @@ SURE_MATCH = 0.5
 # What an object loses at a fit that finds it going on into structure.
 STRUCTURE = 2.0
 # What a candidate loses in a frame that shows its place and has no proposal for it.
-MISSED = 0.5
+MISSED = 0.3
 # Frames do not agree on two objects that touch, metres, while the log-odds that they are two are below this.
 UNSURE, TOUCH_M = 1.1, 0.03
 # A labelled object is no more when less than this share of the voxels of its last fit is left: a rim at its foot stays,
@@ -113,7 +113,7 @@ class ObjectMap:
         self._voxels.vote(things.claim, number_of, *self._may_take(number_of, found), candidate, slots)
         self._pairs(things, found, news)
         self._share_room([o.number for o in objects], news)
-        self._missed(found, news)
+        self._missed(found)
         touched = [o.number for o in objects] + [int(n) for n in number_of if n]
         self._fit(touched)
         self._lost(found)
@@ -205,12 +205,12 @@ class ObjectMap:
             if entries[i] is not labelled[j]:
                 self.store.affinity.tell(entries[i].number, labelled[j].number, one=True, news=news)
 
-    def _missed(self, found: Association, news: float) -> None:
+    def _missed(self, found: Association) -> None:
         """Let candidates that no proposal of the frame shows lose ground."""
         matched = set(found.match.tolist())
         for j, entry in enumerate(found.objects):
             if entry.state is State.CANDIDATE and j not in matched:
-                entry.log_odds -= MISSED * news
+                entry.log_odds -= MISSED
 
     def _fit(self, numbers: Sequence[int]) -> None:
         """Fit the boxes of objects of which more was seen than at the last fit."""
@@ -306,7 +306,7 @@ class ObjectMap:
     def _decide(self, numbers: Sequence[int]) -> None:
         """Give labels to those that are sure, and end those that are surely none."""
         for entry in self.store.all_of(numbers):
-            if entry.log_odds <= -SURE:
+            if entry.log_odds <= (-SURE if entry.confirmed else -SURE / 2.0):
                 self.store.retire(entry)
             elif entry.state is State.CANDIDATE and entry.log_odds >= SURE and self._is_whole(entry):
                 self.store.confirm(entry)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cuboid.outputs.finished import FinishedResults
 from cuboid.outputs.folder import OUTPUT_NAMES, ResultFolder
 from cuboid.outputs.objects import ObjectsFile, read_objects, write_objects
 from cuboid.outputs.ply import read_map, write_map
@@ -18,6 +19,7 @@ from cuboid.outputs.writer import ResultWriter
 
 __all__ = [
     "OUTPUT_NAMES",
+    "FinishedResults",
     "ObjectsFile",
     "PoseRow",
     "ProposalRow",

@@ -1,19 +1,26 @@
-"""The output folder: nothing in it looks whole before it is.
+"""The output folder: nothing in it looks whole before it is, and nothing that was in it is lost before that.
 
-A run writes into a hidden working folder. A new output folder is that working folder, renamed in one step at
-the end; where results of an earlier run are replaced (`force`), the working folder lies inside the output
-folder, the old results stay until the new ones are complete, and ``run.json`` (which says that results are
-complete) goes first and comes last.
+A run writes into a hidden working folder. A new output folder is that working folder, renamed in one step at the end.
+Where results of an earlier run are replaced (`force`), the working folder lies inside the output folder. The old
+results stay until the new ones are complete; then the working folder gets the name `COMPLETE`, in one step, and its
+files take the places of the old ones, ``run.json`` (which says that results are complete) going first and coming last.
+Whoever is killed in between leaves a `COMPLETE` behind: who opens the folder next finishes the work
+(`finish_replacing`).
+
+A working folder is locked while its run lives, so that those of killed runs can be told and removed.
 """
 
 from __future__ import annotations
 
 import errno
+import fcntl
+import glob
 import os
 import secrets
 import shutil
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 
@@ -28,6 +35,12 @@ TRAJECTORY_ONLINE = "trajectory_online.txt"
 MAP = "map.ply"
 VIDEO = "labelled.mp4"
 REPORT = "report.html"
+
+# Complete results inside an output folder whose old ones they are about to replace, and the list of their files.
+COMPLETE = ".complete"
+# A working folder this young may not be locked yet.
+YOUNG_S = 5.0
+NAMES = "names"
 
 OUTPUT_NAMES = (OBJECTS, TRACKS, PROPOSALS, TRAJECTORY, TRAJECTORY_ONLINE, MAP, VIDEO, REPORT, RUN)
 
@@ -77,14 +90,18 @@ class ResultFolder:
 
     def __init__(self, path: Path, *, force: bool = False) -> None:
         self.path = path
-        self._real = Path(os.path.realpath(path))
-        self._replace = self._real.is_dir()
-        self._refuse(force)
-        place = self._real if self._replace else self._real.parent
         with writing(path):
+            self._real = Path(os.path.realpath(path))
+            self._replace = self._real.is_dir()
+            self._refuse(force)
+            place = self._real if self._replace else self._real.parent
             place.mkdir(parents=True, exist_ok=True)
+            if self._replace:
+                finish_replacing(self._real)
+            _remove_abandoned(place, self._real.name)
             self._working = place / f".{self._real.name}.{secrets.token_hex(4)}.partial"
             self._working.mkdir()
+            self._lock = _locked(self._working)
 
     def _refuse(self, force: bool) -> None:
         if self._replace and not force:
@@ -99,6 +116,7 @@ class ResultFolder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         shutil.rmtree(self._working, ignore_errors=True)
+        os.close(self._lock)
 
     def file(self, name: str) -> Path:
         """Return where the file of this name is written now."""
@@ -113,15 +131,78 @@ class ResultFolder:
             The output folder came into being during the run, or is no longer writable.
         """
         with writing(self.path):
-            if self._replace:
-                self._replace_results()
-            else:
+            if not self._replace:
                 self._working.rename(self._real)
+                return
+            lock = _locked(self._real)  # of two runs into one folder, the second to end replaces the first
+            try:
+                finish_replacing(self._real, locked=True)
+                names = [name for name in OUTPUT_NAMES if self.file(name).exists()]
+                self.file(NAMES).write_text("\n".join(names), encoding="utf-8")
+                self._working.rename(self._real / COMPLETE)
+                finish_replacing(self._real, locked=True)
+            finally:
+                os.close(lock)
 
-    def _replace_results(self) -> None:
-        (self._real / RUN).unlink(missing_ok=True)
-        for name in OUTPUT_NAMES:
-            if self.file(name).exists():
-                self.file(name).replace(self._real / name)
-            else:
-                (self._real / name).unlink(missing_ok=True)
+
+def finish_replacing(folder: Path, *, locked: bool = False) -> None:
+    """Put complete results in the places of old ones, where a run that was to do it was killed.
+
+    Parameters
+    ----------
+    folder : Path
+        An output folder.
+    locked : bool
+        Whether the caller holds its lock.
+
+    Raises
+    ------
+    OSError
+        It cannot be written.
+    """
+    complete = folder / COMPLETE
+    if not complete.is_dir():
+        return
+    lock = None if locked else _locked(folder)
+    try:
+        if not (complete / NAMES).exists():  # another process has just done it
+            shutil.rmtree(complete, ignore_errors=True)
+            return
+        names = (complete / NAMES).read_text(encoding="utf-8").splitlines()
+        if (complete / RUN).exists():  # else all is in its place
+            (folder / RUN).unlink(missing_ok=True)
+        for name in OUTPUT_NAMES:  # run.json is the last
+            if (complete / name).exists():
+                (complete / name).replace(folder / name)
+            elif name not in names:
+                (folder / name).unlink(missing_ok=True)
+        shutil.rmtree(complete, ignore_errors=True)
+    finally:
+        if lock is not None:
+            os.close(lock)
+
+
+def _remove_abandoned(place: Path, name: str) -> None:
+    """Remove the working folders of runs that were killed."""
+    for left in place.glob(f".{glob.escape(name)}.*.partial"):
+        with suppress(OSError):
+            if time.time() - left.stat().st_mtime < YOUNG_S:
+                continue
+            lock = _locked(left, wait=False)
+            try:
+                shutil.rmtree(left, ignore_errors=True)
+            finally:
+                os.close(lock)
+
+
+def _locked(folder: Path, *, wait: bool = True) -> int:
+    """Return a handle of a folder that is locked until it is closed; without `wait`, OSError where another has it."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except OSError:
+        if not wait:
+            os.close(handle)
+            raise
+        # a file system without locks: two runs into one folder are not kept apart there
+    return handle

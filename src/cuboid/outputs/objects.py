@@ -9,14 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.errors import InputError
+from cuboid.formats.json_door import read_json
+from cuboid.formats.objects_file import FORMAT, VERSION, ObjectEntry, ObjectsDocument
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.outputs.text import DIRECTION, LENGTH, rounded, rounded_list
 from cuboid.results import SupportPlane, TrackedObject
-
-FORMAT = "cuboid-objects"
-VERSION = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,54 +71,24 @@ def read_objects(path: Path) -> ObjectsFile:
     Raises
     ------
     InputError
-        The file is missing, is not JSON, is of another format or version, or lacks a field.
+        The file is missing, is of another format or version, or a field of it is malformed.
     """
-    document = read_json(path)
-    if document.get("format") != FORMAT or document.get("version") != VERSION:
-        raise InputError(
-            f"{path}: expected format '{FORMAT}' version {VERSION}, "
-            f"got '{document.get('format')}' version {document.get('version')}"
-        )
-    try:
-        return ObjectsFile(
-            up=None if document["up"] is None else np.array(document["up"], dtype=np.float64),
-            intrinsics=Intrinsics(**document["intrinsics"]),
-            planes=tuple(
-                SupportPlane(
-                    np.array(plane["normal"], dtype=np.float64),
-                    float(plane["offset"]),
-                    np.array(plane["extent"], dtype=np.float64).reshape(-1, 3),
-                )
-                for plane in document["planes"]
-            ),
-            objects=tuple(_object_from_json(item) for item in document["objects"]),
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: a field is missing or malformed: {error!r}") from error
+    document = read_json(path, ObjectsDocument)
+    K = document.intrinsics
+    return ObjectsFile(
+        up=None if document.up is None else np.array(document.up),
+        intrinsics=Intrinsics(K.fx, K.fy, K.cx, K.cy, K.width, K.height),
+        planes=tuple(
+            SupportPlane(np.array(plane.normal), plane.offset, np.array(plane.extent).reshape(-1, 3))
+            for plane in document.planes
+        ),
+        objects=tuple(_object(item) for item in document.objects),
+    )
 
 
 def write_json(path: Path, document: dict[str, Any]) -> None:
     """Write a JSON document the way all of ours are written: short lists on one line, no NaN."""
-    path.write_text(_layout(document) + "\n", encoding="utf-8")
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON object.
-
-    Raises
-    ------
-    InputError
-        The file is missing, unreadable, or no JSON object.
-    """
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise InputError(f"{path}: is not JSON: {error}") from error
-    if not isinstance(document, dict):
-        raise InputError(f"{path}: expected a JSON object")
-    return document
+    path.write_text(_layout(document) + "\n", encoding="utf-8", errors="backslashreplace")
 
 
 def _layout(value: Any, indent: int = 0) -> str:
@@ -164,18 +132,17 @@ def _object_to_json(item: TrackedObject) -> dict[str, Any]:
     }
 
 
-def _object_from_json(item: dict[str, Any]) -> TrackedObject:
-    vector = {name: np.array(item[name], dtype=np.float64) for name in ("center", "size", "rotation", "mean_color")}
+def _object(item: ObjectEntry) -> TrackedObject:
     return TrackedObject(
-        label=int(item["label"]),
-        box=Box(vector["center"], vector["size"], vector["rotation"]),
-        score=float(item["score"]),
-        heat=float(item["heat"]),
-        first_frame=int(item["first_frame"]),
-        last_frame=int(item["last_frame"]),
-        frames_seen=int(item["frames_seen"]),
-        points=int(item["points"]),
-        mean_color=vector["mean_color"],
-        plane=None if item["plane"] is None else int(item["plane"]),
-        merged_labels=tuple(int(label) for label in item["merged_labels"]),
+        label=item.label,
+        box=Box(np.array(item.center), np.array(item.size), np.array(item.rotation)),
+        score=item.score,
+        heat=item.heat,
+        first_frame=item.first_frame,
+        last_frame=item.last_frame,
+        frames_seen=item.frames_seen,
+        points=item.points,
+        mean_color=np.array(item.mean_color),
+        plane=item.plane,
+        merged_labels=tuple(item.merged_labels),
     )

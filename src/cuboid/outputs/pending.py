@@ -30,7 +30,7 @@ class PendingFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.partial = path.with_name(f".{path.name}.partial")
+        self.partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[None]:
@@ -58,6 +58,20 @@ class PendingFile:
             self.partial.unlink(missing_ok=True)
 
 
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file that appears, or replaces the one that is there, when it is whole.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written; what was there is there.
+    """
+    file = PendingFile(path)
+    with file.writing():
+        file.partial.write_bytes(content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content)
+        file.show()
+
+
 @contextlib.contextmanager
 def new_file(path: Path, *, force: bool) -> Iterator[Path]:
     """Give the place where a file is written that appears at the end.
@@ -73,10 +87,11 @@ def new_file(path: Path, *, force: bool) -> Iterator[Path]:
     OutputError
         It exists and `force` is not given, it is a folder, or it cannot be written.
     """
-    if path.is_dir():
-        raise OutputError(f"{path}: is a folder; the output must be a file")
-    if path.exists() and not force:
-        raise OutputError(f"{path}: exists; --force replaces it")
+    with writing(path):
+        if path.is_dir():
+            raise OutputError(f"{path}: is a folder; the output must be a file")
+        if path.exists() and not force:
+            raise OutputError(f"{path}: exists; --force replaces it")
     file = PendingFile(path)
     with file.writing():
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -101,10 +116,11 @@ def new_folder(path: Path, *, force: bool, replaces: str) -> Iterator[Path]:
     OutputError
         It exists and `force` is not given, it is a file, or it cannot be written.
     """
-    if path.exists() and not path.is_dir():
-        raise OutputError(f"{path}: is a file; the output must be a folder")
-    if path.is_dir() and not force:
-        raise OutputError(f"{path}: the folder exists; --force replaces the files of an earlier export in it")
+    with writing(path):
+        if path.exists() and not path.is_dir():
+            raise OutputError(f"{path}: is a file; the output must be a folder")
+        if path.is_dir() and not force:
+            raise OutputError(f"{path}: the folder exists; --force replaces the files of an earlier export in it")
     working = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
         with writing(path):

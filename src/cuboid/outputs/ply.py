@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.errors import InputError
+from cuboid.formats.reading import MOST_BINARY_BYTES, read_bytes
+from cuboid.geometry.se3 import FARTHEST_M
 from cuboid.results import MapPoints
 
 # Little-endian layout of a point, in the words of the PLY format (G. Turk, 1994).
@@ -68,12 +70,9 @@ def read_map(path: Path) -> MapPoints:
     Raises
     ------
     InputError
-        The file is missing, has another layout, or is shorter than its header says.
+        The file is missing, has another layout, is shorter than its header says, or a value is out of its range.
     """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    content = read_bytes(path, MOST_BINARY_BYTES)
     head, mark, body = content.partition(b"end_header\n")
     words = head.split()
     at = words.index(b"vertex") + 1 if b"vertex" in words else len(words)
@@ -83,9 +82,22 @@ def read_map(path: Path) -> MapPoints:
     if len(body) != count * POINT.itemsize:
         raise InputError(f"{path}: expected {count} points, got {len(body) / POINT.itemsize:g}")
     rows = np.frombuffer(body, dtype=POINT)
+    _refuse_values(path, rows)
     return MapPoints(
         xyz=rows["xyz"].astype(np.float32),
         rgb=rows["rgb"].copy(),
         heat=rows["heat"].astype(np.float32),
         label=rows["label"].astype(np.int32),
     )
+
+
+def _refuse_values(path: Path, rows: npt.NDArray[np.void]) -> None:
+    """Raise InputError where a point lies nowhere, or its heat or label is none."""
+    wrong = ~(np.abs(rows["xyz"]) <= FARTHEST_M).all(axis=1) | ~((rows["heat"] >= 0) & (rows["heat"] <= 1))
+    wrong |= rows["label"] < 0
+    if wrong.any():
+        k = int(np.flatnonzero(wrong)[0])
+        raise InputError(
+            f"{path}: point {k}: expected a finite place, heat 0 to 1 and a label of at least 0, got "
+            f"{rows['xyz'][k].tolist()}, {rows['heat'][k]:g} and {rows['label'][k]}"
+        )

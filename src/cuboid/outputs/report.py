@@ -8,11 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
+import numpy.typing as npt
 
-from cuboid.errors import InputError
-from cuboid.outputs.objects import read_json, write_json
+from cuboid.formats.json_door import read_json
+from cuboid.formats.run_file import ConfigEntry, RunDocument
+from cuboid.outputs.objects import write_json
 from cuboid.outputs.text import rounded
+from cuboid.readers.depth_camera import DepthCamera, depth_camera_of
+
+IntArray = npt.NDArray[np.int64]
 
 # Digits after the point: what the clocks can tell.
 MILLISECOND = 3
@@ -114,6 +120,21 @@ class RunReport:
         units = self.config.get("depth_units_per_metre")
         return None if units is None else float(units)
 
+    @property
+    def depth_camera(self) -> DepthCamera | None:
+        """The camera that depth was carried from into color; None where depth was aligned already."""
+        return depth_camera_of(msgspec.convert(self.config, ConfigEntry))
+
+    @property
+    def every(self) -> int:
+        """One in so many frames of the recording was used."""
+        return int(self.config.get("every", 1))
+
+    def used(self) -> IntArray:
+        """Return the frames of the recording that were used, (N,) int64, ascending."""
+        read = np.arange(0, self.frames_read * self.every, self.every)
+        return read[~np.isin(read, [frame for frame, _ in self.skipped])]
+
     def skipped_kinds(self) -> list[SkippedKind]:
         """Return what kinds of bad frames there were, the most frequent first.
 
@@ -130,7 +151,8 @@ class RunReport:
         return {
             "version": self.version,
             "complete": self.complete,
-            "recording": self.recording,
+            # a name may have bytes that are no characters, which JSON does not have
+            "recording": self.recording.encode("utf-8", "backslashreplace").decode("utf-8"),
             "format": self.format,
             "poses": self.poses,
             "threads": self.threads,
@@ -170,29 +192,22 @@ def read_run(path: Path) -> RunReport:
     Raises
     ------
     InputError
-        The file is missing, is not JSON, or lacks a field.
+        The file is missing, is not JSON, or a field of it is malformed.
     """
-    document = read_json(path)
-    try:
-        frames = document["frames"]
-        return RunReport(
-            version=str(document["version"]),
-            complete=bool(document["complete"]),
-            recording=str(document["recording"]),
-            format=str(document["format"]),
-            poses=str(document["poses"]),
-            threads=int(document["threads"]),
-            config=document["config"],
-            frames_read=int(frames["read"]),
-            frames_used=int(frames["used"]),
-            skipped=tuple((int(item["frame"]), str(item["reason"])) for item in frames["skipped"]),
-            milliseconds={
-                stage: Timing(float(timing["median"]), float(timing["p95"]))
-                for stage, timing in document["milliseconds"].items()
-            },
-            seconds=float(document["seconds"]),
-            peak_memory_mb=float(document["peak_memory_mb"]),
-            warnings=tuple(map(str, document.get("warnings", ()))),
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: a field is missing or malformed: {error!r}") from error
+    document = read_json(path, RunDocument)
+    return RunReport(
+        version=document.version,
+        complete=document.complete,
+        recording=document.recording,
+        format=document.format,
+        poses=document.poses,
+        threads=document.threads,
+        config=document.config,
+        frames_read=document.frames.read,
+        frames_used=document.frames.used,
+        skipped=tuple((item.frame, item.reason) for item in document.frames.skipped),
+        milliseconds={stage: Timing(timing.median, timing.p95) for stage, timing in document.milliseconds.items()},
+        seconds=document.seconds,
+        peak_memory_mb=document.peak_memory_mb,
+        warnings=tuple(document.warnings),
+    )

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
-from cuboid.errors import InputError
+from cuboid.formats.rows_files import PoseEntry, ProposalEntry, TrackEntry
+from cuboid.formats.table_door import header_of, read_lines, read_table
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import compose, quat_wxyz_from_rotation, rotation_from_quat_wxyz
 from cuboid.outputs.text import DIRECTION, LENGTH, PIXEL, number, numbers
 
-TRACKS_HEADER = "frame,timestamp,label,cx,cy,cz,length,width,height,qw,qx,qy,qz,iou,visible,x0,y0,x1,y1"
-PROPOSALS_HEADER = "frame,timestamp,label,cx,cy,cz,length,width,height,qw,qx,qy,qz,score,x0,y0,x1,y1"
-
-Row = TypeVar("Row")
+TRACKS_HEADER = header_of(TrackEntry)
+PROPOSALS_HEADER = header_of(ProposalEntry)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,33 +125,26 @@ def read_tracks(path: Path) -> list[TrackRow]:
     InputError
         The file is missing or a line of it is malformed; the message names file and line.
     """
-
-    def parse(cells: list[str]) -> TrackRow:
-        frame, timestamp_s, label, box = _parse_start(cells)
-        iou = None if cells[13] == "" else _finite(cells[13])
-        return TrackRow(frame, timestamp_s, label, box, iou, _finite(cells[14]), _vector(cells[15:19]))
-
-    return list(_read(path, parse, ",", TRACKS_HEADER))
+    return [
+        TrackRow(row.frame, row.timestamp, row.label, _box(row), row.iou, row.visible, _rect(row))
+        for _, row in read_table(path, TrackEntry)
+    ]
 
 
 def read_proposals(path: Path) -> list[ProposalRow]:
     """Read `proposals.csv`; parameters and errors are those of `read_tracks`."""
-
-    def parse(cells: list[str]) -> ProposalRow:
-        frame, timestamp_s, label, box = _parse_start(cells)
-        return ProposalRow(frame, timestamp_s, label, box, _finite(cells[13]), _vector(cells[14:18]))
-
-    return list(_read(path, parse, ",", PROPOSALS_HEADER))
+    return [
+        ProposalRow(row.frame, row.timestamp, row.label, _box(row), row.score, _rect(row))
+        for _, row in read_table(path, ProposalEntry)
+    ]
 
 
 def read_trajectory(path: Path) -> list[PoseRow]:
     """Read `trajectory.txt`; parameters and errors are those of `read_tracks`."""
-
-    def parse(cells: list[str]) -> PoseRow:
-        values = _vector(cells)
-        return PoseRow(float(values[0]), compose(values[[7, 4, 5, 6]], values[1:4]))
-
-    return list(_read(path, parse, " ", None, columns=8))
+    return [
+        PoseRow(row.timestamp, compose((row.qw, row.qx, row.qy, row.qz), (row.tx, row.ty, row.tz)))
+        for _, row in read_lines(path, PoseEntry)
+    ]
 
 
 def _start(frame: int, timestamp_s: float, label: int, box: Box) -> str:
@@ -164,42 +153,10 @@ def _start(frame: int, timestamp_s: float, label: int, box: Box) -> str:
     return f"{frame},{number(timestamp_s, LENGTH)},{label},{place},{turn}"
 
 
-def _parse_start(cells: list[str]) -> tuple[int, float, int, Box]:
-    values = _vector(cells[3:13])
-    box = Box(values[:3], values[3:6], rotation_from_quat_wxyz(values[6:10]))
-    return int(cells[0]), _finite(cells[1]), int(cells[2]), box
+def _box(row: TrackEntry | ProposalEntry) -> Box:
+    center, size = np.array((row.cx, row.cy, row.cz)), np.array((row.length, row.width, row.height))
+    return Box(center, size, rotation_from_quat_wxyz((row.qw, row.qx, row.qy, row.qz)))
 
 
-def _finite(cell: str) -> float:
-    value = float(cell)
-    if not math.isfinite(value):
-        raise ValueError(f"{cell} is not a finite number")
-    return value
-
-
-def _vector(cells: list[str]) -> Float64Array:
-    return np.array([_finite(cell) for cell in cells])
-
-
-def _read(
-    path: Path, parse: Callable[[list[str]], Row], separator: str, header: str | None, columns: int = 0
-) -> Iterator[Row]:
-    """Parse the lines of a file, with file and line in every complaint."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    if header is not None:
-        if not lines or lines[0] != header:
-            raise InputError(f"{path}:1: expected the header '{header}'")
-        columns = header.count(",") + 1
-    for i, line in enumerate(lines):
-        if not line or (header is not None and i == 0):
-            continue
-        cells = line.split(separator)
-        if len(cells) != columns:
-            raise InputError(f"{path}:{i + 1}: expected {columns} values, got {len(cells)}")
-        try:
-            yield parse(cells)
-        except ValueError as error:
-            raise InputError(f"{path}:{i + 1}: {error}") from error
+def _rect(row: TrackEntry | ProposalEntry) -> Float64Array:
+    return np.array((row.x0, row.y0, row.x1, row.y1))

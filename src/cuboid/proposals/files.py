@@ -18,7 +18,7 @@ Scores outside 0..1 are stretched, with the rest of their file, to 0..1. MATLAB 
 
 from __future__ import annotations
 
-import csv
+import math
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -28,11 +28,15 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.errors import InputError
+from cuboid.formats.reading import opened
+from cuboid.formats.rows_files import RectangleEntry
+from cuboid.formats.table_door import read_table
 from cuboid.frame import Float64Array
 from cuboid.proposals.boxes import boxes_as_proposals, masks_as_proposals
 from cuboid.proposals.types import Proposals
 
-COLUMNS = ("x0", "y0", "x1", "y1", "score")
+# The largest file, unpacked: 800 masks of 640 x 480 pixels.
+MOST_BYTES = 256 << 20
 # What the first bytes of a file of MATLAB 7.3 say; it is another format altogether (HDF5).
 MATLAB_73 = b"MATLAB 7.3"
 
@@ -47,31 +51,24 @@ def load_csv(path: Path, width: int, height: int) -> Proposals:
     InputError
         If it cannot be read.
     """
-    rows: list[list[float]] = []
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file, skipinitialspace=True)
-            missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
-            if missing:
-                raise InputError(f"{path}, line 1: column '{missing[0]}' is missing; expected: {','.join(COLUMNS)}")
-            for row in reader:
-                try:
-                    rows.append([float(row[name]) for name in COLUMNS])
-                except (TypeError, ValueError):
-                    raise InputError(f"{path}, line {reader.line_num}: five numbers expected") from None
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path} cannot be read: {error}") from None
-    table = np.array(rows, dtype=np.float64).reshape(-1, len(COLUMNS))
+    rows = [(row.x0, row.y0, row.x1, row.y1, row.score) for _, row in read_table(path, RectangleEntry, any_order=True)]
+    table = np.array(rows, dtype=np.float64).reshape(-1, 5)
     return _boxes(path, table[:, :4], table[:, 4], width, height)
 
 
 def load_npz(path: Path, width: int, height: int) -> Proposals:
     """Read a ``.npz`` file; parameters and errors are those of `load_csv`."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            found = {name: np.asarray(file[name]) for name in file.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path} cannot be read: {_line(error)}") from None
+    with opened(path, MOST_BYTES) as file:
+        try:
+            with zipfile.ZipFile(file) as members:
+                unpacked = sum(member.file_size for member in members.infolist())
+            if unpacked > MOST_BYTES:
+                raise ValueError(f"it unpacks to {unpacked >> 20} MB, expected at most {MOST_BYTES >> 20}")
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as arrays:
+                found = {name: np.asarray(arrays[name]) for name in arrays.files}
+        except Exception as error:  # zip, deflate and array headers each have errors of their own
+            raise InputError(f"{path} cannot be read: {_line(error)}") from None
     if "scores" not in found or not {"boxes", "masks"} & set(found):
         raise InputError(f"{path} holds {_names(found)}; expected: scores, and boxes or masks")
     if "masks" in found:
@@ -81,19 +78,21 @@ def load_npz(path: Path, width: int, height: int) -> Proposals:
 
 def load_mat(path: Path, width: int, height: int) -> Proposals:
     """Read a ``.mat`` file of MCG or CPMC; parameters and errors are those of `load_csv`."""
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
+    from scipy.io import loadmat, whosmat
 
-    try:
-        with path.open("rb") as file:
+    with opened(path, MOST_BYTES) as file:
+        try:
             if file.read(len(MATLAB_73)) == MATLAB_73:
-                raise InputError(f"{path} is of MATLAB 7.3, which cannot be read; save it with '-v7'")
-        # Written by programs of any age: whatever is wrong with one, it is the file's fault.
-        loaded: dict[str, Any] = loadmat(path, squeeze_me=False, struct_as_record=True)
-    except InputError:
-        raise
-    except (OSError, MatReadError, ValueError, TypeError, NotImplementedError, IndexError, KeyError) as error:
-        raise InputError(f"{path} cannot be read: {_line(error)}") from None
+                raise ValueError("it is of MATLAB 7.3; save it with '-v7'")
+            file.seek(0)
+            shapes = [shape for _, shape, _ in whosmat(file)]  # type: ignore[arg-type]  # takes files as well
+            largest = max(map(math.prod, shapes), default=0)
+            if largest > MOST_BYTES:
+                raise ValueError(f"a variable has {largest} values, expected at most {MOST_BYTES}")
+            file.seek(0)
+            loaded: dict[str, Any] = loadmat(file, squeeze_me=False, struct_as_record=True)  # type: ignore[arg-type]
+        except Exception as error:  # written by programs of any age: whatever is wrong with one, it is the file's fault
+            raise InputError(f"{path} cannot be read: {_line(error)}") from None
     found = _proposal_fields(loaded)
     scores = found.get("bboxes_scores", found.get("scores"))
     if scores is not None and "masks" in found:
@@ -103,7 +102,7 @@ def load_mat(path: Path, width: int, height: int) -> Proposals:
         masks = _masks_of_superpixels(path, found["superpixels"], found["labels"])
         return _masks(path, masks, found["scores"], width, height)
     if scores is not None and "bboxes" in found:
-        inclusive = np.asarray(found["bboxes"], dtype=np.float64).reshape(-1, 4)
+        inclusive = _table(path, found["bboxes"])
         up, left, down, right = inclusive.T
         boxes = np.stack([left - 1.0, up - 1.0, right, down], axis=1)
         return _boxes(path, boxes, scores, width, height)
@@ -128,22 +127,24 @@ def _masks_of_superpixels(path: Path, superpixels: Any, labels: Any) -> npt.NDAr
     pixels = np.asarray(superpixels)
     if pixels.ndim != 2 or pixels.dtype.kind not in "iuf":
         raise InputError(f"{path}: superpixels must be an image of numbers, got {pixels.dtype} {pixels.shape}")
-    number = pixels.astype(np.int64)
-    cells = [np.asarray(cell).astype(np.int64).ravel() for cell in np.asarray(labels, dtype=object).ravel()]
+    number, cells = _whole(path, "superpixels", pixels), np.asarray(labels, dtype=object).ravel()
+    if number.size == 0 or number.min() < 0 or number.max() > number.size or len(cells) * number.size > MOST_BYTES:
+        raise InputError(f"{path}: superpixels must be numbered from 0 or 1, at most one a pixel, with labels for some")
     masks = np.zeros((len(cells), *number.shape), dtype=np.bool_)
-    size = int(max((int(number.max(initial=0)), *(int(cell.max(initial=0)) for cell in cells)))) + 1
     for k, cell in enumerate(cells):
-        chosen = np.zeros(size, dtype=np.bool_)
-        chosen[cell[cell >= 0]] = True
-        masks[k] = chosen[number]
+        masks[k] = np.isin(number, _whole(path, "labels", np.asarray(cell)))
     return masks
 
 
+def _whole(path: Path, name: str, values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    """Return numbers as whole ones."""
+    if values.dtype.kind not in "iuf" or not (np.abs(values.astype(np.float64)) < 2**53).all():
+        raise InputError(f"{path}: {name} must be numbers, got {values.dtype} {values.shape}")
+    return values.astype(np.int64)
+
+
 def _boxes(path: Path, boxes: npt.ArrayLike, scores: npt.ArrayLike, width: int, height: int) -> Proposals:
-    table = np.asarray(boxes)
-    if table.size and (table.ndim != 2 or table.shape[1] != 4):
-        raise InputError(f"{path}: boxes must be (N, 4), got {table.shape}")
-    table = table.reshape(-1, 4)
+    table = _table(path, boxes)
     values = _scores(path, scores, len(table))
     outside = (table[:, 0] >= width) | (table[:, 1] >= height)
     if outside.any():
@@ -152,6 +153,14 @@ def _boxes(path: Path, boxes: npt.ArrayLike, scores: npt.ArrayLike, width: int, 
             "the boxes must be made for the images that are tracked"
         )
     return boxes_as_proposals(table, values, width, height)
+
+
+def _table(path: Path, boxes: Any) -> Float64Array:
+    """Return boxes (N, 4)."""
+    table = np.asarray(boxes)
+    if table.dtype.kind not in "iuf" or (table.size and (table.ndim != 2 or table.shape[1] != 4)):
+        raise InputError(f"{path}: boxes must be (N, 4) numbers, got {table.dtype} {table.shape}")
+    return table.astype(np.float64).reshape(-1, 4)
 
 
 def _masks(path: Path, masks: npt.NDArray[Any], scores: npt.ArrayLike, width: int, height: int) -> Proposals:

@@ -2,7 +2,25 @@
 
 from __future__ import annotations
 
-from cuboid.readers import plain, seven_scenes, tum, uw_rgbd_scenes_v2
+from cuboid.readers import (
+    azure_kinect,
+    bop,
+    nerfstudio,
+    open3d,
+    plain,
+    polycam,
+    realsense_bag,
+    record3d,
+    replica,
+    ros_bag,
+    scannet,
+    scannet_sens,
+    seven_scenes,
+    stray_scanner,
+    tum,
+    uw_rgbd_scenes_v2,
+)
+from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.locate import open_recording
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, ImageSource, Listing, Reader
 from cuboid.readers.recording import Recording, SkippedFrame
@@ -10,15 +28,28 @@ from cuboid.readers.recording import Recording, SkippedFrame
 __all__ = [
     "READERS",
     "Calibration",
+    "DepthCamera",
     "FrameEntry",
     "ImageSource",
     "Listing",
     "Reader",
     "Recording",
     "SkippedFrame",
+    "azure_kinect",
+    "bop",
+    "nerfstudio",
+    "open3d",
     "open_recording",
     "plain",
+    "polycam",
+    "realsense_bag",
+    "record3d",
+    "replica",
+    "ros_bag",
+    "scannet",
+    "scannet_sens",
     "seven_scenes",
+    "stray_scanner",
     "tum",
     "uw_rgbd_scenes_v2",
 ]

@@ -12,10 +12,14 @@ from typing import Any
 import numpy as np
 
 from cuboid.errors import InputError, OutputError
+from cuboid.formats.camera_file import LEAST_UNITS, MOST_UNITS, CameraDocument, MatrixRow
+from cuboid.formats.json_door import read_json
+from cuboid.formats.table_door import read_lines
 from cuboid.frame import Intrinsics
-from cuboid.readers.posetext import data_lines, parse_numbers
+from cuboid.readers.depth_camera import DepthCamera, depth_camera_of
 from cuboid.readers.reader import Calibration, Listing
-from cuboid.readers.undistortion import COEFFICIENTS, Undistortion
+from cuboid.readers.registration import Registration
+from cuboid.readers.undistortion import Undistortion
 
 CAMERA_FILE = "camera.json"
 MATRIX_FILE = "camera-intrinsics.txt"
@@ -60,8 +64,10 @@ def choose(
     elif intrinsics is not None:
         calibration = _from_user(intrinsics)
     if depth_scale is not None:
-        if not (math.isfinite(depth_scale) and depth_scale > 0):
-            raise InputError(f"the depth scale must be a number of units per metre above 0, got {depth_scale}")
+        if not LEAST_UNITS <= depth_scale <= MOST_UNITS:
+            raise InputError(
+                f"the depth scale must be {LEAST_UNITS:g} to {MOST_UNITS:g} units per metre, got {depth_scale:g}"
+            )
         units = float(depth_scale)
     if calibration is None:
         raise UnknownIntrinsicsError(f"{recording}: the intrinsics are not known; {HOW_TO_GIVE}")
@@ -113,6 +119,22 @@ def undistortion(calibration: Calibration, size: tuple[int, int], recording: Pat
         ) from None
 
 
+def registration(calibration: Calibration, intrinsics: Intrinsics, recording: Path) -> Registration | None:
+    """Return what carries depth into images with these intrinsics; None where depth is aligned already.
+
+    Raises
+    ------
+    InputError
+        If the depth camera is none.
+    """
+    if calibration.depth_camera is None:
+        return None
+    try:
+        return Registration(calibration.depth_camera, intrinsics)
+    except ValueError as error:
+        raise InputError(f"{recording}: the depth camera ({calibration.source}) is wrong: {error}") from None
+
+
 def _find_file(folders: Sequence[Path]) -> Path | None:
     for folder in folders:
         for name in (CAMERA_FILE, MATRIX_FILE):
@@ -126,7 +148,11 @@ def _read(path: Path) -> tuple[Calibration, float | None]:
 
 
 def write_camera(
-    path: Path, intrinsics: Intrinsics, depth_units_per_metre: float, distortion: Sequence[float] = ()
+    path: Path,
+    intrinsics: Intrinsics,
+    depth_units_per_metre: float,
+    distortion: Sequence[float] = (),
+    depth_camera: DepthCamera | None = None,
 ) -> None:
     """Write a `camera.json`.
 
@@ -140,6 +166,8 @@ def write_camera(
     document: dict[str, Any] = {**values, **sizes, _DEPTH_UNITS: float(f"{depth_units_per_metre:.6g}")}
     if any(distortion):
         document[_DISTORTION] = [float(f"{value:.6g}") for value in distortion]
+    if depth_camera is not None:
+        document |= depth_camera.document()
     try:
         path.write_text(json.dumps(document) + "\n", encoding="utf-8")
     except OSError as error:
@@ -148,62 +176,21 @@ def write_camera(
 
 def _read_json(path: Path) -> tuple[Calibration, float | None]:
     """Read a camera.json: fx, fy, cx, cy, width, height and, where needed, depth_units_per_metre and distortion."""
-    try:
-        document: Any = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from None
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path} line {error.lineno}: not valid JSON ({error.msg})") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a text file") from None
-    if not isinstance(document, dict):
-        raise InputError(f"{path}: expected an object with {', '.join(_NUMBERS)}")
-    known = (*_NUMBERS, _DEPTH_UNITS, _DISTORTION)
-    distortion = _distortion(document.pop(_DISTORTION, []), path)
-    for name in document:
-        if name not in known:
-            raise InputError(f"{path}: unknown field '{name}', expected {', '.join(known)}")
-    for name in _NUMBERS:
-        if name not in document:
-            raise InputError(f"{path}: '{name}' is missing, expected {', '.join(_NUMBERS)}")
-    for name, value in document.items():
-        number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-        if not number or (value <= 0 and name not in ("cx", "cy")):
-            raise InputError(f"{path}: '{name}' must be a number{' above 0' * (name[0] != 'c')}, got {value!r}")
-    for name in ("width", "height"):
-        if document[name] != int(document[name]):
-            raise InputError(f"{path}: '{name}' must be a whole number of pixels, got {document[name]!r}")
-    fx, fy, cx, cy = (float(document[name]) for name in _NUMBERS[:4])
-    size = (int(document["width"]), int(document["height"]))
-    return Calibration(fx, fy, cx, cy, size, path.name, distortion), document.get(_DEPTH_UNITS)
-
-
-def _distortion(values: Any, path: Path) -> tuple[float, ...]:
-    whole = isinstance(values, list) and all(
-        isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value) for value in values
-    )
-    if not whole or len(values) not in (0, *COEFFICIENTS):
-        counts = ", ".join(map(str, COEFFICIENTS))
-        raise InputError(
-            f"{path}: '{_DISTORTION}' must be a list of {counts} numbers k1, k2, p1, p2, k3, ..., got {values!r}"
-        )
-    return tuple(float(value) for value in values)
+    camera = read_json(path, CameraDocument)
+    size, distortion = (camera.width, camera.height), tuple(camera.distortion)
+    depth = depth_camera_of(camera)
+    found = Calibration(camera.fx, camera.fy, camera.cx, camera.cy, size, path.name, distortion, depth)
+    return found, camera.depth_units_per_metre
 
 
 def _read_matrix(path: Path) -> Calibration:
     """Read the three rows of a 3x3 camera matrix."""
-    rows = []
-    for number, line in data_lines(path):
-        try:
-            rows.append(parse_numbers(line, 3, "three numbers a row"))
-        except ValueError as error:
-            raise InputError(f"{path} line {number}: {error}") from None
+    rows = [row for _, row in read_lines(path, MatrixRow)]
     if len(rows) != 3:
         raise InputError(f"{path}: expected a 3x3 camera matrix, got {len(rows)} rows")
-    fx, fy, cx, cy = rows[0][0], rows[1][1], rows[0][2], rows[1][2]
-    rest = (rows[0][1], rows[1][0], rows[2][0], rows[2][1])
-    whole = all(map(math.isfinite, (fx, fy, cx, cy))) and fx > 0 and fy > 0
-    if not whole or any(rest) or rows[2][2] != 1:
+    fx, fy, cx, cy = rows[0].first, rows[1].second, rows[0].third, rows[1].third
+    rest = (rows[0].second, rows[1].first, rows[2].first, rows[2].second)
+    if fx <= 0 or fy <= 0 or any(rest) or rows[2].third != 1:
         raise InputError(f"{path}: expected the matrix fx 0 cx, 0 fy cy, 0 0 1 with fx, fy > 0")
     return Calibration(fx, fy, cx, cy, None, path.name)
 

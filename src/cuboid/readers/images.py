@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import zlib
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,17 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError
+from cuboid.errors import FrameError, InputError
+from cuboid.formats.reading import UnreadableError, read_bytes
 from cuboid.frame import Float32Array, UInt8Array
+from cuboid.readers.imagesize import PNG_MAGIC, image_size
 from cuboid.readers.reader import ImageSource
+from cuboid.readers.undistortion import DepthArray
 
-PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
-JPEG_MAGIC = b"\xff\xd8\xff"
+# The largest file, and the most pixels, that are decoded; a depth camera's color image has 12 megapixels at most.
+MOST_IMAGE_BYTES = 256 << 20
+MOST_PIXELS = 64 << 20
+
 JPEG_END = b"\xff\xd9"
 # Some writers pad a JPEG file behind its end marker; compressed data itself never holds the marker.
 JPEG_PADDING_BYTES = 1024
@@ -31,6 +37,27 @@ _COLOR_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
 _COLOR_RGB_FLAGS = getattr(cv2, "IMREAD_COLOR_RGB", None)  # absent from some builds of OpenCV 4
 
 
+IMAGE_ENDINGS = (".png", ".jpg", ".jpeg")
+
+
+def images_in(folder: Path) -> list[Path]:
+    """Return the image files in a folder, sorted; raises InputError where it cannot be listed."""
+    try:
+        names = sorted(os.listdir(folder))
+    except OSError as error:
+        raise InputError(f"{folder} cannot be read: {error.strerror}") from None
+    return [folder / name for name in names if os.path.splitext(name)[1].lower() in IMAGE_ENDINGS]
+
+
+def image_dimensions(path: Path) -> tuple[int, int] | None:
+    """Return width and height of an image file, decoded; None where it cannot be."""
+    try:
+        image = _decode(path, str(path), cv2.IMREAD_UNCHANGED)
+    except FrameError:
+        return None
+    return image.shape[1], image.shape[0]
+
+
 def decode_color(source: ImageSource, name: str) -> UInt8Array:
     """Return the color image, (H, W, 3) uint8 RGB; grey images get three equal channels.
 
@@ -43,7 +70,7 @@ def decode_color(source: ImageSource, name: str) -> UInt8Array:
     Raises
     ------
     FrameError
-        If the file is missing, empty, truncated, damaged or no image.
+        If the file is missing, empty, too large, truncated, damaged or no image.
     """
     image: npt.NDArray[Any]
     if not isinstance(source, Path):
@@ -58,15 +85,17 @@ def decode_color(source: ImageSource, name: str) -> UInt8Array:
     return image.astype(np.uint8, copy=False)
 
 
-def decode_depth(source: ImageSource, name: str) -> npt.NDArray[np.uint16]:
-    """Return the depth image as stored, (H, W) uint16.
+def decode_depth(source: ImageSource, name: str) -> DepthArray:
+    """Return the depth image as stored, (H, W) uint16, or float32 where a reader gives that.
 
     Raises
     ------
     FrameError
-        If the file is missing, empty, truncated, damaged, no image, or not a single channel of 16 bits.
+        If the file is missing, empty, too large, truncated, damaged, no image, or not a single channel of 16 bits.
     """
     image = _decode(source, f"depth image {name}", cv2.IMREAD_UNCHANGED) if isinstance(source, Path) else source()
+    if image.ndim == 2 and image.dtype == np.float32 and not isinstance(source, Path):
+        return image.astype(np.float32, copy=False)
     if image.ndim != 2 or image.dtype != np.uint16:
         channels = 1 if image.ndim == 2 else image.shape[2]
         raise FrameError(
@@ -75,15 +104,19 @@ def decode_depth(source: ImageSource, name: str) -> npt.NDArray[np.uint16]:
     return image.astype(np.uint16, copy=False)
 
 
-def depth_in_metres(raw: npt.NDArray[np.uint16], units_per_metre: float, name: str) -> Float32Array:
-    """Return depth in metres, (H, W) float32, with 0 where there is no reading (0 or 65535 in the image).
+def depth_in_metres(raw: DepthArray, units_per_metre: float, name: str) -> Float32Array:
+    """Return depth in metres, (H, W) float32, with 0 where there is no reading.
+
+    That is 0 or 65535 in an image of whole numbers; in one of others what is not above 0 or not finite.
 
     Raises
     ------
     FrameError
         If no pixel has a reading, or none lies in the range that a depth camera can see.
     """
-    if raw.max() == SATURATED:
+    if raw.dtype == np.float32:
+        raw = np.where(np.isfinite(raw) & (raw > 0), raw, np.float32(0))
+    elif raw.max() == SATURATED:
         raw = np.where(raw == SATURATED, np.uint16(0), raw)
     low, high = (limit * units_per_metre for limit in PLAUSIBLE_M)
     if high <= raw.max() or raw.max() < low:  # else the largest reading is a plausible one
@@ -91,9 +124,7 @@ def depth_in_metres(raw: npt.NDArray[np.uint16], units_per_metre: float, name: s
     return np.divide(raw, np.float32(units_per_metre), dtype=np.float32)
 
 
-def _refuse_implausible(
-    raw: npt.NDArray[np.uint16], units_per_metre: float, low: float, high: float, name: str
-) -> None:
+def _refuse_implausible(raw: DepthArray, units_per_metre: float, low: float, high: float, name: str) -> None:
     """Raise FrameError unless a reading lies between `low` and `high` (units of the image)."""
     readings = raw[raw > 0]
     if readings.size == 0:
@@ -108,11 +139,20 @@ def _refuse_implausible(
 
 def _decode(path: Path, what: str, flags: int) -> npt.NDArray[Any]:
     try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise FrameError(f"{what} is missing") from None
-    except OSError as error:
-        raise FrameError(f"{what} cannot be read: {error.strerror}") from None
+        data = read_bytes(path, MOST_IMAGE_BYTES)
+    except UnreadableError as error:
+        raise FrameError(f"{what} {'is missing' if error.missing else error.reason}") from None
+    return decode_bytes(data, what, flags)
+
+
+def decode_bytes(data: bytes, what: str, flags: int) -> npt.NDArray[Any]:
+    """Return the image that the bytes of a file hold, as OpenCV decodes it with these flags.
+
+    Raises
+    ------
+    FrameError
+        If they are empty, truncated, damaged, neither PNG nor JPEG, or too large.
+    """
     _check_whole(data, what)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
@@ -127,12 +167,15 @@ def _check_whole(data: bytes, what: str) -> None:
     """Raise FrameError where an image is cut short: decoders give the part that is there without a word."""
     if not data:
         raise FrameError(f"{what} is empty (0 bytes)")
+    size = image_size(data)
+    if size is None:
+        raise FrameError(f"{what} is neither a PNG nor a JPEG ({len(data)} bytes)")
+    if not 0 < size[0] * size[1] <= MOST_PIXELS:
+        raise FrameError(f"{what} is {size[0]}x{size[1]}, expected at most {MOST_PIXELS / 1e6:.0f} megapixels")
     if data.startswith(PNG_MAGIC):
         fault = _png_fault(data)
-    elif data.startswith(JPEG_MAGIC):
-        fault = None if JPEG_END in data[-JPEG_PADDING_BYTES:] else "truncated"
     else:
-        fault = None  # other formats: the decoder's word is all there is
+        fault = None if JPEG_END in data[-JPEG_PADDING_BYTES:] else "truncated"
     if fault:
         raise FrameError(f"{what} is {fault} ({len(data)} bytes)")
 

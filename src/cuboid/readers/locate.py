@@ -5,15 +5,17 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from cuboid.errors import InputError
+from cuboid.errors import InputError, shown
 from cuboid.readers import calibration as calibrations
-from cuboid.readers.reader import READERS, Reader
+from cuboid.readers.reader import READERS, Listing, Reader
 from cuboid.readers.recording import Recording
 
 # A user may name a dataset's folder: recordings lie up to two folders deeper (rgbd-scenes-v2/imgs/scene_01).
 LEVELS = 2
 # So many recordings are named when there are several to choose from.
 NAMED = 8
+# And so many forms are described; of more only the names.
+DESCRIBED = 3
 
 
 def open_recording(
@@ -30,7 +32,8 @@ def open_recording(
     path : str or path
         The recording's folder (or file), or a folder up to two levels above it if it is the only one there.
     format : str, optional
-        Name of the reader: "plain", "tum", "7-scenes", "uw-rgbd-scenes-v2", or one of another package.
+        Name of the reader: "plain", "tum", "7-scenes", "uw-rgbd-scenes-v2", ..., or one of another package; options of
+        the format follow a colon, as in "ros-bag:color=/camera/color/image_raw".
     intrinsics : sequence of 4 floats or path, optional
         fx, fy, cx, cy in pixels, instead of those found with the recording; or a file of the form of ``camera.json``,
         whose depth scale counts too, or of ``camera-intrinsics.txt``.
@@ -53,14 +56,34 @@ def open_recording(
     >>> for frame in recording.iterate():  # doctest: +SKIP
     ...     ...
     """
-    given = Path(os.path.abspath(path))  # not resolved: a link's neighbours are those of the link
-    if not given.exists():
-        raise InputError(f"{path} does not exist")
-    readers = list(READERS.items()) if format is None else [(format, READERS.get(format))]
-    name, reader, found = _find(given, readers)
-    listing = reader.read(found)
+    wanted, _, text = (format or "").partition(":")
+    readers = list(READERS.items()) if format is None else [(wanted, READERS.get(wanted))]
+    try:
+        given = Path(os.path.abspath(path))  # not resolved: a link's neighbours are those of the link
+        if not given.exists():
+            raise InputError(f"{path} does not exist")
+        name, reader, found = _find(given, readers)
+        listing = reader.read(found) if not text else _read_with(name, reader, found, text)
+    except OSError as error:  # links in a circle, a name that is too long, a folder that may not be read
+        where = error.filename if isinstance(error.filename, str) else path
+        raise InputError(f"{where} cannot be read: {error.strerror}") from None
+    except ValueError:  # a NUL, or half a character, in the name
+        raise InputError(f"{shown(str(path))}: no recording can have this name") from None
     calibration, depth_units_per_metre = calibrations.choose(listing, intrinsics, depth_scale, found)
-    return Recording(found, name, listing, calibration, depth_units_per_metre)
+    return Recording(found, f"{name}:{text}" if text else name, listing, calibration, depth_units_per_metre)
+
+
+def _read_with(name: str, reader: Reader, path: Path, text: str) -> Listing:
+    """List the frames of a recording with the options behind the name of its format."""
+    if reader.read_with is None:
+        raise InputError(f"the format '{name}' has no options, got '{text}'")
+    options: dict[str, str] = {}
+    for word in text.split(","):
+        key, equals, value = word.partition("=")
+        if not (key and equals and value):
+            raise InputError(f"the format '{name}' expects options NAME=VALUE,..., got '{text}'")
+        options[key] = value
+    return reader.read_with(path, options)
 
 
 def _find(given: Path, readers: list[tuple[str, Reader]]) -> tuple[str, Reader, Path]:
@@ -71,9 +94,11 @@ def _find(given: Path, readers: list[tuple[str, Reader]]) -> tuple[str, Reader, 
         inner = []
         for path in level:
             here = [(name, reader, path) for name, reader in readers if reader.recognises(path)]
+            if not (path / calibrations.CAMERA_FILE).is_file():
+                here = [one for one in here if not one[1].gives_way] or here
             found += here
             if not here and depth < LEVELS:
-                inner += _folders(path)
+                inner += _inside(path, {ending for _, reader in readers for ending in reader.files})
         level = inner
     if not found:
         raise InputError(_nothing_found(given, readers))
@@ -92,22 +117,32 @@ def _only_one(found: list[tuple[str, Reader, Path]], given: Path) -> tuple[str, 
     return found[0]
 
 
-def _folders(path: Path) -> list[Path]:
-    """Return the folders in a folder, sorted, hidden ones and those that may not be read left out."""
+def _inside(path: Path, endings: set[str]) -> list[Path]:
+    """Return the folders in a folder, and files with these endings, sorted; hidden and closed ones are left out."""
     if not path.is_dir():
         return []
     try:
         with os.scandir(path) as items:
-            names = sorted(item.name for item in items if item.is_dir() and not item.name.startswith("."))
+            names = sorted(item.name for item in items if not item.name.startswith("."))
     except PermissionError:
         return []
-    return [path / name for name in names if os.access(path / name, os.R_OK | os.X_OK)]
+    # isdir is False for a link that leads nowhere, or round in a circle
+    wanted = (name for name in names if os.path.splitext(name)[1] in endings or os.path.isdir(path / name))
+    return [path / name for name in wanted if _open_to_us(path / name)]
+
+
+def _open_to_us(path: Path) -> bool:
+    return os.access(path, os.R_OK | os.X_OK if os.path.isdir(path) else os.R_OK)
 
 
 def _nothing_found(given: Path, readers: list[tuple[str, Reader]]) -> str:
     above = [path for path in given.parents[:LEVELS] for _, reader in readers if reader.recognises(path)]
     if above:
         return f"{given} is a part of a recording; name {above[0]}"
-    expected = "; ".join(f"{name} ({reader.expects})" for name, reader in readers)
+    if len(readers) > DESCRIBED:
+        expected = "a recording of one of these forms is expected: " + ", ".join(name for name, _ in readers)
+    else:
+        described = "; ".join(f"{name} ({reader.expects})" for name, reader in readers)
+        expected = f"a recording of one of these forms is expected: {described}"
     what = "is a file" if given.is_file() else "is empty" if not any(given.iterdir()) else "holds no recording"
-    return f"{given} {what}; a folder of one of these forms is expected: {expected}"
+    return f"{given} {what}; {expected}"

@@ -20,9 +20,10 @@ from decimal import Decimal, InvalidOperation
 from functools import partial
 from pathlib import Path
 
-from cuboid.errors import FrameError, InputError
+from cuboid.errors import FrameError, InputError, shown
+from cuboid.formats.table_door import data_lines
 from cuboid.frame import Float64Array
-from cuboid.readers.posetext import data_lines, parse_numbers, pose_from_quaternion
+from cuboid.readers.posetext import parse_numbers, parse_time, pose_from_quaternion
 from cuboid.readers.reader import READERS, FrameEntry, Listing, Reader
 
 EXTENSIONS = (".png", ".jpg", ".jpeg")
@@ -82,8 +83,10 @@ def _numbered_lines(path: Path, fields: str, numbers: list[Decimal]) -> dict[Dec
         try:
             values = parse_numbers(line, len(fields.split()), fields)
             number = Decimal(line.split()[0])
-        except (ValueError, InvalidOperation) as error:
-            raise InputError(f"{path} line {line_number}: {error or f'expected {fields}'}") from None
+        except ValueError as error:
+            raise InputError(f"{path} line {line_number}: {error}") from None
+        except InvalidOperation:
+            raise InputError(f"{path} line {line_number}: expected {fields}, got {shown(line)}") from None
         if number in rows:
             raise InputError(f"{path} line {line_number}: a second line for frame number {number}")
         rows[number] = (line_number, values[1:])
@@ -103,12 +106,19 @@ def _times_s(path: Path, numbers: list[Decimal]) -> dict[Decimal, float]:
     """Return the frames' times in seconds: of timestamps.txt, else numbers that have a decimal point."""
     if not path.is_file():
         decimals = any(number != number.to_integral_value() for number in numbers)
-        return {number: float(number) for number in numbers} if decimals else {}
+        return {number: _time_s(str(number), f"{path.parent}: frame number") for number in numbers} if decimals else {}
     rows = _numbered_lines(path, "number seconds", numbers)
     for number in numbers:
         if number not in rows:
             raise InputError(f"{path}: no line for frame number {number}")
-    return {number: rows[number][1][0] for number in numbers}
+    return {number: _time_s(str(rows[number][1][0]), f"{path} line {rows[number][0]}") for number in numbers}
+
+
+def _time_s(word: str, where: str) -> float:
+    try:
+        return parse_time(word)
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from None
 
 
 def _pose(poses: dict[Decimal, PoseLine], number: Decimal, frames: int) -> Float64Array:
@@ -118,4 +128,4 @@ def _pose(poses: dict[Decimal, PoseLine], number: Decimal, frames: int) -> Float
     return pose_from_quaternion((qw, qx, qy, qz), (tx, ty, tz), f"poses.txt line {line_number}")
 
 
-READERS.register("plain")(Reader("camera.json, color/, depth/", recognises, read))
+READERS.register("plain")(Reader("camera.json, color/, depth/", recognises, read, gives_way=True))

@@ -2,52 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError, InputError
+from cuboid.errors import FrameError, InputError, shown
+from cuboid.formats.table_door import data_lines
+from cuboid.formats.values import LATEST_S, refuse_no_quaternion
 from cuboid.frame import Float64Array
 from cuboid.geometry import se3
-
-# A quaternion's length may differ from 1 by this: files with 4 digits differ by 1e-4. Beyond it the four
-# numbers are probably no quaternion, or in another order with a translation among them.
-QUATERNION_LENGTH_TOLERANCE = 0.01
-
-# How far a matrix may be from a rotation; files with 3 digits stay below. What passes is made a rotation.
-RIGID_TOLERANCE = 0.01
 
 # Between two poses this far apart in time (seconds) the pose is interpolated: a hand-held camera's
 # acceleration of 2 m/s^2 makes that wrong by a t^2 / 8 = 2.5 mm, the noise of depth at 1.3 m.
 LARGEST_GAP_S = 0.1
 # Elsewhere the nearest pose counts if it is this close (seconds): at 0.25 m/s, TUM fr1/xyz's mean, 5 mm.
 NEAREST_WITHIN_S = 0.02
-
-
-def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read or is not text.
-    """
-    try:
-        return path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a text file") from None
-
-
-def data_lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Iterate over (line number from 1, line) of a text file, without empty lines and comments (#)."""
-    for number, line in enumerate(read_lines(path), start=1):
-        stripped = line.strip()
-        if stripped and not stripped.startswith("#"):
-            yield number, stripped
 
 
 def parse_numbers(text: str, count: int, expected: str) -> list[float]:
@@ -64,9 +37,25 @@ def parse_numbers(text: str, count: int, expected: str) -> list[float]:
     except ValueError:
         values = []
     if len(values) != count:
-        shown = " ".join(words)
-        raise ValueError(f"expected {expected}, got '{shown if len(shown) <= 60 else shown[:57] + '...'}'")
+        raise ValueError(f"expected {expected}, got {shown(' '.join(words))}")
     return values
+
+
+def parse_time(word: str) -> float:
+    """Return a time in seconds.
+
+    Raises
+    ------
+    ValueError
+        If it is no number, or none that a clock shows.
+    """
+    try:
+        time_s = float(word)
+    except ValueError:
+        time_s = math.nan
+    if not abs(time_s) <= LATEST_S:
+        raise ValueError(f"expected seconds, got {shown(word)}")
+    return time_s
 
 
 def pose_from_quaternion(quat_wxyz: Sequence[float], translation: Sequence[float], where: str) -> Float64Array:
@@ -75,13 +64,13 @@ def pose_from_quaternion(quat_wxyz: Sequence[float], translation: Sequence[float
     Raises
     ------
     FrameError
-        If a number is NaN or infinite, or the quaternion's length is not about 1.
+        If a number is NaN, infinite or too large, or the quaternion's length is not about 1.
     """
-    if not np.isfinite((*quat_wxyz, *translation)).all():
-        raise FrameError(f"{where}: the pose has NaN or infinite numbers")
-    length = float(np.linalg.norm(quat_wxyz))
-    if abs(length - 1.0) > QUATERNION_LENGTH_TOLERANCE:
-        raise FrameError(f"{where}: the pose's quaternion has length {length:.3g}, expected 1")
+    try:
+        se3.refuse_nowhere((*quat_wxyz, *translation))
+        refuse_no_quaternion(*quat_wxyz)
+    except ValueError as error:
+        raise FrameError(f"{where}: {error}") from None
     return se3.compose(quat_wxyz, translation)
 
 
@@ -93,18 +82,16 @@ def pose_from_matrix(values: npt.ArrayLike, where: str) -> Float64Array:
     FrameError
         If a number is NaN or infinite, or the matrix is not rigid.
     """
-    T = np.asarray(values, np.float64)
-    if not np.isfinite(T).all():
-        raise FrameError(f"{where}: the pose has NaN or infinite numbers")
-    if not se3.is_rigid(T, RIGID_TOLERANCE):
-        raise FrameError(f"{where}: the pose is not rigid (a rotation, a translation and a last row 0 0 0 1)")
-    return se3.compose(se3.quat_wxyz_from_rotation(T[:3, :3]), T[:3, 3])
+    try:
+        return se3.rigid(values)
+    except ValueError as error:
+        raise FrameError(f"{where}: {error}") from None
 
 
 class Trajectory:
     """Poses at times, from a file of lines ``timestamp tx ty tz qx qy qz qw`` (the TUM form).
 
-    Lines whose pose is no pose (NaN, no unit quaternion) are gaps.
+    Lines whose pose is no pose (NaN, no unit quaternion) are gaps; every line has a time.
 
     Parameters
     ----------
@@ -121,13 +108,13 @@ class Trajectory:
         poses: list[tuple[float, Float64Array]] = []
         for number, line in data_lines(path):
             try:
-                t, tx, ty, tz, qx, qy, qz, qw = parse_numbers(line, 8, "timestamp tx ty tz qx qy qz qw")
+                time_s, tx, ty, tz, qx, qy, qz, qw = parse_numbers(line, 8, "timestamp tx ty tz qx qy qz qw")
+                parse_time(line.split()[0])
             except ValueError as error:
                 raise InputError(f"{path} line {number}: {error}") from None
-            length = np.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
-            whole = np.isfinite((t, tx, ty, tz, length)).all()
-            if whole and abs(length - 1.0) <= QUATERNION_LENGTH_TOLERANCE:
-                poses.append((t, np.array((qw, qx, qy, qz, tx, ty, tz))))
+            with suppress(FrameError):
+                pose_from_quaternion((qw, qx, qy, qz), (tx, ty, tz), "")
+                poses.append((time_s, np.array((qw, qx, qy, qz, tx, ty, tz))))
         if not poses:
             raise InputError(f"{path} holds no pose; without the file the recording counts as one without poses")
         poses.sort(key=lambda pose: pose[0])

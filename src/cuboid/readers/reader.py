@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from cuboid.errors import InputError
 from cuboid.frame import Float64Array
+from cuboid.readers.depth_camera import DepthCamera
 from cuboid.registry import Registry
 
 # An image file, or, for recordings that are one big file, a function that gives the decoded image:
-# color (H, W, 3) uint8 RGB, depth (H, W) uint16. It raises FrameError where it cannot.
-ImageSource = Path | Callable[[], npt.NDArray[np.integer[Any]]]
+# color (H, W, 3) uint8 RGB, depth (H, W) uint16 or float32. It raises FrameError where it cannot.
+ImageSource = Path | Callable[[], npt.NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +32,8 @@ class FrameEntry:
     timestamp_s : float or None
         Seconds; None in recordings without timestamps.
     pose : callable or None
-        Gives T_world_camera (4, 4), rigid, or raises FrameError with the reason why this frame has none
-        (`cuboid.readers.posetext` has the checks).
+        Gives T_world_camera (4, 4), which `Recording` checks, or raises FrameError with the reason why this frame has
+        none.
     fault : str or None
         A reason known beforehand why the frame cannot be used, one line.
     """
@@ -60,6 +60,9 @@ class Calibration:
     distortion : tuple of float
         Of the lens, in OpenCV's order: k1, k2, p1, p2[, k3[, k4, k5, k6]]; empty where the images are a pinhole's.
         It is taken out of color and depth.
+    depth_camera : DepthCamera or None
+        Where depth was taken by a camera of its own, beside this one, and is not aligned to color; then the
+        attributes above are those of the color camera, and depth is carried into its image.
     """
 
     fx: float
@@ -69,6 +72,7 @@ class Calibration:
     size: tuple[int, int] | None
     source: str
     distortion: tuple[float, ...] = ()
+    depth_camera: DepthCamera | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,12 +89,15 @@ class Listing:
         The pinhole that was published for the recording or its format, used where no file gives another.
     camera_folders : tuple of Path
         Folders in which a ``camera.json`` or ``camera-intrinsics.txt`` counts, the first find wins.
+    poses_of_depth : bool
+        Whether the poses are those of the depth camera, where depth has a camera of its own; else of the color camera.
     """
 
     frames: Sequence[FrameEntry]
     depth_units_per_metre: float | None = None
     calibration: Calibration | None = None
     camera_folders: tuple[Path, ...] = ()
+    poses_of_depth: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,11 +112,22 @@ class Reader:
         Path -> bool: whether exactly this path (not something beneath it) is a recording of this format.
     read : callable
         Path -> Listing; raises InputError where the recording as a whole is faulty.
+    read_with : callable, optional
+        (Path, options) -> Listing, where the format has options: names and values, as the user gave them behind the
+        format's name.
+    files : tuple of str
+        Endings of the names of files that may be such a recording; folders always may.
+    gives_way : bool
+        Whether another reader that recognises the same path is right, for it knows more of it, unless a
+        ``camera.json`` lies there.
     """
 
     expects: str
     recognises: Callable[[Path], bool]
     read: Callable[[Path], Listing]
+    read_with: Callable[[Path, Mapping[str, str]], Listing] | None = None
+    files: tuple[str, ...] = ()
+    gives_way: bool = False
 
 
 def holds(path: Path, name: re.Pattern[str]) -> bool:

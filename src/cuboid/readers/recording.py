@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections import Counter
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
@@ -12,10 +13,13 @@ import numpy.typing as npt
 
 from cuboid.errors import FrameError, InputError
 from cuboid.frame import Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.geometry import se3
 from cuboid.readers import calibration as calibrations
+from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.images import decode_color, decode_depth, depth_in_metres
 from cuboid.readers.prefetch import run_ahead
 from cuboid.readers.reader import Calibration, FrameEntry, ImageSource, Listing
+from cuboid.readers.undistortion import DepthArray
 
 # Frames per second of recordings that do not say: all common depth cameras of this kind run at 30.
 DEFAULT_RATE_HZ = 30.0
@@ -54,7 +58,8 @@ class Recording:
     path : Path
         What holds the frames.
     intrinsics : Intrinsics
-        Of its frames, from which the distortion of the lens, where it is known, is taken out.
+        Of its frames, from which the distortion of the lens, where it is known, is taken out, and in which depth is
+        aligned to color.
     calibration : Calibration
         The camera that took them, and where what is known of it was found.
     depth_units_per_metre : float
@@ -83,11 +88,27 @@ class Recording:
         width, height = self._vote_on_size()
         self.intrinsics: Intrinsics = calibrations.for_size(calibration, width, height, path)
         self._undistort = calibrations.undistortion(calibration, (width, height), path)
+        self._poses_of_depth = listing.poses_of_depth
+        self._set_camera(calibration)
+
+    def _set_camera(self, calibration: Calibration) -> None:
+        """Let frames come from this camera, and from its depth camera, where it has one."""
+        self.calibration = calibration
+        self._register = calibrations.registration(calibration, self.intrinsics, self.path)
+        depth_camera = calibration.depth_camera
+        self._T_depth_color: Float64Array | None = None
+        if depth_camera is not None and self._poses_of_depth:
+            self._T_depth_color = se3.inverse(depth_camera.T_color_depth)
 
     @property
     def distortion(self) -> tuple[float, ...]:
         """What the lens did to the images, and is taken out of the frames; empty where nothing is."""
         return self.calibration.distortion if any(self.calibration.distortion) else ()
+
+    @property
+    def depth_camera(self) -> DepthCamera | None:
+        """The camera that depth was carried from into color; None where depth was aligned already."""
+        return self.calibration.depth_camera
 
     def __len__(self) -> int:
         """Return the number of frames, bad ones included."""
@@ -105,6 +126,19 @@ class Recording:
         other = object.__new__(Recording)
         other.__dict__.update(self.__dict__)
         other.intrinsics = intrinsics
+        return other
+
+    def with_depth_camera(self, depth_camera: DepthCamera) -> Recording:
+        """Return the same recording with depth carried into color from this camera.
+
+        Raises
+        ------
+        InputError
+            It is none.
+        """
+        other = object.__new__(Recording)
+        other.__dict__.update(self.__dict__)
+        other._set_camera(dataclasses.replace(self.calibration, depth_camera=depth_camera))
         return other
 
     def timestamp_s(self, index: int) -> float:
@@ -125,7 +159,11 @@ class Recording:
         load = self._frames[index].pose
         if load is None:
             raise FrameError("the frame has no camera pose")
-        return load()
+        try:
+            T = se3.rigid(load())
+        except ValueError as error:  # of a reader that does not look at its poses
+            raise FrameError(str(error)) from None
+        return T if self._T_depth_color is None else T @ self._T_depth_color
 
     def color_name(self, index: int) -> str | None:
         """Return the file of a frame's color image as seen from the recording; None where it has no file of its own."""
@@ -152,8 +190,11 @@ class Recording:
         expected = (self.intrinsics.height, self.intrinsics.width)
         if color.shape[:2] != expected:
             raise FrameError(f"the frame is {_size(color)}, the recording {_size(np.empty(expected))}: {depth_name}")
-        color, raw = self._undistort(color, raw)
-        depth_m = depth_in_metres(raw, self.depth_units_per_metre, depth_name)
+        color = self._undistort.color(color)
+        if self._register is None:
+            depth_m = depth_in_metres(self._undistort.depth(raw), self.depth_units_per_metre, depth_name)
+        else:
+            depth_m = self._register(depth_in_metres(raw, self.depth_units_per_metre, depth_name), depth_name)
         return Frame(index, self.timestamp_s(index), color, depth_m, T_world_camera)
 
     def iterate(
@@ -185,8 +226,8 @@ class Recording:
         except FrameError as error:
             return SkippedFrame(index, str(error))
 
-    def _decode(self, entry: FrameEntry) -> tuple[UInt8Array, npt.NDArray[np.uint16], str]:
-        """Return color, depth as stored and its name; FrameError unless both are there and of one size."""
+    def _decode(self, entry: FrameEntry) -> tuple[UInt8Array, DepthArray, str]:
+        """Return color, depth as stored and its name; FrameError unless both are there and of the expected sizes."""
         if entry.fault is not None:
             raise FrameError(entry.fault)
         if entry.color is None or entry.depth is None:
@@ -195,7 +236,11 @@ class Recording:
             raise FrameError(f"{there} without {lacking}: {self._name(source)}")
         color_name, depth_name = self._name(entry.color), self._name(entry.depth)
         color, raw = decode_color(entry.color, color_name), decode_depth(entry.depth, depth_name)
-        if color.shape[:2] != raw.shape:
+        if self.calibration.depth_camera is not None:
+            width, height = self.calibration.depth_camera.size
+            if raw.shape != (height, width):
+                raise FrameError(f"depth is {_size(raw)}, its camera {width}x{height}: {depth_name}")
+        elif color.shape[:2] != raw.shape:
             raise FrameError(
                 f"color is {_size(color)} but depth {_size(raw)}, they must be aligned: {color_name}, {depth_name}"
             )
@@ -203,11 +248,11 @@ class Recording:
 
     def _vote_on_size(self) -> tuple[int, int]:
         """Return (width, height) that most of the first decodable frames have."""
-        shapes: Counter[tuple[int, int]] = Counter()
+        shapes: Counter[tuple[int, ...]] = Counter()
         first_fault = ""
         for entry in self._frames:
             try:
-                shapes[self._decode(entry)[1].shape] += 1
+                shapes[self._decode(entry)[0].shape[:2]] += 1
             except FrameError as error:
                 first_fault = first_fault or str(error)
             if shapes.total() == SIZE_VOTERS:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from cuboid.errors import InputError
 from cuboid.frame import Intrinsics
+from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.locate import open_recording
 from cuboid.readers.reader import Calibration
 from cuboid.readers.recording import Recording
@@ -16,6 +17,7 @@ def reopen_recording(
     format: str,  # noqa: A002 - as in open_recording
     intrinsics: Intrinsics,
     distortion: tuple[float, ...],
+    depth_camera: DepthCamera | None,
     last_frame: int,
     depth_units_per_metre: float | None = None,
 ) -> Recording:
@@ -31,6 +33,8 @@ def reopen_recording(
         Of its color image, from the results.
     distortion : tuple of float
         Of its lens, from the results; it was taken out.
+    depth_camera : DepthCamera or None
+        From the results; depth was carried from it into color.
     last_frame : int
         The last of its frames that the results speak of.
     depth_units_per_metre : float, optional
@@ -42,7 +46,7 @@ def reopen_recording(
         It is not there, or its size or its number of frames shows that it is another one.
     """
     K = intrinsics
-    camera = Calibration(K.fx, K.fy, K.cx, K.cy, None, "the results", distortion)
+    camera = Calibration(K.fx, K.fy, K.cx, K.cy, None, "the results", distortion, depth_camera)
     recording = open_recording(path, format=format, intrinsics=camera, depth_scale=depth_units_per_metre)
     size = recording.intrinsics.width, recording.intrinsics.height
     if size != (K.width, K.height) or len(recording) <= last_frame:

@@ -29,8 +29,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.errors import InputError
-from cuboid.readers.posetext import Trajectory, data_lines
+from cuboid.errors import InputError, shown
+from cuboid.formats.table_door import data_lines
+from cuboid.readers.posetext import Trajectory, parse_time
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
 
 DEPTH_UNITS_PER_METRE = 5000.0
@@ -126,14 +127,14 @@ def _image_list(path: Path) -> list[tuple[float, str]]:
     """Read lines "timestamp filename", sorted by time."""
     images = []
     for number, line in data_lines(path):
-        words = line.split(maxsplit=1)
+        word, _, name = line.replace("\t", " ").partition(" ")
         try:
-            time_s = float(words[0])
-        except ValueError:
-            time_s = np.nan
-        if len(words) != 2 or not np.isfinite(time_s):
-            raise InputError(f"{path} line {number}: expected 'timestamp filename', got '{line[:60]}'")
-        images.append((time_s, words[1]))
+            time_s = parse_time(word)
+        except ValueError as error:
+            raise InputError(f"{path} line {number}: {error} and a file's name") from None
+        if not name.strip():
+            raise InputError(f"{path} line {number}: expected 'timestamp filename', got {shown(line)}")
+        images.append((time_s, name.strip()))
     return sorted(images)
 
 

@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array, UInt8Array
 
-# How many coefficients there may be: k1, k2, p1, p2, then k3, then k4, k5, k6.
-COEFFICIENTS = (4, 5, 8)
+# Depth as stored: whole units, or units with fractions.
+DepthArray = npt.NDArray[np.uint16] | npt.NDArray[np.float32]
+
 # An image that is stretched or pressed together by more than this factor of its area anywhere is no camera's.
 MOST_STRETCHED = 10.0
 
@@ -50,13 +51,21 @@ class Undistortion:
         self._linear = cv2.convertMaps(u, v, cv2.CV_16SC2)
         self._nearest = cv2.convertMaps(u, v, cv2.CV_16SC2, nninterpolation=True)
 
-    def __call__(self, color: UInt8Array, raw: npt.NDArray[np.uint16]) -> tuple[UInt8Array, npt.NDArray[np.uint16]]:
-        """Return color (H, W, 3) and depth as stored (H, W) as the pinhole sees them; 2 ms for 640 x 480 pixels."""
+    def color(self, color: UInt8Array) -> UInt8Array:
+        """Return color (H, W, 3) as the pinhole sees it; with `depth` 2 ms for 640 x 480 pixels."""
         if not self.needed:
-            return color, raw
+            return color
         seen = cv2.remap(color, *self._linear, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-        depth = cv2.remap(raw, *self._nearest, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
-        return seen.astype(np.uint8, copy=False), depth.astype(np.uint16, copy=False)
+        return seen.astype(np.uint8, copy=False)
+
+    def depth(self, raw: DepthArray) -> DepthArray:
+        """Return depth as stored (H, W), aligned to color, as the pinhole sees it."""
+        if not self.needed:
+            return raw
+        seen = cv2.remap(raw, *self._nearest, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+        if raw.dtype == np.float32:
+            return seen.astype(np.float32, copy=False)
+        return seen.astype(np.uint16, copy=False)
 
 
 def rescaled(coefficients: Sequence[float], factor: float) -> tuple[float, ...]:

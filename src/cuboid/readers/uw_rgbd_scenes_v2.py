@@ -21,8 +21,9 @@ from functools import partial
 from pathlib import Path
 
 from cuboid.errors import FrameError, InputError
+from cuboid.formats.reading import text_lines
 from cuboid.frame import Float64Array
-from cuboid.readers.posetext import parse_numbers, pose_from_quaternion, read_lines
+from cuboid.readers.posetext import parse_numbers, pose_from_quaternion
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, holds
 
 IMAGE = re.compile(r"(\d+)-(color|depth)\.(png|jpg|jpeg)")
@@ -63,7 +64,7 @@ def _pose_lines(dataset: Path, scene: Path) -> tuple[str, list[str]] | None:
     number = scene.name.removeprefix("scene_")
     for file in (dataset / "pc" / f"{number}.pose", scene / f"{number}.pose"):
         if file.is_file():
-            lines = read_lines(file)
+            lines = list(text_lines(file))
             while lines and not lines[-1].strip():
                 lines.pop()
             if not lines:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cuboid.errors import InputError
+from cuboid.formats.reading import opened
 from cuboid.frame import Float64Array
 from cuboid.synthetic.footprint import hull, smallest_rectangle
 from cuboid.synthetic.material import PAINTS, Color, Material, Texture
@@ -21,6 +22,9 @@ LONGEST_M = (0.04, 0.6)
 OTHERWISE_M = 0.18
 # More would make the rays slow and add nothing at this distance.
 MOST_FACES = 200_000
+# The largest file, and the largest coordinate (of a mesh in micrometres): such meshes have more faces than that.
+MOST_MESH_BYTES = 256 << 20
+LARGEST = 1e9
 # The thinnest side, metres: below it a body has no inside and its outline no area.
 THINNEST_M = 0.004
 
@@ -54,18 +58,24 @@ def load_mesh(path: Path) -> Model:
     """
     import trimesh
 
-    try:
-        loaded = trimesh.load(path, force="mesh")
-    except Exception as error:  # the readers of a dozen formats raise what they like
-        raise InputError(f"{path}: cannot be read as a mesh: {' '.join(str(error).split())[:80]}") from None
+    with opened(path, MOST_MESH_BYTES) as file:
+        try:
+            beside = trimesh.resolvers.FilePathResolver(str(path))  # materials and textures
+            loaded = trimesh.load(file, file_type=path.suffix[1:].lower(), resolver=beside, force="mesh")
+        except Exception as error:  # the readers of a dozen formats raise what they like
+            raise InputError(f"{path}: cannot be read as a mesh: {str(error)[:80]}") from None
     vertices = np.asarray(getattr(loaded, "vertices", np.empty((0, 3))), np.float64)
     faces = np.asarray(getattr(loaded, "faces", np.empty((0, 3))), np.int32)
     if len(faces) == 0:
         raise InputError(f"{path}: no triangles in it")
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise InputError(f"{path}: expected vertices of three numbers, got {vertices.shape}")
     if len(faces) > MOST_FACES:
         raise InputError(f"{path}: {len(faces)} triangles, expected at most {MOST_FACES}")
-    if not np.isfinite(vertices).all():
-        raise InputError(f"{path}: a vertex is NaN or infinite")
+    if not (np.abs(vertices) <= LARGEST).all():
+        raise InputError(f"{path}: a vertex is NaN, infinite, or above {LARGEST:g}")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise InputError(f"{path}: a triangle has a corner that is none of the {len(vertices)} vertices")
     mesh = Mesh(vertices, faces)
     mesh = mesh.moved(turn(np.pi / 2, axis=0)) if path.suffix.lower() == ".glb" else mesh
     mesh = _standing(_scaled(mesh), path)
@@ -87,7 +97,10 @@ def _standing(mesh: Mesh, path: Path) -> Mesh:
     sides = np.ptp(mesh.vertices, axis=0)
     if sides.min() < THINNEST_M:
         raise InputError(f"{path}: is flat, its thinnest side is {sides.min():.3g} m")
-    middle, _, _ = smallest_rectangle(hull(mesh.vertices[:, :2]))
+    try:
+        middle, _, _ = smallest_rectangle(hull(mesh.vertices[:, :2]))
+    except (RuntimeError, ValueError, IndexError):  # Qhull has an error of its own
+        raise InputError(f"{path}: is flat, seen from above it has no area") from None
     return mesh.moved(shift((-middle[0], -middle[1], -mesh.vertices[:, 2].min())))
 
 

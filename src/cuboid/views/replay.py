@@ -7,21 +7,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from cuboid.errors import InputError
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import Box
-from cuboid.outputs import (
-    ObjectsFile,
-    ProposalRow,
-    RunReport,
-    TrackRow,
-    read_objects,
-    read_proposals,
-    read_run,
-    read_tracks,
-    read_trajectory,
-)
-from cuboid.outputs.folder import OBJECTS, PROPOSALS, RUN, TRACKS, TRAJECTORY
+from cuboid.outputs import FinishedResults, ProposalRow, TrackRow
 from cuboid.outputs.text import LENGTH, number
 from cuboid.readers.recording import Recording
 from cuboid.readers.reopen import reopen_recording
@@ -85,6 +73,8 @@ class Replay:
         One in so many frames was used.
     frames_per_second : float or None
         Of the tracker: one over its median time of a frame.
+    last_frame : int
+        The last frame of the recording that was used; -1 where none was.
 
     Raises
     ------
@@ -93,48 +83,42 @@ class Replay:
     """
 
     def __init__(self, folder: Path) -> None:
-        report, found = open_results(folder)
-        self._report = report
-        self.intrinsics: Intrinsics = found.intrinsics
-        self.every = _every(report)
+        results = FinishedResults(folder)
+        report = results.report
+        self._results = results
+        self.intrinsics: Intrinsics = results.found.intrinsics
+        self.every = report.every
         median_ms = report.milliseconds["frame"].median_ms if "frame" in report.milliseconds else 0.0
         self.frames_per_second = 1e3 / median_ms if median_ms > 0 else None
-        self._lasting = {item.label for item in found.objects}
-        self._poses = read_trajectory(folder / TRAJECTORY)
+        self.last_frame = results.last_frame
+        self._lasting = {item.label for item in results.found.objects}
+        self._poses = results.poses
         self._sightings: dict[int, list[TrackRow]] = defaultdict(list)
         self._proposals: dict[int, list[ProposalRow]] = defaultdict(list)
-        for row in read_tracks(folder / TRACKS):
+        for row in results.tracks:
             self._sightings[row.frame].append(row)
-        for own in read_proposals(folder / PROPOSALS):
+        for own in results.proposals:
             self._proposals[own.frame].append(own)
-        self._used = used_frames(report)
 
     def __len__(self) -> int:
         """Return how many frames were used."""
         return len(self._poses)
 
-    @property
-    def last_frame(self) -> int:
-        """The last frame of the recording that was used; -1 where none was."""
-        return self._used[-1] if self._used else -1
-
     def reopen(self, moved: Path | None) -> Recording:
         """Open the recording, which lies at `moved`, or where it lay; InputError where it is not there."""
-        return reopen(self._report, self.intrinsics, moved)
+        return reopen(self._results, moved)
 
     def frames(self, timestamp_of: Callable[[int], float]) -> Iterator[ReplayedFrame]:
-        """Iterate over the frames that have a pose, in order.
+        """Iterate over the used frames, in order; those that have another time in the recording are left out.
 
         Parameters
         ----------
         timestamp_of : callable
-            Seconds of a frame of the recording: lines of the trajectory have no frame numbers.
+            Seconds of a frame of the recording.
         """
-        poses = iter(self._poses)
-        pose = next(poses, None)
         boxes: dict[int, Box] = {}
-        for index in self._used:
-            if pose is None or number(pose.timestamp_s, LENGTH) != number(timestamp_of(index), LENGTH):
+        for index, pose in self._poses.items():
+            if number(pose.timestamp_s, LENGTH) != number(timestamp_of(index), LENGTH):
                 continue
             sightings = tuple(self._sightings.get(index, ()))
             boxes.update((row.label, row.box) for row in sightings)
@@ -146,30 +130,14 @@ class Replay:
             )
             proposals = tuple(self._proposals.get(index, ()))
             yield ReplayedFrame(index, pose.T_world_camera, sightings, proposals, hidden)
-            pose = next(poses, None)
 
 
-def open_results(folder: Path) -> tuple[RunReport, ObjectsFile]:
-    """Return how a run went and what it found.
-
-    Raises
-    ------
-    InputError
-        The folder is not a result folder, or a file in it is malformed.
-    """
-    if not folder.is_dir():
-        raise InputError(f"{folder}: expected a folder with the results of 'cuboid track'")
-    return read_run(folder / RUN), read_objects(folder / OBJECTS)
-
-
-def reopen(report: RunReport, intrinsics: Intrinsics, moved: Path | None) -> Recording:
+def reopen(results: FinishedResults, moved: Path | None) -> Recording:
     """Open the recording of finished results.
 
     Parameters
     ----------
-    report : RunReport
-    intrinsics : Intrinsics
-        Of its color image.
+    results : FinishedResults
     moved : Path or None
         Where it lies now; None where it still is where it was.
 
@@ -178,22 +146,13 @@ def reopen(report: RunReport, intrinsics: Intrinsics, moved: Path | None) -> Rec
     InputError
         It is not there, or is another one.
     """
+    report = results.report
     return reopen_recording(
         moved or Path(report.recording),
         report.format,
-        intrinsics,
+        results.found.intrinsics,
         report.distortion,
-        max(used_frames(report), default=-1),
+        report.depth_camera,
+        results.last_frame,
         report.depth_units_per_metre,
     )
-
-
-def used_frames(report: RunReport) -> list[int]:
-    """Return the frames of the recording that a run used, ascending."""
-    skipped = {frame for frame, _ in report.skipped}
-    every = _every(report)
-    return [index for index in range(0, report.frames_read * every, every) if index not in skipped]
-
-
-def _every(report: RunReport) -> int:
-    return int(report.config.get("every", 1))

@@ -1,17 +1,43 @@
-"""Pages served to the browser of this machine: who is answered, and what may be sent back."""
+"""What the two servers have in common: to whom they answer, what they answer to, and for how long."""
 
 from __future__ import annotations
 
+import socket
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from ipaddress import ip_address
+from typing import Any
+from urllib.parse import urlsplit
 
 from cuboid.errors import OutputError
 
-# Nobody but who is on this machine, or comes through a forwarded port, sees the pages.
+# Nobody but who is on this machine, or comes through a forwarded port, sees the results.
 HOST = "127.0.0.1"
 LOCAL_NAMES = ("localhost", HOST)
+# Ends of names that are given within a local network only (RFC 6762, RFC 8375, and by habit).
+LOCAL_ENDINGS = (".local", ".lan", ".internal", ".home.arpa", ".localdomain")
+
+# So many connections at once: a browser opens 6.
+MOST_CONNECTIONS = 128
+# Who says nothing for so long is cut off; so is, later, who takes in an answer too slowly.
+SILENT_S = 10.0
+SLOW_S = 60.0
+# The longest address, and the largest head of a request; browsers send about 1 kB.
+LONGEST_ADDRESS = 2_000
+LARGEST_HEAD = 16_000
+
+# The pages hold their own scripts and style, and need nothing from elsewhere.
+HEADERS = {
+    "Cache-Control": "no-store",  # the next run's pictures have the same addresses
+    "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src 'self' data: blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+}
 
 # What a page sends back is a document of some kilobytes; more than this is none of ours.
 MOST_BYTES = 16 << 20
@@ -28,7 +54,7 @@ class Refusal(Exception):  # noqa: N818 - an answer, not a fault
 
 
 class PageHandler(BaseHTTPRequestHandler):
-    """Answers GET for what is there, and POST where a page may send something back.
+    """Answers GET for what is there, and POST where a page may send something back, under a name of this machine.
 
     Attributes
     ----------
@@ -37,22 +63,24 @@ class PageHandler(BaseHTTPRequestHandler):
     take : callable or None
         The same for what was sent to an address as JSON; None takes nothing.
     names : tuple of str
-        Names of this machine that are answered to; none stands for any.
+        Names of this machine that are answered to. With none of them number addresses and the names of a local network
+        are, but no name that another site could own and have lead here.
     """
 
     show: Callable[[str], Answer | None]
     take: Callable[[str, bytes], Answer | None] | None = None
     names: tuple[str, ...] = LOCAL_NAMES
+    timeout = SILENT_S
 
     def do_GET(self) -> None:
-        """Answer, unless it was asked for under another name."""
-        if self._is_ours():
+        """Answer, unless it is asked from elsewhere, or at too great a length."""
+        if self._is_taken():
             self._answer(lambda: self.show(self.path))
 
     def do_POST(self) -> None:
         """Take what one of our own pages sends."""
         take = self.take
-        if not self._is_ours():
+        if not self._is_taken():
             return
         if take is None:
             self.send_error(HTTPStatus.METHOD_NOT_ALLOWED)
@@ -61,27 +89,41 @@ class PageHandler(BaseHTTPRequestHandler):
         length = self.headers.get("Content-Length", "")
         if "Origin" not in self.headers or self.headers.get_content_type() != "application/json":
             self.send_error(HTTPStatus.FORBIDDEN)
-        elif not length.isdecimal() or int(length) > MOST_BYTES:
+        elif not (length.isascii() and length.isdecimal() and int(length[:10]) <= MOST_BYTES):
             self.send_error(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
         else:
             content = self.rfile.read(int(length))
             self._answer(lambda: take(self.path, content))
 
-    def _is_ours(self) -> bool:
-        """Tell whether it was asked under a name of this machine, by a page of ours or by the user; refuse it else."""
-        # another site's page may have its own name lead to this address: it gets nothing
-        host = self.headers.get("Host", "")
-        own_origin = self.headers.get("Origin", f"http://{host}") == f"http://{host}"
-        ours = not self.names or (host.rsplit(":", 1)[0] in self.names and own_origin)
-        if not ours:
+    def _is_taken(self) -> bool:
+        """Tell whether a request is of bounded length and from a page of ours, or the user; refuse it else."""
+        if len(self.path) > LONGEST_ADDRESS:
+            self.send_error(HTTPStatus.REQUEST_URI_TOO_LONG)
+        elif sum(len(name) + len(value) for name, value in self.headers.items()) > LARGEST_HEAD:
+            self.send_error(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE)
+        elif not (self._is_own(f"http://{self.headers.get('Host', '')}") and self._is_own_origin()):
             self.send_error(HTTPStatus.FORBIDDEN)
-        return ours
+        else:
+            return True
+        return False
+
+    def _is_own_origin(self) -> bool:
+        """Tell whether a page that asks, if one does, is our own: of this host and port."""
+        own = f"http://{self.headers.get('Host', '')}"
+        return all(origin == own for origin in self.headers.get_all("Origin", []))
+
+    def _is_own(self, address: str) -> bool:
+        try:
+            name = urlsplit(address).hostname or ""
+        except ValueError:
+            return False
+        return name in self.names if self.names else _is_local(name)
 
     def _answer(self, of: Callable[[], Answer | None]) -> None:
         try:
             found, status = of(), HTTPStatus.OK
         except Refusal as refusal:
-            found, status = ("text/plain; charset=utf-8", str(refusal).encode("utf-8")), refusal.status
+            found, status = ("text/plain; charset=utf-8", str(refusal).encode("utf-8", "replace")), refusal.status
         if found is None:
             self.send_error(HTTPStatus.NOT_FOUND)
             return
@@ -89,23 +131,73 @@ class PageHandler(BaseHTTPRequestHandler):
         self.send_response(status)
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(content)))
-        self.send_header("Cache-Control", "no-store")  # the next run's pictures have the same addresses
+        for name, value in HEADERS.items():
+            self.send_header(name, value)
         self.end_headers()
         self.wfile.write(content)
+
+    def version_string(self) -> str:
+        """Return what answers: not which Python it runs on."""
+        return "cuboid"
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the base class's name
         """Say nothing: a slider asks often."""
 
 
 class PageServer(ThreadingHTTPServer):
-    """A server that takes it calmly when somebody closes the page."""
+    """A server of pages that stays calm: slow clients are cut off, too many are turned away, who leaves is no fault."""
 
     daemon_threads = True
+    block_on_close = False
+    request_queue_size = MOST_CONNECTIONS
+
+    def __init__(self, address: tuple[str, int], handler: type[PageHandler]) -> None:
+        self._begun_s: dict[Any, float] = {}
+        super().__init__(address, handler)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer in a thread of its own, unless there are too many already."""
+        if len(self._begun_s) >= MOST_CONNECTIONS:
+            super().shutdown_request(request)
+            return
+        self._begun_s[request] = time.monotonic()
+        super().process_request(request, client_address)
+
+    def shutdown_request(self, request: Any) -> None:
+        """End a connection."""
+        self._begun_s.pop(request, None)
+        super().shutdown_request(request)
+
+    def service_actions(self) -> None:
+        """Cut off who is too slow; called twice a second."""
+        late_s = time.monotonic() - SLOW_S
+        for request, begun_s in list(self._begun_s.items()):
+            if begun_s < late_s:
+                try:
+                    request.shutdown(socket.SHUT_RDWR)  # its thread notices, and closes it
+                except OSError:  # it has gone meanwhile
+                    continue
 
     def handle_error(self, request: object, client_address: object) -> None:
         """Say nothing of a connection that was cut; a fault of the program is shown."""
-        if not isinstance(sys.exception(), ConnectionError):
+        if not isinstance(sys.exception(), OSError):
             super().handle_error(request, client_address)  # type: ignore[arg-type]
+
+
+def listening(host: str, ports: Sequence[int], handler: type[PageHandler]) -> PageServer:
+    """Return a server at the first of the ports that is free.
+
+    Raises
+    ------
+    OSError
+        None of them can be listened on.
+    """
+    for port in ports[:-1]:
+        try:
+            return PageServer((host, port), handler)
+        except OSError:
+            continue
+    return PageServer((host, ports[-1]), handler)
 
 
 def listening_at(port: int, handler: type[PageHandler]) -> PageServer:
@@ -120,3 +212,20 @@ def listening_at(port: int, handler: type[PageHandler]) -> PageServer:
         return PageServer((HOST, port), handler)
     except OSError as error:
         raise OutputError(f"port {port} cannot be used: {error.strerror}; leave --port out for a free one") from error
+
+
+def path_and_query(address: str) -> tuple[str, str]:
+    """Return the two parts of the address in a request."""
+    path, _, query = address.partition("?")
+    return path, query
+
+
+def _is_local(name: str) -> bool:
+    """Tell whether a name is an address in numbers, this machine's own, or one that only a local network gives."""
+    if name and ("." not in name or name.endswith(LOCAL_ENDINGS) or name == socket.getfqdn().lower()):
+        return True
+    try:
+        ip_address(name)
+    except ValueError:
+        return False
+    return True

@@ -8,14 +8,13 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from types import TracebackType
 from typing import Self
-from urllib.parse import urlsplit
 
 from cuboid.errors import OutputError
 from cuboid.frame import Intrinsics
 from cuboid.results import MapPoints
 from cuboid.views.live.messages import end_message, map_message, moment_message, page_of, spacing_of, warm_up
 from cuboid.views.live.watch import LiveView, Ration
-from cuboid.views.serving import HOST, LOCAL_NAMES, Answer, PageHandler, PageServer
+from cuboid.views.serving import HOST, LOCAL_NAMES, Answer, PageHandler, PageServer, listening, path_and_query
 
 # The same in every run, so that a forwarded port may stay; where it is taken, one of the next.
 PORT = 8765
@@ -87,11 +86,11 @@ class LiveServer:
 
     def _answer(self, address: str) -> Answer | None:
         """Return kind and content of what lies at an address; None where nothing does."""
-        path = urlsplit(address).path
+        path, _ = path_and_query(address)
         if path == "/":
             moment = self.view.moment_after(0, FIRST_S)
             page = page_of(self._title, self._intrinsics, moment, self.view.first_pose)
-            return "text/html; charset=utf-8", page.encode("utf-8")
+            return "text/html; charset=utf-8", page.encode("utf-8", "backslashreplace")
         asked = ASKED.fullmatch(path)
         if asked is None:
             return None
@@ -136,9 +135,7 @@ def charged(ration: Ration, make: Callable[[], bytes]) -> bytes:
 
 def _listening(host: str, handler: type[PageHandler]) -> PageServer:
     """Return a server at the first port that is free."""
-    for port in (*PORTS, 0):
-        try:
-            return PageServer((host, port), handler)
-        except OSError as error:
-            refusal = error
-    raise OutputError(f"--live: {host} cannot be listened on: {refusal.strerror or refusal}") from refusal
+    try:
+        return listening(host, (*PORTS, 0), handler)
+    except OSError as error:
+        raise OutputError(f"--live: {host} cannot be listened on: {error.strerror or error}") from error

@@ -10,7 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from cuboid.outputs.folder import writing
+from cuboid.outputs.pending import write_whole
 from cuboid.views.report.summary import Summary
 
 # In the order in which they use each other.
@@ -93,10 +93,4 @@ def write_report(path: Path, summary: Summary) -> None:
     OutputError
         The file cannot be written; none is left then.
     """
-    partial = path.with_name(f".{path.name}.partial")
-    with writing(path):
-        try:
-            partial.write_text(page_of(summary), encoding="utf-8")
-            partial.replace(path)
-        finally:
-            partial.unlink(missing_ok=True)
+    write_whole(path, page_of(summary))

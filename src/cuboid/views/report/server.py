@@ -6,7 +6,7 @@ import re
 import threading
 from functools import cached_property
 from pathlib import Path
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
 from cuboid.errors import FrameError, InputError
 from cuboid.frame import Frame
@@ -16,7 +16,7 @@ from cuboid.views.replay import Replay, ReplayedFrame
 from cuboid.views.report.page import page_of
 from cuboid.views.report.pictures import encode_jpeg
 from cuboid.views.report.summary import summarise
-from cuboid.views.serving import Answer, PageHandler, PageServer, listening_at
+from cuboid.views.serving import Answer, PageHandler, PageServer, listening_at, path_and_query
 
 PICTURES = "/frame"
 PICTURE = re.compile(rf"{PICTURES}/(\d{{1,9}})\.jpg")
@@ -108,10 +108,10 @@ def make_server(viewer: Viewer, port: int = 0) -> PageServer:
 
 def _answer(viewer: Viewer, address: str) -> Answer | None:
     """Return kind and content of what lies at an address; None where nothing does."""
-    parts = urlsplit(address)
-    if parts.path == "/":
+    path, query = path_and_query(address)
+    if path == "/":
         return "text/html; charset=utf-8", viewer.page
-    asked = PICTURE.fullmatch(parts.path)
-    what = parse_qs(parts.query).get("what", ["boxes"])[0]
+    asked = PICTURE.fullmatch(path)
+    what = parse_qs(query).get("what", ["boxes"])[0]
     picture = viewer.picture(int(asked[1]), what) if asked else None
     return None if picture is None else ("image/jpeg", picture)

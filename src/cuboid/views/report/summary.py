@@ -11,21 +11,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from cuboid.errors import InputError
 from cuboid.frame import Frame, Intrinsics
-from cuboid.outputs import (
-    ObjectsFile,
-    PoseRow,
-    RunReport,
-    TrackRow,
-    read_map,
-    read_tracks,
-    read_trajectory,
-)
-from cuboid.outputs.folder import MAP, RUN, TRACKS, TRAJECTORY
+from cuboid.outputs import FinishedResults, ObjectsFile, PoseRow, RunReport, TrackRow
 from cuboid.results import TrackedObject
 from cuboid.views.palette import color_of, hex_of, ink_on
-from cuboid.views.replay import open_results, used_frames
 from cuboid.views.report.pictures import Picture, best_sightings, cut_pictures
 from cuboid.views.report.points import PackedPoints, pack_points
 
@@ -134,23 +123,16 @@ def summarise(folder: Path, read: Callable[[int], Frame] | None) -> Summary:
     InputError
         A file of the folder is missing, malformed, or does not fit the others.
     """
-    report, found = open_results(folder)
-    tracks, poses = read_tracks(folder / TRACKS), read_trajectory(folder / TRAJECTORY)
-    frames = used_frames(report)
-    if len(poses) != len(frames):
-        raise InputError(f"{folder / TRAJECTORY}: expected a pose for each of {len(frames)} frames, got {len(poses)}")
-    strange = {row.frame for row in tracks} - set(frames)
-    if strange:
-        raise InputError(f"{folder / TRACKS}: frame {min(strange)} is not among the used frames of {folder / RUN}")
-    lasting = {item.label for item in found.objects}
-    best = {label: row for label, row in best_sightings(tracks).items() if label in lasting}
+    results = FinishedResults(folder)
+    lasting = {item.label for item in results.found.objects}
+    best = {label: row for label, row in best_sightings(results.tracks).items() if label in lasting}
     return Summary(
-        report=report,
-        found=found,
-        frames=tuple(frames),
-        poses=tuple(poses),
-        tracks=tuple(tracks),
-        points=pack_points(read_map(folder / MAP)),
+        report=results.report,
+        found=results.found,
+        frames=tuple(results.poses),
+        poses=tuple(results.poses.values()),
+        tracks=tuple(results.tracks),
+        points=pack_points(results.points),
         pictures={} if read is None else cut_pictures(best, read),
     )
 

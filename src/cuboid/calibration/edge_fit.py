@@ -1,0 +1,229 @@
+"""Ends of surfaces in depth, edges in color, and the move that brings the one onto the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.frame import Float32Array, Float64Array, Frame
+from cuboid.kernels.edges import depth_edges, edge_agreement
+
+# Images are thinned to at least this width, pixels: an edge is found to half a pixel of them.
+WIDTH_PX = 320
+# A surface ends where the next reading is farther by this share of the depth (more than any noise), at most so many
+# pixels of a 640 image away: a projector's shadow lies between.
+JUMP = 0.05
+GAP_PX = 12
+# With fewer ends a frame says nothing; of more, so many chosen at random are used.
+LEAST_EDGES, MOST_EDGES = 50, 1200
+# And so many of each frame for the search over everything.
+FEW_EDGES = 120
+# The search: magnifications 0.62 to 1.62 (a RealSense's two cameras have 1.57), shifts up to 24 pixels of the thinned
+# image (7-Scenes is off by 8 in its middle), and the blur of color's edges that it is done with, pixels.
+MAGNIFIED = np.exp(np.arange(-0.48, 0.481, 0.04))
+SHIFTED_PX = np.arange(-24.0, 24.1, 3.0)
+SEARCH_BLUR_PX = 4.0
+# The best of the search, so many that differ by this (root mean square over the image), and no move, are followed.
+STARTS, APART_PX = 6, 8.0
+# Then finer: blur, steps of magnification (share) and of shift (pixels).
+FINER = ((3.0, 0.02, 1.5), (2.0, 0.01, 0.75), (1.2, 0.005, 0.4), (1.0, 0.0025, 0.2))
+FINE_BLUR_PX = FINER[-1][0]
+# Two cameras of one device lie side by side, at most this far apart, metres.
+BESIDE_M = np.arange(-0.08, 0.081, 0.005)
+# That they are apart counts if edges then agree better by this share: less is what noise and nearly equal depths give.
+APART_GAIN = 0.05
+# A view is another one if half of its edges are not within 2 pixels of those of one before.
+SAME_VIEW, SAME_PLACE_PX = 0.5, 2
+
+_SEED = 5
+# A move is (g, du, dv, p, q): see `edge_agreement`. This one leaves all where it is.
+NOWHERE = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True, slots=True)
+class Edges:
+    """Ends of surfaces, and how strong the edges of color are, in thinned pixels.
+
+    Attributes
+    ----------
+    places : (N, 3) float32
+        Column and row of each end, and the depth of the surface, metres.
+    across : (N,) bool
+        Whether it ends along the row, else along the column.
+    image : (N,) int32
+        Number of the image.
+    strength : (F, 2, H, W) float32
+        Of color's edges across the row and across the column, 0 to 1, of each image.
+    """
+
+    places: Float32Array
+    across: npt.NDArray[np.bool_]
+    image: npt.NDArray[np.int32]
+    strength: Float32Array
+
+    @property
+    def center(self) -> Float64Array:
+        """Column and row of the middle of the image."""
+        height, width = self.strength.shape[2:]
+        return np.array([(width - 1) / 2, (height - 1) / 2])
+
+    def blurred(self, sigma_px: float) -> Edges:
+        """Return the same with the edges of color blurred."""
+        smooth = [[cv2.GaussianBlur(one, (0, 0), sigma_px) for one in two] for two in self.strength]
+        return replace(self, strength=np.array(smooth, np.float32))
+
+    def chosen(self, which: npt.NDArray[np.bool_]) -> Edges:
+        """Return some of the ends, by a mask (N,)."""
+        return replace(self, places=self.places[which], across=self.across[which], image=self.image[which])
+
+    def few(self) -> Edges:
+        """Return at most so many of each image."""
+        rng = np.random.default_rng(_SEED)
+        drawn = rng.permutation(len(self.image))
+        order = drawn[np.argsort(self.image[drawn], kind="stable")]
+        first = np.searchsorted(self.image[order], self.image[order])
+        return self.chosen(np.isin(np.arange(len(self.image)), order[np.arange(len(order)) - first < FEW_EDGES]))
+
+    def per_image(self, moves: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """Return sums of strengths and numbers of edges inside, (M, F) each."""
+        sums = np.empty((len(moves), len(self.strength)))
+        counts = np.empty_like(sums)
+        edge_agreement(self.places, self.across, self.image, self.strength, moves, self.center, sums, counts)
+        return sums, counts
+
+    def agreement(self, moves: Float64Array) -> Float64Array:
+        """Return how well the edges agree (M,): the mean strength; those that leave the image count as chance."""
+        sums, counts = (one.sum(axis=1) for one in self.per_image(moves))
+        return np.asarray((sums + (len(self.places) - counts) * float(self.strength.mean())) / len(self.places))
+
+    def agreement_inside(self, moves: Float64Array) -> Float64Array:
+        """Return how well the edges that stay in the image agree (M,): to compare moves that keep the same ones."""
+        sums, counts = (one.sum(axis=1) for one in self.per_image(moves))
+        return np.asarray(sums / np.maximum(counts, 1))
+
+
+def gather_edges(frames: Iterable[Frame]) -> tuple[Edges, int] | None:
+    """Return the ends of surfaces and the strength of color's edges, and the factor they are thinned by."""
+    places, across, image, factor = [], [], [], 1
+    strength: list[Float32Array] = []
+    rng = np.random.default_rng(_SEED)
+    for frame in frames:
+        height, width = frame.depth_m.shape
+        factor = max(1, width // WIDTH_PX)
+        ends, along_row = _ends(frame.depth_m)
+        if len(ends) < LEAST_EDGES:
+            continue
+        kept = np.sort(rng.permutation(len(ends))[:MOST_EDGES])
+        ends = ends[kept]
+        ends[:, :2] = (ends[:, :2] - (factor - 1) / 2) / factor
+        places.append(ends)
+        across.append(along_row[kept])
+        image.append(np.full(len(kept), len(strength), np.int32))
+        strength.append(_strength(frame, (width // factor, height // factor)))
+    if not places:
+        return None
+    found = Edges(np.concatenate(places), np.concatenate(across), np.concatenate(image), np.array(strength))
+    return found, factor
+
+
+def _ends(depth_m: Float32Array) -> tuple[Float32Array, npt.NDArray[np.bool_]]:
+    """Return column, row and depth of the ends of surfaces (N, 3), and whether they end along the row (N,)."""
+    out, across = np.empty((depth_m.size // 8, 3), np.float32), np.empty(depth_m.size // 8, np.bool_)
+    gap = max(1, GAP_PX * depth_m.shape[1] // 640)
+    count = depth_edges(np.ascontiguousarray(depth_m), JUMP, gap, out, across)
+    return out[:count], across[:count]
+
+
+def _strength(frame: Frame, size: tuple[int, int]) -> Float32Array:
+    """Return how strong an edge across row and column is (2, h, w), 0 to 1: one half at the 90th percentile."""
+    grey = cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY)
+    small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+    strengths = []
+    for dx, dy in ((1, 0), (0, 1)):
+        slope = np.abs(cv2.Sobel(small, cv2.CV_32F, dx, dy))
+        strengths.append(slope / (slope + np.percentile(slope, 90) + 1e-3))
+    return np.array(strengths, np.float32)
+
+
+def fit_move(levels: dict[float, Edges], likely: Float64Array) -> Float64Array:
+    """Return the move (g, du, dv, 0, 0) at which edges agree best: from several places, then ever finer."""
+    few = {sigma: level.few() for sigma, level in levels.items()}
+    ends = np.array([_refined(few, start) for start in (likely, *_starts(few[SEARCH_BLUR_PX]))])
+    return np.asarray(ends[int(np.argmax(few[FINE_BLUR_PX].agreement(ends)))])
+
+
+def _starts(edges: Edges) -> list[Float64Array]:
+    """Return the best moves of the search that are no neighbours of each other: a coarse look takes one for another."""
+    g, du, dv = (one.ravel() for one in np.meshgrid(MAGNIFIED, SHIFTED_PX, SHIFTED_PX, indexing="ij"))
+    moves = np.stack([g, du, dv, np.zeros_like(g), np.zeros_like(g)], axis=1)
+    kept: list[Float64Array] = []
+    for k in np.argsort(-edges.agreement(moves), kind="stable").tolist():
+        if all(size_of(edges, moves[k] - one) > APART_PX for one in kept):
+            kept.append(moves[k])
+            if len(kept) == STARTS:
+                break
+    return kept
+
+
+def _refined(levels: dict[float, Edges], move: Float64Array) -> Float64Array:
+    """Return the best move near one, by steps that become smaller."""
+    steps = np.stack(np.meshgrid(*[np.arange(-2, 3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    best = move
+    for sigma, share, shift in FINER:
+        for _ in range(3):
+            moves = np.repeat(best[None], len(steps), axis=0)
+            moves[:, :3] += steps * (share * best[0], shift, shift)
+            better = np.asarray(moves[int(np.argmax(levels[sigma].agreement(moves)))])
+            if (better == best).all():
+                break
+            best = better
+    return best
+
+
+def fit_apart(edges: Edges, move: Float64Array) -> Float64Array:
+    """Return the move with the distance of the cameras, where edges then agree clearly better."""
+    focal = 0.85 * edges.strength.shape[3]  # only where to look: the cameras of depth sensors have 0.6 to 1 widths
+    p, off = np.meshgrid(BESIDE_M * focal, np.arange(-1.0, 1.01, 0.25))
+    moves = np.repeat(move[None], p.size, axis=0)
+    moves[:, 1] += (off - p / np.median(edges.places[:, 2])).ravel()
+    moves[:, 3] = p.ravel()
+    agreement = edges.agreement_inside(moves)
+    best, chance = int(np.argmax(agreement)), float(edges.strength.mean())
+    if agreement[best] - chance < (1 + APART_GAIN) * (float(edges.agreement_inside(move[None])[0]) - chance):
+        return move
+    return np.asarray(moves[best])
+
+
+def size_of(edges: Edges, move: Float64Array) -> float:
+    """Return how far a difference of moves carries, root mean square over the image, thinned pixels."""
+    half = edges.center
+    return float(np.sqrt(move[0] ** 2 * (half**2).sum() / 3 + move[1] ** 2 + move[2] ** 2))
+
+
+def gain_of(edges: Edges, of_even: Float64Array, of_odd: Float64Array) -> tuple[float, float]:
+    """Return by how much what was found in one half of the images improves the other, and its standard error."""
+    sums, counts = edges.per_image(np.stack([NOWHERE, of_even, of_odd]))
+    agreement = sums / np.maximum(counts, 1)
+    gains: Float64Array = np.concatenate([(agreement[2] - agreement[0])[::2], (agreement[1] - agreement[0])[1::2]])
+    if len(gains) < 2:
+        return 0.0, float("inf")
+    return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
+
+
+def different_views(edges: Edges) -> int:
+    """Return how many images see something else than those before."""
+    kept: list[npt.NDArray[np.uint8]] = []
+    shape = edges.strength.shape[2:]
+    kernel = np.ones((2 * SAME_PLACE_PX + 1,) * 2, np.uint8)
+    for k in range(len(edges.strength)):
+        columns, rows = np.rint(edges.places[edges.image == k, :2]).astype(int).T
+        rows, columns = np.clip(rows, 0, shape[0] - 1), np.clip(columns, 0, shape[1] - 1)
+        if all(one[rows, columns].mean() < SAME_VIEW for one in kept):
+            drawn = np.zeros(shape, np.uint8)
+            drawn[rows, columns] = 1
+            kept.append(np.asarray(cv2.dilate(drawn, kernel), np.uint8))
+    return len(kept)

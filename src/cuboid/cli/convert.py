@@ -1,0 +1,59 @@
+"""`cuboid convert`: any readable recording in another form."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from cuboid.cli.recording import add_reading, open_from
+from cuboid.cli.threads import positive
+
+HELP = "write a recording in another form: a plain folder, TUM's, or a bag of ROS 2"
+FORMS = ("plain", "tum", "mcap")
+# So many reasons for frames that were left out are shown.
+SHOWN = 8
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    results = parser.add_argument_group("results")
+    results.add_argument("--output", type=Path, required=True, metavar="DIR", help="folder of the new recording")
+    results.add_argument("--to", choices=FORMS, default="plain", help="its form (default: plain)")
+    cut = parser.add_argument_group("cutting")
+    cut.add_argument("--first", type=_number, default=0, metavar="N", help="first frame, counted from 0")
+    cut.add_argument("--last", type=_number, metavar="N", help="last frame")
+    cut.add_argument("--every", type=positive, default=1, metavar="N", help="use each N-th frame")
+    add_reading(parser, thinned=False)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Convert, and say what was left out."""
+    from cuboid.cli.progress import counting
+    from cuboid.cli.tables import console
+    from cuboid.cli.threads import limit_threads
+    from cuboid.converting import convert_recording
+    from cuboid.errors import InputError, OutputError
+
+    limit_threads(1)
+    recording = open_from(args)
+    if args.output.resolve() == recording.path.resolve():
+        raise OutputError(f"{args.output}: is the recording itself; name another output folder")
+    last = len(recording) - 1 if args.last is None else args.last
+    frames = range(args.first, min(last + 1, len(recording)), args.every)
+    if not frames:
+        raise InputError(f"{recording.path}: has {len(recording)} frames, none from {args.first} to {last}")
+    with counting("converting") as shown:
+        skipped = convert_recording(recording, args.output, args.to, frames, progress=shown)
+    out = console()
+    for index, reason in list(skipped.items())[:SHOWN]:
+        out.print(f"  frame {index} left out: {reason}", markup=False)
+    if len(skipped) > SHOWN:
+        out.print(f"  and {len(skipped) - SHOWN} others")
+    out.print(f"{len(frames) - len(skipped)} of {len(recording)} frames in {args.output}", markup=False)
+    return 0
+
+
+def _number(text: str) -> int:
+    if not text.isdigit():
+        raise argparse.ArgumentTypeError(f"expected the number of a frame, counted from 0, got '{text}'")
+    return int(text)

@@ -1,0 +1,104 @@
+"""`cuboid info`: what a recording is, before anything is done with it."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import TYPE_CHECKING
+
+from cuboid.cli.recording import add_reading, open_from
+
+if TYPE_CHECKING:
+    from cuboid.inspecting import RecordingInfo
+
+NAME_WIDTH = 14
+
+HELP = "say what was recognised in a recording, and what will be skipped"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    add_reading(parser, thinned=False)
+    parser.add_argument("--all", action="store_true", help="look at every frame, not at 24 of them")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Look, and print."""
+    from cuboid.cli.tables import console, write_json
+    from cuboid.cli.threads import limit_threads
+    from cuboid.inspecting import inspect_recording
+
+    limit_threads(1)
+    found = inspect_recording(open_from(args), every_frame=args.all)
+    if args.json:
+        write_json(found.to_dict(), "-")
+        return 0
+    out = console()
+    for name, text in rows(found):
+        out.print(f"{name:<{NAME_WIDTH}}{text}", markup=False, soft_wrap=True)
+    for line in skipped_lines(found):
+        out.print(line, markup=False, soft_wrap=True)
+    return 0
+
+
+def rows(found: RecordingInfo) -> list[tuple[str, str]]:
+    """Return the lines of the table."""
+    fx, fy, cx, cy = found.intrinsics
+    lens = f"; distortion {', '.join(f'{v:g}' for v in found.distortion)} taken out" if found.distortion else ""
+    return [
+        ("recording", found.path),
+        ("format", found.format),
+        ("frames", f"{found.frames} of {found.size[0]} x {found.size[1]} pixels"),
+        ("time", _time(found)),
+        ("intrinsics", f"fx {fx:.2f} fy {fy:.2f} cx {cx:.2f} cy {cy:.2f} ({found.intrinsics_source}){lens}"),
+        ("depth", _depth(found)),
+        ("registration", _registration(found)),
+        ("poses", _poses(found)),
+    ]
+
+
+def skipped_lines(found: RecordingInfo) -> list[str]:
+    """Return the lines that say which frames will be skipped."""
+    looked = f"{found.looked_at} of {found.frames} frames looked at"
+    if not found.skipped:
+        return [f"{looked}: all can be used"]
+    lines = [f"{looked}; skipped will be:"]
+    for kind in found.skipped:
+        more = f" and {kind.count - 1} more like it" if kind.count > 1 else ""
+        lines.append(f"  frame {kind.frame}{more}: {kind.reason}")
+    return lines
+
+
+def _time(found: RecordingInfo) -> str:
+    own = "its own times" if found.has_timestamps else "no times of its own: 30 Hz"
+    if found.rate_hz is None or found.duration_s is None:
+        return own
+    gaps = f", {found.gaps} gap{'s' * (found.gaps != 1)}" if found.gaps else ""
+    return f"{found.duration_s:.2f} s at {found.rate_hz:.4g} Hz{gaps} ({own})"
+
+
+def _depth(found: RecordingInfo) -> str:
+    text = f"{found.depth_units_per_metre:g} units a metre"
+    if found.depth_range_m is not None and found.holes is not None:
+        near, far = found.depth_range_m
+        text += f", {near:.2f} to {far:.2f} m, {100 * found.holes:.0f} % without a reading"
+    return text
+
+
+def _registration(found: RecordingInfo) -> str:
+    off = f"; lies {found.depth_off_px:.0f} px beside color: --register" if found.depth_off_px is not None else ""
+    if found.depth_camera is None:
+        return f"depth as aligned to color{off}"
+    camera, T = found.depth_camera["depth_camera"], found.depth_camera["T_color_depth"]
+    apart_mm = 1000 * math.hypot(*(row[3] for row in T[:3]))
+    size = f"{camera['width']} x {camera['height']}"
+    return f"carried into color from {size}, fx {camera['fx']:.2f}, {apart_mm:.0f} mm beside{off}"
+
+
+def _poses(found: RecordingInfo) -> str:
+    if not found.poses_looked_at:
+        return "none: they will be estimated"
+    share = "all frames" if found.poses == found.poses_looked_at else f"{found.poses} of {found.poses_looked_at} frames"
+    length = "" if found.path_length_m is None else f", {found.path_length_m:.2f} m long"
+    return f"{share}, camera to world (x right, y down, z forward){length}"

@@ -1,0 +1,144 @@
+"""The door of JSON files: from bytes to a document of which every field is as its format says, or one line why not."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, TypeVar, get_args, get_type_hints
+
+import msgspec
+
+from cuboid.errors import InputError, shown
+from cuboid.formats.reading import MOST_JSON_BYTES, read_bytes
+
+T = TypeVar("T")
+
+# What msgspec calls the kinds of values.
+_WORDS = {
+    "float": "a number",
+    "int": "a whole number",
+    "str": "a text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "an object",
+}
+_BOUNDS = {">=": "of at least", "<=": "of at most", ">": "above"}
+
+
+class _Head(msgspec.Struct):
+    """What tells one format from another."""
+
+    format: Any = None
+    version: Any = None
+
+
+def read_json(path: Path, kind: type[T]) -> T:
+    """Read a JSON document of a format.
+
+    Parameters
+    ----------
+    path : Path
+    kind : type
+        The description of the format. Where it has the fields `format` and `version`, these are looked at first.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is no JSON, is of another format or version, or a field is not as it must be; the
+        message names the field, what is there, and what was expected.
+    """
+    return checked(path, read_bytes(path, MOST_JSON_BYTES), kind)
+
+
+def read_any(path: Path) -> dict[str, Any]:
+    """Read a JSON object of whatever fields; raises as `read_json`."""
+    return checked(path, read_bytes(path, MOST_JSON_BYTES), dict[str, Any])
+
+
+def format_in(path: Path) -> str | None:
+    """Return the format that a JSON document says it has, if it says one; raises as `read_json`."""
+    said = checked(path, read_bytes(path, MOST_JSON_BYTES), _Head).format
+    return said if isinstance(said, str) else None
+
+
+def checked(path: Path, content: bytes, kind: type[T]) -> T:
+    """Return the document that the content of a file is; parameters and errors as of `read_json`."""
+    try:
+        _refuse_other(content, kind)
+        return msgspec.json.decode(content, type=kind)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{path}: {_explained(error, content, kind)}") from None
+    except msgspec.DecodeError as error:
+        raise InputError(f"{path}: is not JSON: {_placed(error, content)}") from None
+    except RecursionError:
+        raise InputError(f"{path}: lists or objects lie too deep in each other") from None
+    except ValueError as error:  # another format; a text that is no UTF-8
+        raise InputError(f"{path}: {error}") from None
+
+
+def _refuse_other(content: bytes, kind: type[Any]) -> None:
+    """Raise ValueError where a document is of another format or version."""
+    wanted = format_of(kind)
+    if wanted is None:
+        return
+    head = msgspec.json.decode(content, type=_Head)
+    if (head.format, head.version) != wanted:
+        raise ValueError(
+            f"expected format '{wanted[0]}' version {wanted[1]}, got {shown(head.format)} version {shown(head.version)}"
+        )
+
+
+def format_of(kind: type[Any]) -> tuple[str, int] | None:
+    """Return the format's name and version that documents of a kind say; None where they say nothing."""
+    if kind is _Head or not hasattr(kind, "__struct_fields__"):
+        return None
+    hints = get_type_hints(kind)
+    if not {"format", "version"} <= set(hints) or not get_args(hints["version"]):
+        return None
+    return get_args(hints["format"])[0], get_args(hints["version"])[0]
+
+
+def _explained(error: msgspec.ValidationError, content: bytes, kind: type[Any]) -> str:
+    """Return what is wrong in a document: where, what was expected, and what is there."""
+    said, _, place = str(error).partition(" - at `$")
+    place = place.rstrip("`").lstrip(".")
+    found = ""
+    if re.match(r"Expected|Invalid|Number out", said) and not re.search(r", got [\d.]+$", said):
+        found = _found(content, place)
+        said = re.sub(r", got `\w+`$", "", said) if found else said
+    said = in_words(said)
+    if not place and ("unknown" in said or said == "expected an object"):
+        said += f"{' with' if found else ', expected'} {', '.join(getattr(kind, '__struct_fields__', ('fields',)))}"
+    return (f"{place}: " if place else "") + said + found
+
+
+def in_words(said: str) -> str:
+    """Return what msgspec says in the words of people who write such files."""
+    said = re.sub(
+        r"`(float|int|str|bool|array|object)( \| null)?`", lambda m: _WORDS[m[1]] + (" or null" if m[2] else ""), said
+    )
+    said = re.sub(r"^Object missing required field `(\w+)`", r"field '\1' is missing", said)
+    said = re.sub(r"^Object contains unknown field `(.*)`", r"field '\1' is unknown", said)
+    said = re.sub(r"(>=|<=|>) (\S+)", lambda m: f"{_BOUNDS[m[1]]} {float(m[2]):g}", said)
+    return said.replace("`", "'")[:1].lower() + said.replace("`", "'")[1:]
+
+
+def _found(content: bytes, place: str) -> str:
+    """Return ", got ..." with what is at a place of a document; nothing where the place cannot be followed."""
+    try:
+        value = msgspec.json.decode(content)
+        for name, number in re.findall(r"([^.\[\]]+)|\[(\d+)\]", place):
+            value = value[int(number)] if number else value[name]
+    except (msgspec.DecodeError, LookupError, TypeError, ValueError, RecursionError):
+        return ""
+    return f", got {'null' if value is None else shown(value)}"
+
+
+def _placed(error: msgspec.DecodeError, content: bytes) -> str:
+    """Return what is wrong with a text that is no JSON, with its line."""
+    said = str(error).removeprefix("JSON is malformed: ").removeprefix("Input data was ")
+    at = re.search(r" \(byte (\d+)\)$", said)
+    if at is None:
+        return said
+    line = content.count(b"\n", 0, int(at[1])) + 1
+    return f"line {line}: {said[: at.start()]}"

@@ -1,0 +1,119 @@
+"""Files are opened here: regular ones only, and no more of them is read than a file of their kind can have."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import TextIOWrapper
+from pathlib import Path
+from typing import BinaryIO
+
+from cuboid.errors import InputError
+
+# The largest file of each kind. A map of 10,000 objects takes 6 MB of JSON, a day of poses 250 MB of text.
+MOST_JSON_BYTES = 64 << 20
+MOST_TEXT_BYTES = 1 << 30
+MOST_BINARY_BYTES = 1 << 30
+# A line of a text file; a path has at most 4096 bytes.
+MOST_LINE_CHARS = 10_000
+
+_KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a FIFO",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+
+
+class UnreadableError(InputError):
+    """A file cannot be read.
+
+    Attributes
+    ----------
+    reason : str
+        Why, without the file's name.
+    missing : bool
+        Whether there is none.
+    """
+
+    def __init__(self, path: Path, reason: str, missing: bool = False) -> None:
+        super().__init__(f"{path}: {reason}")
+        self.reason = reason
+        self.missing = missing
+
+
+@contextmanager
+def opened(path: Path, most_bytes: int) -> Iterator[BinaryIO]:
+    """Open a regular file of at most so many bytes for reading.
+
+    Raises
+    ------
+    UnreadableError
+        There is no such file, it is a folder, a FIFO, a device or a socket, it is too large, or the system refuses.
+    """
+    with _refusals(path):
+        try:
+            _refuse_special(path, os.stat(path), most_bytes)  # before it is opened: that alone has effects on a device
+            file = open(path, "rb", opener=_open)  # noqa: SIM115
+        except ValueError:  # a NUL, or half a character, in the name
+            raise UnreadableError(path, "cannot be read: no file can have this name", missing=True) from None
+        with file:
+            _refuse_special(path, os.fstat(file.fileno()), most_bytes)
+            yield file
+
+
+def read_bytes(path: Path, most_bytes: int) -> bytes:
+    """Return the content of a file; raises what `opened` raises."""
+    with opened(path, most_bytes) as file:
+        return file.read(os.fstat(file.fileno()).st_size)  # of one that grows meanwhile, what was there
+
+
+def text_lines(path: Path) -> Iterator[str]:
+    """Iterate over the lines of a text file, without their ends; a byte order mark is left out.
+
+    Raises
+    ------
+    UnreadableError
+        As of `opened`, or it is not UTF-8 text, or a line is too long.
+    """
+    with opened(path, MOST_TEXT_BYTES) as file, TextIOWrapper(file, encoding="utf-8-sig") as text:
+        number = 0
+        try:
+            while line := text.readline(MOST_LINE_CHARS + 1):
+                number += 1
+                if len(line) > MOST_LINE_CHARS:
+                    raise UnreadableError(path, f"line {number} is longer than {MOST_LINE_CHARS} characters")
+                yield line.rstrip("\n")
+        except UnicodeDecodeError:
+            raise UnreadableError(path, f"is not a text file (UTF-8), about line {number + 1}") from None
+
+
+@contextmanager
+def _refusals(path: Path) -> Iterator[None]:
+    """Turn the system's refusals into one line."""
+    try:
+        yield
+    except (FileNotFoundError, NotADirectoryError):
+        raise UnreadableError(path, "cannot be read: No such file or directory", missing=True) from None
+    except OSError as error:
+        raise UnreadableError(path, f"cannot be read: {error.strerror or error}") from None
+
+
+def _open(path: str, flags: int) -> int:
+    """Open without waiting, as for who writes a FIFO."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def _refuse_special(path: Path, found: os.stat_result, most_bytes: int) -> None:
+    if not stat.S_ISREG(found.st_mode):
+        kind = _KINDS.get(stat.S_IFMT(found.st_mode), "no file")
+        raise UnreadableError(path, f"is {kind}, a regular file was expected")
+    if found.st_size > most_bytes:
+        raise UnreadableError(path, _too_large(most_bytes))
+
+
+def _too_large(most_bytes: int) -> str:
+    return f"is larger than {most_bytes >> 20} MB, which no file of its kind is"

@@ -1,0 +1,104 @@
+"""`run.json`: how a run went."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from cuboid.formats.camera_file import (
+    DepthCameraEntry,
+    DepthUnits,
+    Matrix,
+    refuse_half_a_camera,
+    refuse_no_lens,
+)
+from cuboid.formats.values import LAST_FRAME, Amount, Entry, FrameNumber, Name, Text, refuse_twice
+
+Whole = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
+Setting = bool | Whole | float | Text | None
+Distortion = Annotated[float, Meta(ge=-1e6, le=1e6)]
+# Frames that results can speak of: 93 hours at 30 a second.
+MOST_FRAMES = 10_000_000
+
+
+class SkippedEntry(Entry, frozen=True):
+    """A frame that could not be used."""
+
+    frame: FrameNumber
+    reason: Text
+
+
+class FramesEntry(Entry, frozen=True):
+    """The frames of a run."""
+
+    read: Annotated[int, Meta(ge=0, le=MOST_FRAMES)]
+    used: Annotated[int, Meta(ge=0, le=MOST_FRAMES)]
+    skipped: list[SkippedEntry]
+
+    def __post_init__(self) -> None:
+        if self.used + len(self.skipped) != self.read:
+            raise ValueError(f"read {self.read} frames, but used {self.used} and skipped {len(self.skipped)} of them")
+        refuse_twice("skipped frame", [item.frame for item in self.skipped])
+
+
+class TimingEntry(Entry, frozen=True):
+    """Milliseconds over the used frames."""
+
+    median: Amount
+    p95: Amount
+
+
+class ConfigEntry(Entry, frozen=True):
+    """The effective settings that readers of results need; others are for people."""
+
+    every: Annotated[int, Meta(ge=1, le=LAST_FRAME, description="each n-th frame was used")] = 1
+    distortion: Annotated[
+        tuple[Distortion, ...], Meta(max_length=8, description="of the lens, as it was taken out of the images")
+    ] = ()
+    depth_units_per_metre: Annotated[DepthUnits | None, Meta(description="of the depth images")] = None
+    depth_camera: DepthCameraEntry | None = None
+    T_color_depth: Matrix | None = None
+
+    def __post_init__(self) -> None:
+        refuse_no_lens(self.distortion)
+        refuse_half_a_camera(self.depth_camera, self.T_color_depth)
+
+
+class RunDocument(Entry, frozen=True):
+    """How a run went: `run.json`."""
+
+    version: Annotated[Name, Meta(description="of the program")]
+    complete: Annotated[bool, Meta(description="false where the run was interrupted")]
+    recording: Annotated[str, Meta(max_length=5000, description="where it lies")]
+    format: Annotated[Name, Meta(description="name of its layout")]
+    poses: Literal["given", "estimated"]
+    threads: Annotated[int, Meta(ge=1, le=100_000)]
+    config: Annotated[
+        dict[str, Setting | list[Setting | list[Setting]] | dict[str, Setting | list[Setting]]],
+        Meta(description="the effective settings, among them `every`, `distortion`, `depth_units_per_metre`"),
+    ]
+    frames: FramesEntry
+    milliseconds: Annotated[
+        dict[Name, TimingEntry], Meta(description="'frame' is a whole used frame, then the stages in the order of work")
+    ]
+    seconds: Annotated[Amount, Meta(description="the whole run")]
+    peak_memory_mb: Amount
+    warnings: Annotated[tuple[Text, ...], Meta(description="what is likely to be wrong with the input")] = ()
+
+    def __post_init__(self) -> None:
+        read, every = self.frames.read, self.settings.every
+        if read * every > LAST_FRAME:
+            raise ValueError(f"{read} frames, each {every}-th one of the recording, are more than any recording has")
+        strange = [item.frame for item in self.frames.skipped if item.frame not in range(0, read * every, every)]
+        if strange:
+            raise ValueError(f"skipped frame {strange[0]} is none of the {read} frames read, each {every}-th one")
+
+    @property
+    def settings(self) -> ConfigEntry:
+        """The settings that readers of results need."""
+        try:
+            return msgspec.convert(self.config, ConfigEntry)
+        except msgspec.ValidationError as error:
+            raise ValueError(f"config: {error}") from None

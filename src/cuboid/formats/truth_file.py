@@ -1,0 +1,104 @@
+"""Truth files: which objects there are, where they are judged, and which of them each frame shows."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from msgspec import Meta
+
+from cuboid.formats.run_file import MOST_FRAMES
+from cuboid.formats.values import (
+    Count,
+    Entry,
+    Fraction,
+    Label,
+    Metres,
+    Name,
+    Point,
+    Rotation,
+    refuse_no_rotation,
+    refuse_twice,
+)
+from cuboid.geometry.se3 import FARTHEST_M
+
+# Frames times objects: what is visible is held as a table of both.
+MOST_SHARES = 20_000_000
+
+Run = tuple[Fraction, Count]
+FrameCount = Annotated[int, Meta(ge=0, le=MOST_FRAMES)]
+PositiveSide = Annotated[float, Meta(gt=0.0, le=FARTHEST_M, description="metres")]
+
+
+class BoxOfTruth(Entry, frozen=True):
+    """A place where finding something counts neither way."""
+
+    center: Point
+    size: tuple[PositiveSide, PositiveSide, PositiveSide]
+    rotation: Annotated[Rotation, Meta(description="rows of a matrix whose columns are the box's axes in the world")]
+
+    def __post_init__(self) -> None:
+        refuse_no_rotation(self.rotation)
+
+
+class ObjectOfTruth(BoxOfTruth, frozen=True, kw_only=True):
+    """An object that is there."""
+
+    id: Annotated[Label, Meta(description="its own")]
+    name: Annotated[Name | None, Meta(description="for people")] = None
+    judged: Annotated[bool, Meta(description="false where finding it counts neither way")] = True
+    round: Annotated[bool, Meta(description="looks alike from all sides of its third axis")] = False
+
+
+class RegionOfTruth(Entry, frozen=True):
+    """The part of the world that the truth speaks about: a prism over a polygon on a plane."""
+
+    normal: Annotated[Point, Meta(description="of the plane normal . p + offset = 0")]
+    offset: Metres
+    polygon: Annotated[list[Point], Meta(min_length=3, max_length=10_000, description="corners in order, metres")]
+    hmin: Annotated[Metres, Meta(description="from here along the normal")]
+    hmax: Metres
+
+    def __post_init__(self) -> None:
+        if np.linalg.norm(self.normal) < 1e-6:
+            raise ValueError("the normal has no direction")
+
+
+class VisibilityOfTruth(Entry, frozen=True):
+    """The visible share of each object in each frame."""
+
+    frames: FrameCount
+    objects: Annotated[dict[str, list[Run]], Meta(description="by id: [share, how many frames in a row], ...")]
+
+
+class TruthDocument(Entry, frozen=True):
+    """What is there: `truth.json`."""
+
+    format: Literal["cuboid-truth"]
+    version: Literal[1]
+    objects: list[ObjectOfTruth]
+    name: Annotated[Name | None, Meta(description="for people; the file's name unless given")] = None
+    frames: Annotated[FrameCount | None, Meta(description="length of the recording")] = None
+    judged_region: Annotated[RegionOfTruth | None, Meta(description="null: everything is judged")] = None
+    ignore: list[BoxOfTruth] | None = None
+    visibility: VisibilityOfTruth | None = None
+
+    def __post_init__(self) -> None:
+        refuse_twice("object id", [item.id for item in self.objects])
+        if self.visibility is not None:
+            _refuse_visibility(self.visibility, self.objects, self.frames)
+
+
+def _refuse_visibility(seen: VisibilityOfTruth, objects: list[ObjectOfTruth], frames: int | None) -> None:
+    """Raise ValueError where visibility does not fit the objects or the recording."""
+    if frames not in (None, seen.frames):
+        raise ValueError(f"visibility speaks of {seen.frames} frames, the file of {frames}")
+    if seen.frames * len(objects) > MOST_SHARES:
+        raise ValueError(f"{len(objects)} objects in {seen.frames} frames are more than {MOST_SHARES} visible shares")
+    for item in objects:
+        runs = seen.objects.get(str(item.id))
+        if runs is None and item.judged:
+            raise ValueError(f"visibility of object {item.id} is missing")
+        length = seen.frames if runs is None else sum(count for _, count in runs)
+        if length != seen.frames:
+            raise ValueError(f"visibility of object {item.id}: expected {seen.frames} frames, got {length}")

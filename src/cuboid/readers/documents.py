@@ -1,0 +1,42 @@
+"""JSON documents that lie beside recordings."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from cuboid.errors import InputError
+from cuboid.formats.reading import read_bytes
+
+# The largest document that is read: a pose for every frame of an hour.
+MOST_BYTES = 256 << 20
+
+
+def read_object(path: Path) -> dict[str, Any]:
+    """Return the object that a JSON file holds.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is too large, is not JSON, or holds something else.
+    """
+    return parse_object(read_bytes(path, MOST_BYTES), str(path))
+
+
+def parse_object(data: bytes, where: str) -> dict[str, Any]:
+    """Return the object that JSON text holds; raises InputError where it holds none."""
+    try:
+        document: Any = json.loads(data, parse_int=_whole)
+    except json.JSONDecodeError as error:
+        raise InputError(f"{where} line {error.lineno}: not valid JSON ({error.msg})") from None
+    except (ValueError, RecursionError):  # no UTF-8, a number of thousands of digits, too deep
+        raise InputError(f"{where} is not a JSON text") from None
+    if not isinstance(document, dict):
+        raise InputError(f"{where}: expected a JSON object")
+    return document
+
+
+def _whole(digits: str) -> int | float:
+    """Return a whole number; one that no 64 bits hold as a fraction, or infinity, which those who check refuse."""
+    return int(digits) if len(digits) < 19 else float(digits)

@@ -1,0 +1,133 @@
+"""What the app Record3D exports from an iPhone as "EXR + JPG sequence".
+
+Expected tree::
+
+    export/                  <- the recording; or the folder EXR_RGBD in it
+      metadata.json          w, h, K (9 numbers, column by column), poses (qx qy qz qw x y z), frameTimestamps, fps
+      rgb/0.jpg              8-bit color
+      depth/0.exr            metres, one channel
+
+The number in a name is the frame's place in `poses`. Axes of the camera are ARKit's there (x right, y up, z back), and
+become x right, y down, z forward. Color is shrunk by a whole number, to a third of 1440x1920.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cuboid.errors import FrameError, InputError
+from cuboid.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.readers.depth_camera import check_number
+from cuboid.readers.documents import read_object
+from cuboid.readers.images import decode_color, images_in
+from cuboid.readers.phone import T_OPENGL_OPENCV, phone_cameras, shrink_factor, shrunk
+from cuboid.readers.posetext import pose_from_quaternion
+from cuboid.readers.reader import READERS, FrameEntry, Listing, Reader, holds
+
+METADATA = "metadata.json"
+DEPTH_FILE = re.compile(r"(\d+)\.exr")
+DEFAULT_RATE_HZ = 30.0
+
+
+def recognises(path: Path) -> bool:
+    """Tell whether the folder holds metadata.json, rgb and depth with files N.exr."""
+    return (path / METADATA).is_file() and (path / "rgb").is_dir() and holds(path / "depth", DEPTH_FILE)
+
+
+def read(path: Path) -> Listing:
+    """List the frames; InputError where the metadata has another form or OpenEXR is not installed."""
+    _require_openexr(path)
+    file = path / METADATA
+    metadata = read_object(file)
+    for name in ("w", "h"):
+        check_number(name, metadata.get(name), str(file))
+    size = (int(metadata["w"]), int(metadata["h"]))
+    matrix: Any = metadata.get("K")
+    if not isinstance(matrix, list) or len(matrix) != 9:
+        raise InputError(f"{file}: expected 'K' with 9 numbers, column by column")
+    for name, k in (("fx", 0), ("fy", 4), ("cx", 6), ("cy", 7)):
+        check_number(name, matrix[k], str(file), "K, ")
+    K = (float(matrix[0]), float(matrix[4]), float(matrix[6]), float(matrix[7]))
+    depths = {int(match[1]): one for one in (path / "depth").iterdir() if (match := DEPTH_FILE.fullmatch(one.name))}
+    colors = {int(one.stem): one for one in images_in(path / "rgb") if one.stem.isdigit()}
+    depth_size = next((found for number in sorted(depths) if (found := _exr_size(depths[number]))), None)
+    if depth_size is None:
+        raise InputError(f"{path}: no image of depth/ can be read")
+    frames = [
+        _entry(number, colors.get(number), depths.get(number), metadata, shrink_factor(size))
+        for number in sorted(colors.keys() | depths.keys())
+    ]
+    return Listing(frames, 1.0, phone_cameras(K, size, depth_size, METADATA), camera_folders=(path,))
+
+
+def _entry(number: int, color: Path | None, depth: Path | None, metadata: dict[str, Any], factor: int) -> FrameEntry:
+    return FrameEntry(
+        color=None if color is None else partial(_color, color, factor),
+        depth=None if depth is None else partial(_depth, depth),
+        timestamp_s=_time_s(metadata, number),
+        pose=partial(_pose, metadata.get("poses"), number) if "poses" in metadata else None,
+    )
+
+
+def _time_s(metadata: dict[str, Any], number: int) -> float:
+    """Return when a frame was taken: as its metadata say, else by the rate."""
+    times, fps = metadata.get("frameTimestamps"), metadata.get("fps")
+    if isinstance(times, list) and number < len(times) and isinstance(times[number], (int, float)):
+        return float(times[number])
+    return number / (float(fps) if isinstance(fps, (int, float)) and fps > 0 else DEFAULT_RATE_HZ)
+
+
+def _pose(poses: Any, number: int) -> Float64Array:
+    name = f"frame {number} of {METADATA}"
+    if not isinstance(poses, list) or number >= len(poses):
+        raise FrameError(f"{METADATA} has no pose of frame {number}")
+    try:
+        qx, qy, qz, qw, x, y, z = (float(value) for value in poses[number])
+    except (TypeError, ValueError):
+        raise FrameError(f"{name}: the pose is not qx qy qz qw x y z") from None
+    return pose_from_quaternion((qw, qx, qy, qz), (x, y, z), name) @ T_OPENGL_OPENCV
+
+
+def _color(file: Path, factor: int) -> UInt8Array:
+    return shrunk(decode_color(file, f"rgb/{file.name}"), factor)
+
+
+def _depth(file: Path) -> Float32Array:
+    """Return the one channel of an EXR image."""
+    import OpenEXR
+
+    try:
+        with OpenEXR.File(str(file)) as image:
+            pixels = next(iter(image.channels().values())).pixels
+            found = np.array(pixels, np.float32)
+    except Exception as error:  # the library raises nearly anything on a damaged file
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise FrameError(f"depth image depth/{file.name} cannot be decoded: {reason}") from None
+    if found.ndim != 2:
+        raise FrameError(f"depth image depth/{file.name} must have one channel, it has {found.shape}")
+    return found
+
+
+def _exr_size(file: Path) -> tuple[int, int] | None:
+    try:
+        height, width = _depth(file).shape
+    except FrameError:
+        return None
+    return int(width), int(height)
+
+
+def _require_openexr(path: Path) -> None:
+    try:
+        import OpenEXR  # noqa: F401 - only to tell that it is there
+    except ImportError:
+        raise InputError(
+            f"{path}: its depth is read with OpenEXR, which is missing: pip install 'cuboid[phone]'"
+        ) from None
+
+
+READERS.register("record3d")(Reader("metadata.json, rgb/, depth/N.exr", recognises, read))

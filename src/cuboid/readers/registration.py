@@ -1,0 +1,103 @@
+"""Carries depth into the color image, where the two come from cameras side by side."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from cuboid.errors import FrameError
+from cuboid.frame import Float32Array, Float64Array, Intrinsics
+from cuboid.readers.depth_camera import DepthCamera
+
+# A pixel whose ray, bent by the lens again, comes out this far from it has no ray: it lies where the lens's model ends.
+RAY_ERROR_PX = 0.5
+# With a shorter focal length a camera sees all before it in a few pixels.
+LEAST_FOCAL_PX = 1.0
+# A lens that gives fewer of its pixels a ray is none.
+LEAST_SEEN = 0.5
+
+
+class Registration:
+    """What carries depth from its own camera into the color image, made once for all frames.
+
+    Every surface that the depth camera sees keeps its place in space, is seen from where the color camera is, and hides
+    what lies behind it. What the color camera sees and the depth camera does not has no reading.
+
+    Parameters
+    ----------
+    depth : DepthCamera
+    color : Intrinsics
+        Pinhole of the color image, distortion taken out.
+
+    Raises
+    ------
+    ValueError
+        A focal length, or the coefficients of the depth camera's lens, are none.
+    """
+
+    def __init__(self, depth: DepthCamera, color: Intrinsics) -> None:
+        if not min(depth.fx, depth.fy, color.fx, color.fy) >= LEAST_FOCAL_PX:
+            raise ValueError(f"a focal length is {min(depth.fx, depth.fy, color.fx, color.fy):.3g} pixels")
+        self._T_color_depth = np.ascontiguousarray(depth.T_color_depth)
+        self._K_color = np.array([color.fx, color.fy, color.cx, color.cy])
+        self._shape = (color.height, color.width)
+        self._pixel = 1.0 / min(depth.fx, depth.fy)
+        rays = _rays(depth)
+        if not np.isfinite(rays).mean() > LEAST_SEEN:
+            raise ValueError(
+                "its distortion coefficients bend the image by more than a lens does; the order is k1, k2, p1, p2, k3"
+            )
+        self._rays = rays.astype(np.float32)
+        self._footprint = _footprint(rays, self._T_color_depth, color)
+
+    def __call__(self, depth_m: Float32Array, name: str) -> Float32Array:
+        """Return depth (H, W) of the depth camera as seen in the color image (h, w), metres, 0 for no reading.
+
+        Parameters
+        ----------
+        depth_m : (H, W) float32
+        name : str
+            The depth image's name in messages.
+
+        Raises
+        ------
+        FrameError
+            If no reading lies in the color image.
+        """
+        from cuboid.kernels.registration import project_depth, splat_depth
+
+        uvz = np.empty((*depth_m.shape, 3), np.float32)
+        offset, out_m = np.empty(self._shape, np.float32), np.empty(self._shape, np.float32)
+        project_depth(depth_m, self._rays, self._T_color_depth, self._K_color, uvz)
+        splat_depth(uvz, self._footprint, self._pixel, offset, out_m)
+        if not out_m.any():
+            raise FrameError(f"depth image {name} has no reading in the color image; check T_color_depth")
+        return out_m
+
+
+def _rays(depth: DepthCamera) -> Float64Array:
+    """Return x / z and y / z of each pixel (H, W, 2), NaN where the lens's model gives none."""
+    width, height = depth.size
+    u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
+    rays = np.stack([(u - depth.cx) / depth.fx, (v - depth.cy) / depth.fy], axis=-1)
+    if not any(depth.distortion):
+        return rays
+    K = np.array([[depth.fx, 0, depth.cx], [0, depth.fy, depth.cy], [0, 0, 1]])
+    pixels, lens = np.stack([u, v], axis=-1).reshape(-1, 1, 2), np.array(depth.distortion)
+    ending = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-8)
+    found = np.asarray(cv2.undistortPoints(pixels, K, lens, criteria=ending), np.float64)
+    in_space = np.concatenate([found, np.ones((len(found), 1, 1))], axis=2)
+    bent = np.asarray(cv2.projectPoints(in_space, np.zeros(3), np.zeros(3), K, lens)[0], np.float64)
+    found[~(np.abs(bent - pixels).max(axis=2) < RAY_ERROR_PX)] = np.nan
+    return found.reshape(height, width, 2)
+
+
+def _footprint(rays: Float64Array, T_color_depth: Float64Array, color: Intrinsics) -> Float32Array:
+    """Return how far in the color image (u, v) the next column and the next row lie (H, W, 4).
+
+    For a surface that faces the camera, at a depth at which the distance of the cameras does not count.
+    """
+    focal = np.array([color.fx, color.fy])
+    turned = T_color_depth[:2, :2] * focal[:, None]  # what a small step of a ray becomes in the color image
+    steps = [np.nan_to_num(np.gradient(rays, axis=axis) @ turned.T) for axis in (1, 0)]
+    return np.concatenate(steps, axis=2).astype(np.float32)

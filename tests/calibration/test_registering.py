@@ -1,0 +1,149 @@
+"""Depth that lies beside color: found, mended, told; and no word where it does not."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from cuboid.calibration.registering import register_recording, registration_warning
+from cuboid.cli import main
+from cuboid.frame import Intrinsics
+from cuboid.readers import open_recording
+from cuboid.synthetic.kinds import make_scene
+from cuboid.synthetic.recording import DEPTH_UNITS_PER_M, encode_color, encode_depth
+from cuboid.synthetic.truth import pose_lines
+from cuboid.synthetic.view import SceneView
+
+COLOR = Intrinsics(262.5, 262.5, 160.0, 120.0, 320, 240)
+# A depth camera of a longer focal length, 3 cm to the left, that looks a little higher: as 7-Scenes has it.
+DEPTH = Intrinsics(292.5, 292.5, 158.0, 121.0, 320, 240)
+FRAMES = 12
+
+
+def beside():
+    T = np.eye(4)
+    T[:3, :3] = cv2.Rodrigues(np.array([0.004, 0.0, 0.0]))[0]
+    T[0, 3] = -0.03
+    return T
+
+
+def make(folder, T_color_depth, depth):
+    """A made room: color of one camera, depth of another, and the depth that color's camera would see."""
+    scene = make_scene("room", 6)
+    frames = np.linspace(0, len(scene.T_room_camera) - 1, FRAMES).astype(int)
+    seen = SceneView(scene, COLOR)
+    measured = SceneView(replace(scene, T_room_camera=scene.T_room_camera @ T_color_depth), depth)
+    for name in ("color", "depth"):
+        (folder / name).mkdir(parents=True)
+    truth = []
+    for k, frame in enumerate(frames.tolist()):
+        color = seen.render(frame, "clean")
+        truth.append(color.depth_m)
+        (folder / "color" / f"{k}.jpg").write_bytes(encode_color(color.color))
+        (folder / "depth" / f"{k}.png").write_bytes(encode_depth(measured.render(frame, "clean").depth_m))
+    camera = {name: getattr(COLOR, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
+    (folder / "camera.json").write_text(json.dumps(camera | {"depth_units_per_metre": DEPTH_UNITS_PER_M}))
+    lines = pose_lines([str(k) for k in range(FRAMES)], scene.T_room_camera[frames])
+    (folder / "poses.txt").write_text(lines)
+    return folder, truth
+
+
+@pytest.fixture(scope="module")
+def deregistered(tmp_path_factory):
+    return make(tmp_path_factory.mktemp("made") / "deregistered", beside(), DEPTH)
+
+
+@pytest.fixture(scope="module")
+def registered(tmp_path_factory):
+    return make(tmp_path_factory.mktemp("made") / "registered", np.eye(4), COLOR)
+
+
+def errors(recording, truth):
+    """Readings that are off by more than 3 cm: what lies at the wrong place shows at edges."""
+    frames = [recording.read(k).depth_m for k in range(len(truth))]
+    both = [(one > 0) & (true > 0) for one, true in zip(frames, truth, strict=True)]
+    off = [np.abs(one - true)[where] for one, true, where in zip(frames, truth, both, strict=True)]
+    return float((np.concatenate(off) > 0.03).mean())
+
+
+def test_what_was_done_is_found(deregistered):
+    folder, truth = deregistered
+    recording = open_recording(folder)
+    found, mended = register_recording(recording)
+    assert found.clear
+    assert found.off_px == pytest.approx(12.5, abs=2)
+    camera = mended.depth_camera
+    assert (camera.fx, camera.fy) == pytest.approx((DEPTH.fx, DEPTH.fy), rel=0.01)
+    assert camera.T_color_depth[0, 3] == pytest.approx(-0.03, abs=0.01)
+    assert camera.cx == pytest.approx(DEPTH.cx, abs=2)
+    assert camera.cy == pytest.approx(DEPTH.cy + 0.004 * DEPTH.fy, abs=1)  # a tilt is a shift
+    known = recording.with_depth_camera(replace_camera(camera))
+    assert errors(known, truth) < 0.02
+    assert errors(mended, truth) < 0.04
+    assert errors(recording, truth) > 0.08
+    again, same = register_recording(mended)
+    assert not again.clear
+    assert same is mended
+
+
+def replace_camera(camera):
+    return replace(camera, fx=DEPTH.fx, fy=DEPTH.fy, cx=DEPTH.cx, cy=DEPTH.cy, T_color_depth=beside())
+
+
+def test_without_register_one_line_warns_with_it_the_run_is_mended(deregistered, tmp_path, capsys):
+    folder, _ = deregistered
+    assert main(["track", str(folder), "--output", str(tmp_path / "a")]) == 0
+    warnings = [line for line in capsys.readouterr().err.splitlines() if "depth lies beside color" in line]
+    assert len(warnings) == 1
+    assert "by about 1" in warnings[0]
+    assert "--register" in warnings[0]
+    assert main(["track", str(folder), "--register", "--output", str(tmp_path / "b")]) == 0
+    told = capsys.readouterr().err
+    assert "cuboid: --register: depth lay 1" in told
+    assert "depth lies beside color" not in told
+    config = json.loads((tmp_path / "b" / "run.json").read_text())["config"]
+    assert config["depth_camera"]["fx"] == pytest.approx(DEPTH.fx, rel=0.01)
+    assert np.shape(config["T_color_depth"]) == (4, 4)
+    assert main(["report", str(tmp_path / "b")]) == 0  # opens the recording as it was tracked
+
+
+def test_no_word_where_depth_is_registered(registered, capsys, tmp_path):
+    folder, _ = registered
+    recording = open_recording(folder)
+    found, same = register_recording(recording)
+    assert not found.clear
+    assert same is recording
+    assert registration_warning(recording.read, recording.intrinsics, range(FRAMES)) is None
+    assert main(["slam", str(folder), "--register", "--output", str(tmp_path / "out")]) == 0
+    assert "--register: depth does not clearly lie beside color" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "name", ["desk-realsense", "rgbd-scenes-v2", "rgbd_dataset_freiburg1_xyz", "office-scan", "dish-from-above"]
+)
+def test_no_word_about_real_recordings(data_dir, name):
+    recording = open_recording(data_dir / name).without_poses()
+    last = range(2 * len(recording) // 3, len(recording))
+    for frames in (range(len(recording)), last):
+        assert registration_warning(recording.read, recording.intrinsics, frames) is None
+
+
+def test_a_recording_without_edges_tells_nothing(tmp_path):
+    recording = open_recording(make_flat(tmp_path))
+    found, same = register_recording(recording)
+    assert found is None
+    assert same is recording
+
+
+def make_flat(root):
+    for name in ("color", "depth"):
+        (root / name).mkdir()
+    (root / "color" / "0.jpg").write_bytes(encode_color(np.full((240, 320, 3), 90, np.uint8)))
+    (root / "depth" / "0.png").write_bytes(encode_depth(np.full((240, 320), 1.5, np.float32)))
+    camera = {name: getattr(COLOR, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
+    (root / "camera.json").write_text(json.dumps(camera | {"depth_units_per_metre": DEPTH_UNITS_PER_M}))
+    return root

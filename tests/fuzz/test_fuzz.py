@@ -1,0 +1,82 @@
+"""A short run of each fuzzer, and every input that once failed. ``run.py`` beside this runs for long."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from changes import Change, changed, kept
+from engine import Outcome, Target, fault_of, fuzz, quiet_libraries, try_changes
+from targets import TARGETS
+
+from cuboid.errors import InputError
+
+HERE = Path(__file__).resolve().parent
+# 2,000 in all, under a minute; one call each, drawn at random.
+INPUTS = {
+    "plain": 250, "tum": 250, "seven-scenes": 250, "uw": 250, "results": 350, "truth": 350, "proposals": 200,
+    "meshes": 100,
+}  # fmt: skip
+SEED = 20_261_122
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quiet() -> None:
+    quiet_libraries()
+
+
+@pytest.mark.parametrize("name", INPUTS)
+def test_bad_files_are_refused_in_one_line(tmp_path: Path, name: str) -> None:
+    outcome = fuzz(TARGETS[name], tmp_path, INPUTS[name], SEED, calls_each=1)
+    assert outcome.faults == {}
+    assert outcome.refused > INPUTS[name] / 50, "hardly anything that was done to the files mattered"
+
+
+def test_what_once_failed_does_not(tmp_path: Path) -> None:
+    cases = sorted((HERE / "kept").glob("*.json"))
+    assert cases
+    for case in cases:
+        name, changes = kept(case)
+        target, outcome = TARGETS[name], Outcome()
+        (tmp_path / case.stem).mkdir()
+        target.make(tmp_path / case.stem)
+        try_changes(target, tmp_path / case.stem, changes, sorted(target.calls), outcome)
+        assert outcome.faults == {}, case.name
+
+
+def test_good_files_are_not_refused(tmp_path: Path) -> None:
+    for name, target in TARGETS.items():
+        folder = tmp_path / name
+        folder.mkdir()
+        target.make(folder)
+        for call in target.calls.values():
+            with changed(folder, []):
+                assert fault_of(call, folder) == ("", False), name
+
+
+def test_the_engine_sees_faults(tmp_path: Path) -> None:
+    """What fuzzes is worth nothing if it does not see a traceback, a hang, a long line."""
+
+    def fails(folder: Path) -> None:
+        raise ZeroDivisionError
+
+    def hangs(folder: Path) -> None:
+        while True:
+            pass
+
+    def talks(folder: Path) -> None:
+        error = InputError("")
+        error.args = ("x" * 400,)
+        raise error
+
+    assert fault_of(fails, tmp_path)[0].startswith("ZeroDivisionError at")
+    assert fault_of(talks, tmp_path)[0].startswith("no short line")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("engine.LIMIT_S", 0.2)
+        assert fault_of(hangs, tmp_path)[0].startswith("took more than")
+    target = Target(lambda folder: (folder / "a.txt").write_text("1"), lambda folder: ["a.txt"], {"fails": fails})
+    (tmp_path / "a.txt").write_text("1")
+    outcome = Outcome()
+    try_changes(target, tmp_path, [Change("a.txt", b"2")], ["fails"], outcome)
+    assert list(outcome.counts.values()) == [1]
+    assert (tmp_path / "a.txt").read_text() == "1"

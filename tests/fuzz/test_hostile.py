@@ -1,0 +1,34 @@
+"""The hostile sequences themselves: the same for a seed, of every kind, and no pose that is none gets into a frame."""
+
+from __future__ import annotations
+
+import numpy as np
+from hostile import KINDS, hostile
+
+from cuboid.geometry.se3 import is_rigid
+
+
+def test_a_seed_gives_the_same_frames() -> None:
+    for one, other in zip(hostile(3).frames(40), hostile(3).frames(40), strict=True):
+        assert (one.kind, one.refused) == (other.kind, other.refused)
+        if one.frame is not None and other.frame is not None:
+            assert np.array_equal(one.frame.depth_m, other.frame.depth_m, equal_nan=True)
+            assert np.array_equal(one.frame.color, other.frame.color)
+
+
+def test_poses_that_are_none_stop_at_the_frame() -> None:
+    seen: dict[str, set[bool]] = {}
+    for seed in range(80):
+        sequence = hostile(seed)
+        if sequence.intrinsics.width > 64:
+            continue
+        for item in sequence.frames(60):
+            seen.setdefault(item.kind, set()).add(item.frame is None)
+            assert item.refused.isprintable()
+            if item.frame is not None:
+                assert item.frame.T_world_camera is not None
+                assert is_rigid(item.frame.T_world_camera, 1e-9), item.kind
+    assert set(seen) == set(KINDS)
+    assert seen["mirrored pose"] == seen["pose of no numbers"] == {True}
+    assert seen["scaled pose"] == {True, False}, "a thousandth off is rounding, a twentieth is not"
+    assert seen["calm"] == seen["noise"] == {False}

@@ -1,0 +1,74 @@
+"""The real commands as processes, with a tracker that is quick."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+TESTS = Path(__file__).resolve().parents[1]
+
+SCRIPT = """
+import sys, time
+sys.path.insert(0, {tests!r})
+import cuboid.run
+from cuboid.cli import main
+from fakes import FakeTracker
+
+class Quick(FakeTracker):
+    def update(self, frame, anchor=0):
+        time.sleep({frame_s})
+        return super().update(frame, anchor)
+
+cuboid.run._tracker = Quick
+sys.exit(main(sys.argv[1:]))
+"""
+
+# Root may write everywhere; without this it is bound by permissions as others are.
+BOUND = ("setpriv", "--bounding-set=-dac_override,-dac_read_search,-fowner", "--inh-caps=-dac_override")
+
+
+def command(*words: object, frame_s: float = 0.0) -> list[str]:
+    """Return the call of a cuboid command."""
+    return [sys.executable, "-c", SCRIPT.format(tests=str(TESTS), frame_s=frame_s), *map(str, words)]
+
+
+def bound(words: Sequence[str]) -> list[str]:
+    """Return a call that permissions bind; the test skips where root cannot be bound."""
+    if os.geteuid() != 0:
+        return list(words)
+    if shutil.which("setpriv") is None:
+        pytest.skip("root is not bound by permissions, and there is no setpriv to change that")
+    return [*BOUND, *words]
+
+
+def run(words: Sequence[str], **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run a call to its end."""
+    streams = {name: options.pop(name, subprocess.PIPE) for name in ("stdout", "stderr")}
+    return subprocess.run(words, **streams, text=True, timeout=120, check=False, **options)
+
+
+def refused(done: subprocess.CompletedProcess[str]) -> str:
+    """Return the one line with which a command refused to work."""
+    lines = [line for line in done.stderr.splitlines() if not line.startswith("cuboid: warning")]
+    assert done.returncode == 2, done.stderr
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith("cuboid: error: ")
+    assert len(lines[0]) < 300
+    return lines[0]
+
+
+def contents(folder: Path) -> dict[str, str]:
+    """Return a digest of each file below a folder, hidden ones included."""
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }

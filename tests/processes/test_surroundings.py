@@ -1,0 +1,180 @@
+"""The commands where the world around them is not as usual: full, closed, read-only, without a home."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from commands import TESTS, bound, command, contents, refused, run
+
+from fakes import write_recording
+
+SOURCE = TESTS.parent / "src"
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_recording(tmp_path_factory.mktemp("surroundings") / "recording", 12)
+
+
+@pytest.fixture
+def results(recording: Path, tmp_path: Path) -> Path:
+    assert run(command("track", recording, "--output", tmp_path / "out")).returncode == 0
+    return tmp_path / "out"
+
+
+def at_most(limit_bytes: int) -> Callable[[], None]:
+    """Stand in for a full disk: no file of the process may grow beyond this."""
+    return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, limit_bytes))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("track", "RECORDING", "--output", "OUT", "--force"),
+        ("track", "RECORDING", "--output", "OUT", "--force", "--video"),
+        ("report", "OUT"),
+        ("render", "OUT"),
+        ("export", "OUT", "--to", "json", "--output", "OUT.json", "--force"),
+        ("export", "OUT", "--to", "ply", "--output", "OUT-ply", "--force"),
+        ("evaluate", "OUT", "truth.json", "--json", "OUT.json"),
+    ],
+    ids=lambda words: " ".join(words[:1] + words[3:4]),
+)
+def test_a_full_disk_leaves_what_was_there(results: Path, recording: Path, words: tuple[str, ...]) -> None:
+    (results.parent / "truth.json").write_text('{"format": "cuboid-truth", "version": 1, "objects": []}')
+    (results.parent / "out.json").write_text("old")
+    before = contents(results.parent)
+    named = {"OUT": results, "RECORDING": recording, "OUT.json": results.parent / "out.json"}
+    named |= {"OUT-ply": results.parent / "out-ply", "truth.json": results.parent / "truth.json"}
+    line = refused(run(command(*(named.get(word, word) for word in words)), preexec_fn=at_most(300)))
+    assert "cannot be written" in line
+    assert contents(results.parent) == before
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_a_folder_that_cannot_be_written_is_one_line(results: Path, recording: Path, force: bool) -> None:
+    before = contents(results)
+    place = results if force else results.parent
+    place.chmod(0o555)
+    try:
+        out = results if force else results.parent / "new"
+        words = bound(command("track", recording, "--output", out, *(["--force"] if force else [])))
+        assert "Permission denied" in refused(run(words))
+        if force:
+            assert "Permission denied" in refused(run(bound(command("report", results))))
+        assert run(bound(command("export", results, "--to", "csv", "--output", results / "x.csv"))).returncode == (
+            2 if force else 0
+        )
+    finally:
+        place.chmod(0o755)
+        (results / "x.csv").unlink(missing_ok=True)
+    assert {**before, "report.html": ""} == {**contents(results), "report.html": ""}
+
+
+def test_what_may_not_be_read_is_one_line(results: Path, recording: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(recording, copy)
+    (results / "tracks.csv").chmod(0)
+    (copy / "camera.json").chmod(0)
+    assert "tracks.csv: cannot be read: Permission denied" in refused(run(bound(command("report", results))))
+    assert "camera.json: cannot be read: Permission denied" in refused(
+        run(bound(command("track", copy, "--output", tmp_path / "new")))
+    )
+    (copy / "color").chmod(0)
+    assert "cannot be read: Permission denied" in refused(
+        run(bound(command("track", copy, "--output", tmp_path / "new")))
+    )
+    (copy / "color").chmod(0o755)
+
+
+def test_an_output_on_a_file_or_inside_the_recording_spoils_neither(recording: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("precious")
+    assert "is a file" in refused(run(command("track", recording, "--output", tmp_path / "file", "--force")))
+    assert (tmp_path / "file").read_text() == "precious"
+    before = contents(recording)
+    refused(run(command("track", recording, "--output", recording, "--force")))
+    assert contents(recording) == before
+    for place in ("results", "color"):
+        out = recording / place
+        done = run(command("track", recording, "--output", out, *(["--force"] if out.exists() else [])))
+        assert done.returncode == 0, done.stderr
+        assert {name: digest for name, digest in contents(recording).items() if name in before} == before
+        again = run(command("track", recording, "--output", tmp_path / place))
+        assert "12 of 12 frames" in again.stdout, again.stderr
+    shutil.rmtree(recording / "results")
+
+
+def closing(*numbers: int) -> Callable[[], None]:
+    def close() -> None:
+        for number in numbers:
+            os.close(number)
+
+    return close
+
+
+@pytest.mark.parametrize("closed", [(1,), (2,), (0, 1, 2)], ids=["stdout", "stderr", "all"])
+def test_closed_streams_change_nothing_of_the_results(recording: Path, tmp_path: Path, closed: tuple[int, ...]) -> None:
+    out = tmp_path / "out"
+    words = command("track", recording, "--output", out)
+    done = subprocess.run(words, preexec_fn=closing(*closed), stdout=None, stderr=None, timeout=60, check=False)
+    assert done.returncode == 0
+    assert (out / "tracks.csv").read_text().startswith("frame,")
+    assert not any(b"; results in" in path.read_bytes() for path in out.iterdir())
+
+
+def test_a_full_standard_output_is_one_line(results: Path) -> None:
+    with open("/dev/full", "w") as full:
+        line = refused(run(command("doctor"), stdout=full))
+        assert "standard output cannot be written" in line
+        truth = results.parent / "truth.json"
+        truth.write_text('{"format": "cuboid-truth", "version": 1, "objects": []}')
+        assert "standard output" in refused(run(command("evaluate", results, truth), stdout=full))
+
+
+def surroundings() -> Iterator[dict[str, str]]:
+    base = {name: value for name, value in os.environ.items() if name not in ("HOME", "LANG", "LC_ALL", "TERM")}
+    yield {**base, "LANG": "C"}
+    yield {**base, "LC_ALL": "POSIX", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    yield {**base, "HOME": "/proc/nowhere", "TERM": "dumb", "COLUMNS": "1"}
+    yield {**base, "PYTHONIOENCODING": "ascii"}
+
+
+@pytest.mark.parametrize("environment", list(surroundings()), ids=["C", "POSIX", "no home", "ascii"])
+def test_poor_surroundings_are_enough(recording: Path, tmp_path: Path, environment: dict[str, str]) -> None:
+    odd = tmp_path / "Küche \udcff\x1b[31m"
+    os.symlink(recording, odd)
+    done = run(command("track", odd, "--output", tmp_path / "out é"), env=environment)
+    assert done.returncode == 0, done.stderr
+    assert "12 of 12 frames" in done.stdout
+    assert "\x1b" not in done.stdout + done.stderr
+
+
+def test_an_installation_that_cannot_be_written_keeps_kernels_elsewhere_and_says_so_once(tmp_path: Path) -> None:
+    copy = tmp_path / "src"
+    shutil.copytree(SOURCE, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    for folder in [copy, *copy.rglob("*/")]:
+        folder.chmod(0o555)
+    code = f"import sys; sys.path.insert(0, {str(copy)!r}); from cuboid.cli import main; sys.exit(main(['doctor']))"
+    words = bound([sys.executable, "-B", "-c", code])
+    home = tmp_path / "home"
+    home.mkdir()
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("XDG", "NUMBA"))}
+    try:
+        said = [run(words, env={**environment, "HOME": str(home)}) for _ in range(2)]
+        assert [done.returncode for done in said] == [0, 0], said[0].stdout + said[0].stderr
+        assert f"kernels go to {home}/.cache/cuboid/kernels" in said[0].stderr
+        assert said[1].stderr == ""
+        assert f"{home}/.cache/cuboid/kernels" in said[1].stdout
+        nowhere = run(words, env={**environment, "HOME": "/proc/nowhere", "TMPDIR": str(tmp_path / "home")})
+        assert nowhere.returncode == 0, nowhere.stdout + nowhere.stderr
+        assert f"{home}/cuboid-kernels-" in nowhere.stdout
+    finally:
+        for folder in [copy, *copy.rglob("*/")]:
+            folder.chmod(0o755)
