@@ -1,21 +1,12 @@
-"""The depth sensor: how its noise grows with distance, by its kind and by what its first frame shows."""
+"""The depth sensor: how much noisier its first frame shows it to be than it was said to be."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
-from types import MappingProxyType
 
 import numpy as np
 
 from cuboid.frame import Float32Array, Intrinsics
 from cuboid.kernels.cells import AREA, CELL_COLUMNS, RMS, fit_cells
 
-# Standard deviation of depth at distance z is this times z squared, 1/metre, so that of 1/z is this number itself.
-# Structured light: the first Kinect, Khoshelham and Elberink 2012. Active stereo: an eighth of a pixel at a baseline of
-# 5 cm. Time of flight and phones have a noise that hardly grows with distance: this is theirs at 2 m.
-NOISE_PER_M: Mapping[str, float] = MappingProxyType(
-    {"structured-light": 1.425e-3, "active-stereo": 2.0e-3, "time-of-flight": 0.8e-3, "phone-lidar": 1.0e-3}
-)
 # Edge of the cells whose flatness tells the noise, pixels: as wide as the noise's own blobs.
 CELL_PIXELS = 16
 # A quarter of a picture's cells, at least, lie on one flat surface each; they show this share of the noise.

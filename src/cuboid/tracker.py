@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -174,7 +174,8 @@ class Tracker:
         nominal = self.config.depth_noise_per_m
         excess = excess_noise(image.depth_m, image.camera, nominal, self.config.max_depth_m)
         if excess > 1.0:
-            self.config = replace(self.config, depth_noise_per_m=excess * nominal)
+            most = next(f.metadata["high"] for f in fields(self.config) if f.name == "depth_noise_per_m")
+            self.config = replace(self.config, depth_noise_per_m=min(most, excess * nominal))
             self._begin()
 
     def _check(self, frame: Frame) -> Float64Array:

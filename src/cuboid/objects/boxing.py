@@ -64,6 +64,10 @@ class Boxing:
         box = to_faces(box, points, trust, noise_m, top_alone=False)
         return with_hidden(box, points, *plane, others, self._voxels)
 
+    def noise_m(self, rows: Rows) -> float:
+        """Return the usual noise of the places of voxels (N,), at least one, metres."""
+        return self._trust(rows[:: 1 + len(rows) // BOX_VOXELS])[1]
+
     def _trust(self, rows: Rows) -> tuple[Float64Array, float]:
         """Return how far voxels (N,) are to be believed, and the usual noise of their places, metres."""
         hits = self._voxels.hits[rows].astype(np.float64)

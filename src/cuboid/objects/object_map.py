@@ -36,7 +36,9 @@ GROWN = 0.15
 FITS = 4
 # A thing this much like its object is all of it, or shows more of it.
 SURE_MATCH = 0.5
-# What an object loses at a fit that finds it going on into structure.
+# What is thinner or flatter than so many deviations of its own points may be the noise of a surface.
+SIGMAS = 3.0
+# What an object loses at a fit that finds it going on into structure, or no more than noise.
 STRUCTURE = 2.0
 # What a candidate loses in a frame that shows its place and has no proposal for it.
 MISSED = 0.3
@@ -252,7 +254,8 @@ class ObjectMap:
         self.store.place(entry, box)
         owned = np.zeros(self.store.numbers, np.uint8)
         owned[[entry.number, *(o.number for o in self._neighbours(entry) if o.confirmed)]] = 1
-        entry.structure = not fits_object(box, self._config) or is_structure(box, rows, voxels, owned)
+        thin = box.size.min() < SIGMAS * self._boxing.noise_m(rows)
+        entry.structure = thin or not fits_object(box, self._config) or is_structure(box, rows, voxels, owned)
         if entry.structure:
             entry.log_odds -= STRUCTURE
         if too_large(box, self._config):
