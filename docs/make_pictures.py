@@ -168,7 +168,7 @@ def shares_picture(frame: Frame, shared: dict[str, Any], outlined: dict[str, Any
         rows, columns = np.nonzero(shared["result"].claim == k)
         paint(picture, rows * step + y, columns * step + x, step, color_of(k + 1), 0.45)
     for kind, _, color in reversed(BOUNDS):
-        places = np.array([place for place, found in kinds.of.items() if kind in found]).reshape(-1, 2)
+        places = np.array([place for place, found in kinds.of.items() if kind in found], np.int64).reshape(-1, 2)
         paint(picture, places[:, 0] * step + y, places[:, 1] * step + x, step + 1, color, 1.0)
     return picture
 
