@@ -46,7 +46,7 @@ WIDTH, HEIGHT = 1280, 800
 DRAWN = (84, 108, 132)
 FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 # The frame of the demo that docs/method.md shows, and the size of each of its pictures.
-SHOWN = 70
+SHOWN = 40
 PANEL = (480, 360)
 # What bounds a thing, by kind; the best known of these is drawn where a pixel has several.
 BOUNDS = (
