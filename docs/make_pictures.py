@@ -47,7 +47,7 @@ DRAWN = (84, 108, 132)
 FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 # The frame of the demo that docs/method.md shows, and the size of each of its pictures.
 SHOWN = 40
-PANEL = (480, 360)
+PANEL = (456, 342)
 # What bounds a thing, by kind; the best known of these is drawn where a pixel has several.
 BOUNDS = (
     (CONTACT, "contact", (224, 58, 62)),
@@ -194,7 +194,7 @@ def panel(
     if legend:
         small[-24:] = (0.3 * small[-24:] + 0.7 * np.array(DARK)).astype(np.uint8)
     for k, (_, name, color) in enumerate(legend):
-        left = 10 + 92 * k
+        left = 10 + 88 * k
         small[PANEL[1] - 17 : PANEL[1] - 7, left : left + 10] = color
         put_text(small, name, left + 16, PANEL[1] - 22, 14, WHITE)
     return small
