@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +28,7 @@ from cuboid.objects.visibility import look
 from cuboid.proposals import make_source
 from cuboid.proposals.types import ProposalSource
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
+from cuboid.sensor import excess_noise
 from cuboid.surfaces.cells import PATCH_PIXELS, VOTING_PIXELS, find_cells, with_level_patches
 from cuboid.surfaces.clusters import FrameCluster, FrameClusters, frame_clusters
 from cuboid.surfaces.grid import CELL_M
@@ -84,12 +86,15 @@ class Tracker:
         self.intrinsics = intrinsics
         self.config = config or TrackerConfig()
         self._propose = make_source(proposals)
+        self._begin()
+        self._count = 0
+        self._place: Float64Array | None = None
+
+    def _begin(self) -> None:
         c = self.config
         self._planes = PlaneTracker(c)
         self._voxels = VoxelMap(c.voxel_m, c.depth_noise_per_m, c.max_depth_m)
         self._map = ObjectMap(c, self._voxels, self._planes)
-        self._count = 0
-        self._place: Float64Array | None = None
 
     def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
         """Take in a frame.
@@ -109,6 +114,8 @@ class Tracker:
         T_camera_world = inverse(T_world_camera)
         watch = Stopwatch()
         image = thin(frame, self.intrinsics, self.config.working_width_px, self._count)
+        if self._count == 0:
+            self._know_sensor(image)
         proposals = self._propose(frame, self.intrinsics)
         watch.lap("proposals")
         heights, support = self._find_planes(image, T_world_camera)
@@ -161,6 +168,14 @@ class Tracker:
         before = self._voxels.xyz(rows)
         self._planes.carry(before, moved_with(before, self._voxels.anchor[rows], moved))
         self._map.carry(moved)
+
+    def _know_sensor(self, image: WorkingImage) -> None:
+        """Let the first frame tell how much noisier the sensor is than configured."""
+        nominal = self.config.depth_noise_per_m
+        excess = excess_noise(image.depth_m, image.camera, nominal, self.config.max_depth_m)
+        if excess > 1.0:
+            self.config = replace(self.config, depth_noise_per_m=excess * nominal)
+            self._begin()
 
     def _check(self, frame: Frame) -> Float64Array:
         expected = (self.intrinsics.height, self.intrinsics.width)

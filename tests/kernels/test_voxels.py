@@ -111,6 +111,22 @@ def test_stray_points_go_also_while_the_map_grows(monkeypatch: pytest.MonkeyPatc
     assert (voxels.xyz(voxels.living())[:, 2] > 1.5).all()
 
 
+def test_a_point_that_was_removed_and_is_seen_again_counts_as_new() -> None:
+    voxels = VoxelMap(VOXEL, 1e-3, 5.0)
+    near, far, hot = np.full((48, 64), 1.0), np.full((48, 64), 2.0), np.ones((48, 64), np.float32)
+    voxels.fuse(image_of(near), hot, np.eye(4), 3)
+    before = voxels.living()
+    for _ in range(4):
+        voxels.look_through(image_of(far), np.eye(4))
+    gone = np.setdiff1d(before, voxels.living())
+    assert len(gone) > 50
+    voxels.fuse(image_of(near), hot, np.eye(4), 3)  # the same number, as after a recording began anew
+    assert voxels.living().tolist() == before.tolist()
+    assert voxels.alive == len(before)
+    assert (voxels.hits[gone] == 1).all()
+    np.testing.assert_allclose(voxels.xyz(gone)[:, 2], 1.0, atol=1e-6)
+
+
 def test_a_surface_that_is_hit_as_often_stays() -> None:
     voxels = VoxelMap(VOXEL, 1e-3, 5.0)
     hot = np.ones((48, 64), np.float32)

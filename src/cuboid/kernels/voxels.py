@@ -157,6 +157,7 @@ def fuse(
                 last_frame[row] = -1
             elif values[row, WEIGHT] <= 0.0:
                 again += 1
+                last_frame[row] = -1
             slots[v, u] = row
             # Depth's variance grows with z^4: a near sighting says more. Half a metre and nearer weigh alike.
             near = max(z, 0.5)

@@ -42,6 +42,9 @@ STRUCTURE = 2.0
 MISSED = 0.3
 # Frames do not agree on two objects that touch, metres, while the log-odds that they are two are below this.
 UNSURE, TOUCH_M = 1.1, 0.03
+# A labelled object is no more when less than this share of the voxels of its last fit is left: a rim at its foot stays,
+# for what passes that near to a table is not told from what lies on it.
+LOST_SHARE = 0.1
 # Fewer voxels are no object.
 LEAST_VOXELS = 8
 # Objects beyond so many times the range of depth are not looked for: too far to tell even their colors.
@@ -113,6 +116,7 @@ class ObjectMap:
         self._missed(found)
         touched = [o.number for o in objects] + [int(n) for n in number_of if n]
         self._fit(touched)
+        self._lost(found)
         self._merge(touched)
         self._decide(touched)
         return found
@@ -216,6 +220,15 @@ class ObjectMap:
         sure = [o for o in waiting if not o.confirmed and o.log_odds > 0][:FITS]
         for entry in confirmed + sure:
             self._describe(entry)
+
+    def _lost(self, found: Association) -> None:
+        """Retire labelled objects that the frame has nothing of, and that frames see through: taken away, mostly."""
+        matched = set(found.match.tolist())
+        for j, entry in enumerate(found.objects):
+            if j in matched or not entry.confirmed:
+                continue
+            if len(self._voxels.rows_of(entry.number)) < LOST_SHARE * len(entry.points):
+                self.store.retire(entry)
 
     def _describe(self, entry: MapObject) -> None:
         voxels = self._voxels
