@@ -1,4 +1,4 @@
-"""Make the pictures of the pages from the demo: docs/report.png and docs/annotate.png.
+"""Make the pictures of the documentation from the demo: docs/report.png, docs/annotate.png and docs/method.png.
 
     python docs/make_pictures.py [--demo DIR]
 
@@ -19,22 +19,43 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
+from unittest import mock
 
 import av
 import cv2
 import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
-from cuboid import open_recording
+import cuboid.surfaces.clusters as clusters
+import cuboid.tracker
+from cuboid import Frame, FrameResult, Tracker, open_recording
 from cuboid.annotation import Annotator, KeyframesFile, make_server
 from cuboid.evaluation import read_truth
+from cuboid.kernels.claims import CONTACT, FREE, SUPPORT, UNKNOWN, UNSURE
+from cuboid.proposals import make_source
+from cuboid.views.drawing import DARK, WHITE, draw_frame
+from cuboid.views.overlays import heat_over
+from cuboid.views.palette import color_of
 from cuboid.views.projection import visible_rect
+from cuboid.views.text import put_text
 
 DOCS = Path(__file__).resolve().parent
 WIDTH, HEIGHT = 1280, 800
 # Frames of the demo that are drawn on before the picture is taken; the next suggested one is shown.
 DRAWN = (84, 108, 132)
 FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+# The frame of the demo that docs/method.md shows, and the size of each of its pictures.
+SHOWN = 40
+PANEL = (456, 342)
+# What bounds a thing, by kind; the best known of these is drawn where a pixel has several.
+BOUNDS = (
+    (CONTACT, "contact", (224, 58, 62)),
+    (SUPPORT, "support", (64, 132, 255)),
+    (FREE, "free", (58, 200, 104)),
+    (UNSURE, "unsure", (236, 190, 60)),
+    (UNKNOWN, "unknown", (150, 154, 160)),
+)
 # The README is fetched by everybody who looks: 256 colors, spread by error diffusion, look the same here.
 PALETTE = ("palettegen", "max_colors=256:stats_mode=full:reserve_transparent=0"), ("paletteuse", "dither=sierra2_4a")
 
@@ -51,6 +72,132 @@ def main() -> None:
         write_png(DOCS / "report.png", screenshot((demo / "results" / "report.html").resolve().as_uri(), turn))
         with annotating(demo, Path(folder) / "keyframes.json") as address:
             write_png(DOCS / "annotate.png", screenshot(address, carry))
+        write_png(DOCS / "method.png", method_picture(demo))
+
+
+def method_picture(demo: Path) -> np.ndarray:
+    """Track the demo up to a frame; return that frame at four stages of the method, (H, W, 3), RGB."""
+    recording = open_recording(demo / "recording")
+    tracker = Tracker(recording.intrinsics)
+    for frame in recording.iterate():
+        assert isinstance(frame, Frame)
+        if frame.index < SHOWN:
+            tracker.update(frame)
+            continue
+        with watching(cuboid.tracker, "frame_clusters") as shared, watching(clusters.kernel, "outlines") as outlined:
+            result = tracker.update(frame)
+        seen = {s.label for s in result.sightings}
+        hidden = [o for o in tracker.objects if o.label not in seen]
+        assert frame.T_world_camera is not None
+        boxes = draw_frame(
+            frame.color, frame.T_world_camera, recording.intrinsics, result.sightings, hidden, None, tinted=True
+        )
+        panels = (
+            panel(frame.color, "the frame"),
+            panel(heat_picture(frame, tracker, result), "2D proposals and the heat of their votes"),
+            panel(shares_picture(frame, shared, outlined), "shares of the frame, and what bounds them", BOUNDS),
+            panel(boxes, "labelled boxes of the map"),
+        )
+        return np.vstack([np.hstack(panels[:2]), np.hstack(panels[2:])])
+    raise ValueError(f"the demo has no frame {SHOWN}")
+
+
+@contextmanager
+def watching(owner: Any, name: str) -> Iterator[dict[str, Any]]:
+    """Note what a function of a module is given and returns."""
+    whole, noted = getattr(owner, name), {}
+
+    def noting(*values: Any) -> Any:
+        noted.update(function=whole, values=values, result=whole(*values))
+        return noted["result"]
+
+    with mock.patch.object(owner, name, noting):
+        yield noted
+
+
+def heat_picture(frame: Frame, tracker: Tracker, result: FrameResult) -> np.ndarray:
+    """Return the heat over a frame, with the outlines of its 2D proposals."""
+    picture = heat_over(frame.color, result.heat)
+    proposals = make_source(None)(frame, tracker.intrinsics)
+    assert proposals.masks is not None
+    for (x0, y0, _, _), mask in zip(proposals.boxes_xyxy.tolist(), proposals.masks, strict=True):
+        outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE, offset=(x0, y0))
+        cv2.drawContours(picture, outlines, -1, WHITE, 1, cv2.LINE_AA)
+    return picture
+
+
+class Pixel(int):
+    """A number of a share that knows its place in the picture."""
+
+    place: tuple[int, int]
+
+    @classmethod
+    def at(cls, place: tuple[int, int], number: int) -> Pixel:
+        """Return the number of the share at a row and column."""
+        pixel = cls(number)
+        pixel.place = place
+        return pixel
+
+
+class Kinds:
+    """Stands in for the table of counts: notes which pixel each count is of."""
+
+    def __init__(self) -> None:
+        self.of: dict[tuple[int, int], set[int]] = {}
+
+    def __getitem__(self, key: Any) -> int:
+        return 0
+
+    def __setitem__(self, key: Any, value: int) -> None:
+        if isinstance(key, tuple):
+            self.of.setdefault(key[0].place, set()).add(int(key[2]))
+
+
+def shares_picture(frame: Frame, shared: dict[str, Any], outlined: dict[str, Any]) -> np.ndarray:
+    """Return a darkened frame with the shares of its pixels, bounded by what bounds them."""
+    image, (depth, claim, *others) = shared["values"][0], outlined["values"]
+    numbered, kinds = np.empty(claim.shape, dtype=object), Kinds()
+    for place, number in np.ndenumerate(claim):
+        numbered[place] = Pixel.at((place[0], place[1]), int(number))
+    # The same function as in the run, as plain Python: it counts into `kinds`.
+    outlined_plainly = getattr(outlined["function"], "py_func", outlined["function"])
+    outlined_plainly(depth, numbered, *others[:-2], kinds, others[-1].copy())
+    picture = np.asarray(frame.color * 0.35, np.uint8)
+    step, (x, y) = image.step, image.phase
+    for k in range(len(shared["result"].clusters)):
+        rows, columns = np.nonzero(shared["result"].claim == k)
+        paint(picture, rows * step + y, columns * step + x, step, color_of(k + 1), 0.45)
+    for kind, _, color in reversed(BOUNDS):
+        places = np.array([place for place, found in kinds.of.items() if kind in found], np.int64).reshape(-1, 2)
+        paint(picture, places[:, 0] * step + y, places[:, 1] * step + x, step + 1, color, 1.0)
+    return picture
+
+
+def paint(
+    picture: np.ndarray, rows: np.ndarray, columns: np.ndarray, size: int, color: tuple[int, int, int], share: float
+) -> None:
+    """Lay a color over squares of a picture (H, W, 3)."""
+    cover = np.zeros(picture.shape[:2], bool)
+    for v in range(size):
+        for u in range(size):
+            cover[np.minimum(rows + v, cover.shape[0] - 1), np.minimum(columns + u, cover.shape[1] - 1)] = True
+    picture[cover] = (share * np.array(color) + (1.0 - share) * picture[cover]).astype(np.uint8)
+
+
+def panel(
+    picture: np.ndarray, title: str, legend: tuple[tuple[int, str, tuple[int, int, int]], ...] = ()
+) -> np.ndarray:
+    """Return a picture at the size of a panel, with a title and what its colors mean."""
+    small = np.ascontiguousarray(cv2.resize(picture, PANEL, interpolation=cv2.INTER_AREA))
+    small[:26] = (0.3 * small[:26] + 0.7 * np.array(DARK)).astype(np.uint8)
+    put_text(small, title, 8, 4, 15, WHITE)
+    if legend:
+        small[-24:] = (0.3 * small[-24:] + 0.7 * np.array(DARK)).astype(np.uint8)
+    for k, (_, name, color) in enumerate(legend):
+        left = 10 + 88 * k
+        small[PANEL[1] - 17 : PANEL[1] - 7, left : left + 10] = color
+        put_text(small, name, left + 16, PANEL[1] - 22, 14, WHITE)
+    return small
 
 
 def screenshot(address: str, use: Callable[[Page], None]) -> np.ndarray:
