@@ -89,7 +89,3 @@ class TrackerConfig:
     def to_dict(self) -> dict[str, float | int]:
         """Return names and values."""
         return dataclasses.asdict(self)
-
-    def noise_m(self, depth_m: float) -> float:
-        """Return the standard deviation of a reading at this depth, metres; never below 1 mm."""
-        return max(0.001, self.depth_noise_per_m * depth_m * depth_m)

@@ -301,7 +301,7 @@ class Tracker:
             first_frame=entry.first_frame,
             last_frame=entry.last_frame,
             frames_seen=entry.frames_seen,
-            points=len(entry.points),
+            points=len(self._voxels.rows_of(entry.number)),
             mean_color=entry.mean_color,
             plane=None if plane is None else place[plane.identity],
             merged_labels=tuple(entry.merged_labels),

@@ -17,7 +17,7 @@ REASONS = {
     "empty-color": "color image .* empty",
     "empty-depth": "depth image .* empty",
     "damaged-depth": "depth image .* damaged",
-    "no-image": "cannot be decoded",
+    "no-image": "neither a PNG nor a JPEG",
     "color-only": "color without depth",
     "depth-only": "depth without color",
     "other-size": "48x36",

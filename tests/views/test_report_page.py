@@ -278,7 +278,7 @@ def test_it_can_be_resized(page: Page) -> None:
             "document.getElementById('plot').getBoundingClientRect().right <= innerWidth",
             "canvas.width === canvas.clientWidth && canvas.height === canvas.clientHeight",
         ):
-            page.wait_for_function(wanted, timeout=5_000)
+            page.wait_for_function(wanted, timeout=30_000)
     before = page.locator("#panel").bounding_box()
     splitter = page.locator('[data-size="--panel"]').bounding_box()
     assert before is not None
@@ -288,7 +288,7 @@ def test_it_can_be_resized(page: Page) -> None:
     page.mouse.move(splitter["x"] - 80, 200, steps=2)
     page.mouse.up()
     width = f"Math.abs(document.getElementById('panel').getBoundingClientRect().width - {before['width'] + 80}) < 3"
-    page.wait_for_function(width, timeout=5_000)
+    page.wait_for_function(width, timeout=30_000)
 
 
 def test_without_webgl_the_rest_is_shown_all_the_same(launched: Browser, results: Path) -> None:
