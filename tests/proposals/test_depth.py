@@ -164,3 +164,12 @@ def test_most_objects_of_real_stills_are_proposed(data_dir: Path) -> None:
                 found += overlaps(proposals, mask == thing["id"]).max() >= 0.5
     assert found >= 0.85 * wanted
     assert proposed <= 40 * stills
+
+
+def test_readings_without_end_are_background() -> None:
+    depth = np.full((120, 160), np.inf, np.float32)
+    depth[40:80, 60:100] = 1.0
+    depth[:, :20] = 2.0
+    frame = Frame(0, 0.0, np.zeros((120, 160, 3), np.uint8), depth)
+    found = make_source(None)(frame, Intrinsics(130.0, 130.0, 79.5, 59.5, 160, 120))
+    assert any(np.abs(box - [60, 40, 100, 80]).max() <= 4 for box in found.boxes_xyxy)

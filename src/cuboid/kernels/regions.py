@@ -85,7 +85,7 @@ def fill_holes(kind, on, color, step, edge, reach, focal, labels, inverse, cost,
             cost[v, u] = best
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")  # a reading without end has 1/z = 0
 def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, weight):
     """Measure each segment, and how strongly its outline parts it from what is around it.
 
@@ -170,7 +170,7 @@ def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, 
                     weight[b, a] += strength_b
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")  # a reading without end has 1/z = 0
 def measure_planes(labels, inverse, noise, jump, sure, rows):
     """Measure large planes as if they were segments: the lid of a box is one too.
 
