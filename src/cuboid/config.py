@@ -89,3 +89,9 @@ class TrackerConfig:
     def to_dict(self) -> dict[str, float | int]:
         """Return names and values."""
         return dataclasses.asdict(self)
+
+    def within_range(self, **values: float) -> TrackerConfig:
+        """Return these settings with other values, each clipped to the range of its field."""
+        ranges = {item.name: (item.metadata["low"], item.metadata["high"]) for item in dataclasses.fields(self)}
+        clipped = {name: min(max(value, ranges[name][0]), ranges[name][1]) for name, value in values.items()}
+        return dataclasses.replace(self, **clipped)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -129,14 +128,15 @@ class Tracker:
         self._voxels.look_through(image, T_camera_world)
         watch.lap("fuse")
         objects = self._map.in_view(image, T_camera_world)
-        prior = prior_of(objects, image, candidate, self._voxels.owner_of(slots), weighed)
+        pixel_owner = self._voxels.owner_of(slots)
+        prior = prior_of(objects, image, candidate, pixel_owner, weighed)
         things = frame_clusters(
             image, heat, candidate, weighed, prior, heights, support, self._sides(T_world_camera), T_world_camera, c
         )
         boxes = [self._box(cluster) for cluster in things.clusters]
         watch.lap("boxes")
         found = self._map.update(
-            frame.index, things, boxes, objects, slots, candidate, self._news(image, T_world_camera)
+            frame.index, things, boxes, objects, slots, pixel_owner, candidate, self._news(image, T_world_camera)
         )
         watch.lap("map")
         sightings = self._sightings(frame.index, image, slots, found, T_camera_world)
@@ -174,8 +174,7 @@ class Tracker:
         nominal = self.config.depth_noise_per_m
         excess = excess_noise(image.depth_m, image.camera, nominal, self.config.max_depth_m)
         if excess > 1.0:
-            most = next(f.metadata["high"] for f in fields(self.config) if f.name == "depth_noise_per_m")
-            self.config = replace(self.config, depth_noise_per_m=min(most, excess * nominal))
+            self.config = self.config.within_range(depth_noise_per_m=excess * nominal)
             self._begin()
 
     def _check(self, frame: Frame) -> Float64Array:

@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate and print."""
-    from cuboid.cli.tables import console, write_json
+    from cuboid.cli.tables import give_figures
     from cuboid.cli.threads import limit_threads
     from cuboid.errors import InputError
     from cuboid.evaluation import evaluate
@@ -68,12 +68,7 @@ def run(args: argparse.Namespace) -> int:
         if getattr(args, name) is not None:
             raise InputError(f"--{name} goes with keyframes, which {args.truth} are none of")
     found = evaluate(args.result, args.truth, cloud=args.cloud, trajectory=args.trajectory)
-    if args.json is not None:
-        write_json(found.to_dict(), args.json)
-    if args.json != "-":
-        print_evaluation(found)
-        if args.json is not None:
-            console().print(f"all figures in {args.json}", markup=False)
+    give_figures(found, args.json, print_evaluation)
     return 0
 
 

@@ -18,7 +18,7 @@ NAMED = 8
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate, draw and print."""
-    from cuboid.cli.tables import console, write_json
+    from cuboid.cli.tables import console, give_figures
     from cuboid.evaluation.evaluate_keyframes import evaluate_keyframes
 
     for name in ("cloud", "trajectory"):
@@ -26,14 +26,9 @@ def run(args: argparse.Namespace) -> int:
             raise InputError(f"--{name} does not go with keyframes: {args.truth}")
     found = evaluate_keyframes(args.result, args.truth, args.recording)
     drawn = 0 if args.pictures is None else _draw(args, found)
-    if args.json is not None:
-        write_json(found.to_dict(), args.json)
-    if args.json != "-":
-        print_evaluation(found)
-        if args.json is not None:
-            console().print(f"all figures in {args.json}", markup=False)
-        if args.pictures is not None:
-            console().print(f"{_count(drawn, 'picture')} in {args.pictures}", markup=False)
+    give_figures(found, args.json, print_evaluation)
+    if args.json != "-" and args.pictures is not None:
+        console().print(f"{_count(drawn, 'picture')} in {args.pictures}", markup=False)
     return 0
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from rich import box
 from rich.console import Console
@@ -94,3 +94,20 @@ def write_json(document: Mapping[str, Any], name: str) -> None:
         print(text, end="")
         return
     write_whole(Path(name), text)
+
+
+class _Figures(Protocol):
+    def to_dict(self) -> dict[str, Any]: ...
+
+
+Found = TypeVar("Found", bound=_Figures)
+
+
+def give_figures(found: Found, file: str | None, show: Callable[[Found], None]) -> None:
+    """Write an evaluation as JSON where a file is named (`-` prints it, and nothing else), and show it as tables."""
+    if file is not None:
+        write_json(found.to_dict(), file)
+    if file != "-":
+        show(found)
+        if file is not None:
+            console().print(f"all figures in {file}", markup=False)

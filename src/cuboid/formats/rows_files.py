@@ -38,24 +38,10 @@ class BoxEntry(Row, frozen=True):
         refuse_no_quaternion(self.qw, self.qx, self.qy, self.qz)
 
 
-class OwnBoxEntry(Row, frozen=True):
+class OwnBoxEntry(BoxEntry, frozen=True):
     """A frame's own box before matching, with the label it was given, or 0."""
 
-    frame: FrameNumber
     label: LabelOrNone
-    cx: Metres
-    cy: Metres
-    cz: Metres
-    length: Side
-    width: Side
-    height: Side
-    qw: QuaternionPart
-    qx: QuaternionPart
-    qy: QuaternionPart
-    qz: QuaternionPart
-
-    def __post_init__(self) -> None:
-        refuse_no_quaternion(self.qw, self.qx, self.qy, self.qz)
 
 
 class RectEntry(Row, frozen=True):
@@ -69,15 +55,10 @@ class RectEntry(Row, frozen=True):
     y1: Pixel
 
 
-class OwnRectEntry(Row, frozen=True):
+class OwnRectEntry(RectEntry, frozen=True):
     """A frame's own rectangle before matching, with the label it was given, or 0."""
 
-    frame: FrameNumber
     label: LabelOrNone
-    x0: Pixel
-    y0: Pixel
-    x1: Pixel
-    y1: Pixel
 
 
 class TrackEntry(Row, frozen=True):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from cuboid.kernels.claims import covers, span
+
 
 @njit(cache=True, nogil=True)
 def weigh(depth, candidate, boxes, scores, masks, starts, step, phase, focal, low_m, high_m, weights):
@@ -38,14 +40,15 @@ def weigh(depth, candidate, boxes, scores, masks, starts, step, phase, focal, lo
     """
     height, width = depth.shape
     for k in range(boxes.shape[0]):
-        x0, y0, x1, y1 = boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3]
+        box = boxes[k]
+        rows, columns = span(box[1], box[3], phase[1], step, height), span(box[0], box[2], phase[0], step, width)
         weights[k] = 0.0
         pixels = readings = fit = 0
         total = square = 0.0
         left, right, top, bottom = width, -1, height, -1
-        for v in range(max(0, (y0 - phase[1] + step - 1) // step), min(height, (y1 - phase[1] + step - 1) // step)):
-            for u in range(max(0, (x0 - phase[0] + step - 1) // step), min(width, (x1 - phase[0] + step - 1) // step)):
-                if masks[starts[k] + (phase[1] + step * v - y0) * (x1 - x0) + (phase[0] + step * u - x0)] == 0:
+        for v in range(rows[0], rows[1]):
+            for u in range(columns[0], columns[1]):
+                if not covers(masks, starts[k], box, phase, step, v, u):
                     continue
                 pixels += 1
                 z = depth[v, u]
@@ -76,9 +79,9 @@ def vote(candidate, boxes, weights, masks, starts, step, phase, heat):
     for k in range(boxes.shape[0]):
         if weights[k] <= 0.0:
             continue
-        x0, y0, x1, y1 = boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3]
-        for v in range(max(0, (y0 - phase[1] + step - 1) // step), min(height, (y1 - phase[1] + step - 1) // step)):
-            for u in range(max(0, (x0 - phase[0] + step - 1) // step), min(width, (x1 - phase[0] + step - 1) // step)):
-                at = starts[k] + (phase[1] + step * v - y0) * (x1 - x0) + (phase[0] + step * u - x0)
-                if candidate[v, u] and masks[at]:
+        box = boxes[k]
+        rows, columns = span(box[1], box[3], phase[1], step, height), span(box[0], box[2], phase[0], step, width)
+        for v in range(rows[0], rows[1]):
+            for u in range(columns[0], columns[1]):
+                if candidate[v, u] and covers(masks, starts[k], box, phase, step, v, u):
                     heat[v, u] += weights[k]

@@ -84,6 +84,7 @@ class ObjectMap:
         boxes: Sequence[Box],
         objects: Sequence[MapObject],
         slots: npt.NDArray[np.int32],
+        pixel_owner: npt.NDArray[np.int32],
         candidate: UInt8Array,
         news: float,
     ) -> Association:
@@ -99,6 +100,8 @@ class ObjectMap:
             From `in_view`.
         slots : (h, w) int32
             Voxel of each working pixel, -1 none.
+        pixel_owner : (h, w) int32
+            Number of the object that each of these belongs to, 0 none.
         candidate : (h, w) uint8
             Pixels off every supporting plane.
         news : float
@@ -108,7 +111,6 @@ class ObjectMap:
         -------
         Association
         """
-        pixel_owner = self._voxels.owner_of(slots)
         known = (slots >= 0) & (self._voxels.hits[slots] > 1)
         found = associate(things, boxes, objects, pixel_owner, known)
         number_of = self._sightings(frame, things, boxes, found)

@@ -32,7 +32,6 @@ class ObjectStore:
     def __init__(self, voxels: VoxelMap) -> None:
         self._voxels = voxels
         self._objects: dict[int, MapObject] = {}
-        self._candidates: dict[int, MapObject] = {}
         self._confirmed: dict[int, MapObject] = {}
         self._next_number = self._next_label = 1
         self.affinity = Affinity()
@@ -66,7 +65,7 @@ class ObjectStore:
         """Begin an object."""
         entry = MapObject(self._next_number, box, frame, frame)
         self._next_number += 1
-        self._objects[entry.number] = self._candidates[entry.number] = entry
+        self._objects[entry.number] = entry
         if entry.number >= len(self.boxes):
             self.boxes = np.concatenate([self.boxes, np.full_like(self.boxes, np.nan)])
         self.place(entry, box)
@@ -82,7 +81,7 @@ class ObjectStore:
         """Give an object its label."""
         entry.state, entry.label = State.CONFIRMED, self._next_label
         self._next_label += 1
-        self._confirmed[entry.number] = self._candidates.pop(entry.number)
+        self._confirmed[entry.number] = entry
 
     def retire(self, entry: MapObject) -> None:
         """End an object's life: its label is kept and never given again, its points are no one's."""
@@ -114,7 +113,6 @@ class ObjectStore:
     def _end(self, entry: MapObject) -> None:
         entry.state = State.RETIRED
         self.boxes[entry.number] = np.nan
-        self._candidates.pop(entry.number, None)
         self._confirmed.pop(entry.number, None)
         self.affinity.forget(entry.number)
 
