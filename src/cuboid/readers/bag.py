@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.errors import FrameError, InputError
+from cuboid.formats.cache import local_file
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -181,6 +182,11 @@ def _open(path: Path) -> AnyReader:
         raise InputError(
             f"{path}: bags are read with rosbags, which is not installed: pip install 'cuboid[ros]'"
         ) from None
+    if path.suffix == ".db3":  # SQLite wants a file of its own
+        try:
+            path = local_file(path)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     store = get_typestore(Stores.ROS1_NOETIC if path.suffix == ".bag" else Stores.ROS2_HUMBLE)
     try:
         reader = AnyReader([path], default_typestore=store)

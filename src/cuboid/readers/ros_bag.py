@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from cuboid.errors import InputError
+from cuboid.formats.reading import names_in
 from cuboid.frame import Float64Array
 from cuboid.readers.bag import Bag, is_bag_file
 from cuboid.readers.bag_cameras import camera_of
@@ -55,7 +56,7 @@ def recognises(path: Path) -> bool:
 def _files(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
-    return sorted(file for file in path.iterdir() if file.suffix in (".db3", ".mcap"))
+    return [path / name for name in sorted(names_in(path)) if name.endswith((".db3", ".mcap"))]
 
 
 def read(path: Path) -> Listing:
