@@ -132,6 +132,8 @@ class ZipStore:
         self._lock = threading.Lock()
         self._file = archive.outside()
         weakref.finalize(self, self._file.close)
+        self._file.seek(max(0, self._file.seek(0, os.SEEK_END) - 1))
+        self._file.read(1)  # what a server says to this, zipfile would keep to itself
         try:
             self._zip = zipfile.ZipFile(self._file)
             infos = self._zip.infolist()

@@ -36,11 +36,10 @@ def local_file(path: Path) -> Path:
     if not isinstance(path, StoredPath):
         return path
 
-    def copy(file: BinaryIO) -> None:
-        with path.open("rb") as source:
-            shutil.copyfileobj(source, file, COPY_BYTES)
-
-    return CACHE.file(path, path.stat().st_size, copy)
+    with path.open("rb") as source:
+        if isinstance(name := getattr(source, "name", None), str | Path):  # it was put here to be opened
+            return Path(name)
+        return CACHE.file(path, path.stat().st_size, lambda file: shutil.copyfileobj(source, file, COPY_BYTES))
 
 
 class Cache:

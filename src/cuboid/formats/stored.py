@@ -17,6 +17,8 @@ from pathlib import Path, PurePath
 from typing import Any, BinaryIO, Protocol
 
 URL = re.compile(r"([a-z][a-z0-9+.-]+):/+(?=[^/])")
+# Scheme, and host or bucket.
+SERVER_PARTS = 2
 # Archives by the ending of their names; .r3d is what the app Record3D makes.
 ZIP_ENDINGS, TAR_ENDINGS = (".zip", ".r3d"), (".tar",)
 ARCHIVE_ENDINGS = ZIP_ENDINGS + TAR_ENDINGS
@@ -59,13 +61,19 @@ class StoredPath(type(Path())):  # type: ignore[misc]
     def __str__(self) -> str:
         return URL.sub(r"\1://", super().__str__(), count=1)
 
+    @property
+    def parent(self) -> StoredPath:
+        """The folder that holds this; of a server itself."""
+        is_server = len(self.parts) == SERVER_PARTS and URL.match(PurePath.__str__(self))
+        return self if is_server else super().parent
+
     def _store(self) -> Store | None:
         return next((store for one in (self, *self.parents) if (store := _store_at(one)) is not None), None)
 
     def outside(self) -> BinaryIO:
         """Open an archive itself as a file."""
         store = self.parent._store()
-        return open(PurePath.__str__(self), "rb") if store is None else store.open(self)  # noqa: SIM115
+        return open(PurePath.__str__(self), "rb") if store is None else store.open(self)
 
     def stat(self, *, follow_symlinks: bool = True) -> os.stat_result:
         """Return mode and size; all else is 0."""
@@ -118,7 +126,7 @@ def _store_at(path: StoredPath) -> Store | None:
         _stores.move_to_end(key)
     elif _ending(path) in ARCHIVE_ENDINGS and _is_file_outside(path):
         _enter(path)
-    elif URL.match(key) and len(path.parts) == 2:
+    elif URL.match(key) and len(path.parts) == SERVER_PARTS:
         from cuboid.formats.transports import ServerStore
 
         _keep(key, ServerStore(path.parts[0].rstrip(":"), str(path)))
@@ -157,6 +165,8 @@ def located(path: str | os.PathLike[str]) -> Path:
         return path
     # a link is not resolved: its neighbours are those of the link
     whole: Path = StoredPath(text) if URL.match(text) else Path(os.path.abspath(text))
+    if isinstance(whole, StoredPath):
+        _stores.pop(PurePath.__str__(StoredPath(*whole.parts[:SERVER_PARTS])), None)  # it may have changed
     if whole.name.partition("?")[0].lower().endswith(PACKED_ENDINGS):
         raise OSError(errno.EINVAL, "it is packed as a whole; .zip and .tar are read without being unpacked", text)
     for part in (*reversed(whole.parents), whole):
@@ -165,6 +175,14 @@ def located(path: str | os.PathLike[str]) -> Path:
             if _store_at(StoredPath(part)) is not None:
                 whole = StoredPath(whole)
     return whole
+
+
+def is_there(path: str | os.PathLike[str]) -> bool:
+    """Tell whether anything that can be read lies where a user or a result says."""
+    try:
+        return located(path).exists()
+    except OSError:
+        return False
 
 
 def _enter(archive: StoredPath) -> None:

@@ -21,6 +21,7 @@ FILES_OPEN = 8
 # Seconds without an answer after which a server counts as gone.
 CONNECT_S, ANSWER_S = 20.0, 60.0
 ATTEMPTS = 3
+ABSENT, FORBIDDEN = (404, 410), (401, 403, 407)
 
 
 class ServerStore:
@@ -44,19 +45,19 @@ class ServerStore:
         self._http = scheme in ("http", "https")
         self._system = _filesystem(scheme, name)
         self._entries: dict[str, dict[str, Entry | None]] = {}  # by folder; None: a file of unknown size
+        self._alone: dict[str, dict[str, Entry | None]] = {}  # what was asked for one by one
         self._files: OrderedDict[str, tuple[Any, threading.Lock, int]] = OrderedDict()
 
     def entry(self, path: StoredPath) -> Entry:
         """Return what lies at a path: as its folder's list says, where that is known, else as the server answers."""
         with self._lock:
-            siblings = self._entries.get(str(path.parent))
-            if siblings is not None and path.name not in siblings:
+            listed = self._entries.get(str(path.parent))
+            if listed is not None and path.name not in listed:
                 raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
-            found = None if siblings is None else siblings[path.name]
+            siblings = self._alone.setdefault(str(path.parent), {}) if listed is None else listed
+            found = siblings.get(path.name)
             if found is None:
-                found = self._ask(path)
-                if siblings is not None:
-                    siblings[path.name] = found
+                found = siblings[path.name] = self._ask(path)
             if found.is_folder and str(path) not in self._entries:
                 self._entries[str(path)] = self._list(path)
             return found
@@ -66,7 +67,7 @@ class ServerStore:
         found = _tried(lambda: self._system.info(url), url)
         if self._http:
             found = dict(found)
-            page = found.get("mimetype") == "text/html" and not path.suffix
+            page = found.get("mimetype") == "text/html" and path.suffix not in (".html", ".htm")
             found["type"] = "directory" if page else "file"
         if found["type"] == "directory":
             return Entry(0, True)
@@ -135,8 +136,16 @@ def _tried(work: Callable[[], Any], url: str) -> Any:
     for attempt in range(ATTEMPTS):
         try:
             return work()
-        except (FileNotFoundError, PermissionError):
+        except PermissionError:
             raise
+        except FileNotFoundError as error:  # of HTTP whatever went wrong
+            status = getattr(error.__cause__, "status", None)
+            if status in FORBIDDEN:
+                raise PermissionError(errno.EACCES, f"the server forbids it ({status})", url) from None
+            if error.__cause__ is None or status in ABSENT:
+                raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), url) from None
+            if attempt == ATTEMPTS - 1:
+                raise OSError(errno.EIO, f"the server fails: {_line(error.__cause__)}", url) from None
         except ValueError as error:
             raise OSError(errno.EIO, _line(error), url) from None
         except Exception as error:
@@ -145,7 +154,7 @@ def _tried(work: Callable[[], Any], url: str) -> Any:
     raise AssertionError("unreachable")
 
 
-def _line(error: Exception) -> str:
+def _line(error: BaseException) -> str:
     return " ".join(str(error).split())[:120] or type(error).__name__
 
 

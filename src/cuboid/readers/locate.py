@@ -64,7 +64,7 @@ def open_recording(
     try:
         given = located(path)
         if not given.exists():
-            raise InputError(f"{path} does not exist")
+            raise InputError(f"{given if isinstance(given, StoredPath) else path} does not exist")
         name, reader, found = _find(given, readers)
         listing = reader.read(found) if not text else _read_with(name, reader, found, text)
     except OSError as error:  # links in a circle, a name that is too long, a folder that may not be read
@@ -139,7 +139,7 @@ def _open_to_us(path: Path) -> bool:
 
 
 def _nothing_found(given: Path, readers: list[tuple[str, Reader]]) -> str:
-    above = [path for path in given.parents[:LEVELS] for _, reader in readers if reader.recognises(path)]
+    above = [path for path in (given.parent, given.parent.parent) for _, reader in readers if reader.recognises(path)]
     if above:
         return f"{given} is a part of a recording; name {above[0]}"
     if len(readers) > DESCRIBED:
