@@ -62,7 +62,7 @@ def test_of_a_large_archive_only_what_is_needed_is_fetched(served):
 def test_bags_are_read_message_by_message(served):
     pytest.importorskip("rosbags", reason="bags are read with rosbags: pip install 'cuboid[ros]'")
     server, folder = served
-    for name, kind in (("a.bag", "ros1"), ("b.mcap", "mcap"), ("c.db3", "sqlite3")):
+    for name, kind in (("a.bag", "bag"), ("b", "mcap"), ("c", "db3")):
         local = open_recording(make_bag(folder / name, kind))
         recording = open_recording(f"{server.url}/{local.path.relative_to(folder)}")
         assert (recording.format, len(recording)) == ("ros-bag", len(local))

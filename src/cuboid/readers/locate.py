@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from pathlib import Path
 
@@ -73,6 +74,7 @@ def open_recording(
     except ValueError:  # a NUL, or half a character, in the name
         raise InputError(f"{shown(str(path))}: no recording can have this name") from None
     calibration, depth_units_per_metre = calibrations.choose(listing, intrinsics, depth_scale, found)
+    listing = dataclasses.replace(listing, up_world=calibrations.up_world(listing))
     return Recording(found, f"{name}:{text}" if text else name, listing, calibration, depth_units_per_metre)
 
 

@@ -93,7 +93,9 @@ class Recording:
         self._undistort = calibrations.undistortion(calibration, (width, height), path)
         self._poses_of_depth = listing.poses_of_depth
         self._set_camera(calibration)
-        self.up_world: Float64Array | None = None if listing.up_world is None else unit(listing.up_world)
+        self.up_world: Float64Array | None = None
+        if self.has_poses and listing.up_world is not None:
+            self.up_world = unit(listing.up_world)
 
     def _set_camera(self, calibration: Calibration) -> None:
         """Let frames come from this camera, and from its depth camera, where it has one."""
@@ -169,6 +171,11 @@ class Recording:
         except ValueError as error:  # of a reader that does not look at its poses
             raise FrameError(str(error)) from None
         return T if self._T_depth_color is None else T @ self._T_depth_color
+
+    @property
+    def up_measured(self) -> bool:
+        """Whether frames come with a direction away from the earth's pull of their own."""
+        return any(entry.up_camera is not None for entry in self._frames)
 
     def up_camera(self, index: int) -> Float64Array | None:
         """Return the direction away from the earth's pull in the camera that took a frame, without decoding the frame.
