@@ -75,8 +75,8 @@ def _bag_with_imu(folder: Path) -> None:
         publish("/camera/color/camera_info", make.info(CAMERA, "c", START_NS), START_NS)
         for k in range(4):
             t = time_of(k)
-            publish("/color", make.image(color_image(k), "rgb8", "c", t), t)
-            publish("/depth_registered", make.image(depth_image(k, 1000), "16UC1", "c", t), t)
+            publish("/camera/color/image_raw", make.image(color_image(k), "rgb8", "c", t), t)
+            publish("/camera/depth_registered/image_raw", make.image(depth_image(k, 1000), "16UC1", "c", t), t)
             publish("/imu", make.imu("c", t, (0.0, -9.8, 0.1)), t)
 
 

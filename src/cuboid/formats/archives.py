@@ -10,7 +10,6 @@ import tarfile
 import threading
 import weakref
 import zipfile
-import zlib
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import PurePosixPath
@@ -137,9 +136,11 @@ class ZipStore:
         try:
             self._zip = zipfile.ZipFile(self._file)
             infos = self._zip.infolist()
-        except (zipfile.BadZipFile, ValueError, NotImplementedError, struct.error, EOFError) as error:
+        except OSError:
+            raise
+        except Exception as error:  # a damaged file makes the library raise nearly anything
             raise OSError(errno.EINVAL, f"no whole zip archive: {_line(error)}", str(archive)) from None
-        self._infos = {name: one for one in infos if not one.is_dir() and (name := _plain(one.filename))}
+        self._infos = {name: one for one in infos if not one.filename.endswith("/") and (name := _plain(one.filename))}
         self._index = _Index(archive, ((name, one.file_size) for name, one in self._infos.items()))
 
     def entry(self, path: StoredPath) -> Entry:
@@ -184,7 +185,9 @@ class ZipStore:
             with self._lock, self._zip.open(info) as packed:
                 while data := packed.read(1 << 20):
                     file.write(data)
-        except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError, RuntimeError) as error:
+        except OSError:
+            raise
+        except Exception as error:  # as above
             raise OSError(errno.EIO, f"cannot be unpacked: {_line(error)}", str(path)) from None
 
 

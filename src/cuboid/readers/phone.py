@@ -34,6 +34,8 @@ def shrink_factor(size: tuple[int, int]) -> int:
 def shrunk(color: UInt8Array, factor: int) -> UInt8Array:
     """Return color (H, W, 3) with each block of `factor` x `factor` pixels its mean."""
     height, width = color.shape[0] // factor, color.shape[1] // factor
+    if not height or not width:
+        raise FrameError(f"the color image is {color.shape[1]}x{color.shape[0]}, too small to be shrunk by {factor}")
     whole = color[: height * factor, : width * factor]
     return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
 
