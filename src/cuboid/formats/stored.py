@@ -67,6 +67,13 @@ class StoredPath(type(Path())):  # type: ignore[misc]
         is_server = len(self.parts) == SERVER_PARTS and URL.match(PurePath.__str__(self))
         return self if is_server else super().parent
 
+    @property
+    def suffix(self) -> str:
+        """The ending of the name; of a URL without its query."""
+        if URL.match(PurePath.__str__(self)):
+            return PurePath(self.name.partition("?")[0]).suffix
+        return str(super().suffix)
+
     def _store(self) -> Store | None:
         return next((store for one in (self, *self.parents) if (store := _store_at(one)) is not None), None)
 
@@ -124,7 +131,7 @@ def _store_at(path: StoredPath) -> Store | None:
     key = PurePath.__str__(path)
     if key in _stores:
         _stores.move_to_end(key)
-    elif _ending(path) in ARCHIVE_ENDINGS and _is_file_outside(path):
+    elif path.suffix.lower() in ARCHIVE_ENDINGS and _is_file_outside(path):
         _enter(path)
     elif URL.match(key) and len(path.parts) == SERVER_PARTS:
         from cuboid.formats.transports import ServerStore
@@ -147,11 +154,6 @@ def _keep(key: str, store: Store) -> None:
         _stores.popitem(last=False)
 
 
-def _ending(path: PurePath) -> str:
-    """Return the ending of a name, in small letters; of a URL without its query."""
-    return PurePath(path.name.partition("?")[0]).suffix.lower()
-
-
 def located(path: str | os.PathLike[str]) -> Path:
     """Return the path that a user means: of a file, a folder, an archive (as a folder), a place in one, or a URL.
 
@@ -170,7 +172,7 @@ def located(path: str | os.PathLike[str]) -> Path:
     if whole.name.partition("?")[0].lower().endswith(PACKED_ENDINGS):
         raise OSError(errno.EINVAL, "it is packed as a whole; .zip and .tar are read without being unpacked", text)
     for part in (*reversed(whole.parents), whole):
-        if _ending(part) in ARCHIVE_ENDINGS:
+        if part.suffix.lower() in ARCHIVE_ENDINGS:
             _stores.pop(PurePath.__str__(part), None)  # it may have changed
             if _store_at(StoredPath(part)) is not None:
                 whole = StoredPath(whole)
@@ -189,5 +191,5 @@ def _enter(archive: StoredPath) -> None:
     """Make an archive a folder."""
     from cuboid.formats.archives import TarStore, ZipStore
 
-    kind = ZipStore if _ending(archive) in ZIP_ENDINGS else TarStore
+    kind = ZipStore if archive.suffix.lower() in ZIP_ENDINGS else TarStore
     _keep(PurePath.__str__(archive), kind(archive))

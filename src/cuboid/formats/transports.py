@@ -52,7 +52,7 @@ class ServerStore:
         """Return what lies at a path: as its folder's list says, where that is known, else as the server answers."""
         with self._lock:
             listed = self._entries.get(str(path.parent))
-            if listed is not None and path.name not in listed:
+            if self._is_known_file(path.parent) or (listed is not None and path.name not in listed):
                 raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
             siblings = self._alone.setdefault(str(path.parent), {}) if listed is None else listed
             found = siblings.get(path.name)
@@ -61,6 +61,12 @@ class ServerStore:
             if found.is_folder and str(path) not in self._entries:
                 self._entries[str(path)] = self._list(path)
             return found
+
+    def _is_known_file(self, path: StoredPath) -> bool:
+        """Tell whether a path is known for a file: a server with a query in the name would answer for what is in it."""
+        folder = str(path.parent)
+        known = self._alone.get(folder, {}).get(path.name) or self._entries.get(folder, {}).get(path.name)
+        return known is not None and not known.is_folder
 
     def _ask(self, path: StoredPath) -> Entry:
         url = str(path)
