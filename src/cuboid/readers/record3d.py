@@ -23,11 +23,11 @@ import numpy as np
 
 from cuboid.errors import FrameError, InputError
 from cuboid.formats.cache import local_file
-from cuboid.formats.reading import names_in
+from cuboid.formats.reading import UnreadableError, names_in, opened
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.readers.depth_camera import check_number
 from cuboid.readers.documents import read_object
-from cuboid.readers.images import decode_color, images_in
+from cuboid.readers.images import MOST_IMAGE_BYTES, MOST_PIXELS, decode_color, images_in
 from cuboid.readers.phone import T_OPENGL_OPENCV, UP_WORLD, phone_cameras, shrink_factor, shrunk
 from cuboid.readers.posetext import pose_from_quaternion
 from cuboid.readers.reader import READERS, FrameEntry, Listing, Reader, holds
@@ -124,15 +124,27 @@ def _depth(file: Path) -> Float32Array:
     """Return the one channel of an EXR image."""
     import OpenEXR
 
+    name = f"depth image depth/{file.name}"
     try:
-        with OpenEXR.File(str(local_file(file))) as image:
+        with opened(file, MOST_IMAGE_BYTES):  # the library would wait for a FIFO
+            local = str(local_file(file))
+    except UnreadableError as error:
+        raise FrameError(f"{name} {error.reason}") from None
+    except OSError as error:
+        raise FrameError(f"{name} cannot be read: {error.strerror}") from None
+    try:
+        with OpenEXR.File(local, header_only=True) as image:
+            low, high = (np.array(corner, np.int64) for corner in image.header()["dataWindow"])
+        if not 0 < int(np.prod(high - low + 1)) <= MOST_PIXELS:
+            raise ValueError(f"no image has a window from {low.tolist()} to {high.tolist()}")
+        with OpenEXR.File(local) as image:
             pixels = next(iter(image.channels().values())).pixels
             found = np.array(pixels, np.float32)
     except Exception as error:  # the library raises nearly anything on a damaged file
         reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise FrameError(f"depth image depth/{file.name} cannot be decoded: {reason}") from None
+        raise FrameError(f"{name} cannot be decoded: {reason}") from None
     if found.ndim != 2:
-        raise FrameError(f"depth image depth/{file.name} must have one channel, it has {found.shape}")
+        raise FrameError(f"{name} must have one channel, it has {found.shape}")
     return found
 
 
