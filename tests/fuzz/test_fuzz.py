@@ -18,10 +18,10 @@ INPUTS = {
     "plain": 250, "tum": 250, "seven-scenes": 250, "uw": 250, "results": 350, "truth": 350, "proposals": 200,
     "meshes": 100,
 }  # fmt: skip
-# Containers and folders of other programs, each for a second or two.
+# Containers and folders of other programs, each for about a second.
 CONTAINER_INPUTS = {
-    "sens": 40, "open3d": 40, "nerfstudio": 40, "3rscan": 40, "infinitam": 40, "sun3d": 20, "arkitscenes": 20,
-    "icl-nuim": 8, "bonn": 8, "record3d-file": 60, "zip": 60, "tar": 60, "ros1": 20, "mcap": 20, "gravity": 20,
+    "sens": 20, "open3d": 10, "nerfstudio": 10, "3rscan": 20, "infinitam": 30, "sun3d": 8, "arkitscenes": 8,
+    "icl-nuim": 4, "bonn": 4, "record3d-file": 40, "zip": 40, "tar": 40, "ros1": 10, "mcap": 8, "gravity": 10,
 }  # fmt: skip
 NEEDS = {"record3d-file": "liblzfse", "ros1": "rosbags", "mcap": "rosbags", "gravity": "rosbags"}
 SEED = 20_261_122
