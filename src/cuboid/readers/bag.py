@@ -53,6 +53,8 @@ class Bag:
 
     Attributes
     ----------
+    name : str
+        Of its first file, for messages.
     types : dict of str to str
         Message type of each topic, such as "sensor_msgs/msg/Image".
 
@@ -64,6 +66,7 @@ class Bag:
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self._lock = threading.Lock()  # a file has one position; frames are decoded in another thread
+        self.name = paths[0].name
         self._parts = [(path, _open(path)) for path in paths]
         self._close = weakref.finalize(self, _close_all, [reader for _, reader in self._parts])
         self._connections: dict[str, list[tuple[int, Connection]]] = {}

@@ -131,7 +131,7 @@ def _calibration(bag: Bag, color: str, depth: str, path: Path) -> Calibration:
         info = _beside(bag, topic, "info/camera_info")
         if info is None:
             raise InputError(f"{path}: has no camera_info beside {topic}; give the color camera with --intrinsics")
-        cameras.append((*camera_of(info, False, topic), (int(info.width), int(info.height))))
+        cameras.append((*camera_of(info, False, f"{topic} in {path.name}"), (int(info.width), int(info.height))))
     T_color_depth = _from_reference(bag, color, path) @ se3.inverse(_from_reference(bag, depth, path))
     (color_K, distortion, size), (depth_K, depth_distortion, depth_size) = cameras
     camera = DepthCamera(*depth_K, depth_size, T_color_depth, depth_distortion)

@@ -191,12 +191,14 @@ def _calibration(
     info, depth_info = _camera_info(bag, color[0]), _camera_info(bag, depth[0])
     if info is None:
         return None
-    K, distortion = camera_of(info, "rect" in color[0].rsplit("/", 2)[-1], color[0])
+    K, distortion = camera_of(info, "rect" in color[0].rsplit("/", 2)[-1], f"{color[0]} in {bag.name}")
     size = (int(info.width), int(info.height))
     found = Calibration(*K, size, f"CameraInfo of {color[0]}", distortion)
     if depth_info is None or any(word in depth[0] for word in DEPTH_WORDS[:2]):
         return found
-    depth_K, depth_distortion = camera_of(depth_info, "rect" in depth[0].rsplit("/", 2)[-1], depth[0])
+    depth_K, depth_distortion = camera_of(
+        depth_info, "rect" in depth[0].rsplit("/", 2)[-1], f"{depth[0]} in {bag.name}"
+    )
     depth_size = (int(depth_info.width), int(depth_info.height))
     frames = [frame_name(message.header.frame_id) for _, message in (color, depth)]
     if depth_size == size and (frames[0] == frames[1] or np.allclose(depth_K, K, atol=1e-3)):
