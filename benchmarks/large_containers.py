@@ -1,6 +1,6 @@
 """Containers of any size: how long they take to open, and whether memory stays flat while they are tracked.
 
-python benchmarks/containers.py RECORDING [KIND ...] [--gigabytes G] [--frames N] [--folder DIR] [--json]
+python benchmarks/large_containers.py RECORDING [KIND ...] [--gigabytes G] [--frames N] [--folder DIR] [--json]
 
 The frames of RECORDING, which needs poses, are written there and back N times into each container by its own library,
 with what else a container of that size holds between them: messages of other topics, a track of infrared images, other

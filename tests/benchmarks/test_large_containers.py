@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-import containers
+import large_containers
 from cuboid.cli import main
 
 # The tracker's map grows with what is seen; a container kept in memory would take ten times as much.
@@ -31,9 +31,9 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_large_container_opens_at_once_and_takes_no_more_memory_at_its_end(
     table: Path, tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    words = ["containers.py", str(table), kind, "--gigabytes", str(MEGABYTES / 1000), "--frames", str(FRAMES)]
+    words = ["large_containers.py", str(table), kind, "--gigabytes", str(MEGABYTES / 1000), "--frames", str(FRAMES)]
     monkeypatch.setattr(sys, "argv", [*words, "--folder", str(tmp_path), "--json"])
-    assert containers.main() == 0
+    assert large_containers.main() == 0
     (found,) = json.loads(capsys.readouterr().out)
     assert found["frames"] == FRAMES
     assert found["gb"] > 0.9 * MEGABYTES / 1000
@@ -47,10 +47,10 @@ def test_what_is_written_is_the_recording(table: Path, tmp_path: Path) -> None:
     from cuboid import open_recording
 
     recording = open_recording(table)
-    source = containers.Source(recording, 15)
+    source = large_containers.Source(recording, 15)
     for kind in ("bag", "sens", "zip"):
         (tmp_path / kind).mkdir()
-        made = open_recording(containers.KINDS[kind](source, tmp_path / kind, 10_000))
+        made = open_recording(large_containers.KINDS[kind](source, tmp_path / kind, 10_000))
         np.testing.assert_array_equal(made.read(3).color, recording.read(3).color)
         np.testing.assert_allclose(made.read(3).depth_m, recording.read(3).depth_m, atol=6e-4)
         np.testing.assert_allclose(made.read(3).T_world_camera, recording.read(3).T_world_camera, atol=1e-5)
