@@ -48,7 +48,9 @@ def add_recording(parser: argparse.ArgumentParser, default_threads: int) -> None
 
 def add_reading(parser: argparse.ArgumentParser, *, thinned: bool = True) -> argparse._ArgumentGroup:
     """Add the recording and how it is read, where wanted with thinning; return the group of the latter."""
-    parser.add_argument("recording", type=Path, metavar="RECORDING", help="folder of the RGB-D recording")
+    parser.add_argument(
+        "recording", type=Path, metavar="RECORDING", help="folder, file, archive or URL of the RGB-D recording"
+    )
     reading = parser.add_argument_group("reading")
     reading.add_argument("--format", metavar="NAME", help="its layout, where it is not recognised")
     reading.add_argument(
