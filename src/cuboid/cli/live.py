@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from cuboid.readers import Recording
+    from cuboid.frame import Intrinsics
     from cuboid.views.live import LiveView
 
 
@@ -24,7 +24,7 @@ def add_live(parser: argparse._ActionsContainer) -> None:
 
 
 @contextmanager
-def live_view(args: argparse.Namespace, recording: Recording) -> Iterator[LiveView | None]:
+def live_view(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> Iterator[LiveView | None]:
     """Serve the run where `--live` asks for it, and say where; gives what looks at the run."""
     if not args.live:
         if args.live_host is not None:
@@ -37,7 +37,7 @@ def live_view(args: argparse.Namespace, recording: Recording) -> Iterator[LiveVi
     from cuboid.views.serving import HOST
 
     host = args.live_host or HOST
-    with LiveServer(LiveView(), recording.path.name, recording.intrinsics, host) as server:
-        name = "localhost" if args.live_host is None else host
-        print(f"cuboid: live at http://{name}:{server.port}/", file=sys.stderr, flush=True)
+    with LiveServer(LiveView(), name, intrinsics, host) as server:
+        shown = "localhost" if args.live_host is None else host
+        print(f"cuboid: live at http://{shown}:{server.port}/", file=sys.stderr, flush=True)
         yield server.view
