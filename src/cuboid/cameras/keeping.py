@@ -26,21 +26,25 @@ def keeping(
     OutputError
         The folder exists, or cannot be written.
     """
-    written = 0
+    written, finished = 0, False
     units = units_kept(depth_units_per_metre, depth_camera)
     with ResultFolder(folder) as place, writing(folder):
-        with WRITERS[form](place.file(""), intrinsics, units) as writer:
+        writer = WRITERS[form](place.file(""), intrinsics, units)
 
-            def write(frame: Frame) -> None:
-                nonlocal written
-                with writing(folder):
-                    writer.add(frame)
-                written += 1
+        def write(frame: Frame) -> None:
+            nonlocal written
+            with writing(folder):
+                writer.add(frame)
+            written += 1
 
-            try:
-                yield write
-            finally:
-                if written:
-                    writer.finish()
-        if written:
-            place.commit()
+        try:
+            with writer:
+                try:
+                    yield write
+                finally:
+                    if written:
+                        writer.finish()
+                        finished = True
+        finally:
+            if finished:
+                place.commit()

@@ -36,8 +36,8 @@ class RealSense:
     Parameters
     ----------
     options : mapping of str to str
-    context : rs.context, optional
-        Where devices are looked for; one with software devices in tests.
+    device : rs.device, optional
+        Taken instead of one that is looked for: the SDK's software device.
 
     Raises
     ------
@@ -49,13 +49,18 @@ class RealSense:
 
     has_poses = False
 
-    def __init__(self, options: Mapping[str, str], context: Any = None) -> None:
+    def __init__(self, options: Mapping[str, str], device: Any = None) -> None:
         refuse_unknown(NAME, options, OPTIONS)
         self._rs = rs = library("pyrealsense2", NAME, "'cuboid[realsense]'")
         self.paced = "file" in options
-        self._pipeline = rs.pipeline(context if context is not None else rs.context())
+        config = self._config(options)
+        if device is None and not self.paced and len(rs.context().query_devices()) == 0:
+            raise InputError(f"--camera {NAME}: no camera is there")  # the pipeline would wait for one for 15 s
+        self._pipeline = rs.pipeline()
         try:
-            profile = self._pipeline.start(self._config(options))
+            if device is not None:
+                self._pipeline.set_device(device)
+            profile = self._pipeline.start(config)
         except RuntimeError as error:
             raise InputError(
                 f"--camera {NAME}: {options.get('file', 'the camera')} cannot be opened: {error}"

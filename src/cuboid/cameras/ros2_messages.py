@@ -2,20 +2,21 @@
 
 cyclonedds makes a list of numbers of an image (25 ms for 640x480), rosbags a view of its bytes (0.5 ms): what arrives
 is read by the latter, and the types below only say on the wire what is meant. A topic ``/a`` of ROS is ``rt/a``,
-a type ``pkg/msg/Name`` is ``pkg::msg::dds_::Name_`` there.
+a type ``pkg/msg/Name`` is ``pkg::msg::dds_::Name_`` there. cyclonedds resolves
+annotations by itself, and only those that are no texts: there is no ``from __future__`` here.
 """
-
-from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, TypeVar
 
 from cyclonedds.idl import IdlStruct
 from cyclonedds.idl.annotations import autoid, final
 from cyclonedds.idl.types import array, float64, int32, sequence, uint8, uint32
 from rosbags.typesys import Stores, get_typestore
+
+T = TypeVar("T")
 
 
 @cache
@@ -24,15 +25,15 @@ def store() -> Any:
     return get_typestore(Stores.ROS2_HUMBLE)
 
 
-class Message:
-    """What is read by rosbags."""
+def read_by_rosbags(kind: type[T]) -> type[T]:
+    """Let what arrives of a type of message be read by rosbags; cyclonedds notes in the result how it came."""
+    ros_type = kind.__idl_typename__.replace(".dds_.", ".").removesuffix("_").replace(".", "/")  # type: ignore[attr-defined]
 
-    ros_type = ""
+    def deserialize(data: bytes, has_header: bool = True, use_version_2: bool | None = None) -> SimpleNamespace:
+        return SimpleNamespace(message=store().deserialize_cdr(bytes(data), ros_type))
 
-    @classmethod
-    def deserialize(cls, data: bytes, has_header: bool = True, use_version_2: bool | None = None) -> SimpleNamespace:
-        """Return a message as rosbags reads it; cyclonedds notes in what is returned how it came."""
-        return SimpleNamespace(message=store().deserialize_cdr(bytes(data), cls.ros_type))
+    kind.deserialize = staticmethod(deserialize)  # type: ignore[attr-defined]
+    return kind
 
 
 @dataclass
@@ -55,13 +56,12 @@ class Header(IdlStruct, typename="std_msgs.msg.dds_.Header_"):
     frame_id: str
 
 
+@read_by_rosbags
 @dataclass
 @final
 @autoid("sequential")
-class Image(Message, IdlStruct, typename="sensor_msgs.msg.dds_.Image_"):
+class Image(IdlStruct, typename="sensor_msgs.msg.dds_.Image_"):
     """sensor_msgs/msg/Image."""
-
-    ros_type = "sensor_msgs/msg/Image"
 
     header: Header
     height: uint32
@@ -72,13 +72,12 @@ class Image(Message, IdlStruct, typename="sensor_msgs.msg.dds_.Image_"):
     data: sequence[uint8]
 
 
+@read_by_rosbags
 @dataclass
 @final
 @autoid("sequential")
-class CompressedImage(Message, IdlStruct, typename="sensor_msgs.msg.dds_.CompressedImage_"):
+class CompressedImage(IdlStruct, typename="sensor_msgs.msg.dds_.CompressedImage_"):
     """sensor_msgs/msg/CompressedImage."""
-
-    ros_type = "sensor_msgs/msg/CompressedImage"
 
     header: Header
     format: str
@@ -98,13 +97,12 @@ class RegionOfInterest(IdlStruct, typename="sensor_msgs.msg.dds_.RegionOfInteres
     do_rectify: bool
 
 
+@read_by_rosbags
 @dataclass
 @final
 @autoid("sequential")
-class CameraInfo(Message, IdlStruct, typename="sensor_msgs.msg.dds_.CameraInfo_"):
+class CameraInfo(IdlStruct, typename="sensor_msgs.msg.dds_.CameraInfo_"):
     """sensor_msgs/msg/CameraInfo."""
-
-    ros_type = "sensor_msgs/msg/CameraInfo"
 
     header: Header
     height: uint32
