@@ -27,7 +27,7 @@ def test_the_command_knows_all_there_is():
 
 def test_a_recording_is_made_and_named(tmp_path, capsys):
     out = tmp_path / "made"
-    words = "--kind clutter --seed 2 --frames 4 --size 64x48 --sensor time-of-flight --camera drone"
+    words = "--kind clutter --seed 2 --frames 4 --size 64x48 --sensor time-of-flight --motion drone"
     words += " --pose-noise drift --faults zero-depth,nan-pose --workers 1"
     assert call("--output", str(out), *words.split()) == 0
     assert capsys.readouterr().out.startswith("synthetic clutter 2: 4 frames, ")

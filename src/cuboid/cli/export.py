@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 HELP = "write the results of a run for other programs: PLY, COCO, KITTI, ROS 2, JSON, CSV, rerun"
+EXAMPLE = "cuboid export DIR --to coco --output labels.json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from cuboid.run import RunOutcome
 
 HELP = "track the objects of a recording and write what was found"
+EXAMPLE = "cuboid track RECORDING --output DIR"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
