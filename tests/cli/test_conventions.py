@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from cuboid.cli import COMMANDS, main
-from cuboid.cli.json_option import without_guessing
+from cuboid.cli.optional_words import without_guessing
 from fakes import write_recording
 
 MODULES = {name: import_module(f"cuboid.cli.{name.replace(' ', '_')}") for name in COMMANDS}
@@ -53,8 +53,7 @@ def test_an_option_of_several_commands_means_the_same() -> None:
     for name in COMMANDS:
         for action in parser_of(name)._actions:
             for option in action.option_strings:
-                if option != "--poses":  # where there are none to be given, calibration's text differs
-                    kinds.setdefault(option, set()).add((action.nargs, tuple(map(str, action.choices or ()))))
+                kinds.setdefault(option, set()).add((action.nargs, tuple(map(str, action.choices or ()))))
     various = {option for option, found in kinds.items() if len(found) > 1}
     assert various <= {"--to"}  # forms of recordings, and forms of results
 
@@ -77,7 +76,9 @@ def test_json_prints_and_json_with_a_file_writes(
 def test_json_takes_no_word_that_is_no_json_file() -> None:
     assert without_guessing(["info", "--json", "rec"]) == ["info", "--json=-", "rec"]
     assert without_guessing(["info", "rec", "--json", "a.json"]) == ["info", "rec", "--json", "a.json"]
-    assert without_guessing(["info", "rec", "--json"]) == ["info", "rec", "--json"]
+    assert without_guessing(["track", "--rerun", "rec"]) == ["track", "--rerun=viewer", "rec"]
+    assert without_guessing(["track", "--rerun", "a.rrd"]) == ["track", "--rerun", "a.rrd"]
+    assert without_guessing(["info", "rec", "--json"]) == ["info", "rec", "--json=-"]
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any, Protocol
 
-from cuboid.errors import InputError, MissingExtraError
+from cuboid.errors import InputError
+from cuboid.extras import require
 from cuboid.frame import Float64Array, UInt8Array
 from cuboid.readers.reader import Calibration
 from cuboid.readers.undistortion import DepthArray
@@ -85,27 +85,8 @@ CAMERAS: Registry[OpenDriver] = Registry("camera", "cuboid.cameras")
 
 
 def library(module: str, camera: str, install: str) -> Any:
-    """Return a vendor's library.
-
-    Parameters
-    ----------
-    module : str
-        Its name in Python.
-    camera : str
-        The driver that needs it.
-    install : str
-        What follows ``pip install`` to get it.
-
-    Raises
-    ------
-    MissingExtraError
-        It is not installed, or it does not fit this machine.
-    """
-    try:
-        return import_module(module)
-    except ImportError as error:
-        reason = "is not installed" if isinstance(error, ModuleNotFoundError) else f"cannot be loaded ({error})"
-        raise MissingExtraError(f"'--camera {camera}' needs {module}, which {reason}: pip install {install}") from None
+    """Return a vendor's library; raises MissingExtraError where it is not installed."""
+    return require(module, f"--camera {camera}", install)
 
 
 def refuse_unknown(camera: str, options: Mapping[str, str], known: tuple[str, ...]) -> None:

@@ -16,7 +16,7 @@ from types import ModuleType
 from typing import NoReturn
 
 from cuboid import __version__
-from cuboid.cli.json_option import without_guessing
+from cuboid.cli.optional_words import without_guessing
 from cuboid.errors import CuboidError, one_line
 
 COMMANDS = (

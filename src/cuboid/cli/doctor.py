@@ -18,7 +18,8 @@ from cuboid.cli.threads import cores
 HELP = "check packages, compiled kernels, extras and threads"
 EXAMPLE = "cuboid doctor"
 
-# Distribution, module, and the extra that brings it; a run is impossible without those that no extra brings.
+# Distribution, module (none where importing it writes to the terminal), and the extra that brings it; a run is
+# impossible without those that no extra brings.
 PACKAGES = (
     ("numpy", "numpy", ""),
     ("msgspec", "msgspec", ""),
@@ -27,8 +28,14 @@ PACKAGES = (
     ("opencv-contrib-python-headless", "cv2", ""),
     ("rich", "rich", ""),
     ("av", "av", ""),
-    ("trimesh", "trimesh", ""),
-    ("embreex", "embreex", ""),
+    ("trimesh", "trimesh", "synth"),
+    ("embreex", "embreex", "synth"),
+    ("argcomplete", "argcomplete", ""),
+    ("rosbags", "rosbags", "ros"),
+    ("openexr", "OpenEXR", "phone"),
+    ("pyrealsense2", "pyrealsense2", "realsense"),
+    ("depthai", "", "oak"),
+    ("cyclonedds", "cyclonedds", "ros2"),
     ("onnxruntime", "onnxruntime", "onnx"),
     ("rerun-sdk", "rerun", "rerun"),
 )
@@ -78,9 +85,10 @@ def _system() -> Iterator[Check]:
 def _packages() -> Iterator[Check]:
     for distribution, module, extra in PACKAGES:
         try:
-            import_module(module)
+            if module:
+                import_module(module)
             yield Check(distribution, True, metadata.version(distribution))
-        except ImportError as error:
+        except ImportError as error:  # metadata.PackageNotFoundError is one
             detail = f"not installed: pip install 'cuboid[{extra}]'" if extra else f"cannot be imported: {error}"
             yield Check(distribution, bool(extra), detail)
     yield _opencv_parts()

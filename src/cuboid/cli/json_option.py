@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 
-PRINTED = "-"
+from cuboid.cli.optional_words import OPTIONAL
+
+PRINTED = OPTIONAL["--json"][0]
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -17,13 +18,3 @@ def add_json(parser: argparse.ArgumentParser) -> None:
         metavar="FILE.json",
         help="print JSON and no tables; with a file, write it there and print the tables",
     )
-
-
-def without_guessing(words: Sequence[str]) -> list[str]:
-    """Return a command line in which `--json` takes no word that is no name of a JSON file, a recording's say."""
-    words = list(words)
-    for k, word in enumerate(words):
-        follows = words[k + 1] if k + 1 < len(words) else PRINTED
-        if word == "--json" and follows != PRINTED and not follows.endswith(".json"):
-            words[k] = f"--json={PRINTED}"
-    return words

@@ -1,26 +1,69 @@
-"""`--live`: a look at a run from the browser while it goes."""
+"""`--live` and `--rerun`: a look at a run from the browser, or from the rerun viewer, while it goes."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from cuboid.cli.optional_words import OPTIONAL
+
 if TYPE_CHECKING:
-    from cuboid.frame import Intrinsics
+    from cuboid.frame import Frame, Intrinsics
+    from cuboid.results import FrameResult
+    from cuboid.run import TrackerLike, Watch
     from cuboid.views.live import LiveView
 
 
 def add_live(parser: argparse._ActionsContainer) -> None:
-    """Add `--live` and `--live-host`."""
+    """Add `--live`, `--live-host` and `--rerun`."""
     parser.add_argument("--live", action="store_true", help="show the run in the browser while it goes")
     parser.add_argument(
         "--live-host",
         metavar="ADDRESS",
         help="address of this machine that shows it to others too, 0.0.0.0 for all (default: to nobody else)",
     )
+    parser.add_argument(
+        "--rerun",
+        nargs="?",
+        const=OPTIONAL["--rerun"][0],
+        metavar="FILE.rrd|ADDRESS",
+        help="show the run in the rerun viewer while it goes; or write a file for it, or reach it at its address",
+    )
+
+
+@contextmanager
+def watching(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> Iterator[Watching]:
+    """Open what the arguments ask for; gives what looks at the run."""
+    with ExitStack() as stack:
+        live = stack.enter_context(live_view(args, name, intrinsics))
+        looks: list[Watch] = [] if live is None else [live]
+        if args.rerun is not None:
+            from cuboid.views.rerun_view import RerunView
+
+            looks.append(stack.enter_context(RerunView(args.rerun, name, intrinsics)))
+        yield Watching(live, looks)
+
+
+@dataclass(frozen=True, slots=True)
+class Watching:
+    """All that look at a run."""
+
+    live: LiveView | None
+    looks: Sequence[Watch]
+
+    def __call__(self, frame: Frame, result: FrameResult, tracker: TrackerLike) -> None:
+        """Show a used frame to all of them."""
+        for look in self.looks:
+            look(frame, result, tracker)
+
+    def end(self, complete: bool) -> None:
+        """Tell that the run is over."""
+        if self.live is not None:
+            self.live.end(complete)
 
 
 @contextmanager

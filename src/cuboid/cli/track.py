@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cuboid.cli.camera import add_camera, source_of
-from cuboid.cli.live import add_live, live_view
+from cuboid.cli.live import add_live, watching
 from cuboid.cli.recording import add_recording, config_from
 from cuboid.cli.threads import cores
 
@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
 
         with source_of(args, interruption) as source, progress() as shown:
             name = args.camera or args.recording.name
-            with live_view(args, name, source.intrinsics) as live:
+            with watching(args, name, source.intrinsics) as looks:
                 outcome = track_recording(
                     source,
                     args.output,
@@ -56,10 +56,9 @@ def run(args: argparse.Namespace) -> int:
                     force=args.force,
                     progress=shown,
                     stop=interruption if args.camera is None else never,
-                    watch=live,
+                    watch=looks if looks.looks else None,
                 )
-                if live is not None:
-                    live.end(outcome.report.complete)
+                looks.end(outcome.report.complete)
     print_outcome(outcome, args.output)
     if not outcome.report.complete:
         print("cuboid: interrupted; the results are marked as not complete", file=sys.stderr)
