@@ -35,7 +35,9 @@ def test_a_run_is_written_while_it_goes(tmp_path: Path, monkeypatch: pytest.Monk
         "world/camera/image", "world/camera/image/objects", "world/camera/depth",
     ):  # fmt: skip
         assert f" /{entity} " in done.stdout, entity
-    assert sum(int(n) for n in re.findall(r"(\d+) rows?.* /world/camera/depth ", done.stdout)) in (0, 6)
+    assert (
+        sum(int(n) for n in re.findall(r"(\d+) rows?.* /world/camera/depth ", done.stdout)) == 7
+    )  # six frames and the pinhole
     with pytest.raises(OutputError, match="exists; name another file"):
         RerunView(str(file), "recording", INTRINSICS)
 
