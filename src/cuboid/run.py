@@ -17,6 +17,7 @@ from cuboid.downscaling import downscale
 from cuboid.errors import FrameError, InputError, OutputError
 from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.measuring import FrameClock, FrameLog, peak_memory_mb
+from cuboid.object_table import ObjectTable
 from cuboid.outputs import ObjectsFile, PoseRow, ResultWriter, RunReport
 from cuboid.outputs.folder import REPORT, VIDEO
 from cuboid.posing import LOST, BridgedPoses, EstimatedPoses, GivenPoses, Poses
@@ -142,6 +143,12 @@ class RunOutcome:
     up: Float64Array | None
     milliseconds: Mapping[str, Sequence[float]]
     frames_per_second: float
+
+    def _repr_html_(self) -> str:
+        """Show the objects, and how the run went, in a notebook."""
+        report, found = self.report, ObjectTable(self.objects)
+        line = f"{report.frames_used} of {report.frames_read} frames in {report.seconds:.1f} s"
+        return f"{found._repr_html_()}<p>{line}</p>"
 
 
 def track_recording(
