@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 HELP = "draw the results of a run into its recording, as a video"
 EXAMPLE = "cuboid render DIR --show heat"
 
-DEFAULT_NAMES = {"boxes": "labelled", "heat": "heat", "depth": "depth", "proposals": "proposals"}
+DEFAULT_NAMES = {"boxes": "labelled", "heat": "heat", "depth": "depth", "proposals": "proposals", "planes": "planes"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--show",
         choices=tuple(DEFAULT_NAMES),
         default="boxes",
-        help="labelled boxes, heat of the global map, depth, or each frame's own 3D proposals (default: boxes)",
+        help="labels, heat of the map, depth, each frame's own 3D proposals, or supporting planes (default: boxes)",
     )
     parser.add_argument("--gif", action="store_true", help="a small GIF instead of an MP4")
 
