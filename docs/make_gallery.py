@@ -85,7 +85,7 @@ def panel(results: Path, replay: Replay, recording: Recording, found: ReplayedFr
     """Return a picture of a frame with its name."""
     picture = drawer(what, results, replay)(recording.read(found.index), found)
     small = np.ascontiguousarray(cv2.resize(picture, PANEL, interpolation=cv2.INTER_AREA))
-    put_text(small, KINDS[what], 10, PANEL[1] - 28, 16, (245, 246, 248))
+    put_text(small, KINDS[what], 10, PANEL[1] - 50, 16, (245, 246, 248))
     return small
 
 
