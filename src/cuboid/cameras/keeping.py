@@ -29,7 +29,7 @@ def keeping(
     written, finished = 0, False
     units = units_kept(depth_units_per_metre, depth_camera)
     with ResultFolder(folder) as place, writing(folder):
-        writer = WRITERS[form](place.file(""), intrinsics, units)
+        writer = WRITERS[form](place.file(""), intrinsics, units, None)
 
         def write(frame: Frame) -> None:
             nonlocal written

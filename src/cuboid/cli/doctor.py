@@ -38,6 +38,10 @@ PACKAGES = (
     ("cyclonedds", "cyclonedds", "ros2"),
     ("onnxruntime", "onnxruntime", "onnx"),
     ("rerun-sdk", "rerun", "rerun"),
+    ("rosbags", "rosbags", "ros"),
+    ("openexr", "OpenEXR", "phone"),
+    ("pyliblzfse", "liblzfse", "phone"),
+    ("fsspec", "fsspec", "remote"),
 )
 
 

@@ -55,7 +55,7 @@ def add_reading(
         type=Path,
         metavar="RECORDING",
         nargs=None if required else "?",
-        help="folder or file of the RGB-D recording",
+        help="folder, file, archive or URL of the RGB-D recording",
     )
     reading = parser.add_argument_group("reading")
     reading.add_argument("--format", metavar="NAME", help="its layout, where it is not recognised")

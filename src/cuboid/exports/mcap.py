@@ -25,6 +25,7 @@ import numpy as np
 from cuboid.errors import FrameError
 from cuboid.exports.finished import FinishedRun
 from cuboid.exports.registry import EXPORTS, Export
+from cuboid.formats.stored import is_there
 from cuboid.frame import Float64Array, Frame
 from cuboid.geometry.box import CORNER_SIGNS, EDGES, Box
 from cuboid.outputs import TrackRow
@@ -47,7 +48,7 @@ FLOAT32 = 7  # of sensor_msgs/PointField
 
 def write(run: FinishedRun, path: Path) -> list[str]:
     """Write the file; says so where the recording, which has the pictures, is not there."""
-    shown = run.recording_path is not None or Path(run.report.recording).exists()
+    shown = run.recording_path is not None or is_there(run.report.recording)
     if shown:
         _ = run.recording  # a wrong one is found before anything is written
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=".cuboid-", suffix=".partial") as work:

@@ -13,6 +13,7 @@ import numpy as np
 from cuboid.errors import FrameError
 from cuboid.exports.finished import FinishedRun
 from cuboid.exports.registry import EXPORTS, Export
+from cuboid.formats.stored import is_there
 from cuboid.outputs import TrackRow
 from cuboid.views.report.pictures import encode_jpeg
 from cuboid.views.rerun_scene import RerunScene
@@ -22,7 +23,7 @@ from cuboid.views.rerun_view import JPEG_QUALITY
 def write(run: FinishedRun, path: Path) -> list[str]:
     """Write the file; says so where the recording, which has the pictures, is not there."""
     scene = RerunScene(Path(run.report.recording).name, "--to rerun")
-    shown = run.recording_path is not None or Path(run.report.recording).exists()
+    shown = run.recording_path is not None or is_there(run.report.recording)
     if shown:
         _ = run.recording  # a wrong one is found before anything is written
     scene.stream.save(path)
