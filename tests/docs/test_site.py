@@ -135,7 +135,7 @@ def runnable() -> list[tuple[str, str]]:
     """Return the commands that can be run on any recording and any results."""
     known = [line for _, line in shown_commands() if named(shlex.split(line)) not in NOT_RUN]
     skipped = re.compile(
-        r"--camera|--live|--rerun|--to rerun|--poses estimated|--topics|--intrinsics|--register|\.bag|\.mkv|ROOM"
+        r"--camera|--live|--rerun|--to rerun|--poses estimated|--topics|--intrinsics|--register|\.bag|\.mkv|://|ROOM"
     )
     return sorted({(named(shlex.split(line)), line) for line in known if not skipped.search(line)})
 

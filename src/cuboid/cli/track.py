@@ -36,10 +36,11 @@ def run(args: argparse.Namespace) -> int:
 
     with interruptible() as interruption:
         from cuboid.cli.progress import progress
+        from cuboid.readers import Recording
         from cuboid.run import track_recording
 
         with source_of(args, interruption) as source, progress() as shown:
-            name = args.camera or args.recording.name
+            name = source.path.name if isinstance(source, Recording) else args.camera
             with watching(args, name, source.intrinsics) as looks:
                 outcome = track_recording(
                     source,
