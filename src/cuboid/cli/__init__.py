@@ -20,6 +20,7 @@ from cuboid.errors import CuboidError, one_line
 
 COMMANDS = (
     "track",
+    "batch",
     "info",
     "convert",
     "evaluate",
