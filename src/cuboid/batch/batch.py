@@ -80,7 +80,7 @@ def plan(client: Client, sources: Iterable[Source], order: Order) -> Plan:
     """
     sources = list(sources)
     heads = client.gather(client.map(identify, sources, settings=order.settings, version=order.version, pure=False))
-    known = snapshot(Place(order.store)).keys
+    known = snapshot(Place(order.store), every_key=True).keys
     tasks: list[Task] = []
     broken: dict[Source, str] = {}
     done = failed = 0

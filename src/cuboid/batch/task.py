@@ -19,7 +19,7 @@ from cuboid.errors import InputError, MissingExtraError, one_line
 from cuboid.outputs.folder import RUN
 from cuboid.store.place import Place, is_remote
 from cuboid.store.rows import ReadAs, RunHead, day_of, failure, recorded, tables_of
-from cuboid.store.schema import DONE, FAILED, RUNS
+from cuboid.store.schema import DONE, FAILED, RUNS, TABLES
 from cuboid.store.snapshot import Part, key_of
 
 RESULTS = "results"
@@ -97,7 +97,7 @@ def give_up(head: RunHead, place: Place, state: str, reason: str) -> Ended:
     """Note that a recording is not done, and why."""
     reason = one_line(reason)
     part = Part(key_of(head.run, state), day_of(head.newest))
-    place.put_table(part.names()[RUNS], failure(head, state, reason))
+    place.put_table(part.names()[RUNS], failure(head, state, reason), TABLES[RUNS].group_rows)
     return Ended(head, state, reason)
 
 
@@ -124,7 +124,7 @@ def _tracked(task: Task, place: Place, path: Path, scratch: Path) -> Ended:
     tables = tables_of(task.head, results, read_as, pictures, None if task.tables_only else name)
     names = Part(key_of(task.head.run, DONE), day_of(recorded(task.head, results))).names()
     for table in sorted(names, key=lambda table: table == RUNS):  # the last says that all are there
-        place.put_table(names[table], tables[table])
+        place.put_table(names[table], tables[table], TABLES[table].group_rows)
     return Ended(task.head, DONE, None, outcome.report.frames_used, len(outcome.objects))
 
 

@@ -94,7 +94,7 @@ def _gather(place: Place, before: Snapshot) -> tuple[dict[str, list[str]], list[
             rows = pa.concat_tables([place.read_table(name).cast(kind.schema) for name in names])
             digest = hashlib.sha256("\n".join(sorted(names)).encode()).hexdigest()[:20]
             name = name_of(table, day, f"gathered-{digest}")
-            place.put_table(name, kind.sorted(rows))
+            place.put_table(name, kind.sorted(rows), kind.group_rows)
             written.append(name)
             kept.append(name)
         files[table] = sorted(kept)
@@ -109,11 +109,12 @@ def _by_day(parts: Iterable[Part], table: str) -> dict[str, list[str]]:
     return days
 
 
-def tidy(place: Place, found: Snapshot) -> int:
+def tidy(place: Place) -> int:
     """Remove files of the tables that count nowhere, which tasks and compactions that were killed left; say how many.
 
     What is young may be at work, and stays.
     """
+    found = snapshot(place)
     known = {name for table in TABLES for name in found.files(table)}
     young = datetime.now(UTC) - timedelta(days=1)
     strange = [name for table in TABLES for name in place.names(table) if name not in known]

@@ -17,9 +17,6 @@ import pyarrow.parquet as pq
 from cuboid.errors import InputError, OutputError
 from cuboid.outputs.pending import PendingFile
 
-# Of a file of a table so many rows are one group, which is the least that a reader skips or takes.
-GROUP_ROWS = 1 << 16
-
 # Whose errors are refusals of an object store.
 CLOUD_PACKAGES = ("botocore", "aiobotocore", "gcsfs", "azure", "aiohttp")
 
@@ -138,10 +135,10 @@ class Place:
             except OSError as error:
                 raise OutputError(f"{self.url}/{name}: cannot be removed: {error}") from error
 
-    def put_table(self, name: str, table: pa.Table) -> None:
-        """Write a table as a file of Parquet."""
+    def put_table(self, name: str, table: pa.Table, group_rows: int) -> None:
+        """Write a table as a file of Parquet, in groups of so many rows."""
         content = io.BytesIO()
-        pq.write_table(table, content, compression="zstd", row_group_size=GROUP_ROWS)
+        pq.write_table(table, content, compression="zstd", row_group_size=group_rows)
         self.put(name, content.getvalue())
 
     def read_table(self, name: str, columns: list[str] | None = None) -> pa.Table:

@@ -31,12 +31,16 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class TableKind:
-    """A table: what a row is, its columns, and the columns that its rows are sorted by within a file."""
+    """A table: what a row is, its columns, the columns that its rows are sorted by within a file, and rows a group.
+
+    A group is the least that a reader takes or skips, by the least and greatest value of its columns.
+    """
 
     name: str
     row: str
     columns: tuple[Column, ...]
     order: tuple[str, ...]
+    group_rows: int = 1 << 16
 
     @property
     def schema(self) -> pa.Schema:
@@ -160,6 +164,7 @@ TABLES = {
                 Column("picture", pa.binary(), "its best picture, a small JPEG; null where the recording has none"),
             ),
             ("longest_m", "run", "label"),
+            group_rows=1 << 13,  # sorted by size: who looks for a size reads few of them
         ),
         TableKind(
             SIGHTINGS,

@@ -14,7 +14,6 @@ from pathlib import Path, PurePosixPath
 
 import msgspec
 
-from cuboid.errors import InputError
 from cuboid.formats.json_door import checked
 from cuboid.store.place import Place
 from cuboid.store.schema import DONE, RUNS, TABLES
@@ -71,7 +70,7 @@ class Snapshot:
     leftovers : tuple of Part
         Gathered, but not yet removed.
     keys : frozenset of str
-        Of all runs, as `Part.key`.
+        Of all runs, as `Part.key`; where every key was asked for.
     """
 
     number: int
@@ -79,6 +78,11 @@ class Snapshot:
     parts: tuple[Part, ...]
     leftovers: tuple[Part, ...]
     keys: frozenset[str] = field(repr=False)
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is no run."""
+        return not self.files(RUNS)
 
     def files(self, table: str) -> list[str]:
         """Return the names of the files of a table."""
@@ -95,8 +99,14 @@ def key_of(run: str, state: str) -> str:
     return f"{'part' if state == DONE else 'fail'}-{run}"
 
 
-def snapshot(place: Place) -> Snapshot:
+def snapshot(place: Place, *, every_key: bool = False) -> Snapshot:
     """Return the files of a store that count now; none where there is no store yet.
+
+    Parameters
+    ----------
+    place : Place
+    every_key : bool
+        Whether `keys` is wanted, for which the gathered files must be read.
 
     Raises
     ------
@@ -105,39 +115,24 @@ def snapshot(place: Place) -> Snapshot:
     """
     for _ in range(ATTEMPTS - 1):
         try:
-            return _snapshot(place)
+            return _snapshot(place, every_key)
         except FileNotFoundError:  # gathered into another file meanwhile
             continue
-    return _snapshot(place)
+    return _snapshot(place, every_key)
 
 
-def _snapshot(place: Place) -> Snapshot:
+def _snapshot(place: Place, every_key: bool) -> Snapshot:
     found = [match for name in place.names(RUNS) if (match := _PART.fullmatch(name))]  # before the manifest is read
     parts = sorted((Part(match["key"], match["day"]) for match in found), key=lambda part: (part.day, part.key))
     number, manifest = _newest(place)
     gathered: set[str] = set()
-    for name in manifest.files.get(RUNS, ()):
+    for name in manifest.files.get(RUNS, ()) if parts or every_key else ():
         rows = place.read_table(name, ["run", "state"])
         pairs = zip(rows["run"].to_pylist(), rows["state"].to_pylist(), strict=True)
         gathered.update(key_of(run, state) for run, state in pairs)
     fresh = tuple(part for part in parts if part.key not in gathered)
     left = tuple(part for part in parts if part.key in gathered)
     return Snapshot(number, manifest.files, fresh, left, frozenset(gathered | {part.key for part in fresh}))
-
-
-def opened(url: str) -> tuple[Place, Snapshot]:
-    """Return a store that exists.
-
-    Raises
-    ------
-    InputError
-        There is none.
-    """
-    place = Place(url)
-    found = snapshot(place)
-    if not found.keys:
-        raise InputError(f"{url}: expected a store that 'cuboid batch' wrote, found no runs in it")
-    return place, found
 
 
 def manifest_name(number: int) -> str:
