@@ -70,13 +70,16 @@ class Workers:
                 yield client
 
     def _local(self) -> LocalCluster:
-        return LocalCluster(
-            n_workers=self.count or cores(),
-            threads_per_worker=1,
-            memory_limit=self.memory_limit,
-            dashboard_address="127.0.0.1:0",
-            silence_logs=logging.CRITICAL,
-        )
+        try:
+            return LocalCluster(
+                n_workers=self.count or cores(),
+                threads_per_worker=1,
+                memory_limit=self.memory_limit,
+                dashboard_address="127.0.0.1:0",
+                silence_logs=logging.CRITICAL,
+            )
+        except (RuntimeError, OSError) as error:  # no port, no process, no place for the workers' files
+            raise InputError(f"workers cannot be started: {error.__cause__ or error}") from error
 
     def _settings(self) -> dict[str, object]:
         """Return Dask's settings: a worker has one core and one task, keeps no data, and dies with too much memory."""

@@ -27,7 +27,8 @@ h1 { font-size: 1.5rem; } h2 { font-size: 1.1rem; margin-top: 2rem; }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
 th, td { text-align: right; padding: .3rem .6rem; border-bottom: 1px solid var(--line); vertical-align: middle; }
 th { font-weight: 600; vertical-align: bottom; } th:first-child, td:first-child, .left { text-align: left; }
-tr:hover td { background: var(--soft); } td img { display: block; max-height: 5rem; }
+td:first-child, td:nth-child(2) { white-space: nowrap; }
+tr:hover td { background: var(--soft); } td img { display: block; height: 3.5rem; }
 .bar { background: linear-gradient(90deg, color-mix(in srgb, var(--bad) 45%, transparent) var(--of), transparent 0); }
 .note { opacity: .75; }
 """
