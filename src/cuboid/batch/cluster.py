@@ -70,9 +70,10 @@ class Workers:
                 yield client
 
     def _local(self) -> LocalCluster:
+        count = self.count or cores()
         try:
-            return LocalCluster(
-                n_workers=self.count or cores(),
+            cluster = LocalCluster(
+                n_workers=0,
                 threads_per_worker=1,
                 memory_limit=self.memory_limit,
                 dashboard_address="127.0.0.1:0",
@@ -80,6 +81,9 @@ class Workers:
             )
         except (RuntimeError, OSError) as error:  # no port, no process, no place for the workers' files
             raise InputError(f"workers cannot be started: {error.__cause__ or error}") from error
+        # not a fixed number: a worker that is killed while it starts is not started again otherwise
+        cluster.adapt(minimum=count, maximum=count)
+        return cluster
 
     def _settings(self) -> dict[str, object]:
         """Return Dask's settings: a worker has one core and one task, keeps no data, and dies with too much memory."""

@@ -6,6 +6,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING, Any
 
+from cuboid import __version__
 from cuboid.cli.recording import add_reading_options, add_tracking, config_from, reading_from
 from cuboid.cli.workers import add_workers, workers_from
 
@@ -30,6 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     results.add_argument("--output", required=True, metavar="STORE", help="folder or URL of the store")
     results.add_argument("--tables-only", action="store_true", help="keep the tables alone, no folder a recording")
     results.add_argument("--retry", action="store_true", help="try again what failed or was set aside")
+    results.add_argument(
+        "--tag", metavar="NAME", help="name this version, as in 1.0+NAME: it is done anew, and compared"
+    )
     results.add_argument("--dry-run", action="store_true", help="say what would be done, and do nothing")
     add_workers(parser)
     add_reading_options(parser)
@@ -48,7 +52,8 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.store.place import Place
     from cuboid.store.schema import DONE
 
-    order = Order(args.output, settings_from(args), args.tables_only, args.retry)
+    version = f"{__version__}+{args.tag}" if args.tag else __version__
+    order = Order(args.output, settings_from(args), args.tables_only, args.retry, version)
     sources = expand(args.sources)
     Place(order.store)  # a mistake in its name is told before workers are started
     with workers_from(args).connected() as client:
