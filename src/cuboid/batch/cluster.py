@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import dask
-from distributed import Client, LocalCluster
+from distributed import Client, LocalCluster, Nanny, Status
 
 from cuboid import __version__
 from cuboid.cli.threads import POOLS, cores
@@ -22,6 +22,9 @@ ATTEMPTS = 3
 
 # What fails by chance, as a network does, is tried so many times more.
 RETRIES = 2
+
+# A worker whose process is killed while it starts is started so often.
+STARTS = 20
 
 CONNECT_S = 20
 
@@ -70,10 +73,10 @@ class Workers:
                 yield client
 
     def _local(self) -> LocalCluster:
-        count = self.count or cores()
         try:
-            cluster = LocalCluster(
-                n_workers=0,
+            return LocalCluster(
+                n_workers=self.count or cores(),
+                worker_class=PatientNanny,
                 threads_per_worker=1,
                 memory_limit=self.memory_limit,
                 dashboard_address="127.0.0.1:0",
@@ -81,9 +84,6 @@ class Workers:
             )
         except (RuntimeError, OSError) as error:  # no port, no process, no place for the workers' files
             raise InputError(f"workers cannot be started: {error.__cause__ or error}") from error
-        # not a fixed number: a worker that is killed while it starts is not started again otherwise
-        cluster.adapt(minimum=count, maximum=count)
-        return cluster
 
     def _settings(self) -> dict[str, object]:
         """Return Dask's settings: a worker has one core and one task, keeps no data, and dies with too much memory."""
@@ -96,6 +96,17 @@ class Workers:
             "distributed.worker.memory.terminate": 0.95,
             "distributed.nanny.pre-spawn-environ": {**dict.fromkeys(POOLS, "1"), "MALLOC_TRIM_THRESHOLD_": "65536"},
         }
+
+
+class PatientNanny(Nanny):
+    """What starts a worker, and starts it again where it is killed: also where that happens before it is up."""
+
+    async def instantiate(self) -> Status:
+        """Start the worker's process."""
+        for _ in range(STARTS - 1):
+            if (status := await super().instantiate()) == Status.running:
+                return status
+        return await super().instantiate()
 
 
 def _refuse_other_versions(client: Client) -> None:

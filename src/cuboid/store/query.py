@@ -69,6 +69,11 @@ class Tables:
         path = self._place.path(name)
         return path if self._place.local is not None else str(self._place.fs.unstrip_protocol(path))
 
+    def refresh(self) -> None:
+        """Take the tables as they are now."""
+        if snapshot(self._place) != self._files:
+            self._open()
+
     def ask(self, question: str, values: object = None) -> pa.Table:
         """Return the answer to a question in SQL.
 

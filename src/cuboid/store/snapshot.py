@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
+from typing import Literal
 
 import msgspec
 
@@ -18,7 +19,6 @@ from cuboid.formats.json_door import checked
 from cuboid.store.place import Place
 from cuboid.store.schema import DONE, RUNS, TABLES
 
-FORMAT, VERSION = "cuboid-store", 1
 MANIFESTS = "_manifests"
 # So often what is being compacted is looked at anew.
 ATTEMPTS = 5
@@ -28,8 +28,8 @@ _PART = re.compile(r"(?P<table>\w+)/(?P<day>day=[\d-]{10})/(?P<key>(?:part|fail)
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     """Which gathered files count: names within the store, by table."""
 
-    format: str = FORMAT
-    version: int = VERSION
+    format: Literal["cuboid-store"] = "cuboid-store"
+    version: Literal[1] = 1
     files: dict[str, list[str]] = {}
 
 
