@@ -50,6 +50,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.bind((args.host, args.port))
+        listening.listen()
     except OSError as error:
         listening.close()
         raise OutputError(f"{args.host} port {args.port} cannot be used: {error.strerror}") from error
