@@ -36,7 +36,9 @@ SATURATED = 65535
 class RecordingWriter(Protocol):
     """Writes one form; `finish` comes behind the last frame."""
 
-    def __init__(self, folder: Path, intrinsics: Intrinsics, units_per_metre: float) -> None:
+    def __init__(
+        self, folder: Path, intrinsics: Intrinsics, units_per_metre: float, up_world: Float64Array | None = None
+    ) -> None:
         """Begin in an empty folder."""
 
     def add(self, frame: Frame) -> None:
@@ -57,10 +59,13 @@ class RecordingWriter(Protocol):
 class _Folder:
     """What both folders have in common."""
 
-    def __init__(self, folder: Path, intrinsics: Intrinsics, units_per_metre: float) -> None:
+    def __init__(
+        self, folder: Path, intrinsics: Intrinsics, units_per_metre: float, up_world: Float64Array | None = None
+    ) -> None:
         self._folder = folder
         self._intrinsics = intrinsics
         self._units = units_per_metre
+        self._up_world = up_world
         self._frames: list[tuple[int, float, Float64Array | None]] = []
 
     def __enter__(self) -> Self:
@@ -91,7 +96,7 @@ class PlainWriter(_Folder):
 
     def finish(self) -> None:
         """Write the camera, the times and the poses."""
-        write_camera(self._folder / CAMERA_FILE, self._intrinsics, self._units)
+        write_camera(self._folder / CAMERA_FILE, self._intrinsics, self._units, up_world=self._up_world)
         self._write("timestamps.txt", [f"{index} {time_s:.6f}" for index, time_s, _ in self._frames])
         poses = [f"{index} {pose_text(T)}" for index, _, T in self._frames if T is not None]
         if poses:
@@ -101,8 +106,10 @@ class PlainWriter(_Folder):
 class TumWriter(_Folder):
     """The form of the TUM RGB-D benchmark, with a `camera.json` beside."""
 
-    def __init__(self, folder: Path, intrinsics: Intrinsics, units_per_metre: float) -> None:
-        super().__init__(folder, intrinsics, TUM_UNITS)
+    def __init__(
+        self, folder: Path, intrinsics: Intrinsics, units_per_metre: float, up_world: Float64Array | None = None
+    ) -> None:
+        super().__init__(folder, intrinsics, TUM_UNITS, up_world)
         self._names: list[str] = []
 
     def add(self, frame: Frame) -> None:
@@ -119,19 +126,21 @@ class TumWriter(_Folder):
         for kind in ("rgb", "depth"):
             lines = [f"{name.removesuffix('.png')} {kind}/{name}" for name in self._names]
             self._write(f"{kind}.txt", ["# timestamp filename", *lines])
-        write_camera(self._folder / CAMERA_FILE, self._intrinsics, self._units)
+        write_camera(self._folder / CAMERA_FILE, self._intrinsics, self._units, up_world=self._up_world)
         poses = [f"{time_s:.6f} {pose_text(T)}" for _, time_s, T in self._frames if T is not None]
         if poses:
             self._write("groundtruth.txt", ["# timestamp tx ty tz qx qy qz qw", *poses])
 
 
-def _mcap_writer(folder: Path, intrinsics: Intrinsics, units_per_metre: float) -> RecordingWriter:
+def _mcap_writer(
+    folder: Path, intrinsics: Intrinsics, units_per_metre: float, up_world: Float64Array | None = None
+) -> RecordingWriter:
     from cuboid.mcap_writing import McapWriter
 
     return McapWriter(folder, intrinsics, units_per_metre)
 
 
-WRITERS: dict[str, Callable[[Path, Intrinsics, float], RecordingWriter]] = {
+WRITERS: dict[str, Callable[[Path, Intrinsics, float, Float64Array | None], RecordingWriter]] = {
     "plain": PlainWriter,
     "tum": TumWriter,
     "mcap": _mcap_writer,
@@ -176,7 +185,7 @@ def convert_recording(
     units = _units(recording)
     with ResultFolder(output) as folder, writing(output):
         work = folder.file("")
-        with WRITERS[form](work, recording.intrinsics, units) as writer:
+        with WRITERS[form](work, recording.intrinsics, units, recording.up_world) as writer:
             for done, index in enumerate(frames):
                 frame = _read(recording, index, skipped)
                 if frame is not None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import fsspec
 
 from cuboid.errors import InputError
+from cuboid.formats.stored import ARCHIVE_ENDINGS, located
 from cuboid.readers import READERS
 from cuboid.readers.locate import LEVELS
 from cuboid.store.place import is_remote
@@ -96,13 +97,13 @@ def _deeper(path: str, levels: int) -> list[str]:
 
 def _counts(entry: os.DirEntry[str]) -> bool:
     """Tell whether an entry of a folder may be a recording: a folder, or a file of a kind that may be one."""
-    endings = tuple(ending for _, reader in READERS.items() for ending in reader.files)
+    endings = (*ARCHIVE_ENDINGS, *(ending for _, reader in READERS.items() for ending in reader.files))
     return not entry.name.startswith(".") and (entry.is_dir() or entry.name.endswith(endings))
 
 
 def _recognised(path: str) -> bool:
     try:
-        return any(reader.recognises(Path(path)) for _, reader in READERS.items())
+        return any(reader.recognises(located(path)) for _, reader in READERS.items())
     except (InputError, OSError):  # it cannot be read: whoever opens it says why
         return False
 

@@ -29,6 +29,10 @@ PACKAGES = (
     ("embreex", "embreex", ""),
     ("onnxruntime", "onnxruntime", "onnx"),
     ("rerun-sdk", "rerun", "rerun"),
+    ("rosbags", "rosbags", "ros"),
+    ("openexr", "OpenEXR", "phone"),
+    ("pyliblzfse", "liblzfse", "phone"),
+    ("fsspec", "fsspec", "remote"),
 )
 
 

@@ -55,6 +55,7 @@ def rows(found: RecordingInfo) -> list[tuple[str, str]]:
         ("depth", _depth(found)),
         ("registration", _registration(found)),
         ("poses", _poses(found)),
+        ("up", _up(found)),
     ]
 
 
@@ -94,6 +95,12 @@ def _registration(found: RecordingInfo) -> str:
     apart_mm = 1000 * math.hypot(*(row[3] for row in T[:3]))
     size = f"{camera['width']} x {camera['height']}"
     return f"carried into color from {size}, fx {camera['fx']:.2f}, {apart_mm:.0f} mm beside{off}"
+
+
+def _up(found: RecordingInfo) -> str:
+    if found.up_world is None:
+        return "measured with the frames" if found.up_measured else "not told: taken from the planes"
+    return f"{', '.join(f'{value:g}' for value in found.up_world)} in the world of the poses"
 
 
 def _poses(found: RecordingInfo) -> str:

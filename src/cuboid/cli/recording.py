@@ -53,7 +53,9 @@ def add_tracking(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
 
 def add_reading(parser: argparse.ArgumentParser, *, thinned: bool = True) -> argparse._ArgumentGroup:
     """Add the recording and how it is read, where wanted with thinning; return the group of the latter."""
-    parser.add_argument("recording", type=Path, metavar="RECORDING", help="folder of the RGB-D recording")
+    parser.add_argument(
+        "recording", type=Path, metavar="RECORDING", help="folder, file, archive or URL of the RGB-D recording"
+    )
     return add_reading_options(parser, thinned=thinned)
 
 

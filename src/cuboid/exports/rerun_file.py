@@ -22,6 +22,7 @@ import numpy as np
 from cuboid.errors import FrameError, MissingExtraError
 from cuboid.exports.finished import FinishedRun
 from cuboid.exports.registry import EXPORTS, Export
+from cuboid.formats.stored import is_there
 from cuboid.frame import Float64Array
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.outputs import TrackRow
@@ -49,7 +50,7 @@ def write(run: FinishedRun, path: Path) -> list[str]:
         import rerun as rr
     except ImportError:
         raise MissingExtraError("'--to rerun' needs the rerun SDK: pip install 'cuboid[rerun]'") from None
-    shown = run.recording_path is not None or Path(run.report.recording).exists()
+    shown = run.recording_path is not None or is_there(run.report.recording)
     if shown:
         _ = run.recording  # a wrong one is found before anything is written
     name = Path(run.report.recording).name
