@@ -27,6 +27,7 @@ from cuboid.streaming import FrameSource, Stream
 if TYPE_CHECKING:
     from cuboid.proposals.types import ProposalSource
     from cuboid.readers.depth_camera import DepthCamera
+    from cuboid.views.report.pictures import Picture
     from cuboid.views.video import View
 
 # The work inside shrinks with --scale to no less than this width, pixels: fewer show no objects.
@@ -165,6 +166,7 @@ def track_recording(
     threads: int = 1,
     video: bool = False,
     force: bool = False,
+    page: bool = True,
     progress: Progress | None = None,
     stop: Callable[[], bool] = lambda: False,
     make_tracker: MakeTracker | None = None,
@@ -199,6 +201,8 @@ def track_recording(
         Also write `labelled.mp4`.
     force : bool
         Replace results that lie in `output`.
+    page : bool
+        Also write the 3D page; `write_page` does it later.
     progress : Progress, optional
         Told how it goes.
     stop : callable
@@ -271,8 +275,8 @@ def track_recording(
         if writer is not None:
             content = ObjectsFile(up, recording.intrinsics, planes, objects)
             writer.finish(content, tracker.map_points(), report, pipeline.trajectory())
-    if output is not None:
-        _page(output, recording)
+    if output is not None and page:
+        write_page(output, recording)
     return RunOutcome(report, objects, planes, up, log.milliseconds, log.frames_per_second())
 
 
@@ -428,11 +432,13 @@ def _view(
         view.close(complete=True)
 
 
-def _page(output: Path, recording: RecordingLike) -> None:
-    """Write the 3D page of the results that lie in the output folder now."""
+def write_page(output: Path, recording: RecordingLike) -> Mapping[int, Picture]:
+    """Write the 3D page of the results that lie in the output folder now; return its pictures of objects, by label."""
     from cuboid.views.report import summarise, write_report
 
-    write_report(output / REPORT, summarise(output, recording.read))
+    summary = summarise(output, recording.read)
+    write_report(output / REPORT, summary)
+    return summary.pictures
 
 
 def _tracker(intrinsics: Intrinsics, config: TrackerConfig, proposals: str | ProposalSource | None) -> TrackerLike:

@@ -21,6 +21,11 @@ from cuboid.errors import CuboidError, one_line
 
 COMMANDS = (
     "track",
+    "batch",
+    "find",
+    "sql",
+    "serve",
+    "store compact",
     "info",
     "convert",
     "evaluate",
