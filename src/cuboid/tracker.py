@@ -321,6 +321,11 @@ class Tracker:
         return self._planes.up
 
     @property
+    def voxels(self) -> VoxelMap:
+        """The global voxel map."""
+        return self._voxels
+
+    @property
     def points_known(self) -> int:
         """How many points the global point map holds."""
         return self._voxels.alive
