@@ -111,6 +111,8 @@ class TrackedObject:
         Index into the tracker's planes.
     merged_labels : tuple of int
         Younger labels that turned out to be this object.
+    name : str
+        What people call it; empty where nobody gave it a name.
     """
 
     label: int
@@ -124,6 +126,7 @@ class TrackedObject:
     mean_color: Float64Array
     plane: int | None
     merged_labels: tuple[int, ...] = ()
+    name: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -316,9 +316,18 @@ class Tracker:
         ]
 
     @property
+    def plane_identities(self) -> list[int]:
+        """What `MapObject.plane` calls each of `planes`."""
+        return [plane.identity for plane in self._planes.planes if plane.in_use]
+
+    @property
     def up(self) -> Float64Array | None:
         """Up in the world, (3,); None while unknown."""
         return self._planes.up
+
+    def ever_labelled(self) -> list[MapObject]:
+        """Return all objects that have a label, retired ones too, by label."""
+        return self._map.store.ever_labelled()
 
     @property
     def voxels(self) -> VoxelMap:

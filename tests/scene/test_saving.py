@@ -14,7 +14,7 @@ from cuboid.heatmap import voxel_map
 from cuboid.outputs.objects import ObjectsFile, write_objects
 from cuboid.results import FrameResult
 from cuboid.scene.database import open_to_write
-from cuboid.scene.saving import StateFile, load_tracker
+from cuboid.scene.saving import StateFile, load_state
 from cuboid.tracker import Tracker
 from worlds import CAMERA, Proposer, World
 
@@ -88,7 +88,7 @@ def test_goes_on_from_any_cut(seed: int, tmp_path: Path) -> None:
             if rng.random() < 0.3:  # commits in between write only what changed
                 commit(file.connection, state)
         commit(file.connection, state)
-        tracker, begun = load_tracker(file.connection, show.tracker()), cut
+        tracker, begun = load_state(file.connection, show.tracker())[0], cut
         state = StateFile(tracker, file.connection)
     assert ends(tracker, tmp_path) == ends(whole, tmp_path)
     file.close()
@@ -112,7 +112,7 @@ def test_goes_on_after_a_correction_of_poses(tmp_path: Path) -> None:
             return tracker
         file = open_to_write(tmp_path / f"{index}.cuboid", create=True)
         commit(file.connection, StateFile(tracker, file.connection))
-        tracker = load_tracker(file.connection, show.tracker())
+        tracker = load_state(file.connection, show.tracker())[0]
         file.close()
         return tracker
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from cuboid.cli.live import add_live, live_view
 from cuboid.cli.recording import add_recording, config_from, open_from
+from cuboid.cli.scene_options import add_scene, scene_from
 from cuboid.cli.threads import cores
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     results.add_argument("--force", action="store_true", help="replace results that lie in DIR")
     results.add_argument("--video", action="store_true", help="also write labelled.mp4")
     add_live(results)
+    add_scene(parser)
     add_recording(parser, default_threads=min(2, cores()))
 
 
@@ -31,6 +33,7 @@ def run(args: argparse.Namespace) -> int:
     """Track, and say what was found."""
     from cuboid.cli.interrupt import interruptible
 
+    into = scene_from(args)
     with interruptible() as interruption:
         from cuboid.cli.progress import progress
         from cuboid.run import track_recording
@@ -53,6 +56,7 @@ def run(args: argparse.Namespace) -> int:
                 progress=shown,
                 stop=interruption,
                 watch=live,
+                into=into,
             )
             if live is not None:
                 live.end(outcome.report.complete)

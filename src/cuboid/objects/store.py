@@ -61,6 +61,10 @@ class ObjectStore:
         """Return the objects that live and have a label, by label."""
         return sorted(self._confirmed.values(), key=lambda o: o.label)
 
+    def ever_labelled(self) -> list[MapObject]:
+        """Return all objects that have a label, retired ones too, by label."""
+        return sorted((o for o in self._objects.values() if o.label), key=lambda o: o.label)
+
     def add(self, box: Box, frame: int) -> MapObject:
         """Begin an object."""
         entry = MapObject(self._next_number, box, frame, frame)

@@ -126,6 +126,10 @@ class PoseEstimator:
             if keyframes[k].submap == 0
         }
 
+    def begin_lost(self) -> None:
+        """Expect frames of another recording: the camera is looked for among all known places."""
+        self._lost = LINGER_FRAMES if self.keyframes else 0
+
     def update(self, frame: Frame) -> PoseEstimate:
         """Take in a frame.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
 from enum import Enum
@@ -28,6 +28,14 @@ from cuboid.objects.boxing import Boxing
 from cuboid.objects.entry import MapObject, State
 from cuboid.objects.object_map import ObjectMap
 from cuboid.objects.store import ObjectStore
+from cuboid.poses.alignment import Points, Reference
+from cuboid.poses.atlas import Atlas
+from cuboid.poses.estimator import PoseEstimator
+from cuboid.poses.graph import Edge
+from cuboid.poses.keyframes import Keyframe
+from cuboid.poses.places import Appearance
+from cuboid.poses.pyramid import SmallImage
+from cuboid.posing import EstimatedPoses
 from cuboid.scene.packing import form_of, from_bytes, from_form
 from cuboid.surfaces.grid import GroundPlan
 from cuboid.surfaces.plane import Plane
@@ -38,6 +46,7 @@ from cuboid.tracker import Tracker
 
 AnyArray = npt.NDArray[Any]
 
+_UNKNOWN = object()
 # An array larger than this, bytes, is a row of its own in the file, and written only when it changes.
 LARGE_BYTES = 512
 
@@ -53,14 +62,11 @@ class Kind:
         Returns what tells an object from others of its class; none where there is only one.
     kept_apart : frozenset of str
         Attributes that are saved elsewhere, are given anew, or follow from others.
-    fresh : callable, optional
-        Makes a new one; for those that a fresh tracker does not have.
     """
 
     cls: type
     key: Callable[[Any], object] = lambda item: ""
     kept_apart: frozenset[str] = frozenset()
-    fresh: Callable[[], object] | None = None
 
 
 # Rows of the map are saved in blocks: see `saving`.
@@ -76,25 +82,25 @@ KINDS = {
         Kind(PlaneTracker),
         Kind(UpVote),
         Kind(Windows),
-        Kind(Plane, key=lambda plane: plane.identity, fresh=Plane),
+        Kind(Plane, key=lambda plane: plane.identity),
         Kind(VoxelMap, kept_apart=_ROWS),
         Kind(ObjectMap),
         Kind(Boxing),
         Kind(ObjectStore),
         Kind(Affinity),
-        Kind(MapObject, key=lambda entry: entry.number, fresh=lambda: MapObject(0, _BOX, 0, 0)),
+        Kind(MapObject, key=lambda entry: entry.number),
+        Kind(EstimatedPoses),
+        Kind(PoseEstimator, kept_apart=frozenset({"intrinsics"})),
+        Kind(Atlas),
+        Kind(Keyframe, key=lambda keyframe: keyframe.number),
     )
 }
 _BY_NAME = {kind.cls.__name__: kind for kind in KINDS.values()}
-_BOX = Box(np.zeros(3), np.zeros(3), np.eye(3))
 
 # Values: they lie within the part that has them.
-VALUES: dict[type, Callable[[], object]] = {
-    Box: lambda: _BOX,
-    TrackerConfig: TrackerConfig,
-    Intrinsics: lambda: Intrinsics(1.0, 1.0, 0.0, 0.0, 1, 1),
-    GroundPlan: GroundPlan,
-}
+VALUES: tuple[type, ...] = (
+    Box, TrackerConfig, Intrinsics, GroundPlan, SmallImage, Points, Reference, Appearance, Edge,
+)  # fmt: skip
 _VALUE_BY_NAME = {cls.__name__: cls for cls in VALUES}
 ENUMS = {"State": State}
 
@@ -181,7 +187,7 @@ class _Freezer:
             return flat
         if kind in KINDS:
             return ["part", self._refer(value)]
-        if kind in VALUES:
+        if kind in _VALUE_BY_NAME.values():
             own = {name: self._plain(getattr(value, name), f"{path}.{name}", part) for name in attributes(value)}
             return ["value", kind.__name__, own]
         if isinstance(value, Enum) and kind.__name__ in ENUMS:
@@ -199,14 +205,19 @@ class _Freezer:
         return ["large", path]
 
 
-def thaw(parts: Mapping[str, Part], fresh: object) -> Any:
+def thaw(parts: Mapping[str, Part], *fresh: object) -> tuple[Any, ...]:
     """Return what was frozen, as live objects.
 
     Parameters
     ----------
     parts : mapping of str to Part
-    fresh : object
-        A new one of the same class as the root: what the parts do not tell is as in it.
+    *fresh : object
+        A new one for each root: what the parts do not tell is as in it.
+
+    Returns
+    -------
+    tuple
+        The roots; None for one that was not frozen.
 
     Raises
     ------
@@ -217,40 +228,54 @@ def thaw(parts: Mapping[str, Part], fresh: object) -> Any:
 
 
 class _Thawer:
-    def __init__(self, parts: Mapping[str, Part], fresh: object) -> None:
+    def __init__(self, parts: Mapping[str, Part], roots: Sequence[object]) -> None:
         self._parts = parts
-        self._root = type(fresh).__name__
+        self._roots = [type(root).__name__ for root in roots]
         self._live: dict[str, Any] = {}
-        self._fresh: dict[str, Any] = {kind.cls.__name__: kind.fresh() for kind in KINDS.values() if kind.fresh}
-        self._collect(fresh)
+        self._fresh: dict[str, Any] = {"GroundPlan": GroundPlan()}
+        for root in roots:
+            self._collect(root)
 
     def _collect(self, item: Any) -> None:
         name = type(item).__name__
-        if type(item) in KINDS and name not in self._fresh:
+        if type(item) in KINDS and name not in self._fresh and not dataclasses.is_dataclass(item):
             self._fresh[name] = item
             for attribute in attributes(item):
                 self._collect(getattr(item, attribute))
 
-    def thaw(self) -> Any:
+    def thaw(self) -> tuple[Any, ...]:
         for key, part in self._parts.items():
             kind = _BY_NAME.get(part.kind)
             if kind is None:
                 raise _strange(key)
             self._live[key] = kind.cls.__new__(kind.cls)
-        if self._root not in self._live:
-            raise _strange(self._root)
         for key, part in self._parts.items():
-            self._fill(self._live[key], self._fresh[part.kind], part.fields, part)
-        return self._live[self._root]
+            self._fill(self._live[key], part.fields, part)
+        return tuple(self._live.get(root) for root in self._roots)
 
-    def _fill(self, item: Any, fresh: Any, fields: Mapping[str, Any], part: Part) -> None:
-        apart = KINDS[type(fresh)].kept_apart if type(fresh) in KINDS else frozenset()
-        for name in attributes(fresh):
+    def _fill(self, item: Any, fields: Mapping[str, Any], part: Part) -> None:
+        for name, beginning in self._beginnings(type(item)).items():
             if name in fields:
                 value = self._live_value(fields[name], part)
+            elif beginning is _UNKNOWN:
+                raise _strange(f"{type(item).__name__}.{name}")
             else:
-                value = getattr(fresh, name) if name in apart else deepcopy(getattr(fresh, name))
+                apart = type(item) in KINDS and name in KINDS[type(item)].kept_apart
+                value = beginning if apart else deepcopy(beginning)
             object.__setattr__(item, name, value)
+
+    def _beginnings(self, cls: type) -> dict[str, Any]:
+        """Return what each attribute of a class begins as."""
+        if not dataclasses.is_dataclass(cls):
+            if cls.__name__ not in self._fresh:
+                raise _strange(cls.__name__)
+            fresh = self._fresh[cls.__name__]
+            return {name: getattr(fresh, name) for name in attributes(fresh)}
+        found: dict[str, Any] = {}
+        for one in dataclasses.fields(cls):
+            made = one.default_factory() if one.default_factory is not dataclasses.MISSING else one.default
+            found[one.name] = _UNKNOWN if made is dataclasses.MISSING else made
+        return found
 
     def _live_value(self, value: Any, part: Part) -> Any:
         if not isinstance(value, list):
@@ -269,7 +294,7 @@ class _Thawer:
             if tag == "value":
                 cls = _VALUE_BY_NAME[rest[0]]
                 item = cls.__new__(cls)
-                self._fill(item, VALUES[cls](), rest[1], part)
+                self._fill(item, rest[1], part)
                 return item
             items = [self._live_value(one, part) for one in rest]
             if tag == "dict":

@@ -6,10 +6,10 @@ import hashlib
 import sqlite3
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import msgspec
 
-from cuboid.errors import InputError
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.scene.freezing import Part, freeze, thaw
 from cuboid.scene.packing import (
@@ -123,33 +123,41 @@ def clear_state(connection: sqlite3.Connection) -> None:
         connection.execute(f"DELETE FROM {table}")
 
 
-def load_tracker(connection: sqlite3.Connection, fresh: Tracker) -> Tracker:
-    """Return a tracker that goes on from the state of a scene.
+def load_state(connection: sqlite3.Connection, fresh: Tracker, *others: object) -> tuple[Any, ...]:
+    """Return a tracker that goes on from the state of a scene, and what else was saved with it.
 
     Parameters
     ----------
     connection : sqlite3.Connection
     fresh : Tracker
         A new one for the frames that come: their intrinsics and proposals.
+    *others : object
+        New ones of what else may have been saved.
+
+    Returns
+    -------
+    tuple
+        The tracker and the others, None for those that were not saved.
 
     Raises
     ------
     InputError
         The state is damaged, or of another version.
     """
-    tracker = thaw(load_parts(connection, "Tracker"), fresh)
-    assert isinstance(tracker, Tracker)
+    tracker, *rest = thaw(load_parts(connection), fresh, *others)
+    if tracker is None:
+        raise DamagedError("the state of the tracker is missing")
     voxels = tracker.voxels
     capacity = connection.execute("SELECT value FROM scene WHERE key = 'capacity'").fetchone()
     blocks = [columns for _, columns in load_blocks(connection, voxels)]
     if capacity is None or len(blocks) != voxels.runs:
         raise DamagedError(f"the map is damaged: {len(blocks)} blocks, expected {voxels.runs}")
     voxels.restore(int(capacity[0]), blocks)
-    return tracker
+    return tracker, *rest
 
 
-def load_parts(connection: sqlite3.Connection, root: str) -> dict[str, Part]:
-    """Return the parts that make up a root, by key.
+def load_parts(connection: sqlite3.Connection) -> dict[str, Part]:
+    """Return the parts of a scene's state, by key.
 
     Raises
     ------
@@ -164,8 +172,6 @@ def load_parts(connection: sqlite3.Connection, root: str) -> dict[str, Part]:
     for key, path, form, check, data in connection.execute("SELECT part, path, form, check_sum, data FROM arrays"):
         if key in parts:
             parts[key].arrays[path] = form, unpacked(data, check, form, f"the array '{path}' of '{key}'")
-    if root not in parts:
-        raise InputError("the scene has no state to go on from")
     return parts
 
 
