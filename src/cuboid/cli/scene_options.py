@@ -35,7 +35,8 @@ def scene_from(args: argparse.Namespace) -> IntoScene | None:
         raise InputError("--video cannot go on with --resume; 'cuboid render' draws it from the results afterwards")
     if args.bridge:
         raise InputError("--bridge does not go with --scene")
-    from cuboid.scene.running import COMMIT_EVERY_S, IntoScene
+    from cuboid.scene.running import IntoScene
+    from cuboid.scene.session import COMMIT_EVERY_S
 
     every_s = COMMIT_EVERY_S if args.commit_every is None else args.commit_every
     return IntoScene(args.scene, same_world=args.same_world, resume=args.resume, commit_every_s=every_s)

@@ -21,6 +21,10 @@ PATIENCE_S = 10.0
 PAGE_BYTES = 4096
 
 
+# What is said of a damaged file.
+RESCUE = "'cuboid scene check --rescue NEW' saves what can be read"
+
+
 @contextmanager
 def complaining(path: Path) -> Iterator[None]:
     """Turn what SQLite and the system refuse into one line.
@@ -44,9 +48,22 @@ def complaining(path: Path) -> Iterator[None]:
             raise OutputError(f"{path}: cannot be opened or written: {error}") from error
         if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
             raise OutputError(f"{path}: another program holds the file: {error}") from error
-        raise InputError(
-            f"{path}: the scene file is damaged ({error}); 'cuboid scene check --rescue NEW' saves what can be read"
-        ) from error
+        if code != sqlite3.SQLITE_CORRUPT and "no such" not in str(error):
+            raise
+        raise InputError(f"{path}: the scene file is damaged ({error}); {RESCUE}") from error
+
+
+@contextmanager
+def transaction(connection: sqlite3.Connection) -> Iterator[None]:
+    """Let all that is written inside be there afterwards, or nothing of it."""
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        yield
+        connection.execute("COMMIT")
+    except BaseException:
+        if connection.in_transaction:  # SQLite may have ended it: a full disk
+            connection.execute("ROLLBACK")
+        raise
 
 
 def open_to_read(path: Path) -> sqlite3.Connection:
@@ -61,13 +78,13 @@ def open_to_read(path: Path) -> sqlite3.Connection:
         raise InputError(f"{path}: there is no such scene file")
     _refuse_other(path)
     with complaining(path):
-        connection = _connect(path, "ro")
-        try:
+        try:  # not "ro": whoever closes a scene last tidies up its log
+            connection = _connect(path, "rw")
             version = _version(connection, path)
         except sqlite3.OperationalError:  # a place where nothing can be written: nobody else does either
-            connection.close()
             connection = _connect(path, "ro", immutable=True)
             version = _version(connection, path)
+        connection.execute("PRAGMA query_only = ON")
     if version < VERSION:
         connection.close()
         open_to_write(path).close()
@@ -114,10 +131,16 @@ class Writing:
             raise
 
     def close(self) -> None:
-        """Let go of the file; what was not committed is dropped."""
-        with complaining(self._path):
-            self.connection.close()
-        self._unlock()
+        """Let go of the file, without the room that is free in it; what was not committed is dropped."""
+        try:
+            with complaining(self._path):
+                if self.connection.in_transaction:
+                    self.connection.execute("ROLLBACK")
+                with suppress(sqlite3.OperationalError):  # a full disk keeps its free room
+                    self.connection.execute("PRAGMA incremental_vacuum").fetchall()
+                self.connection.close()
+        finally:
+            self._unlock()
 
     def _unlock(self) -> None:
         with suppress(OSError):
@@ -163,6 +186,7 @@ def _prepare(connection: sqlite3.Connection, path: Path) -> None:
     empty = connection.execute("PRAGMA page_count").fetchone()[0] == 0
     if empty:
         connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
+        connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
         connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
     version = _version(connection, path)
     if connection.execute("PRAGMA journal_mode = WAL").fetchone()[0] != "wal":
@@ -188,7 +212,7 @@ def _locked(path: Path) -> int:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             os.close(handle)
-            raise OutputError(f"{path}: another program is writing this scene; one can write, others can read") from None
+            raise OutputError(f"{path}: another program is writing this scene; others can only read it") from None
         except OSError:
             return handle  # a file system without locks: SQLite's own must do
         with suppress(OSError):

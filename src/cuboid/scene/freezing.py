@@ -248,7 +248,7 @@ class _Thawer:
             kind = _BY_NAME.get(part.kind)
             if kind is None:
                 raise _strange(key)
-            self._live[key] = kind.cls.__new__(kind.cls)
+            self._live[key] = _blank(kind.cls)
         for key, part in self._parts.items():
             self._fill(self._live[key], part.fields, part)
         return tuple(self._live.get(root) for root in self._roots)
@@ -293,7 +293,7 @@ class _Thawer:
                 return ENUMS[rest[0]][rest[1]]
             if tag == "value":
                 cls = _VALUE_BY_NAME[rest[0]]
-                item = cls.__new__(cls)
+                item = _blank(cls)
                 self._fill(item, rest[1], part)
                 return item
             items = [self._live_value(one, part) for one in rest]
@@ -302,6 +302,11 @@ class _Thawer:
             return {"list": list, "tuple": tuple, "set": set, "deque": deque}[tag](items)
         except (KeyError, ValueError, TypeError, IndexError):
             raise _strange(part.kind) from None
+
+
+def _blank(cls: type) -> Any:
+    """Return an object of a class without attributes."""
+    return object.__new__(cls)
 
 
 def _strange(what: str) -> InputError:

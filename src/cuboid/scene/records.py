@@ -91,7 +91,7 @@ class Records:
     def __init__(self, connection: sqlite3.Connection, recording: int, first_frame: int) -> None:
         self._recording, self._first_frame = recording, first_frame
         self._rows = Rows()
-        self._next_box = 1 + connection.execute("SELECT coalesce(max(id), 0) FROM boxes").fetchone()[0]
+        self._next_box: int = 1 + connection.execute("SELECT coalesce(max(id), 0) FROM boxes").fetchone()[0]
         self._box_of: dict[int, tuple[Box, int]] = {}
         self._told: dict[int, tuple[object, ...]] = {}
         self._share: dict[int, float] = dict(connection.execute("SELECT label, picture_share FROM objects"))
@@ -111,9 +111,7 @@ class Records:
         for seen in result.sightings:
             box = self._box(seen.label, seen.box)
             rect = seen.rect_xyxy.tolist()
-            self._rows.sightings.append(
-                (self._recording, frame.index, seen.label, box, seen.iou, seen.visible, *rect)
-            )
+            self._rows.sightings.append((self._recording, frame.index, seen.label, box, seen.iou, seen.visible, *rect))
             first, count = self.seen.get(seen.label, (frame.index, 0))
             self.seen[seen.label] = first, count + 1
         self._picture(frame, result.sightings)
@@ -132,10 +130,11 @@ class Records:
         known = self._box_of.get(label)
         if known is not None and known[0] is box:
             return known[1]
-        self._box_of[label] = box, self._next_box
-        self._rows.boxes.append((self._next_box, label, *_nine(box)))
+        number = self._next_box
+        self._box_of[label] = box, number
+        self._rows.boxes.append((number, label, *_nine(box)))
         self._next_box += 1
-        return self._next_box - 1
+        return number
 
     def _objects(self, tracker: Tracker, rows: Rows) -> None:
         for entry in tracker.ever_labelled():
@@ -178,7 +177,7 @@ def picture_of(frame: Frame, rect_xyxy: Float64Array) -> bytes:
     scale = PICTURE_PX / max(part.shape[:2])
     if scale < 1:
         size = max(1, round(part.shape[1] * scale)), max(1, round(part.shape[0] * scale))
-        part = cv2.resize(part, size, interpolation=cv2.INTER_AREA)
+        part = np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA), np.uint8)
     done, data = cv2.imencode(".jpg", np.ascontiguousarray(part), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     return data.tobytes() if done else b""
 

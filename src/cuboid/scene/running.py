@@ -13,8 +13,8 @@ from cuboid.frame import Float64Array, Intrinsics
 from cuboid.outputs import ResultWriter
 from cuboid.posing import Poses
 from cuboid.proposals.types import ProposalSource
-from cuboid.scene.scene import COMMIT_EVERY_S, Scene
-from cuboid.scene.session import SceneTracker
+from cuboid.scene.scene import Scene
+from cuboid.scene.session import COMMIT_EVERY_S, SceneTracker
 from cuboid.scene.visit import Source
 
 # Where the frames that were skipped are kept until the run ends, beside the files of its results.
@@ -145,4 +145,3 @@ class SceneRun:
     def finish(self, *, complete: bool) -> None:
         """Commit all; with `complete`, the results are whole and nothing is left to go on with."""
         self.tracker.close(complete=complete)
-

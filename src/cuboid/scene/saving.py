@@ -62,7 +62,7 @@ class StateFile:
         # Digests of what the file holds by part and path, the part itself under ""; b"" where that is not known.
         self._written: dict[tuple[str, str], bytes] = {}
         for query in ("SELECT key, '' FROM parts", "SELECT part, path FROM arrays"):
-            self._written |= {(part, path): b"" for part, path in connection.execute(query)}
+            self._written |= dict.fromkeys(connection.execute(query), b"")
         self._begin = connection.execute("SELECT 1 FROM blocks LIMIT 1").fetchone() is None
 
     def snapshot(self) -> Snapshot:
@@ -93,8 +93,8 @@ class StateFile:
         for key, part in state.parts.items():
             fields = msgspec.msgpack.encode(part.fields)
             if self._is_new(now, (key, ""), fields):
-                row = (key, part.kind, check_sum(fields), fields)
-                connection.execute("INSERT OR REPLACE INTO parts VALUES (?, ?, ?, ?)", row)
+                values = (key, part.kind, check_sum(fields), fields)
+                connection.execute("INSERT OR REPLACE INTO parts VALUES (?, ?, ?, ?)", values)
             for path, (form, plain) in part.arrays.items():
                 if self._is_new(now, (key, path), form.encode() + plain.tobytes()):
                     data = packed(plain)
@@ -187,4 +187,3 @@ def load_blocks(connection: sqlite3.Connection, voxels: VoxelMap) -> Iterable[tu
     for number, rows, check, data in connection.execute(query):
         what = f"block {number} of the map"
         yield number, unpacked_block(data, check, rows, voxels.rows_in(0), voxels.voxel_m, what)
-

@@ -21,15 +21,13 @@ from cuboid.geometry.se3 import compose, rotation_from_quat_wxyz
 from cuboid.posing import POSES_MOVE, EstimatedPoses
 from cuboid.proposals.types import ProposalSource
 from cuboid.scene import visit as visits
-from cuboid.scene.database import Writing, complaining, open_to_read, open_to_write
+from cuboid.scene.database import RESCUE, Writing, complaining, open_to_read, open_to_write, transaction
 from cuboid.scene.packing import DamagedError
 from cuboid.scene.saving import has_state, load_state
-from cuboid.scene.session import SceneTracker
+from cuboid.scene.session import COMMIT_EVERY_S, SceneTracker
 from cuboid.scene.visit import Source
 from cuboid.tracker import Tracker
 
-# How often what is new is written, seconds.
-COMMIT_EVERY_S = 1.0
 # A name that people give has at most so many characters.
 LONGEST_NAME = 100
 
@@ -169,10 +167,14 @@ class Scene:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._tracker is not None:
-            with suppress(Exception) if kind is not None else suppress():
-                self._tracker.close(complete=kind is None)
-        self.close()
+        try:
+            if self._tracker is not None and kind is None:
+                self._tracker.close()
+            elif self._tracker is not None:
+                with suppress(Exception):  # what went wrong first is what is told
+                    self._tracker.close(complete=False)
+        finally:
+            self.close()
 
     def close(self) -> None:
         """Let the file go; what was not committed is dropped."""
@@ -253,7 +255,7 @@ class Scene:
         try:
             tracker, poses = load_state(connection, fresh, estimated)
         except DamagedError as error:
-            raise InputError(f"{self.path}: {error}; 'cuboid scene check --rescue NEW' saves what can be read") from None
+            raise InputError(f"{self.path}: {error}; {RESCUE}") from None
         if config is not None:
             own = tracker.config.to_dict()
             for name, value in config.to_dict().items():
@@ -264,7 +266,8 @@ class Scene:
 
     def pending(self) -> dict[str, str]:
         """Return what the files of the results held when the run that is gone on with was broken off, by name."""
-        assert self._tracker is not None and self._write is not None
+        assert self._tracker is not None
+        assert self._write is not None
         with complaining(self.path):
             return visits.pending(self._write.connection, self._tracker.visit)
 
@@ -280,7 +283,10 @@ class Scene:
             "SELECT id, path, format, poses, begun, complete, frames, "
             "(SELECT count(*) FROM frames WHERE recording = id) FROM recordings ORDER BY id"
         )
-        return [SceneRecording(*row[:5], bool(row[5]), *row[6:]) for row in self._ask(query)]
+        return [
+            SceneRecording(number, path, form, poses, begun, bool(complete), frames, used)
+            for number, path, form, poses, begun, complete, frames, used in self._ask(query)
+        ]
 
     @property
     def objects(self) -> list[SceneObject]:
@@ -373,10 +379,8 @@ class Scene:
 
     def _change(self, query: str, values: Iterable[Any]) -> None:
         connection = self._writing().connection
-        with complaining(self.path):
-            connection.execute("BEGIN IMMEDIATE")
+        with complaining(self.path), transaction(connection):
             connection.execute(query, tuple(values))
-            connection.execute("COMMIT")
 
     def _connection(self) -> sqlite3.Connection:
         if self._read is None:

@@ -11,12 +11,14 @@ from pathlib import Path
 from cuboid.frame import Float64Array, Frame
 from cuboid.posing import EstimatedPoses, Posed, Poses
 from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
-from cuboid.scene.database import Writing, complaining
+from cuboid.scene.database import Writing, complaining, transaction
 from cuboid.scene.records import Records
 from cuboid.scene.saving import StateFile
 from cuboid.scene.visit import Visit
 from cuboid.tracker import Tracker
 
+# How often what is new is written, seconds.
+COMMIT_EVERY_S = 1.0
 # Taking a snapshot stops the tracker: it has no larger share of the time than this, however large the scene.
 SNAPSHOT_SHARE = 0.05
 
@@ -197,15 +199,10 @@ class SceneTracker:
 
         def write() -> None:
             connection = self._file.connection
-            connection.execute("BEGIN IMMEDIATE")
-            try:
+            with transaction(connection):
                 self._state.write(connection, state)
                 rows.write(connection)
                 visit.write(connection, next_frame, pending, complete=complete, ended=ended)
-                connection.execute("COMMIT")
-            except BaseException:
-                connection.execute("ROLLBACK")
-                raise
 
         self._writing = self._thread.submit(write)
         self._committed_s = time.monotonic()

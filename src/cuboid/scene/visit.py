@@ -13,9 +13,7 @@ import numpy as np
 
 from cuboid.errors import InputError
 from cuboid.frame import Float64Array, Intrinsics
-
-# Settings that may differ where a run is gone on with.
-SKIPPED = "skipped"
+from cuboid.scene.database import transaction
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,17 +94,17 @@ def now() -> str:
 def begin(connection: sqlite3.Connection, source: Source, T_world_recording: Float64Array) -> Visit:
     """Add a recording to a scene; what earlier ones left pending is dropped."""
     first = connection.execute("SELECT coalesce(max(first_frame + frames), 0) FROM recordings").fetchone()[0]
-    connection.execute("BEGIN IMMEDIATE")
-    connection.execute("DELETE FROM pending")
-    cursor = connection.execute(
-        "INSERT INTO recordings (path, format, poses, begun, first_frame, frames, camera, settings, T_world_recording) "
-        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
-        (
-            source.path, source.format, source.poses, now(), first, source.frames, _camera(source.intrinsics),
-            json.dumps(source.settings, sort_keys=True), T_world_recording.astype("<f8").tobytes(),
-        ),
-    )  # fmt: skip
-    connection.execute("COMMIT")
+    with transaction(connection):
+        connection.execute("DELETE FROM pending")
+        cursor = connection.execute(
+            "INSERT INTO recordings "
+            "(path, format, poses, begun, first_frame, frames, camera, settings, T_world_recording) "
+            "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+            (
+                source.path, source.format, source.poses, now(), first, source.frames, _camera(source.intrinsics),
+                json.dumps(source.settings, sort_keys=True), T_world_recording.astype("<f8").tobytes(),
+            ),
+        )  # fmt: skip
     assert cursor.lastrowid is not None
     return Visit(cursor.lastrowid, first, 0, T_world_recording)
 
