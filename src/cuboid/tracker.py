@@ -329,6 +329,18 @@ class Tracker:
         """Return all objects that have a label, retired ones too, by label."""
         return self._map.store.ever_labelled()
 
+    def merge(self, one: MapObject, two: MapObject) -> MapObject:
+        """Make one object of two that are one, as somebody says; return it, under the older label."""
+        return self._map.merge(one, two)
+
+    def retire(self, entry: MapObject) -> None:
+        """End an object that is none, as somebody says; its label is never given again."""
+        self._map.store.retire(entry)
+
+    def begin_labels(self, first: int) -> None:
+        """Give no label below one."""
+        self._map.store.begin_labels(first)
+
     @property
     def voxels(self) -> VoxelMap:
         """The global voxel map."""

@@ -29,6 +29,7 @@ COMMANDS = (
     "report",
     "view",
     "export",
+    "scene",
     "slam",
     "calibrate",
     "demo",

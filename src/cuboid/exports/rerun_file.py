@@ -14,6 +14,7 @@ merged into another, or retired, is cleared after the last frame that saw it.
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.outputs import TrackRow
 from cuboid.outputs.text import LENGTH, rounded
+from cuboid.results import names_of, tag_of
 from cuboid.views.palette import color_of
 from cuboid.views.report.pictures import encode_jpeg
 
@@ -68,10 +70,12 @@ def _log_scene(rr: Any, stream: Any, run: FinishedRun) -> None:
     """Log what does not change: the map, planes, the camera's path and its pinhole."""
     found, K = run.found, run.found.intrinsics
     labels = sorted({row.label for row in run.tracks} | {item.label for item in found.objects})
+    names = names_of(found.objects)
+    kinds = [(label, tag_of(label, names.get(label, "")), color_of(label)) for label in labels]
     up = _axis_of(found.up)
     if up is not None:
         stream.log("world", getattr(rr.ViewCoordinates, f"RIGHT_HAND_{up}"), static=True)
-    stream.log("/", rr.AnnotationContext([(label, f"#{label}", color_of(label)) for label in labels]), static=True)
+    stream.log("/", rr.AnnotationContext(kinds), static=True)
     stream.log("world/map", rr.Points3D(run.points.xyz, colors=run.points.rgb, radii=POINT_M), static=True)
     for number, plane in enumerate(found.planes):
         outline = np.concatenate((plane.extent, plane.extent[:1]))
@@ -96,7 +100,7 @@ def _log_frames(rr: Any, stream: Any, run: FinishedRun, shown: bool) -> None:
     for row in run.tracks:
         seen[row.frame].append(row)
         last_seen[row.label] = row.frame
-    lasting = {item.label for item in run.found.objects}
+    lasting, names = {item.label for item in run.found.objects}, names_of(run.found.objects)
     gone: list[int] = []
     first_s = next((pose.timestamp_s for pose in run.poses.values()), 0.0)
     for frame, pose in run.poses.items():
@@ -108,20 +112,20 @@ def _log_frames(rr: Any, stream: Any, run: FinishedRun, shown: bool) -> None:
         picture = _picture(run, frame) if shown else None
         if picture is not None:
             stream.log("world/camera/image", rr.EncodedImage(contents=picture, media_type="image/jpeg"))
-        _log_objects(rr, stream, seen[frame])
+        _log_objects(rr, stream, seen[frame], names)
         for label in gone:
             stream.log(f"world/objects/{label}", rr.Clear(recursive=False))
         gone = [row.label for row in seen[frame] if row.label not in lasting and last_seen[row.label] == frame]
 
 
-def _log_objects(rr: Any, stream: Any, rows: list[TrackRow]) -> None:
+def _log_objects(rr: Any, stream: Any, rows: list[TrackRow], names: Mapping[int, str]) -> None:
     for row in rows:
         box = rr.Boxes3D(
             centers=[row.box.center],
             sizes=[row.box.size],
             quaternions=[rr.Quaternion(xyzw=quat_wxyz_from_rotation(row.box.rotation)[[1, 2, 3, 0]])],
             class_ids=[row.label],
-            labels=[f"#{row.label}"],
+            labels=[tag_of(row.label, names.get(row.label, ""))],
             radii=[LINE_M],
         )
         stream.log(f"world/objects/{row.label}", box)

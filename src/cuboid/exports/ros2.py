@@ -19,7 +19,7 @@ from cuboid.geometry.box import CORNER_SIGNS, EDGES
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.outputs.objects import write_json
 from cuboid.outputs.text import DIRECTION, LENGTH, rounded
-from cuboid.results import TrackedObject
+from cuboid.results import TrackedObject, tag_of
 from cuboid.views.palette import color_of
 
 FRAME_ID = "world"
@@ -80,7 +80,7 @@ def _edges(item: TrackedObject) -> dict[str, Any]:
 def _text(item: TrackedObject, up: Float64Array | None) -> dict[str, Any]:
     above = item.box.center + (item.box.size[2] / 2.0 + TEXT_M) * (item.box.up if up is None else up)
     marker = _marker(item, "labels", TEXT_VIEW_FACING, _pose(above, np.eye(3)), {"z": TEXT_M}, 1.0)
-    return {**marker, "text": f"#{item.label}"}
+    return {**marker, "text": tag_of(item.label, item.name)}
 
 
 def _marker(

@@ -135,6 +135,16 @@ class VoxelMap:
         self._blocks.rebuild(self.owner[: self.count])
         self._changed[:] = False
 
+    def take_back(self, columns: tuple[npt.NDArray[Any], ...]) -> None:
+        """Take the rows of a saved map, all living, some of which may be lost."""
+        count, capacity = len(columns[0]), len(self.keys)
+        while count > 0.75 * capacity:
+            capacity *= 2
+        self._allocate(capacity)
+        for target, source in zip(self._columns(), columns, strict=True):
+            target[:count] = source
+        self._begin_anew(count)
+
     def fuse(
         self, image: WorkingImage, heat: Float32Array, T_world_camera: Float64Array, frame: int, anchor: int = 0
     ) -> npt.NDArray[np.int32]:

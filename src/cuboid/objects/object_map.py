@@ -304,9 +304,14 @@ class ObjectMap:
                 a, b = self.store[number], self.store[other]
                 least = SURE if a.confirmed and b.confirmed else SURE / 2.0
                 if told is not None and told >= least:
-                    kept, _ = self.store.merge(a, b)
-                    self._describe(kept)
+                    self.merge(a, b)
                     break
+
+    def merge(self, one: MapObject, two: MapObject) -> MapObject:
+        """Make one of two objects, and return it."""
+        kept, _ = self.store.merge(one, two)
+        self._describe(kept)
+        return kept
 
     def _decide(self, numbers: Sequence[int]) -> None:
         """Give labels to those that are sure, and end those that are surely none."""

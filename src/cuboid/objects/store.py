@@ -65,6 +65,10 @@ class ObjectStore:
         """Return all objects that have a label, retired ones too, by label."""
         return sorted((o for o in self._objects.values() if o.label), key=lambda o: o.label)
 
+    def begin_labels(self, first: int) -> None:
+        """Give no label below one."""
+        self._next_label = max(self._next_label, first)
+
     def add(self, box: Box, frame: int) -> MapObject:
         """Begin an object."""
         entry = MapObject(self._next_number, box, frame, frame)

@@ -32,7 +32,8 @@ OBJECT_COLUMNS = (
 )  # fmt: skip
 _UPSERT = (
     f"INSERT INTO objects ({', '.join(OBJECT_COLUMNS)}) VALUES ({', '.join('?' * len(OBJECT_COLUMNS))}) "
-    f"ON CONFLICT (label) DO UPDATE SET {', '.join(f'{c} = excluded.{c}' for c in OBJECT_COLUMNS[1:])}"
+    f"ON CONFLICT (label) DO UPDATE SET {', '.join(f'{c} = excluded.{c}' for c in OBJECT_COLUMNS[2:])}, "
+    "state = CASE objects.state WHEN 'forgotten' THEN 'forgotten' ELSE excluded.state END"
 )
 
 
@@ -84,16 +85,18 @@ class Records:
         Of the scene: what it tells is gone on from.
     recording : int
         Number of the recording.
-    first_frame : int
-        The scene's number of its first frame.
+    pixels : int
+        Side of the block of the recording's pixels that one pixel of the frames covers.
     """
 
-    def __init__(self, connection: sqlite3.Connection, recording: int, first_frame: int) -> None:
-        self._recording, self._first_frame = recording, first_frame
+    def __init__(self, connection: sqlite3.Connection, recording: int, pixels: int = 1) -> None:
+        self._recording = recording
         self._rows = Rows()
         self._next_box: int = 1 + connection.execute("SELECT coalesce(max(id), 0) FROM boxes").fetchone()[0]
         self._box_of: dict[int, tuple[Box, int]] = {}
         self._told: dict[int, tuple[object, ...]] = {}
+        self._merged = {k for (k,) in connection.execute("SELECT label FROM objects WHERE merged_into IS NOT NULL")}
+        self._pixels = pixels
         self._share: dict[int, float] = dict(connection.execute("SELECT label, picture_share FROM objects"))
         # Of each object that this recording has seen: its first frame, and in how many it was.
         self.seen: dict[int, tuple[int, int]] = {
@@ -110,7 +113,7 @@ class Records:
         self._rows.frames.append((self._recording, frame.index, frame.timestamp_s, *place, x, y, z, w))
         for seen in result.sightings:
             box = self._box(seen.label, seen.box)
-            rect = seen.rect_xyxy.tolist()
+            rect = (seen.rect_xyxy * self._pixels).tolist()
             self._rows.sightings.append((self._recording, frame.index, seen.label, box, seen.iou, seen.visible, *rect))
             first, count = self.seen.get(seen.label, (frame.index, 0))
             self.seen[seen.label] = first, count + 1
@@ -141,11 +144,10 @@ class Records:
             now = (entry.box, entry.points, entry.state, entry.frames_seen, entry.last_frame, len(entry.merged_labels))
             if not _same(self._told.get(entry.label), now):
                 rows.objects.append(_object_row(entry))
-                told = set(self._told.get(-entry.label, ()))
-                gone = [label for label in entry.merged_labels if label not in told]
-                rows.objects += [_object_row(entry, label) for label in gone]
-                rows.merged += [(label, entry.label) for label in gone]
-                self._told[entry.label], self._told[-entry.label] = now, tuple(entry.merged_labels)
+                rows.objects += [_object_row(entry, k) for k in entry.merged_labels if k not in self._merged]
+                rows.merged += [(k, entry.label) for k in entry.merged_labels]
+                self._merged |= {*entry.merged_labels}
+                self._told[entry.label] = now
 
     def _picture(self, frame: Frame, sightings: Iterable[Sighting]) -> None:
         """Keep a picture of the object that is seen most times better than on its own so far."""

@@ -20,6 +20,7 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import compose, rotation_from_quat_wxyz
 from cuboid.posing import POSES_MOVE, EstimatedPoses
 from cuboid.proposals.types import ProposalSource
+from cuboid.scene import editing
 from cuboid.scene import visit as visits
 from cuboid.scene.database import RESCUE, Writing, complaining, open_to_read, open_to_write, transaction
 from cuboid.scene.packing import DamagedError
@@ -32,8 +33,8 @@ from cuboid.tracker import Tracker
 LONGEST_NAME = 100
 
 _COLUMNS = (
-    "label, coalesce(name, ''), state, merged_into, cx, cy, cz, length, width, height, qw, qx, qy, qz, score, points, "
-    "red, green, blue, first_frame, last_frame, frames_seen"
+    "label, coalesce(name, ''), state, merged_into, cx, cy, cz, length, width, height, qw, qx, qy, qz, score, heat, "
+    "points, red, green, blue, first_frame, last_frame, frames_seen"
 )
 
 
@@ -54,6 +55,8 @@ class SceneObject:
         In the scene's world, as known last.
     score : float
         Confidence that it is an object, 0..1.
+    heat : float
+        Mean heat of its points, 0..1.
     points : int
         Voxels that its box was fitted to.
     mean_color : (3,) float64
@@ -69,6 +72,7 @@ class SceneObject:
     merged_into: int | None
     box: Box
     score: float
+    heat: float
     points: int
     mean_color: Float64Array
     first_seen: tuple[int, int]
@@ -111,21 +115,27 @@ class ScenePast:
 
     Attributes
     ----------
+    label : int
+        That it had then.
     recording, frame : int
     time_s : float
         Of the frame, as the recording tells it.
     box : Box
         In the scene's world, as known then.
+    iou : float or None
+        Overlap of the frame's own box with it; None where the frame has none.
     visible : float
         Share of its near side that was seen, 0..1.
     rect_xyxy : (4,) float64
         Pixels of the image.
     """
 
+    label: int
     recording: int
     frame: int
     time_s: float
     box: Box
+    iou: float | None
     visible: float
     rect_xyxy: Float64Array
 
@@ -234,6 +244,10 @@ class Scene:
                 tracker, poses = self._going_on(connection, config, tracker, estimated)
                 if poses is not None and not resume:
                     poses.begin_lost()
+            else:  # it may have had a state, and lost it with a damaged file
+                tracker.begin_labels(
+                    1 + connection.execute("SELECT coalesce(max(label), 0) FROM objects").fetchone()[0]
+                )
             if poses is None and source.poses == "estimated":
                 poses = estimated
             if resume:
@@ -317,14 +331,14 @@ class Scene:
         """
         labels = self._labels_of(label)
         query = (
-            "SELECT s.recording, s.frame, f.time_s, b.cx, b.cy, b.cz, b.length, b.width, b.height, b.qw, b.qx, b.qy, "
-            "b.qz, s.visible, s.x0, s.y0, s.x1, s.y1 FROM sightings s JOIN boxes b ON b.id = s.box "
+            "SELECT s.label, s.iou, s.recording, s.frame, f.time_s, b.cx, b.cy, b.cz, b.length, b.width, b.height, "
+            "b.qw, b.qx, b.qy, b.qz, s.visible, s.x0, s.y0, s.x1, s.y1 FROM sightings s JOIN boxes b ON b.id = s.box "
             f"JOIN frames f USING (recording, frame) WHERE s.label IN ({', '.join('?' * len(labels))}) "
             "ORDER BY s.recording, s.frame"
         )
         return [
-            ScenePast(row[0], row[1], row[2], _box(row[3:13]), row[13], np.array(row[14:18]))
-            for row in self._ask(query, labels)
+            ScenePast(label, recording, frame, time_s, _box(rest[:10]), iou, rest[10], np.array(rest[11:]))
+            for label, iou, recording, frame, time_s, *rest in self._ask(query, labels)
         ]
 
     def picture(self, label: int) -> bytes | None:
@@ -346,6 +360,55 @@ class Scene:
         self._labels_of(label)
         self._change("UPDATE objects SET name = ? WHERE label = ?", (name or None, label))
 
+    def merge(self, one: int, two: int) -> int:
+        """Make one object of two that are one; return the label that stays, the older.
+
+        Raises
+        ------
+        InputError
+            One of them is not there, or they are the same.
+        """
+        connection = self._writing().connection
+        with complaining(self.path):
+            return editing.merge(connection, str(self.path), one, two)
+
+    def forget(self, label: int) -> None:
+        """Let an object be none: its label is never given again, and what is seen there may become another one.
+
+        Raises
+        ------
+        InputError
+            No object ever had the label.
+        """
+        self._labels_of(label)
+        connection = self._writing().connection
+        with complaining(self.path):
+            editing.forget(connection, str(self.path), label)
+
+    def write_results(self, folder: Path, recording: int | None = None, *, force: bool = False) -> None:
+        """Write a result folder, as `cuboid track` leaves it, of a recording: the last one unless given.
+
+        Raises
+        ------
+        InputError
+            There is no such recording, or the scene has no state.
+        OutputError
+            The results cannot be written.
+        """
+        from cuboid.scene.results_of import write_results
+
+        with complaining(self.path):
+            number = len(self.recordings) if recording is None else recording
+            write_results(self, self._connection(), number, folder, force=force)
+
+    def compact(self) -> None:
+        """Write the file anew without the room that is free in it."""
+        connection = self._writing().connection
+        with complaining(self.path):
+            with transaction(connection):
+                connection.execute("DELETE FROM boxes WHERE id NOT IN (SELECT box FROM sightings)")
+            connection.execute("VACUUM")
+
     def _labels_of(self, label: int) -> list[int]:
         """Return a label and those that were merged into it."""
         known = dict(self._ask("SELECT label, merged_into FROM objects"))
@@ -359,8 +422,8 @@ class Scene:
     def _object(self, row: Sequence[Any]) -> SceneObject:
         label, name, state, merged_into = row[:4]
         return SceneObject(
-            label, name, state, merged_into, _box(row[4:14]), row[14], row[15], np.array(row[16:19]),
-            self._place(row[19]), self._place(row[20]), row[21],
+            label, name, state, merged_into, _box(row[4:14]), row[14], row[15], row[16], np.array(row[17:20]),
+            self._place(row[20]), self._place(row[21]), row[22],
         )  # fmt: skip
 
     def _place(self, frame: int) -> tuple[int, int]:
@@ -368,7 +431,7 @@ class Scene:
         rows = self._ask(
             "SELECT id, ? - first_frame FROM recordings WHERE first_frame <= ? ORDER BY id DESC LIMIT 1", (frame, frame)
         )
-        number, own = rows[0]
+        number, own = rows[0] if rows else (0, frame)  # its recording was lost with a damaged file
         return number, own
 
     def _ask(self, query: str, values: Iterable[Any] = ()) -> list[Any]:

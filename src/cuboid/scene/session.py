@@ -60,7 +60,7 @@ class SceneTracker:
     ) -> None:
         self._path, self._file, self._tracker, self._visit = path, file, tracker, visit
         self._names, self._every_s, self._poses = names, commit_every_s, poses
-        self._records = Records(file.connection, visit.number, visit.first_frame)
+        self._records = Records(file.connection, visit.number, visit.pixels)
         self._state = StateFile(tracker, file.connection, () if poses is None else (poses,))
         self._pending: list[tuple[str, str]] = []
         self._next_frame = visit.next_frame

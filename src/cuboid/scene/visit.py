@@ -57,12 +57,15 @@ class Visit:
         Of the recording: where to go on.
     T_world_recording : (4, 4) float64
         Carries the recording's own world, where its poses are given, to the scene's.
+    pixels : int
+        Side of the block of its pixels that one pixel of the tracked frames covers.
     """
 
     number: int
     first_frame: int
     next_frame: int
     T_world_recording: Float64Array
+    pixels: int
 
     def write(
         self,
@@ -106,7 +109,7 @@ def begin(connection: sqlite3.Connection, source: Source, T_world_recording: Flo
             ),
         )  # fmt: skip
     assert cursor.lastrowid is not None
-    return Visit(cursor.lastrowid, first, 0, T_world_recording)
+    return Visit(cursor.lastrowid, first, 0, T_world_recording, source.settings.get("scale", 1))
 
 
 def resume(connection: sqlite3.Connection, source: Source, path: str) -> Visit:
@@ -132,7 +135,7 @@ def resume(connection: sqlite3.Connection, source: Source, path: str) -> Visit:
             raise InputError(
                 f"{path}: --resume: the run was begun with {name} = {told.get(name)}, not {asked.get(name)}"
             )
-    return Visit(row[0], row[4], row[5], np.frombuffer(row[8], "<f8").reshape(4, 4).copy())
+    return Visit(row[0], row[4], row[5], np.frombuffer(row[8], "<f8").reshape(4, 4).copy(), told.get("scale", 1))
 
 
 def pending(connection: sqlite3.Connection, visit: Visit) -> dict[str, str]:

@@ -44,7 +44,8 @@ def drawer(what: str, results: Path, replay: Replay) -> Draw:
             return draw_proposals(frame.color, found.T_world_camera, K, found.proposals, status)
         picture = ground(frame, found)
         return draw_frame(
-            picture, found.T_world_camera, K, found.sightings, found.hidden, status, tinted=what != "heat"
-        )
+            picture, found.T_world_camera, K, found.sightings, found.hidden, status, tinted=what != "heat",
+            names=replay.names,
+        )  # fmt: skip
 
     return draw
