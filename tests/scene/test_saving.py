@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sqlite3
 from collections.abc import Callable
 from pathlib import Path
@@ -9,12 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cuboid.errors import FrameError
+from cuboid.frame import Frame
 from cuboid.geometry import se3
 from cuboid.heatmap import voxel_map
 from cuboid.outputs.objects import ObjectsFile, write_objects
+from cuboid.posing import EstimatedPoses
 from cuboid.results import FrameResult
 from cuboid.scene.database import open_to_write
 from cuboid.scene.saving import StateFile, load_state
+from cuboid.synthetic import make_scene
+from cuboid.synthetic.view import SceneView
 from cuboid.tracker import Tracker
 from worlds import CAMERA, Proposer, World
 
@@ -125,3 +131,32 @@ def test_an_unknown_attribute_is_refused(tmp_path: Path) -> None:
     with pytest.raises(TypeError, match=r"ObjectStore\.strange cannot be saved"):
         StateFile(tracker, file.connection).snapshot()
     file.close()
+
+
+def test_estimated_poses_go_on_from_any_cut(tmp_path: Path) -> None:
+    scene = make_scene("table", 4, frames=70)
+    view = SceneView(scene, scene.intrinsics(160, 120))
+    shown = [view.render(k, "clean") for k in range(0, 70, 2)]
+    frames = [Frame(k, k / 15, one.color, one.depth_m) for k, one in enumerate(shown)]
+    camera = scene.intrinsics(160, 120)
+
+    def run(cuts: tuple[int, ...]) -> tuple[list[bytes], list[bytes]]:
+        tracker, poses, told = Tracker(camera), EstimatedPoses(camera, 0.005), []
+        for frame in frames:
+            try:
+                posed = poses.locate(frame)
+                tracker.carry(posed.moved)
+                said = tracker.update(dataclasses.replace(frame, T_world_camera=posed.T_world_camera), posed.anchor)
+                told.append(said.T_world_camera.tobytes())
+            except FrameError as error:
+                told.append(str(error).encode())
+            if frame.index in cuts:
+                file = open_to_write(tmp_path / f"{frame.index}.cuboid", create=True)
+                commit(file.connection, StateFile(tracker, file.connection, (poses,)))
+                tracker, poses = load_state(file.connection, Tracker(camera), EstimatedPoses(camera, 0.005))
+                file.close()
+        return told, [T.tobytes() for T in poses.trajectory().values()]
+
+    whole = run(())
+    assert sum(len(one) == 128 for one in whole[0]) > 30, "poses are found"
+    assert run((3, 11, 17, 29)) == whole

@@ -145,6 +145,12 @@ class VoxelMap:
             target[:count] = source
         self._begin_anew(count)
 
+    def pack(self) -> None:
+        """Let all rows live."""
+        if self._dead:
+            alive = self.living()
+            self.take_back(tuple(column[alive] for column in self._columns()))
+
     def fuse(
         self, image: WorkingImage, heat: Float32Array, T_world_camera: Float64Array, frame: int, anchor: int = 0
     ) -> npt.NDArray[np.int32]:

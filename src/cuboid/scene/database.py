@@ -137,7 +137,7 @@ class Writing:
                 if self.connection.in_transaction:
                     self.connection.execute("ROLLBACK")
                 with suppress(sqlite3.OperationalError):  # a full disk keeps its free room
-                    self.connection.execute("PRAGMA incremental_vacuum").fetchall()
+                    self.connection.executescript("PRAGMA incremental_vacuum")
                 self.connection.close()
         finally:
             self._unlock()

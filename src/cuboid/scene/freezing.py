@@ -62,11 +62,14 @@ class Kind:
         Returns what tells an object from others of its class; none where there is only one.
     kept_apart : frozenset of str
         Attributes that are saved elsewhere, are given anew, or follow from others.
+    replaced : frozenset of str
+        Arrays that are never changed, only replaced: the same one needs no copy, and is not written again.
     """
 
     cls: type
     key: Callable[[Any], object] = lambda item: ""
     kept_apart: frozenset[str] = frozenset()
+    replaced: frozenset[str] = frozenset()
 
 
 # Rows of the map are saved in blocks: see `saving`.
@@ -88,11 +91,11 @@ KINDS = {
         Kind(Boxing),
         Kind(ObjectStore),
         Kind(Affinity),
-        Kind(MapObject, key=lambda entry: entry.number),
+        Kind(MapObject, key=lambda entry: entry.number, replaced=frozenset({"points", "colors"})),
         Kind(EstimatedPoses),
         Kind(PoseEstimator, kept_apart=frozenset({"intrinsics"})),
         Kind(Atlas),
-        Kind(Keyframe, key=lambda keyframe: keyframe.number),
+        Kind(Keyframe, key=lambda keyframe: keyframe.number, kept_apart=frozenset({"_reference"})),
     )
 }
 _BY_NAME = {kind.cls.__name__: kind for kind in KINDS.values()}
@@ -101,6 +104,8 @@ _BY_NAME = {kind.cls.__name__: kind for kind in KINDS.values()}
 VALUES: tuple[type, ...] = (
     Box, TrackerConfig, Intrinsics, GroundPlan, SmallImage, Points, Reference, Appearance, Edge,
 )  # fmt: skip
+# Of these, also the arrays are never changed.
+UNCHANGED = frozenset({SmallImage, Points, Reference, Appearance, Edge})
 _VALUE_BY_NAME = {cls.__name__: cls for cls in VALUES}
 ENUMS = {"State": State}
 
@@ -116,7 +121,8 @@ class Part:
     fields : dict of str to values
         None, truth values, numbers, texts; a list is any other thing: its first item says what.
     arrays : dict of str to (str, array)
-        The large ones, by their path in the fields, each with its form.
+        The large ones, by their path in the fields, each with its form. One that is the same object as before has not
+        changed.
     """
 
     kind: str
@@ -146,6 +152,7 @@ class _Freezer:
     def __init__(self) -> None:
         self._waiting: deque[tuple[str, Any]] = deque()
         self._keys: dict[int, str] = {}
+        self._copied = True
 
     def freeze(self, root: object) -> dict[str, Part]:
         self._refer(root)
@@ -158,6 +165,7 @@ class _Freezer:
             part = Part(kind.cls.__name__, {})
             for name in attributes(item):
                 if name not in kind.kept_apart:
+                    self._copied = name not in kind.replaced
                     part.fields[name] = self._plain(getattr(item, name), name, part)
             parts[key] = part
         return parts
@@ -188,7 +196,9 @@ class _Freezer:
         if kind in KINDS:
             return ["part", self._refer(value)]
         if kind in _VALUE_BY_NAME.values():
+            copied, self._copied = self._copied, self._copied and kind not in UNCHANGED
             own = {name: self._plain(getattr(value, name), f"{path}.{name}", part) for name in attributes(value)}
+            self._copied = copied
             return ["value", kind.__name__, own]
         if isinstance(value, Enum) and kind.__name__ in ENUMS:
             return ["enum", kind.__name__, value.name]
@@ -201,7 +211,7 @@ class _Freezer:
             raise TypeError(f"{part.kind}.{path} cannot be saved: it is an array of {array.dtype}")
         if array.nbytes <= LARGE_BYTES:
             return ["array", form_of(array), array.tobytes()]
-        part.arrays[path] = form_of(array), array.copy()
+        part.arrays[path] = form_of(array), array.copy() if self._copied else array
         return ["large", path]
 
 

@@ -6,6 +6,7 @@ import json
 import zlib
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -14,6 +15,10 @@ from cuboid.frame import Float32Array
 from cuboid.heatmap.carrying import keys_of
 from cuboid.heatmap.voxel_map import CHANGED_ROWS
 from cuboid.kernels.voxels import X, Z
+
+# Images of at least so many pixels a side are kept as PNG, compressed so far.
+SMALLEST_IMAGE, PNG_COMPRESSION = 48, 3
+PNG = b"\x89PNG"
 
 AnyArray = npt.NDArray[Any]
 Columns = tuple[AnyArray, ...]
@@ -77,13 +82,22 @@ def from_bytes(form: str, data: bytes) -> AnyArray:
 
 
 def packed(array: AnyArray) -> bytes:
-    """Return an array's bytes, the first of each item first, compressed."""
+    """Return an array's bytes, the first of each row first, compressed; images as PNG."""
+    if array.ndim == 2 and array.dtype in (np.uint8, np.uint16) and min(array.shape) >= SMALLEST_IMAGE:
+        done, data = cv2.imencode(".png", array, [cv2.IMWRITE_PNG_COMPRESSION, PNG_COMPRESSION])
+        if done:
+            return data.tobytes()
     return deflated(_planes(array))
 
 
 def unpacked(data: bytes, check: int, form: str, what: str) -> AnyArray:
     """Return the array of bytes from `packed`, in C order."""
     dtype, shape, *_ = json.loads(form)
+    if data.startswith(PNG):
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if check_sum(data) == check else None
+        if image is None:
+            raise DamagedError(f"{what} is damaged: its check sum is wrong")
+        return image.reshape(shape).astype(dtype, copy=False)
     return _from_planes(inflated(data, check, what), np.dtype(dtype), tuple(shape))
 
 

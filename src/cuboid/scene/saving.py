@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import msgspec
+import numpy.typing as npt
 
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.scene.freezing import Part, freeze, thaw
@@ -63,6 +64,7 @@ class StateFile:
         self._written: dict[tuple[str, str], bytes] = {}
         for query in ("SELECT key, '' FROM parts", "SELECT part, path FROM arrays"):
             self._written |= dict.fromkeys(connection.execute(query), b"")
+        self._same: dict[tuple[str, str], tuple[npt.NDArray[Any], bytes]] = {}
         self._begin = connection.execute("SELECT 1 FROM blocks LIMIT 1").fetchone() is None
 
     def snapshot(self) -> Snapshot:
@@ -96,10 +98,16 @@ class StateFile:
                 values = (key, part.kind, check_sum(fields), fields)
                 connection.execute("INSERT OR REPLACE INTO parts VALUES (?, ?, ?, ?)", values)
             for path, (form, plain) in part.arrays.items():
-                if self._is_new(now, (key, path), form.encode() + plain.tobytes()):
+                name = key, path
+                same = self._same.get(name)
+                if same is not None and same[0] is plain:
+                    now[name] = same[1]
+                elif self._is_new(now, name, form.encode() + plain.tobytes()):
                     data = packed(plain)
                     row = (key, path, form, check_sum(data), data)
                     connection.execute("INSERT OR REPLACE INTO arrays VALUES (?, ?, ?, ?, ?)", row)
+                self._same[name] = plain, now[name]
+        self._same = {name: self._same[name] for name in now if name in self._same}
         for key, path in self._written.keys() - now.keys():
             if path:
                 connection.execute("DELETE FROM arrays WHERE part = ? AND path = ?", (key, path))

@@ -180,6 +180,8 @@ class SceneTracker:
         self._open = False
         try:
             self._settle()
+            if complete:
+                self._tracker.voxels.pack()
             self._commit(complete=complete, ended=True)
             self._settle()
         finally:
