@@ -337,6 +337,24 @@ class Tracker:
         """End an object that is none, as somebody says; its label is never given again."""
         self._map.store.retire(entry)
 
+    def begin_visit(self) -> None:
+        """Expect the place at another time: things may have been moved, taken and brought."""
+        self._map.begin_visit()
+        self._place = None
+
+    def split(self, entry: MapObject, was: MapObject, first_frame: int) -> None:
+        """Give a labelled object another label: it stands where another one stood, which keeps the old one."""
+        self._map.store.split(entry, was, first_frame)
+
+    def adopt(self, entry: MapObject, old: MapObject) -> None:
+        """Let a labelled object be one that was retired: it was moved, and its older label stays."""
+        self._map.store.adopt(entry, old)
+
+    @property
+    def support(self) -> PlaneTracker:
+        """The supporting planes and their ground plans."""
+        return self._planes
+
     def begin_labels(self, first: int) -> None:
         """Give no label below one."""
         self._map.store.begin_labels(first)

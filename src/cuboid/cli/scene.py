@@ -31,6 +31,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     showing = verb("show", "show what the scene holds, or one object and where it was seen")
     showing.add_argument("label", type=positive, nargs="?", metavar="LABEL", help="an object")
     showing.add_argument("--picture", type=Path, metavar="JPG", help="write the object's picture")
+    changing = verb("changes", "tell what changed since the visit before: moved, gone, new")
+    changing.add_argument("--since", metavar="DATE", help="of all recordings begun since then (default: the last one)")
+    changing.add_argument("--all", action="store_true", help="also what is unchanged, and what was not looked at")
+    changing.add_argument("--pictures", type=Path, metavar="DIR", help="write pictures of before and after")
     naming = verb("name", "give an object a name, or take it away with an empty one")
     naming.add_argument("label", type=positive, metavar="LABEL")
     naming.add_argument("name", metavar="NAME")
@@ -146,6 +150,33 @@ def _show_object(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
     return lines
 
 
+def _changes(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
+    from rich.markup import escape
+
+    from cuboid.cli.tables import new_table
+    from cuboid.errors import printable
+    from cuboid.outputs.pending import new_folder
+
+    found = [one for one in scene.changes(args.since) if args.all or one.change not in ("unchanged", "not looked at")]
+    if not found:
+        return ["nothing changed"]
+    table = new_table("recording", "label", "name", "change", "from (m)", "to (m)", "metres", "how sure", left=4)
+    for one in found:
+        places = ("" if p is None else ", ".join(f"{value:z.2f}" for value in p) for p in (one.from_m, one.to_m))
+        far = "" if one.metres is None else f"{one.metres:.2f}"
+        sure = "" if one.metres is None else f"{one.sure:.2f}"
+        name = escape(printable(one.name))
+        table.add_row(str(one.recording), str(one.label), name, one.change, *places, far, sure)
+    if args.pictures is None:
+        return [table]
+    with new_folder(args.pictures, force=True, replaces=r"recording-\d+-label-\d+-(before|after)\.jpg") as folder:
+        for one in found:
+            for when, picture in (("before", one.before), ("after", one.after)):
+                if picture is not None:
+                    (folder / f"recording-{one.recording}-label-{one.label}-{when}.jpg").write_bytes(picture)
+    return [table, f"pictures in {args.pictures}"]
+
+
 def _object(scene: Scene, label: int) -> SceneObject:
     from cuboid.errors import InputError
 
@@ -214,6 +245,7 @@ def _check(path: Path, new: Path | None) -> int:
 VERBS = {
     "list": _list,
     "show": _show,
+    "changes": _changes,
     "name": _name,
     "merge": _merge,
     "forget": _forget,

@@ -145,6 +145,16 @@ class VoxelMap:
             target[:count] = source
         self._begin_anew(count)
 
+    def age(self, most_hits: int) -> None:
+        """Let what was seen long ago count as no more than so many sightings: the world may have changed since."""
+        if self.count == 0:
+            return
+        hits, weights = self.hits[: self.count], self.values[: self.count, kernel.WEIGHT]
+        weights *= (np.minimum(hits, most_hits) / np.maximum(hits, 1)).astype(np.float32)
+        np.minimum(hits, most_hits, out=hits)
+        self.passes[: self.count] = 0
+        self._changed[:] = True
+
     def pack(self) -> None:
         """Let all rows live."""
         if self._dead:
@@ -307,6 +317,10 @@ class VoxelMap:
         self._changed[rows >> CHANGED_BITS] = True
         for number in numbers:
             self._blocks.release(number)
+
+    def seen_since(self, rows: Rows, frame: int) -> npt.NDArray[np.bool_]:
+        """Tell of which rows (N,) a frame from some number on saw the point."""
+        return np.asarray(self._last_frame[rows] >= frame)
 
     def rows_at(self, points: Float64Array) -> Rows:
         """Return the rows (N,) of the voxels at places (N, 3) of the world, -1 where there is no point."""

@@ -6,6 +6,7 @@ import sqlite3
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -140,6 +141,40 @@ class ScenePast:
     rect_xyxy: Float64Array
 
 
+@dataclass(frozen=True, slots=True)
+class SceneChange:
+    """What became of an object by a visit.
+
+    Attributes
+    ----------
+    recording : int
+        The visit.
+    label : int
+    name : str
+    change : str
+        "unchanged", "moved", "gone", "new", "found" (it stands where nothing was seen before) or "not looked at".
+    from_m, to_m : (3,) float64 or None
+        Where its middle was, and is.
+    metres : float or None
+        How far it was moved.
+    sure : float
+        How sure it is that what was moved is the same, 0..1.
+    before, after : bytes or None
+        Its pictures, JPEG.
+    """
+
+    recording: int
+    label: int
+    name: str
+    change: str
+    from_m: Float64Array | None
+    to_m: Float64Array | None
+    metres: float | None
+    sure: float
+    before: bytes | None
+    after: bytes | None
+
+
 class Scene:
     """A scene in its file: map, objects and labels, which each recording extends.
 
@@ -242,8 +277,6 @@ class Scene:
             estimated = EstimatedPoses(intrinsics, POSES_MOVE * tracker.config.voxel_m)
             if has_state(connection):
                 tracker, poses = self._going_on(connection, config, tracker, estimated)
-                if poses is not None and not resume:
-                    poses.begin_lost()
             else:  # it may have had a state, and lost it with a damaged file
                 tracker.begin_labels(
                     1 + connection.execute("SELECT coalesce(max(label), 0) FROM objects").fetchone()[0]
@@ -253,7 +286,11 @@ class Scene:
             if resume:
                 visit = visits.resume(connection, source, str(self.path))
             else:
-                visit = visits.begin(connection, source, np.eye(4))
+                visit = visits.begin(connection, source, np.eye(4), tracker)
+            if visit.number > 1 and visit.next_frame == 0:
+                tracker.begin_visit()
+                if poses is not None:
+                    poses.begin_lost()
             names = dict(connection.execute("SELECT label, name FROM objects WHERE name IS NOT NULL"))
         self._tracker = SceneTracker(self.path, file, tracker, poses, visit, names, commit_every_s)
         return self._tracker
@@ -339,6 +376,40 @@ class Scene:
         return [
             ScenePast(label, recording, frame, time_s, _box(rest[:10]), iou, rest[10], np.array(rest[11:]))
             for label, iou, recording, frame, time_s, *rest in self._ask(query, labels)
+        ]
+
+    def changes(self, since: str | int | None = None) -> list[SceneChange]:
+        """Return what each recording found changed, by recording and label.
+
+        Parameters
+        ----------
+        since : str or int, optional
+            A date or time, ISO 8601, UTC: the recordings begun since then; or the number of a recording: those from it
+            on. The last one alone unless given.
+
+        Raises
+        ------
+        InputError
+            The date is none.
+        """
+        if isinstance(since, str):
+            try:
+                moment = datetime.fromisoformat(since)
+            except ValueError:
+                raise InputError(f"expected a date such as 2026-01-31 or 2026-01-31T12:00, got '{since}'") from None
+            moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+            wanted = [one.number for one in self.recordings if datetime.fromisoformat(one.begun) >= moment]
+        else:
+            last = len(self.recordings)
+            wanted = [one.number for one in self.recordings if one.number >= (last if since is None else since)]
+        query = (
+            "SELECT recording, c.label, coalesce(name, ''), change, from_x, from_y, from_z, to_x, to_y, to_z, metres, "
+            "sure, before, after FROM changes c LEFT JOIN objects USING (label) ORDER BY recording, c.label"
+        )
+        return [
+            SceneChange(number, label, name, change, _place_of(rest[:3]), _place_of(rest[3:6]), *rest[6:])
+            for number, label, name, change, *rest in self._ask(query)
+            if number in wanted
         ]
 
     def picture(self, label: int) -> bytes | None:
@@ -454,6 +525,10 @@ class Scene:
         if self._write is None:
             self._write = open_to_write(self.path, create=True)
         return self._write
+
+
+def _place_of(numbers: Sequence[float | None]) -> Float64Array | None:
+    return None if numbers[0] is None else np.array(numbers, np.float64)
 
 
 def _box(numbers: Sequence[float]) -> Box:

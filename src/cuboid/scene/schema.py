@@ -119,6 +119,40 @@ CREATE TABLE pending (
 ) STRICT;
 """
 
+_CHANGES = """
+CREATE TABLE known (
+    label INTEGER PRIMARY KEY,
+    cx REAL NOT NULL, cy REAL NOT NULL, cz REAL NOT NULL,
+    length REAL NOT NULL, width REAL NOT NULL, height REAL NOT NULL,
+    qw REAL NOT NULL, qx REAL NOT NULL, qy REAL NOT NULL, qz REAL NOT NULL,
+    look BLOB NOT NULL,
+    points BLOB NOT NULL,
+    picture BLOB
+) STRICT;
+
+CREATE TABLE ground (
+    plane INTEGER PRIMARY KEY,
+    first_row INTEGER NOT NULL,
+    first_column INTEGER NOT NULL,
+    rows INTEGER NOT NULL,
+    columns INTEGER NOT NULL,
+    seen BLOB NOT NULL
+) STRICT;
+
+CREATE TABLE changes (
+    recording INTEGER NOT NULL REFERENCES recordings (id) ON DELETE CASCADE,
+    label INTEGER NOT NULL,
+    change TEXT NOT NULL CHECK (change IN ('unchanged', 'moved', 'gone', 'new', 'found', 'not looked at')),
+    from_x REAL, from_y REAL, from_z REAL,
+    to_x REAL, to_y REAL, to_z REAL,
+    metres REAL,
+    sure REAL NOT NULL,
+    before BLOB,
+    after BLOB,
+    PRIMARY KEY (recording, label)
+) STRICT;
+"""
+
 # What makes a file of version k + 1 of one of version k, from 0: an empty one.
-MIGRATIONS: tuple[str, ...] = (_FIRST,)
+MIGRATIONS: tuple[str, ...] = (_FIRST, _CHANGES)
 VERSION = len(MIGRATIONS)

@@ -11,6 +11,7 @@ from pathlib import Path
 from cuboid.frame import Float64Array, Frame
 from cuboid.posing import EstimatedPoses, Posed, Poses
 from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
+from cuboid.scene import changes
 from cuboid.scene.database import Writing, complaining, transaction
 from cuboid.scene.records import Records
 from cuboid.scene.saving import StateFile
@@ -62,6 +63,7 @@ class SceneTracker:
         self._names, self._every_s, self._poses = names, commit_every_s, poses
         self._records = Records(file.connection, visit.number, visit.pixels)
         self._state = StateFile(tracker, file.connection, () if poses is None else (poses,))
+        self._changes = changes.load(file.connection, visit.first_frame)
         self._pending: list[tuple[str, str]] = []
         self._next_frame = visit.next_frame
         self._thread = ThreadPoolExecutor(1, "cuboid-scene")
@@ -94,6 +96,8 @@ class SceneTracker:
         shifted = dataclasses.replace(frame, index=frame.index + self._visit.first_frame)
         found = dataclasses.replace(self._tracker.update(shifted, anchor), index=frame.index)
         self._records.add(frame, found)
+        if shifted.index % changes.EVERY_FRAMES == 0 and self._visit.number > 1:
+            self._changes.recognise(self._tracker)
         self._next_frame = frame.index + 1
         return found
 
@@ -180,6 +184,8 @@ class SceneTracker:
         self._open = False
         try:
             self._settle()
+            if self._visit.number > 1:
+                self._changes.recognise(self._tracker)
             if complete:
                 self._tracker.voxels.pack()
             self._commit(complete=complete, ended=True)
@@ -198,12 +204,14 @@ class SceneTracker:
         state, rows = self._state.snapshot(), self._records.take(self._tracker)
         pending, self._pending = self._pending, []
         visit, next_frame = self._visit, self._next_frame
+        told = self._changes.tell(self._tracker, self._records.seen) if ended and visit.number > 1 else []
 
         def write() -> None:
             connection = self._file.connection
             with transaction(connection):
                 self._state.write(connection, state)
                 rows.write(connection)
+                changes.write(connection, visit.number, told)
                 visit.write(connection, next_frame, pending, complete=complete, ended=ended)
 
         self._writing = self._thread.submit(write)

@@ -13,7 +13,9 @@ import numpy as np
 
 from cuboid.errors import InputError
 from cuboid.frame import Float64Array, Intrinsics
+from cuboid.scene import changes
 from cuboid.scene.database import transaction
+from cuboid.tracker import Tracker
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,11 +96,12 @@ def now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-def begin(connection: sqlite3.Connection, source: Source, T_world_recording: Float64Array) -> Visit:
-    """Add a recording to a scene; what earlier ones left pending is dropped."""
+def begin(connection: sqlite3.Connection, source: Source, T_world_recording: Float64Array, tracker: Tracker) -> Visit:
+    """Add a recording to a scene, and note how things stand; what earlier ones left pending is dropped."""
     first = connection.execute("SELECT coalesce(max(first_frame + frames), 0) FROM recordings").fetchone()[0]
     with transaction(connection):
         connection.execute("DELETE FROM pending")
+        changes.begin(connection, tracker)
         cursor = connection.execute(
             "INSERT INTO recordings "
             "(path, format, poses, begun, first_frame, frames, camera, settings, T_world_recording) "
