@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.frame import Frame
+from cuboid.frame import Frame, Intrinsics
 from cuboid.proposals.types import Proposals
 from cuboid.scene import Scene, Source
 from made_scenes import cast, look_at, upright
-from worlds import CAMERA, FLOOR, TABLE
+from worlds import FLOOR, TABLE
 
+CAMERA = Intrinsics(136.0, 136.0, 79.5, 59.5, 160, 120)
 THINGS = (
     upright((-0.2, 0.0), (0.16, 0.12, 0.14), 0.3, z=0.48),
     upright((0.25, 0.2), (0.12, 0.12, 0.2), 0.0, z=0.48),
@@ -34,7 +35,7 @@ class Shown:
             self._hits.append(hit)
 
     def proposals(self, frame: Frame, _: object) -> Proposals:
-        hit = self._hits[frame.index if frame.index < len(self._hits) else frame.index % len(self._hits)]
+        hit = self._hits[frame.index]
         masks = [hit == k for k in np.unique(hit[hit >= 2])]
         spans = [(np.flatnonzero(m.any(0)), np.flatnonzero(m.any(1))) for m in masks]
         boxes = [(c[0], r[0], c[-1] + 1, r[-1] + 1) for c, r in spans]

@@ -214,6 +214,8 @@ def begin(connection: sqlite3.Connection, tracker: Tracker) -> None:
     for entry in tracker.ever_labelled():
         if entry.confirmed and len(entry.points):
             points = entry.points[tracker.voxels.rows_at(entry.points.astype(np.float64)) >= 0]
+            if not len(points):
+                continue  # they were lost with a damaged file
             points = np.ascontiguousarray(points[:: 1 + len(points) // POINTS], "<f4")
             box = entry.box
             nine = (*box.center.tolist(), *box.size.tolist(), *quat_wxyz_from_rotation(box.rotation).tolist())
@@ -285,7 +287,7 @@ def _lab(rgb: UInt8Array) -> Float64Array:
 
 def _sides(box: Box) -> Float64Array:
     """Return the sides of a box: the longer and the shorter one of its footprint, its height."""
-    return np.maximum(np.array([box.size[:2].max(), box.size[:2].min(), box.size[2]]), 0.005)
+    return np.asarray(np.maximum([box.size[:2].max(), box.size[:2].min(), box.size[2]], 0.005), np.float64)
 
 
 def _still(old: Float32Array, new: Float32Array) -> bool:

@@ -20,13 +20,14 @@ from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import compose, rotation_from_quat_wxyz
 from cuboid.posing import POSES_MOVE, EstimatedPoses
+from cuboid.proposals import make_source
 from cuboid.proposals.types import ProposalSource
 from cuboid.scene import editing
 from cuboid.scene import visit as visits
 from cuboid.scene.database import RESCUE, Writing, complaining, open_to_read, open_to_write, transaction
 from cuboid.scene.packing import DamagedError
 from cuboid.scene.saving import has_state, load_state
-from cuboid.scene.session import COMMIT_EVERY_S, SceneTracker
+from cuboid.scene.session import COMMIT_EVERY_S, OwnFrames, SceneTracker
 from cuboid.scene.visit import Source
 from cuboid.tracker import Tracker
 
@@ -273,7 +274,8 @@ class Scene:
         file = self._writing()
         connection = file.connection
         with complaining(self.path):
-            tracker, poses = Tracker(intrinsics, config, proposals), None
+            own = OwnFrames(make_source(proposals))
+            tracker, poses = Tracker(intrinsics, config, own), None
             estimated = EstimatedPoses(intrinsics, POSES_MOVE * tracker.config.voxel_m)
             if has_state(connection):
                 tracker, poses = self._going_on(connection, config, tracker, estimated)
@@ -291,6 +293,7 @@ class Scene:
                 tracker.begin_visit()
                 if poses is not None:
                     poses.begin_lost()
+            own.first_frame = visit.first_frame
             names = dict(connection.execute("SELECT label, name FROM objects WHERE name IS NOT NULL"))
         self._tracker = SceneTracker(self.path, file, tracker, poses, visit, names, commit_every_s)
         return self._tracker

@@ -8,8 +8,9 @@ from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
-from cuboid.frame import Float64Array, Frame
+from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.posing import EstimatedPoses, Posed, Poses
+from cuboid.proposals.types import Proposals, ProposalSource
 from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
 from cuboid.scene import changes
 from cuboid.scene.database import Writing, complaining, transaction
@@ -224,6 +225,26 @@ class SceneTracker:
             writing, self._writing = self._writing, None
             with complaining(self._path):
                 writing.result()
+
+
+class OwnFrames:
+    """A source of proposals that is asked about frames by their numbers in the recording.
+
+    Attributes
+    ----------
+    first_frame : int
+        The scene's number of the recording's first frame.
+    """
+
+    def __init__(self, source: ProposalSource) -> None:
+        self._source = source
+        self.first_frame = 0
+
+    def __call__(self, frame: Frame, intrinsics: Intrinsics) -> Proposals:
+        """Return the proposals of a frame that the scene has counted."""
+        if self.first_frame:
+            frame = dataclasses.replace(frame, index=frame.index - self.first_frame)
+        return self._source(frame, intrinsics)
 
 
 class _ScenePoses:

@@ -59,7 +59,7 @@ class Arrangement:
     def take(self, number: int) -> SceneObject:
         """Take an object away."""
         taken = next(o for o in self.objects if o.id == number)
-        self.objects.remove(taken)
+        self.objects = [o for o in self.objects if o is not taken]
         del self._outlines[number]
         return taken
 
