@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import shutil
 import sqlite3
 from pathlib import Path
@@ -12,11 +14,15 @@ import pytest
 from made_scene import CAMERA, THINGS, Shown, record
 
 from cuboid.config import TrackerConfig
-from cuboid.errors import CuboidError, InputError, OutputError
+from cuboid.errors import CuboidError, FrameError, InputError, OutputError
+from cuboid.frame import Frame
 from cuboid.outputs import FinishedResults
-from cuboid.scene import Scene
+from cuboid.posing import EstimatedPoses
+from cuboid.scene import Scene, Source
 from cuboid.scene.checking import problems, rescue
 from cuboid.scene.schema import MIGRATIONS, VERSION
+from cuboid.synthetic import make_scene
+from cuboid.synthetic.view import SceneView
 
 
 @pytest.fixture(scope="module")
@@ -203,3 +209,39 @@ def test_what_can_be_read_of_a_damaged_file_is_saved(seed: int, path: Path, tmp_
 
 def test_migrations_are_numbered() -> None:
     assert len(MIGRATIONS) == VERSION
+
+
+def test_a_place_is_recognised_and_labels_go_on(tmp_path: Path) -> None:
+    """A second recording, whose poses are estimated and which begins lost, is found among the old keyframes."""
+    made = make_scene("table", 6, frames=150, camera="orbit")
+    camera = made.intrinsics(160, 120)
+    view = SceneView(made, camera)
+    frames = [view.render(k, "clean") for k in range(0, 150, 2)]
+    known: list[int] = []
+    for visit, shown in enumerate((frames[:45], frames[30:])):
+        with Scene.open(tmp_path / "s.cuboid") as scene:
+            source = Source(f"/{visit}", "made", "estimated", len(shown), camera, {})
+            tracker = scene.tracker(camera, source=source)
+            poses, found = tracker.poses(EstimatedPoses(camera, 0.0)), {}
+            for k, one in enumerate(shown):
+                frame = Frame(k, k / 15, one.color, one.depth_m)
+                with contextlib.suppress(FrameError):
+                    posed = poses.locate(frame)
+                    tracker.carry(posed.moved)
+                    tracker.update(dataclasses.replace(frame, T_world_camera=posed.T_world_camera), posed.anchor)
+                    found[k] = posed.T_world_camera
+            if visit == 0:
+                first = frames_to_world(found[0], made.T_room_camera[0])
+                known = [item.label for item in tracker.objects]
+            else:
+                assert min(found) < 10, "recognised within ten frames"
+                again = {item.label for item in tracker.objects}
+                off = [found[k][:3, 3] - (first @ made.T_room_camera[2 * (k + 30)])[:3, 3] for k in found]
+                assert np.sqrt((np.array(off) ** 2).sum(1).mean()) < 0.03
+                assert len(found) > 0.8 * len(shown)
+    assert len(known) >= 4
+    assert len(again & set(known)) >= len(known) - 1, "labels go on"
+
+
+def frames_to_world(T_world_camera: np.ndarray, T_room_camera: np.ndarray) -> np.ndarray:
+    return T_world_camera @ np.linalg.inv(T_room_camera)
