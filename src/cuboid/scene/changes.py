@@ -37,8 +37,9 @@ SURE, CLEARER = 0.2, 1.5
 # than so much of it is seen anywhere: a rim at its foot, which is not told from what it stood on.
 CARVED, SEEN_AGAIN, LEFT = 0.5, 0.15, 0.3
 # What stands in an object's place is another one when it is no more like it than this, and less than so much of what
-# was there is seen again, or as much is seen through.
-UNLIKE, SAME_PLACE = 0.02, 0.6
+# was there is seen again, or so much of it is seen through. On made visits, what did not move is more like itself than
+# 0.85, nine tenths of it are seen again, and less than a tenth is seen through.
+UNLIKE, SAME_PLACE, CHANGED = 0.15, 0.6, 0.15
 # Objects that were moved are looked for every so many frames.
 EVERY_FRAMES = 10
 # A place was seen before when this share of its ground was.
@@ -131,7 +132,7 @@ class Changes:
         seen_again = _share_near(old.points, again)
         if seen_again < SEEN_AGAIN and carved >= CARVED and len(again) < LEFT * len(entry.points):
             tracker.retire(entry)
-        elif replaced and len(again) and (seen_again < SAME_PLACE or carved >= CARVED):
+        elif replaced and len(again) and (seen_again < SAME_PLACE or carved >= CHANGED):
             was = MapObject(0, old.box, entry.first_frame, self._first_frame - 1, points=old.points)
             was.colors = np.zeros((len(old.points), 3), np.uint8)
             tracker.split(entry, was, self._first_frame)
