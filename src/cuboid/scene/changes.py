@@ -124,7 +124,9 @@ class Changes:
         voxels = tracker.voxels
         carved = float((voxels.rows_at(old.points.astype(np.float64)) < 0).mean())
         fitted_anew = entry.box is not old.box and entry.last_frame >= self._first_frame
-        replaced = fitted_anew and self._alike(entry, old) < UNLIKE
+        away_m = float(np.linalg.norm(entry.box.center - old.box.center))
+        in_place = away_m < 0.5 * max(old.box.size.max(), entry.box.size.max())
+        replaced = fitted_anew and in_place and self._alike(entry, old) < UNLIKE
         if carved < CARVED and not replaced:
             return
         rows = voxels.rows_of(entry.number)
