@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from cuboid.errors import InputError, OutputError
+from cuboid.outputs.pending import PendingFile
 from cuboid.scene.schema import APPLICATION_ID, MIGRATIONS, VERSION
 
 SUFFIX = ".cuboid"
@@ -123,8 +124,10 @@ class Writing:
         _refuse_other(path)
         self._lock = _locked(path)
         try:
+            if create and not (path.exists() and path.stat().st_size):
+                _make(path)
             with complaining(path):
-                self.connection = _connect(path, "rwc" if create else "rw")
+                self.connection = _connect(path, "rw")
                 _prepare(self.connection, path)
         except BaseException:
             self._unlock()
@@ -181,17 +184,29 @@ def _version(connection: sqlite3.Connection, path: Path) -> int:
     return version
 
 
-def _prepare(connection: sqlite3.Connection, path: Path) -> None:
-    """Make an empty file a scene, and bring one of an earlier version up to this one."""
-    empty = connection.execute("PRAGMA page_count").fetchone()[0] == 0
-    if empty:
+def _make(path: Path) -> None:
+    """Make an empty scene, which appears when it is whole: whoever reads finds a scene or nothing."""
+    file = PendingFile(path)
+    with file.writing(), complaining(path):
+        connection = _connect(file.partial, "rwc")
         connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
         connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
         connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+        _migrate(connection, 0)
+        connection.close()
+        file.show()
+
+
+def _prepare(connection: sqlite3.Connection, path: Path) -> None:
+    """Bring a scene of an earlier version up to this one, and let others read while it is written."""
     version = _version(connection, path)
     if connection.execute("PRAGMA journal_mode = WAL").fetchone()[0] != "wal":
         raise OutputError(f"{path}: cannot be written: this place allows no write-ahead log")
     connection.execute("PRAGMA synchronous = NORMAL")
+    _migrate(connection, version)
+
+
+def _migrate(connection: sqlite3.Connection, version: int) -> None:
     for step in range(version, VERSION):
         connection.executescript(f"BEGIN IMMEDIATE;\n{MIGRATIONS[step]}\nPRAGMA user_version = {step + 1};\nCOMMIT;")
 
