@@ -77,6 +77,8 @@ class FrameResult:
         2D heat after depth's correction, 0..1, for views.
     milliseconds : dict of str to float
         Time of each stage, in the order of work.
+    size : (int, int) or None
+        Width and height of the frame, pixels; None is the heat's.
     """
 
     index: int
@@ -87,6 +89,17 @@ class FrameResult:
     objects_known: int
     heat: Float32Array
     milliseconds: dict[str, float]
+    size: tuple[int, int] | None = None
+
+    def __repr__(self) -> str:
+        labels = ", ".join(f"#{seen.label}" for seen in self.sightings) or "nothing"
+        return f"FrameResult(frame {self.index}: sees {labels}; {self.objects_known} objects known)"
+
+    def _repr_png_(self) -> bytes:
+        """Show the heat and the objects that are seen, in a notebook."""
+        from cuboid.views.notebook import result_png
+
+        return result_png(self)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,10 +17,12 @@ from cuboid.downscaling import downscale
 from cuboid.errors import FrameError, InputError, OutputError
 from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.measuring import FrameClock, FrameLog, peak_memory_mb
+from cuboid.object_table import ObjectTable
 from cuboid.outputs import ObjectsFile, PoseRow, ResultWriter, RunReport
 from cuboid.outputs.folder import REPORT, VIDEO
 from cuboid.posing import LOST, POSES_MOVE, BridgedPoses, EstimatedPoses, GivenPoses, Poses
 from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
+from cuboid.streaming import FrameSource, Stream
 
 if TYPE_CHECKING:
     from cuboid.proposals.types import ProposalSource
@@ -105,8 +107,8 @@ class TrackerLike(Protocol):
 class Progress:
     """Told how a run goes; this one does nothing."""
 
-    def start(self, frames: int) -> None:
-        """Tell that a run over so many frames begins."""
+    def start(self, frames: int | None) -> None:
+        """Tell that a run over so many frames begins; None where nobody knows how many."""
 
     def frame(self, result: FrameResult) -> None:
         """Tell that a frame is done."""
@@ -143,9 +145,15 @@ class RunOutcome:
     milliseconds: Mapping[str, Sequence[float]]
     frames_per_second: float
 
+    def _repr_html_(self) -> str:
+        """Show the objects, and how the run went, in a notebook."""
+        report, found = self.report, ObjectTable(self.objects)
+        line = f"{report.frames_used} of {report.frames_read} frames in {report.seconds:.1f} s"
+        return f"{found._repr_html_()}<p>{line}</p>"
+
 
 def track_recording(
-    recording: RecordingLike,
+    recording: RecordingLike | FrameSource,
     output: Path | None,
     *,
     config: TrackerConfig | None = None,
@@ -169,8 +177,8 @@ def track_recording(
 
     Parameters
     ----------
-    recording : RecordingLike
-        From `cuboid.open_recording`.
+    recording : RecordingLike or FrameSource
+        From `cuboid.open_recording` or `cuboid.open_camera`.
     output : Path or None
         Folder of the results; None writes nothing.
     config : TrackerConfig, optional
@@ -221,9 +229,13 @@ def track_recording(
     begun_s = time.perf_counter()
     config, proposals = _at_scale(config or TrackerConfig(), proposals, scale)
     progress = progress or Progress()
+    live = recording if isinstance(recording, FrameSource) else None
+    if isinstance(recording, FrameSource):
+        recording = Stream(recording)
     poses = _origin_of_poses(recording, poses, bridge)
-    frames = range(0, len(recording), every)[:limit]
-    if not frames:
+    frames = range(0) if isinstance(recording, Stream) else range(0, len(recording), every)[:limit]
+    planned = None if isinstance(recording, Stream) else len(frames)
+    if planned == 0:
         raise InputError(f"{recording.path}: the recording has no frames")
     with ExitStack() as results:
         writer = _writer(results, recording, output, force, poses)
@@ -238,14 +250,15 @@ def track_recording(
             session = results.enter_context(_session(into, recording, poses, camera, config, proposals, settings))
             tracker, source = session.tracker, session.poses(source)
             frames = session.go_on(frames, writer)
-        progress.start(len(frames))
+            planned = None if planned is None else len(frames)
+        progress.start(planned)
         view_of = (make_view or _video) if video else None
         with (
             _view(writer, recording, every, view_of) as view,
-            closing(decode(bare, frames, ahead=threads > 1)) as decoded,
+            closing(_decode(bare, frames, every, limit, ahead=threads > 1)) as decoded,
         ):
             pipeline = _Pipeline(
-                recording.path, len(frames), source, tracker, scale, writer, view, watch, log, progress, session
+                recording.path, planned, source, tracker, scale, writer, view, watch, log, progress, session
             )
             complete = pipeline.follow(decoded, stop)
         if complete and not pipeline.T_world_camera and poses == "estimated":
@@ -266,7 +279,8 @@ def track_recording(
             milliseconds=log.timings(),
             seconds=time.perf_counter() - begun_s,
             peak_memory_mb=peak_memory_mb(),
-            warnings=pipeline.warnings(bare),
+            warnings=(*(live.warnings if live else ()), *pipeline.warnings(bare)),
+            frames_dropped=live.dropped if live else 0,
         )
         objects, planes, up = tuple(tracker.objects), tuple(tracker.planes), tracker.up
         if writer is not None:
@@ -284,7 +298,7 @@ class _Pipeline:
     """What a frame passes through: scaling, posing, tracking, writing, drawing."""
 
     path: Path
-    planned: int
+    planned: int | None
     poses: Poses
     tracker: TrackerLike
     scale: int
@@ -381,6 +395,8 @@ class _Pipeline:
         if self.session is not None:
             self.session.skip(index, reason)
         self.progress.skipped(index, reason)
+        if self.planned is None:
+            return
         bad = [(frame, why) for frame, why in self.log.skipped if why != LOST]  # a lost camera is no fault of the input
         if 2 * len(bad) > self.planned:
             first, why = bad[0]
@@ -388,6 +404,14 @@ class _Pipeline:
                 f"{self.path}: more than half of the {self.planned} frames cannot be used; "
                 f"the first is frame {first}: {why}"
             )
+
+
+def _decode(
+    recording: RecordingLike, frames: range, every: int, limit: int | None, *, ahead: bool
+) -> Generator[Decoded, None, None]:
+    if isinstance(recording, Stream):
+        return recording.decode(every, limit, ahead=ahead)
+    return decode(recording, frames, ahead=ahead)
 
 
 def _session(
@@ -401,8 +425,11 @@ def _session(
 ) -> AbstractContextManager[SceneRun]:
     from cuboid.scene import Source
 
-    path = str(Path(recording.path).resolve())
-    source = Source(path, recording.format, poses, len(recording), recording.intrinsics, settings)
+    if isinstance(recording, Stream):
+        path, frames = str(recording.path), 0
+    else:
+        path, frames = str(Path(recording.path).resolve()), len(recording)
+    source = Source(path, recording.format, poses, frames, recording.intrinsics, settings)
     return into.session(source, camera, config, proposals)
 
 

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cuboid.cli.json_option import add_json
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     from cuboid.evaluation.visits import VisitsQuality
 
 HELP = "judge a result by the truth: boxes, labels over time"
+EXAMPLE = "cuboid evaluate DIR truth.json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     drawn.add_argument(
         "--pictures", type=Path, metavar="DIR", help="draw each keyframe with what was found, missed and false into it"
     )
-    parser.add_argument("--json", metavar="FILE", help="write everything as JSON; - prints it and no tables")
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from cuboid.readers import Recording
 
 
-def add_recording(parser: argparse.ArgumentParser, default_threads: int) -> None:
-    """Add the recording and how it is read and tracked."""
-    add_reading(parser)
+def add_recording(parser: argparse.ArgumentParser, default_threads: int, *, required: bool = True) -> None:
+    """Add the recording, where wanted as one of several things to track, and how it is read and tracked."""
+    add_reading(parser, required=required)
     tracking = parser.add_argument_group("tracking")
     tracking.add_argument(
         "--poses",
@@ -46,9 +46,17 @@ def add_recording(parser: argparse.ArgumentParser, default_threads: int) -> None
     )
 
 
-def add_reading(parser: argparse.ArgumentParser, *, thinned: bool = True) -> argparse._ArgumentGroup:
+def add_reading(
+    parser: argparse.ArgumentParser, *, thinned: bool = True, required: bool = True
+) -> argparse._ArgumentGroup:
     """Add the recording and how it is read, where wanted with thinning; return the group of the latter."""
-    parser.add_argument("recording", type=Path, metavar="RECORDING", help="folder of the RGB-D recording")
+    parser.add_argument(
+        "recording",
+        type=Path,
+        metavar="RECORDING",
+        nargs=None if required else "?",
+        help="folder, file, archive or URL of the RGB-D recording",
+    )
     reading = parser.add_argument_group("reading")
     reading.add_argument("--format", metavar="NAME", help="its layout, where it is not recognised")
     reading.add_argument(

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from cuboid.scene import Scene, SceneObject
 
 HELP = "list, show and change what is in a scene file"
+EXAMPLE = "cuboid scene list kitchen.cuboid"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

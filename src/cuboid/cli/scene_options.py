@@ -33,6 +33,8 @@ def scene_from(args: argparse.Namespace) -> IntoScene | None:
         return None
     if args.resume and args.video:
         raise InputError("--video cannot go on with --resume; 'cuboid render' draws it from the results afterwards")
+    if args.resume and args.camera is not None:
+        raise InputError("--resume needs a recording: what a live camera saw is gone")
     if args.bridge:
         raise InputError("--bridge does not go with --scene")
     from cuboid.scene.running import IntoScene

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from cuboid.synthetic.shapes import Model
 
 HELP = "make a recording whose truth is known exactly"
+EXAMPLE = "cuboid synth --kind clutter --seed 7 --output DIR"
 
 KINDS = ("table", "occluders", "leave", "tables", "clutter", "room")
 CAMERAS = ("orbit", "handheld", "drone")
@@ -37,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     scene.add_argument("--meshes", type=Path, metavar="DIR", help="own objects: .obj, .glb, .ply files")
     camera = parser.add_argument_group("camera")
     camera.add_argument("--frames", type=positive, metavar="N", help="length (default: what suits the kind)")
-    camera.add_argument("--camera", choices=CAMERAS, help="how it is carried (default: drawn from the seed)")
+    camera.add_argument("--motion", choices=CAMERAS, help="how it is carried (default: drawn from the seed)")
     camera.add_argument(
         "--size", type=_size, default=(640, 480), metavar="WxH", help="of the images (default: 640x480)"
     )
@@ -75,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     meshes = load_meshes(args.meshes) if args.meshes else ()
     if args.visits:
         return _visits(args, meshes)
-    scene = make_scene(args.kind, args.seed, frames=args.frames, camera=args.camera, meshes=meshes)
+    scene = make_scene(args.kind, args.seed, frames=args.frames, camera=args.motion, meshes=meshes)
     with rendering() as progress:
         render_recording(
             scene,
@@ -98,7 +99,7 @@ def _visits(args: argparse.Namespace, meshes: Sequence[Model]) -> int:
     from cuboid.cli.tables import console
     from cuboid.synthetic import make_visits, render_visits
 
-    scenes = make_visits(args.kind, args.seed, args.visits, frames=args.frames, camera=args.camera, meshes=meshes)
+    scenes = make_visits(args.kind, args.seed, args.visits, frames=args.frames, camera=args.motion, meshes=meshes)
     with rendering() as progress:
         told = render_visits(
             scenes,

@@ -267,6 +267,8 @@ class _Thawer:
         for name, beginning in self._beginnings(type(item)).items():
             if name in fields:
                 value = self._live_value(fields[name], part)
+                if dataclasses.is_dataclass(item) and _other_shape(beginning, value):
+                    raise _strange(f"{type(item).__name__}.{name}")
             elif beginning is _UNKNOWN:
                 raise _strange(f"{type(item).__name__}.{name}")
             else:
@@ -312,6 +314,12 @@ class _Thawer:
             return {"list": list, "tuple": tuple, "set": set, "deque": deque}[tag](items)
         except (KeyError, ValueError, TypeError, IndexError):
             raise _strange(part.kind) from None
+
+
+def _other_shape(beginning: Any, value: Any) -> bool:
+    """Tell whether an array of a fixed shape has had another one."""
+    both = isinstance(beginning, np.ndarray) and isinstance(value, np.ndarray)
+    return both and beginning.size > 0 and beginning.shape != value.shape
 
 
 def _blank(cls: type) -> Any:
