@@ -25,6 +25,7 @@ PAGES = [*sorted((REPOSITORY / "docs").rglob("*.md")), REPOSITORY / "README.md"]
 # What waits for a browser or a camera, or tracks for minutes, is not run; its words are held against the command.
 NOT_RUN = (
     "batch",
+    "scene",
     "find",
     "sql",
     "serve",
