@@ -15,12 +15,14 @@ from typing import TYPE_CHECKING, Any
 from cuboid.errors import CuboidError
 
 if TYPE_CHECKING:
+    from cuboid.cameras import open_camera
     from cuboid.config import TrackerConfig
     from cuboid.frame import Frame, Intrinsics
     from cuboid.geometry.box import Box
     from cuboid.readers import Recording, open_recording
     from cuboid.results import FrameResult, TrackedObject
     from cuboid.run import track_recording
+    from cuboid.scene import Scene
     from cuboid.tracker import Tracker
 
 __version__ = "0.1.0"
@@ -33,9 +35,11 @@ _PLACES = {
     "FrameResult": "cuboid.results",
     "Intrinsics": "cuboid.frame",
     "Recording": "cuboid.readers",
+    "Scene": "cuboid.scene",
     "TrackedObject": "cuboid.results",
     "Tracker": "cuboid.tracker",
     "TrackerConfig": "cuboid.config",
+    "open_camera": "cuboid.cameras",
     "open_recording": "cuboid.readers",
     "track_recording": "cuboid.run",
 }
@@ -47,10 +51,12 @@ __all__ = [
     "FrameResult",
     "Intrinsics",
     "Recording",
+    "Scene",
     "TrackedObject",
     "Tracker",
     "TrackerConfig",
     "__version__",
+    "open_camera",
     "open_recording",
     "track_recording",
 ]

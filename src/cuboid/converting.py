@@ -22,6 +22,7 @@ from cuboid.geometry import se3
 from cuboid.outputs.folder import ResultFolder, writing
 from cuboid.readers import Recording
 from cuboid.readers.calibration import CAMERA_FILE, write_camera
+from cuboid.readers.depth_camera import DepthCamera
 
 # Units of depth that is not whole in the recording's own: a fifth of a millimetre, up to 13 m.
 CARRIED_UNITS = 5000.0
@@ -182,7 +183,7 @@ def convert_recording(
         The folder exists, or cannot be written.
     """
     skipped: dict[int, str] = {}
-    units = _units(recording)
+    units = units_kept(recording.depth_units_per_metre, recording.depth_camera)
     with ResultFolder(output) as folder, writing(output):
         work = folder.file("")
         with WRITERS[form](work, recording.intrinsics, units, recording.up_world) as writer:
@@ -215,10 +216,9 @@ def _read(recording: Recording, index: int, skipped: dict[int, str]) -> Frame | 
     return None
 
 
-def _units(recording: Recording) -> float:
-    """Return the units in which depth is written: the recording's own where its depth is still whole in them."""
-    units = recording.depth_units_per_metre
-    return units if recording.depth_camera is None and units >= LEAST_UNITS else CARRIED_UNITS
+def units_kept(units_per_metre: float, depth_camera: DepthCamera | None) -> float:
+    """Return the units in which depth is written: its own where it is still whole in them."""
+    return units_per_metre if depth_camera is None and units_per_metre >= LEAST_UNITS else CARRIED_UNITS
 
 
 def as_units(depth_m: Float32Array, units_per_metre: float) -> npt.NDArray[np.uint16]:

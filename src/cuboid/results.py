@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -76,6 +77,8 @@ class FrameResult:
         2D heat after depth's correction, 0..1, for views.
     milliseconds : dict of str to float
         Time of each stage, in the order of work.
+    size : (int, int) or None
+        Width and height of the frame, pixels; None is the heat's.
     """
 
     index: int
@@ -86,6 +89,17 @@ class FrameResult:
     objects_known: int
     heat: Float32Array
     milliseconds: dict[str, float]
+    size: tuple[int, int] | None = None
+
+    def __repr__(self) -> str:
+        labels = ", ".join(f"#{seen.label}" for seen in self.sightings) or "nothing"
+        return f"FrameResult(frame {self.index}: sees {labels}; {self.objects_known} objects known)"
+
+    def _repr_png_(self) -> bytes:
+        """Show the heat and the objects that are seen, in a notebook."""
+        from cuboid.views.notebook import result_png
+
+        return result_png(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +125,8 @@ class TrackedObject:
         Index into the tracker's planes.
     merged_labels : tuple of int
         Younger labels that turned out to be this object.
+    name : str
+        What people call it; empty where nobody gave it a name.
     """
 
     label: int
@@ -124,6 +140,17 @@ class TrackedObject:
     mean_color: Float64Array
     plane: int | None
     merged_labels: tuple[int, ...] = ()
+    name: str = ""
+
+
+def tag_of(label: int, name: str = "") -> str:
+    """Return how a label is shown wherever it is: with the name that people gave, where there is one."""
+    return f"#{label} {name}" if name else f"#{label}"
+
+
+def names_of(objects: Iterable[TrackedObject]) -> dict[int, str]:
+    """Return the names that people gave, by label."""
+    return {item.label: item.name for item in objects if item.name}
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -17,14 +17,17 @@ from cuboid.downscaling import downscale
 from cuboid.errors import FrameError, InputError, OutputError
 from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.measuring import FrameClock, FrameLog, peak_memory_mb
+from cuboid.object_table import ObjectTable
 from cuboid.outputs import ObjectsFile, PoseRow, ResultWriter, RunReport
 from cuboid.outputs.folder import REPORT, VIDEO
-from cuboid.posing import LOST, BridgedPoses, EstimatedPoses, GivenPoses, Poses
+from cuboid.posing import LOST, POSES_MOVE, BridgedPoses, EstimatedPoses, GivenPoses, Poses
 from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
+from cuboid.streaming import FrameSource, Stream
 
 if TYPE_CHECKING:
     from cuboid.proposals.types import ProposalSource
     from cuboid.readers.depth_camera import DepthCamera
+    from cuboid.scene.running import IntoScene, SceneRun
     from cuboid.views.report.pictures import Picture
     from cuboid.views.video import View
 
@@ -105,8 +108,8 @@ class TrackerLike(Protocol):
 class Progress:
     """Told how a run goes; this one does nothing."""
 
-    def start(self, frames: int) -> None:
-        """Tell that a run over so many frames begins."""
+    def start(self, frames: int | None) -> None:
+        """Tell that a run over so many frames begins; None where nobody knows how many."""
 
     def frame(self, result: FrameResult) -> None:
         """Tell that a frame is done."""
@@ -143,9 +146,15 @@ class RunOutcome:
     milliseconds: Mapping[str, Sequence[float]]
     frames_per_second: float
 
+    def _repr_html_(self) -> str:
+        """Show the objects, and how the run went, in a notebook."""
+        report, found = self.report, ObjectTable(self.objects)
+        line = f"{report.frames_used} of {report.frames_read} frames in {report.seconds:.1f} s"
+        return f"{found._repr_html_()}<p>{line}</p>"
+
 
 def track_recording(
-    recording: RecordingLike,
+    recording: RecordingLike | FrameSource,
     output: Path | None,
     *,
     config: TrackerConfig | None = None,
@@ -164,13 +173,14 @@ def track_recording(
     make_tracker: MakeTracker | None = None,
     make_view: MakeView | None = None,
     watch: Watch | None = None,
+    into: IntoScene | None = None,
 ) -> RunOutcome:
     """Track the objects of a recording and write the results.
 
     Parameters
     ----------
-    recording : RecordingLike
-        From `cuboid.open_recording`.
+    recording : RecordingLike or FrameSource
+        From `cuboid.open_recording` or `cuboid.open_camera`.
     output : Path or None
         Folder of the results; None writes nothing.
     config : TrackerConfig, optional
@@ -203,6 +213,8 @@ def track_recording(
         Make the tracker and the video; `cuboid.Tracker` and the labelled video unless given.
     watch : callable, optional
         Shown each used frame, what was found in it, and the tracker, between two frames of its work.
+    into : IntoScene, optional
+        The scene that the recording goes into.
 
     Returns
     -------
@@ -221,27 +233,39 @@ def track_recording(
     begun_s = time.perf_counter()
     config, proposals = _at_scale(config or TrackerConfig(), proposals, scale)
     progress = progress or Progress()
+    live = recording if isinstance(recording, FrameSource) else None
+    if isinstance(recording, FrameSource):
+        recording = Stream(recording)
     poses = _origin_of_poses(recording, poses, bridge)
-    frames = range(0, len(recording), every)[:limit]
-    if not frames:
+    frames = range(0) if isinstance(recording, Stream) else range(0, len(recording), every)[:limit]
+    planned = None if isinstance(recording, Stream) else len(frames)
+    if planned == 0:
         raise InputError(f"{recording.path}: the recording has no frames")
     with ExitStack() as results:
         writer = _writer(results, recording, output, force, poses)
         source, camera = _poses(recording, poses, bridge, scale, config)
         bare = recording if source.given_with_frames else recording.without_poses()
-        tracker = (make_tracker or _tracker)(camera, config, proposals)
-        log = FrameLog()
-        progress.start(len(frames))
+        settings = _effective(config, proposals, every, limit, scale, bridge, recording)
+        log, session = FrameLog(), None
+        tracker: TrackerLike
+        if into is None:
+            tracker = (make_tracker or _tracker)(camera, config, proposals)
+        else:
+            session = results.enter_context(_session(into, recording, poses, camera, config, proposals, settings))
+            tracker, source = session.tracker, session.poses(source)
+            frames = session.go_on(frames, writer)
+            planned = None if planned is None else len(frames)
+        progress.start(planned)
         view_of = (make_view or _video) if video else None
         with (
             _view(writer, recording, every, view_of) as view,
-            closing(decode(bare, frames, ahead=threads > 1)) as decoded,
+            closing(_decode(bare, frames, every, limit, ahead=threads > 1)) as decoded,
         ):
             pipeline = _Pipeline(
-                recording.path, len(frames), source, tracker, scale, writer, view, watch, log, progress
+                recording.path, planned, source, tracker, scale, writer, view, watch, log, progress, session
             )
             complete = pipeline.follow(decoded, stop)
-        if complete and not log.used and poses == "estimated":
+        if complete and not pipeline.T_world_camera and poses == "estimated":
             raise InputError(
                 f"{recording.path}: no camera pose can be estimated: no frame has enough depth and texture"
             )
@@ -252,19 +276,22 @@ def track_recording(
             format=recording.format,
             poses=poses,
             threads=threads,
-            config=_effective(config, proposals, every, limit, scale, bridge, recording),
-            frames_read=log.read,
-            frames_used=log.used,
-            skipped=tuple(log.skipped),
+            config=settings,
+            frames_read=len(pipeline.T_world_camera) + len(pipeline.skipped),
+            frames_used=len(pipeline.T_world_camera),
+            skipped=tuple(pipeline.skipped),
             milliseconds=log.timings(),
             seconds=time.perf_counter() - begun_s,
             peak_memory_mb=peak_memory_mb(),
-            warnings=pipeline.warnings(bare),
+            warnings=(*(live.warnings if live else ()), *pipeline.warnings(bare)),
+            frames_dropped=live.dropped if live else 0,
         )
         objects, planes, up = tuple(tracker.objects), tuple(tracker.planes), tracker.up
         if writer is not None:
             content = ObjectsFile(up, recording.intrinsics, planes, objects)
             writer.finish(content, tracker.map_points(), report, pipeline.trajectory())
+        if session is not None:
+            session.finish(complete=complete)
     if output is not None and page:
         write_page(output, recording)
     return RunOutcome(report, objects, planes, up, log.milliseconds, log.frames_per_second())
@@ -275,7 +302,7 @@ class _Pipeline:
     """What a frame passes through: scaling, posing, tracking, writing, drawing."""
 
     path: Path
-    planned: int
+    planned: int | None
     poses: Poses
     tracker: TrackerLike
     scale: int
@@ -284,14 +311,25 @@ class _Pipeline:
     watch: Watch | None
     log: FrameLog
     progress: Progress
+    session: SceneRun | None = None
     times_s: dict[int, float] = field(default_factory=dict)
     T_world_camera: dict[int, Float64Array] = field(default_factory=dict)
+    skipped: list[tuple[int, str]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        if self.session is not None:
+            begun = self.session.begun
+            self.times_s.update(begun.times_s)
+            self.T_world_camera.update(begun.T_world_camera)
+            self.skipped.extend(begun.skipped)
 
     def follow(self, frames: Iterable[Decoded], stop: Callable[[], bool]) -> bool:
         """Take in all frames; return False where `stop` ended it before."""
         for decoded in frames:
             if stop():
                 return False
+            if self.session is not None:
+                self.session.next_frame()
             reason = self._step(decoded)
             if reason:
                 self._skip(decoded.index, reason)
@@ -357,7 +395,12 @@ class _Pipeline:
 
     def _skip(self, index: int, reason: str) -> None:
         self.log.skip(index, reason)
+        self.skipped.append((index, reason))
+        if self.session is not None:
+            self.session.skip(index, reason)
         self.progress.skipped(index, reason)
+        if self.planned is None:
+            return
         bad = [(frame, why) for frame, why in self.log.skipped if why != LOST]  # a lost camera is no fault of the input
         if 2 * len(bad) > self.planned:
             first, why = bad[0]
@@ -365,6 +408,33 @@ class _Pipeline:
                 f"{self.path}: more than half of the {self.planned} frames cannot be used; "
                 f"the first is frame {first}: {why}"
             )
+
+
+def _decode(
+    recording: RecordingLike, frames: range, every: int, limit: int | None, *, ahead: bool
+) -> Generator[Decoded, None, None]:
+    if isinstance(recording, Stream):
+        return recording.decode(every, limit, ahead=ahead)
+    return decode(recording, frames, ahead=ahead)
+
+
+def _session(
+    into: IntoScene,
+    recording: RecordingLike,
+    poses: str,
+    camera: Intrinsics,
+    config: TrackerConfig,
+    proposals: str | ProposalSource | None,
+    settings: dict[str, Any],
+) -> AbstractContextManager[SceneRun]:
+    from cuboid.scene import Source
+
+    if isinstance(recording, Stream):
+        path, frames = str(recording.path), 0
+    else:
+        path, frames = str(Path(recording.path).resolve()), len(recording)
+    source = Source(path, recording.format, poses, frames, recording.intrinsics, settings)
+    return into.session(source, camera, config, proposals)
 
 
 def _origin_of_poses(recording: RecordingLike, poses: str | None, bridge: bool) -> str:
@@ -383,8 +453,7 @@ def _poses(
     camera = recording.intrinsics.downscaled(scale)
     if bridge:
         return BridgedPoses(camera, recording.pose), camera
-    # what moves by less than half a voxel stays in its voxel
-    return (GivenPoses() if origin == "given" else EstimatedPoses(camera, 0.5 * config.voxel_m)), camera
+    return (GivenPoses() if origin == "given" else EstimatedPoses(camera, POSES_MOVE * config.voxel_m)), camera
 
 
 def _writer(

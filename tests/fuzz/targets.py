@@ -205,7 +205,7 @@ RESULT_CALLS: dict[str, Callable[[Path], object]] = {
     "page": show_page,
     "page with pictures": show_pictures,
     "redraw": redraw,
-    **{f"export {name}": partial(export_to, name=name) for name in ("coco", "csv", "json", "kitti", "ply", "ros2")},
+    **{f"export {name}": partial(export_to, name=name) for name in ("coco", "csv", "json", "kitti", "mcap", "ply")},
 }
 
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 from changes import Change, changed, kept
+from containers import CONTAINERS
 from engine import Outcome, Target, fault_of, fuzz, quiet_libraries, try_changes
 from targets import TARGETS
 
-from containers import CONTAINERS
 from cuboid.errors import InputError
 
 HERE = Path(__file__).resolve().parent

@@ -48,10 +48,11 @@ def test_a_side_that_goes_on_keeps_a_thing_from_being_enclosed() -> None:
     assert enclosed(outline(UNSURE, SUPPORT, FREE, UNSURE)), "another thing ends it as air does"
 
 
-def test_the_border_of_the_picture_may_cut_one_side_off() -> None:
+def test_the_border_of_the_picture_may_cut_off_the_left_or_the_right() -> None:
     assert enclosed(outline(FREE, SUPPORT, FREE, BORDER))
-    assert enclosed(outline(BORDER, SUPPORT, FREE, FREE))
-    assert not enclosed(outline(BORDER, SUPPORT, FREE, BORDER))
+    assert enclosed(outline(FREE, SUPPORT, BORDER, FREE))
+    assert not enclosed(outline(FREE, SUPPORT, BORDER, BORDER))
+    assert not enclosed(outline(BORDER, SUPPORT, FREE, FREE)), "a post goes on, too"
     assert not enclosed(outline(HIDDEN, SUPPORT, FREE, BORDER)), "and nothing else may hide in the unknown"
     assert not enclosed(outline(CONTACT, SUPPORT, FREE, BORDER))
     assert told_by(outline(FREE, SUPPORT, FREE, BORDER)) < told_by(outline(FREE, SUPPORT, FREE, FREE))

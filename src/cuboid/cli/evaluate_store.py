@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
+from cuboid.cli.json_option import PRINTED
+
 if TYPE_CHECKING:
     from cuboid.evaluation.statistics import Interval, Paired
     from cuboid.store.judging import Judged
@@ -60,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
         if before:
             document |= {"scenes_before": before.rows, "change": {name: one.to_dict() for name, one in paired.items()}}
         write_json(document, args.json)
-    if args.json != "-":
+    if args.json != PRINTED:
         _print(found, means)
         if before:
             _print_change(paired, before.rows, found.rows)

@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.filters import add_filters
+from cuboid.cli.json_option import PRINTED, add_json
 from cuboid.cli.threads import positive
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 HELP = "find objects in a store by size, place, time, color or likeness"
+EXAMPLE = "cuboid find STORE --size 8..14cm"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     shown = parser.add_argument_group("answer")
     shown.add_argument("--limit", type=positive, default=50, metavar="N", help="at most N objects (default: 50)")
     shown.add_argument("--html", type=Path, metavar="FILE", help="write the table with pictures as a page")
-    shown.add_argument("--json", metavar="FILE", help="write the rows as JSON; - prints it and no table")
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -54,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         write_whole(args.html, found_page(rows, f"Objects of {args.store}"))
     if args.json is not None:
         write_json({"objects": [plain(row) for row in rows]}, args.json)
-    if args.json != "-":
+    if args.json != PRINTED:
         console().print(_table(rows) if rows else "no object found")
         if args.html is not None:
             console().print(f"with pictures in {args.html}", markup=False, soft_wrap=True)

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from cuboid.readers import Recording
 
 
-def add_recording(parser: argparse.ArgumentParser, default_threads: int) -> None:
-    """Add the recording and how it is read and tracked."""
-    add_reading(parser)
+def add_recording(parser: argparse.ArgumentParser, default_threads: int, *, required: bool = True) -> None:
+    """Add the recording, where wanted as one of several things to track, and how it is read and tracked."""
+    add_reading(parser, required=required)
     add_threads(add_tracking(parser), default_threads)
 
 
@@ -51,10 +51,16 @@ def add_tracking(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     return tracking
 
 
-def add_reading(parser: argparse.ArgumentParser, *, thinned: bool = True) -> argparse._ArgumentGroup:
+def add_reading(
+    parser: argparse.ArgumentParser, *, thinned: bool = True, required: bool = True
+) -> argparse._ArgumentGroup:
     """Add the recording and how it is read, where wanted with thinning; return the group of the latter."""
     parser.add_argument(
-        "recording", type=Path, metavar="RECORDING", help="folder, file, archive or URL of the RGB-D recording"
+        "recording",
+        type=Path,
+        metavar="RECORDING",
+        nargs=None if required else "?",
+        help="folder, file, archive or URL of the RGB-D recording",
     )
     return add_reading_options(parser, thinned=thinned)
 

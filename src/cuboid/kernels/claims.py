@@ -186,9 +186,7 @@ def across(depth, color, claim, on_plane, plane, v, u, dv, du, limit, reach):
 
 
 @njit(cache=True, nogil=True)
-def outlines(
-    depth, color, claim, on_plane, corners, plane_of, side_of, focal, noise, jump, gap_m, outline, contact
-):
+def outlines(depth, color, claim, on_plane, corners, plane_of, side_of, focal, noise, jump, gap_m, outline, contact):
     """Tell what bounds each share of a frame: air, what it stands on, another thing, something else, or nothing known.
 
     From each pixel of a share whose neighbour (of four) is not of it, the first reading outwards is looked for, over

@@ -5,10 +5,9 @@ from __future__ import annotations
 from math import log
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
-from cuboid.kernels.claims import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, SUPPORT, UNSURE
+from cuboid.kernels.claims import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, LEFT, RIGHT, SUPPORT, TOP, UNSURE
 
 # Log-odds that a sighting adds which shows all of an outline, all of it free: two or three make an object sure.
 CLEAR = log(99.0) / 2.0
@@ -46,8 +45,8 @@ def told_by(outline: Outline) -> float:
 def enclosed(outline: Outline) -> bool:
     """Tell whether all sides but the bottom were seen to end: what continues into the unknown waits.
 
-    One side may always have been cut off by the picture's border: what is seen of such a thing is one, and more of it
-    makes it larger.
+    The left or the right side may always have been cut off by the picture's border: what is seen of such a thing is
+    one, and more of it makes it larger. What goes on upwards may be a post, or a wall.
 
     Parameters
     ----------
@@ -59,4 +58,6 @@ def enclosed(outline: Outline) -> bool:
     known = judged >= KNOWN_SHARE * whole
     structure = outline[:, CONTACT] > STRUCTURE_SHARE * judged
     cut = ~known & (outline[:, BORDER] > CUT_SHARE * whole)
-    return bool(np.delete((known | cut) & ~structure, BOTTOM).all() and np.delete(cut, BOTTOM).sum() <= 1)
+    ends = known & ~structure
+    sides = (ends | (cut & ~structure))[[LEFT, RIGHT]]
+    return bool(ends[TOP] and sides.all() and ends[[LEFT, RIGHT]].any())

@@ -92,6 +92,8 @@ class RunReport:
         Of the process, in units of 2**20 bytes.
     warnings : tuple of str
         What is likely to be wrong with the input, one line each.
+    frames_dropped : int
+        That a live camera gave and nobody took in time; they have no numbers.
     """
 
     version: str
@@ -108,6 +110,7 @@ class RunReport:
     seconds: float
     peak_memory_mb: float
     warnings: tuple[str, ...] = ()
+    frames_dropped: int = 0
 
     @property
     def distortion(self) -> tuple[float, ...]:
@@ -161,6 +164,7 @@ class RunReport:
                 "read": self.frames_read,
                 "used": self.frames_used,
                 "skipped": [{"frame": frame, "reason": reason} for frame, reason in self.skipped],
+                **({"dropped": self.frames_dropped} if self.frames_dropped else {}),
             },
             "milliseconds": {
                 stage: {
@@ -210,4 +214,5 @@ def read_run(path: Path) -> RunReport:
         seconds=document.seconds,
         peak_memory_mb=document.peak_memory_mb,
         warnings=tuple(document.warnings),
+        frames_dropped=document.frames.dropped,
     )

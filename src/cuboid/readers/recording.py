@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -119,6 +119,21 @@ class Recording:
     def __len__(self) -> int:
         """Return the number of frames, bad ones included."""
         return len(self._frames)
+
+    def __getitem__(self, index: int) -> Frame:
+        """Return one frame, the last ones counted from the end by negative numbers; raises as `read` does."""
+        if not isinstance(index, int):
+            raise TypeError(f"a recording has frames by number, got {index!r}; iterate(every, limit) gives several")
+        return self.read(index + len(self) if index < 0 else index)
+
+    def __iter__(self) -> Iterator[Frame | SkippedFrame]:
+        """Give all frames in order, as `iterate` does."""
+        return self.iterate()
+
+    def __repr__(self) -> str:
+        K = self.intrinsics
+        poses = "with poses" if self.has_poses else "no poses"
+        return f"Recording({self.format}: {len(self)} frames of {K.width} x {K.height}, {poses}; {self.path})"
 
     def without_poses(self) -> Recording:
         """Return the same recording with its camera poses, and the faults in them, left aside."""

@@ -133,8 +133,8 @@ def frame_clusters(
     plane_of = np.array([max(s, key=lambda p: (s[p], -p), default=-1) for s in supports], dtype=np.int64)
     outline, contact = np.empty((kept, 4, kernel.KINDS), np.int64), np.empty((kept, kept), np.int64)
     kernel.outlines(
-        image.depth_m, image.color, claim, np.where(heights == 0, support, -1).astype(np.int32), corners[:kept], plane_of, side_of,
-        c.fx, config.depth_noise_per_m, JUMP_M, GAP_M, outline, contact,
+        image.depth_m, image.color, claim, np.where(heights == 0, support, -1).astype(np.int32), corners[:kept],
+        plane_of, side_of, c.fx, config.depth_noise_per_m, JUMP_M, GAP_M, outline, contact,
     )  # fmt: skip
     rects = (corners[:kept] + np.array([0, 0, 1, 1])) * float(image.step) + np.array([*image.phase, *image.phase])
     scores = weighed.weights[order[shares]]
