@@ -8,7 +8,8 @@ from array import array
 from collections.abc import Mapping
 from pathlib import Path
 
-from cuboid.outputs import Timing
+from cuboid.limits import LIMITS
+from cuboid.outputs import LimitReached, Timing
 
 # The first used frames pay for compiling or loading the kernels and for filling caches: the stage times leave
 # them out, unless the run is so short that hardly anything would be left.
@@ -32,6 +33,7 @@ class FrameLog:
         self.skipped: list[tuple[int, str]] = []
         self.milliseconds: dict[str, array[float]] = {"frame": array("d")}
         self._finished_s = array("d")
+        self._left_out: dict[str, list[int]] = {what: [] for what in LIMITS}
 
     @property
     def read(self) -> int:
@@ -42,8 +44,11 @@ class FrameLog:
         """Count a bad frame."""
         self.skipped.append((index, reason))
 
-    def use(self, milliseconds: Mapping[str, float]) -> None:
-        """Count a used frame and its times."""
+    def use(self, milliseconds: Mapping[str, float], left_out: Mapping[str, int] | None = None) -> None:
+        """Count a used frame, its times, and what it had too much of."""
+        for what, count in (left_out or {}).items():
+            if count:
+                self._left_out[what].append(count)
         self.used += 1
         self._finished_s.append(time.perf_counter())
         for stage, time_ms in milliseconds.items():
@@ -52,6 +57,14 @@ class FrameLog:
             values.append(time_ms)
         for values in self.milliseconds.values():
             values.extend([0.0] * (self.used - len(values)))
+
+    def limits(self) -> dict[str, LimitReached]:
+        """Return what frames had too much of."""
+        return {
+            what: LimitReached(LIMITS[what], len(counts), sum(counts))
+            for what, counts in self._left_out.items()
+            if counts
+        }
 
     @property
     def _warm(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -76,6 +77,8 @@ class FrameResult:
         2D heat after depth's correction, 0..1, for views.
     milliseconds : dict of str to float
         Time of each stage, in the order of work.
+    left_out : mapping of str to int
+        How many proposals, clusters and candidates were more than a frame may bring, see `cuboid.limits`.
     """
 
     index: int
@@ -86,6 +89,7 @@ class FrameResult:
     objects_known: int
     heat: Float32Array
     milliseconds: dict[str, float]
+    left_out: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -256,6 +256,7 @@ def track_recording(
             seconds=time.perf_counter() - begun_s,
             peak_memory_mb=peak_memory_mb(),
             warnings=pipeline.warnings(bare),
+            limits=log.limits(),
         )
         objects, planes, up = tuple(tracker.objects), tuple(tracker.planes), tracker.up
         if writer is not None:
@@ -324,7 +325,7 @@ class _Pipeline:
         if self.watch is not None:
             self.watch(frame, result, self.tracker)
             clock.lap("live")
-        self.log.use(clock.done())
+        self.log.use(clock.done(), result.left_out)
         self.progress.frame(result)
         return ""
 

@@ -19,13 +19,14 @@ from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.claims import BOTTOM, LEFT, RIGHT, TOP
 from cuboid.kernels.pixels import stand_on
+from cuboid.limits import MOST_PROPOSALS
 from cuboid.objects.association import Association
 from cuboid.objects.entry import MapObject
 from cuboid.objects.object_map import ObjectMap
 from cuboid.objects.prior import prior_of
 from cuboid.objects.visibility import look
 from cuboid.proposals import make_source
-from cuboid.proposals.types import ProposalSource
+from cuboid.proposals.types import Proposals, ProposalSource
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
 from cuboid.sensor import excess_noise
 from cuboid.surfaces.cells import PATCH_PIXELS, VOTING_PIXELS, find_cells, with_level_patches
@@ -115,7 +116,8 @@ class Tracker:
         image = thin(frame, self.intrinsics, self.config.working_width_px, self._count)
         if self._count == 0:
             self._know_sensor(image)
-        proposals = self._propose(frame, self.intrinsics)
+        every = self._proposals(frame)
+        proposals = every.best(MOST_PROPOSALS)
         watch.lap("proposals")
         heights, support = self._find_planes(image, T_world_camera)
         watch.lap("planes")
@@ -127,7 +129,8 @@ class Tracker:
         slots = self._voxels.fuse(image, heat, T_world_camera, frame.index, anchor)
         self._voxels.look_through(image, T_camera_world)
         watch.lap("fuse")
-        objects = self._map.in_view(image, T_camera_world)
+        in_view = self._map.in_view(image, T_camera_world)
+        objects = self._map.limited(in_view)
         pixel_owner = self._voxels.owner_of(slots)
         prior = prior_of(objects, image, candidate, pixel_owner, weighed)
         things = frame_clusters(
@@ -152,6 +155,11 @@ class Tracker:
             objects_known=self._map.store.labelled,
             heat=heat,
             milliseconds=watch.milliseconds,
+            left_out={
+                "proposals": len(every) - len(proposals),
+                "clusters": things.left_out,
+                "candidates": len(in_view) - len(objects),
+            },
         )
 
     def carry(self, moved: Mapping[int, Float64Array]) -> None:
@@ -187,6 +195,12 @@ class Tracker:
         if frame.T_world_camera is None:
             raise FrameError(f"frame {frame.index} has no camera pose")
         return frame.T_world_camera
+
+    def _proposals(self, frame: Frame) -> Proposals:
+        proposals, c = self._propose(frame, self.intrinsics), self.intrinsics
+        if len(proposals) and (proposals.boxes_xyxy[:, 2:] > (c.width, c.height)).any():
+            raise ValueError(f"proposals of frame {frame.index} lie outside its {c.width} x {c.height} pixels")
+        return proposals
 
     def _find_planes(
         self, image: WorkingImage, T_world_camera: Float64Array

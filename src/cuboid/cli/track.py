@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
 
 def print_outcome(outcome: RunOutcome, output: Path) -> None:
     """Print the table of objects and the summary of the run."""
-    from cuboid.cli.tables import console, objects_table, skipped_lines
+    from cuboid.cli.tables import console, limit_lines, objects_table, skipped_lines
     from cuboid.outputs.folder import REPORT, VIDEO
 
     out, report = console(), outcome.report
@@ -75,7 +75,7 @@ def print_outcome(outcome: RunOutcome, output: Path) -> None:
         out.print("no object found")
     for warning in report.warnings:
         print(f"cuboid: warning: {warning}", file=sys.stderr)
-    for line in skipped_lines(report):
+    for line in [*skipped_lines(report), *limit_lines(report)]:
         out.print(line, markup=False)
     frame_ms = f", {report.milliseconds['frame'].median_ms:.1f} ms a frame" if report.frames_used else ""
     out.print(

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.frame import Frame, Intrinsics
-from cuboid.proposals.boxes import MOST, boxes_as_proposals, refuse_options
+from cuboid.limits import MOST_PROPOSALS
+from cuboid.proposals.boxes import boxes_as_proposals, refuse_options
 from cuboid.proposals.edges import find_edges
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource
@@ -36,7 +37,7 @@ class EdgeBoxes:
 
         edges = find_edges(frame)
         finder = cv2.ximgproc.createEdgeBoxes()
-        finder.setMaxBoxes(MOST)
+        finder.setMaxBoxes(MOST_PROPOSALS)
         finder.setMinBoxArea(LEAST_AREA)
         finder.setEdgeMinMag(LEAST_EDGE)
         finder.setMinScore(LEAST_SCORE)
