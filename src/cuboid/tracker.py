@@ -251,7 +251,7 @@ class Tracker:
         last, self._place = self._place, T_world_camera[:3, 3]
         if last is None or len(known) == 0:
             return 1.0
-        turn = float(np.linalg.norm(self._place - last)) / float(np.median(known))
+        turn = float(np.linalg.norm(self._place - last)) / float(np.median(known.astype(np.float64)))
         return min(1.0, max(LEAST_NEWS, turn / ANOTHER_SIDE_RAD))
 
     def _box(self, cluster: FrameCluster) -> Box:
