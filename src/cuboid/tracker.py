@@ -85,7 +85,7 @@ class Tracker:
     ) -> None:
         self.intrinsics = intrinsics
         self.config = config or TrackerConfig()
-        self._propose = make_source(proposals)
+        self._propose = make_source(proposals, self.config)
         self._begin()
         self._count = 0
         self._place: Float64Array | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cuboid.config import TrackerConfig
 from cuboid.frame import Frame, Intrinsics
 from cuboid.limits import MOST_PROPOSALS
 from cuboid.proposals.boxes import boxes_as_proposals, refuse_options
@@ -31,11 +32,14 @@ LONGEST_ASPECT = 3.0
 class EdgeBoxes:
     """Proposes boxes from thinned edges at half resolution; unthinned ones would take seconds."""
 
+    def __init__(self, noise_per_m: float) -> None:
+        self._noise_per_m = noise_per_m
+
     def __call__(self, frame: Frame, intrinsics: Intrinsics) -> Proposals:
         """Return the proposals of `frame`, the best first."""
         import cv2
 
-        edges = find_edges(frame)
+        edges = find_edges(frame, self._noise_per_m)
         finder = cv2.ximgproc.createEdgeBoxes()
         finder.setMaxBoxes(MOST_PROPOSALS)
         finder.setMinBoxArea(LEAST_AREA)
@@ -53,7 +57,7 @@ class EdgeBoxes:
 
 
 @SOURCES.register("edgeboxes")
-def edgeboxes_source(options: str | None) -> ProposalSource:
+def edgeboxes_source(options: str | None, config: TrackerConfig) -> ProposalSource:
     """Return EdgeBoxes; it takes no options.
 
     Raises
@@ -62,4 +66,4 @@ def edgeboxes_source(options: str | None) -> ProposalSource:
         If there are any.
     """
     refuse_options("edgeboxes", options)
-    return EdgeBoxes()
+    return EdgeBoxes(config.depth_noise_per_m)
