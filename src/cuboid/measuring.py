@@ -16,6 +16,11 @@ from cuboid.outputs import LimitReached, Timing
 WARM_UP_FRAMES = 10
 
 
+def warm_up_of(used: int) -> int:
+    """Return how many of the used frames of a run are warm-up."""
+    return WARM_UP_FRAMES if used >= 2 * WARM_UP_FRAMES else 0
+
+
 class FrameLog:
     """Counts frames, keeps the reasons of skipped ones and the times of used ones.
 
@@ -68,7 +73,7 @@ class FrameLog:
 
     @property
     def _warm(self) -> int:
-        return WARM_UP_FRAMES if self.used >= 2 * WARM_UP_FRAMES else 0
+        return warm_up_of(self.used)
 
     def frames_per_second(self) -> float:
         """Return used frames a second of the clock after warm-up; 0 for fewer than two frames."""

@@ -97,6 +97,14 @@ class TrackerLike(Protocol):
     def up(self) -> Float64Array | None:
         """Up in the world."""
 
+    @property
+    def points_known(self) -> int:
+        """Points of the global point map."""
+
+    @property
+    def map_bytes(self) -> int:
+        """Memory of the global point map."""
+
     def map_points(self) -> MapPoints:
         """Return the global point map."""
 
@@ -133,6 +141,10 @@ class RunOutcome:
         For "frame" and each stage its time in every used frame, warm-up included.
     frames_per_second : float
         Used frames a second of the clock, after warm-up.
+    points : int
+        Points of the global point map at the end.
+    map_bytes : int
+        Memory of it.
     """
 
     report: RunReport
@@ -141,6 +153,8 @@ class RunOutcome:
     up: Float64Array | None
     milliseconds: Mapping[str, Sequence[float]]
     frames_per_second: float
+    points: int
+    map_bytes: int
 
 
 def track_recording(
@@ -264,7 +278,9 @@ def track_recording(
             writer.finish(content, tracker.map_points(), report, pipeline.trajectory())
     if output is not None:
         _page(output, recording)
-    return RunOutcome(report, objects, planes, up, log.milliseconds, log.frames_per_second())
+    return RunOutcome(
+        report, objects, planes, up, log.milliseconds, log.frames_per_second(), tracker.points_known, tracker.map_bytes
+    )
 
 
 @dataclass(frozen=True, slots=True)

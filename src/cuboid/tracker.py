@@ -339,6 +339,11 @@ class Tracker:
         """How many points the global point map holds."""
         return self._voxels.alive
 
+    @property
+    def map_bytes(self) -> int:
+        """Memory of the global point map, room for more points included, bytes."""
+        return self._voxels.nbytes
+
     def map_points(self) -> MapPoints:
         """Return the global point map."""
         rows = self._voxels.living()
