@@ -1,8 +1,9 @@
 """The tracker under fire: ``python tests/fuzz/fire.py [--sequences N] [--frames N] [--first SEED]``.
 
-Each hostile sequence goes through a tracker of its own, and after every frame all that must hold of it is looked at: no
-exception, boxes finite and of sizes above 0, rotations proper, no object larger than it may be, labels that only grow
-and are never reused, no point of an object that is no more, and no frame that takes longer than its time.
+Each hostile sequence goes through a tracker of its own, some with other settings than the usual ones; now and then
+poses are corrected. After every frame all that must hold is looked at: no exception, boxes finite and of sizes above 0,
+rotations proper, no object larger than it may be, labels that only grow and are never reused, no point of an object
+that is no more, and no frame that takes longer than its time, its correction of poses included.
 """
 
 from __future__ import annotations
@@ -17,17 +18,25 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 from hostile import hostile  # noqa: E402
 
+from cuboid.config import TrackerConfig  # noqa: E402
 from cuboid.frame import Intrinsics  # noqa: E402
+from cuboid.geometry import se3  # noqa: E402
 from cuboid.tracker import Tracker  # noqa: E402
 from worlds import Watch  # noqa: E402
 
 # Seconds of one core that a frame may take, the first ones of a process left out: these load the kernels.
 FRAME_S = 0.5
+# Frames that hang on one keyframe, and how often poses are corrected.
+KEYFRAME_EVERY, CORRECTED = 8, 0.03
+# Seeds of the settings begin here.
+SETTINGS = 1_000_000
 # A sequence with many objects, which meets all kernels.
 MANY_OBJECTS = 38
 # Slowest frames that are told of.
@@ -77,8 +86,8 @@ def load_kernels() -> None:
 
 def fire(seed: int, frames: int, fired: Fired, size: tuple[int, int] | None = None) -> None:
     """Let a tracker take a sequence, and note what is wrong with it; its end is the first fault but for slowness."""
-    sequence = hostile(seed, size)
-    tracker = Tracker(sequence.intrinsics)
+    sequence, rng = hostile(seed, size), np.random.default_rng(SETTINGS + seed)
+    tracker = Tracker(sequence.intrinsics, _settings(rng))
     watch = Watch(tracker)
     fired.sequences += 1
     for number, item in enumerate(sequence.frames(frames)):
@@ -86,12 +95,17 @@ def fire(seed: int, frames: int, fired: Fired, size: tuple[int, int] | None = No
         if item.frame is None:
             fired.refused += 1
             continue
-        begun_s = time.thread_time()
+        keyframe, moved = 1 + number // KEYFRAME_EVERY, {}
+        if rng.random() < CORRECTED:
+            moved = _correction(rng, keyframe)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("error")
-                result = tracker.update(item.frame)
-            fired.took(time.thread_time() - begun_s, where)
+                begun_s = time.thread_time()
+                if moved:
+                    tracker.carry(moved)
+                result = tracker.update(item.frame, keyframe)
+                fired.took(time.thread_time() - begun_s, where)
             fired.frames += 1
             watch.result(item.frame, result)
             watch.look()
@@ -101,6 +115,21 @@ def fire(seed: int, frames: int, fired: Fired, size: tuple[int, int] | None = No
             fired.fault(f"{type(error).__name__} at {Path(at.filename).name}:{at.lineno}: {line}", where)
             break
     fired.labels += watch.labelled
+
+
+def _settings(rng: np.random.Generator) -> TrackerConfig:
+    """Return settings: mostly the usual ones."""
+    return TrackerConfig(
+        max_size_m=float(rng.choice((1.0, 1.0, 0.3))),
+        voxel_m=float(rng.choice((0.01, 0.01, 0.02))),
+        min_size_m=float(rng.choice((0.03, 0.03, 0.01))),
+    )
+
+
+def _correction(rng: np.random.Generator, keyframes: int) -> dict[int, np.ndarray]:
+    """Return how some keyframes move, by millimetres or by metres."""
+    size = rng.choice((0.005, 0.05, 2.0))
+    return {int(k): se3.exp(rng.normal(size=6) * size) for k in rng.integers(1, keyframes + 1, 3)}
 
 
 def _size(camera: Intrinsics) -> str:

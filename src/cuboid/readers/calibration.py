@@ -79,13 +79,17 @@ def choose(
     return calibration, units
 
 
+# Focal lengths of cameras, in widths of their images: 179.4 degrees are in view at the least, 3.4 minutes at the most.
+LEAST_FOCAL, MOST_FOCAL = 0.005, 1000.0
+
+
 def for_size(calibration: Calibration, width: int, height: int, recording: Path) -> Intrinsics:
     """Return the pinhole of images of this size.
 
     Raises
     ------
     InputError
-        If the calibration is for another image size.
+        If the calibration is for another image size, or no camera's.
     """
     if calibration.size not in (None, (width, height)):
         raise InputError(
@@ -99,6 +103,11 @@ def for_size(calibration: Calibration, width: int, height: int, recording: Path)
             "are the intrinsics for another image size?"
         )
     fx, fy, cx, cy = map(float, (calibration.fx, calibration.fy, calibration.cx, calibration.cy))
+    if not (LEAST_FOCAL * width <= min(fx, fy) and max(fx, fy) <= MOST_FOCAL * width):
+        raise InputError(
+            f"{recording}: the focal lengths ({fx:.3g}, {fy:.3g}), from {calibration.source}, are no camera's; "
+            f"expected {LEAST_FOCAL:g} to {MOST_FOCAL:g} times the width of the images, {width} pixels"
+        )
     return Intrinsics(fx, fy, cx, cy, width, height)
 
 
