@@ -76,6 +76,11 @@ def choose(
             f"{recording}: the depth scale is not known; "
             f"give it with --depth-scale UNITS_PER_METRE or as {_DEPTH_UNITS} in {CAMERA_FILE}"
         )
+    if not LEAST_UNITS <= units <= MOST_UNITS:
+        raise InputError(
+            f"{recording}: its depth scale of {units:.3g} units per metre is none; "
+            f"expected {LEAST_UNITS:g} to {MOST_UNITS:g}, or give it with --depth-scale"
+        )
     return calibration, units
 
 
