@@ -10,13 +10,14 @@ import numpy as np
 from cuboid import Tracker, open_recording
 from cuboid.config import TrackerConfig
 from cuboid.evaluation import evaluate
+from cuboid.evaluation.figures import figures
 from cuboid.evaluation.result import BoxRows, MapBoxes, Result
 from cuboid.frame import Intrinsics
 from cuboid.geometry.overlap import pack
 from cuboid.results import FrameResult
 from cuboid.run import Progress, track_recording
 from scenes import Case, cases
-from scoring import figures, mean, total
+from scoring import mean, total
 from tables import dump, show
 
 COUNTS = (10, 20, 40, 80, 160, 320, 640)

@@ -15,6 +15,7 @@ import numpy as np
 
 from cuboid import open_recording
 from cuboid.evaluation import evaluate
+from cuboid.evaluation.figures import figures
 from cuboid.frame import Float64Array, Frame
 from cuboid.geometry import se3
 from cuboid.objects.object_map import ObjectMap
@@ -23,7 +24,7 @@ from cuboid.outputs.folder import TRACKS
 from cuboid.run import track_recording
 from cuboid.synthetic.poses import POSE_NOISES
 from scenes import Case, cases
-from scoring import figures, mean, total
+from scoring import mean, total
 from tables import cell, dump, show
 
 # Multiples of the noise of `cuboid synth --pose-noise`: drift of 1 mm and 0.03 degrees a frame, jumps of 1 to 3.5 cm.

@@ -2,30 +2,36 @@
 
 python benchmarks/suite.py --work DIR [--jobs N] [--short] [--json]
 
-DIR keeps the made recordings, the results (a folder of `cuboid track` a scene) and a JSON file of figures a scene. Run
-again, it takes up where it was left: a scene is tracked anew only when the program's source, the settings or the
-recording have changed. `--jobs` tracks so many scenes at a time, each on one core.
+DIR keeps the made recordings and a store, into which `cuboid batch` tracks them and of which `cuboid evaluate --store`
+judges them. Run again, it takes up where it was left: a scene is tracked anew only when the program's source, the
+settings or the recording have changed. `--jobs` tracks so many scenes at a time, each on one core.
 """
 
 from __future__ import annotations
 
 import argparse
-import hashlib
-import json
 import os
 import sys
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import ExitStack
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from distributed import Client, Worker, WorkerPlugin
+
 from cuboid import CuboidError, TrackerConfig, __version__
+from cuboid.batch.batch import Order, carry_out, plan
+from cuboid.batch.cluster import Workers
+from cuboid.batch.sources import Source
+from cuboid.batch.task import Ended
 from cuboid.cli.threads import limit_threads
+from cuboid.errors import InputError
+from cuboid.store.judging import judge_store
+from cuboid.store.rows import settings_text
 from cuboid.synthetic import KINDS
 from cuboid.synthetic.kinds import FRAMES
 from scenes import MadeScene, made, source_digest
-from scoring import mean, run_and_score, together, total
+from scoring import mean, processor_time, together, total
 from tables import cell, dump, markdown
 
 SEEDS = (1, 2, 3, 4)
@@ -58,58 +64,56 @@ class Settings:
     proposals: str | None
     config: TrackerConfig
 
-    def key(self) -> str:
-        """Return what tells results of these settings and this program from others."""
-        what = [self.poses, self.every, self.scale, self.proposals, self.config.to_dict()]
-        settings = hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:6]
-        return f"{__version__}-{source_digest()}-{settings}"
+    def document(self) -> dict[str, Any]:
+        """Return them as a batch takes them."""
+        return {
+            "reading": {"format": None, "intrinsics": None, "depth_scale": None, "register": False},
+            "tracker": self.config.to_dict(),
+            "proposals": self.proposals,
+            "poses": self.poses,
+            "every": self.every,
+            "scale": self.scale,
+        }
 
 
-def scene_figures(scene: MadeScene, settings: Settings, work: Path, key: str) -> dict[str, Any]:
-    """Return the figures of a scene, from its file or by tracking it."""
-    folder = work / "results" / key
-    file = folder / f"{scene.name}.json"
-    if file.is_file():
-        row: dict[str, Any] = json.loads(file.read_text())
-        return row
-    row = run_and_score(
-        made(scene, work),
-        folder / scene.name,
-        poses=settings.poses,
-        every=settings.every,
-        scale=settings.scale,
-        proposals=settings.proposals,
-        config=settings.config,
-    )
-    beside = file.with_suffix(".partial")
-    beside.write_text(json.dumps(row, indent=1))
-    beside.replace(file)
-    return row
+class ProcessorTime(WorkerPlugin):
+    """Let workers measure stages in processor time."""
+
+    def setup(self, worker: Worker) -> None:
+        """Begin, for as long as the worker lives."""
+        self._patched = ExitStack()
+        self._patched.enter_context(processor_time())
 
 
 def run_suite(scenes: list[MadeScene], settings: Settings, work: Path, jobs: int) -> list[dict[str, Any]]:
     """Return the figures of all scenes, in their order."""
-    rows: dict[str, dict[str, Any]] = {}
-    key = settings.key()  # once: the source may be edited meanwhile
+    version = f"{__version__}+{source_digest()}"  # once: the source may be edited meanwhile
+    order = Order(str(work / "store"), settings.document(), retry=True, version=version)
     longest_first = sorted(scenes, key=lambda scene: -FRAMES[scene.kind])
-    with ProcessPoolExecutor(jobs, get_context("spawn"), limit_threads, (1,)) as pool:
-        waiting = {pool.submit(scene_figures, scene, settings, work, key): scene for scene in longest_first}
-        for done in as_completed(waiting):
-            try:
-                row = done.result()
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
-            rows[waiting[done].name] = row
-            _tell(row, len(rows), len(scenes))
-    return [rows[scene.name] for scene in scenes]
+    with Workers(count=jobs).connected() as client:
+        client.register_plugin(ProcessorTime())
+        cases = client.gather(client.map(made, longest_first, work=work, pure=False))
+        _track(client, [Source(case.name, str(case.recording.resolve())) for case in cases], order)
+        truths = cases[0].recording.parent
+        found = judge_store(client, order.store, truths, version=version, settings=settings_text(order.settings))
+    for name, reason in found.refused.items():
+        raise InputError(f"{name}: {reason}")
+    return [{"scene": scene.name, "kind": scene.kind, **found.rows[scene.name]} for scene in scenes]
 
 
-def _tell(row: dict[str, Any], count: int, scenes: int) -> None:
-    """Say on standard error how far it is."""
-    shown = ("recall_50", "precision_50", "hota", "idf1_25", "fragments")
-    text = ", ".join(f"{name} {cell(row[name])}" for name in shown)
-    print(f"{count}/{scenes} {row['scene']}: {text}", file=sys.stderr, flush=True)
+def _track(client: Client, sources: list[Source], order: Order) -> None:
+    """Track what is not done yet, and say on standard error how far it is."""
+    planned = plan(client, sources, order)
+    count = 0
+
+    def ended(one: Ended) -> None:
+        nonlocal count
+        count += 1
+        print(f"{count}/{len(planned.tasks)} {one.head.recording}: {one.objects} objects", file=sys.stderr, flush=True)
+        if one.reason is not None:
+            raise InputError(f"{one.head.recording}: {one.reason}")
+
+    carry_out(client, planned, order, ended)
 
 
 def summary(name: str, rows: list[dict[str, Any]]) -> list[Any]:

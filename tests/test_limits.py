@@ -76,19 +76,19 @@ def test_the_best_proposals_stay() -> None:
 
 
 def test_the_pieces_of_the_strongest_proposals_stay_and_of_these_the_largest() -> None:
-    """60 pieces of the best share, 90 of the next, each of another size, and crumbs that are no clusters."""
-    sizes = np.array([*range(30, 90), *range(30, 120), *[LEAST_PIXELS - 1] * 50])
-    share_of = np.repeat([0, 1, 0], [60, 90, 50])
+    """60 pieces of the best share, 140 of the next, each of another size, and crumbs that are no clusters."""
+    sizes = np.array([*range(30, 90), *range(30, 170), *[LEAST_PIXELS - 1] * 50])
+    share_of = np.repeat([0, 1, 0], [60, 140, 50])
     regions = np.repeat(np.arange(1, len(sizes) + 1), sizes)[None].astype(np.int32)
     claim = np.repeat(share_of, sizes)[None].astype(np.int32)
-    assert _leave_out(regions, claim, len(sizes)) == 150 - MOST_CLUSTERS
+    assert _leave_out(regions, claim, len(sizes)) == 200 - MOST_CLUSTERS
     stay = np.unique(regions[regions > 0]) - 1
-    assert stay.tolist() == [*range(60), *range(150 - (MOST_CLUSTERS - 60), 150)]
+    assert stay.tolist() == [*range(60), *range(200 - (MOST_CLUSTERS - 60), 200)]
 
 
 def test_run_json_says_what_was_left_out(tmp_path: Path) -> None:
     many = Proposals(
-        np.tile(np.array([[2, 2, 12, 12]], np.int32), (150, 1)), np.linspace(0.1, 1.0, 150, dtype=np.float32)
+        np.tile(np.array([[2, 2, 12, 12]], np.int32), (200, 1)), np.linspace(0.1, 1.0, 200, dtype=np.float32)
     )
     recording = FakeRecording(6)
     track_recording(recording, tmp_path / "out", proposals=lambda frame, camera: many)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from cuboid.errors import CuboidError
 
 if TYPE_CHECKING:
+    from cuboid.cameras import open_camera
     from cuboid.config import TrackerConfig
     from cuboid.frame import Frame, Intrinsics
     from cuboid.geometry.box import Box
@@ -36,6 +37,7 @@ _PLACES = {
     "TrackedObject": "cuboid.results",
     "Tracker": "cuboid.tracker",
     "TrackerConfig": "cuboid.config",
+    "open_camera": "cuboid.cameras",
     "open_recording": "cuboid.readers",
     "track_recording": "cuboid.run",
 }
@@ -51,6 +53,7 @@ __all__ = [
     "Tracker",
     "TrackerConfig",
     "__version__",
+    "open_camera",
     "open_recording",
     "track_recording",
 ]

@@ -22,6 +22,7 @@ from cuboid.geometry import se3
 from cuboid.outputs.folder import ResultFolder, writing
 from cuboid.readers import Recording
 from cuboid.readers.calibration import CAMERA_FILE, write_camera
+from cuboid.readers.depth_camera import DepthCamera
 
 # Units of depth that is not whole in the recording's own: a fifth of a millimetre, up to 13 m.
 CARRIED_UNITS = 5000.0
@@ -36,7 +37,9 @@ SATURATED = 65535
 class RecordingWriter(Protocol):
     """Writes one form; `finish` comes behind the last frame."""
 
-    def __init__(self, folder: Path, intrinsics: Intrinsics, units_per_metre: float) -> None:
+    def __init__(
+        self, folder: Path, intrinsics: Intrinsics, units_per_metre: float, up_world: Float64Array | None = None
+    ) -> None:
         """Begin in an empty folder."""
 
     def add(self, frame: Frame) -> None:
@@ -57,10 +60,13 @@ class RecordingWriter(Protocol):
 class _Folder:
     """What both folders have in common."""
 
-    def __init__(self, folder: Path, intrinsics: Intrinsics, units_per_metre: float) -> None:
+    def __init__(
+        self, folder: Path, intrinsics: Intrinsics, units_per_metre: float, up_world: Float64Array | None = None
+    ) -> None:
         self._folder = folder
         self._intrinsics = intrinsics
         self._units = units_per_metre
+        self._up_world = up_world
         self._frames: list[tuple[int, float, Float64Array | None]] = []
 
     def __enter__(self) -> Self:
@@ -91,7 +97,7 @@ class PlainWriter(_Folder):
 
     def finish(self) -> None:
         """Write the camera, the times and the poses."""
-        write_camera(self._folder / CAMERA_FILE, self._intrinsics, self._units)
+        write_camera(self._folder / CAMERA_FILE, self._intrinsics, self._units, up_world=self._up_world)
         self._write("timestamps.txt", [f"{index} {time_s:.6f}" for index, time_s, _ in self._frames])
         poses = [f"{index} {pose_text(T)}" for index, _, T in self._frames if T is not None]
         if poses:
@@ -101,8 +107,10 @@ class PlainWriter(_Folder):
 class TumWriter(_Folder):
     """The form of the TUM RGB-D benchmark, with a `camera.json` beside."""
 
-    def __init__(self, folder: Path, intrinsics: Intrinsics, units_per_metre: float) -> None:
-        super().__init__(folder, intrinsics, TUM_UNITS)
+    def __init__(
+        self, folder: Path, intrinsics: Intrinsics, units_per_metre: float, up_world: Float64Array | None = None
+    ) -> None:
+        super().__init__(folder, intrinsics, TUM_UNITS, up_world)
         self._names: list[str] = []
 
     def add(self, frame: Frame) -> None:
@@ -119,19 +127,21 @@ class TumWriter(_Folder):
         for kind in ("rgb", "depth"):
             lines = [f"{name.removesuffix('.png')} {kind}/{name}" for name in self._names]
             self._write(f"{kind}.txt", ["# timestamp filename", *lines])
-        write_camera(self._folder / CAMERA_FILE, self._intrinsics, self._units)
+        write_camera(self._folder / CAMERA_FILE, self._intrinsics, self._units, up_world=self._up_world)
         poses = [f"{time_s:.6f} {pose_text(T)}" for _, time_s, T in self._frames if T is not None]
         if poses:
             self._write("groundtruth.txt", ["# timestamp tx ty tz qx qy qz qw", *poses])
 
 
-def _mcap_writer(folder: Path, intrinsics: Intrinsics, units_per_metre: float) -> RecordingWriter:
+def _mcap_writer(
+    folder: Path, intrinsics: Intrinsics, units_per_metre: float, up_world: Float64Array | None = None
+) -> RecordingWriter:
     from cuboid.mcap_writing import McapWriter
 
     return McapWriter(folder, intrinsics, units_per_metre)
 
 
-WRITERS: dict[str, Callable[[Path, Intrinsics, float], RecordingWriter]] = {
+WRITERS: dict[str, Callable[[Path, Intrinsics, float, Float64Array | None], RecordingWriter]] = {
     "plain": PlainWriter,
     "tum": TumWriter,
     "mcap": _mcap_writer,
@@ -173,10 +183,10 @@ def convert_recording(
         The folder exists, or cannot be written.
     """
     skipped: dict[int, str] = {}
-    units = _units(recording)
+    units = units_kept(recording.depth_units_per_metre, recording.depth_camera)
     with ResultFolder(output) as folder, writing(output):
         work = folder.file("")
-        with WRITERS[form](work, recording.intrinsics, units) as writer:
+        with WRITERS[form](work, recording.intrinsics, units, recording.up_world) as writer:
             for done, index in enumerate(frames):
                 frame = _read(recording, index, skipped)
                 if frame is not None:
@@ -206,10 +216,9 @@ def _read(recording: Recording, index: int, skipped: dict[int, str]) -> Frame | 
     return None
 
 
-def _units(recording: Recording) -> float:
-    """Return the units in which depth is written: the recording's own where its depth is still whole in them."""
-    units = recording.depth_units_per_metre
-    return units if recording.depth_camera is None and units >= LEAST_UNITS else CARRIED_UNITS
+def units_kept(units_per_metre: float, depth_camera: DepthCamera | None) -> float:
+    """Return the units in which depth is written: its own where it is still whole in them."""
+    return units_per_metre if depth_camera is None and units_per_metre >= LEAST_UNITS else CARRIED_UNITS
 
 
 def as_units(depth_m: Float32Array, units_per_metre: float) -> npt.NDArray[np.uint16]:

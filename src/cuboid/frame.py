@@ -86,6 +86,17 @@ class Frame:
     depth_m: Float32Array
     T_world_camera: Float64Array | None = None
 
+    def __repr__(self) -> str:
+        height, width = self.depth_m.shape
+        posed = "no pose" if self.T_world_camera is None else "posed"
+        return f"Frame({self.index} at {self.timestamp_s:.3f} s: {width} x {height}, {posed})"
+
+    def _repr_png_(self) -> bytes:
+        """Show color and depth side by side, in a notebook."""
+        from cuboid.views.notebook import frame_png
+
+        return frame_png(self)
+
     def __post_init__(self) -> None:
         if self.color.ndim != 3 or self.color.shape[2] != 3 or self.color.dtype != np.uint8:
             raise ValueError(

@@ -61,6 +61,10 @@ class RecordingInfo:
         Frames with a pose, of `poses_looked_at`.
     poses_looked_at : int
     path_length_m : float or None
+    up_world : (float, float, float) or None
+        Away from the earth's pull, where the recording says so.
+    up_measured : bool
+        Whether it was measured with the frames.
     depth_off_px : float or None
         How far depth lies beside color, where that is clear.
     skipped : tuple of Skipped
@@ -86,6 +90,8 @@ class RecordingInfo:
     poses: int
     poses_looked_at: int
     path_length_m: float | None
+    up_world: tuple[float, ...] | None
+    up_measured: bool
     depth_off_px: float | None
     skipped: tuple[Skipped, ...]
 
@@ -143,6 +149,8 @@ def inspect_recording(recording: Recording, *, every_frame: bool = False) -> Rec
         poses=poses,
         poses_looked_at=looked_at,
         path_length_m=length_m,
+        up_world=None if recording.up_world is None else tuple(recording.up_world.tolist()),
+        up_measured=recording.up_measured,
         depth_off_px=_depth_off_px(bare, kept),
         skipped=_kinds(reasons),
     )

@@ -79,6 +79,8 @@ class FrameResult:
         Time of each stage, in the order of work.
     left_out : mapping of str to int
         How many proposals, clusters and candidates were more than a frame may bring, see `cuboid.limits`.
+    size : (int, int) or None
+        Width and height of the frame, pixels; None is the heat's.
     """
 
     index: int
@@ -90,6 +92,17 @@ class FrameResult:
     heat: Float32Array
     milliseconds: dict[str, float]
     left_out: Mapping[str, int] = field(default_factory=dict)
+    size: tuple[int, int] | None = None
+
+    def __repr__(self) -> str:
+        labels = ", ".join(f"#{seen.label}" for seen in self.sightings) or "nothing"
+        return f"FrameResult(frame {self.index}: sees {labels}; {self.objects_known} objects known)"
+
+    def _repr_png_(self) -> bytes:
+        """Show the heat and the objects that are seen, in a notebook."""
+        from cuboid.views.notebook import result_png
+
+        return result_png(self)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,14 +17,17 @@ from cuboid.downscaling import downscale
 from cuboid.errors import FrameError, InputError, OutputError
 from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.measuring import FrameClock, FrameLog, peak_memory_mb
+from cuboid.object_table import ObjectTable
 from cuboid.outputs import ObjectsFile, PoseRow, ResultWriter, RunReport
 from cuboid.outputs.folder import REPORT, VIDEO
 from cuboid.posing import LOST, BridgedPoses, EstimatedPoses, GivenPoses, Poses
 from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
+from cuboid.streaming import FrameSource, Stream
 
 if TYPE_CHECKING:
     from cuboid.proposals.types import ProposalSource
     from cuboid.readers.depth_camera import DepthCamera
+    from cuboid.views.report.pictures import Picture
     from cuboid.views.video import View
 
 # The work inside shrinks with --scale to no less than this width, pixels: fewer show no objects.
@@ -112,8 +115,8 @@ class TrackerLike(Protocol):
 class Progress:
     """Told how a run goes; this one does nothing."""
 
-    def start(self, frames: int) -> None:
-        """Tell that a run over so many frames begins."""
+    def start(self, frames: int | None) -> None:
+        """Tell that a run over so many frames begins; None where nobody knows how many."""
 
     def frame(self, result: FrameResult) -> None:
         """Tell that a frame is done."""
@@ -156,9 +159,15 @@ class RunOutcome:
     points: int
     map_bytes: int
 
+    def _repr_html_(self) -> str:
+        """Show the objects, and how the run went, in a notebook."""
+        report, found = self.report, ObjectTable(self.objects)
+        line = f"{report.frames_used} of {report.frames_read} frames in {report.seconds:.1f} s"
+        return f"{found._repr_html_()}<p>{line}</p>"
+
 
 def track_recording(
-    recording: RecordingLike,
+    recording: RecordingLike | FrameSource,
     output: Path | None,
     *,
     config: TrackerConfig | None = None,
@@ -171,6 +180,7 @@ def track_recording(
     threads: int = 1,
     video: bool = False,
     force: bool = False,
+    page: bool = True,
     progress: Progress | None = None,
     stop: Callable[[], bool] = lambda: False,
     make_tracker: MakeTracker | None = None,
@@ -181,8 +191,8 @@ def track_recording(
 
     Parameters
     ----------
-    recording : RecordingLike
-        From `cuboid.open_recording`.
+    recording : RecordingLike or FrameSource
+        From `cuboid.open_recording` or `cuboid.open_camera`.
     output : Path or None
         Folder of the results; None writes nothing.
     config : TrackerConfig, optional
@@ -205,6 +215,8 @@ def track_recording(
         Also write `labelled.mp4`.
     force : bool
         Replace results that lie in `output`.
+    page : bool
+        Also write the 3D page; `write_page` does it later.
     progress : Progress, optional
         Told how it goes.
     stop : callable
@@ -231,9 +243,12 @@ def track_recording(
     begun_s = time.perf_counter()
     config, proposals = _at_scale(config or TrackerConfig(), proposals, scale)
     progress = progress or Progress()
+    live = recording if isinstance(recording, FrameSource) else None
+    if isinstance(recording, FrameSource):
+        recording = Stream(recording)
     poses = _origin_of_poses(recording, poses, bridge)
-    frames = range(0, len(recording), every)[:limit]
-    if not frames:
+    planned = None if isinstance(recording, Stream) else len(range(0, len(recording), every)[:limit])
+    if planned == 0:
         raise InputError(f"{recording.path}: the recording has no frames")
     with ExitStack() as results:
         writer = _writer(results, recording, output, force, poses)
@@ -241,15 +256,13 @@ def track_recording(
         bare = recording if source.given_with_frames else recording.without_poses()
         tracker = (make_tracker or _tracker)(camera, config, proposals)
         log = FrameLog()
-        progress.start(len(frames))
+        progress.start(planned)
         view_of = (make_view or _video) if video else None
         with (
             _view(writer, recording, every, view_of) as view,
-            closing(decode(bare, frames, ahead=threads > 1)) as decoded,
+            closing(_decode(bare, every, limit, ahead=threads > 1)) as decoded,
         ):
-            pipeline = _Pipeline(
-                recording.path, len(frames), source, tracker, scale, writer, view, watch, log, progress
-            )
+            pipeline = _Pipeline(recording.path, planned, source, tracker, scale, writer, view, watch, log, progress)
             complete = pipeline.follow(decoded, stop)
         if complete and not log.used and poses == "estimated":
             raise InputError(
@@ -269,15 +282,16 @@ def track_recording(
             milliseconds=log.timings(),
             seconds=time.perf_counter() - begun_s,
             peak_memory_mb=peak_memory_mb(),
-            warnings=pipeline.warnings(bare),
+            warnings=(*(live.warnings if live else ()), *pipeline.warnings(bare)),
+            frames_dropped=live.dropped if live else 0,
             limits=log.limits(),
         )
         objects, planes, up = tuple(tracker.objects), tuple(tracker.planes), tracker.up
         if writer is not None:
             content = ObjectsFile(up, recording.intrinsics, planes, objects)
             writer.finish(content, tracker.map_points(), report, pipeline.trajectory())
-    if output is not None:
-        _page(output, recording)
+    if output is not None and page:
+        write_page(output, recording)
     return RunOutcome(
         report, objects, planes, up, log.milliseconds, log.frames_per_second(), tracker.points_known, tracker.map_bytes
     )
@@ -288,7 +302,7 @@ class _Pipeline:
     """What a frame passes through: scaling, posing, tracking, writing, drawing."""
 
     path: Path
-    planned: int
+    planned: int | None
     poses: Poses
     tracker: TrackerLike
     scale: int
@@ -371,6 +385,8 @@ class _Pipeline:
     def _skip(self, index: int, reason: str) -> None:
         self.log.skip(index, reason)
         self.progress.skipped(index, reason)
+        if self.planned is None:
+            return
         bad = [(frame, why) for frame, why in self.log.skipped if why != LOST]  # a lost camera is no fault of the input
         if 2 * len(bad) > self.planned:
             first, why = bad[0]
@@ -378,6 +394,12 @@ class _Pipeline:
                 f"{self.path}: more than half of the {self.planned} frames cannot be used; "
                 f"the first is frame {first}: {why}"
             )
+
+
+def _decode(recording: RecordingLike, every: int, limit: int | None, *, ahead: bool) -> Generator[Decoded, None, None]:
+    if isinstance(recording, Stream):
+        return recording.decode(every, limit, ahead=ahead)
+    return decode(recording, range(0, len(recording), every)[:limit], ahead=ahead)
 
 
 def _origin_of_poses(recording: RecordingLike, poses: str | None, bridge: bool) -> str:
@@ -427,11 +449,13 @@ def _view(
         view.close(complete=True)
 
 
-def _page(output: Path, recording: RecordingLike) -> None:
-    """Write the 3D page of the results that lie in the output folder now."""
+def write_page(output: Path, recording: RecordingLike) -> Mapping[int, Picture]:
+    """Write the 3D page of the results that lie in the output folder now; return its pictures of objects, by label."""
     from cuboid.views.report import summarise, write_report
 
-    write_report(output / REPORT, summarise(output, recording.read))
+    summary = summarise(output, recording.read)
+    write_report(output / REPORT, summary)
+    return summary.pictures
 
 
 def _tracker(intrinsics: Intrinsics, config: TrackerConfig, proposals: str | ProposalSource | None) -> TrackerLike:

@@ -20,6 +20,7 @@ from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.claims import BOTTOM, LEFT, RIGHT, TOP
 from cuboid.kernels.pixels import stand_on
 from cuboid.limits import MOST_PROPOSALS
+from cuboid.object_table import ObjectTable
 from cuboid.objects.association import Association
 from cuboid.objects.entry import MapObject
 from cuboid.objects.object_map import ObjectMap
@@ -160,6 +161,7 @@ class Tracker:
                 "clusters": things.left_out,
                 "candidates": len(in_view) - len(objects),
             },
+            size=(self.intrinsics.width, self.intrinsics.height),
         )
 
     def carry(self, moved: Mapping[int, Float64Array]) -> None:
@@ -298,11 +300,11 @@ class Tracker:
         )
 
     @property
-    def objects(self) -> list[TrackedObject]:
-        """The confirmed objects of the map, by label."""
+    def objects(self) -> ObjectTable:
+        """The confirmed objects of the map, by label: a list, and a table for notebooks and pandas."""
         used = [plane for plane in self._planes.planes if plane.in_use]
         place = {plane.identity: k for k, plane in enumerate(used)}
-        return [self._tracked(entry, place) for entry in self._map.store.confirmed()]
+        return ObjectTable(self._tracked(entry, place) for entry in self._map.store.confirmed())
 
     def _tracked(self, entry: MapObject, place: Mapping[int, int]) -> TrackedObject:
         plane = None if entry.plane is None else self._planes.find(entry.plane)

@@ -71,9 +71,9 @@ def test_version(call: Call) -> None:
 @pytest.mark.parametrize(
     ("words", "part"),
     [
-        ((), "required: COMMAND"),
+        ((), "required: COMMAND; for example: cuboid demo"),
         (("trakc",), "invalid choice: 'trakc'"),
-        (("track",), "required: --output, RECORDING"),
+        (("track",), "required: --output; for example: cuboid track RECORDING --output DIR"),
         (("track", "r", "--output", "o", "--scale", "3"), "--scale: invalid choice: 3"),
         (("track", "r", "--output", "o", "--every", "0"), "whole number of at least 1, got '0'"),
         (("track", "r", "--output", "o", "--limit", "x"), "whole number of at least 1, got 'x'"),

@@ -40,9 +40,9 @@ def without(monkeypatch: pytest.MonkeyPatch, missing: str) -> None:
 def test_a_missing_package_fails_and_is_named(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    without(monkeypatch, "embreex")
+    without(monkeypatch, "msgspec")
     assert main(["doctor"]) == 1
-    assert lines_of(capsys)["embreex"] == ("BAD", "cannot be imported: No module named 'embreex'")
+    assert lines_of(capsys)["msgspec"] == ("BAD", "cannot be imported: No module named 'msgspec'")
 
 
 def test_a_missing_extra_is_no_fault_and_says_how_to_get_it(

@@ -45,11 +45,11 @@ def decode(path: Path) -> list[UInt8Array]:
     ("flags", "name"),
     [
         ((), "labelled.mp4"),
-        (("--heat",), "heat.mp4"),
-        (("--depth",), "depth.mp4"),
-        (("--proposals",), "proposals.mp4"),
+        (("--show", "heat"), "heat.mp4"),
+        (("--show", "depth"), "depth.mp4"),
+        (("--show", "proposals"), "proposals.mp4"),
         (("--gif",), "labelled.gif"),
-        (("--depth", "--gif"), "depth.gif"),
+        (("--show", "depth", "--gif"), "depth.gif"),
     ],
 )
 def test_each_view_has_every_used_frame(
@@ -64,10 +64,10 @@ def test_each_view_has_every_used_frame(
 
 def test_the_views_differ(results: Path) -> None:
     last = []
-    for flags in ((), ("--depth",), ("--proposals",)):
+    for flags in ((), ("--show", "depth"), ("--show", "proposals"), ("--show", "planes")):
         call(results, *flags, "--output", results / "view.mp4")
         last.append(decode(results / "view.mp4")[-1].astype(int))
-    assert all(np.abs(a - b).mean() > 0.5 for a, b in [(last[0], last[1]), (last[0], last[2])])
+    assert all(np.abs(a - b).mean() > 0.5 for a, b in [(last[0], one) for one in last[1:]])
 
 
 def test_what_is_drawn_anew_is_what_was_drawn_in_the_run(results: Path) -> None:
@@ -108,5 +108,5 @@ def test_times_that_fit_no_frame_are_an_error_and_leave_no_video(results: Path) 
     lines = (results / "trajectory.txt").read_text().splitlines()
     (results / "trajectory.txt").write_text("".join(f"9{line}\n" for line in lines))
     with pytest.raises(InputError, match=r"no frame of .* is in its trajectory"):
-        call(results, "--depth")
+        call(results, "--show", "depth")
     assert not (results / "depth.mp4").exists()

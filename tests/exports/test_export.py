@@ -6,11 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 import trimesh
 from made_run import BOXES, CAMERA, FRAMES, SEEN
 from pycocotools.coco import COCO
+from rosbags.highlevel import AnyReader
 
 from cuboid.cli import main
 from cuboid.errors import InputError, OutputError
@@ -22,7 +24,7 @@ from cuboid.geometry.se3 import rotation_from_quat_wxyz
 from cuboid.outputs import TrackRow, read_map
 from cuboid.views.palette import color_of
 
-OWN = ("coco", "csv", "json", "kitti", "ply", "ros2")
+OWN = ("coco", "csv", "json", "kitti", "mcap", "ply")
 SUFFIXES = {name: form.suffix for name, form in EXPORTS.items()}
 
 
@@ -53,7 +55,7 @@ class TestAnyForm:
         assert sorted(output.rglob("*")) == before
         export(run, name, output, force=True)
         if SUFFIXES[name]:
-            assert output.read_text() != "mine"
+            assert output.read_bytes() != b"mine"
         else:
             assert (output / "notes.txt").read_text() == "mine"
             assert not (output / "object_099.ply").exists()
@@ -217,53 +219,61 @@ def test_kitti_says_what_the_image_cuts_off(x: float, truncated: int) -> None:
     assert kitti_row(seen, np.eye(4), CAMERA, 1.0).truncated == truncated
 
 
-# What the messages of ROS 2 Humble and later hold; types of leaves.
-HEADER = {"stamp": {"sec": int, "nanosec": int}, "frame_id": str}
-XYZ = {"x": float, "y": float, "z": float}
-POSE = {"position": XYZ, "orientation": {**XYZ, "w": float}}
-MARKER = {
-    "header": HEADER, "ns": str, "id": int, "type": int, "action": int, "pose": POSE, "scale": XYZ,
-    "color": {"r": float, "g": float, "b": float, "a": float}, "points": [XYZ], "text": str,
-}  # fmt: skip
-DETECTION = {
-    "header": HEADER,
-    "results": [{"hypothesis": {"class_id": str, "score": float}, "pose": {"pose": POSE, "covariance": [float]}}],
-    "bbox": {"center": POSE, "size": XYZ},
-    "id": str,
-}
+def messages(file: Path) -> dict[str, list[tuple[int, Any]]]:
+    """Return times and messages of a bag, by topic."""
+    found: dict[str, list[tuple[int, Any]]] = {}
+    with AnyReader([file]) as bag:
+        for connection, time_ns, raw in bag.messages():
+            found.setdefault(connection.topic, []).append((time_ns, bag.deserialize(raw, connection.msgtype)))
+    return found
 
 
-def assert_fits(value: Any, message: Any) -> None:
-    """Assert that a value sets only fields that the message has, of their types."""
-    if isinstance(message, dict):
-        assert set(value) <= set(message)
-        for name in value:
-            assert_fits(value[name], message[name])
-    elif isinstance(message, list):
-        for item in value:
-            assert_fits(item, message[0])
-    else:
-        assert type(value) is message
+def test_mcap_has_pictures_and_transforms_as_ros_has_them(run: FinishedRun, tmp_path: Path) -> None:
+    assert export(run, "mcap", tmp_path / "r.mcap") == []
+    found = messages(tmp_path / "r.mcap")
+    color_topic, depth = "/camera/color/image_raw/compressed", "/camera/aligned_depth_to_color"
+    per_frame = (
+        "/tf", "/objects/markers", "/objects/detections", "/camera/color/camera_info", f"{depth}/camera_info",
+        color_topic, f"{depth}/image_raw/compressedDepth",
+    )  # fmt: skip
+    assert {topic: len(several) for topic, several in found.items()} == {**dict.fromkeys(per_frame, 4), "/map": 1}
+    assert [time_ns for time_ns, _ in found["/tf"]] == [round(k / 30 * 1e6) * 1000 for k in (0, 1, 3, 4)]
+    color, deep = found[color_topic][0][1], found[f"{depth}/image_raw/compressedDepth"][0][1]
+    assert cv2.imdecode(color.data, cv2.IMREAD_COLOR).shape == (48, 64, 3)
+    assert (cv2.imdecode(deep.data[12:], cv2.IMREAD_UNCHANGED) == 1500).all()
+    assert deep.format == "16UC1; compressedDepth png"
+    transform = found["/tf"][2][1].transforms[0]
+    assert (transform.header.frame_id, transform.child_frame_id) == ("world", "camera_color_optical_frame")
+    moved = transform.transform.translation
+    np.testing.assert_allclose([moved.x, moved.y, moved.z], run.poses[3].T_world_camera[:3, 3], atol=1e-6)
+    xyz = np.frombuffer(found["/map"][0][1].data, np.float32).reshape(-1, 4)[:, :3]
+    np.testing.assert_array_equal(xyz, run.points.xyz)
 
 
-def test_ros2_has_the_fields_of_its_messages(run: FinishedRun, tmp_path: Path) -> None:
-    export(run, "ros2", tmp_path / "r.json")
-    document = load(tmp_path / "r.json")
-    assert_fits(document["marker_array"], {"markers": [MARKER]})
-    assert_fits(document["detections"], {"header": HEADER, "detections": [DETECTION]})
-    first = document["detections"]["detections"][0]
-    assert (first["id"], first["header"]["stamp"]) == ("1", {"sec": 0, "nanosec": 133333000})
-    q = first["bbox"]["center"]["orientation"]
-    rotation = rotation_from_quat_wxyz([q["w"], q["x"], q["y"], q["z"]])
-    np.testing.assert_allclose(rotation, BOXES[1].rotation, atol=1e-8)
-    assert list(first["bbox"]["size"].values()) == [0.20, 0.12, 0.10]
-    markers = document["marker_array"]["markers"]
-    assert len({(marker["ns"], marker["id"]) for marker in markers}) == len(markers) == 6
-    edges = next(marker for marker in markers if marker["type"] == 5)
-    assert len(edges["points"]) == 24
-    text = next(marker for marker in markers if marker["type"] == 9)
-    assert text["text"] == "#1"
-    assert text["pose"]["position"]["z"] > 0.80  # above the box
+def test_mcap_has_boxes_where_they_are(run: FinishedRun, tmp_path: Path) -> None:
+    export(run, "mcap", tmp_path / "r.mcap")
+    found = messages(tmp_path / "r.mcap")
+    first = found["/objects/detections"][0][1].detections[0]
+    assert (first.id, first.header.frame_id, first.header.stamp.sec) == ("1", "world", 0)
+    q = first.bbox.center.orientation
+    np.testing.assert_allclose(rotation_from_quat_wxyz([q.w, q.x, q.y, q.z]), BOXES[1].rotation, atol=1e-6)
+    assert [first.bbox.size.x, first.bbox.size.y, first.bbox.size.z] == pytest.approx([0.20, 0.12, 0.10])
+    assert first.results[0].hypothesis.score == pytest.approx(0.9)
+    markers = found["/objects/markers"][0][1].markers
+    assert {(one.ns, one.id, one.type) for one in markers} == {("boxes", 1, 1), ("edges", 1, 5), ("labels", 1, 9)}
+    edges, text = (next(one for one in markers if one.ns == name) for name in ("edges", "labels"))
+    assert len(edges.points) == 24
+    assert text.text == "#1"
+    assert text.pose.position.z > 0.80  # above the box
+    deleted = {one.id for _, frame in found["/objects/markers"] for one in frame.markers if one.action == 2}
+    assert deleted == {3}  # became part of 1
+
+
+def test_mcap_needs_no_pictures(run: FinishedRun, tmp_path: Path) -> None:
+    (tmp_path / "recording").rename(tmp_path / "moved")
+    (note,) = export(run, "mcap", tmp_path / "r.mcap")
+    assert "no pictures" in note
+    assert set(messages(tmp_path / "r.mcap")) >= {"/tf", "/objects/detections", "/map"}
 
 
 def test_json_has_sizes_in_centimetres_and_footprints_on_the_ground(run: FinishedRun, tmp_path: Path) -> None:

@@ -20,11 +20,11 @@ COMMANDS = (
 OPTIONS = (
     "--output", "--force", "--poses", "--every", "--limit", "--scale", "--proposals", "--intrinsics", "--depth-scale",
     "--format", "--set", "--threads", "--recording", "--to", "--json", "--plot", "--within", "--cloud", "--trajectory",
-    "--heat", "--gif", "--no-pictures", "--meshes", "--kind", "--seed", "--faults", "--help", "--version", "--unknown",
+    "--show", "--gif", "--no-pictures", "--meshes", "--kind", "--seed", "--faults", "--help", "--version", "--unknown",
 )  # fmt: skip
 VALUES = (
     "recording", "results", "truth.json", "cloud.ply", "true_trajectory.txt", "new", "new.json", "new.csv", "new.png",
-    "given", "estimated", "1", "2", "ply", "coco", "kitti", "json", "csv", "ros2", "table", "plain", "tum",
+    "given", "estimated", "heat", "1", "2", "ply", "coco", "kitti", "json", "csv", "mcap", "table", "plain", "tum",
     "voxel_m=0.02", "voxel_m=nan", "min_size_m=9", "edgeboxes", "precomputed:results", "onnx:truth.json", "64,64,32,24",
     "64,64,nan,24",
     "camera.json", "1000", "--", "-1", *(word for word in WORDS if "\x00" not in word),

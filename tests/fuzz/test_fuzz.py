@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from changes import Change, changed, kept
+from containers import CONTAINERS
 from engine import Outcome, Target, fault_of, fuzz, quiet_libraries, try_changes
 from targets import TARGETS
 
@@ -17,6 +18,12 @@ INPUTS = {
     "plain": 250, "tum": 250, "seven-scenes": 250, "uw": 250, "results": 350, "truth": 350, "proposals": 200,
     "meshes": 100,
 }  # fmt: skip
+# Containers and folders of other programs, each for about a second.
+CONTAINER_INPUTS = {
+    "sens": 20, "open3d": 10, "nerfstudio": 10, "3rscan": 20, "infinitam": 30, "sun3d": 8, "arkitscenes": 8,
+    "icl-nuim": 4, "bonn": 4, "record3d-file": 40, "zip": 40, "tar": 40, "ros1": 10, "mcap": 8, "gravity": 10,
+}  # fmt: skip
+NEEDS = {"record3d-file": "liblzfse", "ros1": "rosbags", "mcap": "rosbags", "gravity": "rosbags"}
 SEED = 20_261_122
 
 
@@ -32,24 +39,24 @@ def test_bad_files_are_refused_in_one_line(tmp_path: Path, name: str) -> None:
     assert outcome.refused > INPUTS[name] / 50, "hardly anything that was done to the files mattered"
 
 
+@pytest.mark.parametrize("name", CONTAINER_INPUTS)
+def test_bad_containers_are_refused_in_one_line(tmp_path: Path, name: str) -> None:
+    if name in NEEDS:
+        pytest.importorskip(NEEDS[name])
+    outcome = fuzz(CONTAINERS[name], tmp_path, CONTAINER_INPUTS[name], SEED)
+    assert outcome.faults == {}
+
+
 def test_what_once_failed_does_not(tmp_path: Path) -> None:
     cases = sorted((HERE / "kept").glob("*.json"))
     assert cases
     for case in cases:
         name, changes = kept(case)
-        target, outcome = _target(name), Outcome()
+        target, outcome = (TARGETS | CONTAINERS)[name], Outcome()
         (tmp_path / case.stem).mkdir()
         target.make(tmp_path / case.stem)
         try_changes(target, tmp_path / case.stem, changes, sorted(target.calls), outcome)
         assert outcome.faults == {}, case.name
-
-
-def _target(name: str) -> Target:
-    if name in TARGETS:
-        return TARGETS[name]
-    from containers import CONTAINERS
-
-    return CONTAINERS[name]
 
 
 def test_good_files_are_not_refused(tmp_path: Path) -> None:

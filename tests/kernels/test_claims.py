@@ -7,19 +7,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cuboid.kernels.claims import (
+    BORDER,
     BOTTOM,
     CONTACT,
+    EDGE_LEVELS,
     END_SHARE,
     FREE,
+    HIDDEN,
+    INNER_PIXELS,
+    KINDS,
     LEFT,
     RIGHT,
     SUPPORT,
     TOP,
-    UNKNOWN,
     UNSURE,
     common,
     outlines,
     share_out,
+    shared,
     vote,
 )
 
@@ -89,7 +94,12 @@ JUMP_M, NOISE, FOCAL, GAP_M = 0.01, 1e-3, 40.0, 0.08
 
 
 def outlines_of(
-    depth: np.ndarray, claim: np.ndarray, on_plane: np.ndarray, plane_of: list[int], sides: np.ndarray = SIDES
+    depth: np.ndarray,
+    claim: np.ndarray,
+    on_plane: np.ndarray,
+    plane_of: list[int],
+    sides: np.ndarray = SIDES,
+    color: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     count = len(plane_of)
     corners = np.zeros((count, 4), np.int64)
@@ -97,20 +107,21 @@ def outlines_of(
         v, u = np.nonzero(claim == k)
         if len(v):
             corners[k] = u.min(), v.min(), u.max(), v.max()
-    outline, contact = np.empty((count, 4, 5), np.int64), np.empty((count, count), np.int64)
+    outline, contact = np.empty((count, 4, KINDS), np.int64), np.empty((count, count), np.int64)
     outlines(
-        depth.astype(np.float32), claim.astype(np.int32), on_plane.astype(np.int32), corners, np.array(plane_of),
+        depth.astype(np.float32), np.zeros((*depth.shape, 3), np.uint8) if color is None else color,
+        claim.astype(np.int32), on_plane.astype(np.int32), corners, np.array(plane_of),
         sides, FOCAL, NOISE, JUMP_M, GAP_M, outline, contact,
     )  # fmt: skip
     return outline, contact
 
 
 def slow_outlines(
-    depth: np.ndarray, claim: np.ndarray, on_plane: np.ndarray, plane_of: list[int]
+    depth: np.ndarray, color: np.ndarray, claim: np.ndarray, on_plane: np.ndarray, plane_of: list[int]
 ) -> tuple[np.ndarray, np.ndarray]:
     """The same, ray by ray along whole rows and columns; of a camera held upright."""
     count = len(plane_of)
-    outline, contact = np.zeros((count, 4, 5), int), np.zeros((count, count), int)
+    outline, contact = np.zeros((count, 4, KINDS), int), np.zeros((count, count), int)
     steps = {BOTTOM: (1, 0), TOP: (-1, 0), RIGHT: (0, 1), LEFT: (0, -1)}
     for v, u in np.argwhere(claim >= 0):
         a, z = int(claim[v, u]), np.float32(depth[v, u])
@@ -126,7 +137,11 @@ def slow_outlines(
                 continue  # neither its top nor its bottom
             hit = next((p for p in inside if claim[p] == a or depth[p] > 0), None)
             if hit is None:
-                outline[a, side, UNSURE if len(inside) == len(ray) else UNKNOWN] += 1
+                within = (v - INNER_PIXELS * dv, u - INNER_PIXELS * du)
+                there = 0 <= within[0] < depth.shape[0] and 0 <= within[1] < depth.shape[1] and claim[within] == a
+                own = color[within if there else (v, u)].astype(int)
+                edge = max((np.abs(color[p] - own).sum() for p in inside), default=0) >= EDGE_LEVELS
+                outline[a, side, BORDER if len(inside) < len(ray) else FREE if edge else UNSURE] += 1
                 continue
             b, beyond = int(claim[hit]), float(np.float32(depth[hit])) - float(z)
             if b == a:
@@ -137,7 +152,7 @@ def slow_outlines(
             if on_plane[hit] >= 0 and on_plane[hit] == plane_of[a]:
                 kind = SUPPORT
             elif abs(beyond) > limit:
-                kind = FREE if beyond > 0 else UNKNOWN
+                kind = FREE if beyond > 0 else HIDDEN
             else:
                 kind = UNSURE if b >= 0 else CONTACT
             outline[a, side, kind] += 1
@@ -153,7 +168,10 @@ def test_outlines_are_those_of_rays_that_are_followed_one_by_one(seed: int) -> N
     claim = np.where(depth > 0, np.kron(blocks, np.ones((4, 4), int)), -1)
     on_plane = np.where(claim < 0, rng.integers(-1, 2, claim.shape), -1)
     plane_of = [0, 1, -1, 0]
-    found, expected = outlines_of(depth, claim, on_plane, plane_of), slow_outlines(depth, claim, on_plane, plane_of)
+    color = rng.choice([0, 20, 50], (HEIGHT, WIDTH, 3)).astype(np.uint8)
+    found = outlines_of(depth, claim, on_plane, plane_of, SIDES, color)
+    expected = slow_outlines(depth, color, claim, on_plane, plane_of)
+    assert {FREE, SUPPORT, UNSURE, CONTACT, HIDDEN, BORDER} == set(np.flatnonzero(found[0].sum((0, 1))).tolist())
     np.testing.assert_array_equal(found[0], expected[0])
     np.testing.assert_array_equal(found[1], expected[1])
 
@@ -169,8 +187,8 @@ def scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def test_what_stands_free_is_bounded_by_air_and_by_what_it_stands_on() -> None:
     depth, claim, plane = scene()
     outline, contact = outlines_of(depth, claim, plane, [5])
-    assert outline[0, TOP].tolist() == outline[0, LEFT].tolist() == outline[0, RIGHT].tolist() == [6, 0, 0, 0, 0]
-    assert outline[0, BOTTOM].tolist() == [0, 6, 0, 0, 0]
+    assert outline[0, TOP].tolist() == outline[0, LEFT].tolist() == outline[0, RIGHT].tolist() == [6, 0, 0, 0, 0, 0]
+    assert outline[0, BOTTOM].tolist() == [0, 6, 0, 0, 0, 0]
     assert contact.sum() == 0
     turned, _ = outlines_of(depth[::-1], claim[::-1], plane[::-1], [5], np.array([TOP, BOTTOM, LEFT, RIGHT]))
     np.testing.assert_array_equal(turned, outline)
@@ -186,18 +204,47 @@ def test_the_narrow_shadow_beside_a_thing_hides_nothing_and_a_wide_hole_may() ->
     assert outlines_of(depth, claim, plane, [5])[0][0, RIGHT, UNSURE] == 6
 
 
+def test_in_a_wide_hole_an_edge_of_color_ends_a_thing() -> None:
+    depth, claim, plane = scene()
+    depth[:9, 13:] = 0.0
+    color = np.full((12, 20, 3), 90, np.uint8)
+    color[:, 15:] = 90 + EDGE_LEVELS // 3 - 1
+    assert outlines_of(depth, claim, plane, [5], SIDES, color)[0][0, RIGHT, UNSURE] == 6, "shading is no edge"
+    color[:, 15:] += 1
+    assert outlines_of(depth, claim, plane, [5], SIDES, color)[0][0, RIGHT, FREE] == 6
+    color[:, 12:] = color[0, 19]  # the blur at the outline is of the other color already
+    assert outlines_of(depth, claim, plane, [5], SIDES, color)[0][0, RIGHT, FREE] == 6
+    depth[:9, 15:] = 1.003
+    assert outlines_of(depth, claim, plane, [5], SIDES, color)[0][0, RIGHT, CONTACT] == 6, "where depth tells, it tells"
+
+
+@FEW
+@SEEDS
+def test_what_shares_have_of_objects_is_counted(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    claim, owner = rng.integers(-1, 3, (2, HEIGHT, WIDTH)).astype(np.int32)
+    owner = np.array([0, 2, 5], np.int32)[owner]
+    known = rng.random(claim.shape) < 0.5
+    table, size = np.empty((4, 2), np.int64), np.empty(4, np.int64)
+    shared(claim, owner, known, np.array([1, 1, 1, 1, 1, 0]), table, size)  # 5 is in view, 2 is not
+    for row, share in enumerate((0, 1, 2, -1)):
+        mine = claim == share
+        assert table[row].tolist() == [(mine & (owner == 5)).sum(), (mine & (owner != 5)).sum()]
+        assert size[row] == (mine & known).sum()
+
+
 def test_walls_neighbours_and_what_stands_before_are_told_apart() -> None:
     depth, claim, plane = scene()
     depth[3:9, 13:] = 1.003  # a wall goes on at the right
     depth[3:9, 4:7], claim[3:9, 4:7] = 1.003, 1  # another thing touches at the left
     depth[:3] = 0.7  # something nearer above
     outline, contact = outlines_of(depth, claim, plane, [5, 5])
-    assert outline[0, RIGHT].tolist() == [0, 0, 0, 6, 0]
-    assert outline[0, LEFT].tolist() == [0, 0, 6, 0, 0]
-    assert outline[0, TOP].tolist() == [0, 0, 0, 0, 6]
+    assert outline[0, RIGHT].tolist() == [0, 0, 0, 6, 0, 0]
+    assert outline[0, LEFT].tolist() == [0, 0, 6, 0, 0, 0]
+    assert outline[0, TOP].tolist() == [0, 0, 0, 0, 6, 0]
     assert contact.tolist() == [[0, 6], [6, 0]]
     cut, _ = outlines_of(depth[:, :13], claim[:, :13], plane[:, :13], [5, 5])
-    assert cut[0, RIGHT].tolist() == [0, 0, 0, 0, 6], "what the picture's border cuts goes on, or not"
+    assert cut[0, RIGHT].tolist() == [0, 0, 0, 0, 0, 6], "what the picture's border cuts goes on, or not"
 
 
 def test_a_slanted_side_is_neither_top_nor_bottom() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from cuboid.kernels.pixels import drop_mixed, gather_regions, label_regions, stand_on
+from cuboid.kernels.pixels import drop_mixed, gather_regions, join_surfaces, label_regions, stand_on
 
 CAMERA = np.array([50.0, 50.0, 31.5, 23.5])
 
@@ -58,6 +58,26 @@ def test_regions_are_those_of_a_graph_search() -> None:
     assert len(set(zip(labels[inside].tolist(), truth[inside].tolist(), strict=True))) == number
     first = [np.flatnonzero(labels.ravel() == k)[0] for k in range(1, number + 1)]
     assert (np.diff(first) > 0).all()
+
+
+def test_the_inside_and_the_outside_of_a_mug_are_one_thing_and_what_is_behind_is_not() -> None:
+    share, depth = np.full((20, 30), -1, np.int32), np.zeros((20, 30), np.float32)
+    share[4:16, 5:15], depth[4:16, 5:15] = 0, 1.0
+    depth[4:9, 5:15] = 1.06  # its inside, as deep again as 12 pixels at 1 m are long, halved: 6 cm
+    share[4:16, 15:17], depth[4:16, 15:17] = 0, 1.05  # a sliver
+    share[4:16, 20:28], depth[4:16, 20:28] = 1, 1.0  # another share
+    labels, parent = np.empty(share.shape, np.int32), np.empty(share.size, np.int32)
+    number = label_regions(depth, share, 1e-3, 0.005, parent, labels)
+    assert number == 4
+    inside, outside, sliver, other = labels[5, 6], labels[12, 6], labels[12, 16], labels[12, 24]
+    for deep, joined in ((0.4, False), (0.6, True)):
+        after = labels.copy()
+        join_surfaces(after, number, share, depth, 100.0, 0.4, deep)
+        assert after[5, 6] == (outside if joined else inside)
+        assert (after[12, 6], after[12, 16], after[12, 24], after[0, 0]) == (outside, sliver, other, 0)
+    none = np.zeros_like(labels)
+    join_surfaces(none, 0, np.full_like(share, -1), depth, 100.0, 0.4, 0.5)
+    assert not none.any()
 
 
 def test_regions_are_gathered_as_array_operations_do_it() -> None:

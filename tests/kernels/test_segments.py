@@ -246,6 +246,30 @@ def test_joining_takes_the_weakest_outline_first_and_keeps_every_union() -> None
     assert (union[regions.LEFT], union[regions.RIGHTMOST]) == (0, 29)
 
 
+def test_pairs_are_the_neighbours_that_joining_never_took_alone() -> None:
+    # A row of four, the middle ones joined first: 1-2 and 3-4 are no unions of that tree. 4 is too far for a pair.
+    table = np.zeros((5, regions.COLUMNS))
+    for k in range(1, 5):
+        table[k, [regions.PIXELS, regions.READINGS, regions.INVERSE]] = 100.0, 100.0, 100.0 if k < 4 else 40.0
+        table[k, [regions.LEFT, regions.RIGHTMOST, regions.BOTTOM]] = 10 * k, 10 * k + 9, 9
+        table[k, [regions.OUTLINE, regions.STRENGTH]] = 40.0, 30.0
+    contact, weight = np.zeros((5, 5), np.float32), np.zeros((5, 5), np.float32)
+    for a, b, strength in ((1, 2, 0.5), (2, 3, 0.1), (3, 4, 0.9)):
+        contact[a, b] = contact[b, a] = 10.0
+        weight[a, b] = weight[b, a] = strength * 10.0
+    members, found = np.empty((20, 5), np.uint8), np.empty((20, regions.COLUMNS))
+    parts = np.empty((20, 2), np.int32)
+    n = regions.join(table.copy(), contact.copy(), weight.copy(), 4, 100.0, 1.0, members, found, parts)
+    assert members[4:n, 1:].tolist() == [[0, 1, 1, 0], [1, 1, 1, 0]]
+    m = regions.pair(table, contact, weight, 4, 100.0, 1.0, n, members, found, parts)
+    assert members[n:m, 1:].tolist() == [[1, 1, 0, 0]]
+    assert parts[n].tolist() == [0, 1]
+    assert found[n, regions.PIXELS] == 200
+    assert found[n, regions.OUTLINE] == 40 * 2 - 2 * 10
+    assert found[n, regions.STRENGTH] == pytest.approx(60 - 5 - 5)
+    assert (found[n, regions.LEFT], found[n, regions.RIGHTMOST]) == (10, 29)
+
+
 def plain_jumps(inverse: np.ndarray, kind: np.ndarray, jump: float) -> tuple[np.ndarray, np.ndarray]:
     """Jumps and the mean over like neighbours, pixel by pixel; outside the picture nothing is read."""
     height, width = inverse.shape

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.geometry.box import Box
+from cuboid.kernels.claims import KINDS
 from cuboid.objects.association import Association, associate
 from cuboid.objects.entry import MapObject
 from cuboid.surfaces.clusters import FrameCluster, FrameClusters
@@ -25,7 +26,7 @@ def frame_of(claim: np.ndarray) -> FrameClusters:
     clusters = []
     for k in range(count):
         pixels = np.flatnonzero(claim.ravel() == k)
-        outline = np.zeros((4, 5), np.int64)
+        outline = np.zeros((4, KINDS), np.int64)
         clusters.append(FrameCluster(pixels, np.zeros((len(pixels), 3)), {}, 1.0, 1.0, np.zeros(4), outline))
     return FrameClusters(clusters, claim.astype(np.int32), np.zeros((count, count), np.int64), np.arange(count))
 

@@ -7,14 +7,14 @@ from math import log
 import numpy as np
 import pytest
 
-from cuboid.kernels.claims import BOTTOM, CONTACT, FREE, LEFT, RIGHT, SUPPORT, TOP, UNKNOWN, UNSURE
+from cuboid.kernels.claims import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, KINDS, LEFT, RIGHT, SUPPORT, TOP, UNSURE
 from cuboid.objects.affinity import SURE
 from cuboid.objects.outline import enclosed, told_by
 
 
 def outline(top: int, bottom: int, left: int, right: int, pixels: int = 20) -> np.ndarray:
     """One kind of neighbour at each side."""
-    kinds = np.zeros((4, 5))
+    kinds = np.zeros((4, KINDS))
     for side, kind in ((TOP, top), (BOTTOM, bottom), (LEFT, left), (RIGHT, right)):
         kinds[side, kind] = pixels
     return kinds
@@ -42,16 +42,26 @@ def test_a_side_that_goes_on_keeps_a_thing_from_being_enclosed() -> None:
         kinds = [FREE, SUPPORT, FREE, FREE]
         kinds[(0, 2, 3)[k]] = CONTACT
         assert not enclosed(outline(*kinds)), side
-        kinds[(0, 2, 3)[k]] = UNKNOWN
+        kinds[(0, 2, 3)[k]] = HIDDEN
         assert not enclosed(outline(*kinds)), side
-    assert enclosed(outline(FREE, UNKNOWN, FREE, FREE)), "its foot may be hidden"
+    assert enclosed(outline(FREE, HIDDEN, FREE, FREE)), "its foot may be hidden"
     assert enclosed(outline(UNSURE, SUPPORT, FREE, UNSURE)), "another thing ends it as air does"
 
 
+def test_the_border_of_the_picture_may_cut_off_the_left_or_the_right() -> None:
+    assert enclosed(outline(FREE, SUPPORT, FREE, BORDER))
+    assert enclosed(outline(FREE, SUPPORT, BORDER, FREE))
+    assert not enclosed(outline(FREE, SUPPORT, BORDER, BORDER))
+    assert not enclosed(outline(BORDER, SUPPORT, FREE, FREE)), "a post goes on, too"
+    assert not enclosed(outline(HIDDEN, SUPPORT, FREE, BORDER)), "and nothing else may hide in the unknown"
+    assert not enclosed(outline(CONTACT, SUPPORT, FREE, BORDER))
+    assert told_by(outline(FREE, SUPPORT, FREE, BORDER)) < told_by(outline(FREE, SUPPORT, FREE, FREE))
+
+
 def test_what_cannot_be_judged_tells_nothing_either_way() -> None:
-    assert told_by(outline(UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN)) == 0.0
-    assert told_by(np.zeros((4, 5))) == 0.0
-    half = outline(FREE, SUPPORT, UNKNOWN, UNKNOWN)
+    assert told_by(outline(HIDDEN, HIDDEN, HIDDEN, HIDDEN)) == 0.0
+    assert told_by(np.zeros((4, KINDS))) == 0.0
+    half = outline(FREE, SUPPORT, HIDDEN, HIDDEN)
     assert told_by(half) == pytest.approx(log(99) / 4)
 
 

@@ -75,6 +75,18 @@ class Messages:
         )  # fmt: skip
         return self("tf2_msgs/msg/TFMessage", transforms=[one])
 
+    def imu(self, frame: str, time_ns: int, acceleration: tuple[float, ...]) -> Any:
+        zero, level = self("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0), np.zeros(9)
+        return self(
+            "sensor_msgs/msg/Imu",
+            header=self.header(frame, time_ns), orientation=self("geometry_msgs/msg/Quaternion", x=0, y=0, z=0, w=1),
+            orientation_covariance=level, angular_velocity=zero, angular_velocity_covariance=level,
+            linear_acceleration=self(
+                "geometry_msgs/msg/Vector3", x=acceleration[0], y=acceleration[1], z=acceleration[2]
+            ),
+            linear_acceleration_covariance=level,
+        )  # fmt: skip
+
     def odometry(self, frame: str, time_ns: int, move: tuple[float, ...]) -> Any:
         point = self("geometry_msgs/msg/Point", x=move[0], y=move[1], z=move[2])
         turn = self("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)

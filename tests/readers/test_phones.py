@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import json
 import shutil
+import struct
 import sys
+import types
+import zipfile
 
 import av
+import cv2
 import numpy as np
 import pytest
 from made_recordings import write_image
@@ -14,6 +18,7 @@ from made_recordings import write_image
 from cuboid.errors import FrameError, InputError
 from cuboid.geometry import se3
 from cuboid.readers import open_recording
+from cuboid.readers.record3d_file import packed_size
 
 
 def gap_m(recording, a, b):
@@ -79,6 +84,125 @@ class TestRecord3D:
         monkeypatch.setitem(sys.modules, "OpenEXR", None)
         with pytest.raises(InputError, match=r"pip install 'cuboid\[phone\]'"):
             open_recording(data_dir / "containers" / "record3d-exr")
+
+
+@pytest.fixture
+def lzfse(monkeypatch):
+    """The real library where it is installed; else one that packs in the only way that needs none: not at all."""
+    try:
+        import liblzfse
+    except ImportError:
+        liblzfse = types.ModuleType("liblzfse")
+        liblzfse.error = type("error", (Exception,), {})
+        liblzfse.compress = lambda data: b"bvx-" + struct.pack("<I", len(data)) + data + b"bvx$"
+        liblzfse.decompress = lambda data: data[8:-4]
+        monkeypatch.setitem(sys.modules, "liblzfse", liblzfse)
+    return liblzfse
+
+
+def make_r3d(path, lzfse, frames=3, compression=zipfile.ZIP_STORED):
+    metadata = {"w": 720, "h": 960, "dw": 192, "dh": 256, "fps": 30, "K": [700, 0, 0, 0, 700, 0, 359.5, 479.5, 1]}
+    T = np.diag([1.0, -1, -1, 1])
+    w, x, y, z = se3.quat_wxyz_from_rotation(T[:3, :3])
+    metadata["poses"] = [[x, y, z, w, 0.1 * k, 0, 0] for k in range(frames)]
+    metadata["frameTimestamps"] = [0.5 + k / 30 for k in range(frames)]
+    sure = np.full((256, 192), 2, np.uint8)
+    sure[:40] = 0
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with zipfile.ZipFile(path, "w", compression) as archive:
+        archive.writestr("metadata", json.dumps(metadata))
+        for k in range(frames):
+            picture = np.full((960, 720, 3), (30, 100, 50 + 40 * k), np.uint8)
+            archive.writestr(f"rgbd/{k}.jpg", cv2.imencode(".jpg", picture)[1].tobytes())
+            depth_m = np.full((256, 192), 1 + 0.01 * k, np.float32)
+            depth_m[:, 100:] = 2 + 0.1 * np.random.default_rng(k).random((256, 92), np.float32)
+            depth_m[0, 0] = np.nan
+            archive.writestr(f"rgbd/{k}.depth", lzfse.compress(depth_m.tobytes()))
+            archive.writestr(f"rgbd/{k}.conf", lzfse.compress(sure.tobytes()))
+    return path
+
+
+def rewritten(path, **members):
+    """The archive with some members of rgbd/ replaced; None: left out."""
+    with zipfile.ZipFile(path) as archive:
+        found = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in (found | {f"rgbd/{name.replace('_', '.')}": data for name, data in members.items()}).items():
+            if data is not None:
+                archive.writestr(name, data)
+
+
+class TestRecord3DFile:
+    @pytest.mark.parametrize("compression", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
+    def test_a_file_in_any_order(self, tmp_path, lzfse, compression):
+        make_r3d(tmp_path / "some" / "2024-05-01.r3d", lzfse, compression=compression)
+        recording = open_recording(tmp_path)  # found beneath
+        assert (recording.format, len(recording)) == ("record3d-file", 3)
+        K = recording.intrinsics
+        assert (K.width, K.height, K.fx, recording.depth_camera.size) == (720, 960, 700, (192, 256))
+        for k in (2, 0, 1):
+            frame = recording.read(k)
+            assert frame.color[500, 300].astype(int) == pytest.approx((50 + 40 * k, 100, 30), abs=4)
+            assert frame.depth_m[600, 200] == pytest.approx(1 + 0.01 * k)
+            assert (frame.depth_m[:140] == 0).all()
+            assert frame.timestamp_s == pytest.approx(0.5 + k / 30)
+            np.testing.assert_allclose(frame.T_world_camera[:3, :3], np.eye(3), atol=1e-6)
+        np.testing.assert_allclose(recording.up_world, [0, 1, 0])
+
+    def test_what_was_unpacked_of_it(self, tmp_path, lzfse):
+        with zipfile.ZipFile(make_r3d(tmp_path / "a.r3d", lzfse)) as archive:
+            archive.extractall(tmp_path / "unpacked")
+        (tmp_path / "unpacked" / "rgbd" / "0.conf").unlink()
+        recording = open_recording(tmp_path / "unpacked")
+        assert recording.read(0).depth_m[20, 200] == pytest.approx(1.0)
+
+    def test_broken_frames_are_skipped(self, tmp_path, lzfse):
+        path = make_r3d(tmp_path / "a.r3d", lzfse, frames=6)
+        small = lzfse.compress(bytes(4 * 192 * 255))
+        whole = lzfse.compress(bytes(4 * 192 * 256))
+        rewritten(path, **{"0_depth": small, "1_depth": whole[:-5], "2_depth": b"", "3_jpg": None, "4_conf": b"bvx2"})
+        recording = open_recording(path)
+        for number, reason in (
+            (0, r"rgbd/0\.depth is damaged: it makes 195840 bytes of depth or confidence, expected 196608"),
+            (1, r"rgbd/1\.depth is damaged: it makes 0 bytes"),
+            (2, r"rgbd/2\.depth is damaged: it makes 0 bytes"),
+            (3, "depth without color"),
+            (4, r"rgbd/4\.conf is damaged: it makes 0 bytes of depth or confidence, expected 49152"),
+        ):
+            with pytest.raises(FrameError, match=reason):
+                recording.read(number)
+        recording.read(5)
+
+    def test_faulty_files_are_refused(self, tmp_path, lzfse):
+        path = make_r3d(tmp_path / "a.r3d", lzfse)
+        whole = path.read_bytes()
+        path.write_bytes(whole[:-200])
+        with pytest.raises(InputError, match=r"a\.r3d cannot be read: no whole zip archive: File is not a zip file"):
+            open_recording(path)
+        path.write_bytes(whole)
+        with zipfile.ZipFile(path, "a") as archive, pytest.warns(UserWarning, match="Duplicate name"):
+            archive.writestr("metadata", json.dumps({"w": 720, "h": 960, "K": [1] * 9, "dw": 0}))
+        with pytest.raises(InputError, match=r"a\.r3d/metadata: 'dw' must be a number above 0, got 0"):
+            open_recording(path)
+
+    def test_without_the_library_the_extra_is_named(self, tmp_path, lzfse, monkeypatch):
+        path = make_r3d(tmp_path / "a.r3d", lzfse)
+        monkeypatch.setitem(sys.modules, "liblzfse", None)
+        with pytest.raises(InputError, match=r"LZFSE, which is read with pyliblzfse: pip install 'cuboid\[phone\]'"):
+            open_recording(path)
+
+    def test_sizes_are_told_before_anything_is_unpacked(self):
+        real = pytest.importorskip("liblzfse", reason="the real library: pip install 'cuboid[phone]'")
+        rng = np.random.default_rng(0)
+        for data in (
+            b"",
+            b"ab",
+            bytes(200_000),
+            rng.bytes(100_000),
+            b"abcd" * 9,
+            rng.integers(0, 9, 300_000).tobytes(),
+        ):
+            assert packed_size(real.compress(data)) == len(data)
 
 
 def make_stray(folder, frames=12):

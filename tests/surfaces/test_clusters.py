@@ -37,9 +37,9 @@ def found(
 
 
 def scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Two boxes, one 10 cm before the other in the picture's middle, on plane 7; a far wall."""
+    """Two boxes 33 cm long, one 20 cm before the other in the picture's middle, on plane 7; a far wall."""
     depth, heights, support = np.full((40, 60), 3.0), np.full((40, 60), np.nan), np.full((40, 60), -1)
-    depth[10:30, 15:30], depth[10:30, 30:45] = 1.0, 1.1
+    depth[10:30, 15:30], depth[10:30, 30:45] = 1.0, 1.2
     heights[10:30, 15:45], support[10:30, 15:45] = 0.1, 7
     depth[30:], heights[30:], support[30:] = 1.0, 0.0, 7
     return depth, support, heights
@@ -54,11 +54,19 @@ def test_a_share_is_parted_where_depth_jumps() -> None:
     assert things.share.tolist() == [0, 0], "both are pieces of one proposal"
     assert (left.score, left.heat, left.supports) == (np.float32(0.8), 0.5, {7: 300})
     assert things.contact[0, 1] == things.contact[1, 0] == 20
-    assert left.outline[BOTTOM].tolist() == [0, 15, 0, 0, 0]
+    assert left.outline[BOTTOM].tolist() == [0, 15, 0, 0, 0, 0]
     assert left.outline[TOP, FREE] == 15
     assert left.outline[:, SUPPORT].sum() == 15
     assert (things.claim[10:30, 15:30] == 0).all()
     assert (things.claim >= 0).sum() == 600
+
+
+def test_surfaces_of_one_proposal_that_are_about_as_large_and_near_are_one_thing() -> None:
+    depth, support, heights = scene()
+    depth[10:30, 30:45] = 1.1
+    (thing,) = found(depth, support, heights, [(15, 10, 45, 30)], [0.8]).clusters
+    assert thing.rect_xyxy.tolist() == [15, 10, 45, 30]
+    assert len(found(depth, support, heights, [(15, 10, 30, 30), (30, 10, 45, 30)], [0.8, 0.7]).clusters) == 2
 
 
 def test_points_are_in_the_world() -> None:

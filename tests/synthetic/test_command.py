@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
 import pytest
 
 import cuboid
 from cuboid.cli import synth
+from cuboid.errors import MissingExtraError
 from cuboid.synthetic import KINDS
 from cuboid.synthetic.paths import CAMERAS
 from cuboid.synthetic.poses import POSE_NOISES
@@ -27,7 +29,7 @@ def test_the_command_knows_all_there_is():
 
 def test_a_recording_is_made_and_named(tmp_path, capsys):
     out = tmp_path / "made"
-    words = "--kind clutter --seed 2 --frames 4 --size 64x48 --sensor time-of-flight --camera drone"
+    words = "--kind clutter --seed 2 --frames 4 --size 64x48 --sensor time-of-flight --motion drone"
     words += " --pose-noise drift --faults zero-depth,nan-pose --workers 1"
     assert call("--output", str(out), *words.split()) == 0
     assert capsys.readouterr().out.startswith("synthetic clutter 2: 4 frames, ")
@@ -49,3 +51,18 @@ def test_a_wrong_call_is_told(words, message, tmp_path, capsys):
     with pytest.raises(SystemExit):
         call("--output", str(tmp_path / "made"), *words)
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("missing", "words", "feature"),
+    [("embreex", (), "cuboid synth"), ("trimesh", ("--meshes", "."), "cuboid synth --meshes")],
+)
+def test_without_the_extra_one_line_names_it(tmp_path, monkeypatch, missing, words, feature):
+    for name in [missing, *(name for name in sys.modules if name.startswith(f"{missing}."))]:
+        monkeypatch.setitem(sys.modules, name, None)
+    (tmp_path / "a.ply").write_text("ply")
+    monkeypatch.chdir(tmp_path)
+    expected = rf"'{feature}' needs {missing}, which is not installed: pip install 'cuboid\[synth\]'"
+    with pytest.raises(MissingExtraError, match=expected):
+        call("--output", str(tmp_path / "made"), "--frames", "2", "--workers", "1", *words)
+    assert not (tmp_path / "made").exists()

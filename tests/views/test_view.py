@@ -82,7 +82,9 @@ def test_objects_are_drawn_into_it(server: ThreadingHTTPServer) -> None:
 
 
 def test_it_shows_what_is_asked_for(server: ThreadingHTTPServer) -> None:
-    looks = [picture(server, 39, f"?what={what}").astype(int) for what in ("boxes", "heat", "depth", "proposals")]
+    looks = [
+        picture(server, 39, f"?what={what}").astype(int) for what in ("boxes", "heat", "depth", "proposals", "planes")
+    ]
     for i, a in enumerate(looks):
         for b in looks[i + 1 :]:
             assert np.abs(a - b)[:-STRIP_PX].max() > 60

@@ -1,7 +1,7 @@
 """The command `cuboid`: a module for each of its commands, and only the chosen one is imported.
 
-A command module has `HELP` (one line), `add_arguments(parser)` and `run(args) -> int`; whatever is slow to
-import is imported inside `run`.
+A command module has `HELP` (one line), `EXAMPLE` (a call that works), `add_arguments(parser)` and `run(args) -> int`;
+whatever is slow to import is imported inside `run`.
 """
 
 from __future__ import annotations
@@ -16,10 +16,16 @@ from types import ModuleType
 from typing import NoReturn
 
 from cuboid import __version__
+from cuboid.cli.optional_words import without_guessing
 from cuboid.errors import CuboidError, one_line
 
 COMMANDS = (
     "track",
+    "batch",
+    "find",
+    "sql",
+    "serve",
+    "store compact",
     "info",
     "convert",
     "evaluate",
@@ -35,6 +41,7 @@ COMMANDS = (
     "synth",
     "bench",
     "doctor",
+    "completion",
 )
 
 OK, MISTAKE, INTERRUPTED = 0, 2, 130
@@ -43,10 +50,19 @@ DESCRIPTION = "Objects that stay found: persistent labels and 3D boxes from an R
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose complaints are one line."""
+    """A parser whose complaints are one line.
+
+    Attributes
+    ----------
+    example : str
+        A call that works, which is shown where something is missing.
+    """
+
+    example = "cuboid demo"
 
     def error(self, message: str) -> NoReturn:
-        line = one_line(f"cuboid: error: {message} (see '{self.prog} --help')")
+        shown = f"; for example: {self.example}" if "required: " in message else ""
+        line = one_line(f"cuboid: error: {message}{shown} (see '{self.prog} --help')")
         self.exit(MISTAKE, f"{line}\n")
 
 
@@ -110,7 +126,8 @@ def _run(words: list[str]) -> int:
     if " ".join(words[:2]) in COMMANDS:  # a command of two words
         words = [" ".join(words[:2]), *words[2:]]
     chosen = next((word for word in words if not word.startswith("-")), None)
-    known = chosen in COMMANDS
+    completing = "_ARGCOMPLETE" in os.environ  # the words are in the environment then
+    known = chosen in COMMANDS and not completing
     parser = _Parser(prog="cuboid", description=DESCRIPTION, allow_abbrev=False)
     parser.add_argument("--version", action="version", version=f"cuboid {__version__}")
     commands = parser.add_subparsers(title="commands", dest="command", metavar="COMMAND", required=True)
@@ -121,10 +138,16 @@ def _run(words: list[str]) -> int:
             name,
             help=module.HELP,
             description=module.HELP[0].upper() + module.HELP[1:] + ".",
+            epilog=f"example: {module.EXAMPLE}",
             allow_abbrev=False,
         )
+        command.example = module.EXAMPLE
         module.add_arguments(command)
-    args = parser.parse_args(words)
+    if completing:
+        import argcomplete
+
+        argcomplete.autocomplete(parser, always_complete_options="long")
+    args = parser.parse_args(without_guessing(words))
     if "threads" in args:
         from cuboid.cli.threads import limit_threads
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from cuboid.readers import Recording
 
 HELP = "draw what is to be found into some frames of a recording, in the browser"
+EXAMPLE = "cuboid annotate RECORDING"
 
 # So many keyframes are suggested: ten minutes of work, and enough to tell a good result from a bad one.
 SUGGESTED = 12

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
 import platform
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cuboid.cli.json_option import PRINTED, add_json
 from cuboid.cli.recording import add_recording, config_from, open_from
 from cuboid.cli.threads import cores
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from cuboid.run import RunOutcome
 
 HELP = "measure milliseconds a stage, frames/s and memory on a recording"
+EXAMPLE = "cuboid bench RECORDING --limit 100"
 
 # Cost over time compares these parts of the used frames: early, but with a map to match against, and the end.
 EARLY = (0.10, 0.35)
@@ -26,13 +27,14 @@ TAIL = {"median": "median", "99th percentile": "p99", "worst": "worst"}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    parser.add_argument("--json", action="store_true", help="print one JSON object instead of tables")
+    add_json(parser)
     add_recording(parser, default_threads=1)
 
 
 def run(args: argparse.Namespace) -> int:
     """Track without writing anything, and print the measurements."""
     from cuboid.cli.progress import progress
+    from cuboid.cli.tables import write_json
     from cuboid.run import track_recording
 
     with progress() as shown:
@@ -50,9 +52,9 @@ def run(args: argparse.Namespace) -> int:
             progress=shown,
         )
     measured = measurements(outcome)
-    if args.json:
-        print(json.dumps(measured, indent=1))
-    else:
+    if args.json is not None:
+        write_json(measured, args.json)
+    if args.json != PRINTED:
         _print(measured, outcome)
     return 0
 

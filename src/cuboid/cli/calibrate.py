@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from cuboid.readers import Recording
 
 HELP = "find focal length, optical centre and depth scale of a recording"
+EXAMPLE = "cuboid calibrate RECORDING --output camera.json"
 
 # Where nothing is known of a camera the search begins with a focal length of this share of the image's width: color
 # cameras of common depth cameras have 0.71 to 0.96, and the search reaches 0.61 to 1.12.

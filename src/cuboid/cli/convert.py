@@ -9,6 +9,7 @@ from cuboid.cli.recording import add_reading, open_from
 from cuboid.cli.threads import positive
 
 HELP = "write a recording in another form: a plain folder, TUM's, or a bag of ROS 2"
+EXAMPLE = "cuboid convert RECORDING --to mcap --output DIR"
 FORMS = ("plain", "tum", "mcap")
 # So many reasons for frames that were left out are shown.
 SHOWN = 8

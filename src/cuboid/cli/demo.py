@@ -9,6 +9,7 @@ from pathlib import Path
 from cuboid.cli.threads import add_threads, cores, positive
 
 HELP = "make a recording, track it, and compare with the truth"
+EXAMPLE = "cuboid demo"
 
 RECORDING, RESULTS = "recording", "results"
 

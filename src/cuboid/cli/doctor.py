@@ -7,16 +7,19 @@ import os
 import platform
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import import_module, metadata
 from pathlib import Path
 
 from cuboid import __version__
+from cuboid.cli.json_option import PRINTED, add_json
 from cuboid.cli.threads import cores
 
 HELP = "check packages, compiled kernels, extras and threads"
+EXAMPLE = "cuboid doctor"
 
-# Distribution, module, and the extra that brings it; a run is impossible without those that no extra brings.
+# Distribution, module (none where importing it writes to the terminal), and the extra that brings it; a run is
+# impossible without those that no extra brings.
 PACKAGES = (
     ("numpy", "numpy", ""),
     ("msgspec", "msgspec", ""),
@@ -25,10 +28,20 @@ PACKAGES = (
     ("opencv-contrib-python-headless", "cv2", ""),
     ("rich", "rich", ""),
     ("av", "av", ""),
-    ("trimesh", "trimesh", ""),
-    ("embreex", "embreex", ""),
+    ("trimesh", "trimesh", "synth"),
+    ("embreex", "embreex", "synth"),
+    ("argcomplete", "argcomplete", ""),
+    ("rosbags", "rosbags", "ros"),
+    ("openexr", "OpenEXR", "phone"),
+    ("pyrealsense2", "pyrealsense2", "realsense"),
+    ("depthai", "", "oak"),
+    ("cyclonedds", "cyclonedds", "ros2"),
     ("onnxruntime", "onnxruntime", "onnx"),
     ("rerun-sdk", "rerun", "rerun"),
+    ("rosbags", "rosbags", "ros"),
+    ("openexr", "OpenEXR", "phone"),
+    ("pyliblzfse", "liblzfse", "phone"),
+    ("fsspec", "fsspec", "remote"),
 )
 
 
@@ -50,14 +63,19 @@ class Check:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Take nothing."""
+    """Add what the command takes."""
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the checks; 1 where one of them fails."""
+    from cuboid.cli.tables import write_json
+
     checks = [*_system(), *_packages(), *_kernels(), *_folders()]
+    if args.json is not None:
+        write_json({"checks": [asdict(check) for check in checks]}, args.json)
     width = max(len(check.name) for check in checks)
-    for check in checks:
+    for check in checks if args.json != PRINTED else ():
         print(f"{'ok' if check.ok else 'BAD':4} {check.name:{width}}  {check.detail}")
     return 0 if all(check.ok for check in checks) else 1
 
@@ -71,9 +89,10 @@ def _system() -> Iterator[Check]:
 def _packages() -> Iterator[Check]:
     for distribution, module, extra in PACKAGES:
         try:
-            import_module(module)
+            if module:
+                import_module(module)
             yield Check(distribution, True, metadata.version(distribution))
-        except ImportError as error:
+        except ImportError as error:  # metadata.PackageNotFoundError is one
             detail = f"not installed: pip install 'cuboid[{extra}]'" if extra else f"cannot be imported: {error}"
             yield Check(distribution, bool(extra), detail)
     yield _opencv_parts()

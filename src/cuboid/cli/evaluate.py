@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cuboid.cli.json_option import add_json
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -14,19 +16,24 @@ if TYPE_CHECKING:
     from cuboid.evaluation.points import HeatQuality
 
 HELP = "judge a result by the truth: boxes, labels over time"
+EXAMPLE = "cuboid evaluate DIR truth.json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
+    from cuboid.cli.evaluate_store import add_store
+
     parser.add_argument(
         "result",
         type=Path,
+        nargs="?",
         metavar="RESULT",
         help="what 'cuboid track' left behind, or a CSV with the boxes of any other tracker",
     )
     parser.add_argument(
         "truth",
         type=Path,
+        nargs="?",
         metavar="TRUTH",
         help="a truth file, the folder of a made recording, or keyframes with rectangles that a person drew",
     )
@@ -48,7 +55,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     drawn.add_argument(
         "--pictures", type=Path, metavar="DIR", help="draw each keyframe with what was found, missed and false into it"
     )
-    parser.add_argument("--json", metavar="FILE", help="write everything as JSON; - prints it and no tables")
+    add_store(parser)
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -60,6 +68,14 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.evaluation.keyframes import is_keyframes
 
     limit_threads(1)
+    if args.store is not None or args.truths is not None:
+        if args.store is None or args.truths is None or args.result is not None:
+            raise InputError("a whole store is judged by --store STORE --truth DIR, without RESULT and TRUTH")
+        from cuboid.cli.evaluate_store import run as judge_store
+
+        return judge_store(args)
+    if args.result is None or args.truth is None:
+        raise InputError("expected RESULT and TRUTH, or --store STORE --truth DIR")
     if is_keyframes(args.truth):
         from cuboid.cli.keyframes import run as judge_keyframes
 

@@ -6,12 +6,14 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cuboid.cli.json_option import PRINTED, add_json
 from cuboid.cli.recording import seconds
 
 if TYPE_CHECKING:
     from cuboid.evaluation.trajectory import Errors, TrajectoryErrors
 
 HELP = "compare an estimated camera path with the true one"
+EXAMPLE = "cuboid evaluate trajectory DIR RECORDING"
 
 FORMS = "trajectory.txt or another file of its form (TUM), a .pose file, a folder of results, a recording with poses"
 
@@ -28,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="poses further apart in time are no pair (default: %(default)s)",
     )
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw both paths and their distance: .png or .svg")
-    parser.add_argument("--json", metavar="FILE", help="write everything as JSON; - prints it and no tables")
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -47,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         plot(found, args.plot)
     if args.json is not None:
         write_json(found.to_dict(), args.json)
-    if args.json != "-":
+    if args.json != PRINTED:
         _print(found)
         for file in (args.json, args.plot):
             if file is not None:

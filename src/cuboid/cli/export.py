@@ -5,14 +5,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-HELP = "write the results of a run for other programs: PLY, COCO, KITTI, ROS 2, JSON, CSV, rerun"
+HELP = "write the results of a run for other programs: PLY, COCO, KITTI, MCAP, JSON, CSV, rerun"
+EXAMPLE = "cuboid export DIR --to coco --output labels.json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
     parser.add_argument("results", type=Path, metavar="DIR", help="what 'cuboid track' left behind")
     parser.add_argument(
-        "--to", required=True, metavar="NAME", help="the form: ply, coco, kitti, ros2, json, csv, rerun"
+        "--to", required=True, metavar="NAME", help="the form: ply, coco, kitti, mcap, json, csv, rerun"
     )
     parser.add_argument(
         "--output", type=Path, required=True, metavar="PATH", help="the file; for ply the folder of its files"

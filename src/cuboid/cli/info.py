@@ -6,6 +6,7 @@ import argparse
 import math
 from typing import TYPE_CHECKING
 
+from cuboid.cli.json_option import add_json
 from cuboid.cli.recording import add_reading, open_from
 
 if TYPE_CHECKING:
@@ -14,32 +15,36 @@ if TYPE_CHECKING:
 NAME_WIDTH = 14
 
 HELP = "say what was recognised in a recording, and what will be skipped"
+EXAMPLE = "cuboid info RECORDING"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
     add_reading(parser, thinned=False)
     parser.add_argument("--all", action="store_true", help="look at every frame, not at 24 of them")
-    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Look, and print."""
-    from cuboid.cli.tables import console, write_json
+    from cuboid.cli.tables import give_figures
     from cuboid.cli.threads import limit_threads
     from cuboid.inspecting import inspect_recording
 
     limit_threads(1)
     found = inspect_recording(open_from(args), every_frame=args.all)
-    if args.json:
-        write_json(found.to_dict(), "-")
-        return 0
+    give_figures(found, args.json, _print)
+    return 0
+
+
+def _print(found: RecordingInfo) -> None:
+    from cuboid.cli.tables import console
+
     out = console()
     for name, text in rows(found):
         out.print(f"{name:<{NAME_WIDTH}}{text}", markup=False, soft_wrap=True)
     for line in skipped_lines(found):
         out.print(line, markup=False, soft_wrap=True)
-    return 0
 
 
 def rows(found: RecordingInfo) -> list[tuple[str, str]]:
@@ -55,6 +60,7 @@ def rows(found: RecordingInfo) -> list[tuple[str, str]]:
         ("depth", _depth(found)),
         ("registration", _registration(found)),
         ("poses", _poses(found)),
+        ("up", _up(found)),
     ]
 
 
@@ -94,6 +100,12 @@ def _registration(found: RecordingInfo) -> str:
     apart_mm = 1000 * math.hypot(*(row[3] for row in T[:3]))
     size = f"{camera['width']} x {camera['height']}"
     return f"carried into color from {size}, fx {camera['fx']:.2f}, {apart_mm:.0f} mm beside{off}"
+
+
+def _up(found: RecordingInfo) -> str:
+    if found.up_world is None:
+        return "measured with the frames" if found.up_measured else "not told: taken from the planes"
+    return f"{', '.join(f'{value:g}' for value in found.up_world)} in the world of the poses"
 
 
 def _poses(found: RecordingInfo) -> str:

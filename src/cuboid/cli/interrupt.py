@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -19,10 +19,13 @@ class Interruption:
     ----------
     status : int
         Exit status of a run that was ended so: 128 and the number of the signal, as shells have it.
+    tell : callable
+        Called at the first signal, inside its handler.
     """
 
     def __init__(self) -> None:
         self.status = 0
+        self.tell: Callable[[], None] = lambda: None
 
     def __call__(self) -> bool:
         """Return whether the run is to end."""
@@ -33,6 +36,7 @@ class Interruption:
         if self.status:
             raise KeyboardInterrupt
         self.status = 128 + number
+        self.tell()
         os.write(STDERR, NOTICE)  # print may be at work already
 
 

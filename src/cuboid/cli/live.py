@@ -1,30 +1,73 @@
-"""`--live`: a look at a run from the browser while it goes."""
+"""`--live` and `--rerun`: a look at a run from the browser, or from the rerun viewer, while it goes."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from cuboid.cli.optional_words import OPTIONAL
+
 if TYPE_CHECKING:
-    from cuboid.readers import Recording
+    from cuboid.frame import Frame, Intrinsics
+    from cuboid.results import FrameResult
+    from cuboid.run import TrackerLike, Watch
     from cuboid.views.live import LiveView
 
 
 def add_live(parser: argparse._ActionsContainer) -> None:
-    """Add `--live` and `--live-host`."""
+    """Add `--live`, `--live-host` and `--rerun`."""
     parser.add_argument("--live", action="store_true", help="show the run in the browser while it goes")
     parser.add_argument(
         "--live-host",
         metavar="ADDRESS",
         help="address of this machine that shows it to others too, 0.0.0.0 for all (default: to nobody else)",
     )
+    parser.add_argument(
+        "--rerun",
+        nargs="?",
+        const=OPTIONAL["--rerun"][0],
+        metavar="FILE.rrd|ADDRESS",
+        help="show the run in the rerun viewer while it goes; or write a file for it, or reach it at its address",
+    )
 
 
 @contextmanager
-def live_view(args: argparse.Namespace, recording: Recording) -> Iterator[LiveView | None]:
+def watching(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> Iterator[Watching]:
+    """Open what the arguments ask for; gives what looks at the run."""
+    with ExitStack() as stack:
+        live = stack.enter_context(live_view(args, name, intrinsics))
+        looks: list[Watch] = [] if live is None else [live]
+        if args.rerun is not None:
+            from cuboid.views.rerun_view import RerunView
+
+            looks.append(stack.enter_context(RerunView(args.rerun, name, intrinsics)))
+        yield Watching(live, looks)
+
+
+@dataclass(frozen=True, slots=True)
+class Watching:
+    """All that look at a run."""
+
+    live: LiveView | None
+    looks: Sequence[Watch]
+
+    def __call__(self, frame: Frame, result: FrameResult, tracker: TrackerLike) -> None:
+        """Show a used frame to all of them."""
+        for look in self.looks:
+            look(frame, result, tracker)
+
+    def end(self, complete: bool) -> None:
+        """Tell that the run is over."""
+        if self.live is not None:
+            self.live.end(complete)
+
+
+@contextmanager
+def live_view(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> Iterator[LiveView | None]:
     """Serve the run where `--live` asks for it, and say where; gives what looks at the run."""
     if not args.live:
         if args.live_host is not None:
@@ -37,7 +80,7 @@ def live_view(args: argparse.Namespace, recording: Recording) -> Iterator[LiveVi
     from cuboid.views.serving import HOST
 
     host = args.live_host or HOST
-    with LiveServer(LiveView(), recording.path.name, recording.intrinsics, host) as server:
-        name = "localhost" if args.live_host is None else host
-        print(f"cuboid: live at http://{name}:{server.port}/", file=sys.stderr, flush=True)
+    with LiveServer(LiveView(), name, intrinsics, host) as server:
+        shown = "localhost" if args.live_host is None else host
+        print(f"cuboid: live at http://{shown}:{server.port}/", file=sys.stderr, flush=True)
         yield server.view

@@ -63,7 +63,7 @@ class TerminalProgress(Progress):
     ) -> None:
         self._bar.stop()
 
-    def start(self, frames: int) -> None:
+    def start(self, frames: int | None) -> None:
         """Show the empty bar."""
         self._bar.update(self._task, total=frames, state=COMPILING if _compiling() else "")
 
@@ -84,7 +84,8 @@ class LineProgress(Progress):
 
     def __init__(self) -> None:
         self._rate = _Rate()
-        self._frames = self._done = 0
+        self._done = 0
+        self._of = ""
         self._last_s = time.perf_counter()
 
     def __enter__(self) -> LineProgress:
@@ -95,9 +96,9 @@ class LineProgress(Progress):
     ) -> None:
         """Nothing is left to tidy."""
 
-    def start(self, frames: int) -> None:
+    def start(self, frames: int | None) -> None:
         """Note how many frames there are."""
-        self._frames = frames
+        self._of = "" if frames is None else f" of {frames}"
         if _compiling():
             print(f"cuboid: {COMPILING}", file=sys.stderr, flush=True)
 
@@ -107,7 +108,7 @@ class LineProgress(Progress):
         rate, now_s = self._rate.tick(), time.perf_counter()
         if now_s - self._last_s >= LINE_EVERY_S:
             self._last_s = now_s
-            done = f"{self._done} of {self._frames} frames"
+            done = f"{self._done}{self._of} frames"
             print(
                 f"cuboid: {done}, {rate:.0f} frames/s, {_objects(result.objects_known)}",
                 file=sys.stderr,

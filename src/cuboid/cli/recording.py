@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.threads import add_threads, positive
 
@@ -14,9 +14,14 @@ if TYPE_CHECKING:
     from cuboid.readers import Recording
 
 
-def add_recording(parser: argparse.ArgumentParser, default_threads: int) -> None:
-    """Add the recording and how it is read and tracked."""
-    add_reading(parser)
+def add_recording(parser: argparse.ArgumentParser, default_threads: int, *, required: bool = True) -> None:
+    """Add the recording, where wanted as one of several things to track, and how it is read and tracked."""
+    add_reading(parser, required=required)
+    add_threads(add_tracking(parser), default_threads)
+
+
+def add_tracking(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """Add how recordings are tracked; return the group."""
     tracking = parser.add_argument_group("tracking")
     tracking.add_argument(
         "--poses",
@@ -34,7 +39,6 @@ def add_recording(parser: argparse.ArgumentParser, default_threads: int) -> None
         help="pixels of the recording a side that become one: faster, coarser (default: 1)",
     )
     tracking.add_argument("--proposals", metavar="NAME[:OPTIONS]", help="source of the 2D proposals")
-    add_threads(tracking, default_threads)
     tracking.add_argument(
         "--set",
         type=setting,
@@ -44,11 +48,25 @@ def add_recording(parser: argparse.ArgumentParser, default_threads: int) -> None
         metavar="NAME=VALUE",
         help="a field of the tracker's configuration, such as voxel_m=0.02; may be repeated",
     )
+    return tracking
 
 
-def add_reading(parser: argparse.ArgumentParser, *, thinned: bool = True) -> argparse._ArgumentGroup:
+def add_reading(
+    parser: argparse.ArgumentParser, *, thinned: bool = True, required: bool = True
+) -> argparse._ArgumentGroup:
     """Add the recording and how it is read, where wanted with thinning; return the group of the latter."""
-    parser.add_argument("recording", type=Path, metavar="RECORDING", help="folder of the RGB-D recording")
+    parser.add_argument(
+        "recording",
+        type=Path,
+        metavar="RECORDING",
+        nargs=None if required else "?",
+        help="folder, file, archive or URL of the RGB-D recording",
+    )
+    return add_reading_options(parser, thinned=thinned)
+
+
+def add_reading_options(parser: argparse.ArgumentParser, *, thinned: bool = True) -> argparse._ArgumentGroup:
+    """Add how a recording is read, where wanted with thinning; return the group."""
     reading = parser.add_argument_group("reading")
     reading.add_argument("--format", metavar="NAME", help="its layout, where it is not recognised")
     reading.add_argument(
@@ -74,11 +92,25 @@ def add_reading(parser: argparse.ArgumentParser, *, thinned: bool = True) -> arg
 
 def open_from(args: argparse.Namespace) -> Recording:
     """Open the recording that the arguments name, and register it where they ask for it."""
+    return open_as(args.recording, **reading_from(args))
+
+
+def reading_from(args: argparse.Namespace) -> dict[str, Any]:
+    """Return how the arguments say that recordings are read, for `open_as`."""
+    return {
+        "format": args.format if args.topics is None else f"ros-bag:{args.topics}",
+        "intrinsics": args.intrinsics,
+        "depth_scale": args.depth_scale,
+        "register": args.register,
+    }
+
+
+def open_as(path: Path, *, register: bool, **options: Any) -> Recording:
+    """Open a recording with the options of `cuboid.open_recording`, and register it where that is asked for."""
     from cuboid.readers import open_recording
 
-    form = args.format if args.topics is None else f"ros-bag:{args.topics}"
-    recording = open_recording(args.recording, format=form, intrinsics=args.intrinsics, depth_scale=args.depth_scale)
-    return _registered(recording) if args.register else recording
+    recording = open_recording(path, **options)
+    return _registered(recording) if register else recording
 
 
 def _registered(recording: Recording) -> Recording:

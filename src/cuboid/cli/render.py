@@ -13,8 +13,9 @@ if TYPE_CHECKING:
     from cuboid.views.replay import Replay
 
 HELP = "draw the results of a run into its recording, as a video"
+EXAMPLE = "cuboid render DIR --show heat"
 
-DEFAULT_NAMES = {"boxes": "labelled", "heat": "heat", "depth": "depth", "proposals": "proposals"}
+DEFAULT_NAMES = {"boxes": "labelled", "heat": "heat", "depth": "depth", "proposals": "proposals", "planes": "planes"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,13 +25,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--output", type=Path, metavar="FILE", help="the video (default: in DIR, named after what it shows)"
     )
-    what = parser.add_mutually_exclusive_group()
-    for name, text in (
-        ("heat", "show the heat of the global map over the picture"),
-        ("depth", "show the depth instead of the picture"),
-        ("proposals", "show each frame's own 3D proposals instead of the objects"),
-    ):
-        what.add_argument(f"--{name}", action="store_const", const=name, dest="what", default="boxes", help=text)
+    parser.add_argument(
+        "--show",
+        choices=tuple(DEFAULT_NAMES),
+        default="boxes",
+        help="labels, heat of the map, depth, each frame's own 3D proposals, or supporting planes (default: boxes)",
+    )
     parser.add_argument("--gif", action="store_true", help="a small GIF instead of an MP4")
 
 
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     path = _path(args)
     replay = Replay(args.results)
     recording = replay.reopen(args.recording)
-    draw, drawn = drawer(args.what, args.results, replay), 0
+    draw, drawn = drawer(args.show, args.results, replay), 0
     seen = replay.frames(recording.timestamp_s)
     shown = Console(stderr=True)
     with _writer(path, replay) as video:
@@ -67,7 +67,7 @@ def _path(args: argparse.Namespace) -> Path:
     from cuboid.errors import InputError
 
     suffix = ".gif" if args.gif else ".mp4"
-    path: Path = args.output or args.results / f"{DEFAULT_NAMES[args.what]}{suffix}"
+    path: Path = args.output or args.results / f"{DEFAULT_NAMES[args.show]}{suffix}"
     if path.suffix.lower() != suffix:
         raise InputError(f"{path}: the video's name must end with {suffix}{'' if args.gif else ', or give --gif'}")
     return path

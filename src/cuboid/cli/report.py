@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from cuboid.frame import Frame
 
 HELP = "write the 3D page of finished results (report.html)"
+EXAMPLE = "cuboid report DIR"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

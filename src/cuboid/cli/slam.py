@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from cuboid.slam import SlamOutcome
 
 HELP = "estimate the camera poses of a recording from its images and write the trajectory"
+EXAMPLE = "cuboid slam RECORDING --output DIR"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from cuboid.cli.threads import cores, limit_threads, positive
 
 HELP = "make a recording whose truth is known exactly"
+EXAMPLE = "cuboid synth --kind clutter --seed 7 --output DIR"
 
 KINDS = ("table", "occluders", "leave", "tables", "clutter", "room")
 CAMERAS = ("orbit", "handheld", "drone")
@@ -27,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     scene.add_argument("--meshes", type=Path, metavar="DIR", help="own objects: .obj, .glb, .ply files")
     camera = parser.add_argument_group("camera")
     camera.add_argument("--frames", type=positive, metavar="N", help="length (default: what suits the kind)")
-    camera.add_argument("--camera", choices=CAMERAS, help="how it is carried (default: drawn from the seed)")
+    camera.add_argument("--motion", choices=CAMERAS, help="how it is carried (default: drawn from the seed)")
     camera.add_argument(
         "--size", type=_size, default=(640, 480), metavar="WxH", help="of the images (default: 640x480)"
     )
@@ -63,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.synthetic.user_meshes import load_meshes
 
     meshes = load_meshes(args.meshes) if args.meshes else ()
-    scene = make_scene(args.kind, args.seed, frames=args.frames, camera=args.camera, meshes=meshes)
+    scene = make_scene(args.kind, args.seed, frames=args.frames, camera=args.motion, meshes=meshes)
     with rendering() as progress:
         render_recording(
             scene,

@@ -112,7 +112,7 @@ Found = TypeVar("Found", bound=_Figures)
 
 
 def give_figures(found: Found, file: str | None, show: Callable[[Found], None]) -> None:
-    """Write an evaluation as JSON where a file is named (`-` prints it, and nothing else), and show it as tables."""
+    """Write an evaluation as JSON where a file is named (`-` prints it and nothing else), and show it as tables."""
     if file is not None:
         write_json(found.to_dict(), file)
     if file != "-":

@@ -7,14 +7,16 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cuboid.cli.live import add_live, live_view
-from cuboid.cli.recording import add_recording, config_from, open_from
+from cuboid.cli.camera import add_camera, source_of
+from cuboid.cli.live import add_live, watching
+from cuboid.cli.recording import add_recording, config_from
 from cuboid.cli.threads import cores
 
 if TYPE_CHECKING:
     from cuboid.run import RunOutcome
 
 HELP = "track the objects of a recording and write what was found"
+EXAMPLE = "cuboid track RECORDING --output DIR"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,7 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     results.add_argument("--force", action="store_true", help="replace results that lie in DIR")
     results.add_argument("--video", action="store_true", help="also write labelled.mp4")
     add_live(results)
-    add_recording(parser, default_threads=min(2, cores()))
+    add_camera(parser)
+    add_recording(parser, default_threads=min(2, cores()), required=False)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -33,34 +36,40 @@ def run(args: argparse.Namespace) -> int:
 
     with interruptible() as interruption:
         from cuboid.cli.progress import progress
+        from cuboid.readers import Recording
         from cuboid.run import track_recording
 
-        recording = open_from(args)
-        with progress() as shown, live_view(args, recording) as live:
-            outcome = track_recording(
-                recording,
-                args.output,
-                config=config_from(args),
-                proposals=args.proposals,
-                poses=args.poses,
-                bridge=args.bridge,
-                every=args.every,
-                limit=args.limit,
-                scale=args.scale,
-                threads=args.threads,
-                video=args.video,
-                force=args.force,
-                progress=shown,
-                stop=interruption,
-                watch=live,
-            )
-            if live is not None:
-                live.end(outcome.report.complete)
+        with source_of(args, interruption) as source, progress() as shown:
+            name = source.path.name if isinstance(source, Recording) else args.camera
+            with watching(args, name, source.intrinsics) as looks:
+                outcome = track_recording(
+                    source,
+                    args.output,
+                    config=config_from(args),
+                    proposals=args.proposals,
+                    poses=args.poses,
+                    bridge=args.bridge,
+                    every=args.every,
+                    limit=args.limit,
+                    scale=args.scale,
+                    threads=args.threads,
+                    video=args.video,
+                    force=args.force,
+                    progress=shown,
+                    stop=interruption if args.camera is None else never,
+                    watch=looks if looks.looks else None,
+                )
+                looks.end(outcome.report.complete)
     print_outcome(outcome, args.output)
     if not outcome.report.complete:
         print("cuboid: interrupted; the results are marked as not complete", file=sys.stderr)
         return interruption.status
     return 0
+
+
+def never() -> bool:
+    """Return False: a camera is ended by its own, after which the results are whole."""
+    return False
 
 
 def print_outcome(outcome: RunOutcome, output: Path) -> None:
@@ -77,6 +86,8 @@ def print_outcome(outcome: RunOutcome, output: Path) -> None:
         print(f"cuboid: warning: {warning}", file=sys.stderr)
     for line in [*skipped_lines(report), *limit_lines(report)]:
         out.print(line, markup=False)
+    if report.frames_dropped:
+        out.print(f"{report.frames_dropped} frames of the camera were dropped: they came faster than they were tracked")
     frame_ms = f", {report.milliseconds['frame'].median_ms:.1f} ms a frame" if report.frames_used else ""
     out.print(
         f"{report.frames_used} of {report.frames_read} frames in {report.seconds:.1f} s{frame_ms}; results in {output}",

@@ -12,6 +12,7 @@ from scipy.spatial import KDTree
 from cuboid.errors import InputError
 from cuboid.evaluation.matching import ratio
 from cuboid.evaluation.truth import Truth
+from cuboid.extras import require
 from cuboid.formats.reading import MOST_BINARY_BYTES, opened
 from cuboid.formats.rows_files import LabelEntry
 from cuboid.formats.table_door import read_lines
@@ -102,7 +103,7 @@ def read_labelled_cloud(path: Path) -> LabelledCloud:
     InputError
         A file is missing or malformed, or the points have no labels.
     """
-    import trimesh
+    trimesh = require("trimesh", "cuboid evaluate --cloud", "'cuboid[synth]'")
 
     with opened(path, MOST_BINARY_BYTES) as file:
         try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from cuboid.errors import OutputError
-from cuboid.exports import coco, csv_table, kitti, plain_json, ply, rerun_file, ros2
+from cuboid.exports import coco, csv_table, kitti, mcap, plain_json, ply, rerun_file
 from cuboid.exports.finished import FinishedRun
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.outputs import OUTPUT_NAMES
@@ -19,10 +19,10 @@ __all__ = [
     "csv_table",
     "export",
     "kitti",
+    "mcap",
     "plain_json",
     "ply",
     "rerun_file",
-    "ros2",
 ]
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from cuboid.exports.finished import FinishedRun
 from cuboid.exports.registry import EXPORTS, Export
+from cuboid.formats.stored import is_there
 from cuboid.outputs import TrackRow
 from cuboid.outputs.objects import write_json
 from cuboid.outputs.text import LENGTH, PIXEL, rounded, rounded_list
@@ -53,7 +54,7 @@ def write(run: FinishedRun, path: Path) -> list[str]:
 
 def _image_names(run: FinishedRun) -> dict[int, str]:
     """Return the file of each frame's image, seen from the recording; none where the recording is gone."""
-    if run.recording_path is None and not Path(run.report.recording).exists():
+    if run.recording_path is None and not is_there(run.report.recording):
         return {}
     named = ((frame, run.recording.color_name(frame)) for frame in run.poses)
     return {frame: name for frame, name in named if name is not None}

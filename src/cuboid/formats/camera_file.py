@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Meta
 
 from cuboid.formats.table_door import Row
-from cuboid.formats.values import Entry, FocalLength, ImageSide, Pixel
+from cuboid.formats.values import Direction, Entry, FocalLength, ImageSide, Pixel, refuse_no_unit
 from cuboid.geometry.se3 import rigid
 
 # How many coefficients there may be: none, or k1, k2, p1, p2, then k3, then k4, k5, k6.
@@ -59,10 +59,15 @@ class CameraDocument(Entry, frozen=True, forbid_unknown_fields=True):
     distortion: Coefficients = ()
     depth_camera: Annotated[DepthCameraEntry | None, Meta(description="where depth is not aligned to color")] = None
     T_color_depth: Matrix | None = None
+    up_world: Annotated[
+        Direction | None, Meta(description="unit vector away from the earth's pull, in the world of the poses")
+    ] = None
 
     def __post_init__(self) -> None:
         refuse_no_lens(self.distortion)
         refuse_half_a_camera(self.depth_camera, self.T_color_depth)
+        if self.up_world is not None:
+            refuse_no_unit("'up_world'", self.up_world)
 
 
 def refuse_no_lens(distortion: tuple[float, ...]) -> None:

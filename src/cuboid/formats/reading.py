@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from cuboid.errors import InputError
+from cuboid.formats.stored import StoredPath
 
 # The largest file of each kind. A map of 10,000 objects takes 6 MB of JSON, a day of poses 250 MB of text.
 MOST_JSON_BYTES = 64 << 20
@@ -56,19 +57,42 @@ def opened(path: Path, most_bytes: int) -> Iterator[BinaryIO]:
     """
     with _refusals(path):
         try:
-            _refuse_special(path, os.stat(path), most_bytes)  # before it is opened: that alone has effects on a device
-            file = open(path, "rb", opener=_open)  # noqa: SIM115
+            found = path.stat()
+            _refuse_special(path, found, most_bytes)  # before it is opened: that alone has effects on a device
+            stored = isinstance(path, StoredPath)
+            file = path.open("rb") if stored else open(path, "rb", opener=_open)  # noqa: SIM115
         except ValueError:  # a NUL, or half a character, in the name
             raise UnreadableError(path, "cannot be read: no file can have this name", missing=True) from None
         with file:
-            _refuse_special(path, os.fstat(file.fileno()), most_bytes)
+            if not stored:
+                _refuse_special(path, os.fstat(file.fileno()), most_bytes)
             yield file
 
 
 def read_bytes(path: Path, most_bytes: int) -> bytes:
     """Return the content of a file; raises what `opened` raises."""
     with opened(path, most_bytes) as file:
-        return file.read(os.fstat(file.fileno()).st_size)  # of one that grows meanwhile, what was there
+        size = file.seek(0, os.SEEK_END)  # of one that grows meanwhile, what was there
+        file.seek(0)
+        return file.read(size)
+
+
+def names_in(folder: Path) -> Iterator[str]:
+    """Iterate over the names in a folder, in no order.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    try:
+        if isinstance(folder, StoredPath):
+            yield from folder.names()
+        else:
+            with os.scandir(folder) as items:
+                yield from (item.name for item in items)
+    except OSError as error:
+        raise InputError(f"{folder} cannot be read: {error.strerror}") from None
 
 
 def text_lines(path: Path) -> Iterator[str]:

@@ -36,6 +36,9 @@ class FramesEntry(Entry, frozen=True):
     read: Annotated[int, Meta(ge=0, le=MOST_FRAMES)]
     used: Annotated[int, Meta(ge=0, le=MOST_FRAMES)]
     skipped: list[SkippedEntry]
+    dropped: Annotated[
+        int, Meta(ge=0, le=MOST_FRAMES, description="that a live camera gave and nobody took in time, without numbers")
+    ] = 0
 
     def __post_init__(self) -> None:
         if self.used + len(self.skipped) != self.read:

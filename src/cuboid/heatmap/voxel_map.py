@@ -198,7 +198,7 @@ class VoxelMap:
 
     def rows_of(self, number: int) -> Rows:
         """Return the rows of an object, ascending."""
-        rows = self._blocks.rows_of([number], self.owner[: self.count])
+        rows = self._blocks.rows_of(number, self.owner[: self.count])
         return np.asarray(rows[self.values[rows, kernel.WEIGHT] > 0], dtype=np.int64)
 
     def solid_rows_of(self, number: int, hot: float, votes: int) -> Rows:
@@ -231,28 +231,31 @@ class VoxelMap:
             claim, number_of, place, allowed, candidate, slots, self.hits, MOST_VOTES, self.owner, self.confidence,
             self._voted,
         )  # fmt: skip
-        won = (claim >= 0) & (slots >= 0)
-        rows, numbers = slots[won].astype(np.int64), number_of[claim[won]].astype(np.int64)
+        touched = np.zeros((len(number_of), (self.count >> BLOCK_BITS) + 1), np.uint8)
+        kernel.blocks_touched(claim, slots, BLOCK_BITS, touched)
         # Blocks of an object's rows: a row that the vote did not give it does no harm there.
-        pairs = np.unique((numbers << 32) | (rows >> BLOCK_BITS))
-        for number, block in zip((pairs >> 32).tolist(), (pairs & 0xFFFFFFFF).tolist(), strict=True):
-            if number:
-                self._blocks.give_block(number, block)
+        thing, block = np.nonzero(touched)
+        number = number_of[thing].astype(np.int64)
+        order = np.argsort(number, kind="stable")
+        order = order[number[order] > 0]
+        self._blocks.give(number[order], block[order])
 
     def owner_of(self, slots: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
         """Return the number of the object (h, w) that each pixel's voxel belongs to, 0 none."""
-        return np.where(slots >= 0, self.owner[slots], 0).astype(np.int32)
+        owner = np.empty(slots.shape, np.int32)
+        kernel.owner_of(slots, self.owner, owner)
+        return owner
 
     def pass_on(self, gone: int, kept: int) -> None:
         """Let all rows of one object belong to another."""
-        self.owner[self._blocks.rows_of([gone], self.owner[: self.count])] = kept
+        self.owner[self._blocks.rows_of(gone, self.owner[: self.count])] = kept
         self._blocks.pass_on(gone, kept)
 
     def release(self, numbers: Sequence[int]) -> None:
         """Let objects have no rows: these are no one's, and no votes hold them."""
-        rows = self._blocks.rows_of(numbers, self.owner[: self.count])
-        self.owner[rows] = self.confidence[rows] = 0
         for number in numbers:
+            rows = self._blocks.rows_of(number, self.owner[: self.count])
+            self.owner[rows] = self.confidence[rows] = 0
             self._blocks.release(number)
 
     def rows_at(self, points: Float64Array) -> Rows:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
 # What lies across a piece of outline: columns of `outline`.
-FREE, SUPPORT, UNSURE, CONTACT, UNKNOWN = range(5)
+FREE, SUPPORT, UNSURE, CONTACT, HIDDEN, BORDER = range(6)
+KINDS = 6
 # Sides of a thing in the picture, seen from the camera held upright: columns of `outline` too.
 TOP, BOTTOM, LEFT, RIGHT = range(4)
 # The top and the bottom of a thing are so much of its height.
 END_SHARE = 0.05
+# Color that differs by so many levels, over its three channels, has an edge in between: a third of that is shading and
+# the camera's noise. It is compared with that of so many pixels inside, clear of the blur at an outline.
+EDGE_LEVELS, INNER_PIXELS = 90, 2
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -61,6 +66,34 @@ def common(candidate, owner, place, objects, boxes, masks, starts, step, phase, 
 
 
 @njit(cache=True, nogil=True)
+def shared(claim, owner, known, place, table, size):
+    """Count the pixels that each share of a frame has in common with each object, and those known before.
+
+    Parameters
+    ----------
+    claim : (h, w) int32
+        Share of each pixel, -1 none.
+    owner : (h, w) int32
+        Object of each pixel, 0 none.
+    known : (h, w) bool
+    place : (M,) int64
+        Column of each object by number; the last one for those that do not count, and for 0.
+    table : (n + 1, columns) int64, output
+        The last row is for pixels of no share.
+    size : (n + 1,) int64, output
+        Known pixels of each share.
+    """
+    table[:] = 0
+    size[:] = 0
+    last = table.shape[0] - 1
+    for v in range(claim.shape[0]):
+        for u in range(claim.shape[1]):
+            k = claim[v, u] if claim[v, u] >= 0 else last
+            table[k, place[owner[v, u]]] += 1
+            size[k] += known[v, u]
+
+
+@njit(cache=True, nogil=True)
 def share_out(candidate, order, boxes, masks, starts, step, phase, least, free_share, claim):
     """Give each candidate pixel to at most one proposal: the strongest first, as long as it is mostly free.
 
@@ -101,18 +134,72 @@ def share_out(candidate, order, boxes, masks, starts, step, phase, least, free_s
 
 
 @njit(cache=True, nogil=True)
-def outlines(depth, claim, on_plane, corners, plane_of, side_of, focal, noise, jump, gap_m, outline, contact):
+def across(depth, color, claim, on_plane, plane, v, u, dv, du, limit, reach):
+    """Tell what lies across one pixel of a share's outline: the first reading outwards, over holes.
+
+    Parameters
+    ----------
+    plane : int
+        What the share stands on, -1 none.
+    v, u, dv, du : int
+        The pixel, and the step outwards.
+    limit : float
+        Larger differences of depth are jumps, metres.
+    reach : int
+        Steps that a reading is looked for.
+
+    Returns
+    -------
+    (int, int)
+        The kind, -1 where the share itself goes on behind a hole; and the share that begins there, -1 none.
+
+    Notes
+    -----
+    The other parameters are those of `outlines`.
+    """
+    height, width = depth.shape
+    a, z = claim[v, u], depth[v, u]
+    vi, ui = v - INNER_PIXELS * dv, u - INNER_PIXELS * du
+    if vi < 0 or ui < 0 or vi >= height or ui >= width or claim[vi, ui] != a:
+        vi, ui = v, u
+    edge = False
+    for n in range(1, reach + 1):
+        vv, uu = v + n * dv, u + n * du
+        if vv < 0 or uu < 0 or vv >= height or uu >= width:
+            return BORDER, -1
+        b, beyond = claim[vv, uu], depth[vv, uu]
+        if b == a:
+            return -1, -1
+        if beyond > 0.0:
+            if on_plane[vv, uu] >= 0 and on_plane[vv, uu] == plane:
+                return SUPPORT, b
+            if beyond > z + limit:
+                return FREE, b
+            if beyond < z - limit:
+                return HIDDEN, b
+            return UNSURE if b >= 0 else CONTACT, b
+        change = 0
+        for c in range(3):
+            change += abs(np.int64(color[vv, uu, c]) - np.int64(color[vi, ui, c]))
+        edge = edge or change >= EDGE_LEVELS
+    return FREE if edge else UNSURE, -1
+
+
+@njit(cache=True, nogil=True)
+def outlines(depth, color, claim, on_plane, corners, plane_of, side_of, focal, noise, jump, gap_m, outline, contact):
     """Tell what bounds each share of a frame: air, what it stands on, another thing, something else, or nothing known.
 
     From each pixel of a share whose neighbour (of four) is not of it, the first reading outwards is looked for, over
     holes up to a width of `gap_m`. It is FREE where that lies behind by more than a jump; SUPPORT where it lies on the
-    plane that the share stands on; UNSURE where another share begins at the same depth, and where there is a wide hole
-    (the shadow of an edge, or something dark); CONTACT where any other surface goes on; UNKNOWN where it lies before
-    (what is behind it cannot be told), and at the border of the picture.
+    plane that the share stands on; UNSURE where another share begins at the same depth; CONTACT where any other
+    surface goes on; HIDDEN where it lies before (what is behind it cannot be told); BORDER where the picture ends. In
+    a wide hole (the shadow of an edge, or something dark) color tells: it is FREE beyond an edge of color, and UNSURE
+    where the color of the share goes on.
 
     Parameters
     ----------
     depth : (h, w) float32
+    color : (h, w, 3) uint8
     claim : (h, w) int32
         Share of each pixel, -1 none.
     on_plane : (h, w) int32
@@ -129,7 +216,7 @@ def outlines(depth, claim, on_plane, corners, plane_of, side_of, focal, noise, j
         Standard deviation of depth is this times z squared.
     jump, gap_m : float
         Metres.
-    outline : (count, 4, 5) int64, output
+    outline : (count, 4, KINDS) int64, output
         Pixels of outline by side and kind.
     contact : (count, count) int64, output
         [i, j]: pixels of i's outline that lie at j, jump or none.
@@ -147,8 +234,7 @@ def outlines(depth, claim, on_plane, corners, plane_of, side_of, focal, noise, j
             reach = max(2, int(gap_m * focal / z))
             for k in range(4):
                 dv, du = (k == 0) - (k == 1), (k == 2) - (k == 3)
-                vv, uu = v + dv, u + du
-                if 0 <= vv < height and 0 <= uu < width and claim[vv, uu] == a:
+                if 0 <= v + dv < height and 0 <= u + du < width and claim[v + dv, u + du] == a:
                     continue
                 if side_of[k] <= BOTTOM:
                     # Top and bottom are at the ends, not where a slanted side steps.
@@ -157,28 +243,9 @@ def outlines(depth, claim, on_plane, corners, plane_of, side_of, focal, noise, j
                     far = high - here if dv + du > 0 else here - low
                     if far > max(1.0, END_SHARE * (high - low)):
                         continue
-                kind = UNSURE
-                for _ in range(reach):
-                    if vv < 0 or uu < 0 or vv >= height or uu >= width:
-                        kind = UNKNOWN
-                        break
-                    other, b = depth[vv, uu], claim[vv, uu]
-                    if b == a:
-                        kind = -1
-                        break
-                    if other > 0.0:
-                        if b >= 0:
-                            contact[a, b] += 1
-                        if on_plane[vv, uu] >= 0 and on_plane[vv, uu] == plane_of[a]:
-                            kind = SUPPORT
-                        elif other > z + limit:
-                            kind = FREE
-                        elif other < z - limit:
-                            kind = UNKNOWN
-                        elif b < 0:
-                            kind = CONTACT
-                        break
-                    vv, uu = vv + dv, uu + du
+                kind, b = across(depth, color, claim, on_plane, plane_of[a], v, u, dv, du, limit, reach)
+                if b >= 0:
+                    contact[a, b] += 1
                 if kind >= 0:
                     outline[a, side_of[k], kind] += 1
 

@@ -182,6 +182,54 @@ def label_regions(depth, share, noise, jump, parent, labels):
 
 
 @njit(cache=True, nogil=True)
+def join_surfaces(labels, number, share, depth, focal, major, deep):
+    """Make one region of the largest surface of each share and of those that are about as large and as near.
+
+    Parameters
+    ----------
+    labels : (H, W) int32, in and out
+        From `label_regions`; those that join one have its number afterwards.
+    number : int
+        Of regions.
+    share : (H, W) int32
+    depth : (H, W) float32
+    focal : float
+        Pixels.
+    major : float
+        Least size of one that joins, as a share of the largest one's.
+    deep : float
+        Largest difference of their mean depths, as a share of the largest one's length.
+    """
+    rows, columns = labels.shape
+    size, total, owner = np.zeros(number + 1), np.zeros(number + 1), np.full(number + 1, -1, np.int64)
+    corners = np.empty((number + 1, 4), np.int64)
+    corners[:, 0], corners[:, 1], corners[:, 2], corners[:, 3] = columns, rows, -1, -1
+    for v in range(rows):
+        for u in range(columns):
+            k = labels[v, u]
+            if k > 0:
+                owner[k] = share[v, u]
+                size[k] += 1
+                total[k] += depth[v, u]
+                box = corners[k]
+                box[0], box[1], box[2], box[3] = min(box[0], u), min(box[1], v), max(box[2], u), max(box[3], v)
+    largest = np.zeros(owner.max() + 2, np.int64)
+    for k in range(1, number + 1):
+        if size[k] > size[largest[owner[k]]]:
+            largest[owner[k]] = k
+    become = np.arange(number + 1)
+    for k in range(1, number + 1):
+        m = largest[owner[k]]
+        z = total[m] / size[m]
+        length_m = (max(corners[m, 2] - corners[m, 0], corners[m, 3] - corners[m, 1]) + 1) * z / focal
+        if size[k] >= major * size[m] and abs(total[k] / size[k] - z) <= deep * length_m:
+            become[k] = m
+    for v in range(rows):
+        for u in range(columns):
+            labels[v, u] = become[labels[v, u]]
+
+
+@njit(cache=True, nogil=True)
 def gather_regions(labels, number, least, depth, camera, first, pixels, points, corners, place):
     """Gather the pixels of each region that is not too small, in the order of their numbers.
 

@@ -283,15 +283,7 @@ def join(segments, contact, weight, count, focal, largest, members, found, parts
         if best == np.inf:
             return n
         one, other = segments[i], segments[j]
-        one[PIXELS] += other[PIXELS]
-        one[READINGS] += other[READINGS]
-        one[INVERSE] += other[INVERSE]
-        one[LEFT], one[TOP] = min(one[LEFT], other[LEFT]), min(one[TOP], other[TOP])
-        one[RIGHTMOST] = max(one[RIGHTMOST], other[RIGHTMOST])
-        one[BOTTOM] = max(one[BOTTOM], other[BOTTOM])
-        one[OUTLINE] += other[OUTLINE] - 2.0 * contact[i, j]
-        one[STRENGTH] += other[STRENGTH] - weight[i, j] - weight[j, i]
-        one[BORDER] += other[BORDER]
+        unite(one, other, contact[i, j], weight[i, j] + weight[j, i], one)
         alive[j] = 0
         for k in range(1, count + 1):
             if alive[k] and k != i:
@@ -305,6 +297,74 @@ def join(segments, contact, weight, count, focal, largest, members, found, parts
         parts[n, 0], parts[n, 1] = current[i], current[j]
         current[i] = n
         n += 1
+
+
+@njit(cache=True, nogil=True)
+def pair(segments, contact, weight, count, focal, largest, n, members, found, parts):
+    """Add the unions of two neighbouring segments that `join` did not come by.
+
+    A tree of unions gives a segment one chance: where the inside of a mug went with the wall behind it, no union is
+    the mug.
+
+    Parameters
+    ----------
+    segments, contact, weight, count, focal, largest : see `join`
+        As `measure` gave them.
+    n : int
+        Number of regions that `join` found.
+    members, found, parts : see `join`, in and out
+        What has no room is left out: three pairs a segment, as many as regions of a plane can have, always have.
+
+    Returns
+    -------
+    int
+        Number of regions.
+    """
+    place = np.full(count + 1, -1, np.int64)
+    single = np.zeros(n, np.int64)
+    for i in range(n):
+        if parts[i, 0] < 0:
+            single[i] = members[i].argmax()
+            place[single[i]] = i
+    made = np.zeros((count + 1, count + 1), np.uint8)
+    for i in range(n):
+        if parts[i, 0] >= 0:
+            one, other = single[parts[i, 0]], single[parts[i, 1]]
+            made[one, other] = made[other, one] = 1
+    for a in range(1, count + 1):
+        for b in range(a + 1, count + 1):
+            if contact[a, b] == 0 or made[a, b] or n == len(members):
+                continue
+            if can_join(segments[a], segments[b], focal, largest):
+                unite(segments[a], segments[b], contact[a, b], weight[a, b] + weight[b, a], found[n])
+                members[n, a] = members[n, b] = 1
+                parts[n, 0], parts[n, 1] = place[a], place[b]
+                n += 1
+    return n
+
+
+@njit(cache=True, nogil=True, inline="always")
+def unite(one, other, shared, strength, union):
+    """Measure the union of two segments, which may be one of them.
+
+    Parameters
+    ----------
+    one, other : (COLUMNS,) float64
+    shared : float
+        Pixels of outline that they share.
+    strength : float
+        The sum of its strengths, both ways.
+    union : (COLUMNS,) float64, output
+    """
+    union[PIXELS] = one[PIXELS] + other[PIXELS]
+    union[READINGS] = one[READINGS] + other[READINGS]
+    union[INVERSE] = one[INVERSE] + other[INVERSE]
+    union[LEFT], union[TOP] = min(one[LEFT], other[LEFT]), min(one[TOP], other[TOP])
+    union[RIGHTMOST] = max(one[RIGHTMOST], other[RIGHTMOST])
+    union[BOTTOM] = max(one[BOTTOM], other[BOTTOM])
+    union[OUTLINE] = one[OUTLINE] + other[OUTLINE] - 2.0 * shared
+    union[STRENGTH] = one[STRENGTH] + other[STRENGTH] - strength
+    union[BORDER] = one[BORDER] + other[BORDER]
 
 
 @njit(cache=True, nogil=True, inline="always")

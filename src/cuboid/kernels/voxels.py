@@ -229,3 +229,69 @@ def rows_at(points, voxel, keys, values, table, rows):
         )
         row, _ = find_slot(key, keys, table)
         rows[i] = row if row >= 0 and values[row, WEIGHT] > 0.0 else -1
+
+
+@njit(cache=True, nogil=True)
+def rows_of(number, blocks, size, owner, rows):
+    """Gather the rows of an object from the blocks that may hold some.
+
+    Parameters
+    ----------
+    number : int
+    blocks : (B,) int64
+        Ascending.
+    size : int
+        Rows of a block.
+    owner : (N,) int32
+    rows : (B * size,) int64, output
+        Ascending.
+
+    Returns
+    -------
+    int
+        How many there are.
+    """
+    n = 0
+    for block in blocks:
+        for row in range(block * size, min((block + 1) * size, owner.size)):
+            if owner[row] == number:
+                rows[n] = row
+                n += 1
+    return n
+
+
+@njit(cache=True, nogil=True)
+def blocks_touched(claim, slots, bits, touched):
+    """Mark in which blocks of rows each share of a frame has voxels.
+
+    Parameters
+    ----------
+    claim : (h, w) int32
+        Share of each pixel, -1 none.
+    slots : (h, w) int32
+        Row of each pixel, -1 none.
+    bits : int
+        A block has 2 to this many rows.
+    touched : (shares, blocks) uint8, in and out
+    """
+    for v in range(claim.shape[0]):
+        for u in range(claim.shape[1]):
+            if claim[v, u] >= 0 and slots[v, u] >= 0:
+                touched[claim[v, u], slots[v, u] >> bits] = 1
+
+
+@njit(cache=True, nogil=True)
+def owner_of(slots, owner, pixel_owner):
+    """Look up whom the voxel of each pixel belongs to.
+
+    Parameters
+    ----------
+    slots : (h, w) int32
+        Row of each pixel, -1 none.
+    owner : (N,) int32
+    pixel_owner : (h, w) int32, output
+        0 where there is none.
+    """
+    for v in range(slots.shape[0]):
+        for u in range(slots.shape[1]):
+            pixel_owner[v, u] = owner[slots[v, u]] if slots[v, u] >= 0 else 0

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou_matrix, pack
+from cuboid.kernels.claims import shared
 from cuboid.objects.entry import MapObject
 from cuboid.objects.matching import assign
 from cuboid.surfaces.clusters import FrameClusters
@@ -108,11 +109,9 @@ def _common_pixels(
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return pixels by thing and object (n + 1, m), the last row for those of no thing, and each thing's known ones."""
     n, m = len(frame.clusters), len(objects)
-    place = np.full(max((o.number for o in objects), default=0) + 1, m)
+    place = np.full(int(max(pixel_owner.max(), max((o.number for o in objects), default=0))) + 1, m)
     place[[o.number for o in objects]] = np.arange(m)
-    owner = np.where(pixel_owner < len(place), pixel_owner, 0)
-    column = np.where(owner > 0, place[owner], m)
-    row = np.where(frame.claim < 0, n, frame.claim)
-    table = np.bincount((row * (m + 1) + column).ravel(), minlength=(n + 1) * (m + 1)).reshape(n + 1, m + 1)
-    size = np.bincount(row[known], minlength=n + 1)[:n]
-    return table[:, :m], size
+    place[0] = m
+    table, size = np.empty((n + 1, m + 1), np.int64), np.empty(n + 1, np.int64)
+    shared(frame.claim, pixel_owner, known, place, table, size)
+    return table[:, :m], size[:n]

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
+from cuboid.kernels.claims import KINDS
 
 
 class State(Enum):
@@ -48,7 +49,7 @@ class MapObject:
         Frames whose own proposals it matched.
     log_odds : float
         That it is an object: what its sightings have told so far.
-    outline : (4, 5) float64
+    outline : (4, KINDS) float64
         What bounded it in its sightings, by side and kind; see `kernels.claims.outlines`.
     supports : dict of int to int
         Pixels of it seen above each plane, by the plane's identity.
@@ -74,7 +75,7 @@ class MapObject:
     frames_seen: int = 0
     sightings: int = 0
     log_odds: float = 0.0
-    outline: Float64Array = field(default_factory=lambda: np.zeros((4, 5)))
+    outline: Float64Array = field(default_factory=lambda: np.zeros((4, KINDS)))
     supports: dict[int, int] = field(default_factory=dict)
     merged_labels: list[int] = field(default_factory=list)
     fitted: int = 0

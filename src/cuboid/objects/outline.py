@@ -5,19 +5,21 @@ from __future__ import annotations
 from math import log
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
-from cuboid.kernels.claims import BOTTOM, CONTACT, FREE, SUPPORT, UNKNOWN, UNSURE
+from cuboid.kernels.claims import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, LEFT, RIGHT, SUPPORT, TOP, UNSURE
 
 # Log-odds that a sighting adds which shows all of an outline, all of it free: two or three make an object sure.
 CLEAR = log(99.0) / 2.0
 # Of an object at least this share of the outline that can be judged is free or rests on its support.
 OWN_SHARE = 0.6
-# What another thing or a hole bounds is an object's own outline half of the time.
+# What another thing bounds, or a hole without an edge of color, is an object's own outline half of the time.
 UNSURE_SHARE = 0.5
-# A side is known when this share of it can be judged, and goes on into structure when this share of that does.
+# A side is known when this share of it can be judged, and goes on into structure when more than this share of that
+# does.
 KNOWN_SHARE, STRUCTURE_SHARE = 0.2, 0.5
+# A side is cut off by the picture when more than this share of it lies at its border.
+CUT_SHARE = 0.5
 
 Outline = npt.NDArray[Any]
 
@@ -27,14 +29,14 @@ def told_by(outline: Outline) -> float:
 
     Parameters
     ----------
-    outline : (4, 5)
+    outline : (4, KINDS)
         Pixels by side and kind; see `kernels.claims.outlines`.
     """
     kinds = outline.sum(0)
     # Everything stands on something, known or not.
     kinds[SUPPORT] += outline[BOTTOM, CONTACT]
     kinds[CONTACT] -= outline[BOTTOM, CONTACT]
-    judged = float(kinds[:UNKNOWN].sum())
+    judged = float(kinds[:HIDDEN].sum())
     own = kinds[FREE] + kinds[SUPPORT] + UNSURE_SHARE * kinds[UNSURE]
     share = own / max(judged, 1.0)
     return float(CLEAR * judged / max(float(kinds.sum()), 1.0) * (share - OWN_SHARE) / (1.0 - OWN_SHARE))
@@ -43,12 +45,19 @@ def told_by(outline: Outline) -> float:
 def enclosed(outline: Outline) -> bool:
     """Tell whether all sides but the bottom were seen to end: what continues into the unknown waits.
 
+    The left or the right side may always have been cut off by the picture's border: what is seen of such a thing is
+    one, and more of it makes it larger. What goes on upwards may be a post, or a wall.
+
     Parameters
     ----------
-    outline : (4, 5)
+    outline : (4, KINDS)
         Summed over the sightings of a thing.
     """
-    judged = outline[:, :UNKNOWN].sum(1)
-    known = judged >= KNOWN_SHARE * outline.sum(1)
+    judged = outline[:, :HIDDEN].sum(1)
+    whole = outline.sum(1)
+    known = judged >= KNOWN_SHARE * whole
     structure = outline[:, CONTACT] > STRUCTURE_SHARE * judged
-    return bool(np.delete(known & ~structure, BOTTOM).all())
+    cut = ~known & (outline[:, BORDER] > CUT_SHARE * whole)
+    ends = known & ~structure
+    sides = (ends | (cut & ~structure))[[LEFT, RIGHT]]
+    return bool(ends[TOP] and sides.all() and ends[[LEFT, RIGHT]].any())

@@ -114,6 +114,8 @@ class RunReport:
         What is likely to be wrong with the input, one line each.
     limits : mapping of str to LimitReached
         What some frames had too much of.
+    frames_dropped : int
+        That a live camera gave and nobody took in time; they have no numbers.
     """
 
     version: str
@@ -131,6 +133,7 @@ class RunReport:
     peak_memory_mb: float
     warnings: tuple[str, ...] = ()
     limits: Mapping[str, LimitReached] = field(default_factory=dict)
+    frames_dropped: int = 0
 
     @property
     def distortion(self) -> tuple[float, ...]:
@@ -184,6 +187,7 @@ class RunReport:
                 "read": self.frames_read,
                 "used": self.frames_used,
                 "skipped": [{"frame": frame, "reason": reason} for frame, reason in self.skipped],
+                **({"dropped": self.frames_dropped} if self.frames_dropped else {}),
             },
             "milliseconds": {
                 stage: {
@@ -235,4 +239,5 @@ def read_run(path: Path) -> RunReport:
         peak_memory_mb=document.peak_memory_mb,
         warnings=tuple(document.warnings),
         limits={what: LimitReached(one.most, one.frames, one.left_out) for what, one in document.limits.items()},
+        frames_dropped=document.frames.dropped,
     )

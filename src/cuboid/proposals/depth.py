@@ -3,7 +3,8 @@
 Large planes (tables, floors, walls) are found in the frame itself and set apart: they are background. What is left is
 cut at depth jumps and at concave creases, for separate solids meet in concave creases while one solid is mostly
 convex (Hoffman and Richards, "Parts of recognition", 1984). Bowls and mugs are not convex and fall apart, so
-neighbouring pieces are joined again step by step, the weakest outline first, and every union is a proposal too.
+neighbouring pieces are joined again step by step, the weakest outline first, and every union is a proposal too, as is
+every pair of neighbours.
 """
 
 from __future__ import annotations
@@ -62,16 +63,18 @@ BEND = 0.4
 LEAST_PIXELS = 10
 # The largest segments that are kept.
 SEGMENTS = 100
+# Regions of an image have at most so many pairs of neighbours each (Euler's formula).
+NEIGHBOURS = 3
 # Holes are filled at most so far, metres, and a difference in color of so many levels counts as a pixel.
 HOLE_M = 0.3
 COLOR_LEVELS = 12.0
 # A region is at least this times the least size of an object: what is seen of one at an angle is narrower.
 LEAST_SIZE = 5.0 / 6.0
-# Proposals of a frame, the best ones: two for each of as many objects as a desk holds. More cost time downstream.
-MOST = 80
+# Proposals of a frame, the best ones: some for each of as many objects as a desk holds. More cost time downstream.
+MOST = 140
 # With so many readings a piece is no work of noise.
 SOLID_PIXELS = 120
-# A part that is so much of a union is the same proposal.
+# Regions with this IoU are the same proposal.
 SAME_REGION = 0.8
 # Proposals below this are left out: less than a fifth of their outline is anything's.
 LEAST_SCORE = 0.2
@@ -110,10 +113,8 @@ class DepthSegmentation:
         """Return the proposals of `frame`, the best first."""
         depth_m, camera, step = _shrink(frame.depth_m, intrinsics, self._widest)
         found = _regions(depth_m, frame.color, camera, step, self._config)
-        scores = _without_doubles(_scores(found.measures, camera.fx, self._config), found)
-        order = np.argsort(-scores, kind="stable")[:MOST]
-        order = order[scores[order] >= LEAST_SCORE]
-        return _as_proposals(found, scores, order, step)
+        scores = _scores(found.measures, camera.fx, self._config)
+        return _as_proposals(found, scores, _without_doubles(scores, found), step)
 
 
 def _shrink(depth_m: Float32Array, intrinsics: Intrinsics, widest: int) -> tuple[Float32Array, Intrinsics, int]:
@@ -146,10 +147,13 @@ def _regions(
     contact = np.empty((last + 1, last + 1), np.float32)
     weight = np.empty((last + 1, last + 1), np.float32)
     regions.measure(kind, labels, inverse, marks, noise, JUMP_M, SURE_JUMP_M, table, contact, weight)
-    members = np.zeros((2 * last + 1 + planes, last + 1 + planes), np.uint8)
-    measures = np.empty((len(members), regions.COLUMNS))
-    parts = np.full((len(members), 2), -1, np.int32)
-    n = regions.join(table, contact, weight, last, camera.fx, config.max_size_m, members, measures, parts)
+    members = np.zeros((2 * last + 1 + NEIGHBOURS * last, last + 1 + planes), np.uint8)
+    measures = np.empty((len(members) + planes, regions.COLUMNS))
+    parts = np.full((len(members) + planes, 2), -1, np.int32)
+    neighbours = contact, weight, last, camera.fx, config.max_size_m
+    n = regions.join(table.copy(), contact.copy(), weight.copy(), *neighbours[2:], members, measures, parts)
+    n = regions.pair(table, *neighbours, n, members, measures, parts)
+    members = np.concatenate([members[:n], np.zeros((planes, last + 1 + planes), np.uint8)])
     # Planes come after: they bound the segments, and are proposed each for itself.
     members[n + np.arange(planes), -1 - np.arange(planes)] = 1
     whole = measures[n : n + planes]
@@ -199,16 +203,25 @@ def _scores(measures: Float64Array, focal_px: float, config: TrackerConfig) -> F
     return np.where(fits, np.clip(score, 0.0, 1.0), 0.0).astype(np.float32)
 
 
-def _without_doubles(scores: Float32Array, found: _Regions) -> Float32Array:
-    """Return the scores with 0 for the worse of a union and a part of it that is nearly all of it."""
-    # Plain numbers: NumPy takes ten times as long to give them one by one.
-    pixels, before = found.measures[:, regions.PIXELS].tolist(), scores.tolist()
-    kept = list(before)
-    for union, parts in enumerate(found.parts.tolist()):
-        for part in parts:
-            if part >= 0 and pixels[part] >= SAME_REGION * pixels[union]:
-                kept[part if before[union] >= kept[part] else union] = 0.0
-    return np.array(kept, dtype=np.float32)
+def _without_doubles(scores: Float32Array, found: _Regions) -> npt.NDArray[np.intp]:
+    """Return the regions worth proposing, the best first, without those that are nearly the same as a better one."""
+    order = np.argsort(-scores, kind="stable")
+    order = order[scores[order] >= LEAST_SCORE]
+    # Pixels of each segment: the regions that are one alone tell them.
+    members = found.members[order].astype(np.float32)
+    pixels = found.measures[order, regions.PIXELS].astype(np.float32)
+    single = found.parts[:, 0] < 0
+    weight = np.zeros(members.shape[1], np.float32)
+    weight[found.members[single].argmax(1)] = found.measures[single, regions.PIXELS]
+    common = (members * weight) @ members.T
+    iou = common / np.maximum(pixels[:, None] + pixels[None] - common, 1.0)
+    kept: list[int] = []
+    for i, row in enumerate(iou >= SAME_REGION):
+        if len(kept) == MOST:
+            break
+        if not row[kept].any():
+            kept.append(i)
+    return order[kept]
 
 
 def _as_proposals(found: _Regions, scores: Float32Array, order: npt.NDArray[np.intp], step: int) -> Proposals:

@@ -6,8 +6,7 @@ import numpy as np
 
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, Frame, Intrinsics
-from cuboid.limits import MOST_PROPOSALS
-from cuboid.proposals.boxes import boxes_as_proposals, refuse_options
+from cuboid.proposals.boxes import MOST, boxes_as_proposals, refuse_options
 from cuboid.proposals.edges import find_edges
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource
@@ -44,7 +43,7 @@ class EdgeBoxes:
 
         edges = find_edges(frame, self._noise_per_m)
         finder = cv2.ximgproc.createEdgeBoxes()
-        finder.setMaxBoxes(MOST_PROPOSALS)
+        finder.setMaxBoxes(MOST)
         finder.setMinBoxArea(LEAST_AREA)
         finder.setEdgeMinMag(LEAST_EDGE)
         finder.setMinScore(LEAST_SCORE)

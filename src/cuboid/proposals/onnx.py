@@ -20,8 +20,7 @@ import numpy.typing as npt
 from cuboid.config import TrackerConfig
 from cuboid.errors import InputError, MissingExtraError
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
-from cuboid.limits import MOST_PROPOSALS
-from cuboid.proposals.boxes import best_boxes, thin_out
+from cuboid.proposals.boxes import MOST, best_boxes, thin_out
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource
 
@@ -105,7 +104,7 @@ class OnnxModel:
         prototypes = next((np.asarray(o) for o in outputs if np.ndim(o) == 4), None)
         found = self._detections(outputs, 0 if prototypes is None else prototypes.shape[1])
         kept = np.flatnonzero(found.scores >= LEAST_SCORE)
-        kept = kept[thin_out(found.boxes_xyxy[kept], found.scores[kept], OVERLAP)][:MOST_PROPOSALS]
+        kept = kept[thin_out(found.boxes_xyxy[kept], found.scores[kept], OVERLAP)][:MOST]
         shift = np.array([fit.left, fit.top, fit.left, fit.top], dtype=np.float64)
         given = (found.boxes_xyxy[kept] - shift) / fit.scale
         boxes, scores, rows = best_boxes(given, found.scores[kept], intrinsics.width, intrinsics.height)

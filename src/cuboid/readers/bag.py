@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.errors import FrameError, InputError
+from cuboid.formats.cache import local_file
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -52,6 +53,8 @@ class Bag:
 
     Attributes
     ----------
+    name : str
+        Of its first file, for messages.
     types : dict of str to str
         Message type of each topic, such as "sensor_msgs/msg/Image".
 
@@ -63,6 +66,7 @@ class Bag:
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self._lock = threading.Lock()  # a file has one position; frames are decoded in another thread
+        self.name = paths[0].name
         self._parts = [(path, _open(path)) for path in paths]
         self._close = weakref.finalize(self, _close_all, [reader for _, reader in self._parts])
         self._connections: dict[str, list[tuple[int, Connection]]] = {}
@@ -181,6 +185,11 @@ def _open(path: Path) -> AnyReader:
         raise InputError(
             f"{path}: bags are read with rosbags, which is not installed: pip install 'cuboid[ros]'"
         ) from None
+    if path.suffix == ".db3":  # SQLite wants a file of its own
+        try:
+            path = local_file(path)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     store = get_typestore(Stores.ROS1_NOETIC if path.suffix == ".bag" else Stores.ROS2_HUMBLE)
     try:
         reader = AnyReader([path], default_typestore=store)

@@ -40,6 +40,8 @@ _DEPTH_HEADER = struct.Struct("<iff")
 
 def is_depth(message: Any) -> bool | None:
     """Tell whether an image message holds depth; None where its encoding is neither depth's nor color's."""
+    if message.__msgtype__ not in (RAW, COMPRESSED):
+        return None
     if message.__msgtype__ == COMPRESSED:
         words = message.format.lower()
         return "compresseddepth" in words or words.split(";")[0].strip() in ("16uc1", "32fc1", "mono16")
@@ -54,8 +56,15 @@ def units_per_metre(message: Any) -> float:
     return FLOAT_UNITS_PER_METRE if encoding == "32FC1" else WHOLE_UNITS_PER_METRE
 
 
+def _refuse_no_image(message: Any, what: str) -> None:
+    """Raise FrameError where a damaged index leads to a message of another type."""
+    if message.__msgtype__ not in (RAW, COMPRESSED):
+        raise FrameError(f"{what} is no image but a {message.__msgtype__}")
+
+
 def color_of(message: Any, what: str) -> UInt8Array:
     """Return the color image (H, W, 3) of a message; raises FrameError where it holds none."""
+    _refuse_no_image(message, what)
     if message.__msgtype__ == COMPRESSED:
         image = decode_bytes(_bytes(message), what, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
@@ -68,6 +77,7 @@ def color_of(message: Any, what: str) -> UInt8Array:
 
 def depth_of(message: Any, what: str) -> DepthArray:
     """Return the depth image (H, W) of a message, in `units_per_metre`; raises FrameError where it holds none."""
+    _refuse_no_image(message, what)
     if message.__msgtype__ == COMPRESSED:
         return _compressed_depth(message, what)
     if message.encoding not in DEPTH_ENCODINGS:

@@ -6,7 +6,6 @@ left to `rosbags`.
 
 from __future__ import annotations
 
-import os
 import struct
 from collections import defaultdict
 from contextlib import suppress
@@ -29,7 +28,7 @@ class CutRos1Reader(Ros1Reader):
     def open(self) -> None:
         """Go through the records, reading none of the data but where a new connection begins."""
         self.bio = self.path.open("rb")
-        end = os.fstat(self.bio.fileno()).st_size
+        end = self.path.stat().st_size
         self.bio.readline()
         indexes: dict[int, list[Any]] = defaultdict(list)
         connections: dict[int, Any] = {}
@@ -84,7 +83,7 @@ class CutMcapReader(McapReader):
 
     def _open(self) -> None:
         assert self.bio is not None, "open"
-        end = os.fstat(self.bio.fileno()).st_size
+        end = self.path.stat().st_size
         self.bio.seek(8)
         _, size = _MCAP_RECORD.unpack(self.bio.read(_MCAP_RECORD.size))
         self.data_start = self.data_end = self.bio.tell() + size

@@ -15,7 +15,7 @@ from cuboid.errors import InputError, OutputError
 from cuboid.formats.camera_file import LEAST_UNITS, MOST_UNITS, CameraDocument, MatrixRow
 from cuboid.formats.json_door import read_json
 from cuboid.formats.table_door import read_lines
-from cuboid.frame import Intrinsics
+from cuboid.frame import Float64Array, Intrinsics
 from cuboid.readers.depth_camera import DepthCamera, depth_camera_of
 from cuboid.readers.reader import Calibration, Listing
 from cuboid.readers.registration import Registration
@@ -82,6 +82,19 @@ def choose(
             f"expected {LEAST_UNITS:g} to {MOST_UNITS:g}, or give it with --depth-scale"
         )
     return calibration, units
+
+
+def up_world(listing: Listing) -> tuple[float, float, float] | None:
+    """Return the direction away from the earth's pull in the world of the poses, as `camera.json` or the format says.
+
+    Raises
+    ------
+    InputError
+        If `camera.json` cannot be read.
+    """
+    found = _find_file(listing.camera_folders)
+    own = read_json(found, CameraDocument).up_world if found is not None and found.suffix == ".json" else None
+    return own or listing.up_world
 
 
 # Focal lengths of cameras, in widths of their images: 179.4 degrees are in view at the least, 3.4 minutes at the most.
@@ -167,6 +180,7 @@ def write_camera(
     depth_units_per_metre: float,
     distortion: Sequence[float] = (),
     depth_camera: DepthCamera | None = None,
+    up_world: Float64Array | None = None,
 ) -> None:
     """Write a `camera.json`.
 
@@ -182,6 +196,8 @@ def write_camera(
         document[_DISTORTION] = [float(f"{value:.6g}") for value in distortion]
     if depth_camera is not None:
         document |= depth_camera.document()
+    if up_world is not None:
+        document["up_world"] = [round(value, 6) for value in up_world.tolist()]
     try:
         path.write_text(json.dumps(document) + "\n", encoding="utf-8")
     except OSError as error:

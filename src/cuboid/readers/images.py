@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError, InputError
-from cuboid.formats.reading import UnreadableError, read_bytes
+from cuboid.errors import FrameError
+from cuboid.formats.reading import UnreadableError, names_in, read_bytes
 from cuboid.frame import Float32Array, UInt8Array
 from cuboid.readers.imagesize import PNG_MAGIC, image_size
 from cuboid.readers.reader import ImageSource
@@ -42,11 +42,7 @@ IMAGE_ENDINGS = (".png", ".jpg", ".jpeg")
 
 def images_in(folder: Path) -> list[Path]:
     """Return the image files in a folder, sorted; raises InputError where it cannot be listed."""
-    try:
-        names = sorted(os.listdir(folder))
-    except OSError as error:
-        raise InputError(f"{folder} cannot be read: {error.strerror}") from None
-    return [folder / name for name in names if os.path.splitext(name)[1].lower() in IMAGE_ENDINGS]
+    return [folder / name for name in sorted(names_in(folder)) if os.path.splitext(name)[1].lower() in IMAGE_ENDINGS]
 
 
 def image_dimensions(path: Path) -> tuple[int, int] | None:

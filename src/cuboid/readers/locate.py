@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from pathlib import Path
 
 from cuboid.errors import InputError, shown
+from cuboid.formats.reading import names_in
+from cuboid.formats.stored import ARCHIVE_ENDINGS, StoredPath, located
 from cuboid.readers import calibration as calibrations
 from cuboid.readers.reader import READERS, Listing, Reader
 from cuboid.readers.recording import Recording
@@ -14,8 +17,8 @@ from cuboid.readers.recording import Recording
 LEVELS = 2
 # So many recordings are named when there are several to choose from.
 NAMED = 8
-# And so many forms are described; of more only the names.
-DESCRIBED = 3
+# And so many forms are described; of more only one.
+DESCRIBED, EXAMPLE = 3, "plain"
 
 
 def open_recording(
@@ -30,7 +33,8 @@ def open_recording(
     Parameters
     ----------
     path : str or path
-        The recording's folder (or file), or a folder up to two levels above it if it is the only one there.
+        The recording's folder (or file), or a folder up to two levels above it if it is the only one there. A .zip or
+        .tar counts as a folder, and so does what lies behind a URL (https://, s3://, gs://; extra "remote").
     format : str, optional
         Name of the reader: "plain", "tum", "7-scenes", "uw-rgbd-scenes-v2", ..., or one of another package; options of
         the format follow a colon, as in "ros-bag:color=/camera/color/image_raw".
@@ -59,9 +63,9 @@ def open_recording(
     wanted, _, text = (format or "").partition(":")
     readers = list(READERS.items()) if format is None else [(wanted, READERS.get(wanted))]
     try:
-        given = Path(os.path.abspath(path))  # not resolved: a link's neighbours are those of the link
+        given = located(path)
         if not given.exists():
-            raise InputError(f"{path} does not exist")
+            raise InputError(f"{given if isinstance(given, StoredPath) else path} does not exist")
         name, reader, found = _find(given, readers)
         listing = reader.read(found) if not text else _read_with(name, reader, found, text)
     except OSError as error:  # links in a circle, a name that is too long, a folder that may not be read
@@ -70,6 +74,7 @@ def open_recording(
     except ValueError:  # a NUL, or half a character, in the name
         raise InputError(f"{shown(str(path))}: no recording can have this name") from None
     calibration, depth_units_per_metre = calibrations.choose(listing, intrinsics, depth_scale, found)
+    listing = dataclasses.replace(listing, up_world=calibrations.up_world(listing))
     return Recording(found, f"{name}:{text}" if text else name, listing, calibration, depth_units_per_metre)
 
 
@@ -122,27 +127,28 @@ def _inside(path: Path, endings: set[str]) -> list[Path]:
     if not path.is_dir():
         return []
     try:
-        with os.scandir(path) as items:
-            names = sorted(item.name for item in items if not item.name.startswith("."))
-    except PermissionError:
+        names = sorted(name for name in names_in(path) if not name.startswith("."))
+    except InputError:
         return []
-    # isdir is False for a link that leads nowhere, or round in a circle
-    wanted = (name for name in names if os.path.splitext(name)[1] in endings or os.path.isdir(path / name))
-    return [path / name for name in wanted if _open_to_us(path / name)]
+    # is_dir is False for a link that leads nowhere, or round in a circle
+    wanted = (name for name in names if os.path.splitext(name)[1] in endings or (path / name).is_dir())
+    found = (path / name for name in wanted if _open_to_us(path / name))
+    return [located(one) if one.name.endswith(ARCHIVE_ENDINGS) else one for one in found]
 
 
 def _open_to_us(path: Path) -> bool:
-    return os.access(path, os.R_OK | os.X_OK if os.path.isdir(path) else os.R_OK)
+    return isinstance(path, StoredPath) or os.access(path, os.R_OK | os.X_OK if path.is_dir() else os.R_OK)
 
 
 def _nothing_found(given: Path, readers: list[tuple[str, Reader]]) -> str:
-    above = [path for path in given.parents[:LEVELS] for _, reader in readers if reader.recognises(path)]
+    above = [path for path in (given.parent, given.parent.parent) for _, reader in readers if reader.recognises(path)]
     if above:
         return f"{given} is a part of a recording; name {above[0]}"
     if len(readers) > DESCRIBED:
-        expected = "a recording of one of these forms is expected: " + ", ".join(name for name, _ in readers)
+        example = next((f", such as {name} ({reader.expects})" for name, reader in readers if name == EXAMPLE), "")
+        expected = f"a recording in one of {len(readers)} forms is expected{example}; docs/recordings.md has all"
     else:
         described = "; ".join(f"{name} ({reader.expects})" for name, reader in readers)
         expected = f"a recording of one of these forms is expected: {described}"
-    what = "is a file" if given.is_file() else "is empty" if not any(given.iterdir()) else "holds no recording"
+    what = "is a file" if given.is_file() else "is empty" if not any(names_in(given)) else "holds no recording"
     return f"{given} {what}; {expected}"

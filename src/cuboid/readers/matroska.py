@@ -6,7 +6,6 @@ short has the blocks that are whole.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -79,7 +78,7 @@ def list_matroska(path: Path) -> Matroska:
         if file.read(4) != MAGIC:
             raise ValueError("it is no Matroska file")
         found, state = Matroska(), _State()
-        for kind, offset, length in _elements(file, 0, os.fstat(file.fileno()).st_size):
+        for kind, offset, length in _elements(file, 0, path.stat().st_size):
             state.take(found, file, kind, offset, length)
     return found
 

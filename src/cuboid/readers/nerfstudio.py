@@ -15,6 +15,7 @@ images. Depth of another size than color is that of the same camera.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -35,6 +36,7 @@ TRANSFORMS = "transforms.json"
 DEFAULT_SCALE = 0.001
 _CAMERA = {"fx": "fl_x", "fy": "fl_y", "cx": "cx", "cy": "cy", "width": "w", "height": "h"}
 _LENS = ("k1", "k2", "p1", "p2", "k3")
+NUMBER = re.compile(r"(\d+)")
 
 
 def recognises(path: Path) -> bool:
@@ -53,7 +55,7 @@ def read(path: Path) -> Listing:
         )
     if not any(isinstance(frame.get("depth_file_path"), str) for frame in frames):
         raise InputError(f"{file}: no frame has a 'depth_file_path': the scene is without depth")
-    frames.sort(key=lambda frame: str(frame.get("file_path")))
+    frames.sort(key=lambda frame: _in_order(str(frame.get("file_path"))))
     scale = document.get("depth_unit_scale_factor", DEFAULT_SCALE)
     check_number("depth_unit_scale_factor", scale, str(file))
     entries = [_entry(path, frame, document) for frame in frames]
@@ -97,6 +99,8 @@ def _calibration(
         check_number("cx", said.get(name, 0.0), str(file), f"{name}, as ")  # any finite number
     lens = tuple(float(said.get(name, 0.0)) for name in _LENS)
     size = (int(width), int(height))
+    if not all(size):
+        raise InputError(f"{file}: the images are {width:g}x{height:g}, expected a pixel or more")
     depth_size = next(
         (found for one in entries if isinstance(one.depth, Path) and (found := image_dimensions(one.depth))), size
     )
@@ -116,6 +120,11 @@ def _pose(matrix: Any, name: str) -> Float64Array:
     if values.shape != (4, 4):
         raise FrameError(f"{name}: no camera pose: 'transform_matrix' is no 4x4 matrix")
     return pose_from_matrix(values, name) @ T_OPENGL_OPENCV
+
+
+def _in_order(name: str) -> list[str]:
+    """Return what puts 10.png behind 9.png: numbers with as many digits as any has."""
+    return [f"{part:0>20}" if k % 2 else part for k, part in enumerate(NUMBER.split(name))]
 
 
 READERS.register("nerfstudio")(Reader("transforms.json with depth_file_path", recognises, read))

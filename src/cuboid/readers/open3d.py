@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from cuboid.errors import FrameError, InputError
+from cuboid.formats.reading import names_in
 from cuboid.formats.table_door import data_lines
 from cuboid.frame import Float64Array
 from cuboid.readers.calibration import CAMERA_FILE
@@ -79,7 +80,9 @@ def _trajectory(path: Path) -> Path | None:
     """Return the trajectory here or one folder below; of several the first by name."""
     if (path / TRAJECTORY).is_file():
         return path / TRAJECTORY
-    return next(iter(sorted(path.glob(f"*/{TRAJECTORY}"))), None)
+    return next(
+        (path / name / TRAJECTORY for name in sorted(names_in(path)) if (path / name / TRAJECTORY).is_file()), None
+    )
 
 
 def _by_number(folder: Path) -> dict[int, Path]:

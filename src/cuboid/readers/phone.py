@@ -18,6 +18,10 @@ from cuboid.readers.reader import Calibration
 # Depth has 192x256 pixels: color is shrunk by a whole number to about this width or height, whichever is longer. Finer
 # color says more of textures than of shapes, and costs in proportion.
 LONGEST_SIDE_PX = 640
+# A frame whose focal length is further than this share from the median is of another zoom.
+SAME_FOCAL = 0.03
+# Of ARKit's world, as all these apps run it (world alignment "gravity").
+UP_WORLD = (0.0, 1.0, 0.0)
 # Carries coordinates of a camera with OpenCV's axes (y down, z forward) to those of one with ARKit's and OpenGL's.
 T_OPENGL_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -30,6 +34,8 @@ def shrink_factor(size: tuple[int, int]) -> int:
 def shrunk(color: UInt8Array, factor: int) -> UInt8Array:
     """Return color (H, W, 3) with each block of `factor` x `factor` pixels its mean."""
     height, width = color.shape[0] // factor, color.shape[1] // factor
+    if not height or not width:
+        raise FrameError(f"the color image is {color.shape[1]}x{color.shape[0]}, too small to be shrunk by {factor}")
     whole = color[: height * factor, : width * factor]
     return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
 

@@ -14,13 +14,13 @@ The number in a name puts color, depth, pose and time together; it may be the ti
 
 from __future__ import annotations
 
-import os
 import re
 from decimal import Decimal, InvalidOperation
 from functools import partial
 from pathlib import Path
 
 from cuboid.errors import FrameError, InputError, shown
+from cuboid.formats.reading import names_in
 from cuboid.formats.table_door import data_lines
 from cuboid.frame import Float64Array
 from cuboid.readers.posetext import parse_numbers, parse_time, pose_from_quaternion
@@ -62,7 +62,7 @@ def read(path: Path) -> Listing:
 def _images(folder: Path) -> dict[Decimal, Path]:
     """Return the images of a folder by the number in their names."""
     images: dict[Decimal, Path] = {}
-    for name in sorted(os.listdir(folder)):
+    for name in sorted(names_in(folder)):
         file = folder / name
         if file.suffix.lower() not in EXTENSIONS:
             continue

@@ -27,15 +27,21 @@ from cuboid.frame import Float64Array, UInt8Array
 from cuboid.readers.depth_camera import check_number
 from cuboid.readers.documents import read_object
 from cuboid.readers.images import decode_color, image_dimensions, images_in
-from cuboid.readers.phone import T_OPENGL_OPENCV, confident_depth, phone_cameras, shrink_factor, shrunk
+from cuboid.readers.phone import (
+    SAME_FOCAL,
+    T_OPENGL_OPENCV,
+    UP_WORLD,
+    confident_depth,
+    phone_cameras,
+    shrink_factor,
+    shrunk,
+)
 from cuboid.readers.posetext import pose_from_matrix
 from cuboid.readers.reader import READERS, FrameEntry, Listing, Reader
 
 DEPTH_UNITS_PER_METRE = 1000.0
 KEYFRAMES = "keyframes"
 _CAMERA = ("fx", "fy", "cx", "cy", "width", "height")
-# A frame whose focal length is further than this share from the median is of another zoom.
-SAME_FOCAL = 0.03
 
 
 def recognises(path: Path) -> bool:
@@ -74,7 +80,8 @@ def read(path: Path) -> Listing:
         )
         for name in names
     ]
-    return Listing(frames, DEPTH_UNITS_PER_METRE, phone_cameras(numbers, size, depth_size, "cameras/"))
+    calibration = phone_cameras(numbers, size, depth_size, "cameras/")
+    return Listing(frames, DEPTH_UNITS_PER_METRE, calibration, up_world=UP_WORLD)
 
 
 def _cameras(folder: Path, names: list[str]) -> tuple[dict[str, dict[str, float]], dict[str, str]]:

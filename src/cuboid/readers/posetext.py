@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -88,14 +88,28 @@ def pose_from_matrix(values: npt.ArrayLike, where: str) -> Float64Array:
         raise FrameError(f"{where}: {error}") from None
 
 
+# The time of a line in seconds, and its pose as qw, qx, qy, qz, tx, ty, tz.
+TimedPose = tuple[float, tuple[float, ...]]
+
+
+def tum_line(line: str) -> TimedPose:
+    """Read ``timestamp tx ty tz qx qy qz qw``, T_world_camera; raises ValueError where it is another."""
+    time_s, tx, ty, tz, qx, qy, qz, qw = parse_numbers(line, 8, "timestamp tx ty tz qx qy qz qw")
+    return time_s, (qw, qx, qy, qz, tx, ty, tz)
+
+
 class Trajectory:
-    """Poses at times, from a file of lines ``timestamp tx ty tz qx qy qz qw`` (the TUM form).
+    """Poses at times, from a file with a line for each.
 
     Lines whose pose is no pose (NaN, no unit quaternion) are gaps; every line has a time.
 
     Parameters
     ----------
     path : Path
+    read_line : callable
+        Reads a line; the TUM form unless given. It raises ValueError where the line has another form.
+    largest_gap_s : float
+        Between poses this far apart the pose is interpolated.
 
     Raises
     ------
@@ -103,18 +117,23 @@ class Trajectory:
         If a line has another form, or no line holds a pose.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._name = path.name
+    def __init__(
+        self,
+        path: Path,
+        read_line: Callable[[str], TimedPose] = tum_line,
+        largest_gap_s: float = LARGEST_GAP_S,
+    ) -> None:
+        self._name, self._largest_gap_s = path.name, largest_gap_s
         poses: list[tuple[float, Float64Array]] = []
         for number, line in data_lines(path):
             try:
-                time_s, tx, ty, tz, qx, qy, qz, qw = parse_numbers(line, 8, "timestamp tx ty tz qx qy qz qw")
+                time_s, row = read_line(line)
                 parse_time(line.split()[0])
             except ValueError as error:
                 raise InputError(f"{path} line {number}: {error}") from None
             with suppress(FrameError):
-                pose_from_quaternion((qw, qx, qy, qz), (tx, ty, tz), "")
-                poses.append((time_s, np.array((qw, qx, qy, qz, tx, ty, tz))))
+                pose_from_quaternion(row[:4], row[4:], "")
+                poses.append((time_s, np.array(row)))
         if not poses:
             raise InputError(f"{path} holds no pose; without the file the recording counts as one without poses")
         poses.sort(key=lambda pose: pose[0])
@@ -134,7 +153,7 @@ class Trajectory:
     def at(self, time_s: float) -> Float64Array:
         """Return T_world_camera (4, 4) at a time.
 
-        Interpolated between neighbours at most `LARGEST_GAP_S` apart,
+        Interpolated between neighbours at most `largest_gap_s` apart,
         else the nearest within `NEAREST_WITHIN_S`.
 
         Raises
@@ -144,7 +163,7 @@ class Trajectory:
         """
         after = int(np.searchsorted(self._times_s, time_s))
         last = len(self._rows) - 1
-        if 0 < after <= last and self._times_s[after] - self._times_s[after - 1] <= LARGEST_GAP_S:
+        if 0 < after <= last and self._times_s[after] - self._times_s[after - 1] <= self._largest_gap_s:
             t0, t1 = self._times_s[after - 1], self._times_s[after]
             return se3.interpolate(self._pose(after - 1), self._pose(after), float((time_s - t0) / (t1 - t0)))
         near = min((max(after - 1, 0), min(after, last)), key=lambda k: abs(self._times_s[k] - time_s))
@@ -152,7 +171,7 @@ class Trajectory:
         if away_s > NEAREST_WITHIN_S:
             raise FrameError(
                 f"no camera pose at {time_s:.3f} s: the nearest in {self._name} is {away_s:.3f} s away "
-                f"(at most {NEAREST_WITHIN_S:g} s, or between two at most {LARGEST_GAP_S:g} s apart)"
+                f"(at most {NEAREST_WITHIN_S:g} s, or between two at most {self._largest_gap_s:g} s apart)"
             )
         return self._pose(near)
 

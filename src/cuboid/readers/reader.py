@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from typing import Any
 
 import numpy.typing as npt
 
-from cuboid.errors import InputError
+from cuboid.formats.reading import names_in
 from cuboid.frame import Float64Array
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.registry import Registry
@@ -36,6 +35,9 @@ class FrameEntry:
         none.
     fault : str or None
         A reason known beforehand why the frame cannot be used, one line.
+    up_camera : callable or None
+        Gives the direction away from the earth's pull, (3,) in coordinates of the color camera, as it was measured when
+        the frame was taken, or raises FrameError; None in recordings that did not measure it.
     """
 
     color: ImageSource | None
@@ -43,6 +45,7 @@ class FrameEntry:
     timestamp_s: float | None = None
     pose: Callable[[], Float64Array] | None = None
     fault: str | None = None
+    up_camera: Callable[[], Float64Array] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +94,8 @@ class Listing:
         Folders in which a ``camera.json`` or ``camera-intrinsics.txt`` counts, the first find wins.
     poses_of_depth : bool
         Whether the poses are those of the depth camera, where depth has a camera of its own; else of the color camera.
+    up_world : (float, float, float) or None
+        Unit vector away from the earth's pull in the world of the poses, where the format or the file says so.
     """
 
     frames: Sequence[FrameEntry]
@@ -98,6 +103,7 @@ class Listing:
     calibration: Calibration | None = None
     camera_folders: tuple[Path, ...] = ()
     poses_of_depth: bool = False
+    up_world: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,13 +144,7 @@ def holds(path: Path, name: re.Pattern[str]) -> bool:
     InputError
         If the folder may not be read.
     """
-    if not path.is_dir():
-        return False
-    try:
-        with os.scandir(path) as items:
-            return any(name.fullmatch(item.name) for item in items)
-    except PermissionError:
-        raise InputError(f"{path} cannot be read: permission denied") from None
+    return path.is_dir() and any(name.fullmatch(found) for found in names_in(path))
 
 
 READERS: Registry[Reader] = Registry("format", "cuboid.readers")

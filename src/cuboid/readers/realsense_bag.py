@@ -5,6 +5,7 @@ Expected: a ``.bag`` file with the topics ::
     /device_0/sensor_0/Depth_0/image/data          mono16; .../info/camera_info, .../tf/0 beside it
     /device_0/sensor_0/option/Depth Units/value    metres a unit
     /device_0/sensor_1/Color_0/image/data          rgb8, bgr8, ...
+    /device_0/sensor_2/Accel_0/imu/data            tells where up is; may be absent
 
 Depth is that of its own camera: it is carried into color with what the file says of the two. Times count from the
 start.
@@ -25,6 +26,7 @@ from cuboid.frame import Float64Array
 from cuboid.geometry import se3
 from cuboid.readers.bag import ROS1_MAGIC, Bag, is_bag_file
 from cuboid.readers.bag_cameras import camera_of
+from cuboid.readers.bag_gravity import Gravity
 from cuboid.readers.bag_images import WHOLE_UNITS_PER_METRE, color_of, depth_of
 from cuboid.readers.bag_transforms import matrix
 from cuboid.readers.depth_camera import DepthCamera
@@ -32,6 +34,7 @@ from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Rea
 from cuboid.readers.tum import associate
 
 IMAGE = re.compile(r"(/device_\d+/sensor_\d+)/(Depth|Color)_\d+/image/data")
+ACCELEROMETER = re.compile(r"/device_\d+/sensor_\d+/Accel_\d+/imu/data")
 # So much of the index at the end of the file, which names the topics, is looked at.
 INDEX_BYTES = 1 << 16
 # Color and depth of one frame are at most this far apart, or half the time between two color images.
@@ -65,10 +68,20 @@ def read(path: Path) -> Listing:
         if stream not in streams:
             raise InputError(f"{path}: holds no {stream.lower()} images; both color and depth must have been recorded")
     color, depth = streams["Color"], streams["Depth"]
-    return Listing(_entries(bag, color, depth), _units(bag, depth), _calibration(bag, color, depth, path))
+    calibration = _calibration(bag, color, depth, path)
+    return Listing(_entries(bag, color, depth, _gravity(bag, color, path)), _units(bag, depth), calibration)
 
 
-def _entries(bag: Bag, color_topic: str, depth_topic: str) -> list[FrameEntry]:
+def _gravity(bag: Bag, color: str, path: Path) -> Gravity | None:
+    """Return what measures gravity: the accelerometer of the camera; None where it was not recorded."""
+    topic = next((topic for topic in sorted(bag.types) if ACCELEROMETER.fullmatch(topic)), None)
+    if topic is None:
+        return None
+    T_color_imu = _from_reference(bag, color, path) @ se3.inverse(_from_reference(bag, topic, path))
+    return Gravity(bag, topic, T_color_imu[:3, :3])
+
+
+def _entries(bag: Bag, color_topic: str, depth_topic: str, gravity: Gravity | None) -> list[FrameEntry]:
     colors, depths = bag.times(color_topic), bag.times(depth_topic)
     within_s = max(
         WITHIN_S, float(np.median(np.diff(colors))) * 0.5e-9 if len(colors) > 1 else _period_s(bag, color_topic)
@@ -80,6 +93,7 @@ def _entries(bag: Bag, color_topic: str, depth_topic: str) -> list[FrameEntry]:
             depth=partial(_image, bag, depth_topic, int(depths[pairs[k]]), depth_of) if k in pairs else None,
             timestamp_s=time_ns * 1e-9,
             fault=None if k in pairs else f"color without depth: none within {1000 * within_s:.0f} ms of {color_topic}",
+            up_camera=None if gravity is None else partial(gravity.up_at, time_ns),
         )
         for k, time_ns in enumerate(colors.tolist())
     ]
@@ -117,7 +131,7 @@ def _calibration(bag: Bag, color: str, depth: str, path: Path) -> Calibration:
         info = _beside(bag, topic, "info/camera_info")
         if info is None:
             raise InputError(f"{path}: has no camera_info beside {topic}; give the color camera with --intrinsics")
-        cameras.append((*camera_of(info, False, topic), (int(info.width), int(info.height))))
+        cameras.append((*camera_of(info, False, f"{topic} in {path.name}"), (int(info.width), int(info.height))))
     T_color_depth = _from_reference(bag, color, path) @ se3.inverse(_from_reference(bag, depth, path))
     (color_K, distortion, size), (depth_K, depth_distortion, depth_size) = cameras
     camera = DepthCamera(*depth_K, depth_size, T_color_depth, depth_distortion)
@@ -126,7 +140,7 @@ def _calibration(bag: Bag, color: str, depth: str, path: Path) -> Calibration:
 
 def _from_reference(bag: Bag, topic: str, path: Path) -> Float64Array:
     """Return the transform (4, 4) from the coordinates of the reference stream to those of a stream."""
-    prefix = topic.removesuffix("image/data") + "tf/"
+    prefix = topic.removesuffix("data").rpartition("/")[0].rpartition("/")[0] + "/tf/"
     message = next((bag.first(name) for name in sorted(bag.types) if name.startswith(prefix)), None)
     if message is None:
         return np.eye(4)

@@ -14,6 +14,7 @@ become x right, y down, z forward. Color is shrunk by a whole number, to a third
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,11 +22,13 @@ from typing import Any
 import numpy as np
 
 from cuboid.errors import FrameError, InputError
+from cuboid.formats.cache import local_file
+from cuboid.formats.reading import UnreadableError, names_in, opened
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.readers.depth_camera import check_number
 from cuboid.readers.documents import read_object
-from cuboid.readers.images import decode_color, images_in
-from cuboid.readers.phone import T_OPENGL_OPENCV, phone_cameras, shrink_factor, shrunk
+from cuboid.readers.images import MOST_IMAGE_BYTES, MOST_PIXELS, decode_color, images_in
+from cuboid.readers.phone import T_OPENGL_OPENCV, UP_WORLD, phone_cameras, shrink_factor, shrunk
 from cuboid.readers.posetext import pose_from_quaternion
 from cuboid.readers.reader import READERS, FrameEntry, Listing, Reader, holds
 
@@ -42,36 +45,56 @@ def recognises(path: Path) -> bool:
 def read(path: Path) -> Listing:
     """List the frames; InputError where the metadata has another form or OpenEXR is not installed."""
     _require_openexr(path)
-    file = path / METADATA
-    metadata = read_object(file)
-    for name in ("w", "h"):
-        check_number(name, metadata.get(name), str(file))
-    size = (int(metadata["w"]), int(metadata["h"]))
-    matrix: Any = metadata.get("K")
-    if not isinstance(matrix, list) or len(matrix) != 9:
-        raise InputError(f"{file}: expected 'K' with 9 numbers, column by column")
-    for name, k in (("fx", 0), ("fy", 4), ("cx", 6), ("cy", 7)):
-        check_number(name, matrix[k], str(file), "K, ")
-    K = (float(matrix[0]), float(matrix[4]), float(matrix[6]), float(matrix[7]))
-    depths = {int(match[1]): one for one in (path / "depth").iterdir() if (match := DEPTH_FILE.fullmatch(one.name))}
+    metadata = read_object(path / METADATA)
+    K, size = color_camera(metadata, str(path / METADATA))
+    depths = {
+        int(match[1]): path / "depth" / name
+        for name in names_in(path / "depth")
+        if (match := DEPTH_FILE.fullmatch(name))
+    }
     colors = {int(one.stem): one for one in images_in(path / "rgb") if one.stem.isdigit()}
     depth_size = next((found for number in sorted(depths) if (found := _exr_size(depths[number]))), None)
     if depth_size is None:
         raise InputError(f"{path}: no image of depth/ can be read")
     frames = [
-        _entry(number, colors.get(number), depths.get(number), metadata, shrink_factor(size))
+        frame_entry(number, metadata, METADATA, colors.get(number), _exr_source(depths.get(number)), size)
         for number in sorted(colors.keys() | depths.keys())
     ]
-    return Listing(frames, 1.0, phone_cameras(K, size, depth_size, METADATA), camera_folders=(path,))
+    return Listing(frames, 1.0, phone_cameras(K, size, depth_size, METADATA), (path,), up_world=UP_WORLD)
 
 
-def _entry(number: int, color: Path | None, depth: Path | None, metadata: dict[str, Any], factor: int) -> FrameEntry:
+def color_camera(metadata: dict[str, Any], where: str) -> tuple[tuple[float, float, float, float], tuple[int, int]]:
+    """Return fx, fy, cx, cy and the size of color as recorded; InputError where the metadata do not tell."""
+    for name in ("w", "h"):
+        check_number(name, metadata.get(name), where)
+    matrix: Any = metadata.get("K")
+    if not isinstance(matrix, list) or len(matrix) != 9:
+        raise InputError(f"{where}: expected 'K' with 9 numbers, column by column")
+    for name, k in (("fx", 0), ("fy", 4), ("cx", 6), ("cy", 7)):
+        check_number(name, matrix[k], where, "K, ")
+    K = (float(matrix[0]), float(matrix[4]), float(matrix[6]), float(matrix[7]))
+    return K, (int(metadata["w"]), int(metadata["h"]))
+
+
+def frame_entry(
+    number: int,
+    metadata: dict[str, Any],
+    name: str,
+    color: Path | None,
+    depth: Callable[[], Float32Array] | None,
+    size: tuple[int, int],
+) -> FrameEntry:
+    """Return the frame of this number; `name` is that of the metadata's file, `size` that of color as recorded."""
     return FrameEntry(
-        color=None if color is None else partial(_color, color, factor),
-        depth=None if depth is None else partial(_depth, depth),
+        color=None if color is None else partial(_color, color, shrink_factor(size)),
+        depth=depth,
         timestamp_s=_time_s(metadata, number),
-        pose=partial(_pose, metadata.get("poses"), number) if "poses" in metadata else None,
+        pose=partial(_pose, metadata.get("poses"), number, name) if "poses" in metadata else None,
     )
+
+
+def _exr_source(file: Path | None) -> Callable[[], Float32Array] | None:
+    return None if file is None else partial(_depth, file)
 
 
 def _time_s(metadata: dict[str, Any], number: int) -> float:
@@ -82,10 +105,10 @@ def _time_s(metadata: dict[str, Any], number: int) -> float:
     return number / (float(fps) if isinstance(fps, (int, float)) and fps > 0 else DEFAULT_RATE_HZ)
 
 
-def _pose(poses: Any, number: int) -> Float64Array:
-    name = f"frame {number} of {METADATA}"
+def _pose(poses: Any, number: int, file: str) -> Float64Array:
+    name = f"frame {number} of {file}"
     if not isinstance(poses, list) or number >= len(poses):
-        raise FrameError(f"{METADATA} has no pose of frame {number}")
+        raise FrameError(f"{file} has no pose of frame {number}")
     try:
         qx, qy, qz, qw, x, y, z = (float(value) for value in poses[number])
     except (TypeError, ValueError):
@@ -94,22 +117,34 @@ def _pose(poses: Any, number: int) -> Float64Array:
 
 
 def _color(file: Path, factor: int) -> UInt8Array:
-    return shrunk(decode_color(file, f"rgb/{file.name}"), factor)
+    return shrunk(decode_color(file, f"{file.parent.name}/{file.name}"), factor)
 
 
 def _depth(file: Path) -> Float32Array:
     """Return the one channel of an EXR image."""
     import OpenEXR
 
+    name = f"depth image depth/{file.name}"
     try:
-        with OpenEXR.File(str(file)) as image:
+        with opened(file, MOST_IMAGE_BYTES):  # the library would wait for a FIFO
+            local = str(local_file(file))
+    except UnreadableError as error:
+        raise FrameError(f"{name} {error.reason}") from None
+    except OSError as error:
+        raise FrameError(f"{name} cannot be read: {error.strerror}") from None
+    try:
+        with OpenEXR.File(local, header_only=True) as image:
+            low, high = (np.array(corner, np.int64) for corner in image.header()["dataWindow"])
+        if not 0 < int(np.prod(high - low + 1)) <= MOST_PIXELS:
+            raise ValueError(f"no image has a window from {low.tolist()} to {high.tolist()}")
+        with OpenEXR.File(local) as image:
             pixels = next(iter(image.channels().values())).pixels
             found = np.array(pixels, np.float32)
     except Exception as error:  # the library raises nearly anything on a damaged file
         reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise FrameError(f"depth image depth/{file.name} cannot be decoded: {reason}") from None
+        raise FrameError(f"{name} cannot be decoded: {reason}") from None
     if found.ndim != 2:
-        raise FrameError(f"depth image depth/{file.name} must have one channel, it has {found.shape}")
+        raise FrameError(f"{name} must have one channel, it has {found.shape}")
     return found
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError, InputError
+from cuboid.errors import FrameError, InputError, shown
 from cuboid.frame import Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.geometry import se3
 from cuboid.readers import calibration as calibrations
@@ -67,6 +67,9 @@ class Recording:
         Whether frames come with a camera pose; those of them without one are then skipped.
     has_timestamps : bool
         Whether times are the recording's own; else they are index / 30 s.
+    up_world : (3,) float64 or None
+        Unit vector away from the earth's pull in the world of the poses, where the recording says so; `up_camera` has
+        what was measured with each frame.
     """
 
     def __init__(
@@ -90,6 +93,9 @@ class Recording:
         self._undistort = calibrations.undistortion(calibration, (width, height), path)
         self._poses_of_depth = listing.poses_of_depth
         self._set_camera(calibration)
+        self.up_world: Float64Array | None = None
+        if self.has_poses and listing.up_world is not None:
+            self.up_world = unit(listing.up_world)
 
     def _set_camera(self, calibration: Calibration) -> None:
         """Let frames come from this camera, and from its depth camera, where it has one."""
@@ -114,11 +120,27 @@ class Recording:
         """Return the number of frames, bad ones included."""
         return len(self._frames)
 
+    def __getitem__(self, index: int) -> Frame:
+        """Return one frame, the last ones counted from the end by negative numbers; raises as `read` does."""
+        if not isinstance(index, int):
+            raise TypeError(f"a recording has frames by number, got {index!r}; iterate(every, limit) gives several")
+        return self.read(index + len(self) if index < 0 else index)
+
+    def __iter__(self) -> Iterator[Frame | SkippedFrame]:
+        """Give all frames in order, as `iterate` does."""
+        return self.iterate()
+
+    def __repr__(self) -> str:
+        K = self.intrinsics
+        poses = "with poses" if self.has_poses else "no poses"
+        return f"Recording({self.format}: {len(self)} frames of {K.width} x {K.height}, {poses}; {self.path})"
+
     def without_poses(self) -> Recording:
         """Return the same recording with its camera poses, and the faults in them, left aside."""
         bare = object.__new__(Recording)
         bare.__dict__.update(self.__dict__)
         bare.has_poses = False
+        bare.up_world = None
         return bare
 
     def with_intrinsics(self, intrinsics: Intrinsics) -> Recording:
@@ -164,6 +186,35 @@ class Recording:
         except ValueError as error:  # of a reader that does not look at its poses
             raise FrameError(str(error)) from None
         return T if self._T_depth_color is None else T @ self._T_depth_color
+
+    @property
+    def up_measured(self) -> bool:
+        """Whether frames come with a direction away from the earth's pull of their own."""
+        return any(entry.up_camera is not None for entry in self._frames)
+
+    def up_camera(self, index: int) -> Float64Array | None:
+        """Return the direction away from the earth's pull in the camera that took a frame, without decoding the frame.
+
+        Parameters
+        ----------
+        index : int
+
+        Returns
+        -------
+        (3,) float64 or None
+            Unit vector in camera coordinates (x right, y down, z forward): as it was measured with the frame, else by
+            the frame's pose; None where the recording tells neither.
+
+        Raises
+        ------
+        FrameError
+            If there was none to be read for this frame.
+        """
+        measured = self._frames[index].up_camera
+        if measured is not None:
+            return unit(measured())
+        T_world_camera = None if self.up_world is None else self.pose(index)
+        return None if T_world_camera is None or self.up_world is None else T_world_camera[:3, :3].T @ self.up_world
 
     def color_name(self, index: int) -> str | None:
         """Return the file of a frame's color image as seen from the recording; None where it has no file of its own."""
@@ -267,6 +318,15 @@ class Recording:
         if not isinstance(source, Path):
             return "(in the recording's file)"
         return str(source.relative_to(self.path)) if source.is_relative_to(self.path) else str(source)
+
+
+def unit(vector: npt.ArrayLike) -> Float64Array:
+    """Return a direction (3,) as a unit vector; raises FrameError where it is none."""
+    direction = np.asarray(vector, np.float64)
+    length = float(np.linalg.norm(direction)) if direction.shape == (3,) else 0.0
+    if not np.isfinite(length) or length == 0:
+        raise FrameError(f"no direction: {shown(direction.tolist())}")
+    return direction / length
 
 
 def _size(image: npt.NDArray[np.generic]) -> str:

@@ -12,12 +12,12 @@ Expected tree::
 
 from __future__ import annotations
 
-import os
 import re
 from functools import partial
 from pathlib import Path
 
 from cuboid.errors import FrameError, InputError
+from cuboid.formats.reading import names_in
 from cuboid.formats.table_door import data_lines
 from cuboid.frame import Float64Array
 from cuboid.readers.depth_camera import check_number
@@ -38,7 +38,7 @@ def recognises(path: Path) -> bool:
 def read(path: Path) -> Listing:
     """List the frames; InputError where the parameters or the trajectory have another form."""
     files: dict[str, dict[str, Path]] = {}
-    for name in sorted(os.listdir(path / RESULTS)):
+    for name in sorted(names_in(path / RESULTS)):
         if match := FRAME_FILE.fullmatch(name):
             files.setdefault(match[2], {})[match[1]] = path / RESULTS / name
     poses = _poses(path / TRAJECTORY) if (path / TRAJECTORY).is_file() else None

@@ -9,7 +9,8 @@ Expected tree::
 
 Of the topics, color and depth are chosen by type, name and encoding (``sensor_msgs/Image`` or ``CompressedImage``),
 depth aligned to color before other depth; the cameras come from the ``CameraInfo`` beside them, the camera's poses and
-the transform between the cameras from ``tf``. Options choose them: ``color=``, ``depth=``, ``pose=`` (a topic of
+the transform between the cameras from ``tf``; an accelerometer (``sensor_msgs/Imu``) that ``tf`` fixes to the camera
+tells where up is. Options choose them: ``color=``, ``depth=``, ``pose=`` (a topic of
 ``PoseStamped`` or ``Odometry`` that gives the color camera).
 """
 
@@ -23,9 +24,11 @@ from typing import Any
 import numpy as np
 
 from cuboid.errors import InputError
+from cuboid.formats.reading import names_in
 from cuboid.frame import Float64Array
 from cuboid.readers.bag import Bag, is_bag_file
 from cuboid.readers.bag_cameras import camera_of
+from cuboid.readers.bag_gravity import Gravity, measures_gravity
 from cuboid.readers.bag_images import COMPRESSED, RAW, color_of, depth_of, is_depth, units_per_metre
 from cuboid.readers.bag_transforms import STAMPED_TYPES, Transforms, frame_name, stamp_s
 from cuboid.readers.depth_camera import DepthCamera
@@ -34,7 +37,7 @@ from cuboid.readers.realsense_bag import is_realsense
 from cuboid.readers.tum import associate
 
 OPTIONS = ("color", "depth", "pose")
-CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+CAMERA_INFO, IMU = "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/Imu"
 # Color and depth of one frame are at most this far apart, or half the time between two images where that is more.
 WITHIN_S = 0.02
 # Words in a topic's name by which it is preferred, the first most, and by which it is neither color nor depth.
@@ -55,7 +58,7 @@ def recognises(path: Path) -> bool:
 def _files(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
-    return sorted(file for file in path.iterdir() if file.suffix in (".db3", ".mcap"))
+    return [path / name for name in sorted(names_in(path)) if name.endswith((".db3", ".mcap"))]
 
 
 def read(path: Path) -> Listing:
@@ -81,7 +84,7 @@ def read_topics(path: Path, topics: Mapping[str, str]) -> Listing:
     has_poses = transforms.moves(frame, int(bag.times(color_topic)[0]))
     calibration = _calibration(bag, transforms, (color_topic, color), (depth_topic, depth))
     return Listing(
-        _entries(bag, color_topic, depth_topic, transforms if has_poses else None),
+        _entries(bag, color_topic, depth_topic, transforms if has_poses else None, _gravity(bag, transforms, frame)),
         units_per_metre(depth),
         calibration,
         camera_folders=(path if path.is_dir() else path.parent,),
@@ -128,7 +131,21 @@ def _pose_topic(bag: Bag) -> str | None:
     return found[0] if len(found) == 1 else None
 
 
-def _entries(bag: Bag, color_topic: str, depth_topic: str, transforms: Transforms | None) -> list[FrameEntry]:
+def _gravity(bag: Bag, transforms: Transforms, frame: str) -> Gravity | None:
+    """Return what measures gravity: the first accelerometer that is fixed to the camera; None where there is none."""
+    for topic in sorted(topic for topic, kind in bag.types.items() if kind == IMU):
+        first = bag.first(topic) if len(bag.times(topic)) else None
+        if first is None or not measures_gravity(first):
+            continue
+        T_color_imu = transforms.between(frame, frame_name(first.header.frame_id))
+        if T_color_imu is not None:
+            return Gravity(bag, topic, T_color_imu[:3, :3])
+    return None
+
+
+def _entries(
+    bag: Bag, color_topic: str, depth_topic: str, transforms: Transforms | None, gravity: Gravity | None
+) -> list[FrameEntry]:
     colors, depths = bag.times(color_topic), bag.times(depth_topic)
     step_s = float(np.median(np.diff(colors))) * 1e-9 if len(colors) > 1 else 0.0
     within_s = max(WITHIN_S, step_s / 2)
@@ -143,6 +160,7 @@ def _entries(bag: Bag, color_topic: str, depth_topic: str, transforms: Transform
                 depth=None if depth_ns is None else partial(_depth, bag, depth_topic, depth_ns),
                 timestamp_s=time_ns * 1e-9,
                 pose=None if transforms is None else partial(_pose, bag, color_topic, time_ns, transforms),
+                up_camera=None if gravity is None else partial(gravity.up_at, time_ns),
                 fault=None
                 if k in pairs
                 else f"color without depth: none within {1000 * within_s:.0f} ms of {color_topic}",
@@ -173,12 +191,14 @@ def _calibration(
     info, depth_info = _camera_info(bag, color[0]), _camera_info(bag, depth[0])
     if info is None:
         return None
-    K, distortion = camera_of(info, "rect" in color[0].rsplit("/", 2)[-1], color[0])
+    K, distortion = camera_of(info, "rect" in color[0].rsplit("/", 2)[-1], f"{color[0]} in {bag.name}")
     size = (int(info.width), int(info.height))
     found = Calibration(*K, size, f"CameraInfo of {color[0]}", distortion)
     if depth_info is None or any(word in depth[0] for word in DEPTH_WORDS[:2]):
         return found
-    depth_K, depth_distortion = camera_of(depth_info, "rect" in depth[0].rsplit("/", 2)[-1], depth[0])
+    depth_K, depth_distortion = camera_of(
+        depth_info, "rect" in depth[0].rsplit("/", 2)[-1], f"{depth[0]} in {bag.name}"
+    )
     depth_size = (int(depth_info.width), int(depth_info.height))
     frames = [frame_name(message.header.frame_id) for _, message in (color, depth)]
     if depth_size == size and (frames[0] == frames[1] or np.allclose(depth_K, K, atol=1e-3)):

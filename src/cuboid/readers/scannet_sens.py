@@ -60,7 +60,7 @@ def read(path: Path) -> Listing:
 
 
 def _listing(path: Path, file: BinaryIO) -> Listing:
-    end = os.fstat(file.fileno()).st_size
+    end = path.stat().st_size
     _, name_bytes = struct.unpack("<IQ", file.read(12))
     if name_bytes > MOST_NAME_BYTES:
         raise InputError(f"{path}: is damaged: the sensor's name has {name_bytes} bytes")

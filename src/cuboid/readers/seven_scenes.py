@@ -19,7 +19,6 @@ is named with it.
 
 from __future__ import annotations
 
-import os
 import re
 from functools import partial
 from itertools import islice
@@ -28,7 +27,7 @@ from pathlib import Path
 import numpy as np
 
 from cuboid.errors import FrameError
-from cuboid.formats.reading import UnreadableError, text_lines
+from cuboid.formats.reading import UnreadableError, names_in, text_lines
 from cuboid.frame import Float64Array
 from cuboid.geometry.se3 import rigid
 from cuboid.readers.depth_camera import DepthCamera
@@ -37,6 +36,8 @@ from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Rea
 
 FRAME_FILE = re.compile(r"frame-(\d+)\.(color|depth|pose)\.(png|jpg|jpeg|txt)")
 DEPTH_UNITS_PER_METRE = 1000.0
+# 3RScan has frames of such names too, and this file beside them.
+INFO_3RSCAN = "_info.txt"
 # A matrix has four lines; more of a file than this is not looked at.
 MOST_LINES = 20
 # Color and depth of the dataset are not registered. Its page gives the depth camera (585, 585, 320, 240) and nothing of
@@ -65,13 +66,13 @@ CALIBRATION = Calibration(
 
 def recognises(path: Path) -> bool:
     """Tell whether the folder holds files named frame-NNNNNN.color, .depth or .pose."""
-    return holds(path, FRAME_FILE)
+    return holds(path, FRAME_FILE) and not (path / INFO_3RSCAN).is_file()
 
 
 def read(path: Path) -> Listing:
     """List the frames of a sequence; poses are read with their frames."""
     files: dict[str, dict[str, Path]] = {}
-    for name in sorted(os.listdir(path)):  # of two forms of an image .png, the original, comes last and stays
+    for name in sorted(names_in(path)):  # of two forms of an image .png, the original, comes last and stays
         if match := FRAME_FILE.fullmatch(name):
             files.setdefault(match[1], {})[match[2]] = path / name
     has_poses = any("pose" in of_frame for of_frame in files.values())

@@ -23,7 +23,7 @@ from cuboid.errors import FrameError, InputError
 from cuboid.formats.table_door import data_lines
 from cuboid.frame import Float64Array, UInt8Array
 from cuboid.readers.images import image_dimensions, images_in
-from cuboid.readers.phone import confident_depth, phone_cameras, shrink_factor, shrunk
+from cuboid.readers.phone import UP_WORLD, confident_depth, phone_cameras, shrink_factor, shrunk
 from cuboid.readers.posetext import parse_numbers, pose_from_quaternion
 from cuboid.readers.reader import READERS, FrameEntry, Listing, Reader
 from cuboid.readers.video_file import VideoFile
@@ -63,7 +63,7 @@ def read(path: Path) -> Listing:
         for number in sorted(depths)
     ]
     calibration = phone_cameras(_matrix(path / MATRIX), video.size, depth_size, MATRIX)
-    return Listing(frames, DEPTH_UNITS_PER_METRE, calibration, camera_folders=(path,))
+    return Listing(frames, DEPTH_UNITS_PER_METRE, calibration, camera_folders=(path,), up_world=UP_WORLD)
 
 
 def _color(video: VideoFile, number: int, factor: int) -> UInt8Array:

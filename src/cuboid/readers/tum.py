@@ -24,6 +24,7 @@ depth edge to the nearest color edge (at most 6 pixels), where the distortion is
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -31,6 +32,7 @@ import numpy as np
 
 from cuboid.errors import InputError, shown
 from cuboid.formats.table_door import data_lines
+from cuboid.frame import Float64Array
 from cuboid.readers.posetext import Trajectory, parse_time
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
 
@@ -38,6 +40,8 @@ DEPTH_UNITS_PER_METRE = 5000.0
 # Color and depth of one frame are at most this far apart in time (seconds): more than half the 33 ms between
 # two images, so that each finds a partner where none was dropped; the dataset's own tool has the same.
 ASSOCIATE_WITHIN_S = 0.02
+# Folders of the Bonn dataset, which has the same files, are named rgbd_bonn_balloon and the like.
+BONN = "rgbd_bonn"
 # Where color comes this much more often than depth (60 Hz and 30 Hz), the color images between are no frames.
 FASTER_STREAM = 1.5
 
@@ -51,18 +55,30 @@ PUBLISHED = {
 
 
 def recognises(path: Path) -> bool:
+    """Tell whether the folder holds rgb.txt and depth.txt, and is none of the Bonn dataset."""
+    return has_lists(path) and not path.name.lower().startswith(BONN)
+
+
+def has_lists(path: Path) -> bool:
     """Tell whether the folder holds rgb.txt and depth.txt."""
     return (path / "rgb.txt").is_file() and (path / "depth.txt").is_file()
 
 
 def read(path: Path) -> Listing:
     """List the frames; InputError where a list or the trajectory has a line of another form."""
+    frames = list_frames(path, lambda trajectory, time_s: trajectory.at(time_s))
+    return Listing(frames, DEPTH_UNITS_PER_METRE, _published(path), camera_folders=(path,))
+
+
+def list_frames(path: Path, pose_at: Callable[[Trajectory, float], Float64Array]) -> list[FrameEntry]:
+    """List the frames of the two lists, with poses as `pose_at` makes them of the trajectory; raises as `read` does."""
     colors, depths = _image_list(path / "rgb.txt"), _image_list(path / "depth.txt")
     trajectory = Trajectory(path / "groundtruth.txt") if (path / "groundtruth.txt").is_file() else None
+    pose = None if trajectory is None else partial(pose_at, trajectory)
     pairs = associate([t for t, _ in colors], [t for t, _ in depths], ASSOCIATE_WITHIN_S)
     all_are_frames = len(colors) <= FASTER_STREAM * len(depths)
     frames = [
-        _entry(path, color, depths[pairs[k]] if k in pairs else None, trajectory)
+        _entry(path, color, depths[pairs[k]] if k in pairs else None, pose)
         for k, color in enumerate(colors)
         if all_are_frames or k in pairs
     ]
@@ -71,7 +87,7 @@ def read(path: Path) -> Listing:
             f"{path}: no color image of rgb.txt ({len(colors)}) has a depth image of depth.txt "
             f"({len(depths)}) within {1000 * ASSOCIATE_WITHIN_S:g} ms"
         )
-    return Listing(frames, DEPTH_UNITS_PER_METRE, _published(path), camera_folders=(path,))
+    return frames
 
 
 def associate(times_a_s: list[float], times_b_s: list[float], within_s: float) -> dict[int, int]:
@@ -106,7 +122,10 @@ def associate(times_a_s: list[float], times_b_s: list[float], within_s: float) -
 
 
 def _entry(
-    folder: Path, color: tuple[float, str], depth: tuple[float, str] | None, trajectory: Trajectory | None
+    folder: Path,
+    color: tuple[float, str],
+    depth: tuple[float, str] | None,
+    pose: Callable[[float], Float64Array] | None,
 ) -> FrameEntry:
     time_s, color_name = color
     fault = None
@@ -118,7 +137,7 @@ def _entry(
         color=folder / color_name,
         depth=folder / depth[1] if depth else None,
         timestamp_s=time_s,
-        pose=partial(trajectory.at, time_s) if trajectory else None,
+        pose=None if pose is None else partial(pose, time_s),
         fault=fault,
     )
 

@@ -15,13 +15,12 @@ The pose file is also found inside the scene's folder.
 
 from __future__ import annotations
 
-import os
 import re
 from functools import partial
 from pathlib import Path
 
 from cuboid.errors import FrameError, InputError
-from cuboid.formats.reading import text_lines
+from cuboid.formats.reading import names_in, text_lines
 from cuboid.frame import Float64Array
 from cuboid.readers.posetext import parse_numbers, pose_from_quaternion
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, holds
@@ -43,7 +42,7 @@ def recognises(path: Path) -> bool:
 def read(path: Path) -> Listing:
     """List the frames of a scene; InputError if the pose file is empty."""
     images: dict[int, dict[str, Path]] = {}
-    for name in sorted(os.listdir(path)):  # of two forms of an image .png, the original, comes last and stays
+    for name in sorted(names_in(path)):  # of two forms of an image .png, the original, comes last and stays
         if match := IMAGE.fullmatch(name):
             images.setdefault(int(match[1]), {})[match[2]] = path / name
     dataset = path.parent.parent if path.parent.name == "imgs" else path

@@ -7,7 +7,7 @@ import weakref
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -33,15 +33,16 @@ class VideoFile:
 
         self._path, self._lock = path, threading.Lock()
         try:
-            with av.open(str(path)) as listed:
+            with path.open("rb") as file, av.open(file, "r") as listed:
                 packets = [packet for packet in listed.demux(video=0) if packet.pts is not None]
         except Exception as error:  # of ffmpeg, or of what a damaged file holds
             raise InputError(f"{path}: cannot be read as a video: {' '.join(str(error).split())[:120]}") from None
         self._pts = sorted(int(packet.pts) for packet in packets if packet.pts is not None)
         if not self._pts:
             raise InputError(f"{path}: holds no pictures")
-        self._container: Any = av.open(str(path))
-        self._close = weakref.finalize(self, self._container.close)
+        file = path.open("rb")
+        self._container: Any = av.open(file, "r")
+        self._close = weakref.finalize(self, _close, self._container, file)
         self._frames: Iterator[Any] = iter(())
         self._next = -1  # number of the picture that comes next, -1 where that is not known
 
@@ -81,3 +82,8 @@ class VideoFile:
         with suppress(Exception):
             self._frames.close()  # type: ignore[attr-defined]
         raise FrameError(f"picture {index} is missing from {self._path.name}")
+
+
+def _close(container: Any, file: BinaryIO) -> None:
+    container.close()
+    file.close()

@@ -11,7 +11,7 @@ from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.heatmap.pixel_heat import JUMP_M, WeighedProposals
 from cuboid.kernels import claims as kernel
-from cuboid.kernels.pixels import gather_regions, label_regions
+from cuboid.kernels.pixels import gather_regions, join_surfaces, label_regions
 from cuboid.limits import MOST_CLUSTERS
 from cuboid.working import WorkingImage
 
@@ -19,6 +19,10 @@ from cuboid.working import WorkingImage
 LEAST_PIXELS = 24
 # A proposal is left out when less than this of it is free of stronger ones.
 FREE_SHARE = 0.7
+# Surfaces of one proposal that a jump in depth parts, as the inside and the outside of a mug, are one thing when each
+# is at least this share of the largest one, and no deeper away from it than this share of its length. Smaller ones are
+# slivers of what is behind, farther ones that itself.
+MAJOR_SHARE, DEEP_SHARE = 0.4, 0.5
 # What is beyond a hole in the depth image is looked for over so much, metres: the shadow at an outline is as wide.
 GAP_M = 0.08
 
@@ -41,7 +45,7 @@ class FrameCluster:
         Weight of its proposal, 0..1.
     rect_xyxy : (4,) float64
         In pixels of the full image, end exclusive.
-    outline : (4, 5) int64
+    outline : (4, KINDS) int64
         Pixels of its outline by side and by what is beyond them; see `kernels.claims.outlines`.
     """
 
@@ -119,6 +123,7 @@ def frame_clusters(
     )  # fmt: skip
     regions, parent = np.empty(claim.shape, np.int32), np.empty(claim.size, np.int32)
     number = label_regions(image.depth_m, claim, config.depth_noise_per_m, JUMP_M, parent, regions)
+    join_surfaces(regions, number, claim, image.depth_m, image.camera.fx, MAJOR_SHARE, DEEP_SHARE)
     left_out = _leave_out(regions, claim, number)
     pixels, points = np.empty(claim.size, np.int64), np.empty((claim.size, 3))
     first, corners = np.empty(number + 1, np.int64), np.empty((number, 4), np.int64)
@@ -131,10 +136,10 @@ def frame_clusters(
     warm, beneath = heat.ravel()[pixels[: first[kept]]], support.ravel()[pixels[: first[kept]]]
     supports = [_counts(beneath[first[k] : first[k + 1]]) for k in range(kept)]
     plane_of = np.array([max(s, key=lambda p: (s[p], -p), default=-1) for s in supports], dtype=np.int64)
-    outline, contact = np.empty((kept, 4, 5), np.int64), np.empty((kept, kept), np.int64)
+    outline, contact = np.empty((kept, 4, kernel.KINDS), np.int64), np.empty((kept, kept), np.int64)
     kernel.outlines(
-        image.depth_m, claim, np.where(heights == 0, support, -1).astype(np.int32), corners[:kept], plane_of, side_of,
-        c.fx, config.depth_noise_per_m, JUMP_M, GAP_M, outline, contact,
+        image.depth_m, image.color, claim, np.where(heights == 0, support, -1).astype(np.int32), corners[:kept],
+        plane_of, side_of, c.fx, config.depth_noise_per_m, JUMP_M, GAP_M, outline, contact,
     )  # fmt: skip
     rects = (corners[:kept] + np.array([0, 0, 1, 1])) * float(image.step) + np.array([*image.phase, *image.phase])
     rects = np.minimum(rects, np.array([c.width, c.height] * 2) * image.step)

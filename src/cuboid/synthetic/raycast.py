@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.extras import require
 from cuboid.frame import Float32Array, Float64Array, Intrinsics
 
+MODULES, INSTALL = ("embreex.rtcore_scene", "embreex.mesh_construction"), "'cuboid[synth]'"
 # A ray from a surface starts this far off its surface, metres: single precision at 5 m is 0.5 micrometres.
 SHADOW_BIAS_M = 2e-3
 
@@ -45,14 +47,17 @@ class RayCaster:
     ----------
     corners : (F, 3, 3) float64
         Of the faces, metres.
+
+    Raises
+    ------
+    MissingExtraError
+        embreex is not installed.
     """
 
     def __init__(self, corners: Float64Array) -> None:
-        from embreex.mesh_construction import TriangleMesh
-        from embreex.rtcore_scene import EmbreeScene
-
-        self._scene = EmbreeScene()
-        TriangleMesh(self._scene, np.ascontiguousarray(corners, np.float32))
+        scenes, meshes = (require(name, "cuboid synth", INSTALL) for name in MODULES)
+        self._scene = scenes.EmbreeScene()
+        meshes.TriangleMesh(self._scene, np.ascontiguousarray(corners, np.float32))
 
     def first_hits(self, eye: Float32Array, rays: Float32Array) -> Hits:
         """Cast a ray through each pixel.

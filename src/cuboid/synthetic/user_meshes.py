@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cuboid.errors import InputError
+from cuboid.extras import require
 from cuboid.formats.reading import opened
 from cuboid.frame import Float64Array
 from cuboid.synthetic.footprint import hull, smallest_rectangle
@@ -56,7 +57,7 @@ def load_mesh(path: Path) -> Model:
     InputError
         It cannot be read, has no faces or too many, has numbers that are not finite, or is flat.
     """
-    import trimesh
+    trimesh = require("trimesh", "cuboid synth --meshes", "'cuboid[synth]'")
 
     with opened(path, MOST_MESH_BYTES) as file:
         try:

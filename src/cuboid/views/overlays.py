@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
 from cuboid.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
 from cuboid.geometry.se3 import inverse, transform
-from cuboid.results import MapPoints
+from cuboid.results import MapPoints, SupportPlane
+from cuboid.views.palette import color_of
 from cuboid.views.projection import NEAR_M, project
 
 # Share of the colormap in a pixel of heat 1; colder ones have less, cold ones none.
@@ -30,6 +34,10 @@ CELL_PX = 4
 BLUR_CELLS = 5
 # Share of the blur's window that must hold points: less is a stray point.
 LEAST_COVER = 0.15
+# An outline is cut where it passes the camera: its edges are projected in so many steps. Coordinates of pixels that are
+# further out are clipped.
+EDGE_STEPS, FARTHEST_PX = 16, 20_000.0
+PLANE_SHARE = 0.35
 # Points so much behind the surface that the camera sees are hidden by it, share of the depth.
 BEHIND = 0.04
 # A cell so much farther than one beside it is seen through a gap between points, share of the depth.
@@ -136,6 +144,36 @@ def map_heat(
     cover = (nearest_m <= around_m * (1.0 + THROUGH)) & np.isfinite(nearest_m)
     value *= cover
     return _closed(value, cover.astype(np.float32), height, width)
+
+
+def planes_over(
+    color: UInt8Array, planes: Sequence[SupportPlane], T_world_camera: Float64Array, intrinsics: Intrinsics
+) -> UInt8Array:
+    """Return a picture (H, W, 3) with supporting planes tinted, each in a color of its own, also where they are hidden.
+
+    Parameters
+    ----------
+    color : (H, W, 3) uint8
+        RGB.
+    planes : sequence of SupportPlane
+    T_world_camera : (4, 4) float64
+    intrinsics : Intrinsics
+    """
+    picture, T_camera_world = color.copy(), inverse(T_world_camera)
+    for number, plane in enumerate(planes):
+        ring = np.concatenate((plane.extent, plane.extent[:1]))
+        steps = np.linspace(0.0, 1.0, EDGE_STEPS, endpoint=False)[:, None]
+        outline = np.concatenate([a + steps * (b - a) for a, b in itertools.pairwise(ring)])
+        seen = transform(T_camera_world, outline)
+        seen = seen[seen[:, 2] > NEAR_M]
+        if len(seen) < 3:
+            continue
+        pixels = np.clip(project(seen, intrinsics), -FARTHEST_PX, FARTHEST_PX).round().astype(np.int32)
+        layer = picture.copy()
+        cv2.fillPoly(layer, [pixels], color_of(number + 1))
+        picture = np.asarray(cv2.addWeighted(layer, PLANE_SHARE, picture, 1.0 - PLANE_SHARE, 0.0), np.uint8)
+        cv2.polylines(picture, [pixels], True, color_of(number + 1), 2, cv2.LINE_AA)
+    return picture
 
 
 def _closed(value: Float32Array, cover: Float32Array, height: int, width: int) -> Float32Array:

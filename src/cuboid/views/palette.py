@@ -87,7 +87,7 @@ def ink_on(color: tuple[int, int, int]) -> tuple[int, int, int]:
 
     Contrast is that of the W3C's accessibility guidelines (WCAG 2): black wins above a luminance of 0.179.
     """
-    luminance = _linear(np.array(color) / 255.0) @ (0.2126, 0.7152, 0.0722)
+    luminance = linear_rgb(np.array(color) / 255.0) @ (0.2126, 0.7152, 0.0722)
     return (16, 18, 22) if luminance > 0.179 else (255, 255, 255)
 
 
@@ -99,7 +99,7 @@ def _palette() -> tuple[tuple[int, int, int], ...]:
     """
     known = [tuple(int(code[i : i + 2], 16) for i in (0, 2, 4)) for code in OKABE_ITO]
     candidates = np.concatenate((np.array(known), _candidates()))
-    seen = [weight * _oklab(_linear(candidates / 255.0) @ M.T) for M, weight in VISIONS]
+    seen = [weight * oklab(linear_rgb(candidates / 255.0) @ M.T) for M, weight in VISIONS]
     distance = np.full(len(candidates), np.inf)
     chosen: list[int] = []
     for i in range(COLORS):
@@ -123,12 +123,12 @@ def _candidates() -> Float64Array:
     return colors
 
 
-def _linear(encoded: Float64Array) -> Float64Array:
+def linear_rgb(encoded: Float64Array) -> Float64Array:
     """Return linear RGB of sRGB (IEC 61966-2-1), both 0..1."""
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
-def _oklab(linear: Float64Array) -> Float64Array:
+def oklab(linear: Float64Array) -> Float64Array:
     """Return Oklab (N, 3) of linear RGB (N, 3)."""
     lab: Float64Array = np.cbrt(np.clip(linear, 0.0, 1.0) @ CONES_RGB.T) @ OKLAB_CONES.T
     return lab

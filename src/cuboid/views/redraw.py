@@ -9,13 +9,13 @@ from cuboid.frame import Frame, UInt8Array
 from cuboid.outputs import read_map
 from cuboid.outputs.folder import MAP
 from cuboid.views.drawing import Status, draw_frame, draw_proposals
-from cuboid.views.overlays import depth_picture, heat_over, map_heat
+from cuboid.views.overlays import depth_picture, heat_over, map_heat, planes_over
 from cuboid.views.replay import Replay, ReplayedFrame
 
 Draw = Callable[[Frame, ReplayedFrame], UInt8Array]
 
 # What a picture of a frame can show, and how people call it.
-KINDS = {"boxes": "Picture", "heat": "Heat", "depth": "Depth", "proposals": "Proposals"}
+KINDS = {"boxes": "Picture", "heat": "Heat", "depth": "Depth", "proposals": "Proposals", "planes": "Planes"}
 
 
 def drawer(what: str, results: Path, replay: Replay) -> Draw:
@@ -36,6 +36,8 @@ def drawer(what: str, results: Path, replay: Replay) -> Draw:
     def ground(frame: Frame, found: ReplayedFrame) -> UInt8Array:
         if points is not None:
             return heat_over(frame.color, map_heat(points, frame.depth_m, found.T_world_camera, K))
+        if what == "planes":
+            return planes_over(frame.color, replay.planes, found.T_world_camera, K)
         return depth_picture(frame.depth_m, K) if what == "depth" else frame.color
 
     def draw(frame: Frame, found: ReplayedFrame) -> UInt8Array:
@@ -44,7 +46,13 @@ def drawer(what: str, results: Path, replay: Replay) -> Draw:
             return draw_proposals(frame.color, found.T_world_camera, K, found.proposals, status)
         picture = ground(frame, found)
         return draw_frame(
-            picture, found.T_world_camera, K, found.sightings, found.hidden, status, tinted=what != "heat"
+            picture,
+            found.T_world_camera,
+            K,
+            found.sightings,
+            found.hidden,
+            status,
+            tinted=what not in ("heat", "planes"),
         )
 
     return draw

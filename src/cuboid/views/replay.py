@@ -71,6 +71,8 @@ class Replay:
         Of the recording's color image.
     every : int
         One in so many frames was used.
+    planes : sequence of SupportPlane
+        Those of the whole run.
     frames_per_second : float or None
         Of the tracker: one over its median time of a frame.
     last_frame : int
@@ -88,6 +90,7 @@ class Replay:
         self._results = results
         self.intrinsics: Intrinsics = results.found.intrinsics
         self.every = report.every
+        self.planes = results.found.planes
         median_ms = report.milliseconds["frame"].median_ms if "frame" in report.milliseconds else 0.0
         self.frames_per_second = 1e3 / median_ms if median_ms > 0 else None
         self.last_frame = results.last_frame

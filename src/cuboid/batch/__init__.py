@@ -1,0 +1,6 @@
+"""Many recordings at once: which there are, what tells one from another, and the tasks that Dask distributes.
+
+It needs the packages of the extra `cluster`, as `cuboid.store` does.
+"""
+
+from __future__ import annotations

@@ -1,0 +1,148 @@
+"""The loop over recordings: what is there, what is done already, and what Dask makes of the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from distributed import Client, Future, KilledWorker, as_completed
+
+from cuboid import __version__
+from cuboid.batch.cluster import RETRIES
+from cuboid.batch.sources import Source
+from cuboid.batch.task import Ended, Task, give_up, identify, track
+from cuboid.errors import CuboidError, InputError
+from cuboid.store.compact import compact
+from cuboid.store.place import Place
+from cuboid.store.rows import RunHead
+from cuboid.store.schema import DONE, FAILED, SET_ASIDE
+from cuboid.store.snapshot import key_of, snapshot
+
+# After so many recordings their files are gathered: as many small files are read in a second or two.
+GATHER_EVERY = 512
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What is to be done.
+
+    Attributes
+    ----------
+    store : str
+        URL.
+    settings : dict
+        ``reading``: options of `cuboid.cli.recording.open_as`; ``tracker``: its configuration; the others are options
+        of `cuboid.run.track_recording`.
+    tables_only : bool
+    retry : bool
+        Whether recordings that failed, or were set aside, are tried again.
+    version : str
+        Results of another version count as not done.
+    """
+
+    store: str
+    settings: dict[str, Any]
+    tables_only: bool = False
+    retry: bool = False
+    version: str = __version__
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What a batch finds when it begins.
+
+    Attributes
+    ----------
+    tasks : tuple of Task
+        To be done.
+    done : int
+        Done before.
+    failed : int
+        Failed before, and not tried again.
+    broken : dict of Source to str
+        Cannot even be listed: why.
+    """
+
+    tasks: tuple[Task, ...]
+    done: int
+    failed: int
+    broken: dict[Source, str] = field(default_factory=dict)
+
+
+def plan(client: Client, sources: Iterable[Source], order: Order) -> Plan:
+    """Return what there is to do; the workers look at the files.
+
+    Raises
+    ------
+    InputError
+        The store cannot be read.
+    """
+    sources = list(sources)
+    heads = client.gather(client.map(identify, sources, settings=order.settings, version=order.version, pure=False))
+    known = snapshot(Place(order.store), every_key=True).keys
+    tasks: list[Task] = []
+    broken: dict[Source, str] = {}
+    done = failed = 0
+    for source, head in zip(sources, heads, strict=True):
+        if isinstance(head, str):
+            broken[source] = head
+        elif key_of(head.run, DONE) in known:
+            done += 1
+        elif key_of(head.run, FAILED) in known and not order.retry:
+            failed += 1
+        else:
+            tasks.append(Task(source, head, order.settings, order.store, order.tables_only))
+    return Plan(tuple(tasks), done, failed, broken)
+
+
+def carry_out(client: Client, planned: Plan, order: Order, ended: Callable[[Ended], None]) -> None:
+    """Do what was planned, and gather the files of the store.
+
+    Parameters
+    ----------
+    client : distributed.Client
+    planned : Plan
+    order : Order
+    ended : callable
+        Told of each recording as it ends.
+
+    Raises
+    ------
+    InputError
+        The scheduler is gone. What is done is in the store, and the same batch goes on from there.
+    OutputError
+        The store cannot be written.
+    """
+    place = Place(order.store)
+    for count, one in enumerate(_results(client, planned, place), start=1):
+        ended(one)
+        if count % GATHER_EVERY == 0:
+            compact(place)
+    compact(place)
+
+
+def _results(client: Client, planned: Plan, place: Place) -> Iterator[Ended]:
+    """Iterate over what became of the recordings."""
+    of_key = {f"track-{task.head.run}": task for task in planned.tasks}
+    futures = client.map(track, planned.tasks, key=list(of_key), pure=False, retries=RETRIES)
+    waiting = as_completed(futures)
+    del futures
+    for future in waiting:
+        yield _result(future, of_key[str(future.key)].head, place)
+
+
+def _result(future: Future[Ended], head: RunHead, place: Place) -> Ended:
+    if future.status == "finished":
+        ended: Ended = future.result()
+        return ended
+    if future.status != "error":
+        raise InputError("the scheduler was lost; what is done is in the store, and the same call goes on from there")
+    error = future.exception()
+    if isinstance(error, KilledWorker):
+        return give_up(
+            head, place, SET_ASIDE, f"killed its worker {error.allowed_failures + 1} times: too much memory, or a crash"
+        )
+    if isinstance(error, CuboidError):  # the store cannot be written: no recording's fault
+        raise error
+    return give_up(head, place, FAILED, f"a fault of the program: {type(error).__name__}: {error}")

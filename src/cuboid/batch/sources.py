@@ -1,0 +1,150 @@
+"""From what the user names to the recordings that are meant: folders, globs, lists, URLs."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import fsspec
+
+from cuboid.errors import InputError
+from cuboid.formats.stored import ARCHIVE_ENDINGS, located
+from cuboid.readers import READERS
+from cuboid.readers.locate import LEVELS
+from cuboid.store.place import is_remote
+
+WILD = frozenset("*?[")
+LIST_ENDINGS = (".txt", ".list")
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Source:
+    """A recording, or what should be one.
+
+    Attributes
+    ----------
+    name : str
+        What people call it: its path beneath what the user named.
+    url : str
+        Absolute path, or URL.
+    """
+
+    name: str
+    url: str
+
+
+def expand(words: Iterable[str]) -> list[Source]:
+    """Return the recordings that are meant, each once, by name.
+
+    A folder that is no recording stands for what lies in it: every recording up to two folders deeper, and every
+    entry that holds none as well, so that one that is broken is not left out in silence. What a glob gives, a line of a
+    list file (`.txt`) and a URL are a recording each.
+
+    Parameters
+    ----------
+    words : iterable of str
+
+    Raises
+    ------
+    InputError
+        A word names nothing, or two recordings have one name.
+    """
+    found = {source.url: source for word in words for source in _expand(word)}
+    by_name: dict[str, Source] = {}
+    for source in sorted(found.values()):
+        other = by_name.setdefault(source.name, source)
+        if other != source:
+            raise InputError(
+                f"{other.url} and {source.url} are both called '{source.name}'; name the folder that holds both"
+            )
+    return list(by_name.values())
+
+
+def _expand(word: str) -> list[Source]:
+    if is_remote(word):
+        return _remote(word)
+    if word.endswith(LIST_ENDINGS) and os.path.isfile(word):
+        return _listed(Path(word))
+    path = os.path.abspath(word.removeprefix("file://"))
+    if not os.path.exists(path):
+        if not WILD & set(path):
+            raise InputError(f"{word} does not exist")
+        return _beneath(_fixed(path), sorted(glob.glob(path, recursive=True)), word)
+    if not os.path.isdir(path) or _recognised(path):
+        return [Source(os.path.basename(path), path)]
+    return [Source(os.path.relpath(one, path), one) for one in _inside(path)]
+
+
+def _inside(folder: str) -> list[str]:
+    """Return what a folder of recordings holds; an entry without any recording in it is named all the same."""
+    entries = [entry for entry in sorted(os.scandir(folder), key=lambda entry: entry.name) if _counts(entry)]
+    if not entries:
+        raise InputError(f"{folder} holds no recordings")
+    return [one for entry in entries for one in (_deeper(entry.path, LEVELS - 1) or [entry.path])]
+
+
+def _deeper(path: str, levels: int) -> list[str]:
+    if _recognised(path):
+        return [path]
+    if levels == 0 or not os.path.isdir(path):
+        return []
+    entries = sorted(entry.path for entry in os.scandir(path) if _counts(entry))
+    return [one for entry in entries for one in _deeper(entry, levels - 1)]
+
+
+def _counts(entry: os.DirEntry[str]) -> bool:
+    """Tell whether an entry of a folder may be a recording: a folder, or a file of a kind that may be one."""
+    endings = (*ARCHIVE_ENDINGS, *(ending for _, reader in READERS.items() for ending in reader.files))
+    return not entry.name.startswith(".") and (entry.is_dir() or entry.name.endswith(endings))
+
+
+def _recognised(path: str) -> bool:
+    try:
+        return any(reader.recognises(located(path)) for _, reader in READERS.items())
+    except (InputError, OSError):  # it cannot be read: whoever opens it says why
+        return False
+
+
+def _listed(path: Path) -> list[Source]:
+    """Return the recordings of a list file, one a line; relative ones lie beside the list."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as a list: {error}") from None
+    words = [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    if not words:
+        raise InputError(f"{path}: expected a recording a line, found none")
+    urls = [word if is_remote(word) else str((path.parent / word).resolve()) for word in words]
+    start = os.path.commonpath(urls) if len(urls) > 1 and not any(map(is_remote, urls)) else ""
+    return [Source(os.path.relpath(url, start) if start else _base(url), url) for url in urls]
+
+
+def _remote(url: str) -> list[Source]:
+    if not WILD & set(url):
+        return [Source(_base(url), url.rstrip("/"))]
+    try:
+        fs, path = fsspec.core.url_to_fs(url, use_listings_cache=False)
+        found = sorted(map(str, fs.glob(path)))
+    except (OSError, ImportError, ValueError) as error:
+        raise InputError(f"{url}: cannot be listed: {error}") from None
+    return [Source(source.name, str(fs.unstrip_protocol(source.url))) for source in _beneath(_fixed(path), found, url)]
+
+
+def _beneath(fixed: str, found: list[str], word: str) -> list[Source]:
+    if not found:
+        raise InputError(f"{word}: nothing there matches")
+    return [Source(os.path.relpath(path.rstrip("/"), fixed), path.rstrip("/")) for path in found]
+
+
+def _fixed(path: str) -> str:
+    """Return the folder before the first part of a glob that is not fixed."""
+    parts = path.split("/")
+    first = next(i for i, part in enumerate(parts) if WILD & set(part))
+    return "/".join(parts[:first]) or "/"
+
+
+def _base(url: str) -> str:
+    return url.rstrip("/").rsplit("/", 1)[-1]

@@ -1,0 +1,165 @@
+"""What a worker does with one recording: fetch it, track it, put its rows and files into the store."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import fsspec
+
+from cuboid.batch.identity import head_of
+from cuboid.batch.sources import Source
+from cuboid.errors import InputError, MissingExtraError, one_line
+from cuboid.outputs.folder import RUN
+from cuboid.store.place import Place, is_remote
+from cuboid.store.rows import ReadAs, RunHead, day_of, failure, recorded, tables_of
+from cuboid.store.schema import DONE, FAILED, RUNS, TABLES
+from cuboid.store.snapshot import Part, key_of
+
+RESULTS = "results"
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A recording that is to be tracked.
+
+    Attributes
+    ----------
+    source : Source
+    head : RunHead
+    settings : dict
+        As of `track_options`.
+    store : str
+        URL.
+    tables_only : bool
+        Whether the result files are left out.
+    """
+
+    source: Source
+    head: RunHead
+    settings: dict[str, Any]
+    store: str
+    tables_only: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """What became of a recording.
+
+    Attributes
+    ----------
+    head : RunHead
+    state : str
+        As the column of `runs`.
+    reason : str or None
+    frames, objects : int
+    """
+
+    head: RunHead
+    state: str
+    reason: str | None = None
+    frames: int = 0
+    objects: int = 0
+
+
+def identify(source: Source, settings: dict[str, Any], version: str) -> RunHead | str:
+    """Return what a task is of, or in one line why nobody can tell."""
+    try:
+        return head_of(source, settings, version)
+    except InputError as error:
+        return str(error)
+
+
+def track(task: Task) -> Ended:
+    """Track a recording and put the result into the store, whole or not at all.
+
+    A fault of the recording is a result too; what fails by chance (a network, a full disk) is raised, and Dask tries
+    again.
+    """
+    from cuboid.cli.threads import limit_threads
+
+    limit_threads(1)
+    place = Place(task.store)
+    with tempfile.TemporaryDirectory(prefix="cuboid-", dir=_scratch()) as scratch, _fetched(task, scratch) as path:
+        try:
+            return _tracked(task, place, path, Path(scratch) / "out")
+        except (InputError, MissingExtraError) as error:
+            return give_up(task.head, place, FAILED, _named(str(error), path, task.source))
+
+
+def give_up(head: RunHead, place: Place, state: str, reason: str) -> Ended:
+    """Note that a recording is not done, and why."""
+    reason = one_line(reason)
+    part = Part(key_of(head.run, state), day_of(head.newest))
+    place.put_table(part.names()[RUNS], failure(head, state, reason), TABLES[RUNS].group_rows)
+    return Ended(head, state, reason)
+
+
+def _tracked(task: Task, place: Place, path: Path, scratch: Path) -> Ended:
+    from cuboid.cli.recording import open_as
+    from cuboid.config import TrackerConfig
+    from cuboid.outputs import FinishedResults
+    from cuboid.run import track_recording, write_page
+    from cuboid.views.report import summarise
+
+    options = dict(task.settings)
+    recording = open_as(path, **options.pop("reading"))
+    config = TrackerConfig.from_dict(options.pop("tracker"))
+    local = place.local
+    name = f"{RESULTS}/{task.head.recording}/{task.head.run}"
+    folder = scratch if local is None or task.tables_only else local / name
+    outcome = track_recording(recording, folder, config=config, threads=1, force=True, page=False, **options)
+    results = FinishedResults(folder)
+    pictures = summarise(folder, recording.read).pictures if task.tables_only else write_page(folder, recording)
+    _refuse_changed(task)
+    if local is None and not task.tables_only:
+        place.put_folder(folder, name, last=RUN)
+    read_as = ReadAs(recording.format, len(recording), recording.intrinsics, recording.has_poses)
+    tables = tables_of(task.head, results, read_as, pictures, None if task.tables_only else name)
+    names = Part(key_of(task.head.run, DONE), day_of(recorded(task.head, results))).names()
+    for table in sorted(names, key=lambda table: table == RUNS):  # the last says that all are there
+        place.put_table(names[table], tables[table], TABLES[table].group_rows)
+    return Ended(task.head, DONE, None, outcome.report.frames_used, len(outcome.objects))
+
+
+def _refuse_changed(task: Task) -> None:
+    """Raise InputError where the recording is no longer what it was: another task is of what it is now."""
+    if head_of(task.source, task.settings, task.head.version).run != task.head.run:
+        raise InputError(f"{task.source.url}: changed while it was tracked; the next batch takes it as it is then")
+
+
+@contextmanager
+def _fetched(task: Task, scratch: str) -> Iterator[Path]:
+    """Give the recording as files of this machine."""
+    if not is_remote(task.source.url):
+        yield Path(task.source.url)
+        return
+    fs, path = fsspec.core.url_to_fs(task.source.url, use_listings_cache=False)
+    here = Path(scratch) / "recording" / os.path.basename(path)
+    here.parent.mkdir()
+    fs.get(path, str(here), recursive=fs.isdir(path))
+    try:
+        yield here
+    finally:
+        shutil.rmtree(here.parent, ignore_errors=True)
+
+
+def _scratch() -> str | None:
+    """Return the folder of the worker, which Dask removes also where the worker was killed."""
+    from distributed import get_worker
+
+    try:
+        return str(get_worker().local_directory)
+    except ValueError:  # no worker: a call from elsewhere
+        return None
+
+
+def _named(message: str, path: Path, source: Source) -> str:
+    """Return a message with the recording's own name in the place of that of its copy."""
+    return message.replace(str(path), source.url)

@@ -1,0 +1,69 @@
+"""A queue between a camera, which does not wait, and what is slower now and then."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+# A waiting consumer looks at least so often whether it was told to stop, seconds.
+POLL_S = 0.1
+
+
+class LatestQueue(Generic[T]):
+    """Holds the last few items; a new one pushes the oldest out, which is counted.
+
+    Parameters
+    ----------
+    capacity : int
+    paced : bool
+        Let `put` wait for a free place instead.
+
+    Attributes
+    ----------
+    dropped : int
+        Items that were pushed out.
+    """
+
+    def __init__(self, capacity: int, *, paced: bool = False) -> None:
+        self.dropped = 0
+        self._capacity, self._paced = capacity, paced
+        self._items: deque[T] = deque()
+        self._changed = threading.Condition()
+        self._stopped = threading.Event()
+        self._ended = False
+
+    def put(self, item: T) -> None:
+        """Add an item; without effect once the queue was stopped."""
+        with self._changed:
+            while self._paced and len(self._items) >= self._capacity and not self._stopped.is_set():
+                self._changed.wait(POLL_S)
+            if len(self._items) >= self._capacity:
+                self._items.popleft()
+                self.dropped += 1
+            self._items.append(item)
+            self._changed.notify_all()
+
+    def end(self) -> None:
+        """Tell that no item will follow; those that are there are still given."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()
+
+    def stop(self) -> None:
+        """End at once, whatever is still there; takes no lock, so that a signal's handler may call it."""
+        self._stopped.set()
+
+    def get(self) -> T | None:
+        """Return the oldest item, waiting for it; None where no one will come."""
+        with self._changed:
+            while not self._stopped.is_set():
+                if self._items:
+                    item = self._items.popleft()
+                    self._changed.notify_all()
+                    return item
+                if self._ended:
+                    return None
+                self._changed.wait(POLL_S)
+            return None

@@ -1,0 +1,215 @@
+"""A live camera as a source of frames: the driver in a thread of its own, a short queue, frames as the tracker wants.
+
+What the tracker is too slow for is dropped, the oldest first, and counted: what it gets is never old.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from cuboid.cameras.driver import CAMERAS, Driver, Shot, StreamEndedError
+from cuboid.cameras.keeping import FORMS, keeping
+from cuboid.cameras.latest import POLL_S, LatestQueue
+from cuboid.errors import CuboidError, FrameError, InputError, OutputError
+from cuboid.frame import Frame, Intrinsics
+from cuboid.readers import calibration as calibrations
+from cuboid.readers.images import depth_in_metres
+
+# Frames that wait for the tracker: a hiccup of 0.1 s at 30 Hz costs none, and what it gets is never older than that.
+CAPACITY = 4
+# A camera that gives nothing for so long is gone, seconds; most need one or two to start.
+SILENCE_S = 10.0
+
+
+class LiveCamera:
+    """Frames of a camera, as they come; `cuboid.open_camera` makes it. A context manager, to be iterated over once.
+
+    Attributes
+    ----------
+    name : str
+        What messages call it.
+    intrinsics : Intrinsics
+        Of its frames, from which the lens's distortion is taken out, and in which depth is aligned to color.
+    depth_units_per_metre : float
+    has_poses : bool
+        Whether frames come with a camera pose.
+    record : Path or None
+        Folder in which the frames are kept; it is there when the iteration has ended.
+    warnings : list of str
+        What went wrong on the way, one line each.
+    """
+
+    def __init__(
+        self, driver: Driver, *, record: Path | None = None, form: str = "plain", silence_s: float = SILENCE_S
+    ) -> None:
+        if form not in FORMS:
+            raise InputError(f"a camera is recorded as {' or '.join(FORMS)}, got '{form}'")
+        if record is not None and record.exists():  # said before the camera has run for an hour
+            raise OutputError(f"{record}: exists; frames are recorded into a new folder")
+        self.name, self.record = driver.name, record
+        self.has_poses = driver.has_poses
+        self.depth_units_per_metre = driver.depth_units_per_metre
+        self.warnings: list[str] = []
+        self._driver, self._form, self._silence_s = driver, form, silence_s
+        self._prepare(Path(driver.name))
+        self._queue: LatestQueue[Shot] = LatestQueue(CAPACITY, paced=driver.paced)
+        self._closing = threading.Event()
+        self._failure = ""
+        self._unusable: list[str] = []
+        self._thread: threading.Thread | None = None
+
+    def _prepare(self, name: Path) -> None:
+        calibration = self._driver.calibration
+        if calibration.size is None:
+            raise InputError(f"{name}: does not say how large its images are")
+        self.intrinsics: Intrinsics = calibrations.for_size(calibration, *calibration.size, name)
+        self._undistort = calibrations.undistortion(calibration, calibration.size, name)
+        self._register = calibrations.registration(calibration, self.intrinsics, name)
+
+    @property
+    def dropped(self) -> int:
+        """Frames that the camera gave and nobody took in time."""
+        return self._queue.dropped
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+        if self._thread is not None:
+            self._thread.join(timeout=self._silence_s)
+        self._driver.close()
+
+    def close(self) -> None:
+        """End the iteration after the frame that is at work; may be called from anywhere, a signal's handler too."""
+        self._closing.set()
+        self._queue.stop()
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Give frames until the camera ends or `close` is called.
+
+        Raises
+        ------
+        InputError
+            The camera gave not a single frame.
+        OutputError
+            The recording cannot be written.
+        """
+        if self._thread is not None:
+            raise RuntimeError("a live camera can be iterated over once")
+        self._thread = threading.Thread(target=self._capture, name="cuboid-camera", daemon=True)
+        self._thread.start()
+        index = 0
+        with ExitStack() as stack:
+            keep = None
+            if self.record is not None:
+                place = (self.record, self._form, self.intrinsics, self.depth_units_per_metre)
+                keep = stack.enter_context(keeping(*place, self._driver.calibration.depth_camera))
+            stack.callback(self._tell)
+            stack.callback(self.close)
+            while (shot := self._queue.get()) is not None:
+                frame = self._frame(index, shot)
+                if frame is not None:
+                    if keep is not None:
+                        keep(frame)
+                    yield frame
+                    index += 1
+        if index == 0 and self.warnings:
+            raise InputError(self.warnings[-1])
+
+    def _frame(self, index: int, shot: Shot) -> Frame | None:
+        """Return a frame without distortion and with depth in color; None, and a reason noted, where it is none."""
+        try:
+            color, raw = self._undistort.color(shot.color), shot.depth
+            if self._register is None:
+                raw = self._undistort.depth(raw)
+            depth_m = depth_in_metres(raw, self.depth_units_per_metre, f"of {self.name}")
+            if self._register is not None:
+                depth_m = self._register(depth_m, f"of {self.name}")
+            return Frame(index, shot.timestamp_s, color, depth_m, shot.T_world_camera)
+        except (FrameError, ValueError) as error:
+            self._unusable.append(str(error))
+            return None
+
+    def _tell(self) -> None:
+        """Turn what went wrong into warnings, the gravest last."""
+        if self._unusable:
+            count = len(self._unusable)
+            self.warnings.append(f"{count} frames of {self.name} could not be used; the first: {self._unusable[0]}")
+        if self._failure:
+            self.warnings.append(self._failure)
+
+    def _capture(self) -> None:
+        """Move frames from the driver into the queue, until told to end."""
+        try:
+            last_s = time.monotonic()
+            while not self._closing.is_set():
+                shot = self._driver.take(POLL_S)
+                if shot is not None:
+                    self._queue.put(shot)
+                    last_s = time.monotonic()
+                elif time.monotonic() - last_s > self._silence_s:
+                    self._failure = f"{self.name}: gave no frame for {self._silence_s:g} s"
+                    return
+        except StreamEndedError:
+            return
+        except CuboidError as error:
+            self._failure = str(error)
+        except Exception as error:  # a vendor's library raises nearly anything when a camera is unplugged
+            self._failure = f"{self.name}: failed: {type(error).__name__}: {error}"
+        finally:
+            self._queue.end()
+
+
+def open_camera(camera: str, *, record: Path | str | None = None, form: str = "plain") -> LiveCamera:
+    """Open a live camera.
+
+    Parameters
+    ----------
+    camera : str
+        ``NAME`` or ``NAME:OPTION=VALUE,...``: "realsense", "realsense:serial=831612070538,size=848x480".
+    record : path, optional
+        Folder in which the frames are kept.
+    form : {"plain", "mcap"}
+        What they are kept as.
+
+    Returns
+    -------
+    LiveCamera
+
+    Raises
+    ------
+    InputError
+        There is no such camera, or it cannot be opened.
+    OutputError
+        `record` exists.
+    MissingExtraError
+        Its driver needs a package that is not installed.
+    """
+    name, _, rest = camera.partition(":")
+    opener = CAMERAS.get(name)
+    options = _options(name, rest)
+    driver = opener(options)
+    try:
+        return LiveCamera(driver, record=None if record is None else Path(record), form=form)
+    except BaseException:
+        driver.close()
+        raise
+
+
+def _options(name: str, text: str) -> Mapping[str, str]:
+    options: dict[str, str] = {}
+    for item in filter(None, text.split(",")):
+        key, equals, value = item.partition("=")
+        if not (key and equals and value) or key in options:
+            raise InputError(f"--camera {name}: expected OPTION=VALUE,... each once, got '{text}'")
+        options[key] = value
+    return options

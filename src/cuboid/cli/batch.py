@@ -1,0 +1,105 @@
+"""`cuboid batch`: track many recordings on many cores or machines, into one store."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import TYPE_CHECKING, Any
+
+from cuboid import __version__
+from cuboid.cli.recording import add_reading_options, add_tracking, config_from, reading_from
+from cuboid.cli.workers import add_workers, workers_from
+
+if TYPE_CHECKING:
+    from cuboid.batch.batch import Plan
+
+HELP = "track many recordings into one store of objects"
+
+# So many recordings are named by --dry-run; of the rest the number.
+NAMED = 20
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.add_argument(
+        "sources",
+        nargs="+",
+        metavar="SOURCE",
+        help="a recording, a folder of recordings, a glob in quotes, a .txt with one a line, or a URL",
+    )
+    results = parser.add_argument_group("results")
+    results.add_argument("--output", required=True, metavar="STORE", help="folder or URL of the store")
+    results.add_argument("--tables-only", action="store_true", help="keep the tables alone, no folder a recording")
+    results.add_argument("--retry", action="store_true", help="try again what failed or was set aside")
+    results.add_argument(
+        "--tag", metavar="NAME", help="name this version, as in 1.0+NAME: it is done anew, and compared"
+    )
+    results.add_argument("--dry-run", action="store_true", help="say what would be done, and do nothing")
+    add_workers(parser)
+    add_reading_options(parser)
+    add_tracking(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Track what is not done yet."""
+    from cuboid.cli.extras import need_cluster
+
+    need_cluster("'cuboid batch'")
+    from cuboid.batch.batch import Order, carry_out, plan
+    from cuboid.batch.sources import expand
+    from cuboid.cli.batch_progress import BatchProgress
+    from cuboid.store.page import write_summary
+    from cuboid.store.place import Place
+    from cuboid.store.schema import DONE
+
+    version = f"{__version__}+{args.tag}" if args.tag else __version__
+    order = Order(args.output, settings_from(args), args.tables_only, args.retry, version)
+    sources = expand(args.sources)
+    Place(order.store)  # a mistake in its name is told before workers are started
+    with workers_from(args).connected() as client:
+        planned = plan(client, sources, order)
+        if args.dry_run:
+            _print_plan(planned)
+            return 0
+        with BatchProgress(planned, str(client.dashboard_link)) as shown:
+            try:
+                carry_out(client, planned, order, shown.ended)
+            except KeyboardInterrupt:
+                print(
+                    "cuboid: interrupted; what is done is kept, and the same call goes on from there", file=sys.stderr
+                )
+                return 130
+    if planned.tasks:
+        write_summary(order.store)
+    print(shown.summary(order.store))
+    return 0 if shown.count(DONE) == len(planned.tasks) and not planned.broken else 3
+
+
+def settings_from(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the settings of an `Order`."""
+    from pathlib import Path
+
+    from cuboid.errors import InputError
+
+    if isinstance(args.intrinsics, Path):
+        raise InputError("--intrinsics: a batch takes FX,FY,CX,CY; a camera.json belongs beside each recording")
+    return {
+        "reading": reading_from(args),
+        "tracker": config_from(args).to_dict(),
+        "proposals": args.proposals,
+        "poses": args.poses,
+        "bridge": args.bridge,
+        "every": args.every,
+        "limit": args.limit,
+        "scale": args.scale,
+    }
+
+
+def _print_plan(planned: Plan) -> None:
+    for task in planned.tasks[:NAMED]:
+        print(f"would track {task.source.name}  ({task.source.url})")
+    if len(planned.tasks) > NAMED:
+        print(f"and {len(planned.tasks) - NAMED} more")
+    for source, reason in planned.broken.items():
+        print(f"cannot be listed: {source.name}: {reason}")
+    print(f"{len(planned.tasks)} to do, {planned.done} done, {planned.failed} failed before (--retry tries them again)")

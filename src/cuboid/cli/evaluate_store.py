@@ -1,0 +1,124 @@
+"""`cuboid evaluate --store`: the figures of a whole dataset, and what changed between two versions."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from cuboid.cli.json_option import PRINTED
+
+if TYPE_CHECKING:
+    from cuboid.evaluation.statistics import Interval, Paired
+    from cuboid.store.judging import Judged
+
+# What the tables show, with the digits of each; --json has every figure.
+SHOWN = {
+    "recall_25": 3, "precision_25": 3, "recall_50": 3, "precision_50": 3, "mean_iou": 3, "hota": 3, "idf1_25": 3,
+    "idf1_50": 3, "reid": 3, "switches": 2, "fragments": 2, "merges": 2, "false_alarms": 2, "ms_frame": 1,
+}  # fmt: skip
+
+# Of a comparison so many scenes that lost most are named.
+NAMED = 10
+
+
+def add_store(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a whole store."""
+    from cuboid.cli.workers import add_workers
+
+    whole = parser.add_argument_group("a whole store")
+    whole.add_argument("--store", metavar="STORE", help="judge what 'cuboid batch' wrote, instead of RESULT")
+    whole.add_argument("--truth", dest="truths", metavar="DIR", help="holds NAME/truth.json or NAME.json a recording")
+    whole.add_argument("--of", metavar="VERSION", help="judge the runs of this version (default: the newest)")
+    whole.add_argument("--against", metavar="VERSION", help="compare with the runs of this version, scene by scene")
+    add_workers(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Judge and print."""
+    from pathlib import Path
+
+    from cuboid.cli.extras import need_cluster
+
+    need_cluster("'cuboid evaluate --store'")
+    from cuboid.cli.tables import write_json
+    from cuboid.cli.workers import workers_from
+    from cuboid.evaluation.statistics import compare, intervals
+    from cuboid.store.judging import judge_store
+
+    with workers_from(args).connected() as client:
+        found = judge_store(client, args.store, Path(args.truths), version=args.of)
+        before = args.against and judge_store(client, args.store, Path(args.truths), version=args.against)
+    numbers = _numbers(found)
+    means = intervals(list(found.rows.values()), numbers)
+    paired = compare(before.rows, found.rows, numbers) if before else {}
+    if args.json is not None:
+        document: dict[str, Any] = {
+            "scenes": found.rows,
+            "without_truth": list(found.without_truth),
+            "refused": found.refused,
+            "not_done": found.not_done,
+            "means": {name: one.to_dict() for name, one in means.items()},
+        }
+        if before:
+            document |= {"scenes_before": before.rows, "change": {name: one.to_dict() for name, one in paired.items()}}
+        write_json(document, args.json)
+    if args.json != PRINTED:
+        _print(found, means)
+        if before:
+            _print_change(paired, before.rows, found.rows)
+    return 0
+
+
+def _numbers(found: Judged) -> list[str]:
+    """Return the figures that are numbers."""
+    names = dict.fromkeys(name for row in found.rows.values() for name in row)
+    return [name for name in names if name != "ms_stages"]
+
+
+def _print(found: Judged, means: dict[str, Interval]) -> None:
+    from cuboid.cli.tables import console, new_table
+    from cuboid.errors import printable
+
+    out = console()
+    table = new_table("scene", *SHOWN)
+    for name, row in found.rows.items():
+        table.add_row(printable(name), *(_cell(row.get(figure), digits) for figure, digits in SHOWN.items()))
+    for title, part in (("mean", "mean"), ("95 % from", "low"), ("to", "high")):
+        cells = (_cell(getattr(means[name], part), d) if name in means else "-" for name, d in SHOWN.items())
+        table.add_row(title, *cells)
+    out.print(table)
+    for name, reason in (*found.refused.items(), *found.not_done.items()):
+        out.print(printable(f"{name}: {reason}"), markup=False)
+    if found.without_truth:
+        out.print(f"{len(found.without_truth)} recordings without a truth", markup=False)
+
+
+def _print_change(
+    paired: dict[str, Paired], before: dict[str, dict[str, Any]], after: dict[str, dict[str, Any]]
+) -> None:
+    from cuboid.cli.tables import console, new_table
+    from cuboid.errors import printable
+
+    out = console()
+    table = new_table("figure", "before", "after", "change", "95 % from", "to", "sure", "scenes up", "down", "same")
+    for name, digits in SHOWN.items():
+        if name in paired:
+            one = paired[name]
+            moved = (f"{getattr(one.difference, part):+.{digits}f}" for part in ("mean", "low", "high"))
+            means = (_cell(side.mean, digits) for side in (one.before, one.after))
+            table.add_row(name, *means, *moved, "yes" if one.sure else "no", *map(str, (one.up, one.down, one.same)))
+    out.print(table)
+    change = {scene: _hota(after[scene]) - _hota(before[scene]) for scene in before.keys() & after.keys()}
+    lost = [(delta, scene) for scene, delta in sorted(change.items()) if delta < 0]
+    for delta, scene in sorted(lost)[:NAMED]:
+        out.print(printable(f"{scene}: HOTA {delta:+.3f}"), markup=False)
+    for scene in sorted(before.keys() ^ after.keys()):
+        out.print(printable(f"{scene}: only in one of the two"), markup=False)
+
+
+def _hota(row: dict[str, Any]) -> float:
+    return float(row.get("hota") or 0.0)
+
+
+def _cell(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"

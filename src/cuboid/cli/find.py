@@ -1,0 +1,87 @@
+"""`cuboid find`: where is a thing like this, over all recordings of a store."""
+
+from __future__ import annotations
+
+import argparse
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cuboid.cli.filters import add_filters
+from cuboid.cli.json_option import PRINTED, add_json
+from cuboid.cli.threads import positive
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+HELP = "find objects in a store by size, place, time, color or likeness"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("store", metavar="STORE", help="what 'cuboid batch' wrote: a folder or URL")
+    add_filters(parser)
+    shown = parser.add_argument_group("answer")
+    shown.add_argument("--limit", type=positive, default=50, metavar="N", help="at most N objects (default: 50)")
+    shown.add_argument("--html", type=Path, metavar="FILE", help="write the table with pictures as a page")
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Find and print."""
+    from cuboid.cli.extras import need_cluster
+
+    need_cluster("'cuboid find'")
+    from cuboid.cli.tables import console, write_json
+    from cuboid.outputs.pending import write_whole
+    from cuboid.store.find import Filters, find
+    from cuboid.store.page import found_page
+    from cuboid.store.query import Tables
+
+    filters = Filters(
+        size_m=args.size,
+        near=args.near,
+        within_m=args.within,
+        recording=args.recording,
+        since=args.since,
+        until=args.until,
+        color=args.color,
+        min_score=args.min_score,
+        like=args.like,
+        limit=args.limit,
+    )
+    rows = find(Tables(args.store), filters, pictures=args.html is not None)
+    if args.html is not None:
+        write_whole(args.html, found_page(rows, f"Objects of {args.store}"))
+    if args.json is not None:
+        write_json({"objects": [plain(row) for row in rows]}, args.json)
+    if args.json != PRINTED:
+        console().print(_table(rows) if rows else "no object found")
+        if args.html is not None:
+            console().print(f"with pictures in {args.html}", markup=False, soft_wrap=True)
+    return 0
+
+
+def plain(row: dict[str, Any]) -> dict[str, Any]:
+    """Return a row ready for JSON, without its picture."""
+    kept = {name: value for name, value in row.items() if name != "picture"}
+    return {
+        name: value.isoformat()
+        if isinstance(value, datetime)
+        else round(value, 6)
+        if isinstance(value, float)
+        else value
+        for name, value in kept.items()
+    }
+
+
+def _table(rows: list[dict[str, Any]]) -> Table:
+    from cuboid.cli.tables import new_table
+    from cuboid.store.page import cells_of
+
+    last = next((name for name in ("unlike", "distance_m") if name in rows[0]), None)
+    names = ["size L x M x S (cm)", "position x, y, z (m)", "color", "frames", "last seen (UTC)"]
+    table = new_table("object", *names, *([last] if last else []))
+    for row in rows:
+        table.add_row(*cells_of(row), *([f"{row[last]:.3f}"] if last else []))
+    return table

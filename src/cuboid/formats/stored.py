@@ -1,0 +1,195 @@
+"""Files that lie in an archive or behind a URL, under paths like all others: nothing is unpacked or fetched whole.
+
+`located` makes such a path of what the user names. It can be gone into, listed and opened for reading as a folder's
+path can; each operation goes to the store that holds it: an archive (`archives`), or a server (`transports`).
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import stat
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from typing import Any, BinaryIO, Protocol
+
+URL = re.compile(r"([a-z][a-z0-9+.-]+):/+(?=[^/])")
+# Scheme, and host or bucket.
+SERVER_PARTS = 2
+# Archives by the ending of their names; .r3d is what the app Record3D makes.
+ZIP_ENDINGS, TAR_ENDINGS = (".zip", ".r3d"), (".tar",)
+ARCHIVE_ENDINGS = ZIP_ENDINGS + TAR_ENDINGS
+# Archives that cannot be read but from their beginning.
+PACKED_ENDINGS = (".tar.gz", ".tgz", ".tar.bz2", ".tar.xz", ".tar.zst", ".7z", ".rar")
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A file or a folder in a store: its size in bytes, 0 of a folder."""
+
+    size: int
+    is_folder: bool
+
+
+class Store(Protocol):
+    """What holds files; its methods raise OSError."""
+
+    def entry(self, path: StoredPath) -> Entry:
+        """Return what lies at a path."""
+
+    def names(self, path: StoredPath) -> list[str]:
+        """Return the names in a folder."""
+
+    def open(self, path: StoredPath) -> BinaryIO:
+        """Open a file for reading, from any place in any order."""
+
+
+# So many archives and servers stay open; one that is asked for again is opened again.
+STORES_OPEN = 16
+_stores: OrderedDict[str, Store] = OrderedDict()
+
+
+class StoredPath(type(Path())):  # type: ignore[misc]
+    """A path in an archive or behind a URL.
+
+    What lies in no store is a path of the file system: an archive's neighbours.
+    """
+
+    def __str__(self) -> str:
+        return URL.sub(r"\1://", super().__str__(), count=1)
+
+    @property
+    def parent(self) -> StoredPath:
+        """The folder that holds this; of a server itself."""
+        is_server = len(self.parts) == SERVER_PARTS and URL.match(PurePath.__str__(self))
+        return self if is_server else super().parent
+
+    @property
+    def suffix(self) -> str:
+        """The ending of the name; of a URL without its query."""
+        if URL.match(PurePath.__str__(self)):
+            return PurePath(self.name.partition("?")[0]).suffix
+        return str(super().suffix)
+
+    def _store(self) -> Store | None:
+        return next((store for one in (self, *self.parents) if (store := _store_at(one)) is not None), None)
+
+    def outside(self) -> BinaryIO:
+        """Open an archive itself as a file."""
+        store = self.parent._store()
+        return open(PurePath.__str__(self), "rb") if store is None else store.open(self)
+
+    def stat(self, *, follow_symlinks: bool = True) -> os.stat_result:
+        """Return mode and size; all else is 0."""
+        store = self._store()
+        if store is None:
+            return os.stat(PurePath.__str__(self), follow_symlinks=follow_symlinks)
+        found = store.entry(self)
+        kind = stat.S_IFDIR if found.is_folder else stat.S_IFREG
+        return os.stat_result((kind | 0o444, 0, 0, 1, 0, 0, found.size, 0, 0, 0))
+
+    def _is(self, *kinds: int) -> bool:
+        try:
+            return stat.S_IFMT(self.stat().st_mode) in kinds
+        except (FileNotFoundError, NotADirectoryError):
+            return False
+
+    def exists(self, *, follow_symlinks: bool = True) -> bool:
+        """Tell whether anything lies there."""
+        return self._is(stat.S_IFREG, stat.S_IFDIR)
+
+    def is_file(self, *, follow_symlinks: bool = True) -> bool:
+        """Tell whether it is a file."""
+        return self._is(stat.S_IFREG)
+
+    def is_dir(self, *, follow_symlinks: bool = True) -> bool:
+        """Tell whether it is a folder."""
+        return self._is(stat.S_IFDIR)
+
+    def names(self) -> list[str]:
+        """Return the names in a folder, in no order."""
+        store = self._store()
+        return os.listdir(PurePath.__str__(self)) if store is None else store.names(self)
+
+    def iterdir(self) -> Iterator[StoredPath]:
+        """Iterate over what is in a folder."""
+        return (self / name for name in self.names())
+
+    def open(self, mode: str = "r", *args: Any, **more: Any) -> Any:
+        """Open for reading, as bytes."""
+        if mode != "rb":
+            raise OSError(errno.EROFS, "can only be read, as bytes", str(self))
+        store = self._store()
+        return open(PurePath.__str__(self), mode) if store is None else store.open(self)
+
+
+def _store_at(path: StoredPath) -> Store | None:
+    """Return the store whose root a path is; None where it is none."""
+    key = PurePath.__str__(path)
+    if key in _stores:
+        _stores.move_to_end(key)
+    elif path.suffix.lower() in ARCHIVE_ENDINGS and _is_file_outside(path):
+        _enter(path)
+    elif URL.match(key) and len(path.parts) == SERVER_PARTS:
+        from cuboid.formats.transports import ServerStore
+
+        _keep(key, ServerStore(path.parts[0].rstrip(":"), str(path)))
+    return _stores.get(key)
+
+
+def _is_file_outside(path: StoredPath) -> bool:
+    store = path.parent._store()
+    try:
+        return os.path.isfile(PurePath.__str__(path)) if store is None else not store.entry(path).is_folder
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+
+
+def _keep(key: str, store: Store) -> None:
+    _stores[key] = store
+    if len(_stores) > STORES_OPEN:
+        _stores.popitem(last=False)
+
+
+def located(path: str | os.PathLike[str]) -> Path:
+    """Return the path that a user means: of a file, a folder, an archive (as a folder), a place in one, or a URL.
+
+    Raises
+    ------
+    OSError
+        An archive cannot be read, or there is nothing that reads such URLs; `strerror` says why.
+    """
+    text = os.fspath(path)
+    if isinstance(path, StoredPath):
+        return path
+    # a link is not resolved: its neighbours are those of the link
+    whole: Path = StoredPath(text) if URL.match(text) else Path(os.path.abspath(text))
+    if isinstance(whole, StoredPath):
+        _stores.pop(PurePath.__str__(StoredPath(*whole.parts[:SERVER_PARTS])), None)  # it may have changed
+    if whole.name.partition("?")[0].lower().endswith(PACKED_ENDINGS):
+        raise OSError(errno.EINVAL, "it is packed as a whole; .zip and .tar are read without being unpacked", text)
+    for part in (*reversed(whole.parents), whole):
+        if part.suffix.lower() in ARCHIVE_ENDINGS:
+            _stores.pop(PurePath.__str__(part), None)  # it may have changed
+            if _store_at(StoredPath(part)) is not None:
+                whole = StoredPath(whole)
+    return whole
+
+
+def is_there(path: str | os.PathLike[str]) -> bool:
+    """Tell whether anything that can be read lies where a user or a result says."""
+    try:
+        return located(path).exists()
+    except OSError:
+        return False
+
+
+def _enter(archive: StoredPath) -> None:
+    """Make an archive a folder."""
+    from cuboid.formats.archives import TarStore, ZipStore
+
+    kind = ZipStore if archive.suffix.lower() in ZIP_ENDINGS else TarStore
+    _keep(PurePath.__str__(archive), kind(archive))

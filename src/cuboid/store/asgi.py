@@ -1,0 +1,277 @@
+"""A store for a team: its pages and a read-only API, as an ASGI application."""
+
+from __future__ import annotations
+
+import hmac
+from collections.abc import Awaitable, Callable
+from datetime import datetime
+from pathlib import Path
+from threading import Lock
+from typing import Any
+from urllib.parse import urlencode
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.middleware import Middleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.routing import Route
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from cuboid import __version__
+from cuboid.errors import InputError
+from cuboid.outputs.folder import OUTPUT_NAMES
+from cuboid.store.find import Filters, find
+from cuboid.store.likeness import COLOR_WORDS
+from cuboid.store.page import MORE, WORST, found_page, summary_page
+from cuboid.store.query import Tables
+from cuboid.store.summary import summarise_store
+from cuboid.views.serving import HEADERS, LOCAL_NAMES
+
+COOKIE = "cuboid-token"
+MOST_ROWS = 1000
+TYPES = {".html": "text/html", ".json": "application/json", ".csv": "text/csv", ".txt": "text/plain"}
+
+# What the API takes, with its type as OpenAPI has it; the names are those of the command line.
+PARAMETERS: dict[str, tuple[dict[str, Any], str]] = {
+    "min_size": ({"type": "number"}, "least length of the longest side, metres"),
+    "max_size": ({"type": "number"}, "greatest length of the longest side, metres"),
+    "near": ({"type": "string", "example": "1.5,0,0.8"}, "X,Y,Z: a place in the recordings' world, metres"),
+    "within": ({"type": "number", "default": 0.5}, "greatest distance from it, metres"),
+    "recording": ({"type": "string"}, "glob of names of recordings"),
+    "since": ({"type": "string", "format": "date-time"}, "last seen since"),
+    "until": ({"type": "string", "format": "date-time"}, "last seen before"),
+    "color": ({"type": "string", "enum": list(COLOR_WORDS)}, "color of a third of its points"),
+    "min_score": ({"type": "number"}, "confidence that it is an object, 0 to 1"),
+    "like": ({"type": "string", "example": "kitchen-3#7"}, "RECORDING#LABEL: the most like this one first"),
+    "limit": ({"type": "integer", "default": 50, "maximum": MOST_ROWS}, "at most so many"),
+}
+PATHS = {
+    "/api/objects": ("Objects, as `cuboid find` finds them", tuple(PARAMETERS)),
+    "/api/recordings": ("Recordings that are done, the worst first, with their quality indicators", ("limit",)),
+    "/api/failures": ("Recordings that are not done, by reason", ()),
+}
+
+
+class Store:
+    """The store behind the pages: one question at a time, each to the tables as they are then."""
+
+    def __init__(self, url: str) -> None:
+        self.url = url
+        self._tables = Tables(url)
+        self._lock = Lock()
+
+    async def ask(self, question: Callable[[Tables], Response]) -> Response:
+        """Answer in a thread; what is wrong with the question is an answer as well."""
+        return await run_in_threadpool(self._ask, question)
+
+    def _ask(self, question: Callable[[Tables], Response]) -> Response:
+        with self._lock:
+            try:
+                self._tables.refresh()
+                return question(self._tables)
+            except InputError as error:
+                return JSONResponse({"error": str(error)}, 400)
+
+
+def application(url: str, *, token: str | None, hosts: tuple[str, ...] = LOCAL_NAMES) -> Starlette:
+    """Return the application.
+
+    Parameters
+    ----------
+    url : str
+        Of the store.
+    token : str or None
+        What who asks must know; None lets everybody in who can reach it.
+    hosts : tuple of str
+        Names under which it is answered; ``*`` for any.
+
+    Raises
+    ------
+    InputError
+        There is no store.
+    """
+    store = Store(url)
+
+    async def summary(request: Request) -> Response:
+        return await store.ask(
+            lambda tables: HTMLResponse(summary_page(summarise_store(tables, WORST + MORE), "the store"))
+        )
+
+    async def search(request: Request) -> Response:
+        filters = _filters(request)
+        return await store.ask(
+            lambda tables: HTMLResponse(found_page(find(tables, filters, pictures=True), "Objects of the store"))
+        )
+
+    async def objects(request: Request) -> Response:
+        filters = _filters(request)
+        return await store.ask(lambda tables: _rows("objects", find(tables, filters)))
+
+    async def recordings(request: Request) -> Response:
+        limit = _filters(request).limit
+        return await store.ask(lambda tables: _rows("recordings", summarise_store(tables, limit).worst))
+
+    async def failures(request: Request) -> Response:
+        return await store.ask(lambda tables: _rows("failures", summarise_store(tables, 1).failed))
+
+    async def file(request: Request) -> Response:
+        return await run_in_threadpool(_file, store.url, request.path_params["path"])
+
+    async def described(request: Request) -> Response:
+        return JSONResponse(openapi(secured=token is not None))
+
+    return Starlette(
+        routes=[
+            Route("/", summary),
+            Route("/objects", search),
+            Route("/api/objects", objects),
+            Route("/api/recordings", recordings),
+            Route("/api/failures", failures),
+            Route("/results/{path:path}", file),
+            Route("/openapi.json", described),
+        ],
+        middleware=[
+            Middleware(_Guard, token=token),
+            Middleware(TrustedHostMiddleware, allowed_hosts=list(hosts)),
+        ],
+        exception_handlers={InputError: _refused},
+    )
+
+
+def openapi(*, secured: bool) -> dict[str, Any]:
+    """Return what the API is, as an OpenAPI 3.1 document."""
+    answer = {"200": {"description": "rows", "content": {"application/json": {"schema": {"type": "object"}}}}}
+    wrong = {"400": {"description": "what is wrong with the question, in one line"}}
+    document: dict[str, Any] = {
+        "openapi": "3.1.0",
+        "info": {"title": "Cuboid store", "version": __version__, "description": "Read-only."},
+        "paths": {
+            path: {
+                "get": {
+                    "summary": what,
+                    "parameters": [
+                        {"name": name, "in": "query", "schema": PARAMETERS[name][0], "description": PARAMETERS[name][1]}
+                        for name in names
+                    ],
+                    "responses": answer | wrong,
+                }
+            }
+            for path, (what, names) in PATHS.items()
+        },
+    }
+    if secured:
+        document["components"] = {"securitySchemes": {"token": {"type": "http", "scheme": "bearer"}}}
+        document["security"] = [{"token": []}]
+    return document
+
+
+class _Guard:
+    """Lets in who knows the token, answers nothing but GET, and tells browsers what the pages may do."""
+
+    def __init__(self, app: ASGIApp, token: str | None) -> None:
+        self._app, self._token = app, token
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        request = Request(scope)
+        answer: Awaitable[None] | None = None
+        if request.method not in ("GET", "HEAD"):
+            answer = PlainTextResponse("read-only", 405)(scope, receive, send)
+        elif not self._knows(request):
+            answer = PlainTextResponse("a token is needed", 401, {"WWW-Authenticate": "Bearer"})(scope, receive, send)
+        elif "token" in request.query_params:
+            answer = self._remember(request)(scope, receive, send)
+        await (answer if answer is not None else self._app(scope, receive, _with_headers(send)))
+
+    def _knows(self, request: Request) -> bool:
+        if self._token is None:
+            return True
+        bearer = request.headers.get("authorization", "").removeprefix("Bearer ")
+        given = (bearer, request.cookies.get(COOKIE, ""), request.query_params.get("token", ""))
+        return any(hmac.compare_digest(one.encode(), self._token.encode()) for one in given)
+
+    def _remember(self, request: Request) -> Response:
+        """Let a browser keep the token, out of the address."""
+        rest = [(name, value) for name, value in request.query_params.multi_items() if name != "token"]
+        answer = RedirectResponse(request.url.path + (f"?{urlencode(rest)}" if rest else ""))
+        if self._token is not None:
+            answer.set_cookie(COOKIE, self._token, httponly=True, samesite="strict")
+        return answer
+
+
+def _with_headers(send: Send) -> Send:
+    async def sending(message: Any) -> None:
+        if message["type"] == "http.response.start":
+            message["headers"] += [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
+        await send(message)
+
+    return sending
+
+
+def _filters(request: Request) -> Filters:
+    """Return what is asked for; raises InputError where it cannot be understood."""
+    asked = request.query_params
+    unknown = sorted(set(asked) - set(PARAMETERS))
+    if unknown:
+        raise InputError(f"unknown parameter '{unknown[0]}'; there are {', '.join(PARAMETERS)}")
+
+    def number(name: str, otherwise: float) -> float:
+        try:
+            return float(asked[name]) if name in asked else otherwise
+        except ValueError:
+            raise InputError(f"{name}: expected a number, got '{asked[name]}'") from None
+
+    def moment(name: str) -> datetime | None:
+        try:
+            return datetime.fromisoformat(asked[name]).astimezone() if name in asked else None
+        except ValueError:
+            raise InputError(f"{name}: expected a date and time, got '{asked[name]}'") from None
+
+    from cuboid.cli.filters import place, thing
+
+    try:
+        near = place(asked["near"]) if "near" in asked else None
+        like = thing(asked["like"]) if "like" in asked else None
+    except Exception as error:  # what argparse says of a word
+        raise InputError(str(error)) from None
+    sized = "min_size" in asked or "max_size" in asked
+    return Filters(
+        size_m=(number("min_size", 0.0), number("max_size", 1e9)) if sized else None,
+        near=near,
+        within_m=number("within", 0.5),
+        recording=asked.get("recording"),
+        since=moment("since"),
+        until=moment("until"),
+        color=asked.get("color"),
+        min_score=number("min_score", 0.0) if "min_score" in asked else None,
+        like=like,
+        limit=int(min(MOST_ROWS, max(1.0, number("limit", 50)))),
+    )
+
+
+def _rows(name: str, rows: list[dict[str, Any]]) -> Response:
+    from cuboid.cli.find import plain
+
+    return JSONResponse({name: [plain(row) for row in rows]})
+
+
+def _file(url: str, path: str) -> Response:
+    """Return a file of a result folder; nothing else of the store, and nothing beside it."""
+    from cuboid.store.place import Place
+
+    parts = path.split("/")
+    if parts[-1] not in OUTPUT_NAMES or any(part in ("", ".", "..") or part.startswith(".") for part in parts):
+        return PlainTextResponse("not there", 404)
+    try:
+        content = Place(url).read(f"results/{path}")
+    except (FileNotFoundError, InputError):
+        return PlainTextResponse("not there", 404)
+    return Response(content, media_type=TYPES.get(Path(path).suffix, "application/octet-stream"))
+
+
+async def _refused(request: Request, error: Exception) -> Response:
+    return JSONResponse({"error": str(error)}, 400)

@@ -1,0 +1,127 @@
+"""Gather the many small files that runs leave into few large ones."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import PurePosixPath
+
+import msgspec
+import pyarrow as pa
+
+from cuboid.store.place import Place
+from cuboid.store.schema import TABLES
+from cuboid.store.snapshot import Manifest, Part, Snapshot, manifest_name, manifests, name_of, snapshot
+
+# A gathered file that has grown so large is left as it is: a day costs no more to add to than this.
+LARGE_BYTES = 32 << 20
+
+# Manifests that stay: whoever has just looked which one is the newest still finds it.
+KEPT = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Compaction:
+    """What `compact` did.
+
+    Attributes
+    ----------
+    runs : int
+        Runs whose files were gathered.
+    files_before, files_after : int
+        Files of all tables that count.
+    """
+
+    runs: int
+    files_before: int
+    files_after: int
+
+
+def compact(place: Place) -> Compaction:
+    """Gather the parts of a store, a file a table and day; killed at any moment, nothing is lost and nothing doubled.
+
+    Parameters
+    ----------
+    place : Place
+
+    Returns
+    -------
+    Compaction
+        Of no run where there was nothing to gather, or another process has just done it.
+
+    Raises
+    ------
+    InputError, OutputError
+        The store cannot be read or written.
+    """
+    before = snapshot(place)
+    place.remove(name for part in before.leftovers for name in part.names().values())
+    count = _count(before)
+    if not before.parts:
+        return Compaction(0, count, count)
+    try:
+        files, written = _gather(place, before)
+    except FileNotFoundError:  # another process has gathered them meanwhile
+        return Compaction(0, count, count)
+    manifest = msgspec.json.format(msgspec.json.encode(Manifest(files=files)), indent=1)
+    if not place.create(manifest_name(before.number + 1), manifest):
+        after = snapshot(place)
+        place.remove(set(written) - {name for names in after.gathered.values() for name in names})
+        return Compaction(0, count, _count(after))
+    old = {name for names in before.gathered.values() for name in names}
+    place.remove(sorted(old - {name for names in files.values() for name in names}))
+    place.remove(name for part in before.parts for name in part.names().values())
+    place.remove(manifest_name(number) for number in manifests(place)[:-KEPT])
+    return Compaction(len(before.parts), count, sum(map(len, files.values())))
+
+
+def _gather(place: Place, before: Snapshot) -> tuple[dict[str, list[str]], list[str]]:
+    """Write the gathered files; return all that count with them, by table, and the new ones."""
+    files: dict[str, list[str]] = {}
+    written: list[str] = []
+    for table, kind in TABLES.items():
+        days = _by_day(before.parts, table)
+        kept: list[str] = []
+        for name in before.gathered.get(table, ()):
+            day = PurePosixPath(name).parent.name
+            if day in days and place.fs.size(place.path(name)) < LARGE_BYTES:
+                days[day].append(name)
+            else:
+                kept.append(name)
+        for day, names in sorted(days.items()):
+            rows = pa.concat_tables([place.read_table(name).cast(kind.schema) for name in names])
+            digest = hashlib.sha256("\n".join(sorted(names)).encode()).hexdigest()[:20]
+            name = name_of(table, day, f"gathered-{digest}")
+            place.put_table(name, kind.sorted(rows), kind.group_rows)
+            written.append(name)
+            kept.append(name)
+        files[table] = sorted(kept)
+    return files, written
+
+
+def _by_day(parts: Iterable[Part], table: str) -> dict[str, list[str]]:
+    days: dict[str, list[str]] = {}
+    for part in parts:
+        if table in part.names():
+            days.setdefault(part.day, []).append(part.names()[table])
+    return days
+
+
+def tidy(place: Place) -> int:
+    """Remove files of the tables that count nowhere, which tasks and compactions that were killed left; say how many.
+
+    What is young may be at work, and stays.
+    """
+    found = snapshot(place)
+    known = {name for table in TABLES for name in found.files(table)}
+    young = datetime.now(UTC) - timedelta(days=1)
+    strange = [name for table in TABLES for name in place.names(table) if name not in known]
+    old = [name for name in strange if place.fs.modified(place.path(name)) < young]
+    place.remove(old)
+    return len(old)
+
+
+def _count(found: Snapshot) -> int:
+    return sum(len(found.files(table)) for table in TABLES)

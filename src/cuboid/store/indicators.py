@@ -1,0 +1,61 @@
+"""What in the results of a recording hints at failure, without any truth: for looking at the worst first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cuboid.frame import Float64Array
+from cuboid.geometry.overlap import intersection_matrix, overlap_min_matrix, pack
+from cuboid.results import TrackedObject
+
+# Two boxes that share so much of the smaller one are hardly two things; boxes of neighbours that lean overlap by less.
+OVERLAPPING = 1.0 / 3.0
+
+# What lies on something is no farther from it than this, metres: two voxels and the noise of a plane.
+TOUCHING_M = 0.03
+
+# Who is seen in fewer frames was hardly confirmed: a label takes about three.
+BRIEF_FRAMES = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Indicators:
+    """How many objects look wrong.
+
+    Attributes
+    ----------
+    overlapping : int
+        Share `OVERLAPPING` or more of the smaller box with another object.
+    floating : int
+        Stand in free space: no plane carries them and no other object touches them.
+    brief : int
+        Were seen in fewer than `BRIEF_FRAMES` frames.
+    """
+
+    overlapping: int
+    floating: int
+    brief: int
+
+
+def indicators(objects: Sequence[TrackedObject]) -> Indicators:
+    """Return the indicators of a map of objects."""
+    boxes = pack([item.box for item in objects])
+    shared = overlap_min_matrix(boxes, boxes)
+    np.fill_diagonal(shared, 0.0)
+    touching = _touching(objects, boxes)
+    return Indicators(
+        overlapping=int((shared.max(axis=1, initial=0.0) >= OVERLAPPING).sum()),
+        floating=sum(item.plane is None and not near for item, near in zip(objects, touching, strict=True)),
+        brief=sum(item.frames_seen < BRIEF_FRAMES for item in objects),
+    )
+
+
+def _touching(objects: Sequence[TrackedObject], boxes: Float64Array) -> list[bool]:
+    """Tell of each object whether another one is within `TOUCHING_M` of it."""
+    grown = pack([replace(item.box, size=item.box.size + 2 * TOUCHING_M) for item in objects])
+    common = intersection_matrix(grown, boxes)
+    np.fill_diagonal(common, 0.0)
+    return [bool(row.any()) for row in common]

@@ -1,0 +1,64 @@
+"""What of an object is compared where one like it is looked for: the colors of its points and how they are spread."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cuboid.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.views.palette import linear_rgb, oklab
+
+# The basic color terms of English (B. Berlin and P. Kay, "Basic Color Terms", 1969), each with a few
+# typical colors, RGB.
+WORDS: dict[str, tuple[tuple[int, int, int], ...]] = {
+    "black": ((20, 20, 20), (45, 45, 45)),
+    "grey": ((90, 90, 90), (128, 128, 128), (165, 165, 165)),
+    "white": ((210, 210, 210), (250, 250, 250)),
+    "red": ((200, 30, 30), (130, 20, 25), (220, 80, 70)),
+    "orange": ((240, 130, 20), (220, 100, 40)),
+    "yellow": ((240, 220, 40), (210, 180, 60), (245, 235, 140)),
+    "green": ((40, 160, 60), (20, 90, 40), (130, 190, 110), (100, 110, 40)),
+    "blue": ((30, 80, 200), (20, 40, 110), (110, 160, 220), (40, 170, 190)),
+    "purple": ((120, 50, 160), (80, 40, 100), (170, 130, 200)),
+    "pink": ((240, 130, 170), (250, 190, 200), (210, 60, 130)),
+    "brown": ((110, 70, 40), (80, 55, 35), (160, 115, 75)),
+}
+COLOR_WORDS = tuple(WORDS)
+
+# The distribution of distances between points (R. Osada et al., "Shape distributions", 2002), as fractions of the
+# diagonal of the box: 16 bins tell a ball from a plate, and a few hundred pairs fill them.
+SHAPE_BINS, SHAPE_PAIRS = 16, 2048
+DIGITS = 3
+# Of more points, so many tell the colors as well.
+MOST_POINTS = 2000
+
+
+def color_fractions(rgb: UInt8Array) -> Float32Array:
+    """Return the fraction of colors (N, 3) that each color word is nearest to, (11,), in the order of `COLOR_WORDS`."""
+    if not len(rgb):
+        return np.zeros(len(COLOR_WORDS), np.float32)
+    typical = _oklab(np.array([color for colors in WORDS.values() for color in colors], np.float64))
+    owner = np.repeat(np.arange(len(WORDS)), [len(colors) for colors in WORDS.values()])
+    some = rgb[:: max(1, len(rgb) // MOST_POINTS)]
+    lab = _oklab(some.astype(np.float64))
+    apart = ((lab[:, None] - typical[None]) ** 2).sum(axis=2)
+    counts = np.bincount(owner[apart.argmin(axis=1)], minlength=len(WORDS))
+    return np.round(counts / len(some), DIGITS).astype(np.float32)
+
+
+def color_word(fractions: Float32Array) -> str | None:
+    """Return the color word that most points have; None where there are no points."""
+    return COLOR_WORDS[int(fractions.argmax())] if fractions.any() else None
+
+
+def shape_distribution(xyz: Float32Array, size_lwh: Float64Array) -> Float32Array:
+    """Return how far points (N, 3) are from each other, (16,): fractions of pairs by distance over the diagonal."""
+    if len(xyz) < 2:
+        return np.zeros(SHAPE_BINS, np.float32)
+    a, b = np.random.default_rng(0).integers(0, len(xyz), (2, SHAPE_PAIRS))
+    apart = np.linalg.norm((xyz[a] - xyz[b]).astype(np.float64), axis=1) / max(float(np.linalg.norm(size_lwh)), 1e-6)
+    counts = np.bincount(np.minimum((apart * SHAPE_BINS).astype(int), SHAPE_BINS - 1), minlength=SHAPE_BINS)
+    return np.round(counts / SHAPE_PAIRS, DIGITS).astype(np.float32)
+
+
+def _oklab(rgb: Float64Array) -> Float64Array:
+    return oklab(linear_rgb(rgb / 255.0))

@@ -1,0 +1,143 @@
+"""Pages of a store: how its recordings went, and what was found; each one file without scripts."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from typing import Any
+from urllib.parse import quote
+
+from cuboid.store.place import Place
+from cuboid.store.query import Tables
+from cuboid.store.summary import INDICATORS, StoreSummary, summarise_store
+
+NAME = "index.html"
+
+# So many recordings are on the page: the worst of them; `cuboid sql` has all.
+WORST, MORE = 10, 490
+
+STYLE = """
+:root { color-scheme: light dark; --line: #8884; --soft: #8882; --bad: #d55e00; }
+body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 76rem; padding: 0 1rem; }
+h1 { font-size: 1.5rem; } h2 { font-size: 1.1rem; margin-top: 2rem; }
+.totals { display: flex; flex-wrap: wrap; gap: 2.5rem; }
+.totals div { display: flex; flex-direction: column; } .totals b { font-size: 1.6rem; font-weight: 600; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
+th, td { text-align: right; padding: .3rem .6rem; border-bottom: 1px solid var(--line); vertical-align: middle; }
+th { font-weight: 600; vertical-align: bottom; } th:first-child, td:first-child, .left { text-align: left; }
+td:first-child, td:nth-child(2) { white-space: nowrap; }
+tr:hover td { background: var(--soft); } td img { display: block; height: 3.5rem; }
+.bar { background: linear-gradient(90deg, color-mix(in srgb, var(--bad) 45%, transparent) var(--of), transparent 0); }
+.note { opacity: .75; }
+"""
+
+
+def write_summary(store: str) -> None:
+    """Write the summary page of a store into it.
+
+    Raises
+    ------
+    InputError, OutputError
+        The store cannot be read or written.
+    """
+    place = Place(store)
+    place.put(NAME, summary_page(summarise_store(Tables(store), WORST + MORE), store).encode("utf-8", "replace"))
+
+
+def summary_page(summary: StoreSummary, title: str) -> str:
+    """Return how the recordings of a store went, as HTML; links are relative to the store."""
+    totals = summary.totals
+    shown = {
+        "recordings": f"{totals['recordings']:,}",
+        "frames": f"{totals['frames']:,}",
+        "objects": f"{totals['objects']:,}",
+        "hours of one core": f"{totals['hours']:,.1f}",
+        "not done": f"{sum(row['count'] for row in summary.failed):,}",
+    }
+    head = "".join(f"<div><b>{escape(value)}</b>{escape(name)}</div>" for name, value in shown.items())
+    parts = [f'<div class="totals">{head}</div>']
+    if summary.failed:
+        rows = [
+            (str(row["count"]), row["state"], row["recording"], row["reason"] or "")
+            for row in summary.failed[: WORST + MORE]
+        ]
+        parts.append("<h2>Not done</h2>" + _table(("how many", "state", "such as", "why"), rows, left=4))
+    worst, more = summary.worst[:WORST], summary.worst[WORST:]
+    parts.append(f"<h2>To look at first</h2>{_recordings(worst)}")
+    parts.append(
+        '<p class="note">The order is the sum of the fractions at the right: frames that were not used; objects that '
+        "overlap another by a third or more, stand in free space, or were seen in fewer than five frames; labels that "
+        "did not last; and 1 where nothing was found.</p>"
+    )
+    if more:
+        parts.append(f"<h2>The next {len(more)}</h2>{_recordings(more)}")
+    return html(f"Recordings of {title}", "".join(parts))
+
+
+def _recordings(rows: Iterable[Mapping[str, Any]]) -> str:
+    names = ("recording", "frames used", "proposals", "with a label", "sightings", "labels", "objects", *INDICATORS)
+    lines = []
+    for row in rows:
+        name = escape(row["recording"])
+        if row["results"]:
+            name = f'<a href="{quote(row["results"])}/report.html">{name}</a>'
+        counts = (
+            f"{row['frames_used']} of {row['frames_read']}", row["proposals"], row["proposals_labelled"],
+            row["sightings"], row["labels"], row["objects"],
+        )  # fmt: skip
+        cells = "".join(f"<td>{escape('' if count is None else str(count))}</td>" for count in counts)
+        bars = "".join(_bar(row[indicator]) for indicator in INDICATORS)
+        lines.append(f"<tr><td>{name}</td>{cells}{bars}</tr>")
+    return _lines(names, lines)
+
+
+def _bar(fraction: float | None) -> str:
+    value = fraction or 0.0
+    return f'<td class="bar" style="--of: {100 * value:.0f}%">{f"{value:.2f}" if value else ""}</td>'
+
+
+def found_page(rows: Sequence[Mapping[str, Any]], title: str) -> str:
+    """Return objects that were found, with their pictures, as HTML."""
+    last = next((name for name in ("unlike", "distance_m") if rows and name in rows[0]), None)
+    names = ("object", "", "size, cm", "position, m", "color", "frames", "last seen", *([last] if last else []))
+    lines = []
+    for row in rows:
+        picture = base64.b64encode(row["picture"]).decode("ascii") if row.get("picture") else None
+        shown = f'<img alt="" src="data:image/jpeg;base64,{picture}">' if picture else ""
+        cells = [*cells_of(row)[1:], *([f"{row[last]:.3f}"] if last else [])]
+        tail = "".join(f"<td>{escape(cell)}</td>" for cell in cells)
+        lines.append(f"<tr><td>{escape(cells_of(row)[0])}</td><td>{shown}</td>{tail}</tr>")
+    return html(title, f"<p>{len(rows)} objects</p>{_lines(names, lines)}")
+
+
+def cells_of(row: Mapping[str, Any]) -> list[str]:
+    """Return what tables show of an object: name, size, place, color, frames, when."""
+    size = " x ".join(f"{100 * row[side]:.1f}" for side in ("longest_m", "middle_m", "shortest_m"))
+    place = ", ".join(f"{row[f'center_{axis}_m']:z.2f}" for axis in "xyz")
+    seen = row["last_seen"]
+    when = "" if seen is None else f"{seen:%Y-%m-%d %H:%M:%S}"
+    return [f"{row['recording']}#{row['label']}", size, place, row["color"] or "", str(row["frames_seen"]), when]
+
+
+def _table(names: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> str:
+    lines = []
+    for row in rows:
+        cells = [f"<td{' class=left' if i < left else ''}>{escape(cell)}</td>" for i, cell in enumerate(row)]
+        lines.append(f"<tr>{''.join(cells)}</tr>")
+    return _lines(names, lines, left)
+
+
+def _lines(names: Sequence[str], lines: Sequence[str], left: int = 1) -> str:
+    head = "".join(f"<th{' class=left' if i < left else ''}>{escape(name)}</th>" for i, name in enumerate(names))
+    return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
+
+
+def html(title: str, body: str) -> str:
+    """Return a page."""
+    return (
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<style>{STYLE}</style></head><body><h1>{escape(title)}</h1>{body}</body></html>\n"
+    )

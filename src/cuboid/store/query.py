@@ -1,0 +1,108 @@
+"""The tables of a store through DuckDB, in this process: a view a table, of the files that count."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import duckdb
+import pyarrow as pa
+
+from cuboid.errors import InputError, one_line
+from cuboid.store.place import Place
+from cuboid.store.schema import DONE, RUNS, TABLES
+from cuboid.store.snapshot import ATTEMPTS, Snapshot, snapshot
+
+Found = TypeVar("Found")
+
+# What a question may take; DuckDB spills nothing, and says so where it is not enough.
+MEMORY_LIMIT = "400MB"
+
+# Runs of recordings that were done again since, with other settings or by another version: no one looks for these.
+SUPERSEDED = "superseded"
+
+
+class Tables:
+    """The tables of a store, as they are when it is opened.
+
+    Parameters
+    ----------
+    url : str
+    threads : int
+
+    Raises
+    ------
+    InputError
+        There is no store.
+    """
+
+    def __init__(self, url: str, threads: int = 1) -> None:
+        self.url = url
+        self._place = Place(url)
+        self._threads = threads
+        self._open()
+
+    def _open(self) -> None:
+        self._files = snapshot(self._place)
+        if self._files.empty:
+            raise InputError(f"{self.url}: expected a store that 'cuboid batch' wrote, found no runs in it")
+        self._connection = duckdb.connect(config={"threads": self._threads, "memory_limit": MEMORY_LIMIT})
+        if self._place.local is None:
+            self._connection.register_filesystem(self._place.fs)
+        for table in TABLES:
+            self._connection.execute(f"create view {table} as {self._select(table, self._files)}")
+        self._connection.execute("set parquet_metadata_cache = true")
+        self._connection.execute(
+            f"create temp table {SUPERSEDED} as select run from {RUNS} where state = '{DONE}' "
+            "qualify row_number() over (partition by source order by finished desc, run) > 1"
+        )
+
+    def _select(self, table: str, files: Snapshot) -> str:
+        names = [self._address(name) for name in files.files(table)]
+        if not names:  # every recording failed
+            self._connection.register(f"_{table}", pa.Table.from_pylist([], schema=TABLES[table].schema))
+            return f"select *, null::date as day from _{table}"
+        listed = ", ".join("'" + name.replace("'", "''") + "'" for name in names)
+        return f"select * from read_parquet([{listed}], hive_partitioning = true)"
+
+    def _address(self, name: str) -> str:
+        path = self._place.path(name)
+        return path if self._place.local is not None else str(self._place.fs.unstrip_protocol(path))
+
+    def refresh(self) -> None:
+        """Take the tables as they are now."""
+        if snapshot(self._place) != self._files:
+            self._open()
+
+    def ask(self, question: str, values: object = None) -> pa.Table:
+        """Return the answer to a question in SQL.
+
+        Raises
+        ------
+        InputError
+            DuckDB does not understand it.
+        """
+        return self._asked(lambda: self._answer(question, values))
+
+    def _answer(self, question: str, values: object) -> pa.Table:
+        answer = self._connection.sql(question, params=values)
+        return pa.table({}) if answer is None else answer.to_arrow_table()
+
+    def rows(self, question: str, values: object = None) -> list[dict[str, Any]]:
+        """Return the answer as a dict a row; raises as `ask`."""
+        rows: list[dict[str, Any]] = self.ask(question, values).to_pylist()
+        return rows
+
+    def _asked(self, answer: Callable[[], Found]) -> Found:
+        for _ in range(ATTEMPTS):
+            try:
+                return answer()
+            except duckdb.Error as error:
+                if not isinstance(error, duckdb.IOException) or snapshot(self._place) == self._files:
+                    raise InputError(_first_line(error)) from None
+                self._open()  # the files were gathered into others meanwhile
+        return answer()
+
+
+def _first_line(error: Exception) -> str:
+    return one_line(str(error).split("\n\n")[0])

@@ -1,0 +1,275 @@
+"""From the results of a run to its rows in the tables."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import cv2
+import numpy as np
+import pyarrow as pa
+
+from cuboid.frame import Intrinsics
+from cuboid.geometry.box import Box
+from cuboid.geometry.se3 import quat_wxyz_from_rotation
+from cuboid.outputs import FinishedResults, RunReport
+from cuboid.posing import LOST
+from cuboid.results import TrackedObject
+from cuboid.store.indicators import indicators
+from cuboid.store.likeness import color_fractions, color_word, shape_distribution
+from cuboid.store.schema import DONE, OBJECTS, RECORDINGS, RUNS, SIGHTINGS, TABLES
+from cuboid.views.report.pictures import Picture, encode_jpeg
+
+# Times from here on (2001) are those of a calendar; cameras that start at zero stay below for thirty years.
+CALENDAR_S = 1.0e9
+
+# A picture in a table is so wide at most: a line of a list shows it, and a million of them are three gigabytes.
+PICTURE_PX, PICTURE_QUALITY = 120, 75
+
+
+@dataclass(frozen=True, slots=True)
+class RunHead:
+    """What all rows of a run have in common, and what is known of it before it is made.
+
+    Attributes
+    ----------
+    run, recording, source, version, settings : str
+        As the columns of `runs` say.
+    newest : datetime
+        Of the files of the recording.
+    size_bytes : int
+        Of all of them.
+    """
+
+    run: str
+    recording: str
+    source: str
+    version: str
+    settings: str
+    newest: datetime
+    size_bytes: int
+
+    def row(self, state: str, reason: str | None) -> dict[str, Any]:
+        """Return the part of the row in `runs` that a run has whether or not it is done."""
+        return {
+            "run": self.run,
+            "recording": self.recording,
+            "source": self.source,
+            "state": state,
+            "reason": reason,
+            "version": self.version,
+            "settings": self.settings,
+            "finished": datetime.now(UTC),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class ReadAs:
+    """How a recording was read.
+
+    Attributes
+    ----------
+    format : str
+    frames : int
+    intrinsics : Intrinsics
+    has_poses : bool
+    """
+
+    format: str
+    frames: int
+    intrinsics: Intrinsics
+    has_poses: bool
+
+
+def recorded(head: RunHead, results: FinishedResults) -> datetime:
+    """Return when a recording begins: by its own times where they are those of a calendar, else by its newest file."""
+    first_s = next((row.timestamp_s for row in results.poses.values()), 0.0)
+    return datetime.fromtimestamp(first_s, UTC) if first_s >= CALENDAR_S else head.newest
+
+
+def day_of(moment: datetime) -> str:
+    """Return the folder of a moment within a table."""
+    return f"day={moment.astimezone(UTC).date().isoformat()}"
+
+
+def failure(head: RunHead, state: str, reason: str) -> pa.Table:
+    """Return the table of `runs` of a recording that is not done."""
+    return TABLES[RUNS].table([head.row(state, reason)])
+
+
+def tables_of(
+    head: RunHead, results: FinishedResults, read_as: ReadAs, pictures: Mapping[int, Picture], folder: str | None
+) -> dict[str, pa.Table]:
+    """Return the rows of a run that is done, by table.
+
+    Parameters
+    ----------
+    head : RunHead
+    results : FinishedResults
+    read_as : ReadAs
+    pictures : mapping of int to Picture
+        By label.
+    folder : str or None
+        Where the result files are in the store.
+    """
+    whose = {"run": head.run, "recording": head.recording}
+    begin = recorded(head, results)
+    rows = {
+        RUNS: [{**head.row(DONE, None), "results": folder, **_run(results)}],
+        RECORDINGS: [{**whose, **_recording(head, results, read_as, begin)}],
+        OBJECTS: [{**whose, **row} for row in _objects(results, pictures, begin)],
+        SIGHTINGS: [{**whose, **row} for row in _sightings(results)],
+    }
+    return {name: TABLES[name].table(rows[name]) for name in TABLES}
+
+
+def settings_text(settings: Mapping[str, Any]) -> str:
+    """Return settings as the tables have them: the same settings are the same text."""
+    return json.dumps(settings, sort_keys=True, ensure_ascii=False, allow_nan=False)
+
+
+def _run(results: FinishedResults) -> dict[str, Any]:
+    report, objects = results.report, results.found.objects
+    hints = indicators(objects)
+    return {
+        "poses": report.poses,
+        "frames_read": report.frames_read,
+        "frames_used": report.frames_used,
+        "frames_lost": sum(reason == LOST for _, reason in report.skipped),
+        "skipped": [{"frame": frame, "reason": reason} for frame, reason in report.skipped],
+        "warnings": list(report.warnings),
+        "proposals": len(results.proposals),
+        "proposals_labelled": sum(row.label > 0 for row in results.proposals),
+        "sightings": len(results.tracks),
+        "labels": _labels(results),
+        "objects": len(objects),
+        "overlapping": hints.overlapping,
+        "floating": hints.floating,
+        "brief": hints.brief,
+        **_costs(report),
+    }
+
+
+def _labels(results: FinishedResults) -> int:
+    """Return how many labels were given; one is seen, or was merged into another."""
+    given = {row.label for row in results.tracks} | set(results.survivor)
+    return len(given)
+
+
+def _costs(report: RunReport) -> dict[str, Any]:
+    return {
+        "stages": [
+            {"stage": stage, "median_ms": timing.median_ms, "p95_ms": timing.p95_ms}
+            for stage, timing in report.milliseconds.items()
+        ],
+        "seconds": report.seconds,
+        "peak_memory_mb": report.peak_memory_mb,
+    }
+
+
+def _recording(head: RunHead, results: FinishedResults, read_as: ReadAs, begin: datetime) -> dict[str, Any]:
+    K, up = read_as.intrinsics, results.found.up
+    times_s = [row.timestamp_s for row in results.poses.values()] or [0.0]
+    return {
+        "source": head.source,
+        "format": read_as.format,
+        "recorded": begin,
+        "seconds": times_s[-1] - times_s[0],
+        "frames": read_as.frames,
+        "bytes": head.size_bytes,
+        "width_px": K.width,
+        "height_px": K.height,
+        "fx_px": K.fx,
+        "fy_px": K.fy,
+        "cx_px": K.cx,
+        "cy_px": K.cy,
+        "has_poses": read_as.has_poses,
+        **({} if up is None else dict(zip(("up_x", "up_y", "up_z"), map(float, up), strict=True))),
+    }
+
+
+def _box(box: Box) -> dict[str, float]:
+    values = (*box.center, *box.size, *quat_wxyz_from_rotation(box.rotation))
+    names = ("center_x_m", "center_y_m", "center_z_m", "length_m", "width_m", "height_m", "qw", "qx", "qy", "qz")
+    return dict(zip(names, map(float, values), strict=True))
+
+
+def _objects(results: FinishedResults, pictures: Mapping[int, Picture], begin: datetime) -> list[dict[str, Any]]:
+    times_s = {frame: row.timestamp_s for frame, row in results.poses.items()}
+    start_s = next(iter(times_s.values()), 0.0)
+
+    def moment(frame: int) -> datetime:
+        after_s = times_s.get(frame, start_s) - start_s
+        return datetime.fromtimestamp(begin.timestamp() + after_s, UTC)
+
+    rows = []
+    for item in results.found.objects:
+        longest, middle, shortest = sorted(map(float, item.box.size), reverse=True)
+        rows.append(
+            {
+                "label": item.label,
+                **_box(item.box),
+                "longest_m": longest,
+                "middle_m": middle,
+                "shortest_m": shortest,
+                "score": item.score,
+                "heat": item.heat,
+                "first_frame": item.first_frame,
+                "last_frame": item.last_frame,
+                "frames_seen": item.frames_seen,
+                "first_seen": moment(item.first_frame),
+                "last_seen": moment(item.last_frame),
+                "points": item.points,
+                "merged_labels": list(item.merged_labels),
+                **_look(item, results),
+                **_picture(pictures.get(item.label)),
+            }
+        )
+    return rows
+
+
+def _look(item: TrackedObject, results: FinishedResults) -> dict[str, Any]:
+    """Return what one like it is found by."""
+    mine = results.points.label == item.label
+    colors = color_fractions(results.points.rgb[mine])
+    red, green, blue = (round(float(value)) for value in item.mean_color)
+    return {
+        "red": red,
+        "green": green,
+        "blue": blue,
+        "color": color_word(colors),
+        "colors": colors.tolist(),
+        "shape": shape_distribution(results.points.xyz[mine], item.box.size).tolist(),
+    }
+
+
+def _picture(picture: Picture | None) -> dict[str, Any]:
+    if picture is None:
+        return {}
+    color = np.asarray(cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR), np.uint8)
+    height, width = color.shape[:2]
+    if width > PICTURE_PX:
+        size = (PICTURE_PX, max(1, round(height * PICTURE_PX / width)))
+        color = np.asarray(cv2.resize(color, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return {
+        "picture_frame": picture.frame,
+        "picture": encode_jpeg(color[..., ::-1], PICTURE_QUALITY),
+    }
+
+
+def _sightings(results: FinishedResults) -> list[dict[str, Any]]:
+    return [
+        {
+            "frame": row.frame,
+            "timestamp_s": row.timestamp_s,
+            "label": row.label,
+            **_box(row.box),
+            "iou": row.iou,
+            "visible": row.visible,
+            **dict(zip(("x0_px", "y0_px", "x1_px", "y1_px"), map(float, row.rect_xyxy), strict=True)),
+        }
+        for row in results.tracks
+    ]

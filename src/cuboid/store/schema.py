@@ -1,0 +1,213 @@
+"""The tables of a store: each column with its type, its unit and what it says; `docs/store.md` is made of this."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import pyarrow as pa
+
+VERSION = 1
+
+# The table of runs tells which recordings are done: its file is written last.
+RUNS, RECORDINGS, OBJECTS, SIGHTINGS = "runs", "recordings", "objects", "sightings"
+
+TIME = pa.timestamp("us", tz="UTC")
+TEXT, COUNT, REAL, SMALL = pa.string(), pa.int32(), pa.float64(), pa.float32()
+
+# What became of a recording.
+DONE, FAILED, SET_ASIDE = "done", "failed", "set aside"
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column: its name (with the unit at its end), its type, and what it says."""
+
+    name: str
+    type: pa.DataType
+    what: str
+
+
+@dataclass(frozen=True, slots=True)
+class TableKind:
+    """A table: what a row is, its columns, the columns that its rows are sorted by within a file, and rows a group.
+
+    A group is the least that a reader takes or skips, by the least and greatest value of its columns.
+    """
+
+    name: str
+    row: str
+    columns: tuple[Column, ...]
+    order: tuple[str, ...]
+    group_rows: int = 1 << 16
+
+    @property
+    def schema(self) -> pa.Schema:
+        """The Arrow schema; what each column says is in its metadata."""
+        return pa.schema([pa.field(c.name, c.type, metadata={"what": c.what}) for c in self.columns])
+
+    def table(self, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
+        """Return rows as a table; a column that a row does not have is null."""
+        return self.sorted(pa.Table.from_pylist(list(rows), schema=self.schema))
+
+    def sorted(self, table: pa.Table) -> pa.Table:
+        """Return the table in the order of its files."""
+        return table.sort_by([(name, "ascending") for name in self.order])
+
+
+_WHOSE = (
+    Column("run", TEXT, "of `runs`"),
+    Column("recording", TEXT, "name of the recording"),
+)
+_BOX = (
+    Column("center_x_m", REAL, "centre of its box in the world of the recording"),
+    Column("center_y_m", REAL, ""),
+    Column("center_z_m", REAL, ""),
+    Column("length_m", SMALL, "size of its box along the box's own axes"),
+    Column("width_m", SMALL, ""),
+    Column("height_m", SMALL, "along the normal of what it rests on"),
+    Column("qw", SMALL, "rotation from the box's axes to the world, a unit quaternion"),
+    Column("qx", SMALL, ""),
+    Column("qy", SMALL, ""),
+    Column("qz", SMALL, ""),
+)
+_SKIPPED = pa.list_(pa.struct([("frame", COUNT), ("reason", TEXT)]))
+_STAGES = pa.list_(pa.struct([("stage", TEXT), ("median_ms", REAL), ("p95_ms", REAL)]))
+
+TABLES = {
+    kind.name: kind
+    for kind in (
+        TableKind(
+            RUNS,
+            "a recording with settings and a version, and how it went",
+            (
+                Column("run", TEXT, "20 hexadecimal digits of the recording's files, settings, version"),
+                Column("recording", TEXT, "name of the recording"),
+                Column("source", TEXT, "path or URL of the recording"),
+                Column("state", TEXT, f"`{DONE}`; `{FAILED}`; `{SET_ASIDE}`: it killed its worker again and again"),
+                Column("reason", TEXT, "why it is not done, one line; null where it is"),
+                Column("version", TEXT, "of the program"),
+                Column("settings", TEXT, "JSON: what it was tracked with"),
+                Column("finished", TIME, "when"),
+                Column("results", TEXT, "folder of the result files in the store; null without them"),
+                Column("poses", TEXT, "`given` or `estimated`"),
+                Column("frames_read", COUNT, "frames that were asked for"),
+                Column("frames_used", COUNT, "frames that were tracked"),
+                Column("frames_lost", COUNT, "frames that could not be placed: the camera was lost"),
+                Column("skipped", _SKIPPED, "frames that were not used, and why"),
+                Column("warnings", pa.list_(TEXT), "what is likely to be wrong with the recording"),
+                Column("proposals", COUNT, "3D proposals of single frames"),
+                Column("proposals_labelled", COUNT, "of them, those that belong to an object with a label"),
+                Column("sightings", COUNT, "rows in `sightings`"),
+                Column("labels", COUNT, "labels that were given"),
+                Column("objects", COUNT, "objects at the end: rows in `objects`"),
+                Column("overlapping", COUNT, "objects that share a third or more of the smaller box with another"),
+                Column("floating", COUNT, "objects that no plane carries and no other object touches from below"),
+                Column("brief", COUNT, "objects seen in fewer than 5 frames"),
+                Column("stages", _STAGES, "time of a frame and of each stage of it"),
+                Column("seconds", REAL, "time of the whole run on its worker"),
+                Column("peak_memory_mb", REAL, "most memory of its worker's process until then, 2**20 bytes"),
+            ),
+            ("recording", "run"),
+        ),
+        TableKind(
+            RECORDINGS,
+            "a recording as it was read in a run",
+            (
+                *_WHOSE,
+                Column("source", TEXT, "path or URL"),
+                Column("format", TEXT, "name of its layout"),
+                Column("recorded", TIME, "its first frame where its times are a calendar's, else its newest file"),
+                Column("seconds", REAL, "from its first frame to its last"),
+                Column("frames", COUNT, "all of them, bad ones included"),
+                Column("bytes", pa.int64(), "of its files"),
+                Column("width_px", COUNT, "of its color images"),
+                Column("height_px", COUNT, ""),
+                Column("fx_px", REAL, "focal length"),
+                Column("fy_px", REAL, ""),
+                Column("cx_px", REAL, "optical centre"),
+                Column("cy_px", REAL, ""),
+                Column("has_poses", pa.bool_(), "whether it came with camera poses"),
+                Column("up_x", REAL, "up in its world, a unit vector; null where it could not be told"),
+                Column("up_y", REAL, ""),
+                Column("up_z", REAL, ""),
+            ),
+            ("recording", "run"),
+        ),
+        TableKind(
+            OBJECTS,
+            "an object of the map at the end of a run",
+            (
+                *_WHOSE,
+                Column("label", COUNT, "of the object, 1 and more"),
+                *_BOX,
+                Column("longest_m", SMALL, "longest side of its box"),
+                Column("middle_m", SMALL, ""),
+                Column("shortest_m", SMALL, ""),
+                Column("score", SMALL, "confidence that it is an object, 0 to 1"),
+                Column("heat", SMALL, "mean heat of its points, 0 to 1"),
+                Column("first_frame", COUNT, "frame that saw it first"),
+                Column("last_frame", COUNT, "frame that saw it last"),
+                Column("frames_seen", COUNT, "frames that saw it"),
+                Column("first_seen", TIME, "time of its first frame"),
+                Column("last_seen", TIME, "time of its last frame"),
+                Column("points", COUNT, "points of the map that are its own"),
+                Column("red", pa.uint8(), "mean color of its points, 0 to 255"),
+                Column("green", pa.uint8(), ""),
+                Column("blue", pa.uint8(), ""),
+                Column("color", TEXT, "the color word that most of its points have"),
+                Column("colors", pa.list_(SMALL), "fraction of its points of each color word"),
+                Column("shape", pa.list_(SMALL), "distances between its points, 16 bins of the box's diagonal"),
+                Column("merged_labels", pa.list_(COUNT), "younger labels that turned out to be this object"),
+                Column("picture_frame", COUNT, "frame of its picture"),
+                Column("picture", pa.binary(), "its best picture, a small JPEG; null where the recording has none"),
+            ),
+            ("longest_m", "run", "label"),
+            group_rows=1 << 13,  # sorted by size: who looks for a size reads few of them
+        ),
+        TableKind(
+            SIGHTINGS,
+            "an object seen in a frame",
+            (
+                *_WHOSE,
+                Column("frame", COUNT, "of the recording, from 0"),
+                Column("timestamp_s", REAL, "of the frame"),
+                Column("label", COUNT, "of the object"),
+                *_BOX,
+                Column("iou", SMALL, "of the frame's own proposal with the object's box; null without one"),
+                Column("visible", SMALL, "fraction of the object that is seen, 0 to 1"),
+                Column("x0_px", SMALL, "rectangle in the color image"),
+                Column("y0_px", SMALL, ""),
+                Column("x1_px", SMALL, ""),
+                Column("y1_px", SMALL, ""),
+            ),
+            ("run", "frame", "label"),
+        ),
+    )
+}
+
+# Columns of `runs` that a clock or the machine decides: all others follow from the recording, settings and version.
+MEASURED = ("finished", "stages", "seconds", "peak_memory_mb")
+
+
+def markdown() -> str:
+    """Return the tables as documentation."""
+    parts = []
+    for kind in TABLES.values():
+        lines = [f"### `{kind.name}`", "", f"A row: {kind.row}.", "", "| column | type | what |", "|---|---|---|"]
+        lines += [f"| `{c.name}` | {_plain(c.type)} | {c.what} |" for c in (*kind.columns, DAY)]
+        parts.append("\n".join(lines))
+    return "\n\n".join(parts) + "\n"
+
+
+DAY = Column("day", pa.date32(), "of `recorded`, UTC: the name of the folder, `day=2026-03-01`, not in the file")
+
+
+def _plain(kind: pa.DataType) -> str:
+    words = {"timestamp[us, tz=UTC]": "time (UTC)", "double": "float64", "float": "float32"}
+    if pa.types.is_list(kind):
+        return f"list of {_plain(kind.value_type)}"
+    if pa.types.is_struct(kind):
+        return "struct of " + ", ".join(field.name for field in kind)
+    return words.get(str(kind), str(kind))

@@ -1,0 +1,157 @@
+"""Which files of a store count at one moment, so that a row is there once, whatever is being written or was killed.
+
+A recording that is done puts a file into each table, that of `runs` last: what `runs` does not name does not count.
+`compact` gathers such parts into larger files and says so in a manifest, which is created under the next number: of two
+that compact at once one wins, and the other takes its files back. A part whose run is in a gathered file counts no
+more, whether or not it has been removed.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Literal
+
+import msgspec
+
+from cuboid.formats.json_door import checked
+from cuboid.store.place import Place
+from cuboid.store.schema import DONE, RUNS, TABLES
+
+MANIFESTS = "_manifests"
+# So often what is being compacted is looked at anew.
+ATTEMPTS = 5
+_PART = re.compile(r"(?P<table>\w+)/(?P<day>day=[\d-]{10})/(?P<key>(?:part|fail)-[0-9a-f]{20})\.parquet")
+
+
+class Manifest(msgspec.Struct, frozen=True, kw_only=True):
+    """Which gathered files count: names within the store, by table."""
+
+    format: Literal["cuboid-store"] = "cuboid-store"
+    version: Literal[1] = 1
+    files: dict[str, list[str]] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What a run put into the tables.
+
+    Attributes
+    ----------
+    key : str
+        ``part-`` and the run where it is done, ``fail-`` and the run where it failed; such a one has only its row in
+        `runs`.
+    day : str
+        Folder within a table.
+    """
+
+    key: str
+    day: str
+
+    def names(self) -> dict[str, str]:
+        """Return its file by table."""
+        tables = TABLES if self.key.startswith("part-") else (RUNS,)
+        return {table: name_of(table, self.day, self.key) for table in tables}
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """The files that count.
+
+    Attributes
+    ----------
+    number : int
+        Of the manifest; 0 where nothing was gathered yet.
+    gathered : dict of str to list of str
+        By table.
+    parts : tuple of Part
+        Not gathered yet, sorted.
+    leftovers : tuple of Part
+        Gathered, but not yet removed.
+    keys : frozenset of str
+        Of all runs, as `Part.key`; where every key was asked for.
+    """
+
+    number: int
+    gathered: dict[str, list[str]]
+    parts: tuple[Part, ...]
+    leftovers: tuple[Part, ...]
+    keys: frozenset[str] = field(repr=False)
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is no run."""
+        return not self.files(RUNS)
+
+    def files(self, table: str) -> list[str]:
+        """Return the names of the files of a table."""
+        return [*self.gathered.get(table, ()), *(part.names()[table] for part in self.parts if table in part.names())]
+
+
+def name_of(table: str, day: str, key: str) -> str:
+    """Return the name of a file of a table."""
+    return f"{table}/{day}/{key}.parquet"
+
+
+def key_of(run: str, state: str) -> str:
+    """Return the key of a run."""
+    return f"{'part' if state == DONE else 'fail'}-{run}"
+
+
+def snapshot(place: Place, *, every_key: bool = False) -> Snapshot:
+    """Return the files of a store that count now; none where there is no store yet.
+
+    Parameters
+    ----------
+    place : Place
+    every_key : bool
+        Whether `keys` is wanted, for which the gathered files must be read.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or it is of another version.
+    """
+    for _ in range(ATTEMPTS - 1):
+        try:
+            return _snapshot(place, every_key)
+        except FileNotFoundError:  # gathered into another file meanwhile
+            continue
+    return _snapshot(place, every_key)
+
+
+def _snapshot(place: Place, every_key: bool) -> Snapshot:
+    found = [match for name in place.names(RUNS) if (match := _PART.fullmatch(name))]  # before the manifest is read
+    parts = sorted((Part(match["key"], match["day"]) for match in found), key=lambda part: (part.day, part.key))
+    number, manifest = _newest(place)
+    gathered: set[str] = set()
+    for name in manifest.files.get(RUNS, ()) if parts or every_key else ():
+        rows = place.read_table(name, ["run", "state"])
+        pairs = zip(rows["run"].to_pylist(), rows["state"].to_pylist(), strict=True)
+        gathered.update(key_of(run, state) for run, state in pairs)
+    fresh = tuple(part for part in parts if part.key not in gathered)
+    left = tuple(part for part in parts if part.key in gathered)
+    return Snapshot(number, manifest.files, fresh, left, frozenset(gathered | {part.key for part in fresh}))
+
+
+def manifest_name(number: int) -> str:
+    """Return the name of a manifest."""
+    return f"{MANIFESTS}/{number:09d}.json"
+
+
+def manifests(place: Place) -> list[int]:
+    """Return the numbers of all manifests, ascending."""
+    stems = (PurePosixPath(name).stem for name in place.names(MANIFESTS))
+    return sorted(int(stem) for stem in stems if stem.isdecimal())
+
+
+def _newest(place: Place) -> tuple[int, Manifest]:
+    """Return the newest manifest and its number; one may be replaced and removed while it is asked for."""
+    while numbers := manifests(place):
+        try:
+            content = place.read(manifest_name(numbers[-1]))
+        except FileNotFoundError:
+            continue
+        return numbers[-1], checked(Path(place.path(manifest_name(numbers[-1]))), content, Manifest)
+    return 0, Manifest()

@@ -1,0 +1,64 @@
+"""How the recordings of a store went, the worst first: what a person looks at of ten thousand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from cuboid.store.query import SUPERSEDED, Tables
+from cuboid.store.schema import DONE, RUNS
+
+# Fractions that hint at failure, each 0 (good) to 1, as SQL; their sum is the order of the page.
+INDICATORS = {
+    "frames not used": "1 - frames_used / greatest(frames_read, 1)",
+    "overlapping": "overlapping / greatest(objects, 1)",
+    "floating": "floating / greatest(objects, 1)",
+    "brief": "brief / greatest(objects, 1)",
+    "labels that did not last": "greatest(labels - objects, 0) / greatest(labels, 1)",
+    "nothing found": "(objects = 0)::int",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class StoreSummary:
+    """What the summary page shows.
+
+    Attributes
+    ----------
+    totals : dict
+        Over the newest runs: recordings, frames, objects, hours of computing.
+    worst : list of dict
+        Recordings that are done, the worst first: name, run, results, counts, and each of `INDICATORS`.
+    failed : list of dict
+        Of those that are not done: state, reason, how many, and one of them.
+    """
+
+    totals: dict[str, Any]
+    worst: list[dict[str, Any]]
+    failed: list[dict[str, Any]]
+
+
+def summarise_store(tables: Tables, limit: int) -> StoreSummary:
+    """Return how recordings went, at most `limit` of them."""
+    newest = f"{RUNS} where state = '{DONE}' and run not in (select run from {SUPERSEDED})"
+    totals = tables.rows(
+        "select count(*) as recordings, coalesce(sum(frames_used), 0)::bigint as frames, "
+        "coalesce(sum(objects), 0)::bigint as objects, coalesce(sum(seconds), 0) / 3600 as hours, "
+        f"max(finished) as finished from {newest}"
+    )[0]
+    fractions = ", ".join(f'{sql} as "{name}"' for name, sql in INDICATORS.items())
+    together = " + ".join(f"({sql})" for sql in INDICATORS.values())
+    worst = tables.rows(
+        "select recording, run, results, frames_read, frames_used, frames_lost, proposals, proposals_labelled, "
+        f"sightings, labels, objects, len(warnings) as warnings, {fractions}, {together} as badness "
+        f"from {newest} order by badness desc, recording limit {limit}"
+    )
+    failed = tables.rows(
+        # names, numbers and sizes apart, the same reason is one kind
+        "select state, any_value(reason order by recording) as reason, count(*) as count, "
+        f"min(recording) as recording from {RUNS} as r where state <> '{DONE}' and not exists "
+        f"(select 1 from {RUNS} as later where later.source = r.source and later.state = '{DONE}' "
+        "and later.finished > r.finished) group by state, regexp_replace(reason, '\\S*\\d\\S*', '#', 'g') "
+        "order by count desc, recording"
+    )
+    return StoreSummary(totals, worst, failed)

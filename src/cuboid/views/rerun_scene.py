@@ -1,0 +1,184 @@
+"""What the rerun viewer is told of a run, as it goes or when it is finished, by entities in the tree of frames.
+
+    world                     up, and the color of each label
+    world/map                 the global point map
+    world/planes/0            outline of a supporting plane
+    world/objects/3           box of the object with label 3, in each frame that sees it
+    world/camera              pose of the camera; world/camera_path: all of its places
+    world/camera/image        pinhole and picture; world/camera/image/objects: rectangles in it
+    world/camera/depth        depth, of a run as it goes
+
+The timelines are ``frame`` (number in the recording) and ``time`` (seconds since the first frame).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from cuboid.extras import require
+from cuboid.frame import Float64Array, Intrinsics
+from cuboid.geometry.box import Box
+from cuboid.geometry.se3 import quat_wxyz_from_rotation
+from cuboid.results import MapPoints, SupportPlane
+from cuboid.views.palette import color_of
+
+APPLICATION = "cuboid"
+INSTALL = "'cuboid[rerun]'"
+# Sizes of what is drawn, metres: a voxel of the map is 1 cm wide.
+POINT_M, LINE_M = 0.004, 0.003
+# How far in front of the camera its picture hangs, metres.
+IMAGE_PLANE_M = 0.25
+# Digits after the point of seconds.
+MICROSECOND = 6
+
+PLANE_COLOR = (150, 158, 170)
+PATH_COLOR = (230, 230, 235)
+
+
+class Seen(Protocol):
+    """An object in a frame: a sighting, or a row of tracks.csv."""
+
+    @property
+    def label(self) -> int:
+        """Its label."""
+
+    @property
+    def box(self) -> Box:
+        """In the world."""
+
+    @property
+    def rect_xyxy(self) -> Float64Array:
+        """In the image, pixels."""
+
+
+class RerunScene:
+    """Logs a run to one recording of rerun.
+
+    Parameters
+    ----------
+    name : str
+        Of the recording.
+    feature : str
+        What the user asked for, where rerun is missing.
+
+    Attributes
+    ----------
+    stream : rr.RecordingStream
+        Where it goes is still to be said: `save`, `spawn`, `connect_grpc`.
+
+    Raises
+    ------
+    MissingExtraError
+        The rerun SDK is not installed.
+    """
+
+    def __init__(self, name: str, feature: str) -> None:
+        self._rr = rr = require("rerun", feature, INSTALL)
+        self.stream: Any = rr.RecordingStream(APPLICATION, recording_id=f"{APPLICATION}-{name}", send_properties=False)
+        self.stream.set_log_time_enabled(False)
+        self.stream.set_log_tick_enabled(False)
+        self._labels: set[int] = set()
+        self._up: str | None = None
+        self._first_s: float | None = None
+
+    def pinhole(self, K: Intrinsics) -> None:
+        """Log the camera."""
+        for entity in ("image", "depth"):
+            pinhole = self._rr.Pinhole(
+                focal_length=(K.fx, K.fy),
+                principal_point=(K.cx, K.cy),
+                width=K.width,
+                height=K.height,
+                image_plane_distance=IMAGE_PLANE_M,
+            )
+            self.stream.log(f"world/camera/{entity}", pinhole, static=True)
+
+    def up(self, up: Float64Array | None) -> None:
+        """Log which axis is up, where that is known and has not been said."""
+        axis = _axis_of(up)
+        if axis is not None and axis != self._up:
+            self._up = axis
+            self.stream.log("world", getattr(self._rr.ViewCoordinates, f"RIGHT_HAND_{axis}"), static=True)
+
+    def labels(self, labels: Iterable[int]) -> None:
+        """Log the color of labels, where one of them is new."""
+        known = self._labels | set(labels)
+        if known != self._labels:
+            self._labels = known
+            context = [(label, f"#{label}", color_of(label)) for label in sorted(known)]
+            self.stream.log("/", self._rr.AnnotationContext(context), static=True)
+
+    def map(self, points: MapPoints, *, static: bool) -> None:
+        """Log the global point map."""
+        self.stream.log("world/map", self._rr.Points3D(points.xyz, colors=points.rgb, radii=POINT_M), static=static)
+
+    def planes(self, planes: Sequence[SupportPlane], *, static: bool) -> None:
+        """Log the outlines of supporting planes."""
+        for number, plane in enumerate(planes):
+            outline = np.concatenate((plane.extent, plane.extent[:1]))
+            strip = self._rr.LineStrips3D([outline], colors=PLANE_COLOR, radii=LINE_M)
+            self.stream.log(f"world/planes/{number}", strip, static=static)
+
+    def path(self, places: Float64Array, *, static: bool) -> None:
+        """Log where the camera has been, (N, 3)."""
+        strip = self._rr.LineStrips3D([places], colors=PATH_COLOR, radii=LINE_M / 2)
+        self.stream.log("world/camera_path", strip, static=static)
+
+    def moment(self, frame: int, timestamp_s: float) -> None:
+        """Set the time of what follows."""
+        self._first_s = timestamp_s if self._first_s is None else self._first_s
+        self.stream.set_time("frame", sequence=frame)
+        self.stream.set_time("time", duration=round(timestamp_s - self._first_s, MICROSECOND))
+
+    def camera(self, T_world_camera: Float64Array, picture: bytes | None) -> None:
+        """Log where the camera is, and its picture as JPEG."""
+        rr, T = self._rr, T_world_camera
+        turn = rr.Quaternion(xyzw=quat_wxyz_from_rotation(T[:3, :3])[[1, 2, 3, 0]])
+        self.stream.log("world/camera", rr.Transform3D(translation=T[:3, 3], quaternion=turn))
+        if picture is not None:
+            self.stream.log("world/camera/image", rr.EncodedImage(contents=picture, media_type="image/jpeg"))
+
+    def depth(self, png: bytes, units_per_metre: float) -> None:
+        """Log depth as a PNG of 16 bits."""
+        image = self._rr.EncodedDepthImage(blob=png, media_type="image/png", meter=units_per_metre)
+        self.stream.log("world/camera/depth", image)
+
+    def objects(self, seen: Sequence[Seen]) -> None:
+        """Log the boxes of a frame, in the world and in its image."""
+        rr = self._rr
+        self.labels(one.label for one in seen)
+        for one in seen:
+            box = rr.Boxes3D(
+                centers=[one.box.center],
+                sizes=[one.box.size],
+                quaternions=[rr.Quaternion(xyzw=quat_wxyz_from_rotation(one.box.rotation)[[1, 2, 3, 0]])],
+                class_ids=[one.label],
+                labels=[f"#{one.label}"],
+                radii=[LINE_M],
+            )
+            self.stream.log(f"world/objects/{one.label}", box)
+        rects = np.array([one.rect_xyxy for one in seen]).reshape(-1, 4)
+        labels = [one.label for one in seen]
+        flat = rr.Boxes2D(array=rects, array_format=rr.Box2DFormat.XYXY, class_ids=labels)
+        self.stream.log("world/camera/image/objects", flat)
+
+    def gone(self, labels: Iterable[int]) -> None:
+        """Clear the boxes of labels that were merged or retired."""
+        for label in labels:
+            self.stream.log(f"world/objects/{label}", self._rr.Clear(recursive=False))
+
+    def close(self) -> None:
+        """Let everything arrive."""
+        self.stream.flush()
+        self.stream.disconnect()
+
+
+def _axis_of(up: Float64Array | None) -> str | None:
+    """Return the axis that is next to up, as rerun names it: "Z_UP", "Y_DOWN"; None where up is not known."""
+    if up is None:
+        return None
+    axis = int(np.argmax(np.abs(up)))
+    return f"{'XYZ'[axis]}_{'UP' if up[axis] > 0 else 'DOWN'}"

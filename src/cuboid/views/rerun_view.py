@@ -1,0 +1,110 @@
+"""`--rerun`: a run in the rerun viewer while it goes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import cv2
+import numpy as np
+
+from cuboid.errors import InputError, OutputError
+from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics
+from cuboid.results import FrameResult
+from cuboid.views.live.watch import TrackerView
+from cuboid.views.report.pictures import encode_jpeg
+from cuboid.views.rerun_scene import RerunScene
+
+# A viewer that is started by the run itself.
+SPAWNED = "viewer"
+SUFFIX = ".rrd"
+# A picture of 640x480 is about 50 kB at this quality, and lines of text in it stay clean.
+JPEG_QUALITY = 85
+# Depth in a fifth of a millimetre, as a PNG made at the least effort: 150 kB, 4 ms.
+UNITS_PER_METRE, FARTHEST_UNITS = 5000.0, 65535
+# The map has 5 MB: it is told anew after so many used frames, and at the end.
+MAP_EVERY = 60
+
+
+class RerunView:
+    """What `track_recording` shows a run to; a context manager.
+
+    Parameters
+    ----------
+    where : str
+        A file whose name ends with .rrd, the address of a viewer (rerun+http://HOST:9876/proxy), or `SPAWNED`.
+    name : str
+        Of the recording.
+    intrinsics : Intrinsics
+
+    Raises
+    ------
+    MissingExtraError
+        The rerun SDK is not installed.
+    InputError, OutputError
+        The viewer cannot be started or reached; the file exists or cannot be written.
+    """
+
+    def __init__(self, where: str, name: str, intrinsics: Intrinsics) -> None:
+        self._scene = RerunScene(name, "--rerun")
+        self._open(where)
+        self._scene.pinhole(intrinsics)
+        self._places: list[Float64Array] = []
+        self._shown: set[int] = set()
+        self._last: TrackerView | None = None
+
+    def _open(self, where: str) -> None:
+        stream = self._scene.stream
+        if where.endswith(SUFFIX):
+            if Path(where).exists():
+                raise OutputError(f"{where}: exists; name another file for --rerun")
+            if not Path(where).absolute().parent.is_dir():
+                raise OutputError(f"{where}: cannot be written: there is no folder {Path(where).absolute().parent}")
+        try:
+            if where.endswith(SUFFIX):
+                stream.save(where)
+            elif where == SPAWNED:
+                stream.spawn()
+            else:
+                stream.connect_grpc(where)
+        except Exception as error:  # of a library in Rust, which names no kinds
+            raise InputError(f"--rerun: {where} cannot be opened: {error}") from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._last is not None:
+            self._surroundings(self._last)
+        self._scene.close()
+
+    def __call__(self, frame: Frame, result: FrameResult, tracker: TrackerView) -> None:
+        """Show a used frame and what was found in it."""
+        scene = self._scene
+        scene.moment(frame.index, frame.timestamp_s)
+        scene.camera(result.T_world_camera, encode_jpeg(frame.color, JPEG_QUALITY))
+        scene.depth(_png(frame.depth_m), UNITS_PER_METRE)
+        scene.objects(result.sightings)
+        lasting = {item.label for item in tracker.objects}
+        scene.gone(sorted(self._shown - lasting))
+        self._shown = (self._shown & lasting) | {seen.label for seen in result.sightings}
+        self._places.append(result.T_world_camera[:3, 3])
+        self._last = tracker
+        if len(self._places) % MAP_EVERY == 1:
+            self._surroundings(tracker)
+
+    def _surroundings(self, tracker: TrackerView) -> None:
+        """Show what changes slowly."""
+        self._scene.up(tracker.up)
+        self._scene.map(tracker.map_points(), static=False)
+        self._scene.planes(tracker.planes, static=False)
+        self._scene.path(np.array(self._places), static=False)
+
+
+def _png(depth_m: Float32Array) -> bytes:
+    units = np.rint(depth_m * np.float32(UNITS_PER_METRE))
+    whole = np.where(units < FARTHEST_UNITS, units, 0).astype(np.uint16)
+    return bytes(cv2.imencode(".png", whole, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes())

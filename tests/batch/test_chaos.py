@@ -1,0 +1,96 @@
+"""Whoever is killed, and whenever: the tables are those of a run in which nobody was."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import psutil
+from batches import call, content, recordings, run, states, surroundings
+
+# More with CUBOID_CHAOS=200.
+COUNT = int(os.environ.get("CUBOID_CHAOS", "12"))
+FRAMES, FRAME_S = 10, 0.06
+CLIENT_KILLS = 3
+
+
+def workers_of(client: psutil.Process) -> list[psutil.Process]:
+    """The processes of a client that track: those with a thread that does."""
+    found = []
+    for child in client.children(recursive=True):
+        try:
+            if "spawn_main" in " ".join(child.cmdline()):
+                found.append(child)
+        except psutil.Error:
+            continue
+    return found
+
+
+def harass(process: subprocess.Popen[str], rng: random.Random, seconds: float) -> int:
+    """Kill a worker every few seconds, for a time from the first worker on or until the batch is done; how many."""
+    client, killed = psutil.Process(process.pid), 0
+    while process.poll() is None and not workers_of(client):
+        time.sleep(0.1)
+    until_s = time.monotonic() + seconds
+    while process.poll() is None and time.monotonic() < until_s:
+        time.sleep(rng.uniform(1.5, 4.0))
+        victims = workers_of(client) if process.poll() is None else []
+        if victims:
+            rng.choice(victims).kill()
+            killed += 1
+    return killed
+
+
+def test_killed_workers_and_clients_lose_nothing_and_double_nothing(tmp_path: Path) -> None:
+    source = recordings(tmp_path / "source", COUNT, FRAMES)
+    quiet = run("batch", source, "--output", tmp_path / "quiet", "--workers", 2)
+    assert quiet.returncode == 0, quiet.stderr
+    rng, killed = random.Random(5), 0
+    words = call("batch", source, "--output", tmp_path / "chaos", "--workers", 2, "--attempts", 50)
+    for attempt in range(CLIENT_KILLS + 1):
+        process = subprocess.Popen(
+            words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=surroundings(FRAME_S)
+        )
+        last = attempt == CLIENT_KILLS
+        killed += harass(process, rng, 15 if last else rng.uniform(3, 6))
+        if not last:
+            children = psutil.Process(process.pid).children(recursive=True) if process.poll() is None else []
+            process.send_signal(signal.SIGKILL)
+            _, alive = psutil.wait_procs(children, timeout=20)
+            assert not alive, "workers end when their client is gone"
+            process.communicate()
+            continue
+        try:
+            _, said = process.communicate(timeout=120)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise
+        assert process.returncode == 0, said
+    assert killed >= 3
+    assert {state for state, _ in states(tmp_path / "chaos").values()} == {"done"}
+    assert content(tmp_path / "chaos") == content(tmp_path / "quiet")
+    results = sorted(path.relative_to(tmp_path / "chaos") for path in tmp_path.glob("chaos/results/*/*/*.*"))
+    assert results == sorted(path.relative_to(tmp_path / "quiet") for path in tmp_path.glob("quiet/results/*/*/*.*"))
+    for path in results:
+        if path.name in ("objects.json", "tracks.csv", "map.ply"):
+            assert (tmp_path / "chaos" / path).read_bytes() == (tmp_path / "quiet" / path).read_bytes()
+
+
+def test_two_batches_on_one_store_do_all_once(tmp_path: Path) -> None:
+    source = recordings(tmp_path / "source", 6, 4)
+    words = call("batch", source, "--output", tmp_path / "store", "--workers", 1)
+    both = [
+        subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=surroundings())
+        for _ in range(2)
+    ]
+    for process in both:
+        _, said = process.communicate(timeout=120)
+        assert process.returncode == 0, said
+    assert len(states(tmp_path / "store")) == 6
+    alone = run("batch", source, "--output", tmp_path / "alone", "--workers", 2)
+    assert alone.returncode == 0
+    assert content(tmp_path / "store") == content(tmp_path / "alone")

@@ -1,0 +1,79 @@
+"""`cuboid track --camera`, as a process that a user ends with Ctrl-C, and its mistakes."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cuboid.cli import main
+from cuboid.outputs import read_run
+from cuboid.readers import open_recording
+
+HERE = Path(__file__).resolve().parent
+
+SCRIPT = """
+import sys
+sys.path[:0] = [{here!r}, {tests!r}]
+import cuboid.run
+from cuboid.cameras import CAMERAS
+from cuboid.cli import main
+from fakes import FakeTracker
+from played import PlayedDriver
+
+class Telling(FakeTracker):
+    def update(self, frame, anchor=0):
+        print("frame", frame.index, file=sys.stderr, flush=True)
+        return super().update(frame, anchor)
+
+cuboid.run._tracker = Telling
+then = {then}
+CAMERAS.register("toy")(lambda options: PlayedDriver({frames}, paced=False, every_s=0.01, then=then))
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize("silent", [False, True], ids=["while frames come", "while none comes"])
+def test_ctrl_c_ends_with_a_whole_result(tmp_path: Path, silent: bool) -> None:
+    then = "lambda: __import__('time').sleep(0.05)" if silent else "None"
+    script = SCRIPT.format(here=str(HERE), tests=str(HERE.parent), then=then, frames=6 if silent else 10**9)
+    words = ["track", "--camera", "toy", "--output", str(tmp_path / "out"), "--record", str(tmp_path / "kept")]
+    process = subprocess.Popen(
+        [sys.executable, "-c", script, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stderr is not None
+    for line in process.stderr:
+        if line.startswith("frame 5"):
+            break
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=20)
+    assert process.returncode == 0, err
+    assert "Traceback" not in err
+    run = read_run(tmp_path / "out" / "run.json")
+    assert run.complete
+    assert 6 <= run.frames_used < 1000
+    assert f"{run.frames_used} of {run.frames_used} frames" in out
+    assert len(open_recording(tmp_path / "kept")) >= run.frames_used
+    assert run.recording == str(tmp_path / "kept")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["kept", "out"]
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        ((), "name a RECORDING, or a live camera with --camera"),
+        (("r", "--camera", "oak"), "a run has one source: the recording r, or --camera oak"),
+        (("r", "--record", "k"), "--record keeps the frames of --camera"),
+        (("--camera", "oak", "--depth-scale", "1000"), "--depth-scale is for recordings; a camera knows that itself"),
+        (("--camera", "webcam"), "unknown camera 'webcam'; there are: oak, orbbec, realsense, record3d, ros2"),
+    ],
+)
+def test_a_wrong_call_is_one_line(words: tuple[str, ...], part: str, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["track", *words, "--output", "never"]) == 2
+    err = capfd.readouterr().err
+    assert part in err
+    assert err.count("\n") == 1
+    assert not Path("never").exists()

@@ -1,0 +1,137 @@
+"""Objects are found by what people know of them."""
+
+from __future__ import annotations
+
+import json
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+from made_stores import BEGIN, colors_of, put_run, run_of, thing
+
+from cuboid.cli import main
+from cuboid.store.compact import compact
+from cuboid.store.place import Place
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> str:
+    place = Place(str(tmp_path_factory.mktemp("found")))
+    cup = {"longest_m": 0.12, "middle_m": 0.08, "shortest_m": 0.08}
+    put_run(place, 1, [thing(1, **cup, color="red"), thing(2, longest_m=0.3, center_x_m=1.0)], recording="kitchen-1")
+    half = [0.5 * (a + b) for a, b in zip(colors_of("red"), colors_of("blue"), strict=True)]
+    put_run(
+        place,
+        2,
+        [thing(1, **cup, colors=half, color="blue", center_x_m=1.2), thing(2, last_seen=BEGIN + timedelta(days=9))],
+        recording="kitchen-2",
+    )
+    compact(place)
+    put_run(place, 3, [thing(1, **cup, color="green", center_z_m=0.4)], recording="office/desk")
+    put_run(place, 4, [thing(5)], recording="office/chair")
+    put_run(place, 10, [thing(6, center_y_m=3.0)], recording="office/chair")  # done again, later
+    return place.url
+
+
+def found(capsys: pytest.CaptureFixture[str], store: str, *words: str) -> list[str]:
+    assert main(["find", store, *words, "--json", "-"]) == 0
+    rows: list[dict[str, Any]] = json.loads(capsys.readouterr().out)["objects"]
+    return [f"{row['recording']}#{row['label']}" for row in rows]
+
+
+@pytest.mark.parametrize(
+    ("words", "which"),
+    [
+        (("--size", "11..14cm"), {"kitchen-1#1", "kitchen-2#1", "office/desk#1"}),
+        (("--size", "..110mm"), {"kitchen-2#2", "office/chair#6"}),
+        (("--size", "0.2m.."), {"kitchen-1#2"}),
+        (("--color", "red"), {"kitchen-1#1", "kitchen-2#1"}),
+        (("--recording", "kitchen*", "--size", "8..14cm"), {"kitchen-1#1", "kitchen-2#1", "kitchen-2#2"}),
+        (("--since", "2026-03-05"), {"kitchen-2#2"}),
+        (("--until", "2026-03-05", "--color", "grey"), {"kitchen-1#2", "office/chair#6"}),
+        (("--near", "0,0,0", "--within", "30cm", "--color", "red"), {"kitchen-1#1"}),
+    ],
+)
+def test_filters(capsys: pytest.CaptureFixture[str], store: str, words: tuple[str, ...], which: set[str]) -> None:
+    assert set(found(capsys, store, *words)) == which
+
+
+def test_the_nearest_and_the_most_alike_come_first(capsys: pytest.CaptureFixture[str], store: str) -> None:
+    assert found(capsys, store, "--near", "1,0,0", "--within", "0.5m") == ["kitchen-1#2", "kitchen-2#1"]
+    assert found(capsys, store, "--near", "0,3,0") == ["office/chair#6"], "of the newest run, not of the one before"
+    alike = found(capsys, store, "--like", "kitchen-1#1")
+    assert alike[:2] == ["kitchen-2#1", "office/desk#1"]
+    assert "kitchen-1#1" not in alike
+    assert found(capsys, store, "--like", "kitchen-1#1", "--limit", "1") == ["kitchen-2#1"]
+
+
+def test_pages_show_names_as_text(store: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    place = Place(str(tmp_path / "store"))
+    put_run(place, 1, [thing(1, picture=b"\xff\xd8jpeg")], recording="<script>alert(1)</script>")
+    assert main(["find", place.url, "--html", str(tmp_path / "found.html")]) == 0
+    assert main(["store", "compact", place.url]) == 0
+    for page in (tmp_path / "found.html", tmp_path / "store" / "index.html"):
+        assert "<script>" not in page.read_text()
+        assert "&lt;script&gt;" in page.read_text()
+    assert "data:image/jpeg;base64," in (tmp_path / "found.html").read_text()
+
+
+def test_the_worst_come_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    place = Place(str(tmp_path))
+    put_run(place, 1, [thing(1)], recording="good")
+    put_run(place, 2, [thing(1)], recording="lost", frames_used=2)
+    put_run(place, 3, [], recording="empty")
+    put_run(place, 4, [thing(1), thing(2)], recording="double", overlapping=2)
+    put_run(place, 5, [], recording="broken", state="failed", reason="no camera")
+    assert main(["store", "compact", place.url]) == 0
+    page = (tmp_path / "index.html").read_text()
+    order = [page.index(f">{name}<") for name in ("broken", "double", "empty", "lost", "good")]
+    assert order == sorted(order)
+    assert "no camera" in page
+
+
+def test_sql(capsysbinary: pytest.CaptureFixture[bytes], store: str) -> None:
+    question = f"select recording, count(*) as n from objects where run = '{run_of(2)}' group by recording"
+    assert main(["sql", store, question, "--csv"]) == 0
+    assert capsysbinary.readouterr().out == b'"recording","n"\n"kitchen-2",2\n'
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("find", "STORE", "--like", "kitchen-1#9"), "recording 'kitchen-1' has no object 9"),
+        (("find", "STORE", "--like", "garage#1"), "there is no recording 'garage'"),
+        (("find", "STORE", "--color", "mauve"), "no color is called 'mauve'; there are black, grey"),
+        (("sql", "STORE", "select nothing from objects"), '"nothing" not found'),
+        (("sql", "STORE", "selec"), "syntax error"),
+    ],
+)
+def test_a_wrong_question_is_one_line(
+    capsys: pytest.CaptureFixture[str], store: str, words: tuple[str, ...], said: str
+) -> None:
+    assert main([store if word == "STORE" else word for word in words]) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--size", "5"),
+        ("--size", "9..4cm"),
+        ("--near", "1,2"),
+        ("--since", "soon"),
+        ("--like", "kitchen-1"),
+        ("--within", "1ft"),
+    ],
+)
+def test_a_wrong_call_is_one_line(capsys: pytest.CaptureFixture[str], words: tuple[str, str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["find", "store", *words])
+    assert ended.value.code == 2
+    err = capsys.readouterr().err
+    assert words[0] in err
+    assert "expected" in err
+    assert err.count("\n") == 1
