@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from cuboid.readers import Recording, open_recording
     from cuboid.results import FrameResult, TrackedObject
     from cuboid.run import track_recording
+    from cuboid.scene import Scene
     from cuboid.tracker import Tracker
 
 __version__ = "0.1.0"
@@ -34,6 +35,7 @@ _PLACES = {
     "FrameResult": "cuboid.results",
     "Intrinsics": "cuboid.frame",
     "Recording": "cuboid.readers",
+    "Scene": "cuboid.scene",
     "TrackedObject": "cuboid.results",
     "Tracker": "cuboid.tracker",
     "TrackerConfig": "cuboid.config",
@@ -49,6 +51,7 @@ __all__ = [
     "FrameResult",
     "Intrinsics",
     "Recording",
+    "Scene",
     "TrackedObject",
     "Tracker",
     "TrackerConfig",

@@ -14,6 +14,8 @@ from cuboid.geometry.se3 import inverse, tidied, transform
 
 LOST = "the camera is lost: the frame shows no place that is known"
 NO_POSE = "the frame has no camera pose"
+# Corrections of estimated poses are told from this share of a voxel on: what moves by less stays in its voxel.
+POSES_MOVE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +99,10 @@ class EstimatedPoses:
     def trajectory(self) -> Mapping[int, Float64Array]:
         """Return the poses of all frames as corrected since."""
         return self._estimator.trajectory()
+
+    def begin_lost(self) -> None:
+        """Expect frames of another recording: the camera may be anywhere among the known places, or at none of them."""
+        self._estimator.begin_lost()
 
     def _moved(self) -> dict[int, Float64Array]:
         """Return how keyframes have moved since that was last told, where it is worth telling."""

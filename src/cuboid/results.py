@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -128,6 +128,8 @@ class TrackedObject:
         Index into the tracker's planes.
     merged_labels : tuple of int
         Younger labels that turned out to be this object.
+    name : str
+        What people call it; empty where nobody gave it a name.
     """
 
     label: int
@@ -141,6 +143,17 @@ class TrackedObject:
     mean_color: Float64Array
     plane: int | None
     merged_labels: tuple[int, ...] = ()
+    name: str = ""
+
+
+def tag_of(label: int, name: str = "") -> str:
+    """Return how a label is shown wherever it is: with the name that people gave, where there is one."""
+    return f"#{label} {name}" if name else f"#{label}"
+
+
+def names_of(objects: Iterable[TrackedObject]) -> dict[int, str]:
+    """Return the names that people gave, by label."""
+    return {item.label: item.name for item in objects if item.name}
 
 
 @dataclass(frozen=True, slots=True)

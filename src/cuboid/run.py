@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -20,13 +20,14 @@ from cuboid.measuring import FrameClock, FrameLog, peak_memory_mb
 from cuboid.object_table import ObjectTable
 from cuboid.outputs import ObjectsFile, PoseRow, ResultWriter, RunReport
 from cuboid.outputs.folder import REPORT, VIDEO
-from cuboid.posing import LOST, BridgedPoses, EstimatedPoses, GivenPoses, Poses
+from cuboid.posing import LOST, POSES_MOVE, BridgedPoses, EstimatedPoses, GivenPoses, Poses
 from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
 from cuboid.streaming import FrameSource, Stream
 
 if TYPE_CHECKING:
     from cuboid.proposals.types import ProposalSource
     from cuboid.readers.depth_camera import DepthCamera
+    from cuboid.scene.running import IntoScene, SceneRun
     from cuboid.views.report.pictures import Picture
     from cuboid.views.video import View
 
@@ -186,6 +187,7 @@ def track_recording(
     make_tracker: MakeTracker | None = None,
     make_view: MakeView | None = None,
     watch: Watch | None = None,
+    into: IntoScene | None = None,
 ) -> RunOutcome:
     """Track the objects of a recording and write the results.
 
@@ -225,6 +227,8 @@ def track_recording(
         Make the tracker and the video; `cuboid.Tracker` and the labelled video unless given.
     watch : callable, optional
         Shown each used frame, what was found in it, and the tracker, between two frames of its work.
+    into : IntoScene, optional
+        The scene that the recording goes into.
 
     Returns
     -------
@@ -247,24 +251,35 @@ def track_recording(
     if isinstance(recording, FrameSource):
         recording = Stream(recording)
     poses = _origin_of_poses(recording, poses, bridge)
-    planned = None if isinstance(recording, Stream) else len(range(0, len(recording), every)[:limit])
+    frames = range(0) if isinstance(recording, Stream) else range(0, len(recording), every)[:limit]
+    planned = None if isinstance(recording, Stream) else len(frames)
     if planned == 0:
         raise InputError(f"{recording.path}: the recording has no frames")
     with ExitStack() as results:
         writer = _writer(results, recording, output, force, poses)
         source, camera = _poses(recording, poses, bridge, scale, config)
         bare = recording if source.given_with_frames else recording.without_poses()
-        tracker = (make_tracker or _tracker)(camera, config, proposals)
-        log = FrameLog()
+        settings = _effective(config, proposals, every, limit, scale, bridge, recording)
+        log, session = FrameLog(), None
+        tracker: TrackerLike
+        if into is None:
+            tracker = (make_tracker or _tracker)(camera, config, proposals)
+        else:
+            session = results.enter_context(_session(into, recording, poses, camera, config, proposals, settings))
+            tracker, source = session.tracker, session.poses(source)
+            frames = session.go_on(frames, writer)
+            planned = None if planned is None else len(frames)
         progress.start(planned)
         view_of = (make_view or _video) if video else None
         with (
             _view(writer, recording, every, view_of) as view,
-            closing(_decode(bare, every, limit, ahead=threads > 1)) as decoded,
+            closing(_decode(bare, frames, every, limit, ahead=threads > 1)) as decoded,
         ):
-            pipeline = _Pipeline(recording.path, planned, source, tracker, scale, writer, view, watch, log, progress)
+            pipeline = _Pipeline(
+                recording.path, planned, source, tracker, scale, writer, view, watch, log, progress, session
+            )
             complete = pipeline.follow(decoded, stop)
-        if complete and not log.used and poses == "estimated":
+        if complete and not pipeline.T_world_camera and poses == "estimated":
             raise InputError(
                 f"{recording.path}: no camera pose can be estimated: no frame has enough depth and texture"
             )
@@ -275,10 +290,10 @@ def track_recording(
             format=recording.format,
             poses=poses,
             threads=threads,
-            config=_effective(config, proposals, every, limit, scale, bridge, recording),
-            frames_read=log.read,
-            frames_used=log.used,
-            skipped=tuple(log.skipped),
+            config=settings,
+            frames_read=len(pipeline.T_world_camera) + len(pipeline.skipped),
+            frames_used=len(pipeline.T_world_camera),
+            skipped=tuple(pipeline.skipped),
             milliseconds=log.timings(),
             seconds=time.perf_counter() - begun_s,
             peak_memory_mb=peak_memory_mb(),
@@ -290,6 +305,8 @@ def track_recording(
         if writer is not None:
             content = ObjectsFile(up, recording.intrinsics, planes, objects)
             writer.finish(content, tracker.map_points(), report, pipeline.trajectory())
+        if session is not None:
+            session.finish(complete=complete)
     if output is not None and page:
         write_page(output, recording)
     return RunOutcome(
@@ -311,14 +328,25 @@ class _Pipeline:
     watch: Watch | None
     log: FrameLog
     progress: Progress
+    session: SceneRun | None = None
     times_s: dict[int, float] = field(default_factory=dict)
     T_world_camera: dict[int, Float64Array] = field(default_factory=dict)
+    skipped: list[tuple[int, str]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        if self.session is not None:
+            begun = self.session.begun
+            self.times_s.update(begun.times_s)
+            self.T_world_camera.update(begun.T_world_camera)
+            self.skipped.extend(begun.skipped)
 
     def follow(self, frames: Iterable[Decoded], stop: Callable[[], bool]) -> bool:
         """Take in all frames; return False where `stop` ended it before."""
         for decoded in frames:
             if stop():
                 return False
+            if self.session is not None:
+                self.session.next_frame()
             reason = self._step(decoded)
             if reason:
                 self._skip(decoded.index, reason)
@@ -384,6 +412,9 @@ class _Pipeline:
 
     def _skip(self, index: int, reason: str) -> None:
         self.log.skip(index, reason)
+        self.skipped.append((index, reason))
+        if self.session is not None:
+            self.session.skip(index, reason)
         self.progress.skipped(index, reason)
         if self.planned is None:
             return
@@ -396,10 +427,31 @@ class _Pipeline:
             )
 
 
-def _decode(recording: RecordingLike, every: int, limit: int | None, *, ahead: bool) -> Generator[Decoded, None, None]:
+def _decode(
+    recording: RecordingLike, frames: range, every: int, limit: int | None, *, ahead: bool
+) -> Generator[Decoded, None, None]:
     if isinstance(recording, Stream):
         return recording.decode(every, limit, ahead=ahead)
-    return decode(recording, range(0, len(recording), every)[:limit], ahead=ahead)
+    return decode(recording, frames, ahead=ahead)
+
+
+def _session(
+    into: IntoScene,
+    recording: RecordingLike,
+    poses: str,
+    camera: Intrinsics,
+    config: TrackerConfig,
+    proposals: str | ProposalSource | None,
+    settings: dict[str, Any],
+) -> AbstractContextManager[SceneRun]:
+    from cuboid.scene import Source
+
+    if isinstance(recording, Stream):
+        path, frames = str(recording.path), 0
+    else:
+        path, frames = str(Path(recording.path).resolve()), len(recording)
+    source = Source(path, recording.format, poses, frames, recording.intrinsics, settings)
+    return into.session(source, camera, config, proposals)
 
 
 def _origin_of_poses(recording: RecordingLike, poses: str | None, bridge: bool) -> str:
@@ -418,8 +470,7 @@ def _poses(
     camera = recording.intrinsics.downscaled(scale)
     if bridge:
         return BridgedPoses(camera, recording.pose), camera
-    # what moves by less than half a voxel stays in its voxel
-    return (GivenPoses() if origin == "given" else EstimatedPoses(camera, 0.5 * config.voxel_m)), camera
+    return (GivenPoses() if origin == "given" else EstimatedPoses(camera, POSES_MOVE * config.voxel_m)), camera
 
 
 def _writer(

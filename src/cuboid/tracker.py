@@ -332,9 +332,53 @@ class Tracker:
         ]
 
     @property
+    def plane_identities(self) -> list[int]:
+        """What `MapObject.plane` calls each of `planes`."""
+        return [plane.identity for plane in self._planes.planes if plane.in_use]
+
+    @property
     def up(self) -> Float64Array | None:
         """Up in the world, (3,); None while unknown."""
         return self._planes.up
+
+    def ever_labelled(self) -> list[MapObject]:
+        """Return all objects that have a label, retired ones too, by label."""
+        return self._map.store.ever_labelled()
+
+    def merge(self, one: MapObject, two: MapObject) -> MapObject:
+        """Make one object of two that are one, as somebody says; return it, under the older label."""
+        return self._map.merge(one, two)
+
+    def retire(self, entry: MapObject) -> None:
+        """End an object that is none, as somebody says; its label is never given again."""
+        self._map.store.retire(entry)
+
+    def begin_visit(self) -> None:
+        """Expect the place at another time: things may have been moved, taken and brought."""
+        self._map.begin_visit()
+        self._place = None
+
+    def split(self, entry: MapObject, was: MapObject, first_frame: int) -> None:
+        """Give a labelled object another label: it stands where another one stood, which keeps the old one."""
+        self._map.store.split(entry, was, first_frame)
+
+    def adopt(self, entry: MapObject, old: MapObject) -> None:
+        """Let a labelled object be one that was retired: it was moved, and its older label stays."""
+        self._map.store.adopt(entry, old)
+
+    @property
+    def support(self) -> PlaneTracker:
+        """The supporting planes and their ground plans."""
+        return self._planes
+
+    def begin_labels(self, first: int) -> None:
+        """Give no label below one."""
+        self._map.store.begin_labels(first)
+
+    @property
+    def voxels(self) -> VoxelMap:
+        """The global voxel map."""
+        return self._voxels
 
     @property
     def points_known(self) -> int:

@@ -6,8 +6,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from batches import paint, recordings, run, states
 
+from batches import paint, recordings, run, states
 from cuboid.batch import cluster
 from cuboid.cli import main
 from cuboid.store.query import Tables

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import psutil
+
 from batches import call, content, recordings, run, states, surroundings
 
 # More with CUBOID_CHAOS=200.

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import fsspec
 import pytest
-from batches import content, recordings, run, states
 
+from batches import content, recordings, run, states
 from cuboid.store.compact import compact
 from cuboid.store.find import Filters, find
 from cuboid.store.place import Place

@@ -24,6 +24,11 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 PAGES = [*sorted((REPOSITORY / "docs").rglob("*.md")), REPOSITORY / "README.md"]
 # What waits for a browser or a camera, or tracks for minutes, is not run; its words are held against the command.
 NOT_RUN = (
+    "batch",
+    "find",
+    "sql",
+    "serve",
+    "store compact",
     "annotate",
     "view",
     "calibrate",

@@ -35,6 +35,7 @@ COMMANDS = (
     "report",
     "view",
     "export",
+    "scene",
     "slam",
     "calibrate",
     "demo",

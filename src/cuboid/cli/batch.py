@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from cuboid.batch.batch import Plan
 
 HELP = "track many recordings into one store of objects"
+EXAMPLE = "cuboid batch RECORDINGS --output STORE"
 
 # So many recordings are named by --dry-run; of the rest the number.
 NAMED = 20

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from cuboid.evaluation import Evaluation
     from cuboid.evaluation.evaluate import Identity
     from cuboid.evaluation.points import HeatQuality
+    from cuboid.evaluation.visits import VisitsQuality
 
 HELP = "judge a result by the truth: boxes, labels over time"
 EXAMPLE = "cuboid evaluate DIR truth.json"
@@ -35,7 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         nargs="?",
         metavar="TRUTH",
-        help="a truth file, the folder of a made recording, or keyframes with rectangles that a person drew",
+        help="a truth file, the folder of a made recording, keyframes with rectangles that a person drew, or, where "
+        "RESULT is a scene, the folder of made visits",
     )
     parser.add_argument(
         "--cloud",
@@ -80,6 +82,11 @@ def run(args: argparse.Namespace) -> int:
         from cuboid.cli.keyframes import run as judge_keyframes
 
         return judge_keyframes(args)
+    from cuboid.evaluation.visits import evaluate_visits, is_visits
+
+    if is_visits(args.truth):
+        give_figures(evaluate_visits(args.result, args.truth), args.json, print_visits)
+        return 0
     for name in ("recording", "pictures"):
         if getattr(args, name) is not None:
             raise InputError(f"--{name} goes with keyframes, which {args.truth} are none of")
@@ -106,6 +113,17 @@ def print_evaluation(found: Evaluation) -> None:
     out.print(_objects_table(found))
     if found.heat is not None:
         out.print(_heat_line(found.heat), markup=False)
+
+
+def print_visits(found: VisitsQuality) -> None:
+    """Print how labels were kept and changes told over visits."""
+    from cuboid.cli.tables import console
+
+    out = console()
+    out.print(f"labels kept of things that did not move: {found.kept} of {found.unmoved}")
+    out.print(f"moved things recognised: {found.recognised} of {found.moved}")
+    out.print(f"changes: {found.changes} true, {found.told} told, {found.right} rightly")
+    out.print(f"called gone though only hidden: {found.hidden_called_gone}")
 
 
 def print_comparison(found: Evaluation) -> None:

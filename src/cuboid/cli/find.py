@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 HELP = "find objects in a store by size, place, time, color or likeness"
+EXAMPLE = "cuboid find STORE --size 8..14cm"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

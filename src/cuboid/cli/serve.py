@@ -8,6 +8,7 @@ import os
 from cuboid.cli.serving import port
 
 HELP = "serve the pages of a store and a read-only API of its tables"
+EXAMPLE = "cuboid serve STORE"
 
 # Where the token may be, so that it stands in no list of processes.
 TOKEN = "CUBOID_TOKEN"

@@ -7,6 +7,7 @@ import argparse
 from cuboid.cli.threads import cores, positive
 
 HELP = "ask the tables of a store in SQL"
+EXAMPLE = 'cuboid sql STORE "select count(*) from objects"'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

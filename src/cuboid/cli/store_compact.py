@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 HELP = "gather the small files of a store into large ones, and remove what killed tasks left"
+EXAMPLE = "cuboid store compact STORE"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

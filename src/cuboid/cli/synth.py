@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cuboid.cli.threads import cores, limit_threads, positive
+
+if TYPE_CHECKING:
+    from cuboid.synthetic.shapes import Model
 
 HELP = "make a recording whose truth is known exactly"
 EXAMPLE = "cuboid synth --kind clutter --seed 7 --output DIR"
@@ -25,6 +29,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     scene = parser.add_argument_group("scene")
     scene.add_argument("--kind", choices=KINDS, default="table", help="what stands where (default: table)")
     scene.add_argument("--seed", type=_seed, default=1, metavar="N", help="same seed, same bytes (default: 1)")
+    scene.add_argument(
+        "--visits",
+        type=positive,
+        metavar="N",
+        help="several recordings of the place, between which things move, go and come (visit-1, visit-2, ... in DIR)",
+    )
     scene.add_argument("--meshes", type=Path, metavar="DIR", help="own objects: .obj, .glb, .ply files")
     camera = parser.add_argument_group("camera")
     camera.add_argument("--frames", type=positive, metavar="N", help="length (default: what suits the kind)")
@@ -64,6 +74,8 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.synthetic.user_meshes import load_meshes
 
     meshes = load_meshes(args.meshes) if args.meshes else ()
+    if args.visits:
+        return _visits(args, meshes)
     scene = make_scene(args.kind, args.seed, frames=args.frames, camera=args.motion, meshes=meshes)
     with rendering() as progress:
         render_recording(
@@ -79,6 +91,31 @@ def run(args: argparse.Namespace) -> int:
         )
     what = f"{scene.frames} frames, {len(scene.objects)} objects, {len(scene.surfaces)} level surfaces"
     console().print(f"{scene.name}: {what}; in {args.output}", markup=False)
+    return 0
+
+
+def _visits(args: argparse.Namespace, meshes: Sequence[Model]) -> int:
+    """Make several recordings of one place, and say what happens between them."""
+    from cuboid.cli.tables import console
+    from cuboid.synthetic import make_visits, render_visits
+
+    scenes = make_visits(args.kind, args.seed, args.visits, frames=args.frames, camera=args.motion, meshes=meshes)
+    with rendering() as progress:
+        told = render_visits(
+            scenes,
+            args.output,
+            sensor=args.sensor,
+            pose_noise=args.pose_noise,
+            faults=args.faults,
+            size=args.size,
+            workers=args.workers,
+            force=args.force,
+            progress=progress,
+        )
+    for visit in told["visits"]:
+        kinds = [change["change"] for change in visit["changes"]]
+        what = ", ".join(f"{kinds.count(kind)} {kind}" for kind in ("unchanged", "moved", "gone", "new"))
+        console().print(f"{visit['recording']}: {what if kinds else 'the first'}; in {args.output}", markup=False)
     return 0
 
 

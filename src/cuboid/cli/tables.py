@@ -9,6 +9,7 @@ from typing import Any, Protocol, TypeVar
 
 from rich import box
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from cuboid.errors import printable
@@ -51,11 +52,14 @@ def new_table(*columns: str, left: int = 1) -> Table:
 
 def objects_table(objects: Iterable[TrackedObject]) -> Table:
     """Return the map of objects: label, size, position, frames seen, score."""
-    table = new_table("label", "size L x W x H (cm)", "position x, y, z (m)", "frames seen", "score", left=0)
-    for item in objects:
+    found = list(objects)
+    name = ("name",) if any(item.name for item in found) else ()
+    table = new_table("label", "size L x W x H (cm)", "position x, y, z (m)", "frames seen", "score", *name, left=0)
+    for item in found:
         size = " x ".join(f"{side * 100:.1f}" for side in item.box.size)
         place = ", ".join(f"{value:z.2f}" for value in item.box.center)
-        table.add_row(str(item.label), size, place, str(item.frames_seen), f"{item.score:.2f}")
+        cells = (str(item.label), size, place, str(item.frames_seen), f"{item.score:.2f}")
+        table.add_row(*cells, *((escape(printable(item.name)),) if name else ()))
     return table
 
 

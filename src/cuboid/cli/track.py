@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from cuboid.cli.camera import add_camera, source_of
 from cuboid.cli.live import add_live, watching
 from cuboid.cli.recording import add_recording, config_from
+from cuboid.cli.scene_options import add_scene, scene_from
 from cuboid.cli.threads import cores
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     results.add_argument("--force", action="store_true", help="replace results that lie in DIR")
     results.add_argument("--video", action="store_true", help="also write labelled.mp4")
     add_live(results)
+    add_scene(parser)
     add_camera(parser)
     add_recording(parser, default_threads=min(2, cores()), required=False)
 
@@ -34,6 +36,7 @@ def run(args: argparse.Namespace) -> int:
     """Track, and say what was found."""
     from cuboid.cli.interrupt import interruptible
 
+    into = scene_from(args)
     with interruptible() as interruption:
         from cuboid.cli.progress import progress
         from cuboid.readers import Recording
@@ -58,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
                     progress=shown,
                     stop=interruption if args.camera is None else never,
                     watch=looks if looks.looks else None,
+                    into=into,
                 )
                 looks.end(outcome.report.complete)
     print_outcome(outcome, args.output)

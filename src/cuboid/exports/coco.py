@@ -63,7 +63,8 @@ def _image_names(run: FinishedRun) -> dict[int, str]:
 def _track(run: FinishedRun, label: int) -> dict[str, Any]:
     ended = run.survivor.get(label)
     merged_into = ended.label if ended is not None and ended.label != label else None
-    return {"id": label, "category_id": CATEGORY, "video_id": VIDEO, "merged_into": merged_into}
+    name = {"name": ended.name} if ended is not None and ended.name else {}
+    return {"id": label, "category_id": CATEGORY, "video_id": VIDEO, "merged_into": merged_into, **name}
 
 
 def _annotation(run: FinishedRun, number: int, row: TrackRow) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from cuboid.results import TrackedObject
 
 HEADER = (
     "label,length_cm,width_cm,height_cm,x_m,y_m,z_m,qw,qx,qy,qz,score,heat,"
-    "first_frame,last_frame,frames_seen,points,red,green,blue,plane,merged_labels"
+    "first_frame,last_frame,frames_seen,points,red,green,blue,plane,merged_labels,name"
 )
 # Digits after the point of sizes in centimetres (a hundredth of a millimetre) and of mean colors.
 CENTIMETRE = 3
@@ -24,6 +24,12 @@ def write(run: FinishedRun, path: Path) -> list[str]:
     lines = [HEADER, *(_line(item) for item in run.found.objects)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
     return []
+
+
+def quoted(text: str) -> str:
+    """Return a text as a cell: in quotes where it has what ends a cell."""
+    doubled = text.replace('"', '""')
+    return f'"{doubled}"' if any(mark in text for mark in ',"') else text
 
 
 def _line(item: TrackedObject) -> str:
@@ -38,6 +44,7 @@ def _line(item: TrackedObject) -> str:
         numbers(item.mean_color, COLOR),
         "" if item.plane is None else str(item.plane),
         " ".join(map(str, item.merged_labels)),
+        quoted(item.name),
     )
     return ",".join(cells)
 

@@ -29,7 +29,7 @@ from cuboid.formats.stored import is_there
 from cuboid.frame import Float64Array, Frame
 from cuboid.geometry.box import CORNER_SIGNS, EDGES, Box
 from cuboid.outputs import TrackRow
-from cuboid.results import MapPoints
+from cuboid.results import MapPoints, names_of, tag_of
 from cuboid.ros_messages import COLOR, DEPTH, OPTICAL_FRAME, TRANSFORMS, WORLD_FRAME, RosBag, nanoseconds
 from cuboid.views.palette import color_of
 from cuboid.views.report.pictures import encode_jpeg
@@ -64,7 +64,7 @@ def _write_frames(bag: RosBag, run: FinishedRun, shown: bool) -> None:
     for row in run.tracks:
         seen[row.frame].append(row)
         last_seen[row.label] = row.frame
-    lasting = {item.label for item in run.found.objects}
+    lasting, names = {item.label for item in run.found.objects}, names_of(run.found.objects)
     gone: list[int] = []
     for number, (frame, pose) in enumerate(run.poses.items()):
         time_ns = nanoseconds(pose.timestamp_s)
@@ -75,7 +75,11 @@ def _write_frames(bag: RosBag, run: FinishedRun, shown: bool) -> None:
             bag.publish(f"{topic}/camera_info", bag.camera_info(run.found.intrinsics, time_ns), time_ns)
         if shown:
             _write_pictures(bag, run, frame, time_ns)
-        markers = [one for row in seen[frame] for one in _markers(bag, row.label, row.box, run.found.up, time_ns)]
+        markers = [
+            one
+            for row in seen[frame]
+            for one in _markers(bag, row.label, names.get(row.label, ""), row.box, run.found.up, time_ns)
+        ]
         markers += [one for label in gone for one in _deleted(bag, label, time_ns)]
         bag.publish(MARKERS, bag.make("visualization_msgs/MarkerArray", markers=markers), time_ns)
         bag.publish(DETECTIONS, _detections(bag, run, seen[frame], time_ns), time_ns)
@@ -123,7 +127,7 @@ def _detections(bag: RosBag, run: FinishedRun, rows: list[TrackRow], time_ns: in
     return bag.make("vision_msgs/Detection3DArray", header=bag.header(WORLD_FRAME, time_ns), detections=detections)
 
 
-def _markers(bag: RosBag, label: int, box: Box, up: Float64Array | None, time_ns: int) -> list[Any]:
+def _markers(bag: RosBag, label: int, name: str, box: Box, up: Float64Array | None, time_ns: int) -> list[Any]:
     """Return the cube, the edges and the text of an object."""
     T, line = _T_world_box(box), np.array([LINE_M, 0.0, 0.0])
     ends = (CORNER_SIGNS * (box.size / 2.0))[np.array(EDGES)].reshape(-1, 3)
@@ -140,7 +144,7 @@ def _markers(bag: RosBag, label: int, box: Box, up: Float64Array | None, time_ns
             kind=TEXT_VIEW_FACING,
             T=above,
             scale=np.array([0, 0, TEXT_M]),
-            text=f"#{label}",
+            text=tag_of(label, name),
         ),
     ]
 

@@ -63,6 +63,7 @@ def _object(item: TrackedObject, time_s: dict[int, float]) -> dict[str, Any]:
         "first_seen_s": first_s,
         "last_seen_s": last_s,
         "frames_seen": item.frames_seen,
+        **({"name": item.name} if item.name else {}),
         "mean_color_rgb": rounded_list(item.mean_color, 1),
         "merged_labels": list(item.merged_labels),
     }

@@ -15,6 +15,7 @@ from cuboid.exports.finished import FinishedRun
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.formats.stored import is_there
 from cuboid.outputs import TrackRow
+from cuboid.results import names_of
 from cuboid.views.report.pictures import encode_jpeg
 from cuboid.views.rerun_scene import RerunScene
 from cuboid.views.rerun_view import JPEG_QUALITY
@@ -36,6 +37,7 @@ def write(run: FinishedRun, path: Path) -> list[str]:
 def _log_surroundings(scene: RerunScene, run: FinishedRun) -> None:
     """Log what does not change: the map, planes, the camera's path and its pinhole."""
     found = run.found
+    scene.names = names_of(found.objects)
     scene.up(found.up)
     scene.labels({row.label for row in run.tracks} | {item.label for item in found.objects})
     scene.map(run.points, static=True)

@@ -27,6 +27,9 @@ MOST_VOTES = 8
 VOTES_SHARE = 3
 # The map is packed when this share of its rows is dead.
 DEAD_SHARE = 0.25
+# Rows of a run of which it is known whether any changed, as bits of their number.
+CHANGED_BITS = 12
+CHANGED_ROWS = 1 << CHANGED_BITS
 
 
 class VoxelMap:
@@ -73,6 +76,7 @@ class VoxelMap:
         self._last_frame = np.full(capacity, -1, np.int32)
         self._table = np.zeros(2 * capacity, np.int32)
         self._blocks = RowBlocks()
+        self._changed = np.ones(-(-capacity // CHANGED_ROWS), bool)
 
     def _columns(self) -> tuple[npt.NDArray[Any], ...]:
         return (
@@ -99,6 +103,63 @@ class VoxelMap:
         self.count, self._dead, self._next_look = count, 0, 0
         kernel.fill_table(self.keys, count, self._table)
         self._blocks.rebuild(self.owner[:count])
+
+    @property
+    def capacity(self) -> int:
+        """Rows that there is room for."""
+        return len(self.keys)
+
+    @property
+    def runs(self) -> int:
+        """Runs of `CHANGED_ROWS` rows that the rows in use make."""
+        return -(-self.count // CHANGED_ROWS)
+
+    def take_changed(self) -> Rows:
+        """Return the runs of `CHANGED_ROWS` rows in which any has changed since this was asked last, ascending."""
+        changed = np.flatnonzero(self._changed[: self.runs])
+        self._changed[:] = False
+        return changed
+
+    def rows_in(self, run: int) -> tuple[npt.NDArray[Any], ...]:
+        """Return all that is kept of the rows in use of a run, the columns of `restore`; views of the map's arrays."""
+        rows = slice(run * CHANGED_ROWS, min((run + 1) * CHANGED_ROWS, self.count))
+        return tuple(column[rows] for column in self._columns())
+
+    def restore(self, capacity: int, runs: Sequence[tuple[npt.NDArray[Any], ...]]) -> None:
+        """Take back the rows of all runs, in order, into arrays of a capacity; `count` and the like are not touched."""
+        self._allocate(capacity)
+        for run, columns in enumerate(runs):
+            for target, source in zip(self.rows_in(run), columns, strict=True):
+                target[:] = source
+        kernel.fill_table(self.keys, self.count, self._table)
+        self._blocks.rebuild(self.owner[: self.count])
+        self._changed[:] = False
+
+    def take_back(self, columns: tuple[npt.NDArray[Any], ...]) -> None:
+        """Take the rows of a saved map, all living, some of which may be lost."""
+        count, capacity = len(columns[0]), len(self.keys)
+        while count > 0.75 * capacity:
+            capacity *= 2
+        self._allocate(capacity)
+        for target, source in zip(self._columns(), columns, strict=True):
+            target[:count] = source
+        self._begin_anew(count)
+
+    def age(self, most_hits: int) -> None:
+        """Let what was seen long ago count as no more than so many sightings: the world may have changed since."""
+        if self.count == 0:
+            return
+        hits, weights = self.hits[: self.count], self.values[: self.count, kernel.WEIGHT]
+        weights *= (np.minimum(hits, most_hits) / np.maximum(hits, 1)).astype(np.float32)
+        np.minimum(hits, most_hits, out=hits)
+        self.passes[: self.count] = 0
+        self._changed[:] = True
+
+    def pack(self) -> None:
+        """Let all rows live."""
+        if self._dead:
+            alive = self.living()
+            self.take_back(tuple(column[alive] for column in self._columns()))
 
     def fuse(
         self, image: WorkingImage, heat: Float32Array, T_world_camera: Float64Array, frame: int, anchor: int = 0
@@ -127,6 +188,7 @@ class VoxelMap:
             slots,
         )  # fmt: skip
         self._dead -= again
+        self._changed[slots >> CHANGED_BITS] = True  # the last run too, where a pixel has no row: that does no harm
         if anchor:
             self.anchor[slots[slots >= 0]] = anchor
         return slots
@@ -169,10 +231,13 @@ class VoxelMap:
         size = -(-self.count // turns)
         first = self._next_look
         last = min(first + size, self.count)
+        before = self.passes[first:last].copy(), self.hits[first:last].copy()
         self._dead += kernel.see_through(
             first, last, image.depth_m, _pinhole(image), np.ascontiguousarray(T_camera_world), self.noise_per_m,
             max(PASS_MARGIN_M, 2 * self.voxel_m), turns, self.values, self.hits, self.passes,
         )  # fmt: skip
+        passed = (self.passes[first:last] != before[0]) | (self.hits[first:last] != before[1])
+        self._changed[(first + np.flatnonzero(passed)) >> CHANGED_BITS] = True
         self._next_look = last if last < self.count else 0
 
     @property
@@ -248,7 +313,9 @@ class VoxelMap:
 
     def pass_on(self, gone: int, kept: int) -> None:
         """Let all rows of one object belong to another."""
-        self.owner[self._blocks.rows_of(gone, self.owner[: self.count])] = kept
+        rows = self._blocks.rows_of(gone, self.owner[: self.count])
+        self.owner[rows] = kept
+        self._changed[rows >> CHANGED_BITS] = True
         self._blocks.pass_on(gone, kept)
 
     def release(self, numbers: Sequence[int]) -> None:
@@ -256,7 +323,12 @@ class VoxelMap:
         for number in numbers:
             rows = self._blocks.rows_of(number, self.owner[: self.count])
             self.owner[rows] = self.confidence[rows] = 0
+            self._changed[rows >> CHANGED_BITS] = True
             self._blocks.release(number)
+
+    def seen_since(self, rows: Rows, frame: int) -> npt.NDArray[np.bool_]:
+        """Tell of which rows (N,) a frame from some number on saw the point."""
+        return np.asarray(self._last_frame[rows] >= frame)
 
     def rows_at(self, points: Float64Array) -> Rows:
         """Return the rows (N,) of the voxels at places (N, 3) of the world, -1 where there is no point."""

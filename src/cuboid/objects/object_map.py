@@ -52,6 +52,8 @@ LOST_SHARE = 0.1
 LEAST_VOXELS = 8
 # Objects beyond so many times the range of depth are not looked for: too far to tell even their colors.
 FAR = 2.0
+# At another visit all that was seen before counts as at most so many sightings: what has changed is soon believed.
+REMEMBERED = 4
 # Two objects are likely one when their boxes share this much of the smaller one.
 TWIN_OVERLAP = 0.5
 
@@ -298,6 +300,13 @@ class ObjectMap:
             if entry.number in owned:
                 entry.points, entry.colors = voxels.xyz(owned[entry.number]), voxels.rgb(owned[entry.number])
 
+    def begin_visit(self) -> None:
+        """Expect the place at another time: what was seen counts less, and boxes are soon fitted anew."""
+        self._voxels.age(REMEMBERED)
+        for entry in self.store.living():
+            entry.sightings = min(entry.sightings, REMEMBERED)
+            entry.fitted = min(entry.fitted, REMEMBERED)
+
     def _neighbours(self, entry: MapObject) -> list[MapObject]:
         return [o for o in self.store.near(entry.box, 0.0) if o is not entry]
 
@@ -313,9 +322,14 @@ class ObjectMap:
                 a, b = self.store[number], self.store[other]
                 least = SURE if a.confirmed and b.confirmed else SURE / 2.0
                 if told is not None and told >= least:
-                    kept, _ = self.store.merge(a, b)
-                    self._describe(kept)
+                    self.merge(a, b)
                     break
+
+    def merge(self, one: MapObject, two: MapObject) -> MapObject:
+        """Make one of two objects, and return it."""
+        kept, _ = self.store.merge(one, two)
+        self._describe(kept)
+        return kept
 
     def _decide(self, numbers: Sequence[int]) -> None:
         """Give labels to those that are sure, and end those that are surely none."""

@@ -61,6 +61,14 @@ class ObjectStore:
         """Return the objects that live and have a label, by label."""
         return sorted(self._confirmed.values(), key=lambda o: o.label)
 
+    def ever_labelled(self) -> list[MapObject]:
+        """Return all objects that have a label, retired ones too, by label."""
+        return sorted((o for o in self._objects.values() if o.label), key=lambda o: o.label)
+
+    def begin_labels(self, first: int) -> None:
+        """Give no label below one."""
+        self._next_label = max(self._next_label, first)
+
     def add(self, box: Box, frame: int) -> MapObject:
         """Begin an object."""
         entry = MapObject(self._next_number, box, frame, frame)
@@ -89,6 +97,34 @@ class ObjectStore:
         self._end(entry)
         if not entry.label:
             del self._objects[entry.number]
+
+    def adopt(self, entry: MapObject, old: MapObject) -> None:
+        """Let a labelled object be one that was retired: it was moved, and its older label stays."""
+        entry.merged_labels = sorted({*entry.merged_labels, *old.merged_labels, entry.label})
+        entry.label = old.label
+        entry.first_frame = min(entry.first_frame, old.first_frame)
+        entry.frames_seen += old.frames_seen
+        del self._objects[old.number]
+
+    def split(self, entry: MapObject, was: MapObject, first_frame: int) -> None:
+        """Give a labelled object another label: it stands where another one stood, which keeps the old one.
+
+        Parameters
+        ----------
+        entry : MapObject
+        was : MapObject
+            The other one as it was: it gets the old label, a number of its own, and is retired.
+        first_frame : int
+            When the one that stands there now may have come.
+        """
+        was.number, was.label, was.state = self._next_number, entry.label, State.RETIRED
+        was.merged_labels, entry.merged_labels = entry.merged_labels, []
+        self._next_number += 1
+        self._objects[was.number] = was
+        if was.number >= len(self.boxes):
+            self.boxes = np.concatenate([self.boxes, np.full_like(self.boxes, np.nan)])
+        entry.first_frame = first_frame
+        self.confirm(entry)
 
     def merge(self, first: MapObject, second: MapObject) -> tuple[MapObject, MapObject]:
         """Make two objects one: the older label stays, the younger is recorded. Returns (kept, gone)."""

@@ -129,6 +129,7 @@ def _object_to_json(item: TrackedObject) -> dict[str, Any]:
         "mean_color": rounded_list(item.mean_color, 1),
         "plane": item.plane,
         "merged_labels": list(item.merged_labels),
+        **({"name": item.name} if item.name else {}),
     }
 
 
@@ -145,4 +146,5 @@ def _object(item: ObjectEntry) -> TrackedObject:
         mean_color=np.array(item.mean_color),
         plane=item.plane,
         merged_labels=tuple(item.merged_labels),
+        name=item.name,
     )

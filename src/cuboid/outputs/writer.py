@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
@@ -62,6 +62,7 @@ class ResultWriter:
                 self._tracks.write(TRACKS_HEADER + "\n")
                 self._proposals.write(PROPOSALS_HEADER + "\n")
             stack.pop_all()
+        self._keep: Callable[[str, str], None] = lambda name, text: None
 
     def __enter__(self) -> ResultWriter:
         return self
@@ -86,6 +87,27 @@ class ResultWriter:
         except OutputError as error:
             raise OutputError(str(error).replace(str(path), str(self._shown / name))) from error
 
+    def go_on(self, texts: Mapping[str, str], keep: Callable[[str, str], None]) -> None:
+        """Begin with the rows of a run that was broken off, and tell of each new text where it goes.
+
+        Parameters
+        ----------
+        texts : mapping of str to str
+            By the name of the file.
+        keep : callable
+            Told the name of the file and the text.
+
+        Raises
+        ------
+        OutputError
+            The disk is full.
+        """
+        self._keep = keep
+        files = {TRACKS: self._tracks, PROPOSALS: self._proposals, self._online: self._trajectory}
+        for name, text in texts.items():
+            with writing(self._folder.file(name), self._shown / name):
+                files[name].write(text)
+
     def add(self, result: FrameResult, pixels: int = 1) -> None:
         """Write the rows of one frame.
 
@@ -102,17 +124,23 @@ class ResultWriter:
             The disk is full.
         """
         frame, time_s = result.index, result.timestamp_s
-        with writing(self._folder.file(TRACKS), self._shown / TRACKS):
-            for seen in result.sightings:
-                rect = seen.rect_xyxy * pixels
-                row = TrackRow(frame, time_s, seen.label, seen.box, seen.iou, seen.visible, rect)
-                self._tracks.write(row.line() + "\n")
-        with writing(self._folder.file(PROPOSALS), self._shown / PROPOSALS):
-            for own in result.proposals:
-                rect = own.rect_xyxy * pixels
-                self._proposals.write(ProposalRow(frame, time_s, own.label, own.box, own.score, rect).line() + "\n")
-        with writing(self._folder.file(self._online), self._shown / self._online):
-            self._trajectory.write(PoseRow(time_s, result.T_world_camera).line() + "\n")
+        tracks = (
+            TrackRow(frame, time_s, seen.label, seen.box, seen.iou, seen.visible, seen.rect_xyxy * pixels).line()
+            for seen in result.sightings
+        )
+        proposals = (
+            ProposalRow(frame, time_s, own.label, own.box, own.score, own.rect_xyxy * pixels).line()
+            for own in result.proposals
+        )
+        self._rows(TRACKS, self._tracks, tracks)
+        self._rows(PROPOSALS, self._proposals, proposals)
+        self._rows(self._online, self._trajectory, [PoseRow(time_s, result.T_world_camera).line()])
+
+    def _rows(self, name: str, file: TextIO, lines: Iterable[str]) -> None:
+        text = "".join(f"{line}\n" for line in lines)
+        with writing(self._folder.file(name), self._shown / name):
+            file.write(text)
+        self._keep(name, text)
 
     def finish(
         self, objects: ObjectsFile, points: MapPoints, report: RunReport, corrected: Sequence[PoseRow] | None = None

@@ -102,7 +102,7 @@ class Atlas:
         self._work.extend((known[i].number, number, True) for i in likely)
         self.keyframes.append(
             Keyframe(
-                number, frame, T_world_camera, small, reference, median_depth_m(reference), view.appearance, submap
+                number, frame, T_world_camera, small, median_depth_m(reference), view.appearance, submap, reference
             )
         )
         return number, overlapping

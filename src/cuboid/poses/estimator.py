@@ -9,11 +9,11 @@ import numpy as np
 from cuboid.errors import FrameError
 from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry import se3
-from cuboid.poses.alignment import Alignment, Prior, align
+from cuboid.poses.alignment import Alignment, Prior, Reference, align
 from cuboid.poses.atlas import Atlas, View
 from cuboid.poses.keyframes import OVERLAP_LEVEL, Keyframe
 from cuboid.poses.places import locate, look
-from cuboid.poses.pyramid import Level, SmallImage, build_levels, keep, shrink
+from cuboid.poses.pyramid import Level, SmallImage, keep, shrink
 
 # A frame becomes a keyframe when its view differs by this much from those of all keyframes, radians.
 NEW_VIEW = 0.17
@@ -106,6 +106,7 @@ class PoseEstimator:
         self._motion = np.zeros(6)  # of the camera frame, a second
         self._time_s = 0.0
         self._local: list[int] = []
+        self._reference = Reference((), 0)
 
     @property
     def keyframes(self) -> list[Keyframe]:
@@ -126,6 +127,10 @@ class PoseEstimator:
             if keyframes[k].submap == 0
         }
 
+    def begin_lost(self) -> None:
+        """Expect frames of another recording: the camera is looked for among all known places."""
+        self._lost = LINGER_FRAMES if self.keyframes else 0
+
     def update(self, frame: Frame) -> PoseEstimate:
         """Take in a frame.
 
@@ -141,7 +146,8 @@ class PoseEstimator:
                 f"expected {expected[1]} x {expected[0]}"
             )
         gray, depth_m, camera = shrink(frame, self.intrinsics)
-        shot = _Shot(frame.index, keep(gray, depth_m, camera), build_levels(gray, depth_m, camera))
+        small = keep(gray, depth_m, camera)
+        shot = _Shot(frame.index, small, small.levels())  # all that is known of a keyframe is in what is kept of it
         if not self.keyframes:
             return self._begin(shot, frame.timestamp_s)
         elapsed_s = self._elapsed(frame.timestamp_s)

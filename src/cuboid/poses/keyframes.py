@@ -8,7 +8,7 @@ import numpy as np
 
 from cuboid.frame import Float64Array
 from cuboid.geometry import se3
-from cuboid.poses.alignment import Reference
+from cuboid.poses.alignment import Reference, pick
 from cuboid.poses.places import Appearance
 from cuboid.poses.pyramid import Level, SmallImage
 
@@ -33,8 +33,6 @@ class Keyframe:
     T_world_camera : (4, 4) float64
         As corrected so far.
     small : SmallImage
-    reference : Reference
-        Its points, in its camera frame.
     depth_m : float
         Median depth of its points.
     appearance : Appearance
@@ -46,10 +44,17 @@ class Keyframe:
     frame: int
     T_world_camera: Float64Array
     small: SmallImage
-    reference: Reference
     depth_m: float
     appearance: Appearance
     submap: int
+    _reference: Reference | None = None
+
+    @property
+    def reference(self) -> Reference:
+        """Its points, in its camera frame."""
+        if self._reference is None:
+            self._reference = pick(self.small.levels())
+        return self._reference
 
 
 def median_depth_m(reference: Reference) -> float:

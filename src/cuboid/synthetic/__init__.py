@@ -10,5 +10,6 @@ from cuboid.synthetic.demo import demo_scene
 from cuboid.synthetic.kinds import KINDS, make_scene
 from cuboid.synthetic.recording import render_recording
 from cuboid.synthetic.scene import Scene
+from cuboid.synthetic.visits import make_visits, render_visits
 
-__all__ = ["KINDS", "Scene", "demo_scene", "make_scene", "render_recording"]
+__all__ = ["KINDS", "Scene", "demo_scene", "make_scene", "make_visits", "render_recording", "render_visits"]

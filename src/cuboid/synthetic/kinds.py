@@ -76,6 +76,11 @@ def build_table(draft: Draft) -> None:
     _middle_table(draft)
     for model in draft.models(int(draft.rng.integers(6, 10))):
         draft.objects.put(model, 0, APART_M, within=0.9)
+    way_table(draft)
+
+
+def way_table(draft: Draft) -> None:
+    """Let the camera go round the table."""
     draft.waypoints = _circling(draft, 0, radius=draft.rng.uniform(1.1, 1.45))
 
 
@@ -105,6 +110,11 @@ def build_leave(draft: Draft) -> None:
     _middle_table(draft)
     for model in draft.models(int(draft.rng.integers(5, 9))):
         draft.objects.put(model, 0, APART_M, within=0.85)
+    way_leave(draft)
+
+
+def way_leave(draft: Draft) -> None:
+    """Let the camera turn away from the table and come back."""
     angle = draft.rng.uniform(np.radians(70), np.radians(95)) * (1 if draft.rng.random() < 0.5 else -1)
     turning = 2 * abs(angle) / STEP_RAD
     walk = max(draft.frames - turning, 0.25 * draft.frames)
@@ -139,6 +149,11 @@ def build_tables(draft: Draft) -> None:
     for surface, count, names in ((0, 5, tuple(MAKERS)), (1, 4, tuple(MAKERS)), (2, 2, SMALL), (3, 4, SMALL)):
         for model in draft.models(count, names):
             draft.objects.put(model, surface, APART_M, within=0.85)
+    way_tables(draft)
+
+
+def way_tables(draft: Draft) -> None:
+    """Let the camera walk from one table to the next, to the shelf, and back."""
     draft.waypoints = _tour(
         draft, [0, 1, 3, 1, 0], eyes=((-0.7, -0.45), (0.6, -0.35), (1.05, -0.75)), order=(0, 1, 2, 1, 0)
     )
@@ -190,6 +205,11 @@ def build_room(draft: Draft) -> None:
     ):
         for model in draft.models(count, names):
             draft.objects.put(model, surface, APART_M, within=0.85)
+    way_room(draft)
+
+
+def way_room(draft: Draft) -> None:
+    """Let the camera turn from the curtain to the table and walk through the room."""
     tour = _tour(draft, [0, 2, 1, 0], eyes=((-0.6, -0.75), (0.3, -1.85), (1.15, 0.1), (0.9, -0.75)), order=(0, 1, 2, 3))
     draft.waypoints = np.concatenate([_curtain_first(tour[0]), tour])
 
@@ -203,6 +223,10 @@ KINDS: Mapping[str, Builder] = MappingProxyType(
         "clutter": build_clutter,
         "room": build_room,
     }
+)
+# How the camera goes where a place is visited again.
+WAYS: Mapping[str, Builder] = MappingProxyType(
+    {"table": way_table, "leave": way_leave, "tables": way_tables, "clutter": way_table, "room": way_room}
 )
 # Frames of a recording where none are asked for: what the way of the kind takes.
 FRAMES: Mapping[str, int] = MappingProxyType(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,27 +28,50 @@ class Arrangement:
     ----------
     surfaces : sequence of Surface
     rng : numpy.random.Generator
+    objects : sequence of SceneObject
+        What stands there already.
     """
 
-    def __init__(self, surfaces: tuple[Surface, ...], rng: np.random.Generator) -> None:
+    def __init__(
+        self, surfaces: tuple[Surface, ...], rng: np.random.Generator, objects: Sequence[SceneObject] = ()
+    ) -> None:
         self.surfaces = surfaces
-        self.objects: list[SceneObject] = []
-        self._outlines: dict[int, Float64Array] = {}
+        self.objects: list[SceneObject] = list(objects)
+        self._outlines: dict[int, Float64Array] = {o.id: hull(o.mesh().vertices[:, :2]) for o in objects}
         self._rng = rng
 
-    def put(self, model: Model, surface: int, gap: float, within: float = 1.0) -> SceneObject | None:
+    def put(
+        self, model: Model, surface: int, gap: float, within: float = 1.0, number: int | None = None
+    ) -> SceneObject | None:
         """Put a model anywhere on a surface, at least `gap` metres from all others.
 
-        `within` is the share of the surface, around its middle, where the model's centre may lie.
-        Returns None where there is no room.
+        `within` is the share of the surface, around its middle, where the model's centre may lie; `number` is what it
+        is called, the next one unless given. Returns None where there is no room.
         """
         model = turned(model, self._rng.uniform(0, 2 * np.pi))
         outline = hull(model.mesh().vertices[:, :2])
         for _ in range(TRIES):
             place = self.surfaces[surface].at(*(within * self._rng.uniform(-1, 1, 2)))
             if self._free(outline + place, surface, gap):
-                return self._add(model, place, surface)
+                return self._add(model, place, surface, number=number)
         return None
+
+    def take(self, number: int) -> SceneObject:
+        """Take an object away."""
+        taken = next(o for o in self.objects if o.id == number)
+        self.objects = [o for o in self.objects if o is not taken]
+        del self._outlines[number]
+        return taken
+
+    def restore(self, body: SceneObject) -> None:
+        """Let an object stand where it says."""
+        self.objects.append(body)
+        self.objects.sort(key=lambda o: o.id)
+        self._outlines[body.id] = hull(body.mesh().vertices[:, :2])
+
+    def fits(self, body: SceneObject, gap: float) -> bool:
+        """Tell whether an object has room where it says."""
+        return self._free(hull(body.mesh().vertices[:, :2]), body.surface, gap)
 
     def put_at(self, model: Model, surface: int, place: tuple[float, float]) -> SceneObject:
         """Put a model at a place (coordinates -1..1 of the surface), as it is."""
@@ -93,9 +117,17 @@ class Arrangement:
             if other.surface == surface and other.id != ignoring
         )
 
-    def _add(self, model: Model, place: Float64Array, surface: int, bottom: float | None = None) -> SceneObject:
+    def _add(
+        self,
+        model: Model,
+        place: Float64Array,
+        surface: int,
+        bottom: float | None = None,
+        number: int | None = None,
+    ) -> SceneObject:
         height = self.surfaces[surface].height_m if bottom is None else bottom
-        added = SceneObject(model, shift((*place, height)), id=len(self.objects) + 1, surface=surface)
+        number = len(self.objects) + 1 if number is None else number
+        added = SceneObject(model, shift((*place, height)), id=number, surface=surface)
         self.objects.append(added)
         self._outlines[added.id] = hull(model.mesh().vertices[:, :2]) + place
         return added

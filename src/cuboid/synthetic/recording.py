@@ -55,10 +55,27 @@ CloudPart = tuple[Float32Array, UInt8Array, npt.NDArray[np.int32]]
 
 @dataclass(frozen=True, slots=True)
 class _Done:
-    """What a rendered frame leaves besides its images: visible shares (M,), and points of the cloud."""
+    """What a rendered frame leaves besides its images: visible shares (M,), those of ghosts, points of the cloud."""
 
     shares: Float64Array
+    empty: Float64Array
     cloud: CloudPart | None
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """In how many frames a recording shows a fair share of each thing.
+
+    Attributes
+    ----------
+    objects : dict of int to int
+        By number.
+    ghosts : dict of int to int
+        That the place of what is no more there is empty.
+    """
+
+    objects: dict[int, int]
+    ghosts: dict[int, int]
 
 
 class _Renderer:
@@ -76,7 +93,8 @@ class _Renderer:
         (self._folder / "color" / f"{name}.jpg").write_bytes(encode_color(rendered.color))
         (self._folder / "depth" / f"{name}.png").write_bytes(encode_depth(rendered.depth_m))
         shares = self._view.visible_shares(frame, rendered.hits)
-        return _Done(shares, self._cloud(rendered) if frame % CLOUD_EVERY_FRAMES == 0 else None)
+        empty = self._view.empty_shares(frame, rendered.hits)
+        return _Done(shares, empty, self._cloud(rendered) if frame % CLOUD_EVERY_FRAMES == 0 else None)
 
     def _cloud(self, rendered: Rendered) -> CloudPart:
         each = (slice(None, None, CLOUD_EVERY_PIXELS),) * 2
@@ -97,7 +115,7 @@ def render_recording(
     workers: int = 1,
     force: bool = False,
     progress: Progress | None = None,
-) -> None:
+) -> Shown:
     """Render a scene into a plain recording folder; the same arguments write the same bytes.
 
     Parameters
@@ -119,6 +137,10 @@ def render_recording(
         Whether a made recording that lies at `path` may be replaced.
     progress : callable, optional
         Called with the number of frames done and of all.
+
+    Returns
+    -------
+    Shown
 
     Raises
     ------
@@ -154,6 +176,16 @@ def render_recording(
         if faults:
             spoil(work, faults, scene.frames, np.random.default_rng([scene.seed, 3]))
         folder.commit()
+    return Shown(
+        {
+            body.id: int((np.array([one.shares[k] for one in done]) >= truth.SHOWN_SHARE).sum())
+            for k, body in enumerate(scene.objects)
+        },
+        {
+            body.id: int((np.array([one.empty[k] for one in done]) >= truth.SHOWN_SHARE).sum())
+            for k, body in enumerate(scene.ghosts)
+        },
+    )
 
 
 def encode_color(color: UInt8Array) -> bytes:

@@ -127,6 +127,8 @@ class Scene:
         At a width of 640 pixels.
     lamp : (L, 3) float64
         Points of the lamp, in the room.
+    ghosts : tuple of SceneObject
+        What stood there at an earlier visit and does not any more.
     """
 
     name: str
@@ -141,6 +143,7 @@ class Scene:
     lamp: Float64Array = field(
         default_factory=lambda: np.array([[1.0, -0.7, 2.55], [0.65, -0.5, 2.6], [0.75, -0.95, 2.6]])
     )
+    ghosts: tuple[SceneObject, ...] = ()
 
     @property
     def frames(self) -> int:

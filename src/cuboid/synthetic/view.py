@@ -86,6 +86,7 @@ class SceneView:
             lamp=scene.lamp,
         )
         self._surfaces = [_surface(scene, body) for body in scene.objects]
+        self._ghosts = [_surface(scene, body) for body in scene.ghosts]
 
     def render(self, frame: int, sensor: str) -> Rendered:
         """Render a frame with a sensor of `SENSORS`."""
@@ -106,7 +107,20 @@ class SceneView:
         T_camera_room = se3.inverse(self._poses[frame])
         return np.array([self._share(points, normals, T_camera_room, hits) for points, normals in self._surfaces])
 
-    def _share(self, points: Float64Array, normals: Float64Array, T_camera_room: Float64Array, hits: Hits) -> float:
+    def empty_shares(self, frame: int, hits: Hits) -> Float64Array:
+        """Return for each ghost the share of its points facing the camera at or through which the camera sees."""
+        T_camera_room = se3.inverse(self._poses[frame])
+        return np.array([self._share(*ghost, T_camera_room, hits, through=True) for ghost in self._ghosts])
+
+    def _share(
+        self,
+        points: Float64Array,
+        normals: Float64Array,
+        T_camera_room: Float64Array,
+        hits: Hits,
+        *,
+        through: bool = False,
+    ) -> float:
         seen_from = se3.transform(T_camera_room, points)
         facing = np.einsum("ij,ij->i", seen_from, normals @ T_camera_room[:3, :3].T) < 0
         if not facing.any():
@@ -117,7 +131,8 @@ class SceneView:
         y = np.rint(front[:, 1] / front[:, 2] * k.fy + k.cy)
         inside = (x >= 0) & (x < k.width) & (y >= 0) & (y < k.height)
         depth = hits.depth_m[y[inside].astype(np.int64), x[inside].astype(np.int64)]
-        agrees = np.abs(depth - front[inside, 2]) <= AGREES_M
+        off = depth - front[inside, 2]
+        agrees = (off >= -AGREES_M if through else np.abs(off) <= AGREES_M) & (depth > 0)
         return round(float(agrees.sum() / facing.sum()) * SHARE_STEPS) / SHARE_STEPS
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array, Intrinsics, UInt8Array
 from cuboid.geometry.box import Box
+from cuboid.results import tag_of
 from cuboid.views.palette import color_of
 from cuboid.views.projection import TOP, Wireframe, may_be_in_view, wireframes
 from cuboid.views.tags import TAG_PX, place_tag, put_tag
@@ -39,6 +40,10 @@ MUTED = (170, 176, 186)
 
 # Fixed-point digits of coordinates that cv2 draws: a sixteenth of a pixel.
 SHIFT = 4
+
+
+# Characters of a tag.
+LONGEST_TAG = 28
 
 
 class Labelled(Protocol):
@@ -100,6 +105,7 @@ def draw_frame(
     hidden_objects: Iterable[Labelled],
     status: Status | None,
     tinted: bool = True,
+    names: Mapping[int, str] | None = None,
 ) -> UInt8Array:
     """Return a picture with the boxes of its objects.
 
@@ -121,15 +127,23 @@ def draw_frame(
         None leaves the strip out.
     tinted : bool
         Whether the sides of boxes have a hint of their color; False where the picture's colors are figures.
+    names : mapping of int to str, optional
+        What people call the objects, by label.
 
     Returns
     -------
     (H, W, 3) uint8
     """
-    items = [(item, f"#{item.label}", True) for item in hidden_objects]
-    items += [(item, f"#{item.label}", False) for item in sightings]
+    items = [(item, _tag(item.label, names or {}), True) for item in hidden_objects]
+    items += [(item, _tag(item.label, names or {}), False) for item in sightings]
     drawn = _in_view(items, T_world_camera, intrinsics)
     return _draw(color, intrinsics, drawn, status, tinted)
+
+
+def _tag(label: int, names: Mapping[int, str]) -> str:
+    """Return the text of a tag; a long name is cut."""
+    text = tag_of(label, names.get(label, ""))
+    return text if len(text) <= LONGEST_TAG else f"{text[: LONGEST_TAG - 1]}…"
 
 
 def draw_proposals(

@@ -53,6 +53,7 @@ def drawer(what: str, results: Path, replay: Replay) -> Draw:
             found.hidden,
             status,
             tinted=what not in ("heat", "planes"),
+            names=replay.names,
         )
 
     return draw

@@ -13,6 +13,7 @@ from cuboid.outputs import FinishedResults, ProposalRow, TrackRow
 from cuboid.outputs.text import LENGTH, number
 from cuboid.readers.recording import Recording
 from cuboid.readers.reopen import reopen_recording
+from cuboid.results import names_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +78,8 @@ class Replay:
         Of the tracker: one over its median time of a frame.
     last_frame : int
         The last frame of the recording that was used; -1 where none was.
+    names : dict of int to str
+        What people call the objects, by label.
 
     Raises
     ------
@@ -94,6 +97,7 @@ class Replay:
         median_ms = report.milliseconds["frame"].median_ms if "frame" in report.milliseconds else 0.0
         self.frames_per_second = 1e3 / median_ms if median_ms > 0 else None
         self.last_frame = results.last_frame
+        self.names = names_of(results.found.objects)
         self._lasting = {item.label for item in results.found.objects}
         self._poses = results.poses
         self._sightings: dict[int, list[TrackRow]] = defaultdict(list)

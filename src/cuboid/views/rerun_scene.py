@@ -13,7 +13,7 @@ The timelines are ``frame`` (number in the recording) and ``time`` (seconds sinc
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,7 +22,7 @@ from cuboid.extras import require
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
-from cuboid.results import MapPoints, SupportPlane
+from cuboid.results import MapPoints, SupportPlane, tag_of
 from cuboid.views.palette import color_of
 
 APPLICATION = "cuboid"
@@ -68,6 +68,8 @@ class RerunScene:
     ----------
     stream : rr.RecordingStream
         Where it goes is still to be said: `save`, `spawn`, `connect_grpc`.
+    names : mapping of int to str
+        What people call the objects, by label.
 
     Raises
     ------
@@ -81,6 +83,7 @@ class RerunScene:
         self.stream.set_log_time_enabled(False)
         self.stream.set_log_tick_enabled(False)
         self._labels: set[int] = set()
+        self.names: Mapping[int, str] = {}
         self._up: str | None = None
         self._first_s: float | None = None
 
@@ -108,7 +111,7 @@ class RerunScene:
         known = self._labels | set(labels)
         if known != self._labels:
             self._labels = known
-            context = [(label, f"#{label}", color_of(label)) for label in sorted(known)]
+            context = [(k, tag_of(k, self.names.get(k, "")), color_of(k)) for k in sorted(known)]
             self.stream.log("/", self._rr.AnnotationContext(context), static=True)
 
     def map(self, points: MapPoints, *, static: bool) -> None:
@@ -156,7 +159,7 @@ class RerunScene:
                 sizes=[one.box.size],
                 quaternions=[rr.Quaternion(xyzw=quat_wxyz_from_rotation(one.box.rotation)[[1, 2, 3, 0]])],
                 class_ids=[one.label],
-                labels=[f"#{one.label}"],
+                labels=[tag_of(one.label, self.names.get(one.label, ""))],
                 radii=[LINE_M],
             )
             self.stream.log(f"world/objects/{one.label}", box)

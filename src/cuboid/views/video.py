@@ -9,7 +9,7 @@ from typing import Protocol
 
 from cuboid.errors import OutputError
 from cuboid.frame import Frame, Intrinsics
-from cuboid.results import FrameResult, TrackedObject
+from cuboid.results import FrameResult, TrackedObject, names_of
 from cuboid.views.drawing import Status, draw_frame
 from cuboid.views.encoding import Mp4Writer
 
@@ -81,7 +81,10 @@ class VideoView:
             seen=len(result.sightings),
             known=result.objects_known,
         )
-        picture = draw_frame(frame.color, result.T_world_camera, self._intrinsics, result.sightings, hidden, status)
+        picture = draw_frame(
+            frame.color, result.T_world_camera, self._intrinsics, result.sightings, hidden, status,
+            names=names_of(objects),
+        )  # fmt: skip
         self._writer.add(picture)
 
     def close(self, complete: bool) -> None:

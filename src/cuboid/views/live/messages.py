@@ -13,7 +13,7 @@ import numpy as np
 
 from cuboid.frame import Float64Array, Intrinsics, UInt8Array
 from cuboid.outputs.text import rounded, rounded_list
-from cuboid.results import MapPoints, TrackedObject
+from cuboid.results import MapPoints, TrackedObject, names_of
 from cuboid.views.drawing import draw_frame
 from cuboid.views.live.watch import Moment
 from cuboid.views.palette import color_of
@@ -154,6 +154,7 @@ def _object(item: TrackedObject, seen: bool) -> dict[str, Any]:
     return {
         **label_colors(item.label),
         "label": item.label,
+        "name": item.name,
         "center": rounded_list(item.box.center, PLACE_DIGITS),
         "size": rounded_list(item.box.size, PLACE_DIGITS),
         "rotation": [rounded_list(row, TURN_DIGITS) for row in item.box.rotation],
@@ -167,7 +168,9 @@ def _picture(moment: Moment, intrinsics: Intrinsics) -> bytes:
     seen = {sighting.label for sighting in moment.sightings}
     hidden = [item for item in moment.objects if item.label not in seen]
     color, camera = _small(moment.color, intrinsics)
-    picture = draw_frame(color, moment.T_world_camera, camera, moment.sightings, hidden, None)
+    picture = draw_frame(
+        color, moment.T_world_camera, camera, moment.sightings, hidden, None, names=names_of(moment.objects)
+    )
     return encode_jpeg(picture, PICTURE_QUALITY)
 
 

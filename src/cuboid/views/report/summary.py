@@ -83,6 +83,7 @@ class Summary:
         return {
             **label_colors(item.label),
             "label": item.label,
+            "name": item.name,
             "center": _list(item.box.center, PLACE_DIGITS),
             "size": _list(item.box.size, PLACE_DIGITS),
             "rotation": [_list(row, TURN_DIGITS) for row in item.box.rotation],

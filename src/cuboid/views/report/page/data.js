@@ -72,8 +72,13 @@ async function unpackPoints() {
   return { steps, look, label: summedPair(bytes, 10, count) };
 }
 
+/** The label, with the name that people gave it. */
+function titleOf(object) {
+  return object.name ? `#${object.label} ${object.name}` : `#${object.label}`;
+}
+
 /** The label in its color, as it looks everywhere. */
 function chip(object, ...rest) {
   const style = `background:${object.color};color:${object.ink}`;
-  return element("span", { class: "chip", style }, `#${object.label}`, ...rest);
+  return element("span", { class: "chip", style }, titleOf(object), ...rest);
 }

@@ -5,7 +5,7 @@ class Tags {
     this.holder = holder;
     this.state = state;
     this.tags = data.objects.map((object) => {
-      const tag = element("button", { class: "chip tag", "data-label": object.label, tabindex: "-1" }, `#${object.label}`);
+      const tag = element("button", { class: "chip tag", "data-label": object.label, tabindex: "-1" }, titleOf(object));
       tag.style.background = object.color;
       tag.style.color = object.ink;
       tag.style.setProperty("--own", object.color);

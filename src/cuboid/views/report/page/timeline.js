@@ -124,7 +124,7 @@ class Timeline {
       const width = Math.max(1.5, this.x(Math.min(to + every, this.last)) - x);
       const bar = { class: "seen", "data-label": object.label, "data-from": from, "data-to": to, fill };
       const made = shape("rect", { ...bar, x, y: y + 4, width, height: ROW - 8, rx: Math.min(2, width / 2) });
-      made.append(shape("title", {}, `#${object.label}: frames ${from} to ${to}`));
+      made.append(shape("title", {}, `${titleOf(object)}: frames ${from} to ${to}`));
       return made;
     });
     return [known, ...seen];

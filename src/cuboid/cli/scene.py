@@ -1,0 +1,255 @@
+"""`cuboid scene`: what is in a scene file, and what people change in it."""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cuboid.cli.threads import positive
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from cuboid.scene import Scene, SceneObject
+
+HELP = "list, show and change what is in a scene file"
+EXAMPLE = "cuboid scene list kitchen.cuboid"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    verbs = parser.add_subparsers(title="what to do", dest="verb", metavar="VERB", required=True)
+
+    def verb(name: str, text: str) -> argparse.ArgumentParser:
+        one = verbs.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".", allow_abbrev=False)
+        one.add_argument("scene", type=Path, metavar="FILE", help="the scene (NAME.cuboid)")
+        return one
+
+    listing = verb("list", "list the objects that are there")
+    listing.add_argument("--all", action="store_true", help="also those that are gone, merged or forgotten")
+    showing = verb("show", "show what the scene holds, or one object and where it was seen")
+    showing.add_argument("label", type=positive, nargs="?", metavar="LABEL", help="an object")
+    showing.add_argument("--picture", type=Path, metavar="JPG", help="write the object's picture")
+    changing = verb("changes", "tell what changed since the visit before: moved, gone, new")
+    changing.add_argument("--since", metavar="DATE", help="of all recordings begun since then (default: the last one)")
+    changing.add_argument("--all", action="store_true", help="also what is unchanged, and what was not looked at")
+    changing.add_argument("--pictures", type=Path, metavar="DIR", help="write pictures of before and after")
+    naming = verb("name", "give an object a name, or take it away with an empty one")
+    naming.add_argument("label", type=positive, metavar="LABEL")
+    naming.add_argument("name", metavar="NAME")
+    merging = verb("merge", "make one object of two that are one; the older label stays")
+    merging.add_argument("one", type=positive, metavar="LABEL")
+    merging.add_argument("two", type=positive, metavar="LABEL")
+    forgetting = verb("forget", "let an object be none; its label is never given again")
+    forgetting.add_argument("label", type=positive, metavar="LABEL")
+    checking = verb("check", "check that the file is whole")
+    checking.add_argument("--rescue", type=Path, metavar="NEW", help="write what can be read into a new scene file")
+    exporting = verb("export", "write a recording's results for other programs, or as a result folder")
+    exporting.add_argument(
+        "--to", required=True, metavar="NAME", help="results (a folder), ply, coco, kitti, ros2, json, csv, rerun"
+    )
+    exporting.add_argument("--output", type=Path, required=True, metavar="PATH", help="the file or the folder")
+    exporting.add_argument("--recording", type=positive, metavar="N", help="of the scene (default: the last one)")
+    exporting.add_argument("--force", action="store_true", help="replace an earlier export")
+    verb("compact", "write the file anew without the room that is free in it")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Do what is asked."""
+    from cuboid.cli.threads import limit_threads
+    from cuboid.errors import InputError
+
+    limit_threads(1)
+    if args.verb == "check":
+        return _check(args.scene, args.rescue)
+    if not args.scene.exists():
+        raise InputError(f"{args.scene}: there is no such scene file")
+    from cuboid.scene import Scene
+
+    with Scene.open(args.scene) as scene:
+        for line in VERBS[args.verb](scene, args):
+            _print(line)
+    return 0
+
+
+def _print(line: str | Table) -> None:
+    from cuboid.cli.tables import console
+
+    if isinstance(line, str):
+        console().print(line, markup=False)
+    else:
+        console().print(line)
+
+
+def _list(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
+    from rich.markup import escape
+
+    from cuboid.cli.tables import new_table
+    from cuboid.errors import printable
+
+    found = scene.all_objects if args.all else scene.objects
+    if not found:
+        return ["no object"]
+    state = ("state",) if args.all else ()
+    table = new_table(
+        "label", "name", *state, "size L x W x H (cm)", "position x, y, z (m)", "last seen", "score", left=2 + args.all
+    )
+    for item in found:
+        told = item.state if item.merged_into is None else f"merged into {item.merged_into}"
+        size = " x ".join(f"{side * 100:.1f}" for side in item.box.size)
+        place = ", ".join(f"{value:z.2f}" for value in item.box.center)
+        seen = "recording {}, frame {}".format(*item.last_seen)
+        cells = (size, place, seen, f"{item.score:.2f}")
+        table.add_row(str(item.label), escape(printable(item.name)), *((told,) if args.all else ()), *cells)
+    return [table]
+
+
+def _show(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
+    from cuboid.errors import InputError
+
+    if args.label is not None:
+        return _show_object(scene, args)
+    if args.picture is not None:
+        raise InputError("--picture needs the label of an object")
+    from cuboid.cli.tables import new_table
+
+    gone = len([item for item in scene.all_objects if item.state == "gone"])
+    size_mb = scene.path.stat().st_size / 2**20
+    table = new_table("recording", "begun (UTC)", "frames", "with a pose", "poses", "whole", "path", left=2)
+    for one in scene.recordings:
+        whole = "yes" if one.complete else "broken off"
+        cells = (one.begun, str(one.frames), str(one.frames_used), one.poses, whole, one.path)
+        table.add_row(str(one.number), *cells)
+    return [f"{scene.path}: {len(scene.objects)} objects, {gone} gone; {size_mb:.1f} MB", table]
+
+
+def _show_object(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
+    from cuboid.errors import InputError
+    from cuboid.outputs.pending import write_whole
+    from cuboid.results import tag_of
+
+    item = _object(scene, args.label)
+    history = scene.history(args.label)
+    told = item.state if item.merged_into is None else f"merged into {item.merged_into}"
+    lines: list[str | Table] = [f"{tag_of(item.label, item.name)}: {told}"]
+    lines.append("  size {:.1f} x {:.1f} x {:.1f} cm".format(*(100 * item.box.size)))
+    lines.append("  at {:.3f}, {:.3f}, {:.3f} m".format(*item.box.center))
+    for number in sorted({past.recording for past in history}):
+        own = [past for past in history if past.recording == number]
+        place = "{:.3f}, {:.3f}, {:.3f}".format(*own[-1].box.center)
+        lines.append(
+            f"  recording {number}: frames {own[0].frame} to {own[-1].frame}, {len(own)} of them, at {place} m"
+        )
+    if args.picture is not None:
+        picture = scene.picture(args.label)
+        if picture is None:
+            raise InputError(f"{scene.path}: there is no picture of {args.label}")
+        write_whole(args.picture, picture)
+        lines.append(f"picture in {args.picture}")
+    return lines
+
+
+def _changes(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
+    from rich.markup import escape
+
+    from cuboid.cli.tables import new_table
+    from cuboid.errors import printable
+    from cuboid.outputs.pending import new_folder
+
+    found = [one for one in scene.changes(args.since) if args.all or one.change not in ("unchanged", "not looked at")]
+    if not found:
+        return ["nothing changed"]
+    table = new_table("recording", "label", "name", "change", "from (m)", "to (m)", "metres", "how sure", left=4)
+    for one in found:
+        places = ("" if p is None else ", ".join(f"{value:z.2f}" for value in p) for p in (one.from_m, one.to_m))
+        far = "" if one.metres is None else f"{one.metres:.2f}"
+        sure = "" if one.metres is None else f"{one.sure:.2f}"
+        name = escape(printable(one.name))
+        table.add_row(str(one.recording), str(one.label), name, one.change, *places, far, sure)
+    if args.pictures is None:
+        return [table]
+    with new_folder(args.pictures, force=True, replaces=r"recording-\d+-label-\d+-(before|after)\.jpg") as folder:
+        for one in found:
+            for when, picture in (("before", one.before), ("after", one.after)):
+                if picture is not None:
+                    (folder / f"recording-{one.recording}-label-{one.label}-{when}.jpg").write_bytes(picture)
+    return [table, f"pictures in {args.pictures}"]
+
+
+def _object(scene: Scene, label: int) -> SceneObject:
+    from cuboid.errors import InputError
+
+    for item in scene.all_objects:
+        if item.label == label:
+            return item
+    raise InputError(f"{scene.path}: no object has the label {label}")
+
+
+def _name(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
+    from cuboid.results import tag_of
+
+    scene.name(args.label, args.name)
+    return [tag_of(args.label, args.name.strip())]
+
+
+def _merge(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
+    kept = scene.merge(args.one, args.two)
+    return [f"#{args.one} and #{args.two} are #{kept}"]
+
+
+def _forget(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
+    scene.forget(args.label)
+    return [f"#{args.label} is forgotten"]
+
+
+def _export(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
+    from cuboid.exports import FinishedRun, export
+    from cuboid.outputs.folder import REPORT
+
+    if args.to == "results":
+        scene.write_results(args.output, args.recording, force=args.force)
+        from cuboid.views.report import summarise, write_report
+
+        write_report(args.output / REPORT, summarise(args.output, None))
+        return [f"results in {args.output}"]
+    with tempfile.TemporaryDirectory(prefix="cuboid-scene-") as work:
+        scene.write_results(Path(work) / "results", args.recording)
+        notes = export(FinishedRun(Path(work) / "results"), args.to, args.output, force=args.force)
+    return [f"{args.to} written to {args.output}", *notes]
+
+
+def _compact(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
+    before = scene.path.stat().st_size
+    scene.compact()
+    scene.close()
+    return [f"{before / 2**20:.1f} MB became {scene.path.stat().st_size / 2**20:.1f} MB"]
+
+
+def _check(path: Path, new: Path | None) -> int:
+    from cuboid.cli import MISTAKE, OK
+    from cuboid.scene.checking import problems, rescue
+
+    found = problems(path)
+    for line in found or ["the scene is whole"]:
+        _print(line)
+    if new is None:
+        return MISTAKE if found else OK
+    lost = rescue(path, new)
+    _print(f"what can be read is in {new}")
+    for line in lost:
+        _print(f"lost: {line}")
+    return OK
+
+
+VERBS = {
+    "list": _list,
+    "show": _show,
+    "changes": _changes,
+    "name": _name,
+    "merge": _merge,
+    "forget": _forget,
+    "export": _export,
+    "compact": _compact,
+}

@@ -1,0 +1,154 @@
+"""How well labels are kept, and changes told, over several visits of one place."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cuboid.errors import InputError
+from cuboid.evaluation.matching import match, ratio
+from cuboid.evaluation.truth import read_truth
+from cuboid.geometry.overlap import iou_matrix, pack
+from cuboid.scene import Scene, SceneChange
+
+VISITS = "visits.json"
+# A label is a thing's when their boxes overlap by this.
+LEAST_IOU = 0.2
+# A thing, or the empty place of one, is judged when so many frames show it.
+SHOWN_FRAMES = 8
+TOLD = ("moved", "gone", "new")
+
+
+@dataclass(frozen=True, slots=True)
+class VisitsQuality:
+    """What is right over all pairs of visits that follow each other.
+
+    Attributes
+    ----------
+    unmoved, kept : int
+        Things that were found and did not move, and those of them that have their label still.
+    moved, recognised : int
+        Things that were found and were moved in sight, and those of them that have their label and are told as moved.
+    changes, told, right : int
+        True changes (moved, gone, new), those told, and those told rightly.
+    hidden_called_gone : int
+        Things called gone whose place no frame shows empty.
+    """
+
+    unmoved: int
+    kept: int
+    moved: int
+    recognised: int
+    changes: int
+    told: int
+    right: int
+    hidden_called_gone: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return counts, and shares of them."""
+        return {
+            **asdict(self),
+            "kept_share": ratio(self.kept, self.unmoved),
+            "recognised_share": ratio(self.recognised, self.moved),
+            "precision": ratio(self.right, self.told),
+            "recall": ratio(self.right, self.changes),
+        }
+
+
+def is_visits(path: Path) -> bool:
+    """Tell whether a folder holds the truth of several visits."""
+    return (path / VISITS).is_file()
+
+
+def evaluate_visits(scene: Path, folder: Path) -> VisitsQuality:
+    """Judge a scene whose recordings are the visits of a folder, in order.
+
+    Parameters
+    ----------
+    scene : Path
+        The scene file.
+    folder : Path
+        From `cuboid synth --visits`.
+
+    Raises
+    ------
+    InputError
+        One of them cannot be read, or the scene has other recordings.
+    """
+    try:
+        visits = json.loads((folder / VISITS).read_text(encoding="utf-8"))["visits"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{folder / VISITS}: cannot be read: {error}") from error
+    with Scene.open(scene) as opened:
+        if len(opened.recordings) != len(visits):
+            raise InputError(f"{scene}: has {len(opened.recordings)} recordings, expected {len(visits)} visits")
+        labels = [_labels(opened, k, folder / visit["recording"]) for k, visit in enumerate(visits, 1)]
+        survivor = {item.label: item.merged_into or item.label for item in opened.all_objects}
+        counts = np.zeros(8, int)
+        for k in range(1, len(visits)):
+            told = [one for one in opened.changes(k + 1) if one.recording == k + 1]
+            counts += _pair(visits[k]["changes"], labels[k - 1], labels[k], told, survivor)
+    return VisitsQuality(*counts.tolist())
+
+
+def _labels(scene: Scene, number: int, folder: Path) -> dict[int, int]:
+    """Return the label of each thing in a visit, by id, by the boxes at its end."""
+    truth = read_truth(folder)
+    gone = {one.label for one in scene.changes(number) if one.recording == number and one.change == "gone"}
+    boxes = {}
+    for item in scene.all_objects:
+        own = [past for past in scene.history(item.label) if past.recording == number]
+        if item.merged_into is None and item.state != "forgotten" and own and item.label not in gone:
+            boxes[item.label] = own[-1].box
+    if not boxes:
+        return {}
+    iou = iou_matrix(pack([one.box for one in truth.objects]), pack(list(boxes.values())))
+    numbers = list(boxes)
+    return {truth.objects[i].id: numbers[j] for i, j in match(iou, LEAST_IOU)}
+
+
+def _pair(
+    truth: list[dict[str, Any]],
+    before: dict[int, int],
+    after: dict[int, int],
+    told: list[SceneChange],
+    survivor: dict[int, int],
+) -> list[int]:
+    """Return the counts of `VisitsQuality` for two visits."""
+    unmoved = kept = moved = recognised = changes = right = hidden = 0
+    kind_of = {one.label: one.change for one in told}
+    was, is_now = ({survivor.get(label, label): id_ for id_, label in some.items()} for some in (before, after))
+    judged = {row["id"]: row for row in truth if row["judged"]}
+    for number, row in judged.items():
+        old, new = (survivor.get(some.get(number, 0), some.get(number)) for some in (before, after))
+        seen, empty = row["seen_frames"] >= SHOWN_FRAMES, row["empty_frames"] >= SHOWN_FRAMES
+        if row["change"] == "unchanged" and seen and old is not None:
+            unmoved += 1
+            kept += old == new
+        if row["change"] == "moved" and seen and empty:
+            changes += 1
+            if old is not None:
+                moved += 1
+                hit = old == new and kind_of.get(old) == "moved"
+                recognised += hit
+                right += hit
+        if row["change"] == "gone" and empty and old is not None:
+            changes += 1
+            right += kind_of.get(old) == "gone"
+        if row["change"] == "new" and seen:
+            changes += 1
+            right += new is not None and kind_of.get(new) == "new"
+    others = {row["id"] for row in truth} - judged.keys()
+    counted = 0
+    for one in told:
+        number = was.get(one.label, is_now.get(one.label))
+        if one.change in TOLD and number not in others:
+            counted += 1
+        if one.change == "gone" and number in judged:
+            row = judged[number]
+            hidden += row["empty_frames"] < SHOWN_FRAMES
+    return [unmoved, kept, moved, recognised, changes, counted, right, hidden]

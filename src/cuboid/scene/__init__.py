@@ -1,0 +1,9 @@
+"""A scene that lasts: one file a place, with its map, its objects and their labels, opened again and gone on with."""
+
+from __future__ import annotations
+
+from cuboid.scene.scene import Scene, SceneChange, SceneObject, ScenePast, SceneRecording
+from cuboid.scene.session import SceneTracker
+from cuboid.scene.visit import Source
+
+__all__ = ["Scene", "SceneChange", "SceneObject", "ScenePast", "SceneRecording", "SceneTracker", "Source"]

@@ -1,0 +1,236 @@
+"""The file of a scene: opened, told from other files, migrated, and written by one at a time."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from cuboid.errors import InputError, OutputError
+from cuboid.outputs.pending import PendingFile
+from cuboid.scene.schema import APPLICATION_ID, MIGRATIONS, VERSION
+
+SUFFIX = ".cuboid"
+# Who writes holds a lock on the file of this name beside the scene.
+LOCK = "-writer"
+# How long one waits for another that has the file for a moment, seconds.
+PATIENCE_S = 10.0
+# A page of the file, bytes: the map's blocks are much larger.
+PAGE_BYTES = 4096
+
+
+# What is said of a damaged file.
+RESCUE = "'cuboid scene check --rescue NEW' saves what can be read"
+
+
+@contextmanager
+def complaining(path: Path) -> Iterator[None]:
+    """Turn what SQLite and the system refuse into one line.
+
+    Raises
+    ------
+    InputError
+        The file is damaged or no scene.
+    OutputError
+        It cannot be written.
+    """
+    try:
+        yield
+    except sqlite3.DatabaseError as error:
+        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+        if code == sqlite3.SQLITE_NOTADB:
+            raise InputError(f"{path}: is no scene file of Cuboid") from error
+        if code in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
+            raise OutputError(f"{path}: cannot be written: the disk is full, or fails ({error})") from error
+        if code in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_PERM):
+            raise OutputError(f"{path}: cannot be opened or written: {error}") from error
+        if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+            raise OutputError(f"{path}: another program holds the file: {error}") from error
+        if code != sqlite3.SQLITE_CORRUPT and "no such" not in str(error):
+            raise
+        raise InputError(f"{path}: the scene file is damaged ({error}); {RESCUE}") from error
+
+
+@contextmanager
+def transaction(connection: sqlite3.Connection) -> Iterator[None]:
+    """Let all that is written inside be there afterwards, or nothing of it."""
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        yield
+        connection.execute("COMMIT")
+    except BaseException:
+        if connection.in_transaction:  # SQLite may have ended it: a full disk
+            connection.execute("ROLLBACK")
+        raise
+
+
+def open_to_read(path: Path) -> sqlite3.Connection:
+    """Open a scene that another one may be writing.
+
+    Raises
+    ------
+    InputError
+        There is none, it is none, it is damaged, or of a newer version.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such scene file")
+    _refuse_other(path)
+    with complaining(path):
+        try:  # not "ro": whoever closes a scene last tidies up its log
+            connection = _connect(path, "rw")
+            version = _version(connection, path)
+        except sqlite3.OperationalError:  # a place where nothing can be written: nobody else does either
+            connection = _connect(path, "ro", immutable=True)
+            version = _version(connection, path)
+        connection.execute("PRAGMA query_only = ON")
+    if version < VERSION:
+        connection.close()
+        open_to_write(path).close()
+        return open_to_read(path)
+    return connection
+
+
+class Writing:
+    """A scene opened by the one that writes it: its connection, and the lock that keeps others from writing.
+
+    Parameters
+    ----------
+    path : Path
+    create : bool
+        Whether a scene that is not there is made.
+
+    Attributes
+    ----------
+    connection : sqlite3.Connection
+        Transactions begin and end where the caller says.
+
+    Raises
+    ------
+    InputError
+        It is no scene, damaged, or of a newer version; there is none and `create` is not given.
+    OutputError
+        Another one writes it, or it cannot be written.
+    """
+
+    def __init__(self, path: Path, *, create: bool = False) -> None:
+        self._path = path
+        if not create and not path.is_file():
+            raise InputError(f"{path}: there is no such scene file")
+        if path.is_dir():
+            raise OutputError(f"{path}: is a folder; expected a scene file")
+        _refuse_other(path)
+        self._lock = _locked(path)
+        try:
+            if create and not (path.exists() and path.stat().st_size):
+                _make(path)
+            with complaining(path):
+                self.connection = _connect(path, "rw")
+                _prepare(self.connection, path)
+        except BaseException:
+            self._unlock()
+            raise
+
+    def close(self) -> None:
+        """Let go of the file, without the room that is free in it; what was not committed is dropped."""
+        try:
+            with complaining(self._path):
+                if self.connection.in_transaction:
+                    self.connection.execute("ROLLBACK")
+                with suppress(sqlite3.OperationalError):  # a full disk keeps its free room
+                    self.connection.executescript("PRAGMA incremental_vacuum")
+                self.connection.close()
+        finally:
+            self._unlock()
+
+    def _unlock(self) -> None:
+        with suppress(OSError):
+            _lock_path(self._path).unlink()
+        os.close(self._lock)
+
+
+def open_to_write(path: Path, *, create: bool = False) -> Writing:
+    """Open or make a scene to write; see `Writing`."""
+    return Writing(path, create=create)
+
+
+def _connect(path: Path, mode: str, *, immutable: bool = False) -> sqlite3.Connection:
+    quiet = "&immutable=1" if immutable else ""
+    uri = f"{path.resolve().as_uri()}?mode={mode}{quiet}"
+    connection = sqlite3.connect(uri, uri=True, timeout=PATIENCE_S, isolation_level=None, check_same_thread=False)
+    connection.execute("PRAGMA foreign_keys = ON")
+    return connection
+
+
+def _refuse_other(path: Path) -> None:
+    """Raise InputError where a file is no database at all, before SQLite takes it for an empty one."""
+    with suppress(OSError):
+        if path.is_file() and 0 < path.stat().st_size < 100:
+            raise InputError(f"{path}: is no scene file of Cuboid")
+
+
+def _version(connection: sqlite3.Connection, path: Path) -> int:
+    """Return the version of a scene; refuses what is none and what is newer."""
+    application = connection.execute("PRAGMA application_id").fetchone()[0]
+    version = int(connection.execute("PRAGMA user_version").fetchone()[0])
+    if application != APPLICATION_ID:
+        raise InputError(f"{path}: is a database, but no scene file of Cuboid")
+    if version > VERSION:
+        raise InputError(
+            f"{path}: was written by a newer Cuboid (scene version {version}); this one reads versions up to {VERSION}"
+        )
+    return version
+
+
+def _make(path: Path) -> None:
+    """Make an empty scene, which appears when it is whole: whoever reads finds a scene or nothing."""
+    file = PendingFile(path)
+    with file.writing(), complaining(path):
+        connection = _connect(file.partial, "rwc")
+        connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
+        connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
+        connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+        _migrate(connection, 0)
+        connection.close()
+        file.show()
+
+
+def _prepare(connection: sqlite3.Connection, path: Path) -> None:
+    """Bring a scene of an earlier version up to this one, and let others read while it is written."""
+    version = _version(connection, path)
+    if connection.execute("PRAGMA journal_mode = WAL").fetchone()[0] != "wal":
+        raise OutputError(f"{path}: cannot be written: this place allows no write-ahead log")
+    connection.execute("PRAGMA synchronous = NORMAL")
+    _migrate(connection, version)
+
+
+def _migrate(connection: sqlite3.Connection, version: int) -> None:
+    for step in range(version, VERSION):
+        connection.executescript(f"BEGIN IMMEDIATE;\n{MIGRATIONS[step]}\nPRAGMA user_version = {step + 1};\nCOMMIT;")
+
+
+def _lock_path(path: Path) -> Path:
+    return path.with_name(path.name + LOCK)
+
+
+def _locked(path: Path) -> int:
+    """Return a handle that keeps others from writing until it is closed."""
+    place = _lock_path(path)
+    while True:
+        try:
+            handle = os.open(place, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(handle)
+            raise OutputError(f"{path}: another program is writing this scene; others can only read it") from None
+        except OSError:
+            return handle  # a file system without locks: SQLite's own must do
+        with suppress(OSError):
+            if os.fstat(handle).st_ino == place.stat().st_ino:
+                return handle
+        os.close(handle)  # whoever had it has just removed it

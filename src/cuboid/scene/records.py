@@ -1,0 +1,206 @@
+"""What a scene tells people and other programs: rows of frames, sightings, objects and planes."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+
+from cuboid.frame import Float64Array, Frame
+from cuboid.geometry.box import Box
+from cuboid.geometry.se3 import quat_wxyz_from_rotation
+from cuboid.objects.entry import MapObject, State
+from cuboid.results import FrameResult, Sighting
+from cuboid.tracker import Tracker
+
+Row = tuple[Any, ...]
+
+# An object's picture is taken anew when it is seen so many times better: larger and less hidden.
+BETTER = 1.5
+# Longest side of a picture, pixels, how much of what is around it shows, and its quality as JPEG.
+PICTURE_PX, AROUND, JPEG_QUALITY = 160, 0.15, 85
+
+OBJECT_COLUMNS = (
+    "label", "state", "merged_into", "plane", "cx", "cy", "cz", "length", "width", "height", "qw", "qx", "qy", "qz",
+    "score", "heat", "points", "red", "green", "blue", "red_spread", "green_spread", "blue_spread", "first_frame",
+    "last_frame", "frames_seen",
+)  # fmt: skip
+_UPSERT = (
+    f"INSERT INTO objects ({', '.join(OBJECT_COLUMNS)}) VALUES ({', '.join('?' * len(OBJECT_COLUMNS))}) "
+    f"ON CONFLICT (label) DO UPDATE SET {', '.join(f'{c} = excluded.{c}' for c in OBJECT_COLUMNS[2:])}, "
+    "state = CASE objects.state WHEN 'forgotten' THEN 'forgotten' ELSE excluded.state END"
+)
+
+
+@dataclass(slots=True)
+class Rows:
+    """Rows that wait for the next commit.
+
+    Attributes
+    ----------
+    frames, sightings, boxes, planes, objects : list of tuple
+        In the order of their tables' columns.
+    merged : list of (int, int)
+        Labels that ended in others, and these.
+    pictures : dict of int to (float, bytes)
+        How well each object is seen on its picture, and the picture.
+    """
+
+    frames: list[Row] = field(default_factory=list)
+    sightings: list[Row] = field(default_factory=list)
+    boxes: list[Row] = field(default_factory=list)
+    planes: list[Row] | None = None
+    objects: list[Row] = field(default_factory=list)
+    merged: list[tuple[int, int]] = field(default_factory=list)
+    pictures: dict[int, tuple[float, bytes]] = field(default_factory=dict)
+
+    def write(self, connection: sqlite3.Connection) -> None:
+        """Write them, within the caller's transaction."""
+        many = connection.executemany
+        many(f"INSERT OR REPLACE INTO frames VALUES ({', '.join('?' * 10)})", self.frames)
+        many(f"INSERT INTO boxes VALUES ({', '.join('?' * 12)})", self.boxes)
+        many(f"INSERT OR REPLACE INTO sightings VALUES ({', '.join('?' * 10)})", self.sightings)
+        if self.planes is not None:
+            connection.execute("DELETE FROM planes")
+            many("INSERT INTO planes VALUES (?, ?, ?, ?, ?, ?)", self.planes)
+        many(_UPSERT, self.objects)
+        many("UPDATE objects SET state = 'merged', merged_into = ? WHERE label = ?", [(b, a) for a, b in self.merged])
+        many(
+            "UPDATE objects SET picture_share = ?, picture = ? WHERE label = ?",
+            [(share, picture, label) for label, (share, picture) in self.pictures.items()],
+        )
+
+
+class Records:
+    """Collects the rows of one recording.
+
+    Parameters
+    ----------
+    connection : sqlite3.Connection
+        Of the scene: what it tells is gone on from.
+    recording : int
+        Number of the recording.
+    pixels : int
+        Side of the block of the recording's pixels that one pixel of the frames covers.
+    """
+
+    def __init__(self, connection: sqlite3.Connection, recording: int, pixels: int = 1) -> None:
+        self._recording = recording
+        self._rows = Rows()
+        self._next_box: int = 1 + connection.execute("SELECT coalesce(max(id), 0) FROM boxes").fetchone()[0]
+        self._box_of: dict[int, tuple[Box, int]] = {}
+        self._told: dict[int, tuple[object, ...]] = {}
+        self._merged = {k for (k,) in connection.execute("SELECT label FROM objects WHERE merged_into IS NOT NULL")}
+        self._pixels = pixels
+        self._share: dict[int, float] = dict(connection.execute("SELECT label, picture_share FROM objects"))
+        # Of each object that this recording has seen: its first frame, and in how many it was.
+        self.seen: dict[int, tuple[int, int]] = {
+            label: (first, count)
+            for label, first, count in connection.execute(
+                "SELECT label, min(frame), count(*) FROM sightings WHERE recording = ? GROUP BY label", (recording,)
+            )
+        }
+
+    def add(self, frame: Frame, result: FrameResult) -> None:
+        """Take in a frame of the recording, by its own number, and what was found in it."""
+        w, x, y, z = quat_wxyz_from_rotation(result.T_world_camera[:3, :3]).tolist()
+        place = result.T_world_camera[:3, 3].tolist()
+        self._rows.frames.append((self._recording, frame.index, frame.timestamp_s, *place, x, y, z, w))
+        for seen in result.sightings:
+            box = self._box(seen.label, seen.box)
+            rect = (seen.rect_xyxy * self._pixels).tolist()
+            self._rows.sightings.append((self._recording, frame.index, seen.label, box, seen.iou, seen.visible, *rect))
+            first, count = self.seen.get(seen.label, (frame.index, 0))
+            self.seen[seen.label] = first, count + 1
+        self._picture(frame, result.sightings)
+
+    def take(self, tracker: Tracker) -> Rows:
+        """Return all rows since the last time, those of the tracker's objects and planes as they now are."""
+        rows, self._rows = self._rows, Rows()
+        self._objects(tracker, rows)
+        rows.planes = [
+            (identity, *plane.normal.tolist(), plane.offset, json.dumps(np.round(plane.extent, 4).tolist()))
+            for identity, plane in zip(tracker.plane_identities, tracker.planes, strict=True)
+        ]
+        return rows
+
+    def _box(self, label: int, box: Box) -> int:
+        known = self._box_of.get(label)
+        if known is not None and known[0] is box:
+            return known[1]
+        number = self._next_box
+        self._box_of[label] = box, number
+        self._rows.boxes.append((number, label, *_nine(box)))
+        self._next_box += 1
+        return number
+
+    def _objects(self, tracker: Tracker, rows: Rows) -> None:
+        for entry in tracker.ever_labelled():
+            now = (entry.box, entry.points, entry.state, entry.frames_seen, entry.last_frame, len(entry.merged_labels))
+            if not _same(self._told.get(entry.label), now):
+                rows.objects.append(_object_row(entry))
+                rows.objects += [_object_row(entry, k) for k in entry.merged_labels if k not in self._merged]
+                rows.merged += [(k, entry.label) for k in entry.merged_labels]
+                self._merged |= {*entry.merged_labels}
+                self._told[entry.label] = now
+
+    def _picture(self, frame: Frame, sightings: Iterable[Sighting]) -> None:
+        """Keep a picture of the object that is seen most times better than on its own so far."""
+        best: tuple[float, Sighting, float] | None = None
+        for seen in sightings:
+            x0, y0, x1, y1 = seen.rect_xyxy
+            share = seen.visible * float(np.sqrt(max(0.0, (x1 - x0) * (y1 - y0))))
+            times = share / max(self._share.get(seen.label, 0.0), 1.0)
+            if times > BETTER and (best is None or times > best[0]):
+                best = times, seen, share
+        if best is not None:
+            _, seen, share = best
+            picture = picture_of(frame, seen.rect_xyxy)
+            if picture:
+                self._share[seen.label] = share
+                self._rows.pictures[seen.label] = share, picture
+
+
+def picture_of(frame: Frame, rect_xyxy: Float64Array) -> bytes:
+    """Return what a frame shows in a rectangle and a little around it as JPEG; nothing where that is nothing."""
+    height, width = frame.color.shape[:2]
+    x0, y0, x1, y1 = rect_xyxy
+    dx, dy = AROUND * (x1 - x0), AROUND * (y1 - y0)
+    left, right = max(0, int(x0 - dx)), min(width, int(np.ceil(x1 + dx)))
+    top, bottom = max(0, int(y0 - dy)), min(height, int(np.ceil(y1 + dy)))
+    if right - left < 2 or bottom - top < 2:
+        return b""
+    part = frame.color[top:bottom, left:right, ::-1]
+    scale = PICTURE_PX / max(part.shape[:2])
+    if scale < 1:
+        size = max(1, round(part.shape[1] * scale)), max(1, round(part.shape[0] * scale))
+        part = np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA), np.uint8)
+    done, data = cv2.imencode(".jpg", np.ascontiguousarray(part), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    return data.tobytes() if done else b""
+
+
+def _same(told: tuple[object, ...] | None, now: tuple[object, ...]) -> bool:
+    """Tell whether what was told last holds still; arrays and boxes are replaced, never changed."""
+    if told is None:
+        return False
+    return all(a is b or (isinstance(a, int) and a == b) for a, b in zip(told, now, strict=True))
+
+
+def _object_row(entry: MapObject, label: int = 0) -> Row:
+    """Return an object's row; with a label, that of one that it took in."""
+    colors = entry.colors if len(entry.colors) else np.zeros((1, 3))
+    return (
+        label or entry.label, "gone" if entry.state is State.RETIRED else "present", None, entry.plane,
+        *_nine(entry.box), entry.score, entry.heat, len(entry.points), *colors.mean(0).tolist(),
+        *colors.std(0).tolist(), entry.first_frame, entry.last_frame, entry.frames_seen,
+    )  # fmt: skip
+
+
+def _nine(box: Box) -> tuple[float, ...]:
+    """Return centre, size and quaternion (w first) of a box."""
+    return (*box.center.tolist(), *box.size.tolist(), *quat_wxyz_from_rotation(box.rotation).tolist())

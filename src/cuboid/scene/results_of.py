@@ -1,0 +1,120 @@
+"""A result folder from a scene: what `cuboid track` would have left of one of its recordings."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cuboid import __version__
+from cuboid.errors import InputError
+from cuboid.frame import Intrinsics
+from cuboid.outputs import ObjectsFile, ResultWriter, RunReport
+from cuboid.results import FrameResult, Sighting, SupportPlane, TrackedObject
+from cuboid.scene.editing import _CAMERA
+from cuboid.scene.saving import load_state
+from cuboid.scene.scene import Scene, SceneObject, ScenePast
+from cuboid.tracker import Tracker
+
+NOT_IN_SCENE = "the scene has no pose of this frame"
+
+
+def write_results(scene: Scene, connection: sqlite3.Connection, number: int, folder: Path, *, force: bool) -> None:
+    """Write the results of a recording: its sightings, with the objects' boxes as they were at its end.
+
+    Parameters
+    ----------
+    scene : Scene
+    connection : sqlite3.Connection
+        Of it.
+    number : int
+        Of the recording.
+    folder : Path
+    force : bool
+        Whether results that lie there are replaced.
+
+    Raises
+    ------
+    InputError
+        There is no such recording.
+    OutputError
+        The results cannot be written.
+    """
+    row = connection.execute(
+        "SELECT path, format, poses, complete, next_frame, camera, settings FROM recordings WHERE id = ?", (number,)
+    ).fetchone()
+    if row is None:
+        raise InputError(f"{scene.path}: there is no recording {number}; there are 1 to {len(scene.recordings)}")
+    path, form, poses, complete, frames, camera, settings = row
+    config: dict[str, Any] = json.loads(settings)
+    known = scene.poses(number)
+    read = len(range(0, frames, config.get("every", 1)))
+    missing = [k for k in range(0, frames, config.get("every", 1)) if k not in known]
+    sightings, objects = _seen(scene, number)
+    tracker = load_state(connection, Tracker(_CAMERA))[0]
+    planes = tuple(
+        SupportPlane(np.array(plane[:3]), plane[3], np.array(json.loads(plane[4])).reshape(-1, 3))
+        for plane in connection.execute("SELECT nx, ny, nz, offset, outline FROM planes ORDER BY rowid")
+    )
+    with ResultWriter(folder, force=force) as writer:
+        for frame, (time_s, T_world_camera) in known.items():
+            seen, heat = tuple(sightings.get(frame, ())), np.zeros((0, 0), np.float32)
+            writer.add(FrameResult(frame, time_s, T_world_camera, seen, (), len(objects), heat, {}))
+        report = RunReport(
+            version=__version__,
+            complete=bool(complete),
+            recording=path,
+            format=form,
+            poses=poses,
+            threads=1,
+            config=config,
+            frames_read=read,
+            frames_used=len(known),
+            skipped=tuple((frame, NOT_IN_SCENE) for frame in missing),
+            milliseconds={},
+            seconds=0.0,
+            peak_memory_mb=0.0,
+        )
+        found = ObjectsFile(tracker.up, Intrinsics(**json.loads(camera)), planes, tuple(objects))
+        writer.finish(found, tracker.map_points(), report)
+
+
+def _seen(scene: Scene, number: int) -> tuple[dict[int, list[Sighting]], list[TrackedObject]]:
+    """Return the sightings of a recording by frame, and the objects that it saw."""
+    frames: dict[int, list[Sighting]] = defaultdict(list)
+    objects: list[TrackedObject] = []
+    merged: dict[int, list[int]] = defaultdict(list)
+    for item in scene.all_objects:
+        if item.merged_into is not None:
+            merged[item.merged_into].append(item.label)
+    for item in scene.all_objects:
+        own = [past for past in scene.history(item.label) if past.recording == number]
+        if item.merged_into is not None or item.state == "forgotten" or not own:
+            continue
+        for past in own:
+            frames[past.frame].append(Sighting(past.label, past.box, past.iou, past.visible, past.rect_xyxy))
+        objects.append(_object(item, own, merged[item.label]))
+    for rows in frames.values():
+        rows.sort(key=lambda one: one.label)
+    return frames, objects
+
+
+def _object(item: SceneObject, own: list[ScenePast], merged: list[int]) -> TrackedObject:
+    return TrackedObject(
+        label=item.label,
+        box=own[-1].box,
+        score=item.score,
+        heat=item.heat,
+        first_frame=own[0].frame,
+        last_frame=own[-1].frame,
+        frames_seen=len({past.frame for past in own}),
+        points=item.points,
+        mean_color=item.mean_color,
+        plane=None,
+        merged_labels=tuple(merged),
+        name=item.name,
+    )

@@ -1,0 +1,267 @@
+"""A recording that goes into a scene: frames are tracked in the scene's world, and committed every second or so."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
+from cuboid.frame import Float64Array, Frame, Intrinsics
+from cuboid.posing import EstimatedPoses, Posed, Poses
+from cuboid.proposals.types import Proposals, ProposalSource
+from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
+from cuboid.scene import changes
+from cuboid.scene.database import Writing, complaining, transaction
+from cuboid.scene.records import Records
+from cuboid.scene.saving import StateFile
+from cuboid.scene.visit import Visit
+from cuboid.tracker import Tracker
+
+# How often what is new is written, seconds.
+COMMIT_EVERY_S = 1.0
+# Taking a snapshot stops the tracker: it has no larger share of the time than this, however large the scene.
+SNAPSHOT_SHARE = 0.05
+
+
+class SceneTracker:
+    """A tracker whose map, objects and labels are those of a scene; made by `Scene.tracker`.
+
+    Frames are numbered within the recording; results are those of a `Tracker`, in the scene's world.
+
+    Parameters
+    ----------
+    path : Path
+        Of the scene.
+    file : Writing
+    tracker : Tracker
+    poses : EstimatedPoses or None
+        Saved with the tracker, where the scene has any.
+    visit : Visit
+        The recording in the scene.
+    names : mapping of int to str
+        By label.
+    commit_every_s : float
+
+    Attributes
+    ----------
+    commits_itself : bool
+        Whether `update` commits where it is time; else its caller does, by `commit_if_due`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        file: Writing,
+        tracker: Tracker,
+        poses: EstimatedPoses | None,
+        visit: Visit,
+        names: Mapping[int, str],
+        commit_every_s: float,
+    ) -> None:
+        self._path, self._file, self._tracker, self._visit = path, file, tracker, visit
+        self._names, self._every_s, self._poses = names, commit_every_s, poses
+        self._records = Records(file.connection, visit.number, visit.pixels)
+        self._state = StateFile(tracker, file.connection, () if poses is None else (poses,))
+        self._changes = changes.load(file.connection, visit.first_frame)
+        self._pending: list[tuple[str, str]] = []
+        self._next_frame = visit.next_frame
+        self._thread = ThreadPoolExecutor(1, "cuboid-scene")
+        self._writing: Future[None] | None = None
+        self._committed_s = time.monotonic()
+        self._pause_s = commit_every_s
+        self._open = True
+        self.commits_itself = True
+
+    def __enter__(self) -> SceneTracker:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        self.close(complete=kind is None)
+
+    @property
+    def visit(self) -> Visit:
+        """The recording in the scene."""
+        return self._visit
+
+    @property
+    def tracker(self) -> Tracker:
+        """The tracker itself, which counts the frames of all recordings."""
+        return self._tracker
+
+    def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
+        """Take in a frame; see `Tracker.update`."""
+        if self.commits_itself:
+            self.commit_if_due()
+        shifted = dataclasses.replace(frame, index=frame.index + self._visit.first_frame)
+        found = dataclasses.replace(self._tracker.update(shifted, anchor), index=frame.index)
+        self._records.add(frame, found)
+        if shifted.index % changes.EVERY_FRAMES == 0 and self._visit.number > 1:
+            self._changes.recognise(self._tracker)
+        self._next_frame = frame.index + 1
+        return found
+
+    def poses(self, given: Poses) -> Poses:
+        """Return where the poses of the recording's frames in the scene's world come from.
+
+        Parameters
+        ----------
+        given : Poses
+            The recording's own, where it has any.
+        """
+        if self._poses is not None and not given.given_with_frames:
+            return _ScenePoses(self._poses, self._visit.first_frame)
+        return given
+
+    def carry(self, moved: Mapping[int, Float64Array]) -> None:
+        """Move what was found with the keyframes; see `Tracker.carry`."""
+        self._tracker.carry(moved)
+
+    def skip(self, index: int) -> None:
+        """Tell that a frame cannot be used."""
+        self._next_frame = index + 1
+
+    def keep(self, file: str, text: str) -> None:
+        """Let a text that goes into a file of the results last until these are whole."""
+        self._pending.append((file, text))
+
+    @property
+    def objects(self) -> list[TrackedObject]:
+        """The confirmed objects that this recording has seen, by label; frames are those of the recording."""
+        first = self._visit.first_frame
+        return [self._of_visit(item) for item in self._tracker.objects if item.last_frame >= first]
+
+    def _of_visit(self, item: TrackedObject) -> TrackedObject:
+        first, name = self._visit.first_frame, self._names.get(item.label, "")
+        begun, ended, seen = item.first_frame - first, item.last_frame - first, item.frames_seen
+        if begun < 0:
+            told = [self._records.seen[k] for k in (item.label, *item.merged_labels) if k in self._records.seen]
+            begun = min((frame for frame, _ in told), default=ended)
+            seen = max((count for _, count in told), default=0)
+        return dataclasses.replace(item, first_frame=begun, last_frame=ended, frames_seen=seen, name=name)
+
+    @property
+    def planes(self) -> list[SupportPlane]:
+        """The supporting planes."""
+        return self._tracker.planes
+
+    @property
+    def up(self) -> Float64Array | None:
+        """Up in the world."""
+        return self._tracker.up
+
+    @property
+    def points_known(self) -> int:
+        """How many points the global point map holds."""
+        return self._tracker.points_known
+
+    @property
+    def map_bytes(self) -> int:
+        """Memory of the global point map, bytes."""
+        return self._tracker.map_bytes
+
+    def map_points(self) -> MapPoints:
+        """Return the global point map."""
+        return self._tracker.map_points()
+
+    def commit_if_due(self) -> None:
+        """Write what is new, where the last time is long enough ago; between two frames."""
+        if self._writing is not None and self._writing.done():
+            self._settle()
+        if self._writing is None and time.monotonic() - self._committed_s >= self._pause_s:
+            self._commit()
+
+    def close(self, *, complete: bool = True) -> None:
+        """Write all that is new and let the scene go.
+
+        Parameters
+        ----------
+        complete : bool
+            Whether the recording was taken in to its end; else it can be gone on with.
+
+        Raises
+        ------
+        OutputError
+            The disk is full; what was committed before is there.
+        """
+        if not self._open:
+            return
+        self._open = False
+        try:
+            self._settle()
+            if self._visit.number > 1:
+                self._changes.recognise(self._tracker)
+            if complete:
+                self._tracker.voxels.pack()
+            self._commit(complete=complete, ended=True)
+            self._settle()
+        finally:
+            self._thread.shutdown()
+
+    def drop(self) -> None:
+        """Let the scene go as it was committed last."""
+        if self._open:
+            self._open = False
+            self._thread.shutdown()
+
+    def _commit(self, *, complete: bool = False, ended: bool = False) -> None:
+        begun_s = time.monotonic()
+        state, rows = self._state.snapshot(), self._records.take(self._tracker)
+        pending, self._pending = self._pending, []
+        visit, next_frame = self._visit, self._next_frame
+        told = self._changes.tell(self._tracker, self._records.seen) if ended and visit.number > 1 else []
+
+        def write() -> None:
+            connection = self._file.connection
+            with transaction(connection):
+                self._state.write(connection, state)
+                rows.write(connection)
+                changes.write(connection, visit.number, told)
+                visit.write(connection, next_frame, pending, complete=complete, ended=ended)
+
+        self._writing = self._thread.submit(write)
+        self._committed_s = time.monotonic()
+        self._pause_s = max(self._every_s, (self._committed_s - begun_s) / SNAPSHOT_SHARE)
+
+    def _settle(self) -> None:
+        """Wait for what is being written; raises OutputError where it could not be."""
+        if self._writing is not None:
+            writing, self._writing = self._writing, None
+            with complaining(self._path):
+                writing.result()
+
+
+class OwnFrames:
+    """A source of proposals that is asked about frames by their numbers in the recording.
+
+    Attributes
+    ----------
+    first_frame : int
+        The scene's number of the recording's first frame.
+    """
+
+    def __init__(self, source: ProposalSource) -> None:
+        self._source = source
+        self.first_frame = 0
+
+    def __call__(self, frame: Frame, intrinsics: Intrinsics) -> Proposals:
+        """Return the proposals of a frame that the scene has counted."""
+        if self.first_frame:
+            frame = dataclasses.replace(frame, index=frame.index - self.first_frame)
+        return self._source(frame, intrinsics)
+
+
+class _ScenePoses:
+    """Estimated poses of a recording whose frames the scene counts on from others."""
+
+    given_with_frames = False
+
+    def __init__(self, poses: EstimatedPoses, first_frame: int) -> None:
+        self._poses, self._first = poses, first_frame
+
+    def locate(self, frame: Frame) -> Posed:
+        return self._poses.locate(dataclasses.replace(frame, index=frame.index + self._first))
+
+    def trajectory(self) -> Mapping[int, Float64Array]:
+        return {k - self._first: T for k, T in self._poses.trajectory().items() if k >= self._first}

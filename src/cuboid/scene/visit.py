@@ -1,0 +1,160 @@
+"""A recording in a scene: its row, where its frames are in the scene's count, and how far it has come."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from cuboid.errors import InputError
+from cuboid.frame import Float64Array, Intrinsics
+from cuboid.scene import changes
+from cuboid.scene.database import transaction
+from cuboid.tracker import Tracker
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """What a scene is told of a recording.
+
+    Attributes
+    ----------
+    path : str
+        Where it lies.
+    format : str
+        Name of its layout.
+    poses : str
+        "given" or "estimated".
+    frames : int
+        How many it has.
+    intrinsics : Intrinsics
+    settings : dict
+        What it is tracked with.
+    """
+
+    path: str
+    format: str
+    poses: str
+    frames: int
+    intrinsics: Intrinsics
+    settings: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Visit:
+    """A recording in a scene.
+
+    Attributes
+    ----------
+    number : int
+        From 1.
+    first_frame : int
+        The scene counts the frames of all recordings: its number of this one's first.
+    next_frame : int
+        Of the recording: where to go on.
+    T_world_recording : (4, 4) float64
+        Carries the recording's own world, where its poses are given, to the scene's.
+    pixels : int
+        Side of the block of its pixels that one pixel of the tracked frames covers.
+    """
+
+    number: int
+    first_frame: int
+    next_frame: int
+    T_world_recording: Float64Array
+    pixels: int
+
+    def write(
+        self,
+        connection: sqlite3.Connection,
+        next_frame: int,
+        pending: Iterable[tuple[str, str]],
+        *,
+        complete: bool,
+        ended: bool,
+    ) -> None:
+        """Write how far it has come, within the caller's transaction."""
+        connection.executemany(
+            "INSERT INTO pending (recording, file, text) VALUES (?, ?, ?)",
+            [(self.number, file, text) for file, text in pending],
+        )
+        connection.execute(
+            "UPDATE recordings SET next_frame = ?, complete = ?, frames = max(frames, ?), ended = ? WHERE id = ?",
+            (next_frame, complete, next_frame, now() if ended else None, self.number),
+        )
+        if complete:
+            connection.execute("DELETE FROM pending WHERE recording = ?", (self.number,))
+
+
+def now() -> str:
+    """Return the time as texts in the file have it: UTC, ISO 8601."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def begin(connection: sqlite3.Connection, source: Source, T_world_recording: Float64Array, tracker: Tracker) -> Visit:
+    """Add a recording to a scene, and note how things stand; what earlier ones left pending is dropped."""
+    first = connection.execute("SELECT coalesce(max(first_frame + frames), 0) FROM recordings").fetchone()[0]
+    with transaction(connection):
+        connection.execute("DELETE FROM pending")
+        changes.begin(connection, tracker)
+        cursor = connection.execute(
+            "INSERT INTO recordings "
+            "(path, format, poses, begun, first_frame, frames, camera, settings, T_world_recording) "
+            "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+            (
+                source.path, source.format, source.poses, now(), first, source.frames, _camera(source.intrinsics),
+                json.dumps(source.settings, sort_keys=True), T_world_recording.astype("<f8").tobytes(),
+            ),
+        )  # fmt: skip
+    assert cursor.lastrowid is not None
+    return Visit(cursor.lastrowid, first, 0, T_world_recording, source.settings.get("scale", 1))
+
+
+def resume(connection: sqlite3.Connection, source: Source, path: str) -> Visit:
+    """Return the last recording of a scene, which was broken off, to go on with.
+
+    Raises
+    ------
+    InputError
+        It was not broken off, is another one, or was tracked with other settings.
+    """
+    row = connection.execute(
+        "SELECT id, path, poses, complete, first_frame, next_frame, camera, settings, T_world_recording "
+        "FROM recordings ORDER BY id DESC LIMIT 1"
+    ).fetchone()
+    if row is None or row[3]:
+        raise InputError(f"{path}: --resume: no recording was broken off; without it, one is added")
+    if row[1] != source.path:
+        raise InputError(f"{path}: --resume: the recording that was broken off is {row[1]}, not {source.path}")
+    told = {"poses": row[2], "camera": json.loads(row[6]), **json.loads(row[7])}
+    asked = {"poses": source.poses, "camera": json.loads(_camera(source.intrinsics)), **_plain(source.settings)}
+    for name in sorted({*told, *asked}):
+        if told.get(name) != asked.get(name):
+            raise InputError(
+                f"{path}: --resume: the run was begun with {name} = {told.get(name)}, not {asked.get(name)}"
+            )
+    return Visit(row[0], row[4], row[5], np.frombuffer(row[8], "<f8").reshape(4, 4).copy(), told.get("scale", 1))
+
+
+def pending(connection: sqlite3.Connection, visit: Visit) -> dict[str, str]:
+    """Return what the files of the results held when a run was broken off, by name."""
+    texts: dict[str, list[str]] = {}
+    query = "SELECT file, text FROM pending WHERE recording = ? ORDER BY id"
+    for file, text in connection.execute(query, (visit.number,)):
+        texts.setdefault(file, []).append(text)
+    return {file: "".join(parts) for file, parts in texts.items()}
+
+
+def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
+    plain: dict[str, Any] = json.loads(json.dumps(settings))
+    return plain
+
+
+def _camera(intrinsics: Intrinsics) -> str:
+    names = ("fx", "fy", "cx", "cy", "width", "height")
+    return json.dumps({name: getattr(intrinsics, name) for name in names})

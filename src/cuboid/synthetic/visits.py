@@ -1,0 +1,213 @@
+"""Several recordings of one place: between them things move, turn, go and come, and light and path change.
+
+::
+
+    output/
+      visit-1/  visit-2/  ...     plain recordings with their truth; a thing has the same id in all of them
+      visits.json                 what happened between them
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cuboid.errors import InputError, OutputError
+from cuboid.outputs.pending import write_whole
+from cuboid.outputs.text import LENGTH, rounded, rounded_list
+from cuboid.synthetic.kinds import APART_M, FRAMES, WAYS, Draft, finish, make_scene
+from cuboid.synthetic.mesh import shift, turn
+from cuboid.synthetic.paths import CAMERAS
+from cuboid.synthetic.placement import Arrangement
+from cuboid.synthetic.recording import Progress, Shown, render_recording
+from cuboid.synthetic.scene import Scene, SceneObject
+from cuboid.synthetic.shapes import Model
+
+VISITS = "visits.json"
+# Between two visits so many things move, one turns where it stands, one is taken, one comes.
+MOVED = 2
+# What is moved stands at least so far from where it stood, metres.
+LEAST_MOVE_M = 0.15
+# What turns where it stands keeps its middle so far, metres.
+TURNED_M = 0.05
+# How far the lamp goes, metres.
+LAMP_M = (0.9, 0.9, 0.15)
+# A visit's random numbers are its own.
+VISIT_SEED = 100_003
+
+
+def make_visits(
+    kind: str,
+    seed: int,
+    count: int,
+    *,
+    frames: int | None = None,
+    camera: str | None = None,
+    meshes: Sequence[Model] = (),
+) -> list[Scene]:
+    """Make a scene and what becomes of it by later visits; the same arguments make the same scenes.
+
+    Parameters
+    ----------
+    kind : str
+        Of `WAYS`.
+    seed : int
+    count : int
+        Visits, the first one included.
+    frames, camera, meshes
+        As for `make_scene`.
+
+    Raises
+    ------
+    InputError
+        The kind or the camera is not known, or the kind has no visits.
+    """
+    scenes = [make_scene(kind, seed, frames=frames, camera=camera, meshes=meshes)]
+    if kind not in WAYS:
+        raise InputError(f"a scene of the kind '{kind}' cannot be visited again; there are {', '.join(WAYS)}")
+    known = max(body.id for body in scenes[0].objects)
+    for visit in range(2, count + 1):
+        scene, known = _next(scenes, kind, seed, visit, known, frames or FRAMES[kind], camera)
+        scenes.append(scene)
+    return scenes
+
+
+def _next(
+    scenes: Sequence[Scene], kind: str, seed: int, visit: int, known: int, frames: int, camera: str | None
+) -> tuple[Scene, int]:
+    """Return the scene of the next visit, and the last number given to a thing."""
+    before = scenes[-1]
+    rng = np.random.default_rng([seed, sorted(WAYS).index(kind), visit])
+    place = Arrangement(before.surfaces, rng, before.objects)
+    free = [body.id for body in before.objects if not body.touches]
+    chosen = [free[int(k)] for k in rng.permutation(len(free))]
+    ghosts = [_moved(place, number, rng) for number in chosen[:MOVED]]
+    if chosen[MOVED : MOVED + 1]:
+        _turn(place, chosen[MOVED], rng)
+    ghosts += [place.take(number) for number in chosen[MOVED + 1 : MOVED + 2]]
+    drawn = tuple(CAMERAS)[int(rng.integers(len(CAMERAS)))]
+    draft = Draft(rng, frames, camera or drawn, (), list(before.furniture), place, np.empty((0, 6)))
+    if place.put(draft.models(1)[0], int(rng.integers(len(before.surfaces))), APART_M, 0.85, known + 1) is not None:
+        known += 1
+    WAYS[kind](draft)
+    focal = float(rng.uniform(525, 600))
+    name = f"synthetic {kind} {seed}, visit {visit}"
+    scene = finish(draft, name, kind, seed + VISIT_SEED * (visit - 1), before.T_world_room, focal)
+    lamp = scenes[0].lamp + rng.uniform(-1, 1, 3) * LAMP_M
+    return replace(scene, lamp=lamp, ghosts=tuple(body for body in ghosts if body is not None)), known
+
+
+def _moved(place: Arrangement, number: int, rng: np.random.Generator) -> SceneObject | None:
+    """Move a thing to another place; return it as it stood, None where there is no room."""
+    old = place.take(number)
+    for _ in range(20):
+        new = place.put(old.model, int(rng.integers(len(place.surfaces))), APART_M, 0.85, number)
+        if new is None:
+            break
+        if np.linalg.norm(new.T_room_model[:3, 3] - old.T_room_model[:3, 3]) >= LEAST_MOVE_M:
+            return old
+        place.take(number)
+    place.restore(old)
+    return None
+
+
+def _turn(place: Arrangement, number: int, rng: np.random.Generator) -> None:
+    """Turn a thing where it stands, as far as it goes without touching another."""
+    old = place.take(number)
+    angle = float(rng.uniform(0.5, np.pi))
+    center = old.T_room_model[:3, 3]
+    new = replace(old, T_room_model=shift(tuple(center)) @ turn(angle) @ shift(tuple(-center)) @ old.T_room_model)
+    place.restore(new if place.fits(new, APART_M / 3) else old)
+
+
+def render_visits(
+    scenes: Sequence[Scene],
+    path: Path,
+    *,
+    force: bool = False,
+    progress: Progress | None = None,
+    **options: Any,
+) -> dict[str, Any]:
+    """Render visits, each into a recording of its own, and tell what happened between them.
+
+    Parameters
+    ----------
+    scenes : sequence of Scene
+        From `make_visits`.
+    path : Path
+        The folder of all.
+    force : bool
+        Whether made visits that lie there are replaced.
+    progress : callable, optional
+        Called with the number of frames done and of all.
+    **options
+        As for `render_recording`.
+
+    Returns
+    -------
+    dict
+        What `visits.json` holds.
+
+    Raises
+    ------
+    InputError
+        An argument is unknown or out of its range.
+    OutputError
+        The folder exists and `force` is not given, or it cannot be written.
+    """
+    if path.exists() and not (force and (path / VISITS).is_file()):
+        raise OutputError(f"{path}: exists; --force replaces made visits that lie there")
+    frames, done = sum(scene.frames for scene in scenes), 0
+    document: dict[str, Any] = {"format": "cuboid-visits", "version": 1, "name": scenes[0].name, "visits": []}
+    for number, scene in enumerate(scenes, 1):
+        shown = render_recording(
+            scene, path / f"visit-{number}", force=force, progress=_from(progress, done, frames), **options
+        )
+        done += scene.frames
+        changes = changes_between(scenes[number - 2], scene, shown) if number > 1 else []
+        document["visits"].append({"recording": f"visit-{number}", "changes": changes})
+    write_whole(path / VISITS, json.dumps(document, indent=1) + "\n")
+    return document
+
+
+def _from(progress: Progress | None, done: int, frames: int) -> Progress | None:
+    """Return what counts the frames of one of several recordings."""
+    return None if progress is None else lambda own, _: progress(done + own, frames)
+
+
+def changes_between(before: Scene, after: Scene, shown: Shown) -> list[dict[str, Any]]:
+    """Return what became of each thing between two visits, by number.
+
+    Each has ``id``, ``name``, ``change`` (unchanged, moved, gone, new), ``judged``, where it stood and stands (``from``
+    and ``to``), and in how many frames of the later visit these places are shown (``empty_frames``, ``seen_frames``).
+    """
+    old, new = ({body.id: body for body in scene.objects} for scene in (before, after))
+    rows = []
+    for number in sorted({*old, *new}):
+        body = new.get(number, old.get(number))
+        assert body is not None
+        first = before.box(old[number]).center if number in old else None
+        last = after.box(new[number]).center if number in new else None
+        moved = 0.0 if first is None or last is None else float(np.linalg.norm(last - first))
+        change = "moved" if moved > TURNED_M else "unchanged"
+        if first is None or last is None:
+            change = "new" if first is None else "gone"
+        rows.append(
+            {
+                "id": number,
+                "name": body.model.name,
+                "change": change,
+                "judged": body.judged,
+                "from": None if first is None else rounded_list(first, LENGTH),
+                "to": None if last is None else rounded_list(last, LENGTH),
+                "metres": rounded(moved, LENGTH),
+                "empty_frames": shown.ghosts.get(number, 0),
+                "seen_frames": shown.objects.get(number, 0),
+            }
+        )
+    return rows

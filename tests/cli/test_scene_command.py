@@ -1,0 +1,103 @@
+"""`cuboid scene`: what it prints, changes and refuses."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from cuboid.cli import main
+from cuboid.outputs import FinishedResults
+from cuboid.scene import Scene
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scene"))
+from made_scene import THINGS, Shown, record
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scene") / "made.cuboid"
+    record(path, Shown(frames=24))
+    return path
+
+
+@pytest.fixture
+def path(made: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copy(made, tmp_path / "kitchen.cuboid"))
+
+
+def said(capsys: pytest.CaptureFixture[str], *words: object, status: int = 0) -> str:
+    assert main(["scene", *map(str, words)]) == status
+    out = capsys.readouterr()
+    return out.out + out.err
+
+
+def test_objects_are_listed_with_their_names(path, capsys):
+    assert "#2 blue, [mug]" in said(capsys, "name", path, 2, "blue, [mug]")
+    listed = said(capsys, "list", path)
+    assert "blue, [mug]" in listed
+    assert [line.split()[0] for line in listed.splitlines()[3:5]] == ["1", "2"]
+    assert "/made" in said(capsys, "show", path)
+    shown = said(capsys, "show", path, 2, "--picture", path.with_name("mug.jpg"))
+    assert "#2 blue, [mug]: present" in shown
+    assert "recording 1: frames" in shown
+    assert path.with_name("mug.jpg").read_bytes()[:2] == b"\xff\xd8"
+
+
+def test_names_are_in_exports_and_results(path, tmp_path, capsys):
+    said(capsys, "name", path, 1, 'a "big", box')
+    said(capsys, "export", path, "--to", "csv", "--output", tmp_path / "o.csv")
+    assert (tmp_path / "o.csv").read_text().splitlines()[1].endswith(',"a ""big"", box"')
+    said(capsys, "export", path, "--to", "results", "--output", tmp_path / "results")
+    assert FinishedResults(tmp_path / "results").found.objects[0].name == 'a "big", box'
+    page = (tmp_path / "results" / "report.html").read_text()
+    assert r"a \"big\", box" in page
+
+
+def test_changes_are_told(path, tmp_path, capsys):
+    assert "nothing changed" in said(capsys, "changes", path)
+    with Scene.open(path) as scene:
+        label = scene.at(THINGS[1].center, 0.1)[0].label
+    record(path, Shown(THINGS[:1], frames=50), "again")
+    told = said(capsys, "changes", path, "--pictures", tmp_path / "pictures")
+    assert "gone" in told
+    assert [file.name for file in (tmp_path / "pictures").iterdir()] == [f"recording-2-label-{label}-before.jpg"]
+    assert "unchanged" in said(capsys, "changes", path, "--all")
+
+
+def test_objects_are_merged_and_forgotten(path, capsys):
+    assert "#1 and #2 are #1" in said(capsys, "merge", path, 1, 2)
+    assert "merged into 1" in said(capsys, "list", path, "--all")
+    assert "#1 is forgotten" in said(capsys, "forget", path, 1)
+    assert "no object" in said(capsys, "list", path)
+    assert Scene.open(path).objects == []
+
+
+def test_files_are_checked_and_compacted(path, tmp_path, capsys):
+    assert "the scene is whole" in said(capsys, "check", path)
+    assert "became" in said(capsys, "compact", path)
+    data = bytearray(path.read_bytes())
+    data[8192:20000] = bytes(11808)
+    path.write_bytes(bytes(data))
+    assert "the scene is whole" not in said(capsys, "check", path, status=2)
+    assert "what can be read is in" in said(capsys, "check", path, "--rescue", tmp_path / "new.cuboid")
+    assert "the scene is whole" in said(capsys, "check", tmp_path / "new.cuboid")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("list", "none.cuboid"), "there is no such scene file"),
+        (("show", "PATH", "9"), "no object has the label 9"),
+        (("name", "PATH", "9", "x"), "no object has the label 9"),
+        (("export", "PATH", "--to", "csv", "--output", "o.csv", "--recording", "4"), "there is no recording 4"),
+        (("changes", "PATH", "--since", "today"), "expected a date"),
+    ],
+)
+def test_mistakes_are_one_line(path, capsys, monkeypatch, words, message):
+    monkeypatch.chdir(path.parent)
+    line = said(capsys, *(str(path) if word == "PATH" else word for word in words), status=2)
+    assert message in line
+    assert len(line.splitlines()) == 1

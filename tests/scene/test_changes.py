@@ -1,0 +1,94 @@
+"""What changed between two visits: told from free space seen, and never from what was hidden."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_scene import Shown, record
+
+from cuboid.errors import InputError
+from cuboid.scene import Scene
+from made_scenes import upright
+
+ONE = ((-0.25, 0.05), (0.16, 0.12, 0.14))
+TWO = ((0.2, 0.2), (0.12, 0.12, 0.2))
+THREE = ((0.05, -0.12), (0.1, 0.1, 0.1))
+
+
+def thing(
+    place: tuple[tuple[float, float], tuple[float, float, float]], at: tuple[float, float] | None = None
+) -> object:
+    return upright(at or place[0], place[1], 0.2, z=0.48)
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scene") / "first.cuboid"
+    record(path, Shown((thing(ONE), thing(TWO), thing(THREE)), frames=40))
+    with Scene.open(path) as scene:
+        assert [item.label for item in scene.objects] == [1, 2, 3]
+        assert scene.changes() == []
+    return path
+
+
+def label_at(scene: Scene, place: tuple[float, float]) -> int:
+    return scene.at([*place, 0.53], 0.1)[0].label
+
+
+def visited(first: Path, path: Path, shown: Shown) -> Scene:
+    shutil.copy(first, path)
+    record(path, shown, "again")
+    return Scene.open(path)
+
+
+def test_nothing_changed(first: Path, tmp_path: Path) -> None:
+    shown = Shown((thing(ONE), thing(TWO), thing(THREE)), frames=30, begin=1.0)
+    with visited(first, tmp_path / "s.cuboid", shown) as scene:
+        assert [(one.label, one.change) for one in scene.changes()] == [(k, "unchanged") for k in (1, 2, 3)]
+
+
+def test_moved_gone_and_new(first: Path, tmp_path: Path) -> None:
+    tall = upright((-0.3, 0.4), (0.07, 0.07, 0.3), 0.0, z=0.48)
+    shown = Shown((thing(ONE, (0.45, -0.1)), tall, thing(THREE)), frames=60, begin=0.4)
+    with Scene.open(first) as scene:
+        one, two, three = (label_at(scene, place[0]) for place in (ONE, TWO, THREE))
+    with visited(first, tmp_path / "s.cuboid", shown) as scene:
+        changes = {change.label: change for change in scene.changes()}
+        assert changes[three].change == "unchanged"
+        assert changes[two].change == "gone"
+        assert changes[two].to_m is None
+        assert (changes[one].change, changes[one].sure > 0.2) == ("moved", True)
+        assert changes[one].metres == pytest.approx(np.hypot(0.7, 0.15), abs=0.05)
+        assert np.allclose(changes[one].to_m[:2], [0.45, -0.1], atol=0.05)
+        assert changes[one].before[:2] == changes[one].after[:2] == b"\xff\xd8"
+        (new,) = (change for change in changes.values() if change.change == "new")
+        assert new.label > 3
+        assert {item.label: item.state for item in scene.all_objects}[two] == "gone"
+        assert label_at(scene, (0.45, -0.1)) == one
+        assert {past.recording for past in scene.history(one)} == {1, 2}
+        assert len(scene.changes(2)) == len(scene.changes("2020-01-01")) == len(changes)
+        assert scene.changes("2999-01-01") == []
+        with pytest.raises(InputError, match="expected a date"):
+            scene.changes("yesterday")
+
+
+def test_what_is_hidden_is_not_gone(first: Path, tmp_path: Path) -> None:
+    screen = upright((0.75, 0.15), (0.05, 1.4, 1.6), 0.0, z=0.0)
+    shown = Shown((thing(TWO), screen), frames=12)
+    with visited(first, tmp_path / "s.cuboid", shown) as scene:
+        told = {change.label: change.change for change in scene.changes()}
+        assert "gone" not in told.values()
+        assert "not looked at" in told.values()
+
+
+def test_another_thing_in_its_place_is_another(first: Path, tmp_path: Path) -> None:
+    other = upright(ONE[0], (0.32, 0.3, 0.3), 0.2, z=0.48)
+    with Scene.open(first) as scene:
+        one = label_at(scene, ONE[0])
+    shown = Shown((other, thing(TWO), thing(THREE)), frames=60, begin=0.3)
+    with visited(first, tmp_path / "s.cuboid", shown) as scene:
+        assert label_at(scene, ONE[0]) != one
+        assert {change.label: change.change for change in scene.changes()}[one] == "gone"

@@ -1,0 +1,162 @@
+"""A tracker saved at any moment and loaded goes on as if nothing had happened, byte for byte."""
+
+from __future__ import annotations
+
+import dataclasses
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cuboid.errors import FrameError
+from cuboid.frame import Frame
+from cuboid.geometry import se3
+from cuboid.heatmap import voxel_map
+from cuboid.outputs.objects import ObjectsFile, write_objects
+from cuboid.posing import EstimatedPoses
+from cuboid.results import FrameResult
+from cuboid.scene.database import open_to_write
+from cuboid.scene.saving import StateFile, load_state
+from cuboid.synthetic import make_scene
+from cuboid.synthetic.view import SceneView
+from cuboid.tracker import Tracker
+from worlds import CAMERA, Proposer, World
+
+FRAMES = 36
+
+
+class Show:
+    """Frames of a random world, with what is proposed in each: the same again and again."""
+
+    def __init__(self, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        world, proposer = World(rng), Proposer(rng, strays=2)
+        for way in ("alone", "alone", "beside", "atop"):
+            world.add(way)
+        proposer.first = len(world.room)
+        self.frames, self.proposals = [], {}
+        for index in range(FRAMES):
+            if index == FRAMES // 2:
+                world.things.pop()
+            way = str(rng.choice(["on", "on", "on", "jump", "down"]))
+            frame, proposer.hit = world.frame(world.pose(way), index)
+            self.frames.append(frame)
+            self.proposals[index] = proposer(frame, CAMERA)
+
+    def tracker(self) -> Tracker:
+        return Tracker(CAMERA, proposals=lambda frame, _: self.proposals[frame.index])
+
+
+def told(result: FrameResult) -> list[object]:
+    """Return all that a result says, exactly, but times."""
+    said: list[object] = [result.index, result.objects_known, result.heat.tobytes(), result.T_world_camera.tobytes()]
+    for one in (*result.sightings, *result.proposals):
+        box = one.box
+        said += [one.label, box.center.tobytes(), box.size.tobytes(), box.rotation.tobytes(), one.rect_xyxy.tobytes()]
+    said += [(one.iou, one.visible) for one in result.sightings]
+    return said
+
+
+def ends(tracker: Tracker, folder: Path) -> list[bytes]:
+    """Return all that a tracker knows at the end."""
+    path = folder / "objects.json"
+    write_objects(path, ObjectsFile(tracker.up, CAMERA, tuple(tracker.planes), tuple(tracker.objects)))
+    points = tracker.map_points()
+    return [path.read_bytes(), *(column.tobytes() for column in (points.xyz, points.rgb, points.heat, points.label))]
+
+
+@pytest.fixture(autouse=True)
+def small_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let even small maps have many blocks, few of which change in a frame."""
+    monkeypatch.setattr(voxel_map, "CHANGED_BITS", 6)
+    monkeypatch.setattr(voxel_map, "CHANGED_ROWS", 64)
+
+
+def commit(connection: sqlite3.Connection, state: StateFile) -> None:
+    connection.execute("BEGIN")
+    state.write(connection, state.snapshot())
+    connection.execute("COMMIT")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_goes_on_from_any_cut(seed: int, tmp_path: Path) -> None:
+    show, rng = Show(seed), np.random.default_rng(100 + seed)
+    whole = show.tracker()
+    expected = [told(whole.update(frame)) for frame in show.frames]
+    tracker, begun = show.tracker(), 0
+    file = open_to_write(tmp_path / "a.cuboid", create=True)
+    state = StateFile(tracker, file.connection)
+    for cut in (*sorted(rng.choice(np.arange(1, FRAMES), 4, replace=False).tolist()), FRAMES):
+        for frame in show.frames[begun:cut]:
+            assert told(tracker.update(frame)) == expected[frame.index], frame.index
+            if rng.random() < 0.3:  # commits in between write only what changed
+                commit(file.connection, state)
+        commit(file.connection, state)
+        tracker, begun = load_state(file.connection, show.tracker())[0], cut
+        state = StateFile(tracker, file.connection)
+    assert ends(tracker, tmp_path) == ends(whole, tmp_path)
+    file.close()
+
+
+def test_goes_on_after_a_correction_of_poses(tmp_path: Path) -> None:
+    show = Show(3)
+    moved = {k: se3.exp(np.array([0.01, 0.02 * k, 0, 0, 0, 0.01])) for k in (1, 2)}
+
+    def run(cut: Callable[[Tracker, int], Tracker]) -> tuple[list[object], list[bytes]]:
+        tracker, said = show.tracker(), []
+        for frame in show.frames:
+            said.append(told(tracker.update(frame, anchor=frame.index // 12)))
+            if frame.index == 22:
+                tracker.carry(moved)
+            tracker = cut(tracker, frame.index)
+        return said, ends(tracker, tmp_path)
+
+    def cut(tracker: Tracker, index: int) -> Tracker:
+        if index not in (21, 22, 27):
+            return tracker
+        file = open_to_write(tmp_path / f"{index}.cuboid", create=True)
+        commit(file.connection, StateFile(tracker, file.connection))
+        tracker = load_state(file.connection, show.tracker())[0]
+        file.close()
+        return tracker
+
+    assert run(cut) == run(lambda tracker, index: tracker)
+
+
+def test_an_unknown_attribute_is_refused(tmp_path: Path) -> None:
+    tracker, file = Show(0).tracker(), open_to_write(tmp_path / "a.cuboid", create=True)
+    tracker._map.store.strange = object()  # type: ignore[attr-defined]
+    with pytest.raises(TypeError, match=r"ObjectStore\.strange cannot be saved"):
+        StateFile(tracker, file.connection).snapshot()
+    file.close()
+
+
+def test_estimated_poses_go_on_from_any_cut(tmp_path: Path) -> None:
+    scene = make_scene("table", 4, frames=70)
+    view = SceneView(scene, scene.intrinsics(160, 120))
+    shown = [view.render(k, "clean") for k in range(0, 70, 2)]
+    frames = [Frame(k, k / 15, one.color, one.depth_m) for k, one in enumerate(shown)]
+    camera = scene.intrinsics(160, 120)
+
+    def run(cuts: tuple[int, ...]) -> tuple[list[bytes], list[bytes]]:
+        tracker, poses, told = Tracker(camera), EstimatedPoses(camera, 0.005), []
+        for frame in frames:
+            try:
+                posed = poses.locate(frame)
+                tracker.carry(posed.moved)
+                said = tracker.update(dataclasses.replace(frame, T_world_camera=posed.T_world_camera), posed.anchor)
+                told.append(said.T_world_camera.tobytes())
+            except FrameError as error:
+                told.append(str(error).encode())
+            if frame.index in cuts:
+                file = open_to_write(tmp_path / f"{frame.index}.cuboid", create=True)
+                commit(file.connection, StateFile(tracker, file.connection, (poses,)))
+                tracker, poses = load_state(file.connection, Tracker(camera), EstimatedPoses(camera, 0.005))
+                file.close()
+        return told, [T.tobytes() for T in poses.trajectory().values()]
+
+    whole = run(())
+    assert sum(len(one) == 128 for one in whole[0]) > 30, "poses are found"
+    assert run((3, 11, 17, 29)) == whole

@@ -1,0 +1,247 @@
+"""What a scene tells, in this process and to those that open it later."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import shutil
+import sqlite3
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from made_scene import CAMERA, THINGS, Shown, record
+
+from cuboid.config import TrackerConfig
+from cuboid.errors import CuboidError, FrameError, InputError, OutputError
+from cuboid.frame import Frame
+from cuboid.outputs import FinishedResults
+from cuboid.posing import EstimatedPoses
+from cuboid.scene import Scene, Source
+from cuboid.scene.checking import problems, rescue
+from cuboid.scene.schema import MIGRATIONS, VERSION
+from cuboid.synthetic import make_scene
+from cuboid.synthetic.view import SceneView
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scene") / "made.cuboid"
+    record(path, Shown())
+    return path
+
+
+@pytest.fixture
+def path(made: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copy(made, tmp_path / "made.cuboid"))
+
+
+def test_objects_are_told_where_they_stand(made: Path) -> None:
+    with Scene.open(made) as scene:
+        assert [item.label for item in scene.objects] == [1, 2]
+        for item in scene.objects:
+            near = min(float(np.linalg.norm(item.box.center - thing.center)) for thing in THINGS)
+            assert near < 0.1
+            assert item.first_seen[0] == item.last_seen[0] == 1
+        assert [item.label for item in scene.at(scene.objects[1].box.center, 0.01)] == [2]
+        assert {item.label for item in scene.at(scene.objects[1].box.center, 2.0)} == {1, 2}
+        assert scene.at([5.0, 5.0, 5.0], 1.0) == []
+        picture = scene.picture(1)
+        assert picture is not None
+        assert cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR).shape[2] == 3
+
+
+def test_the_history_of_an_object(made: Path) -> None:
+    with Scene.open(made) as scene:
+        past = scene.history(1)
+        assert [one.frame for one in past] == sorted({one.frame for one in past})
+        assert len(past) > 8
+        assert all(one.recording == 1 and 0 < one.visible <= 1 for one in past)
+        assert np.allclose(past[-1].box.center, scene.objects[0].box.center)
+        with pytest.raises(InputError, match="no object has the label 7"):
+            scene.history(7)
+
+
+def test_a_second_recording_keeps_labels_and_names(path: Path) -> None:
+    with Scene.open(path) as scene:
+        scene.name(2, " red, box ")
+        with pytest.raises(InputError, match="a name is one line"):
+            scene.name(2, "two\nlines")
+    other = Shown(begin=2.0)
+    with Scene.open(path) as scene, scene.tracker(CAMERA, proposals=other.proposals) as tracker:
+        assert tracker.visit.first_frame == 16
+        assert tracker.objects == [], "nothing was seen yet in this recording"
+        for frame in other.frames:
+            found = tracker.update(frame)
+            assert found.index == frame.index
+        assert [(item.label, item.name) for item in tracker.objects] == [(1, ""), (2, "red, box")]
+        assert all(0 <= item.first_frame <= item.last_frame < 16 for item in tracker.objects)
+        assert all(item.frames_seen <= 16 for item in tracker.objects)
+    with Scene.open(path) as scene:
+        assert [(one.number, one.complete, one.frames_used) for one in scene.recordings] == [
+            (1, True, 16),
+            (2, True, 16),
+        ]
+        assert [(item.label, item.name) for item in scene.objects] == [(1, ""), (2, "red, box")]
+        assert {one.recording for one in scene.history(1)} == {1, 2}
+
+
+def test_forgotten_labels_are_not_given_again(path: Path) -> None:
+    with Scene.open(path) as scene:
+        scene.forget(2)
+        assert [item.state for item in scene.all_objects] == ["present", "forgotten"]
+    record(path, Shown(), "again")
+    with Scene.open(path) as scene:
+        states = {item.label: item.state for item in scene.all_objects}
+        assert states == {1: "present", 2: "forgotten", 3: "present"}
+    assert problems(path) == []
+
+
+def test_merged_objects_stay_one(path: Path) -> None:
+    with Scene.open(path) as scene:
+        assert scene.merge(2, 1) == 1
+        assert [(item.label, item.state, item.merged_into) for item in scene.all_objects] == [
+            (1, "present", None),
+            (2, "merged", 1),
+        ]
+        assert len(scene.history(1)) > len(scene.history(2)) > 0
+        with pytest.raises(InputError, match="got 1 twice"):
+            scene.merge(1, 1)
+        with pytest.raises(InputError, match="no object that is there has the label 2"):
+            scene.merge(1, 2)
+    assert problems(path) == []
+
+
+def test_the_results_of_a_recording(path: Path, tmp_path: Path) -> None:
+    with Scene.open(path) as scene:
+        scene.name(1, "blue box")
+        scene.write_results(tmp_path / "out")
+        with pytest.raises(InputError, match="there is no recording 3"):
+            scene.write_results(tmp_path / "other", 3)
+        history = {label: scene.history(label) for label in (1, 2)}
+    results = FinishedResults(tmp_path / "out")
+    assert [(item.label, item.name) for item in results.found.objects] == [(1, "blue box"), (2, "")]
+    assert len(results.poses) == 16
+    assert [(row.frame, row.label) for row in results.tracks] == sorted(
+        (one.frame, label) for label, past in history.items() for one in past
+    )
+    assert len(results.points.xyz) > 1000
+
+
+def test_other_files_are_refused_in_one_line(path: Path, tmp_path: Path) -> None:
+    text = tmp_path / "text.cuboid"
+    text.write_text("no scene " * 100)
+    other = tmp_path / "other.cuboid"
+    with sqlite3.connect(other) as connection:
+        connection.execute("CREATE TABLE t (x)")
+    connection.close()
+    newer = Path(shutil.copy(path, tmp_path / "newer.cuboid"))
+    with sqlite3.connect(newer) as connection:
+        connection.execute(f"PRAGMA user_version = {VERSION + 1}")
+    connection.close()
+    for file, said in ((text, "is no scene file"), (other, "but no scene file"), (newer, "written by a newer Cuboid")):
+        before = file.read_bytes()
+        with pytest.raises(CuboidError, match=said):
+            Scene.open(file)
+        assert file.read_bytes() == before
+    with pytest.raises(InputError, match=r"made with voxel_m = 0\.01, not 0\.02"), Scene.open(path) as scene:
+        scene.tracker(CAMERA, TrackerConfig(voxel_m=0.02))
+
+
+@pytest.mark.parametrize("version", range(1, VERSION))
+def test_files_of_earlier_versions_are_migrated(version: int, tmp_path: Path) -> None:
+    """Files that earlier versions left are kept; see `tests/scene/kept`."""
+    kept = Path(shutil.copy(Path(__file__).parent / "kept" / f"version-{version}.cuboid", tmp_path))
+    with Scene.open(kept) as scene:
+        assert [item.label for item in scene.objects] == [1, 2]
+        assert scene.recordings[0].complete
+    assert problems(kept) == []
+    record(kept, Shown(), "again")
+    with Scene.open(kept) as scene:
+        assert [item.label for item in scene.objects] == [1, 2]
+
+
+def test_every_byte_of_the_map_is_under_a_check_sum(path: Path, tmp_path: Path) -> None:
+    with sqlite3.connect(path) as connection:
+        data = bytearray(connection.execute("SELECT data FROM blocks WHERE number = 1").fetchone()[0])
+        data[len(data) // 2] ^= 1
+        connection.execute("UPDATE blocks SET data = ? WHERE number = 1", (bytes(data),))
+    connection.close()
+    assert problems(path) == ["block 1 of the map is damaged: its check sum is wrong"]
+    with pytest.raises(InputError, match="'cuboid scene check --rescue NEW' saves"), Scene.open(path) as scene:
+        scene.tracker(CAMERA)
+    lost = rescue(path, tmp_path / "new.cuboid")
+    assert len(lost) == 1
+    assert "block 1 of the map" in lost[0]
+    assert problems(tmp_path / "new.cuboid") == []
+    record(tmp_path / "new.cuboid", Shown(), "again")
+    with Scene.open(tmp_path / "new.cuboid") as scene:
+        assert [item.label for item in scene.objects] == [1, 2]
+        assert len(scene.recordings) == 2
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_what_can_be_read_of_a_damaged_file_is_saved(seed: int, path: Path, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    data = bytearray(path.read_bytes())
+    for _ in range(3):  # some pages of nonsense, not the first one
+        at = 4096 * int(rng.integers(1, len(data) // 4096))
+        data[at : at + 4096] = rng.bytes(4096)
+    path.write_bytes(bytes(data))
+    found = problems(path)
+    assert found
+    assert all("\n" not in line for line in found)
+    try:
+        rescue(path, tmp_path / "new.cuboid")
+    except CuboidError:
+        assert not (tmp_path / "new.cuboid").exists()
+        return
+    assert problems(tmp_path / "new.cuboid") == []
+    with Scene.open(tmp_path / "new.cuboid") as scene:
+        known = {item.label for item in scene.all_objects}
+    record(tmp_path / "new.cuboid", Shown(), "again")
+    with Scene.open(tmp_path / "new.cuboid") as scene:
+        assert known <= {item.label for item in scene.all_objects}
+    with pytest.raises(OutputError, match="exists; name another file"):
+        rescue(path, tmp_path / "new.cuboid")
+
+
+def test_migrations_are_numbered() -> None:
+    assert len(MIGRATIONS) == VERSION
+
+
+def test_a_place_is_recognised_and_labels_go_on(tmp_path: Path) -> None:
+    """A second recording, whose poses are estimated and which begins lost, is found among the old keyframes."""
+    made = make_scene("table", 6, frames=150, camera="orbit")
+    camera = made.intrinsics(160, 120)
+    view = SceneView(made, camera)
+    frames = [view.render(k, "clean") for k in range(0, 150, 2)]
+    known: list[int] = []
+    for visit, shown in enumerate((frames[:45], frames[30:])):
+        with Scene.open(tmp_path / "s.cuboid") as scene:
+            source = Source(f"/{visit}", "made", "estimated", len(shown), camera, {})
+            tracker = scene.tracker(camera, source=source)
+            poses, found = tracker.poses(EstimatedPoses(camera, 0.0)), {}
+            for k, one in enumerate(shown):
+                frame = Frame(k, k / 15, one.color, one.depth_m)
+                with contextlib.suppress(FrameError):
+                    posed = poses.locate(frame)
+                    tracker.carry(posed.moved)
+                    tracker.update(dataclasses.replace(frame, T_world_camera=posed.T_world_camera), posed.anchor)
+                    found[k] = posed.T_world_camera
+            if visit == 0:
+                first = frames_to_world(found[0], made.T_room_camera[0])
+                known = [item.label for item in tracker.objects]
+            else:
+                assert min(found) < 10, "recognised within ten frames"
+                again = {item.label for item in tracker.objects}
+                off = [found[k][:3, 3] - (first @ made.T_room_camera[2 * (k + 30)])[:3, 3] for k in found]
+                assert np.sqrt((np.array(off) ** 2).sum(1).mean()) < 0.03
+                assert len(found) > 0.8 * len(shown)
+    assert len(known) >= 4
+    assert len(again & set(known)) >= len(known) - 1, "labels go on"
+
+
+def frames_to_world(T_world_camera: np.ndarray, T_room_camera: np.ndarray) -> np.ndarray:
+    return T_world_camera @ np.linalg.inv(T_room_camera)
