@@ -113,6 +113,14 @@ class FakeTracker:
         color = np.array([10.0, 20.0, 30.0])
         return [TrackedObject(1, box(), 0.9, 0.8, self.frames[1], self.frames[-1], seen, 1234, color, 0, (3, 4))]
 
+    @property
+    def points_known(self) -> int:
+        return len(self.frames)
+
+    @property
+    def map_bytes(self) -> int:
+        return 50 * len(self.frames)
+
     def map_points(self) -> MapPoints:
         n = len(self.frames)
         return MapPoints(

@@ -209,7 +209,14 @@ def empty_wall(k: int) -> Frame:
     return frame_of([upright((0, 3), (8, 0.1, 3), z=-0.85)], look_at([0, 0, 0.8], [0.1, 2.5, 0.8]), k)
 
 
-@pytest.mark.parametrize("make", [empty_wall])
+def readings_without_end(k: int) -> Frame:
+    frame = empty_wall(k)
+    depth = frame.depth_m.copy()
+    depth[::2], depth[1::3] = 3e38, np.inf
+    return Frame(k, k / 30, frame.color, depth, frame.T_world_camera)
+
+
+@pytest.mark.parametrize("make", [empty_wall, readings_without_end])
 def test_nothing_to_see_is_no_error(make: Callable[[int], Frame]) -> None:
     tracker = Tracker(CAMERA)
     results = follow(tracker, (make(k) for k in range(40)))

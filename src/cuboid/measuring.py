@@ -8,11 +8,17 @@ from array import array
 from collections.abc import Mapping
 from pathlib import Path
 
-from cuboid.outputs import Timing
+from cuboid.limits import LIMITS
+from cuboid.outputs import LimitReached, Timing
 
 # The first used frames pay for compiling or loading the kernels and for filling caches: the stage times leave
 # them out, unless the run is so short that hardly anything would be left.
 WARM_UP_FRAMES = 10
+
+
+def warm_up_of(used: int) -> int:
+    """Return how many of the used frames of a run are warm-up."""
+    return WARM_UP_FRAMES if used >= 2 * WARM_UP_FRAMES else 0
 
 
 class FrameLog:
@@ -32,6 +38,7 @@ class FrameLog:
         self.skipped: list[tuple[int, str]] = []
         self.milliseconds: dict[str, array[float]] = {"frame": array("d")}
         self._finished_s = array("d")
+        self._left_out: dict[str, list[int]] = {what: [] for what in LIMITS}
 
     @property
     def read(self) -> int:
@@ -42,8 +49,11 @@ class FrameLog:
         """Count a bad frame."""
         self.skipped.append((index, reason))
 
-    def use(self, milliseconds: Mapping[str, float]) -> None:
-        """Count a used frame and its times."""
+    def use(self, milliseconds: Mapping[str, float], left_out: Mapping[str, int] | None = None) -> None:
+        """Count a used frame, its times, and what it had too much of."""
+        for what, count in (left_out or {}).items():
+            if count:
+                self._left_out[what].append(count)
         self.used += 1
         self._finished_s.append(time.perf_counter())
         for stage, time_ms in milliseconds.items():
@@ -53,9 +63,17 @@ class FrameLog:
         for values in self.milliseconds.values():
             values.extend([0.0] * (self.used - len(values)))
 
+    def limits(self) -> dict[str, LimitReached]:
+        """Return what frames had too much of."""
+        return {
+            what: LimitReached(LIMITS[what], len(counts), sum(counts))
+            for what, counts in self._left_out.items()
+            if counts
+        }
+
     @property
     def _warm(self) -> int:
-        return WARM_UP_FRAMES if self.used >= 2 * WARM_UP_FRAMES else 0
+        return warm_up_of(self.used)
 
     def frames_per_second(self) -> float:
         """Return used frames a second of the clock after warm-up; 0 for fewer than two frames."""

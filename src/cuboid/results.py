@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -77,6 +77,8 @@ class FrameResult:
         2D heat after depth's correction, 0..1, for views.
     milliseconds : dict of str to float
         Time of each stage, in the order of work.
+    left_out : mapping of str to int
+        How many proposals, clusters and candidates were more than a frame may bring, see `cuboid.limits`.
     size : (int, int) or None
         Width and height of the frame, pixels; None is the heat's.
     """
@@ -89,6 +91,7 @@ class FrameResult:
     objects_known: int
     heat: Float32Array
     milliseconds: dict[str, float]
+    left_out: Mapping[str, int] = field(default_factory=dict)
     size: tuple[int, int] | None = None
 
     def __repr__(self) -> str:

@@ -101,6 +101,14 @@ class TrackerLike(Protocol):
     def up(self) -> Float64Array | None:
         """Up in the world."""
 
+    @property
+    def points_known(self) -> int:
+        """Points of the global point map."""
+
+    @property
+    def map_bytes(self) -> int:
+        """Memory of the global point map."""
+
     def map_points(self) -> MapPoints:
         """Return the global point map."""
 
@@ -137,6 +145,10 @@ class RunOutcome:
         For "frame" and each stage its time in every used frame, warm-up included.
     frames_per_second : float
         Used frames a second of the clock, after warm-up.
+    points : int
+        Points of the global point map at the end.
+    map_bytes : int
+        Memory of it.
     """
 
     report: RunReport
@@ -145,6 +157,8 @@ class RunOutcome:
     up: Float64Array | None
     milliseconds: Mapping[str, Sequence[float]]
     frames_per_second: float
+    points: int
+    map_bytes: int
 
     def _repr_html_(self) -> str:
         """Show the objects, and how the run went, in a notebook."""
@@ -285,6 +299,7 @@ def track_recording(
             peak_memory_mb=peak_memory_mb(),
             warnings=(*(live.warnings if live else ()), *pipeline.warnings(bare)),
             frames_dropped=live.dropped if live else 0,
+            limits=log.limits(),
         )
         objects, planes, up = tuple(tracker.objects), tuple(tracker.planes), tracker.up
         if writer is not None:
@@ -294,7 +309,9 @@ def track_recording(
             session.finish(complete=complete)
     if output is not None and page:
         write_page(output, recording)
-    return RunOutcome(report, objects, planes, up, log.milliseconds, log.frames_per_second())
+    return RunOutcome(
+        report, objects, planes, up, log.milliseconds, log.frames_per_second(), tracker.points_known, tracker.map_bytes
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -366,7 +383,7 @@ class _Pipeline:
         if self.watch is not None:
             self.watch(frame, result, self.tracker)
             clock.lap("live")
-        self.log.use(clock.done())
+        self.log.use(clock.done(), result.left_out)
         self.progress.frame(result)
         return ""
 

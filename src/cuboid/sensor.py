@@ -15,6 +15,11 @@ FLAT_SHARE, SHOWN = 0.25, 0.8
 LEAST_CELLS, MOST = 20, 1.4
 
 
+# Depths of neighbours on one surface differ by less than this times z squared (plus 1 cm): ten deviations of the first
+# Kinect's noise. A reading that does not lies on nothing: it mixes two surfaces.
+MIXED_PER_M = 0.014
+
+
 def excess_noise(depth_m: Float32Array, camera: Intrinsics, nominal_per_m: float, max_depth_m: float) -> float:
     """Return the noise that a depth image shows as a multiple of the nominal one, 1..`MOST`.
 

@@ -19,6 +19,7 @@ from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.claims import BOTTOM, LEFT, RIGHT, TOP
 from cuboid.kernels.pixels import stand_on
+from cuboid.limits import MOST_PROPOSALS
 from cuboid.object_table import ObjectTable
 from cuboid.objects.association import Association
 from cuboid.objects.entry import MapObject
@@ -26,7 +27,7 @@ from cuboid.objects.object_map import ObjectMap
 from cuboid.objects.prior import prior_of
 from cuboid.objects.visibility import look
 from cuboid.proposals import make_source
-from cuboid.proposals.types import ProposalSource
+from cuboid.proposals.types import Proposals, ProposalSource
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
 from cuboid.sensor import excess_noise
 from cuboid.surfaces.cells import PATCH_PIXELS, VOTING_PIXELS, find_cells, with_level_patches
@@ -85,7 +86,7 @@ class Tracker:
     ) -> None:
         self.intrinsics = intrinsics
         self.config = config or TrackerConfig()
-        self._propose = make_source(proposals)
+        self._propose = make_source(proposals, self.config)
         self._begin()
         self._count = 0
         self._place: Float64Array | None = None
@@ -116,7 +117,8 @@ class Tracker:
         image = thin(frame, self.intrinsics, self.config.working_width_px, self._count)
         if self._count == 0:
             self._know_sensor(image)
-        proposals = self._propose(frame, self.intrinsics)
+        every = self._proposals(frame)
+        proposals = every.best(MOST_PROPOSALS)
         watch.lap("proposals")
         heights, support = self._find_planes(image, T_world_camera)
         watch.lap("planes")
@@ -128,7 +130,8 @@ class Tracker:
         slots = self._voxels.fuse(image, heat, T_world_camera, frame.index, anchor)
         self._voxels.look_through(image, T_camera_world)
         watch.lap("fuse")
-        objects = self._map.in_view(image, T_camera_world)
+        in_view = self._map.in_view(image, T_camera_world)
+        objects = self._map.limited(in_view)
         pixel_owner = self._voxels.owner_of(slots)
         prior = prior_of(objects, image, candidate, pixel_owner, weighed)
         things = frame_clusters(
@@ -153,6 +156,11 @@ class Tracker:
             objects_known=self._map.store.labelled,
             heat=heat,
             milliseconds=watch.milliseconds,
+            left_out={
+                "proposals": len(every) - len(proposals),
+                "clusters": things.left_out,
+                "candidates": len(in_view) - len(objects),
+            },
             size=(self.intrinsics.width, self.intrinsics.height),
         )
 
@@ -189,6 +197,12 @@ class Tracker:
         if frame.T_world_camera is None:
             raise FrameError(f"frame {frame.index} has no camera pose")
         return frame.T_world_camera
+
+    def _proposals(self, frame: Frame) -> Proposals:
+        proposals, c = self._propose(frame, self.intrinsics), self.intrinsics
+        if len(proposals) and (proposals.boxes_xyxy[:, 2:] > (c.width, c.height)).any():
+            raise ValueError(f"proposals of frame {frame.index} lie outside its {c.width} x {c.height} pixels")
+        return proposals
 
     def _find_planes(
         self, image: WorkingImage, T_world_camera: Float64Array
@@ -239,7 +253,7 @@ class Tracker:
         last, self._place = self._place, T_world_camera[:3, 3]
         if last is None or len(known) == 0:
             return 1.0
-        turn = float(np.linalg.norm(self._place - last)) / float(np.median(known))
+        turn = float(np.linalg.norm(self._place - last)) / float(np.median(known.astype(np.float64)))
         return min(1.0, max(LEAST_NEWS, turn / ANOTHER_SIDE_RAD))
 
     def _box(self, cluster: FrameCluster) -> Box:
@@ -370,6 +384,11 @@ class Tracker:
     def points_known(self) -> int:
         """How many points the global point map holds."""
         return self._voxels.alive
+
+    @property
+    def map_bytes(self) -> int:
+        """Memory of the global point map, room for more points included, bytes."""
+        return self._voxels.nbytes
 
     def map_points(self) -> MapPoints:
         """Return the global point map."""

@@ -8,11 +8,10 @@ import numpy as np
 
 from cuboid.frame import Float32Array, Frame, Intrinsics, UInt8Array
 from cuboid.kernels.pixels import drop_mixed
+from cuboid.sensor import MIXED_PER_M
 
 # Offsets of the thinned grid: over four frames every pixel of a grid of step 2 is used.
 _PHASES = ((0, 0), (1, 1), (1, 0), (0, 1))
-# Depths of neighbours on one surface differ by less than this times z squared (plus 1 cm): ten deviations.
-_MIXED_PER_M = 0.014
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +44,7 @@ def thin(frame: Frame, intrinsics: Intrinsics, width_px: int, count: int) -> Wor
     rows, columns = intrinsics.height // step, intrinsics.width // step
     raw = np.ascontiguousarray(frame.depth_m[y::step, x::step][:rows, :columns])
     depth = np.empty_like(raw)
-    drop_mixed(raw, _MIXED_PER_M, depth)
+    drop_mixed(raw, MIXED_PER_M, depth)
     return WorkingImage(
         depth_m=depth,
         color=np.ascontiguousarray(frame.color[y::step, x::step][:rows, :columns]),

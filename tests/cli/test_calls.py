@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -176,10 +177,18 @@ def test_bench_prints_stages_and_json(call: Call, tmp_path: Path) -> None:
     assert status == 0
     assert "1 thread," in out
     assert all(stage in out for stage in ("frame", "decode", "matching", "cost over time", "frames/s", "MB"))
+    assert re.search(
+        r"a frame: median [\d.]+ ms = [\d.]+, 99th percentile [\d.]+ ms = [\d.]+, worst [\d.]+ ms = [\d.]+ times", out
+    )
+    assert "map: 40 points, 50 bytes each" in out
     status, out, _ = call("bench", long, "--json", "--scale", "2")
     measured = json.loads(out)
     assert measured["threads"] == 1
     assert measured["milliseconds"]["matching"] == {"median": 2.0, "p95": 2.0}
+    tail = measured["tail"]
+    assert tail["decode_ms"] <= tail["median_ms"] <= tail["p99_ms"] <= tail["worst_ms"]
+    assert tail["p99_decodes"] == pytest.approx(tail["p99_ms"] / tail["decode_ms"], rel=0.02)
+    assert measured["map"] == {"points": 40, "bytes": 2000, "bytes_per_point": 50.0}
     assert set(measured["over_time"]) == {"early_ms", "late_ms", "ratio"}
     assert measured["frames"]["used"] == 40
     assert measured["peak_memory_mb"] > 10

@@ -142,6 +142,8 @@ def fuzz(target: Target, folder: Path, inputs: int, seed: int, calls_each: int |
         How many of the target's calls, drawn at random, get each input; all unless given.
     """
     target.make(folder)
+    for call in target.calls.values():
+        call(folder)  # what is loaded or compiled once is no input's fault
     paths, outcome = target.paths(folder), Outcome()
     for number in range(inputs):
         rng = random.Random(f"{seed}:{number}")

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numba import njit
 
 from cuboid.errors import FrameError
 from cuboid.frame import Frame, Intrinsics
@@ -136,20 +137,12 @@ class Hostile:
     def _rendered(self, T: Array) -> tuple[Array, Array]:
         """Return color and depth of the room; the floor, the table, four walls and the boxes."""
         K = self.intrinsics
-        u, v = np.meshgrid(np.arange(K.width), np.arange(K.height))
-        rays = np.stack(((u - K.cx) / K.fx, (v - K.cy) / K.fy, np.ones(u.shape)), axis=-1) @ T[:3, :3].T
-        rays[np.abs(rays) < 1e-9] = 1e-9
-        depth, number = np.full(u.shape, 50.0), np.zeros(u.shape, np.int64)
         room = np.array([[-WALL_M, -WALL_M, FLOOR_M, WALL_M, WALL_M, 3.0]])
         table = np.array([[-0.7, -0.5, -0.03, 0.7, 0.5, TABLE_M]])
-        for k, box in enumerate(np.concatenate((room, table, self.boxes))):
-            one, other = (box[:3] - T[:3, 3]) / rays, (box[3:] - T[:3, 3]) / rays
-            near, far = np.minimum(one, other).max(-1), np.maximum(one, other).min(-1)
-            hit = np.where((near <= far) & (far > 0), np.where(near > 0, near, far), np.inf)
-            nearer = hit < depth
-            depth[nearer], number[nearer] = hit[nearer], k
+        depth, number = np.empty((K.height, K.width), np.float32), np.empty((K.height, K.width), np.int64)
+        _cast(np.concatenate((room, table, self.boxes)), T, np.array([K.fx, K.fy, K.cx, K.cy]), depth, number)
         palette = np.random.default_rng(self.seed).integers(0, 256, (64, 3))
-        return palette[number % 64].astype(np.uint8), depth.astype(np.float32)
+        return palette[number % 64].astype(np.uint8), depth
 
     def _readings(self, seen: tuple[Array, Array], kind: str) -> tuple[Array, Array]:
         """Return what the sensor makes of it."""
@@ -187,10 +180,30 @@ class Hostile:
         return color, np.ascontiguousarray(depth, np.float32)
 
 
-def hostile(seed: int) -> Hostile:
-    """Return the sequence of a seed."""
+@njit(cache=True)
+def _cast(boxes: Array, T: Array, pinhole: Array, depth: Array, number: Array) -> None:  # pragma: no cover
+    """Write depth and number (H, W) of the first box (N, 6) that each pixel's ray meets; 50 m where none is."""
+    for v in range(depth.shape[0]):
+        for u in range(depth.shape[1]):
+            x, y = (u - pinhole[2]) / pinhole[0], (v - pinhole[3]) / pinhole[1]
+            depth[v, u], number[v, u] = 50.0, 0
+            for k in range(len(boxes)):
+                near, far = -np.inf, np.inf
+                for axis in range(3):
+                    ray = T[axis, 0] * x + T[axis, 1] * y + T[axis, 2]
+                    ray = ray if abs(ray) > 1e-9 else 1e-9
+                    one, other = (boxes[k, axis] - T[axis, 3]) / ray, (boxes[k, axis + 3] - T[axis, 3]) / ray
+                    near, far = max(near, min(one, other)), min(far, max(one, other))
+                hit = near if near > 0 else far
+                if near <= far and 0 < hit < depth[v, u]:
+                    depth[v, u], number[v, u] = hit, k
+
+
+def hostile(seed: int, size: tuple[int, int] | None = None) -> Hostile:
+    """Return the sequence of a seed, of images of a size or of one that is drawn."""
     rng = np.random.default_rng(seed)
-    width, height = SIZES[int(rng.integers(len(SIZES)))]
+    drawn = SIZES[int(rng.integers(len(SIZES)))]
+    width, height = size or drawn
     focal = max(width, height) * rng.choice((0.3, 0.8, 0.8, 0.8, 3.0))
     camera = Intrinsics(float(focal), float(focal), (width - 1) / 2, (height - 1) / 2, width, height)
     return Hostile(seed, camera, rng, _boxes(rng, int(rng.integers(0, 8))))

@@ -1,8 +1,9 @@
-"""The hostile sequences themselves: the same for a seed, of every kind, and no pose that is none gets into a frame."""
+"""Hostile sequences: the same for a seed, of every kind; no pose that is none gets into a frame; the tracker stands."""
 
 from __future__ import annotations
 
 import numpy as np
+from fire import Fired, fire, load_kernels
 from hostile import KINDS, hostile
 
 from cuboid.geometry.se3 import is_rigid
@@ -32,3 +33,16 @@ def test_poses_that_are_none_stop_at_the_frame() -> None:
     assert seen["mirrored pose"] == seen["pose of no numbers"] == {True}
     assert seen["scaled pose"] == {True, False}, "a thousandth off is rounding, a twentieth is not"
     assert seen["calm"] == seen["noise"] == {False}
+
+
+def test_the_tracker_under_fire() -> None:
+    """A short run of ``fire.py``: images of all sizes, few of the large ones."""
+    load_kernels()
+    fired = Fired()
+    for seed in range(1000, 1030):
+        large = hostile(seed).intrinsics.width > 320
+        fire(seed, 20, fired, (160, 120) if large else None)
+    fire(1008, 30, fired, (640, 480))
+    assert not fired.faults, fired.first
+    assert fired.frames > 500
+    assert fired.labels > 10, "sequences without objects prove nothing"

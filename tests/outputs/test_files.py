@@ -11,6 +11,7 @@ import pytest
 from cuboid.errors import InputError
 from cuboid.geometry.box import Box
 from cuboid.outputs import (
+    LimitReached,
     ObjectsFile,
     RunReport,
     Timing,
@@ -99,7 +100,7 @@ def test_run_json_is_what_the_contract_says(results: Path) -> None:
     document = json.loads((results / "run.json").read_text())
     assert list(document) == [
         "version", "complete", "recording", "format", "poses", "threads", "config", "frames", "milliseconds",
-        "seconds", "peak_memory_mb", "warnings",
+        "seconds", "peak_memory_mb", "warnings", "limits",
     ]  # fmt: skip
     assert document["frames"] == {"read": 4, "used": 4, "skipped": []}
     assert list(document["milliseconds"]["frame"]) == ["median", "p95"]
@@ -131,7 +132,21 @@ def test_all_files_come_back_as_they_were_written(tmp_path: Path) -> None:
     np.testing.assert_array_equal(back.planes[0].extent, tracker.planes[0].extent)
     timings = {"frame": Timing(1.5, 2.5)}
     report = RunReport(
-        "0.1.0", False, "r", "tum", "given", 1, {"a": 1}, 3, 2, ((1, "bad"),), timings, 1.5, 99.5, ("odd",)
+        "0.1.0",
+        False,
+        "r",
+        "tum",
+        "given",
+        1,
+        {"a": 1},
+        3,
+        2,
+        ((1, "bad"),),
+        timings,
+        1.5,
+        99.5,
+        ("odd",),
+        {"clusters": LimitReached(100, 2, 345)},
     )
     write_run(tmp_path / "run.json", report)
     assert read_run(tmp_path / "run.json") == report

@@ -9,6 +9,7 @@ import pytest
 import solids
 from numpy.typing import NDArray
 
+from cuboid.config import TrackerConfig
 from cuboid.downscaling import downscale
 from cuboid.errors import InputError
 from cuboid.frame import Frame, Intrinsics
@@ -173,3 +174,17 @@ def test_readings_without_end_are_background() -> None:
     frame = Frame(0, 0.0, np.zeros((120, 160, 3), np.uint8), depth)
     found = make_source(None)(frame, Intrinsics(130.0, 130.0, 79.5, 59.5, 160, 120))
     assert any(np.abs(box - [60, 40, 100, 80]).max() <= 4 for box in found.boxes_xyxy)
+
+
+def test_the_sizes_and_the_range_of_objects_are_those_of_the_tracker() -> None:
+    frame, _ = solids.frame(ball_box_cup(), NOISE)
+    usual = make_source("depth")(frame, solids.CAMERA)
+    longest = (usual.boxes_xyxy[:, 2:] - usual.boxes_xyxy[:, :2]).max(1)
+    small = make_source("depth", TrackerConfig(max_size_m=0.1))(frame, solids.CAMERA)
+    assert len(small) < len(usual)
+    assert (small.boxes_xyxy[:, 2:] - small.boxes_xyxy[:, :2]).max() < longest.max()
+    large = make_source("depth", TrackerConfig(min_size_m=0.15))(frame, solids.CAMERA)
+    assert 0 < len(large) < len(usual)
+    assert len(make_source("depth", TrackerConfig(max_depth_m=0.5))(frame, solids.CAMERA)) == 0
+    noisy = make_source("depth", TrackerConfig(depth_noise_per_m=0.05))(frame, solids.CAMERA)
+    assert len(noisy) < len(usual), "what noise of 5 cm at 1 m hides is not seen"

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import time
 from pathlib import Path
 
 import numpy as np
@@ -140,3 +141,18 @@ def test_masks_are_cropped_and_empty_ones_left_out() -> None:
     assert proposals.boxes_xyxy.tolist() == [[8, 7, 9, 8], [3, 2, 7, 4]]
     assert proposals.masks is not None
     assert [m.tolist() for m in proposals.masks] == [[[1]], [[1, 1, 1, 1], [1, 1, 1, 1]]]
+
+
+def test_edgeboxes_takes_no_longer_for_noise() -> None:
+    """The strongest edges, all over the image, are those of as many as a real desk has."""
+    rng = np.random.default_rng(0)
+    cells = rng.uniform(0.8, 1.6, (11, 14))
+    depth = cells[np.ix_(np.arange(480) // 48, np.arange(640) // 48)].astype(np.float32)
+    frame = Frame(0, 0.0, rng.integers(0, 256, (480, 640, 3), dtype=np.uint8), depth)
+    source, camera = make_source("edgeboxes"), Intrinsics(540.0, 540.0, 319.5, 239.5, 640, 480)
+    source(frame, camera)
+    begun_s = time.thread_time()
+    proposals = source(frame, camera)
+    assert time.thread_time() - begun_s < 0.5
+    middle = proposals.boxes_xyxy.reshape(-1, 2, 2).mean(1)
+    assert (np.ptp(middle, axis=0) > (300, 200)).all(), "boxes lie all over the image"

@@ -151,6 +151,8 @@ def test_a_camera_that_cannot_be_written_is_one_line(tmp_path):
             {"intrinsics": (500, 500, 320, 240)},
             r"principal point \(320, 240\), from the user, lies outside the 64x48",
         ),
+        ({"intrinsics": (1e-320, 60, 30, 20)}, r"focal lengths .*, from the user, are no camera's"),
+        ({"intrinsics": (60, 1e6, 30, 20)}, r"expected 0.005 to 1000 times the width of the images, 64 pixels"),
         ({"depth_scale": 0}, "depth scale must be 0.1 to 1e[+]07 units per metre, got 0"),
         ({"depth_scale": float("inf")}, "depth scale must be"),
     ],

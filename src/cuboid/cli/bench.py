@@ -21,6 +21,8 @@ EXAMPLE = "cuboid bench RECORDING --limit 100"
 # Cost over time compares these parts of the used frames: early, but with a map to match against, and the end.
 EARLY = (0.10, 0.35)
 LATE = (0.80, 1.00)
+# What is told of the frames, and its name in the figures.
+TAIL = {"median": "median", "99th percentile": "p99", "worst": "worst"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -74,10 +76,37 @@ def measurements(outcome: RunOutcome) -> dict[str, Any]:
     return {
         **{name: document[name] for name in names},
         "frames_per_second": round(outcome.frames_per_second, 2),
+        "tail": tail(outcome.milliseconds["frame"], outcome.milliseconds["decode"])
+        if outcome.report.frames_used
+        else None,
         "over_time": over_time(outcome.milliseconds["frame"]),
+        "map": {
+            "points": outcome.points,
+            "bytes": outcome.map_bytes,
+            "bytes_per_point": round(outcome.map_bytes / outcome.points, 1) if outcome.points else None,
+        },
         "objects": len(outcome.objects),
         "machine": machine(),
     }
+
+
+def tail(frame_ms: Sequence[float], decode_ms: Sequence[float]) -> dict[str, float]:
+    """Return median, 99th percentile and worst of the frames after warm-up, and each in units of decoding.
+
+    The unit is the median time that decoding color and depth of the same frames took in the same run: machines differ,
+    and one machine from hour to hour, but both then go slower together.
+    """
+    import numpy as np
+
+    from cuboid.measuring import warm_up_of
+
+    warm = warm_up_of(len(frame_ms))
+    unit_ms = float(np.median(decode_ms[warm:]))
+    median, p99 = np.percentile(frame_ms[warm:], (50, 99)).tolist()
+    values = {"median": median, "p99": p99, "worst": max(frame_ms[warm:])}
+    found = {"decode_ms": round(unit_ms, 3)}
+    found |= {f"{name}_ms": round(value, 3) for name, value in values.items()}
+    return found | {f"{name}_decodes": round(value / unit_ms, 2) for name, value in values.items() if unit_ms > 0}
 
 
 def over_time(frame_ms: Sequence[float]) -> dict[str, float] | None:
@@ -114,6 +143,8 @@ def _print(measured: dict[str, Any], outcome: RunOutcome) -> None:
     )
     out.print(timings_table(outcome.report.milliseconds))
     out.print(f"{measured['frames_per_second']:.1f} frames/s, {measured['peak_memory_mb']:.0f} MB at most")
+    for line in _tail_lines(measured):
+        out.print(line)
     drift = measured["over_time"]
     if drift is not None:
         out.print(
@@ -122,3 +153,14 @@ def _print(measured: dict[str, Any], outcome: RunOutcome) -> None:
         )
     for line in skipped_lines(outcome.report):
         out.print(line, markup=False)
+
+
+def _tail_lines(measured: dict[str, Any]) -> list[str]:
+    """Return the lines about slow frames and about the map's memory."""
+    lines, found, points = [], measured["tail"], measured["map"]["points"]
+    if found is not None and "median_decodes" in found:
+        values = (f"{name} {found[f'{key}_ms']:.1f} ms = {found[f'{key}_decodes']:.1f}" for name, key in TAIL.items())
+        lines.append(f"a frame: {', '.join(values)} times the decoding of its images ({found['decode_ms']:.1f} ms)")
+    if points:
+        lines.append(f"map: {points} points, {measured['map']['bytes_per_point']:.0f} bytes each")
+    return lines

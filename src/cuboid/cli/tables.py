@@ -85,6 +85,14 @@ def skipped_lines(report: RunReport) -> list[str]:
     return lines
 
 
+def limit_lines(report: RunReport) -> list[str]:
+    """Return the lines that say what frames had too much of."""
+    return [
+        f"{limit.frames} frames had more than {limit.most} {what}: {limit.left_out} of them were left out"
+        for what, limit in report.limits.items()
+    ]
+
+
 def write_json(document: Mapping[str, Any], name: str) -> None:
     """Write figures to a file, or print them where its name is "-".
 

@@ -78,7 +78,7 @@ def never() -> bool:
 
 def print_outcome(outcome: RunOutcome, output: Path) -> None:
     """Print the table of objects and the summary of the run."""
-    from cuboid.cli.tables import console, objects_table, skipped_lines
+    from cuboid.cli.tables import console, limit_lines, objects_table, skipped_lines
     from cuboid.outputs.folder import REPORT, VIDEO
 
     out, report = console(), outcome.report
@@ -88,7 +88,7 @@ def print_outcome(outcome: RunOutcome, output: Path) -> None:
         out.print("no object found")
     for warning in report.warnings:
         print(f"cuboid: warning: {warning}", file=sys.stderr)
-    for line in skipped_lines(report):
+    for line in [*skipped_lines(report), *limit_lines(report)]:
         out.print(line, markup=False)
     if report.frames_dropped:
         out.print(f"{report.frames_dropped} frames of the camera were dropped: they came faster than they were tracked")

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cuboid.config import TrackerConfig
 from cuboid.downscaling import downscale
-from cuboid.errors import CuboidError, InputError
+from cuboid.errors import ConfigError, CuboidError, InputError
 from cuboid.evaluation.result import RectRows, read_rects
 from cuboid.exports.finished import FinishedRun
 from cuboid.formats.rows_files import OwnRectEntry
@@ -99,12 +100,21 @@ def _proposals_2d(run: FinishedRun, recording: Recording | str, frames: Sequence
     spec, scale = str(run.report.config["proposals"]), int(run.report.config.get("scale", 1))
     if spec.partition(":")[0] not in SOURCES.names():
         raise InputError(f"they came from '{spec}', which has no name on the command line")
-    source, camera = make_source(spec), recording.intrinsics.downscaled(scale)
+    source, camera = make_source(spec, _settings(run)), recording.intrinsics.downscaled(scale)
     found = {}
     for frame in frames:
         image = downscale(recording.read(frame), scale)
         found[frame] = source(image, camera).boxes_xyxy.astype(np.float64) * scale
     return found
+
+
+def _settings(run: FinishedRun) -> TrackerConfig:
+    """Return the tracker's settings in a run; the usual ones where it does not say, or said them otherwise then."""
+    said = run.report.config.get("tracker")
+    try:
+        return TrackerConfig.from_dict(said if isinstance(said, dict) else {})
+    except ConfigError:
+        return TrackerConfig()
 
 
 def _map_boxes(run: FinishedRun, frames: Sequence[int]) -> Rects:

@@ -53,6 +53,14 @@ class TimingEntry(Entry, frozen=True):
     p95: Amount
 
 
+class LimitEntry(Entry, frozen=True):
+    """What was more than a frame may bring, and was left out, the least likely first."""
+
+    most: Annotated[int, Meta(ge=1, le=1_000_000, description="a frame, at most")]
+    frames: Annotated[int, Meta(ge=1, le=MOST_FRAMES, description="that had more")]
+    left_out: Annotated[int, Meta(ge=1, le=2**53, description="in all of them")]
+
+
 class ConfigEntry(Entry, frozen=True):
     """The effective settings that readers of results need; others are for people."""
 
@@ -89,6 +97,10 @@ class RunDocument(Entry, frozen=True):
     seconds: Annotated[Amount, Meta(description="the whole run")]
     peak_memory_mb: Amount
     warnings: Annotated[tuple[Text, ...], Meta(description="what is likely to be wrong with the input")] = ()
+    limits: Annotated[
+        dict[Name, LimitEntry],
+        Meta(description="'proposals', 'clusters', 'candidates': those of which a frame had too many; mostly empty"),
+    ] = {}  # noqa: RUF012  # msgspec copies it
 
     def __post_init__(self) -> None:
         read, every = self.frames.read, self.settings.every

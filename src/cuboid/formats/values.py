@@ -33,7 +33,7 @@ Fraction: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.0, description="0 to 1"
 Seconds: TypeAlias = Annotated[float, Meta(ge=-LATEST_S, le=LATEST_S, description="seconds")]
 Amount: TypeAlias = Annotated[float, Meta(ge=0.0, le=1e15)]
 Pixel: TypeAlias = Annotated[float, Meta(ge=-1e7, le=1e7, description="pixels")]
-FocalLength: TypeAlias = Annotated[float, Meta(gt=0.0, le=1e7, description="pixels")]
+FocalLength: TypeAlias = Annotated[float, Meta(ge=1e-3, le=1e7, description="pixels")]
 Level: TypeAlias = Annotated[float, Meta(ge=0.0, le=255.0, description="0 to 255")]
 FrameNumber: TypeAlias = Annotated[int, Meta(ge=0, le=LAST_FRAME, description="counts from 0")]
 Count: TypeAlias = Annotated[int, Meta(ge=0, le=LAST_NUMBER)]

@@ -245,6 +245,11 @@ class VoxelMap:
         """How many points there are."""
         return self.count - self._dead
 
+    @property
+    def nbytes(self) -> int:
+        """Memory of the points and of the table that finds them, room for more included, bytes."""
+        return sum(column.nbytes for column in (*self._columns(), self._voted, self._table))
+
     def living(self) -> Rows:
         """Return the rows of all points."""
         return np.flatnonzero(self.values[: self.count, kernel.WEIGHT] > 0)

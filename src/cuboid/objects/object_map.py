@@ -15,6 +15,7 @@ from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.geometry.se3 import transform
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.claims import BOTTOM, CONTACT, FREE, SUPPORT
+from cuboid.limits import MOST_CANDIDATES
 from cuboid.objects.affinity import SURE
 from cuboid.objects.association import IN_SIGHT, MOST, Association, associate
 from cuboid.objects.boxing import Boxing
@@ -78,6 +79,14 @@ class ObjectMap:
         """Return the objects, confirmed or not, whose boxes reach into the picture, none too far to see, by number."""
         far_m = FAR * self._config.max_depth_m
         return [self.store[int(n)] for n in in_view(self.store.boxes, image, T_camera_world, far_m)]
+
+    def limited(self, objects: Sequence[MapObject]) -> list[MapObject]:
+        """Return objects in view without the least likely of more candidates than a frame may have: these are over."""
+        candidates = [o for o in objects if not o.confirmed]
+        if len(candidates) > MOST_CANDIDATES:
+            for entry in sorted(candidates, key=lambda o: (-o.log_odds, o.number))[MOST_CANDIDATES:]:
+                self.store.retire(entry)
+        return [o for o in objects if o.state is not State.RETIRED]
 
     def update(
         self,

@@ -6,7 +6,7 @@ from cuboid.outputs.finished import FinishedResults
 from cuboid.outputs.folder import OUTPUT_NAMES, ResultFolder
 from cuboid.outputs.objects import ObjectsFile, read_objects, write_objects
 from cuboid.outputs.ply import read_map, write_map
-from cuboid.outputs.report import RunReport, Timing, read_run, write_run
+from cuboid.outputs.report import LimitReached, RunReport, Timing, read_run, write_run
 from cuboid.outputs.rows import (
     PoseRow,
     ProposalRow,
@@ -20,6 +20,7 @@ from cuboid.outputs.writer import ResultWriter
 __all__ = [
     "OUTPUT_NAMES",
     "FinishedResults",
+    "LimitReached",
     "ObjectsFile",
     "PoseRow",
     "ProposalRow",

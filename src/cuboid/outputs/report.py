@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +64,25 @@ class SkippedKind:
 
 
 @dataclass(frozen=True, slots=True)
+class LimitReached:
+    """What was more than a frame may bring, see `cuboid.limits`.
+
+    Attributes
+    ----------
+    most : int
+        A frame, at most.
+    frames : int
+        Frames that had more.
+    left_out : int
+        In all of them.
+    """
+
+    most: int
+    frames: int
+    left_out: int
+
+
+@dataclass(frozen=True, slots=True)
 class RunReport:
     """What `run.json` holds.
 
@@ -92,6 +112,8 @@ class RunReport:
         Of the process, in units of 2**20 bytes.
     warnings : tuple of str
         What is likely to be wrong with the input, one line each.
+    limits : mapping of str to LimitReached
+        What some frames had too much of.
     frames_dropped : int
         That a live camera gave and nobody took in time; they have no numbers.
     """
@@ -110,6 +132,7 @@ class RunReport:
     seconds: float
     peak_memory_mb: float
     warnings: tuple[str, ...] = ()
+    limits: Mapping[str, LimitReached] = field(default_factory=dict)
     frames_dropped: int = 0
 
     @property
@@ -176,6 +199,7 @@ class RunReport:
             "seconds": rounded(self.seconds, 3),
             "peak_memory_mb": rounded(self.peak_memory_mb, 1),
             "warnings": list(self.warnings),
+            "limits": {what: dataclasses.asdict(limit) for what, limit in self.limits.items()},
         }
 
 
@@ -214,5 +238,6 @@ def read_run(path: Path) -> RunReport:
         seconds=document.seconds,
         peak_memory_mb=document.peak_memory_mb,
         warnings=tuple(document.warnings),
+        limits={what: LimitReached(one.most, one.frames, one.left_out) for what, one in document.limits.items()},
         frames_dropped=document.frames.dropped,
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from cuboid.config import TrackerConfig
+
 # Each of these registers its source.
 from cuboid.proposals import bing as _bing  # noqa: F401
 from cuboid.proposals import depth as _depth  # noqa: F401
@@ -18,7 +20,7 @@ __all__ = ["DEFAULT_SOURCE", "SOURCES", "ProposalSource", "Proposals", "SourceFa
 DEFAULT_SOURCE = "depth"
 
 
-def make_source(spec: str | ProposalSource | None = None) -> ProposalSource:
+def make_source(spec: str | ProposalSource | None = None, config: TrackerConfig | None = None) -> ProposalSource:
     """Return the proposal source that `spec` names.
 
     Parameters
@@ -26,6 +28,8 @@ def make_source(spec: str | ProposalSource | None = None) -> ProposalSource:
     spec : str, ProposalSource or None
         ``NAME`` or ``NAME:OPTIONS``; any callable from (frame, intrinsics) to `Proposals` is returned as it is;
         None is the default source.
+    config : TrackerConfig, optional
+        Whose sizes of objects, range and noise of depth a source with a name goes by.
 
     Raises
     ------
@@ -39,4 +43,4 @@ def make_source(spec: str | ProposalSource | None = None) -> ProposalSource:
     if not isinstance(spec, str):
         return spec
     name, colon, options = spec.partition(":")
-    return SOURCES.get(name)(options if colon else None)
+    return SOURCES.get(name)(options if colon else None, config or TrackerConfig())

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cuboid.config import TrackerConfig
 from cuboid.errors import InputError
 from cuboid.frame import Frame, Intrinsics
 from cuboid.proposals.boxes import boxes_as_proposals, thin_out
@@ -75,7 +76,7 @@ class Bing:
 
 
 @SOURCES.register("bing")
-def bing_source(options: str | None) -> ProposalSource:
+def bing_source(options: str | None, config: TrackerConfig) -> ProposalSource:
     """Return BING with the model in the folder that `options` names.
 
     Raises

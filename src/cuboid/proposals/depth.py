@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.config import TrackerConfig
 from cuboid.errors import InputError
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.kernels import patches, regions, segments
@@ -22,6 +23,7 @@ from cuboid.kernels.cells import CELL_COLUMNS, fit_cells
 from cuboid.kernels.pixels import drop_mixed
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource
+from cuboid.sensor import MIXED_PER_M
 
 # Images wider than this are halved until they are not, pixels, unless the user says otherwise: at 1.5 m a pixel of 320
 # is then 6 mm.
@@ -29,13 +31,11 @@ WIDEST = 480
 LEAST_WIDE = 120
 # Readings of a block of pixels belong to one surface within this share of their depth.
 SAME_SURFACE = 0.01
-# Standard deviation of depth at distance z is this times z squared, 1/metre (Khoshelham and Elberink 2012); that of
-# 1/z is then this number itself, wherever a pixel looks.
-NOISE_PER_M = 2.2e-3
-# Neighbours on one surface differ in depth by less than this times z squared, plus 1 cm: ten deviations.
-MIXED_PER_M = 0.014
-# Farther readings are background, metres: there, noise (2 cm) hides a small object in its own depth.
-MAX_DEPTH_M = 4.0
+# Neighbouring readings err together: over a region the noise is this times the nominal one. At distance z that is the
+# deviation of depth over z squared; it is that of 1/z itself, wherever a pixel looks.
+REGION_NOISE = 2.2 / 1.425
+# Readings are looked at up to this times the range: what stands at its end is bounded by what lies behind.
+BEYOND = 4.0 / 3.5
 # Edge of the cells that planes are grown from, pixels: 3 cm at 1 m.
 CELL_PIXELS = 8
 # Residual of 1/z over a cell that is still flat, in deviations: real table tops show up to 3, the foot of an object 5.
@@ -68,9 +68,8 @@ NEIGHBOURS = 3
 # Holes are filled at most so far, metres, and a difference in color of so many levels counts as a pixel.
 HOLE_M = 0.3
 COLOR_LEVELS = 12.0
-# Longest side of an object, metres.
-MIN_SIZE_M = 0.025
-MAX_SIZE_M = 1.0
+# A region is at least this times the least size of an object: what is seen of one at an angle is narrower.
+LEAST_SIZE = 5.0 / 6.0
 # Proposals of a frame, the best ones: some for each of as many objects as a desk holds. More cost time downstream.
 MOST = 140
 # With so many readings a piece is no work of noise.
@@ -102,16 +101,19 @@ class DepthSegmentation:
     ----------
     widest : int
         Images wider than this are halved until they are not, pixels.
+    config : TrackerConfig
+        Sizes of objects, and the sensor's range and noise.
     """
 
-    def __init__(self, widest: int = WIDEST) -> None:
+    def __init__(self, widest: int, config: TrackerConfig) -> None:
         self._widest = widest
+        self._config = config
 
     def __call__(self, frame: Frame, intrinsics: Intrinsics) -> Proposals:
         """Return the proposals of `frame`, the best first."""
         depth_m, camera, step = _shrink(frame.depth_m, intrinsics, self._widest)
-        found = _regions(depth_m, frame.color, camera, step)
-        scores = _scores(found.measures, camera.fx)
+        found = _regions(depth_m, frame.color, camera, step, self._config)
+        scores = _scores(found.measures, camera.fx, self._config)
         return _as_proposals(found, scores, _without_doubles(scores, found), step)
 
 
@@ -126,15 +128,17 @@ def _shrink(depth_m: Float32Array, intrinsics: Intrinsics, widest: int) -> tuple
     return clean, intrinsics.downscaled(step), step
 
 
-def _regions(depth_m: Float32Array, color: UInt8Array, camera: Intrinsics, step: int) -> _Regions:
-    shape = depth_m.shape
-    inverse, kind, on, planes = _set_planes_apart(depth_m, camera)
+def _regions(
+    depth_m: Float32Array, color: UInt8Array, camera: Intrinsics, step: int, config: TrackerConfig
+) -> _Regions:
+    shape, noise = depth_m.shape, REGION_NOISE * config.depth_noise_per_m
+    inverse, kind, on, planes = _set_planes_apart(depth_m, camera, noise, BEYOND * config.max_depth_m)
     # A deviation of 1/z after halving is half of what one reading has; the first Kinect's is kept for both.
     smooth, cost = np.empty(shape, np.float32), np.empty(shape, np.float32)
     marks = np.empty(shape, np.uint8)
     labels, queue = np.empty(shape, np.int16), np.empty(depth_m.size, np.int32)
     sizes = np.empty(SEGMENTS + 1, np.int32)
-    segments.mark(inverse, kind, camera.fx, NOISE_PER_M, JUMP_M, ARM_M, BEND, smooth, marks)
+    segments.mark(inverse, kind, camera.fx, noise, JUMP_M, ARM_M, BEND, smooth, marks)
     last = segments.label_surfaces(inverse, kind, marks, LEAST_PIXELS, labels, queue, sizes)
     regions.fill_holes(
         kind, on, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse, cost, queue
@@ -142,45 +146,45 @@ def _regions(depth_m: Float32Array, color: UInt8Array, camera: Intrinsics, step:
     table = np.empty((last + 1, regions.COLUMNS))
     contact = np.empty((last + 1, last + 1), np.float32)
     weight = np.empty((last + 1, last + 1), np.float32)
-    regions.measure(kind, labels, inverse, marks, NOISE_PER_M, JUMP_M, SURE_JUMP_M, table, contact, weight)
+    regions.measure(kind, labels, inverse, marks, noise, JUMP_M, SURE_JUMP_M, table, contact, weight)
     members = np.zeros((2 * last + 1 + NEIGHBOURS * last, last + 1 + planes), np.uint8)
     measures = np.empty((len(members) + planes, regions.COLUMNS))
     parts = np.full((len(members) + planes, 2), -1, np.int32)
-    neighbours = contact, weight, last, camera.fx, MAX_SIZE_M
+    neighbours = contact, weight, last, camera.fx, config.max_size_m
     n = regions.join(table.copy(), contact.copy(), weight.copy(), *neighbours[2:], members, measures, parts)
     n = regions.pair(table, *neighbours, n, members, measures, parts)
     members = np.concatenate([members[:n], np.zeros((planes, last + 1 + planes), np.uint8)])
     # Planes come after: they bound the segments, and are proposed each for itself.
     members[n + np.arange(planes), -1 - np.arange(planes)] = 1
     whole = measures[n : n + planes]
-    regions.measure_planes(labels, inverse, NOISE_PER_M, JUMP_M, SURE_JUMP_M, whole)
+    regions.measure_planes(labels, inverse, noise, JUMP_M, SURE_JUMP_M, whole)
     n += planes
     return _Regions(labels, members[:n], measures[:n], parts[:n])
 
 
 def _set_planes_apart(
-    depth_m: Float32Array, camera: Intrinsics
+    depth_m: Float32Array, camera: Intrinsics, noise: float, max_depth_m: float
 ) -> tuple[Float32Array, UInt8Array, npt.NDArray[np.int8], int]:
     """Return 1/z, each pixel's kind (none, on a large plane, on another surface, far) and plane, and their number."""
     rows, columns = depth_m.shape[0] // CELL_PIXELS, depth_m.shape[1] // CELL_PIXELS
     pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
     cells = np.empty((rows * columns, CELL_COLUMNS))
-    fit_cells(depth_m, pinhole, CELL_PIXELS, MAX_DEPTH_M, cells)
+    fit_cells(depth_m, pinhole, CELL_PIXELS, max_depth_m, cells)
     planes, member = np.empty((PLANES, 3)), np.empty((rows, columns), np.int16)
     count = patches.grow_planes(
-        cells, (rows, columns), pinhole, CELL_PIXELS, NOISE_PER_M, PLANE_BOW_M, FLAT_RESIDUAL * NOISE_PER_M,
+        cells, (rows, columns), pinhole, CELL_PIXELS, noise, PLANE_BOW_M, FLAT_RESIDUAL * noise,
         PLANE_AREA_M2, planes, member,
     )  # fmt: skip
     inverse, kind = np.empty(depth_m.shape, np.float32), np.empty(depth_m.shape, np.uint8)
     on = np.empty(depth_m.shape, np.int8)
     patches.classify(
-        depth_m, cells, planes, count, member, pinhole, CELL_PIXELS, PLANE_REACH, NOISE_PER_M, FLOOR_M, BIAS_M,
-        MAX_DEPTH_M, inverse, kind, on,
+        depth_m, cells, planes, count, member, pinhole, CELL_PIXELS, PLANE_REACH, noise, FLOOR_M, BIAS_M,
+        max_depth_m, inverse, kind, on,
     )  # fmt: skip
     return inverse, kind, on, count
 
 
-def _scores(measures: Float64Array, focal_px: float) -> Float32Array:
+def _scores(measures: Float64Array, focal_px: float, config: TrackerConfig) -> Float32Array:
     """Return how likely each region is an object: how much of its outline is one, how compact it is, its size."""
     m = measures.T
     outline = np.maximum(m[regions.OUTLINE], 1.0)
@@ -191,9 +195,10 @@ def _scores(measures: Float64Array, focal_px: float) -> Float32Array:
     high = m[regions.BOTTOM] - m[regions.TOP] + 1.0
     metres_per_pixel = m[regions.READINGS] / np.maximum(m[regions.INVERSE], 1e-9) / focal_px
     long_m = np.maximum(wide, high) * metres_per_pixel
-    fits = (long_m >= MIN_SIZE_M) & (long_m <= MAX_SIZE_M) & (m[regions.READINGS] > 0)
+    least_m = LEAST_SIZE * config.min_size_m
+    fits = (long_m >= least_m) & (long_m <= config.max_size_m) & (m[regions.READINGS] > 0)
     # Few readings, and sizes near the least, are where noise makes pieces of its own.
-    solid = np.clip(m[regions.READINGS] / SOLID_PIXELS, 0.0, 1.0) * np.clip(long_m / (2.0 * MIN_SIZE_M), 0.0, 1.0)
+    solid = np.clip(m[regions.READINGS] / SOLID_PIXELS, 0.0, 1.0) * np.clip(long_m / (2.0 * least_m), 0.0, 1.0)
     score = closure * np.sqrt(np.clip(roundness, 0.05, 1.0)) * np.sqrt(solid)
     return np.where(fits, np.clip(score, 0.0, 1.0), 0.0).astype(np.float32)
 
@@ -234,7 +239,7 @@ def _as_proposals(found: _Regions, scores: Float32Array, order: npt.NDArray[np.i
 
 
 @SOURCES.register("depth")
-def depth_source(options: str | None) -> ProposalSource:
+def depth_source(options: str | None, config: TrackerConfig) -> ProposalSource:
     """Return the depth segmentation; `depth:N` halves images until they are at most N pixels wide.
 
     Raises
@@ -243,7 +248,7 @@ def depth_source(options: str | None) -> ProposalSource:
         If N is not a whole number from 120 up: fewer pixels show no objects.
     """
     if options is None:
-        return DepthSegmentation()
+        return DepthSegmentation(WIDEST, config)
     if not options.isdecimal() or int(options) < LEAST_WIDE:
         raise InputError(f"proposal source 'depth:N' takes a width in pixels from {LEAST_WIDE} up, got '{options}'")
-    return DepthSegmentation(int(options))
+    return DepthSegmentation(int(options), config)

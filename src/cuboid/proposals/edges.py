@@ -10,9 +10,8 @@ from cuboid.frame import Float32Array, Frame, UInt8Array
 
 # Working width, pixels: edges of a 640-pixel image found at half of it cost a quarter and lose little.
 WIDTH = 320
-# A step in depth that is a full edge, metres, and noise of depth a metre away (see `cuboid.proposals.depth`).
+# A step in depth that is a full edge, metres.
 FULL_JUMP_M = 0.03
-NOISE_PER_M = 1.425e-3
 # Gradient of a color channel that is a full edge, levels a pixel.
 FULL_COLOR = 60.0
 # The steepest gradient of 1/z that a plane has, 1/metre a pixel: one that passes the camera at 0.4 m.
@@ -39,8 +38,15 @@ class Edges(NamedTuple):
     step: int
 
 
-def find_edges(frame: Frame) -> Edges:
-    """Return the edges of depth and color; where both are, the stronger."""
+def find_edges(frame: Frame, noise_per_m: float) -> Edges:
+    """Return the edges of depth and color; where both are, the stronger.
+
+    Parameters
+    ----------
+    frame : Frame
+    noise_per_m : float
+        Standard deviation of depth at distance z is this times z squared, 1/metre.
+    """
     import cv2
 
     height, width = frame.depth_m.shape
@@ -48,7 +54,7 @@ def find_edges(frame: Frame) -> Edges:
     h, w = height // step, width // step
     color = cv2.resize(frame.color[: h * step, : w * step], (w, h), interpolation=cv2.INTER_AREA)
     cx, cy = _gradient_of_color(np.asarray(color, dtype=np.uint8))
-    dx, dy = _gradient_of_depth(np.ascontiguousarray(frame.depth_m[: h * step : step, : w * step : step]))
+    dx, dy = _gradient_of_depth(np.ascontiguousarray(frame.depth_m[: h * step : step, : w * step : step]), noise_per_m)
     by_color, by_depth = np.hypot(cx, cy) / FULL_COLOR, np.hypot(dx, dy)
     deeper = by_depth > by_color
     gx, gy = np.where(deeper, dx, cx), np.where(deeper, dy, cy)
@@ -70,7 +76,7 @@ def _gradient_of_color(color: UInt8Array) -> tuple[Float32Array, Float32Array]:
     )
 
 
-def _gradient_of_depth(depth_m: Float32Array) -> tuple[Float32Array, Float32Array]:
+def _gradient_of_depth(depth_m: Float32Array, noise_per_m: float) -> tuple[Float32Array, Float32Array]:
     """Return the gradient of inverse depth without that of its surroundings, in full edges.
 
     A slanted plane has the same gradient of 1/z all over; less the mean of it around, it has none.
@@ -81,7 +87,7 @@ def _gradient_of_depth(depth_m: Float32Array) -> tuple[Float32Array, Float32Arra
     smooth = cv2.medianBlur(filled, 5)
     gx, gy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0) / 8.0, cv2.Sobel(smooth, cv2.CV_32F, 0, 1) / 8.0
     around = [cv2.blur(np.clip(g, -STEEPEST, STEEPEST), (25, 25)) for g in (gx, gy)]
-    full = FULL_JUMP_M * smooth * smooth + 4.0 * NOISE_PER_M
+    full = FULL_JUMP_M * smooth * smooth + 4.0 * noise_per_m
     return ((gx - around[0]) / full).astype(np.float32), ((gy - around[1]) / full).astype(np.float32)
 
 

@@ -18,9 +18,8 @@ Scores outside 0..1 are stretched, with the rest of their file, to 0..1. MATLAB 
 
 from __future__ import annotations
 
-import math
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -33,12 +32,11 @@ from cuboid.formats.rows_files import RectangleEntry
 from cuboid.formats.table_door import read_table
 from cuboid.frame import Float64Array
 from cuboid.proposals.boxes import boxes_as_proposals, masks_as_proposals
+from cuboid.proposals.matlab import READER
 from cuboid.proposals.types import Proposals
 
 # The largest file, unpacked: 800 masks of 640 x 480 pixels.
 MOST_BYTES = 256 << 20
-# What the first bytes of a file of MATLAB 7.3 say; it is another format altogether (HDF5).
-MATLAB_73 = b"MATLAB 7.3"
 
 Loader = Callable[[Path, int, int], Proposals]
 
@@ -70,7 +68,7 @@ def load_npz(path: Path, width: int, height: int) -> Proposals:
         except Exception as error:  # zip, deflate and array headers each have errors of their own
             raise InputError(f"{path} cannot be read: {_line(error)}") from None
     if "scores" not in found or not {"boxes", "masks"} & set(found):
-        raise InputError(f"{path} holds {_names(found)}; expected: scores, and boxes or masks")
+        raise InputError(f"{path} holds {_listed(found)}; expected: scores, and boxes or masks")
     if "masks" in found:
         return _masks(path, found["masks"], found["scores"], width, height)
     return _boxes(path, found["boxes"], found["scores"], width, height)
@@ -78,28 +76,13 @@ def load_npz(path: Path, width: int, height: int) -> Proposals:
 
 def load_mat(path: Path, width: int, height: int) -> Proposals:
     """Read a ``.mat`` file of MCG or CPMC; parameters and errors are those of `load_csv`."""
-    from scipy.io import loadmat, whosmat
-
-    with opened(path, MOST_BYTES) as file:
-        try:
-            if file.read(len(MATLAB_73)) == MATLAB_73:
-                raise ValueError("it is of MATLAB 7.3; save it with '-v7'")
-            file.seek(0)
-            shapes = [shape for _, shape, _ in whosmat(file)]  # type: ignore[arg-type]  # takes files as well
-            largest = max(map(math.prod, shapes), default=0)
-            if largest > MOST_BYTES:
-                raise ValueError(f"a variable has {largest} values, expected at most {MOST_BYTES}")
-            file.seek(0)
-            loaded: dict[str, Any] = loadmat(file, squeeze_me=False, struct_as_record=True)  # type: ignore[arg-type]
-        except Exception as error:  # written by programs of any age: whatever is wrong with one, it is the file's fault
-            raise InputError(f"{path} cannot be read: {_line(error)}") from None
-    found = _proposal_fields(loaded)
+    found, names = READER.read(path)
     scores = found.get("bboxes_scores", found.get("scores"))
     if scores is not None and "masks" in found:
         masks = np.atleast_3d(found["masks"])
         return _masks(path, np.moveaxis(masks, 2, 0), scores, width, height)
     if "scores" in found and {"superpixels", "labels"} <= set(found):
-        masks = _masks_of_superpixels(path, found["superpixels"], found["labels"])
+        masks = _masks_of_superpixels(path, found["superpixels"], found["labels"], found["label_ends"])
         return _masks(path, masks, found["scores"], width, height)
     if scores is not None and "bboxes" in found:
         inclusive = _table(path, found["bboxes"])
@@ -107,32 +90,22 @@ def load_mat(path: Path, width: int, height: int) -> Proposals:
         boxes = np.stack([left - 1.0, up - 1.0, right, down], axis=1)
         return _boxes(path, boxes, scores, width, height)
     raise InputError(
-        f"{path} holds {_names(found)}; expected MCG's bboxes (or superpixels and labels) or CPMC's masks, with scores"
+        f"{path} holds {_listed(names)}; expected MCG's bboxes (or superpixels and labels) or CPMC's masks, with scores"
     )
 
 
-def _proposal_fields(loaded: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the variables of a file, or the fields of the first struct that has scores."""
-    variables = {name: value for name, value in loaded.items() if not name.startswith("__")}
-    if not any("scores" in name for name in variables):
-        for value in variables.values():
-            names = getattr(getattr(value, "dtype", None), "names", None)
-            if names and value.size == 1 and any("scores" in name for name in names):
-                return {name: value.flat[0][name] for name in names}
-    return variables
-
-
-def _masks_of_superpixels(path: Path, superpixels: Any, labels: Any) -> npt.NDArray[np.bool_]:
-    """Return a mask a cell of labels: its superpixels."""
-    pixels = np.asarray(superpixels)
+def _masks_of_superpixels(
+    path: Path, pixels: npt.NDArray[Any], labels: npt.NDArray[Any], ends: npt.NDArray[Any]
+) -> npt.NDArray[np.bool_]:
+    """Return a mask a cell of labels: its superpixels. Cells follow each other, each up to its end."""
     if pixels.ndim != 2 or pixels.dtype.kind not in "iuf":
         raise InputError(f"{path}: superpixels must be an image of numbers, got {pixels.dtype} {pixels.shape}")
-    number, cells = _whole(path, "superpixels", pixels), np.asarray(labels, dtype=object).ravel()
+    number, cells = _whole(path, "superpixels", pixels), np.split(_whole(path, "labels", labels), ends)[:-1]
     if number.size == 0 or number.min() < 0 or number.max() > number.size or len(cells) * number.size > MOST_BYTES:
         raise InputError(f"{path}: superpixels must be numbered from 0 or 1, at most one a pixel, with labels for some")
     masks = np.zeros((len(cells), *number.shape), dtype=np.bool_)
     for k, cell in enumerate(cells):
-        masks[k] = np.isin(number, _whole(path, "labels", np.asarray(cell)))
+        masks[k] = np.isin(number, cell)
     return masks
 
 
@@ -183,8 +156,8 @@ def _scores(path: Path, scores: npt.ArrayLike, count: int) -> Float64Array:
     return np.asarray((numbers - low) / (high - low) if high > low else np.where(np.isfinite(numbers), 1.0, numbers))
 
 
-def _names(found: Mapping[str, Any]) -> str:
-    return ", ".join(sorted(found)) or "nothing"
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(sorted(names)) or "nothing"
 
 
 def _line(error: Exception) -> str:

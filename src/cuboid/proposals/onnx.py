@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.config import TrackerConfig
 from cuboid.errors import InputError, MissingExtraError
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.proposals.boxes import MOST, best_boxes, thin_out
@@ -189,7 +190,7 @@ def _line(error: Exception) -> str:
 
 
 @SOURCES.register("onnx")
-def onnx_source(options: str | None) -> ProposalSource:
+def onnx_source(options: str | None, config: TrackerConfig) -> ProposalSource:
     """Return the model in the ONNX file that `options` names.
 
     Raises

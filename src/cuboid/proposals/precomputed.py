@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from cuboid.config import TrackerConfig
 from cuboid.errors import FrameError, InputError
 from cuboid.frame import Frame, Intrinsics
 from cuboid.proposals.files import LOADERS
@@ -65,7 +66,7 @@ class Precomputed:
 
 
 @SOURCES.register("precomputed")
-def precomputed_source(options: str | None) -> ProposalSource:
+def precomputed_source(options: str | None, config: TrackerConfig) -> ProposalSource:
     """Return the proposals in the folder that `options` names.
 
     Raises

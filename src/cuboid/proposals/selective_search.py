@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cuboid.config import TrackerConfig
 from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.proposals.boxes import boxes_as_proposals, refuse_options, thin_out
 from cuboid.proposals.edges import Edges, find_edges
@@ -26,11 +27,14 @@ class SelectiveSearch:
     by the edges that it has near its outline but not in its middle, as EdgeBoxes does; chance has no part.
     """
 
+    def __init__(self, noise_per_m: float) -> None:
+        self._noise_per_m = noise_per_m
+
     def __call__(self, frame: Frame, intrinsics: Intrinsics) -> Proposals:
         """Return the proposals of `frame`, the best first."""
         import cv2
 
-        edges = find_edges(frame)
+        edges = find_edges(frame, self._noise_per_m)
         h, w = edges.strength.shape
         whole = frame.color[: h * edges.step, : w * edges.step]
         small = cv2.resize(whole, (w, h), interpolation=cv2.INTER_AREA)
@@ -64,7 +68,7 @@ def _edges_of(boxes_xyxy: Float64Array, edges: Edges) -> Float64Array:
 
 
 @SOURCES.register("selective-search")
-def selective_search_source(options: str | None) -> ProposalSource:
+def selective_search_source(options: str | None, config: TrackerConfig) -> ProposalSource:
     """Return Selective Search; it takes no options.
 
     Raises
@@ -73,4 +77,4 @@ def selective_search_source(options: str | None) -> ProposalSource:
         If there are any.
     """
     refuse_options("selective-search", options)
-    return SelectiveSearch()
+    return SelectiveSearch(config.depth_noise_per_m)

@@ -35,11 +35,27 @@ class Proposals:
             raise ValueError(
                 f"proposals need boxes (N, 4) and scores (N,), got {self.boxes_xyxy.shape}, {self.scores.shape}"
             )
+        sides = self.boxes_xyxy[:, 2:] - self.boxes_xyxy[:, :2]
+        if n and (self.boxes_xyxy.min() < 0 or sides.min() < 1 or not np.isfinite(self.scores).all()):
+            raise ValueError("proposals need boxes of x0, y0 >= 0, x1 > x0 and y1 > y0, and finite scores")
         if self.masks is not None and len(self.masks) != n:
             raise ValueError(f"proposals need a mask for each of the {n} boxes, got {len(self.masks)}")
+        for mask, (wide, high) in zip(self.masks or (), sides.tolist(), strict=False):
+            if mask.shape != (high, wide):
+                raise ValueError(
+                    f"the mask of a box of {wide} x {high} pixels must be ({high}, {wide}), got {mask.shape}"
+                )
 
     def __len__(self) -> int:
         return len(self.scores)
+
+    def best(self, most: int) -> Proposals:
+        """Return those with the highest scores, in the order that they are in."""
+        if len(self) <= most:
+            return self
+        kept = np.sort(np.argsort(-self.scores, kind="stable")[:most])
+        masks = None if self.masks is None else tuple(self.masks[k] for k in kept)
+        return Proposals(self.boxes_xyxy[kept], self.scores[kept], masks)
 
 
 class ProposalSource(Protocol):

@@ -76,6 +76,11 @@ def choose(
             f"{recording}: the depth scale is not known; "
             f"give it with --depth-scale UNITS_PER_METRE or as {_DEPTH_UNITS} in {CAMERA_FILE}"
         )
+    if not LEAST_UNITS <= units <= MOST_UNITS:
+        raise InputError(
+            f"{recording}: its depth scale of {units:.3g} units per metre is none; "
+            f"expected {LEAST_UNITS:g} to {MOST_UNITS:g}, or give it with --depth-scale"
+        )
     return calibration, units
 
 
@@ -92,13 +97,17 @@ def up_world(listing: Listing) -> tuple[float, float, float] | None:
     return own or listing.up_world
 
 
+# Focal lengths of cameras, in widths of their images: 179.4 degrees are in view at the least, 3.4 minutes at the most.
+LEAST_FOCAL, MOST_FOCAL = 0.005, 1000.0
+
+
 def for_size(calibration: Calibration, width: int, height: int, recording: Path) -> Intrinsics:
     """Return the pinhole of images of this size.
 
     Raises
     ------
     InputError
-        If the calibration is for another image size.
+        If the calibration is for another image size, or no camera's.
     """
     if calibration.size not in (None, (width, height)):
         raise InputError(
@@ -112,6 +121,11 @@ def for_size(calibration: Calibration, width: int, height: int, recording: Path)
             "are the intrinsics for another image size?"
         )
     fx, fy, cx, cy = map(float, (calibration.fx, calibration.fy, calibration.cx, calibration.cy))
+    if not (LEAST_FOCAL * width <= min(fx, fy) and max(fx, fy) <= MOST_FOCAL * width):
+        raise InputError(
+            f"{recording}: the focal lengths ({fx:.3g}, {fy:.3g}), from {calibration.source}, are no camera's; "
+            f"expected {LEAST_FOCAL:g} to {MOST_FOCAL:g} times the width of the images, {width} pixels"
+        )
     return Intrinsics(fx, fy, cx, cy, width, height)
 
 

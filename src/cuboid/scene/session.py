@@ -156,6 +156,11 @@ class SceneTracker:
         """How many points the global point map holds."""
         return self._tracker.points_known
 
+    @property
+    def map_bytes(self) -> int:
+        """Memory of the global point map, bytes."""
+        return self._tracker.map_bytes
+
     def map_points(self) -> MapPoints:
         """Return the global point map."""
         return self._tracker.map_points()

@@ -12,6 +12,7 @@ from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.heatmap.pixel_heat import JUMP_M, WeighedProposals
 from cuboid.kernels import claims as kernel
 from cuboid.kernels.pixels import gather_regions, join_surfaces, label_regions
+from cuboid.limits import MOST_CLUSTERS
 from cuboid.working import WorkingImage
 
 # A share of fewer working pixels is noise: a 3 cm object at 2 m covers about this many.
@@ -70,12 +71,15 @@ class FrameClusters:
         [i, j]: pixels of the outline of i beyond which j begins.
     share : (n,) int64
         The proposal that each was a piece of.
+    left_out : int
+        How many more there were than a frame may have.
     """
 
     clusters: list[FrameCluster]
     claim: npt.NDArray[np.int32]
     contact: npt.NDArray[np.int64]
     share: npt.NDArray[np.int64]
+    left_out: int = 0
 
 
 def frame_clusters(
@@ -120,6 +124,7 @@ def frame_clusters(
     regions, parent = np.empty(claim.shape, np.int32), np.empty(claim.size, np.int32)
     number = label_regions(image.depth_m, claim, config.depth_noise_per_m, JUMP_M, parent, regions)
     join_surfaces(regions, number, claim, image.depth_m, image.camera.fx, MAJOR_SHARE, DEEP_SHARE)
+    left_out = _leave_out(regions, claim, number)
     pixels, points = np.empty(claim.size, np.int64), np.empty((claim.size, 3))
     first, corners = np.empty(number + 1, np.int64), np.empty((number, 4), np.int64)
     c = image.camera
@@ -137,6 +142,7 @@ def frame_clusters(
         plane_of, side_of, c.fx, config.depth_noise_per_m, JUMP_M, GAP_M, outline, contact,
     )  # fmt: skip
     rects = (corners[:kept] + np.array([0, 0, 1, 1])) * float(image.step) + np.array([*image.phase, *image.phase])
+    rects = np.minimum(rects, np.array([c.width, c.height] * 2) * image.step)
     scores = weighed.weights[order[shares]]
     clusters = []
     for k in range(kept):
@@ -147,7 +153,25 @@ def frame_clusters(
                 pixels[own], world, supports[k], float(warm[own].mean()), float(scores[k]), rects[k], outline[k]
             )
         )
-    return FrameClusters(clusters, claim, contact, shares.astype(np.int64))
+    return FrameClusters(clusters, claim, contact, shares.astype(np.int64), left_out)
+
+
+def _leave_out(regions: npt.NDArray[np.int32], claim: npt.NDArray[np.int32], number: int) -> int:
+    """Clear all regions (h, w) but the most that a frame may have: those of the strongest shares, of these the largest.
+
+    Returns how many were cleared that are large enough for a cluster.
+    """
+    size = np.bincount(regions.ravel(), minlength=number + 1)
+    large = 1 + np.flatnonzero(size[1:] >= LEAST_PIXELS)
+    if len(large) <= MOST_CLUSTERS:
+        return 0
+    share = np.zeros(number + 1, np.int64)
+    share[regions.ravel()] = claim.ravel()
+    kept = large[np.lexsort((-size[large], share[large]))[:MOST_CLUSTERS]]
+    stays = np.zeros(number + 1, np.bool_)
+    stays[kept] = True
+    regions[~stays[regions]] = 0
+    return len(large) - MOST_CLUSTERS
 
 
 def _counts(planes: npt.NDArray[np.int32]) -> dict[int, int]:

@@ -117,10 +117,14 @@ class Mp4Writer(VideoWriter):
             picture = np.asarray(
                 cv2.copyMakeBorder(picture, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE), np.uint8
             )
-        with _encoding(self._file):
-            if self._container is None:
-                self._open(picture.shape[1], picture.shape[0])
-            self._container.mux(self._stream.encode(av.VideoFrame.from_ndarray(yuv420(picture), format="yuv420p")))
+        try:
+            with _encoding(self._file):
+                if self._container is None:
+                    self._open(picture.shape[1], picture.shape[0])
+                self._container.mux(self._stream.encode(av.VideoFrame.from_ndarray(yuv420(picture), format="yuv420p")))
+        except OutputError:
+            self.discard()  # FFmpeg crashes where more is written to a file whose head could not be
+            raise
 
     def close(self) -> None:
         """Finish the file; none appears where no picture was added."""

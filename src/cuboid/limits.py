@@ -1,0 +1,16 @@
+"""How much one frame may bring: the least likely of what is beyond is left out, so that no frame takes long.
+
+At 640 x 480 a frame that is full to these limits takes less than half a second of one core, whatever it shows.
+"""
+
+from __future__ import annotations
+
+# Of any source; the program's own ones give 140 at most.
+MOST_PROPOSALS = 150
+# Clusters of a frame, after its proposals have fallen apart at depth jumps: a desk full of things has some fifty.
+MOST_CLUSTERS = 150
+# Objects in view without a label: what hostile depth begins in ten frames; a room full of things has some fifty.
+MOST_CANDIDATES = 200
+
+# By what they are called in `run.json`.
+LIMITS = {"proposals": MOST_PROPOSALS, "clusters": MOST_CLUSTERS, "candidates": MOST_CANDIDATES}

@@ -1,0 +1,109 @@
+"""MATLAB files, read in a process of their own: SciPy's reader can crash, hang or take all memory on a bad one."""
+
+from __future__ import annotations
+
+import atexit
+import json
+import math
+import os
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.errors import InputError
+from cuboid.formats.reading import opened
+
+CHILD = Path(__file__).with_name("matlab_child.py")
+# The largest file.
+MOST_BYTES = 256 << 20
+# A file of 256 MB takes a second or two; the start of the process as much again.
+LIMIT_S = 20.0
+
+
+class MatlabReader:
+    """A process that reads one file after the other; it starts with the first, and anew after a crash."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+        self._owner = 0
+        self._lock = threading.Lock()
+
+    def read(self, path: Path) -> tuple[dict[str, npt.NDArray[Any]], list[str]]:
+        """Return the arrays of proposals in a file (cells as they follow each other), and the names of all in it.
+
+        Raises
+        ------
+        InputError
+            If it cannot be read, or reading it crashes, or takes too much time or memory.
+        """
+        with opened(path, MOST_BYTES):
+            pass  # a regular file of a fair size
+        with self._lock:
+            process = self._started()
+            late = threading.Timer(LIMIT_S, process.kill)
+            late.start()
+            try:
+                answer, arrays = _asked(process, path)
+            except (OSError, ValueError, EOFError):
+                self.close()
+                why = "took too long" if late.finished.is_set() else "crashed"
+                raise InputError(f"{path} cannot be read: its reader {why}; is it a whole MATLAB file?") from None
+            finally:
+                late.cancel()
+        if "error" in answer:
+            raise InputError(f"{path} cannot be read: {answer['error']}")
+        return arrays, [str(name) for name in answer["names"]]
+
+    def _started(self) -> subprocess.Popen[bytes]:
+        if self._process is None or self._owner != os.getpid() or self._process.poll() is not None:
+            self.close()
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", str(CHILD)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            )
+            self._owner = os.getpid()
+        return self._process
+
+    def close(self) -> None:
+        """End the process."""
+        process, self._process = self._process, None
+        if process is None or self._owner != os.getpid():
+            return
+        process.kill()
+        process.wait()
+        for pipe in (process.stdin, process.stdout):
+            if pipe is not None:
+                with suppress(OSError):  # what it did not take any more
+                    pipe.close()
+
+
+def _asked(process: subprocess.Popen[bytes], path: Path) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+    """Let the process read a file; raises OSError, ValueError or EOFError where it answers no more."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.write(json.dumps(str(path.resolve())).encode() + b"\n")
+    process.stdin.flush()
+    answer = json.loads(process.stdout.readline())
+    arrays = {name: _array(process.stdout, kind, shape) for name, kind, shape in answer.get("arrays", ())}
+    return answer, arrays
+
+
+def _array(pipe: IO[bytes], kind: str, shape: list[int]) -> npt.NDArray[Any]:
+    dtype = np.dtype(kind)
+    content = pipe.read(math.prod(shape) * dtype.itemsize)
+    if len(content) < math.prod(shape) * dtype.itemsize:
+        raise EOFError
+    return np.frombuffer(content, dtype).reshape(shape, order="F")
+
+
+READER = MatlabReader()
+atexit.register(READER.close)

@@ -1,0 +1,169 @@
+"""The tracker under fire: ``python tests/fuzz/fire.py [--sequences N] [--frames N] [--first SEED]``.
+
+Each hostile sequence goes through a tracker of its own, some with other settings than the usual ones; now and then
+poses are corrected. After every frame all that must hold is looked at: no exception, boxes finite and of sizes above 0,
+rotations proper, no object larger than it may be, labels that only grow and are never reused, no point of an object
+that is no more, and no frame that takes longer than its time, its correction of poses included.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+import traceback
+import warnings
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE), str(HERE.parent)]
+
+from hostile import hostile  # noqa: E402
+
+from cuboid.config import TrackerConfig  # noqa: E402
+from cuboid.frame import Intrinsics  # noqa: E402
+from cuboid.geometry import se3  # noqa: E402
+from cuboid.tracker import Tracker  # noqa: E402
+from worlds import Watch  # noqa: E402
+
+# Seconds of one core that a frame may take, the first ones of a process left out: these load the kernels.
+FRAME_S = 0.5
+# Frames that hang on one keyframe, and how often poses are corrected.
+KEYFRAME_EVERY, CORRECTED = 8, 0.03
+# Seeds of the settings begin here.
+SETTINGS = 1_000_000
+# A sequence with many objects, which meets all kernels.
+MANY_OBJECTS = 38
+# Slowest frames that are told of.
+TOLD = 5
+
+
+@dataclass
+class Fired:
+    """What came of some sequences.
+
+    Attributes
+    ----------
+    sequences, frames, refused, labels : int
+        `refused`: frames whose pose is none.
+    faults : dict of str to int
+        By what is wrong, and where; the first sequence of each in `first`.
+    slowest : list of (float, str)
+        Seconds, and which frame.
+    """
+
+    sequences: int = 0
+    frames: int = 0
+    refused: int = 0
+    labels: int = 0
+    faults: Counter[str] = field(default_factory=Counter)
+    first: dict[str, str] = field(default_factory=dict)
+    slowest: list[tuple[float, str]] = field(default_factory=list)
+
+    def fault(self, what: str, where: str) -> None:
+        self.faults[what] += 1
+        self.first.setdefault(what, where)
+
+    def took(self, seconds: float, where: str) -> None:
+        self.slowest = sorted([*self.slowest, (seconds, where)], reverse=True)[:TOLD]
+        if seconds > FRAME_S:
+            self.fault(f"a frame took more than {FRAME_S:g} s", f"{where}: {seconds:.2f} s")
+
+
+def load_kernels() -> None:
+    """Let no frame pay for what is done once in a process."""
+    sequence = hostile(MANY_OBJECTS, (320, 240))
+    tracker = Tracker(sequence.intrinsics)
+    for item in sequence.frames(50):
+        if item.frame is not None:
+            tracker.update(item.frame)
+
+
+def fire(seed: int, frames: int, fired: Fired, size: tuple[int, int] | None = None) -> None:
+    """Let a tracker take a sequence, and note what is wrong with it; its end is the first fault but for slowness."""
+    sequence, rng = hostile(seed, size), np.random.default_rng(SETTINGS + seed)
+    tracker = Tracker(sequence.intrinsics, _settings(rng))
+    watch = Watch(tracker)
+    fired.sequences += 1
+    for number, item in enumerate(sequence.frames(frames)):
+        where = f"seed {seed}, frame {number} ({item.kind}, {_size(sequence.intrinsics)})"
+        if item.frame is None:
+            fired.refused += 1
+            continue
+        keyframe, moved = 1 + number // KEYFRAME_EVERY, {}
+        if rng.random() < CORRECTED:
+            moved = _correction(rng, keyframe)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                begun_s = time.thread_time()
+                if moved:
+                    tracker.carry(moved)
+                result = tracker.update(item.frame, keyframe)
+                fired.took(time.thread_time() - begun_s, where)
+            fired.frames += 1
+            watch.result(item.frame, result)
+            watch.look()
+        except Exception as error:
+            at = traceback.extract_tb(error.__traceback__)[-1]
+            line = " ".join(str(error).split())[:60]
+            fired.fault(f"{type(error).__name__} at {Path(at.filename).name}:{at.lineno}: {line}", where)
+            break
+    fired.labels += watch.labelled
+
+
+def _settings(rng: np.random.Generator) -> TrackerConfig:
+    """Return settings: mostly the usual ones."""
+    return TrackerConfig(
+        max_size_m=float(rng.choice((1.0, 1.0, 0.3))),
+        voxel_m=float(rng.choice((0.01, 0.01, 0.02))),
+        min_size_m=float(rng.choice((0.03, 0.03, 0.01))),
+    )
+
+
+def _correction(rng: np.random.Generator, keyframes: int) -> dict[int, np.ndarray]:
+    """Return how some keyframes move, by millimetres or by metres."""
+    size = rng.choice((0.005, 0.05, 2.0))
+    return {int(k): se3.exp(rng.normal(size=6) * size) for k in rng.integers(1, keyframes + 1, 3)}
+
+
+def _size(camera: Intrinsics) -> str:
+    return f"{camera.width} x {camera.height}"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sequences", type=int, default=1000)
+    parser.add_argument("--frames", type=int, default=100, help="of each sequence (default: %(default)s)")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first sequence (default: %(default)s)")
+    parser.add_argument("--size", help="WIDTHxHEIGHT of all images; drawn for each sequence unless given")
+    args = parser.parse_args()
+    size = tuple(map(int, args.size.split("x"))) if args.size else None
+    load_kernels()
+    fired, begun_s = Fired(), time.perf_counter()
+    for seed in range(args.first, args.first + args.sequences):
+        before = dict(fired.faults)
+        fire(seed, args.frames, fired, size)
+        for fault in fired.faults.keys() - before.keys():
+            print(f"  {fault}: {fired.first[fault]}", flush=True)
+        if fired.sequences % 10 == 0 or fired.sequences == args.sequences:
+            print(_line(fired, time.perf_counter() - begun_s), flush=True)
+    print(json.dumps({"faults": fired.faults, "first": fired.first, "slowest_s": fired.slowest}, indent=1))
+    return 1 if fired.faults else 0
+
+
+def _line(fired: Fired, seconds: float) -> str:
+    slowest_s = fired.slowest[0][0] if fired.slowest else 0.0
+    return (
+        f"{fired.sequences} sequences, {fired.frames} frames, {fired.refused} without a pose, {fired.labels} labels, "
+        f"{sum(fired.faults.values())} faults, slowest {slowest_s:.2f} s, {seconds:.0f} s"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())
