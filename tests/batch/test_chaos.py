@@ -74,7 +74,9 @@ def test_killed_workers_and_clients_lose_nothing_and_double_nothing(tmp_path: Pa
     assert killed >= 3
     assert {state for state, _ in states(tmp_path / "chaos").values()} == {"done"}
     assert content(tmp_path / "chaos") == content(tmp_path / "quiet")
-    results = sorted(path.relative_to(tmp_path / "chaos") for path in tmp_path.glob("chaos/results/*/*/*.*"))
+    # What a killed task left is hidden, and called partial, until the store is compacted.
+    whole = [path for path in tmp_path.glob("chaos/results/*/*/*.*") if not path.parent.name.endswith(".partial")]
+    results = sorted(path.relative_to(tmp_path / "chaos") for path in whole)
     assert results == sorted(path.relative_to(tmp_path / "quiet") for path in tmp_path.glob("quiet/results/*/*/*.*"))
     for path in results:
         if path.name in ("objects.json", "tracks.csv", "map.ply"):

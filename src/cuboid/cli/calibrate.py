@@ -72,7 +72,7 @@ def _open(args: argparse.Namespace) -> Recording:
     try:
         return open_from(args)
     except UnknownIntrinsicsError:
-        args.intrinsics = (1.0, 1.0, 0.0, 0.0)  # of any size, to learn that of the images
+        args.intrinsics = (500.0, 500.0, 0.0, 0.0)  # of any images, to learn their size
         size = open_from(args).intrinsics
         focal = UNKNOWN_FOCAL_SHARE * size.width
         args.intrinsics = (focal, focal, (size.width - 1) / 2, (size.height - 1) / 2)
