@@ -61,7 +61,7 @@ def test_a_result_shows_heat_and_what_is_seen() -> None:
     heat = np.zeros((120, 160), np.float32)
     heat[60:, 80:] = 1.0
     seen = Sighting(3, box(), None, 1.0, np.array([40.0, 60.0, 120.0, 200.0]))
-    result = FrameResult(7, 0.5, np.eye(4), (seen,), (), 4, heat, {}, (320, 240))
+    result = FrameResult(7, 0.5, np.eye(4), (seen,), (), 4, heat, {}, size=(320, 240))
     picture = decoded(result._repr_png_()).astype(int)
     assert picture.shape == (240, 320, 3)
     assert picture[200:, 200:].mean() > picture[:50, 200:].mean() + 50

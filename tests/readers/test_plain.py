@@ -111,7 +111,7 @@ def test_rounded_quaternions_are_normalised(plain):
         ("camera.json", "{", r"camera\.json: is not JSON: truncated"),
         ("camera.json", "[]", "expected an object with fx, fy"),
         ("camera.json", json.dumps(CAMERA), r"the depth scale is not known.*--depth-scale"),
-        ("camera.json", json.dumps(CAMERA | {"fy": 0}), "fy: expected a number above 0, got 0"),
+        ("camera.json", json.dumps(CAMERA | {"fy": 0}), "fy: expected a number of at least 0.001, got 0"),
         ("camera.json", json.dumps(CAMERA | {"cx": "left"}), "cx: expected a number, got 'left'"),
         ("camera.json", json.dumps(CAMERA | {"width": 64.5}), "width: expected a whole number, got 64.5"),
         ("camera.json", json.dumps(CAMERA | {"depth_scale": 1}), "field 'depth_scale' is unknown, expected fx"),

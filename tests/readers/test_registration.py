@@ -89,7 +89,7 @@ def test_without_a_depth_camera_sizes_must_be_equal(tmp_path):
     [
         (DEPTH, None, "'depth_camera' without 'T_color_depth': they belong together"),
         (None, BESIDE, "'T_color_depth' without 'depth_camera'"),
-        (DEPTH | {"fx": -1}, BESIDE, r"depth_camera\.fx: expected a number above 0, got -1"),
+        (DEPTH | {"fx": -1}, BESIDE, r"depth_camera\.fx: expected a number of at least 0\.001, got -1"),
         (DEPTH | {"width": 64.5}, BESIDE, r"depth_camera\.width: expected a whole number, got 64\.5"),
         (DEPTH | {"f": 1}, BESIDE, r"depth_camera: field 'f' is unknown"),
         ({"fx": 1}, BESIDE, r"depth_camera: field 'fy' is missing"),
@@ -99,7 +99,7 @@ def test_without_a_depth_camera_sizes_must_be_equal(tmp_path):
         (DEPTH, [[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "the pose is not rigid"),
         (DEPTH, [[1, 0, 0, -50], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "50 m apart; is it in millimetres"),
         (DEPTH | {"distortion": [-9.0, 0, 0, 0]}, BESIDE, r"depth camera \(camera\.json\) is wrong: its distortion"),
-        (DEPTH | {"fx": 1e-300}, BESIDE, r"depth camera \(camera\.json\) is wrong: a focal length is 1e-300 pixels"),
+        (DEPTH | {"fx": 1e-300}, BESIDE, r"depth_camera\.fx: expected a number of at least 0\.001, got 1e-300"),
     ],
 )
 def test_a_faulty_depth_camera_is_one_line(tmp_path, depth, T, says):
