@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
+from cuboid.cli.json_option import PRINTED
 from cuboid.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ def run(args: argparse.Namespace) -> int:
     found = evaluate_keyframes(args.result, args.truth, args.recording)
     drawn = 0 if args.pictures is None else _draw(args, found)
     give_figures(found, args.json, print_evaluation)
-    if args.json != "-" and args.pictures is not None:
+    if args.json != PRINTED and args.pictures is not None:
         console().print(f"{_count(drawn, 'picture')} in {args.pictures}", markup=False)
     return 0
 

@@ -114,7 +114,7 @@ class DepthSegmentation:
         depth_m, camera, step = _shrink(frame.depth_m, intrinsics, self._widest)
         found = _regions(depth_m, frame.color, camera, step, self._config)
         scores = _scores(found.measures, camera.fx, self._config)
-        return _as_proposals(found, scores, _without_doubles(scores, found), step)
+        return _as_proposals(found, scores, _best(scores, found), step)
 
 
 def _shrink(depth_m: Float32Array, intrinsics: Intrinsics, widest: int) -> tuple[Float32Array, Intrinsics, int]:
@@ -147,13 +147,13 @@ def _regions(
     contact = np.empty((last + 1, last + 1), np.float32)
     weight = np.empty((last + 1, last + 1), np.float32)
     regions.measure(kind, labels, inverse, marks, noise, JUMP_M, SURE_JUMP_M, table, contact, weight)
-    members = np.zeros((2 * last + 1 + NEIGHBOURS * last, last + 1 + planes), np.uint8)
-    measures = np.empty((len(members) + planes, regions.COLUMNS))
-    parts = np.full((len(members) + planes, 2), -1, np.int32)
+    room = 2 * last + 1 + NEIGHBOURS * last
+    members = np.zeros((room + planes, last + 1 + planes), np.uint8)
+    measures = np.empty((room + planes, regions.COLUMNS))
+    parts = np.full((room + planes, 2), -1, np.int32)
     neighbours = contact, weight, last, camera.fx, config.max_size_m
     n = regions.join(table.copy(), contact.copy(), weight.copy(), *neighbours[2:], members, measures, parts)
-    n = regions.pair(table, *neighbours, n, members, measures, parts)
-    members = np.concatenate([members[:n], np.zeros((planes, last + 1 + planes), np.uint8)])
+    n = regions.pair(table, *neighbours, n, members[:room], measures, parts)
     # Planes come after: they bound the segments, and are proposed each for itself.
     members[n + np.arange(planes), -1 - np.arange(planes)] = 1
     whole = measures[n : n + planes]
@@ -203,7 +203,7 @@ def _scores(measures: Float64Array, focal_px: float, config: TrackerConfig) -> F
     return np.where(fits, np.clip(score, 0.0, 1.0), 0.0).astype(np.float32)
 
 
-def _without_doubles(scores: Float32Array, found: _Regions) -> npt.NDArray[np.intp]:
+def _best(scores: Float32Array, found: _Regions) -> npt.NDArray[np.intp]:
     """Return the regions worth proposing, the best first, without those that are nearly the same as a better one."""
     order = np.argsort(-scores, kind="stable")
     order = order[scores[order] >= LEAST_SCORE]
