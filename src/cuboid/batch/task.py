@@ -105,19 +105,27 @@ def _tracked(task: Task, place: Place, path: Path, scratch: Path) -> Ended:
     from cuboid.cli.recording import open_as
     from cuboid.config import TrackerConfig
     from cuboid.outputs import FinishedResults
+    from cuboid.outputs.pending import new_folder
     from cuboid.run import track_recording, write_page
     from cuboid.views.report import summarise
 
     options = dict(task.settings)
     recording = open_as(path, **options.pop("reading"))
     config = TrackerConfig.from_dict(options.pop("tracker"))
-    local = place.local
+    local = None if task.tables_only else place.local
     name = f"{RESULTS}/{task.head.recording}/{task.head.run}"
-    folder = scratch if local is None or task.tables_only else local / name
-    outcome = track_recording(recording, folder, config=config, threads=1, force=True, page=False, **options)
+    folder = scratch if local is None else local / name
+    # A folder in the store is there when it is whole. Dask asks again for what a worker had done that then died.
+    pictures = None
+    if not folder.is_dir():
+        with new_folder(folder, force=False, replaces="") as working:
+            track_recording(recording, working, config=config, threads=1, force=True, page=False, **options)
+            if not task.tables_only:
+                pictures = write_page(working, recording)
+            _refuse_changed(task)
     results = FinishedResults(folder)
-    pictures = summarise(folder, recording.read).pictures if task.tables_only else write_page(folder, recording)
-    _refuse_changed(task)
+    if pictures is None:
+        pictures = summarise(folder, recording.read).pictures
     if local is None and not task.tables_only:
         place.put_folder(folder, name, last=RUN)
     read_as = ReadAs(recording.format, len(recording), recording.intrinsics, recording.has_poses)
@@ -125,7 +133,7 @@ def _tracked(task: Task, place: Place, path: Path, scratch: Path) -> Ended:
     names = Part(key_of(task.head.run, DONE), day_of(recorded(task.head, results))).names()
     for table in sorted(names, key=lambda table: table == RUNS):  # the last says that all are there
         place.put_table(names[table], tables[table], TABLES[table].group_rows)
-    return Ended(task.head, DONE, None, outcome.report.frames_used, len(outcome.objects))
+    return Ended(task.head, DONE, None, results.report.frames_used, len(results.found.objects))
 
 
 def _refuse_changed(task: Task) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -110,7 +111,7 @@ def _by_day(parts: Iterable[Part], table: str) -> dict[str, list[str]]:
 
 
 def tidy(place: Place) -> int:
-    """Remove files of the tables that count nowhere, which tasks and compactions that were killed left; say how many.
+    """Remove what tasks and compactions that were killed left, tables that count nowhere and partial results; say how many.
 
     What is young may be at work, and stays.
     """
@@ -120,6 +121,17 @@ def tidy(place: Place) -> int:
     strange = [name for table in TABLES for name in place.names(table) if name not in known]
     old = [name for name in strange if place.fs.modified(place.path(name)) < young]
     place.remove(old)
+    return len(old) + _tidy_results(place, young)
+
+
+def _tidy_results(place: Place, young: datetime) -> int:
+    """Remove partial folders of results; say how many."""
+    if place.local is None:
+        return 0
+    partial = [path for path in place.local.glob("results/**/.*.partial") if path.is_dir()]
+    old = [path for path in partial if datetime.fromtimestamp(path.stat().st_mtime, UTC) < young]
+    for path in old:
+        shutil.rmtree(path, ignore_errors=True)
     return len(old)
 
 
