@@ -66,7 +66,9 @@ def test_results_appear_when_they_are_whole(task: Task, tmp_path: Path, monkeypa
     assert left.name == task.head.run
 
 
-def test_what_killed_tasks_left_goes_after_a_day(task: Task, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_killed_tasks_left_goes_after_a_day(
+    task: Task, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     track(task)
     folder = tmp_path / "store" / "results" / "rec-00"
     old, young = folder / ".run.01234567.partial", folder / ".run.89abcdef.partial"

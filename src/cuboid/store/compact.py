@@ -111,7 +111,7 @@ def _by_day(parts: Iterable[Part], table: str) -> dict[str, list[str]]:
 
 
 def tidy(place: Place) -> int:
-    """Remove what tasks and compactions that were killed left, tables that count nowhere and partial results; say how many.
+    """Remove what the killed left, tables that count nowhere and partial results, and say how much.
 
     What is young may be at work, and stays.
     """
