@@ -34,7 +34,7 @@ from cuboid.surfaces.cells import PATCH_PIXELS, VOTING_PIXELS, find_cells, with_
 from cuboid.surfaces.clusters import FrameCluster, FrameClusters, frame_clusters
 from cuboid.surfaces.grid import CELL_M
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.working import WorkingImage, thin
+from cuboid.working import WorkingImage, filled, thin
 
 # Systematic error of depth near a plane (lens, baseline), metres; noise comes on top of it.
 DEPTH_BIAS_M = 0.005
@@ -120,12 +120,13 @@ class Tracker:
         every = self._proposals(frame)
         proposals = every.best(MOST_PROPOSALS)
         watch.lap("proposals")
-        heights, support = self._find_planes(image, T_world_camera)
+        solid = filled(image)
+        heights, support = self._find_planes(image, solid, T_world_camera)
         watch.lap("planes")
-        candidate = self._candidates(image, heights)
+        candidate = self._candidates(solid, heights)
         c = self.config
-        weighed = weigh(image, candidate, proposals, self.intrinsics.fx, c)
-        heat = pixel_heat(image, candidate, weighed)
+        weighed = weigh(solid, candidate, proposals, self.intrinsics.fx, c)
+        heat = pixel_heat(solid, candidate, weighed)
         watch.lap("heat")
         slots = self._voxels.fuse(image, heat, T_world_camera, frame.index, anchor)
         self._voxels.look_through(image, T_camera_world)
@@ -133,9 +134,19 @@ class Tracker:
         in_view = self._map.in_view(image, T_camera_world)
         objects = self._map.limited(in_view)
         pixel_owner = self._voxels.owner_of(slots)
-        prior = prior_of(objects, image, candidate, pixel_owner, weighed)
+        prior = prior_of(objects, solid, candidate, pixel_owner, weighed)
         things = frame_clusters(
-            image, heat, candidate, weighed, prior, heights, support, self._sides(T_world_camera), T_world_camera, c
+            image,
+            solid,
+            heat,
+            candidate,
+            weighed,
+            prior,
+            heights,
+            support,
+            self._sides(T_world_camera),
+            T_world_camera,
+            c,
         )
         boxes = [self._box(cluster) for cluster in things.clusters]
         watch.lap("boxes")
@@ -205,9 +216,9 @@ class Tracker:
         return proposals
 
     def _find_planes(
-        self, image: WorkingImage, T_world_camera: Float64Array
+        self, image: WorkingImage, solid: WorkingImage, T_world_camera: Float64Array
     ) -> tuple[Float32Array, npt.NDArray[np.int32]]:
-        """Track the supporting planes; return each pixel's height above the one beneath, and which that is."""
+        """Track the supporting planes; return each filled pixel's height above the one beneath, and which that is."""
         c, planes = self.config, self._planes
         heights = np.full(image.depth_m.shape, np.nan, np.float32)
         support = np.full(image.depth_m.shape, -1, np.int32)
@@ -227,7 +238,7 @@ class Tracker:
             farthest = min(c.max_depth_m, float(image.depth_m.max()))
             view = planes.in_view(k, farthest, T_world_camera)
             stand_on(
-                image.depth_m, np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera,
+                solid.depth_m, np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera,
                 view.in_frame(cells, owner, planes.T_plan_world, T_world_camera), view.numbers, view.ground,
                 view.origin, CELL_M, owner, PATCH_PIXELS, c.depth_noise_per_m, c.min_height_m, DEPTH_BIAS_M,
                 c.max_depth_m, heights, support, view.seen,

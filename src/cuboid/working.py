@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cuboid.frame import Float32Array, Frame, Intrinsics, UInt8Array
 from cuboid.kernels.pixels import drop_mixed
+from cuboid.kernels.regions import fill_holes
+from cuboid.kernels.segments import NONE, SURFACE
 from cuboid.sensor import MIXED_PER_M
 
 # Offsets of the thinned grid: over four frames every pixel of a grid of step 2 is used.
 _PHASES = ((0, 0), (1, 1), (1, 0), (0, 1))
+# Holes are filled at most so far, metres, and a difference in color of so many levels counts as a pixel.
+HOLE_M = 0.3
+COLOR_LEVELS = 12.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,3 +64,19 @@ def thin(frame: Frame, intrinsics: Intrinsics, width_px: int, count: int) -> Wor
         step=step,
         phase=(x, y),
     )
+
+
+def filled(image: WorkingImage) -> WorkingImage:
+    """Return an image whose holes have the depth of what they lie nearest to, in place and in color: a guess."""
+    shape, known = image.depth_m.shape, image.depth_m > 0
+    inverse, cost = np.zeros(shape, np.float32), np.empty(shape, np.float32)
+    inverse[known] = 1.0 / image.depth_m[known]
+    kind = np.where(known, SURFACE, NONE).astype(np.uint8)
+    fill_holes(
+        kind, np.full(shape, -1, np.int8), image.color, 1, COLOR_LEVELS, HOLE_M, image.camera.fx,
+        np.zeros(shape, np.int16), inverse, cost, np.empty(inverse.size, np.int32),
+    )  # fmt: skip
+    depth = image.depth_m.copy()
+    guessed = ~known & (inverse > 0)
+    depth[guessed] = 1.0 / inverse[guessed]
+    return replace(image, depth_m=depth)

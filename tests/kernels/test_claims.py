@@ -100,6 +100,7 @@ def outlines_of(
     plane_of: list[int],
     sides: np.ndarray = SIDES,
     color: np.ndarray | None = None,
+    readings: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     count = len(plane_of)
     corners = np.zeros((count, 4), np.int64)
@@ -109,7 +110,8 @@ def outlines_of(
             corners[k] = u.min(), v.min(), u.max(), v.max()
     outline, contact = np.empty((count, 4, KINDS), np.int64), np.empty((count, count), np.int64)
     outlines(
-        depth.astype(np.float32), np.zeros((*depth.shape, 3), np.uint8) if color is None else color,
+        depth.astype(np.float32), (depth if readings is None else readings).astype(np.float32),
+        np.zeros((*depth.shape, 3), np.uint8) if color is None else color,
         claim.astype(np.int32), on_plane.astype(np.int32), corners, np.array(plane_of),
         sides, FOCAL, NOISE, JUMP_M, GAP_M, outline, contact,
     )  # fmt: skip
@@ -117,7 +119,12 @@ def outlines_of(
 
 
 def slow_outlines(
-    depth: np.ndarray, color: np.ndarray, claim: np.ndarray, on_plane: np.ndarray, plane_of: list[int]
+    depth: np.ndarray,
+    readings: np.ndarray,
+    color: np.ndarray,
+    claim: np.ndarray,
+    on_plane: np.ndarray,
+    plane_of: list[int],
 ) -> tuple[np.ndarray, np.ndarray]:
     """The same, ray by ray along whole rows and columns; of a camera held upright."""
     count = len(plane_of)
@@ -135,45 +142,76 @@ def slow_outlines(
             end = {BOTTOM: rows.max() - v, TOP: v - rows.min()}.get(side, 0)
             if end > max(1, END_SHARE * (rows.max() - rows.min())):
                 continue  # neither its top nor its bottom
-            hit = next((p for p in inside if claim[p] == a or depth[p] > 0), None)
+            hit = next((p for p in inside if claim[p] == a or readings[p] > 0), None)
+            if hit is not None and claim[hit] == a:
+                continue
+            passed = inside[: None if hit is None else inside.index(hit) + 1]
+            within = (v - INNER_PIXELS * dv, u - INNER_PIXELS * du)
+            there = 0 <= within[0] < depth.shape[0] and 0 <= within[1] < depth.shape[1] and claim[within] == a
+            own = color[within if there else (v, u)].astype(int)
+            edge = max((np.abs(color[p] - own).sum() for p in passed), default=0) >= EDGE_LEVELS
             if hit is None:
-                within = (v - INNER_PIXELS * dv, u - INNER_PIXELS * du)
-                there = 0 <= within[0] < depth.shape[0] and 0 <= within[1] < depth.shape[1] and claim[within] == a
-                own = color[within if there else (v, u)].astype(int)
-                edge = max((np.abs(color[p] - own).sum() for p in inside), default=0) >= EDGE_LEVELS
+                if len(inside) == len(ray):
+                    first = next((int(claim[p]) for p in inside if claim[p] >= 0), -1)
+                    contact[a, first] += first >= 0
                 outline[a, side, BORDER if len(inside) < len(ray) else FREE if edge else UNSURE] += 1
                 continue
-            b, beyond = int(claim[hit]), float(np.float32(depth[hit])) - float(z)
-            if b == a:
-                continue
+            b, beyond = int(claim[hit]), float(np.float32(readings[hit])) - float(z)
             limit = JUMP_M + 4 * NOISE * float(z) ** 2
             if b >= 0:
                 contact[a, b] += 1
             if on_plane[hit] >= 0 and on_plane[hit] == plane_of[a]:
                 kind = SUPPORT
-            elif abs(beyond) > limit:
-                kind = FREE if beyond > 0 else HIDDEN
+            elif beyond > limit:
+                kind = FREE if edge or readings[v, u] > 0 else UNSURE
+            elif beyond < -limit:
+                kind = HIDDEN
             else:
                 kind = UNSURE if b >= 0 else CONTACT
             outline[a, side, kind] += 1
     return outline, contact
 
 
-@FEW
-@SEEDS
-def test_outlines_are_those_of_rays_that_are_followed_one_by_one(seed: int) -> None:
+def random_outlines(seed: int) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Outlines and contacts of a random picture: as found, and as they should be."""
     rng = np.random.default_rng(seed)
-    depth = rng.choice([0.0, 0.9, 1.0, 1.003, 1.1], (HEIGHT, WIDTH), p=[0.3, 0.1, 0.3, 0.2, 0.1])
+    readings = rng.choice([0.0, 0.9, 1.0, 1.003, 1.1], (HEIGHT, WIDTH), p=[0.3, 0.1, 0.3, 0.2, 0.1])
+    depth = np.where((readings == 0) & (rng.random(readings.shape) < 0.3), 1.0, readings)
     blocks = rng.integers(-1, 4, (HEIGHT // 4, WIDTH // 4))
     claim = np.where(depth > 0, np.kron(blocks, np.ones((4, 4), int)), -1)
     on_plane = np.where(claim < 0, rng.integers(-1, 2, claim.shape), -1)
     plane_of = [0, 1, -1, 0]
     color = rng.choice([0, 20, 50], (HEIGHT, WIDTH, 3)).astype(np.uint8)
-    found = outlines_of(depth, claim, on_plane, plane_of, SIDES, color)
-    expected = slow_outlines(depth, color, claim, on_plane, plane_of)
-    assert {FREE, SUPPORT, UNSURE, CONTACT, HIDDEN, BORDER} == set(np.flatnonzero(found[0].sum((0, 1))).tolist())
+    found = outlines_of(depth, claim, on_plane, plane_of, SIDES, color, readings)
+    return found, slow_outlines(depth, readings, color, claim, on_plane, plane_of)
+
+
+@FEW
+@SEEDS
+def test_outlines_are_those_of_rays_that_are_followed_one_by_one(seed: int) -> None:
+    found, expected = random_outlines(seed)
     np.testing.assert_array_equal(found[0], expected[0])
     np.testing.assert_array_equal(found[1], expected[1])
+
+
+def test_random_pictures_have_outlines_of_all_kinds() -> None:
+    kinds = sum(random_outlines(seed)[0][0].sum((0, 1)) for seed in range(3))
+    assert (kinds > 0).all()
+
+
+def test_a_share_that_ends_in_a_filled_hole_ends_where_its_color_does() -> None:
+    readings = np.full((9, 30), 2.0)
+    readings[:, 5:20] = 1.0
+    readings[:, 12:20] = 0.0  # its right half has no reading
+    depth = np.where(readings == 0, 1.0, readings)
+    claim = np.full(depth.shape, -1)
+    claim[:, 5:20] = 0
+    color = np.full((*depth.shape, 3), 100, np.uint8)
+    plain = outlines_of(depth, claim, np.full(depth.shape, -1), [-1], SIDES, color, readings)[0]
+    color[:, 5:20] = 30
+    edged = outlines_of(depth, claim, np.full(depth.shape, -1), [-1], SIDES, color, readings)[0]
+    assert plain[0, LEFT, FREE] == edged[0, LEFT, FREE] == 9, "where it has readings depth alone tells"
+    assert plain[0, RIGHT, UNSURE] == edged[0, RIGHT, FREE] == 9
 
 
 def scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:

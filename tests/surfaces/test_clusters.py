@@ -31,7 +31,7 @@ def found(
     )
     candidate = ((depth > 0) & (heights != 0)).astype(np.uint8)
     return frame_clusters(
-        image, np.full(depth.shape, 0.5, np.float32), candidate, weighed, np.array(prior or [1.0] * len(boxes)),
+        image, image, np.full(depth.shape, 0.5, np.float32), candidate, weighed, np.array(prior or [1.0] * len(boxes)),
         heights.astype(np.float32), support.astype(np.int32), SIDES, T_WORLD_CAMERA, TrackerConfig(),
     )  # fmt: skip
 

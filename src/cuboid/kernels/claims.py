@@ -134,7 +134,7 @@ def share_out(candidate, order, boxes, masks, starts, step, phase, least, free_s
 
 
 @njit(cache=True, nogil=True)
-def across(depth, color, claim, on_plane, plane, v, u, dv, du, limit, reach):
+def across(depth, readings, color, claim, on_plane, plane, v, u, dv, du, limit, reach):
     """Tell what lies across one pixel of a share's outline: the first reading outwards, over holes.
 
     Parameters
@@ -162,31 +162,35 @@ def across(depth, color, claim, on_plane, plane, v, u, dv, du, limit, reach):
     vi, ui = v - INNER_PIXELS * dv, u - INNER_PIXELS * du
     if vi < 0 or ui < 0 or vi >= height or ui >= width or claim[vi, ui] != a:
         vi, ui = v, u
-    edge = False
+    edge, first = False, -1
     for n in range(1, reach + 1):
         vv, uu = v + n * dv, u + n * du
         if vv < 0 or uu < 0 or vv >= height or uu >= width:
             return BORDER, -1
-        b, beyond = claim[vv, uu], depth[vv, uu]
+        b, beyond = claim[vv, uu], readings[vv, uu]
         if b == a:
             return -1, -1
-        if beyond > 0.0:
-            if on_plane[vv, uu] >= 0 and on_plane[vv, uu] == plane:
-                return SUPPORT, b
-            if beyond > z + limit:
-                return FREE, b
-            if beyond < z - limit:
-                return HIDDEN, b
-            return UNSURE if b >= 0 else CONTACT, b
+        first = b if first < 0 else first
         change = 0
         for c in range(3):
             change += abs(np.int64(color[vv, uu, c]) - np.int64(color[vi, ui, c]))
         edge = edge or change >= EDGE_LEVELS
-    return FREE if edge else UNSURE, -1
+        if beyond > 0.0:
+            if on_plane[vv, uu] >= 0 and on_plane[vv, uu] == plane:
+                return SUPPORT, b
+            if beyond > z + limit:
+                return FREE if edge or readings[v, u] > 0.0 else UNSURE, b
+            if beyond < z - limit:
+                return HIDDEN, b
+            return UNSURE if b >= 0 else CONTACT, b
+    return FREE if edge else UNSURE, first
 
 
 @njit(cache=True, nogil=True)
-def outlines(depth, color, claim, on_plane, corners, plane_of, side_of, focal, noise, jump, gap_m, outline, contact):
+def outlines(
+    depth, readings, color, claim, on_plane, corners, plane_of, side_of, focal, noise, jump, gap_m, outline,
+    contact,
+):  # fmt: skip
     """Tell what bounds each share of a frame: air, what it stands on, another thing, something else, or nothing known.
 
     From each pixel of a share whose neighbour (of four) is not of it, the first reading outwards is looked for, over
@@ -194,11 +198,14 @@ def outlines(depth, color, claim, on_plane, corners, plane_of, side_of, focal, n
     plane that the share stands on; UNSURE where another share begins at the same depth; CONTACT where any other
     surface goes on; HIDDEN where it lies before (what is behind it cannot be told); BORDER where the picture ends. In
     a wide hole (the shadow of an edge, or something dark) color tells: it is FREE beyond an edge of color, and UNSURE
-    where the color of the share goes on.
+    where the color of the share goes on. The same holds where the share itself ends in a hole that was filled.
 
     Parameters
     ----------
     depth : (h, w) float32
+        Holes filled.
+    readings : (h, w) float32
+        With its holes.
     color : (h, w, 3) uint8
     claim : (h, w) int32
         Share of each pixel, -1 none.
@@ -243,7 +250,9 @@ def outlines(depth, color, claim, on_plane, corners, plane_of, side_of, focal, n
                     far = high - here if dv + du > 0 else here - low
                     if far > max(1.0, END_SHARE * (high - low)):
                         continue
-                kind, b = across(depth, color, claim, on_plane, plane_of[a], v, u, dv, du, limit, reach)
+                kind, b = across(
+                    depth, readings, color, claim, on_plane, plane_of[a], v, u, dv, du, limit, reach
+                )  # fmt: skip
                 if b >= 0:
                     contact[a, b] += 1
                 if kind >= 0:

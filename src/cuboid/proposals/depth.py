@@ -24,6 +24,7 @@ from cuboid.kernels.pixels import drop_mixed
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource
 from cuboid.sensor import MIXED_PER_M
+from cuboid.working import COLOR_LEVELS, HOLE_M
 
 # Images wider than this are halved until they are not, pixels, unless the user says otherwise: at 1.5 m a pixel of 320
 # is then 6 mm.
@@ -65,9 +66,6 @@ LEAST_PIXELS = 10
 SEGMENTS = 100
 # Regions of an image have at most so many pairs of neighbours each (Euler's formula).
 NEIGHBOURS = 3
-# Holes are filled at most so far, metres, and a difference in color of so many levels counts as a pixel.
-HOLE_M = 0.3
-COLOR_LEVELS = 12.0
 # A region is at least this times the least size of an object: what is seen of one at an angle is narrower.
 LEAST_SIZE = 5.0 / 6.0
 # Proposals of a frame, the best ones: some for each of as many objects as a desk holds. More cost time downstream.

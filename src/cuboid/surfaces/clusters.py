@@ -17,6 +17,8 @@ from cuboid.working import WorkingImage
 
 # A share of fewer working pixels is noise: a 3 cm object at 2 m covers about this many.
 LEAST_PIXELS = 24
+# Of these so many are readings: less says nothing of where it is. The others are holes, filled.
+LEAST_READINGS = 8
 # A proposal is left out when less than this of it is free of stronger ones.
 FREE_SHARE = 0.7
 # Surfaces of one proposal that a jump in depth parts, as the inside and the outside of a mug, are one thing when each
@@ -34,11 +36,11 @@ class FrameCluster:
     Attributes
     ----------
     pixels : (N,) int64
-        Numbers of its pixels in the flattened working image.
+        Numbers of its readings in the flattened working image.
     points : (N, 3) float64
         World, metres.
     supports : dict of int to int
-        How many of its pixels are above each plane, by the plane's identity.
+        How many of its pixels, filled ones too, are above each plane, by the plane's identity.
     heat : float
         Mean heat, 0..1.
     score : float
@@ -84,6 +86,7 @@ class FrameClusters:
 
 def frame_clusters(
     image: WorkingImage,
+    solid: WorkingImage,
     heat: Float32Array,
     candidate: UInt8Array,
     weighed: WeighedProposals,
@@ -99,6 +102,8 @@ def frame_clusters(
     Parameters
     ----------
     image : WorkingImage
+    solid : WorkingImage
+        The same with its holes filled.
     heat : (h, w) float32
     candidate : (h, w) uint8
     weighed : WeighedProposals
@@ -122,15 +127,17 @@ def frame_clusters(
         np.array(image.phase, dtype=np.int64), LEAST_PIXELS, FREE_SHARE, claim,
     )  # fmt: skip
     regions, parent = np.empty(claim.shape, np.int32), np.empty(claim.size, np.int32)
-    number = label_regions(image.depth_m, claim, config.depth_noise_per_m, JUMP_M, parent, regions)
-    join_surfaces(regions, number, claim, image.depth_m, image.camera.fx, MAJOR_SHARE, DEEP_SHARE)
+    number = label_regions(solid.depth_m, claim, config.depth_noise_per_m, JUMP_M, parent, regions)
+    join_surfaces(regions, number, claim, solid.depth_m, image.camera.fx, MAJOR_SHARE, DEEP_SHARE)
+    known = image.depth_m > 0
+    regions[(np.bincount(regions.ravel(), known.ravel(), minlength=number + 1) < LEAST_READINGS)[regions]] = 0
     left_out = _leave_out(regions, claim, number)
     pixels, points = np.empty(claim.size, np.int64), np.empty((claim.size, 3))
     first, corners = np.empty(number + 1, np.int64), np.empty((number, 4), np.int64)
     c = image.camera
     pinhole = np.array([c.fx, c.fy, c.cx, c.cy])
     place = np.empty(number + 1, np.int64)
-    kept = gather_regions(regions, number, LEAST_PIXELS, image.depth_m, pinhole, first, pixels, points, corners, place)
+    kept = gather_regions(regions, number, LEAST_PIXELS, solid.depth_m, pinhole, first, pixels, points, corners, place)
     shares = claim.ravel()[pixels[first[:kept]]]
     claim = place[regions].astype(np.int32)
     warm, beneath = heat.ravel()[pixels[: first[kept]]], support.ravel()[pixels[: first[kept]]]
@@ -138,7 +145,7 @@ def frame_clusters(
     plane_of = np.array([max(s, key=lambda p: (s[p], -p), default=-1) for s in supports], dtype=np.int64)
     outline, contact = np.empty((kept, 4, kernel.KINDS), np.int64), np.empty((kept, kept), np.int64)
     kernel.outlines(
-        image.depth_m, image.color, claim, np.where(heights == 0, support, -1).astype(np.int32), corners[:kept],
+        solid.depth_m, image.depth_m, image.color, claim, np.where(heights == 0, support, -1).astype(np.int32), corners[:kept],
         plane_of, side_of, c.fx, config.depth_noise_per_m, JUMP_M, GAP_M, outline, contact,
     )  # fmt: skip
     rects = (corners[:kept] + np.array([0, 0, 1, 1])) * float(image.step) + np.array([*image.phase, *image.phase])
@@ -146,7 +153,7 @@ def frame_clusters(
     scores = weighed.weights[order[shares]]
     clusters = []
     for k in range(kept):
-        own = slice(int(first[k]), int(first[k + 1]))
+        own = first[k] + np.flatnonzero(known.ravel()[pixels[first[k] : first[k + 1]]])
         world = points[own] @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
         clusters.append(
             FrameCluster(
