@@ -25,6 +25,7 @@ from cuboid.objects.association import Association
 from cuboid.objects.entry import MapObject
 from cuboid.objects.object_map import ObjectMap
 from cuboid.objects.prior import prior_of
+from cuboid.objects.validity import too_large
 from cuboid.objects.visibility import look
 from cuboid.proposals import make_source
 from cuboid.proposals.types import Proposals, ProposalSource
@@ -290,13 +291,14 @@ class Tracker:
         return tuple(sorted(sightings, key=lambda s: s.label))
 
     def _own_boxes(self, things: FrameClusters, boxes: Sequence[Box], found: Association) -> tuple[Proposal3D, ...]:
-        """Return the frame's own boxes with the labels of the objects that they are."""
+        """Return the frame's own boxes, none larger than an object, with the labels of the objects that they are."""
         place = np.where(found.match >= 0, found.match, found.part)
         now = [found.objects[j].whole if j >= 0 else None for j in place]
         labels = [o.label if o is not None and o.confirmed else 0 for o in now]
         return tuple(
             Proposal3D(label, box, cluster.heat, cluster.rect_xyxy)
             for label, box, cluster in zip(labels, boxes, things.clusters, strict=True)
+            if not too_large(box, self.config)
         )
 
     @property
