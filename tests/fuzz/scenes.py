@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import random
-import shutil
 import sqlite3
 import sys
 import tempfile
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "scene"))
 
 import targets  # noqa: F401 - finds the other tests' helpers
+from changes import Change
 from engine import Target
 from made_scene import CAMERA, THINGS, Shown, record
-from mutations import VALUES, of_bytes
+from mutations import VALUES, mutated, of_bytes
 
-from cuboid.cli import main
-from cuboid.errors import CuboidError
 from cuboid.scene import Scene
 from cuboid.scene.checking import problems, rescue
 
@@ -27,16 +29,21 @@ NAME = "a.cuboid"
 def make_scene(folder: Path) -> None:
     """Write a scene of two visits, between which a thing was moved."""
     record(folder / NAME, Shown(frames=10))
-    moved = THINGS[0], THINGS[1].__class__(THINGS[1].center + (0.1, 0.1, 0.0), THINGS[1].size, THINGS[1].rotation)
-    record(folder / NAME, Shown(moved, frames=10), "again")
+    moved = replace(THINGS[1], center=THINGS[1].center + np.array([0.1, 0.1, 0.0]))
+    record(folder / NAME, Shown((THINGS[0], moved), frames=10), "again")
     with Scene.open(folder / NAME) as scene:
         scene.name(1, "box")
 
 
-def of_scene(rng: random.Random, content: bytes) -> bytes:
-    """Change bytes of a scene file, or values of its rows: some that no check sum guards."""
+def mutated_scene(rng: random.Random, path: str, content: bytes) -> Change:
+    """Return a change of a scene file: of its bytes, of what it is, or of its rows, which no check sum guards."""
     if rng.random() < 0.3:
-        return of_bytes(rng, content)
+        return mutated(rng, path, content)
+    return Change(path, of_rows(rng, content))
+
+
+def of_rows(rng: random.Random, content: bytes) -> bytes:
+    """Change values of rows of a database."""
     with tempfile.NamedTemporaryFile(suffix=".cuboid") as file:
         file.write(content)
         file.flush()
@@ -75,10 +82,8 @@ def _change_row(rng: random.Random, connection: sqlite3.Connection) -> None:
 
 
 def _try(connection: sqlite3.Connection, query: str, values: tuple[object, ...]) -> None:
-    try:
+    with suppress(sqlite3.DatabaseError, OverflowError, UnicodeEncodeError):  # the table takes no such value
         connection.execute(query, values)
-    except (sqlite3.DatabaseError, OverflowError, UnicodeEncodeError):
-        pass  # the table takes no such value
 
 
 def ask(folder: Path) -> None:
@@ -128,5 +133,6 @@ SCENES = {
         make_scene,
         lambda folder: [NAME],
         {"ask": ask, "check": check, "rescue": save, "go on": go_on, "results": results},
+        mutated_scene,
     )
 }
