@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
@@ -143,6 +143,13 @@ def told(connection: sqlite3.Connection, columns: Iterable[str], rest: str, valu
     names = tuple(columns)
     rows = connection.execute(f"SELECT {', '.join(names)} FROM {rest}", tuple(values)).fetchall()
     return checked(rows, names)
+
+
+def told_each(connection: sqlite3.Connection, table: str) -> Iterator[Row]:
+    """Iterate over the rows of a whole table, which may be large; raises as `told`."""
+    columns = columns_of(table)
+    for row in connection.execute(f"SELECT {', '.join(columns)} FROM {table}"):
+        yield checked([row], columns)[0]
 
 
 def checked(rows: list[Row], columns: Sequence[str]) -> list[Row]:

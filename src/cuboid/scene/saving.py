@@ -14,7 +14,7 @@ import msgspec
 import numpy.typing as npt
 
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.scene.door import DamagedError, columns_of, told
+from cuboid.scene.door import DamagedError, told_each
 from cuboid.scene.freezing import Part, freeze, thaw
 from cuboid.scene.packing import (
     Columns,
@@ -204,11 +204,11 @@ def load_parts(connection: sqlite3.Connection) -> dict[str, Part]:
     if sealed is not None and sealed[0] != _seal(connection):  # scenes of before the seal have none
         raise DamagedError("the state of the tracker is damaged: its parts are not those that were written")
     parts: dict[str, Part] = {}
-    for key, kind, check, fields in told(connection, columns_of("parts"), "parts"):
+    for key, kind, check, fields in told_each(connection, "parts"):
         if check_sum(fields) != check:
             raise DamagedError(f"the part '{key}' is damaged: its check sum is wrong")
         parts[key] = Part(kind, msgspec.msgpack.decode(fields))
-    for key, path, form, check, data in told(connection, columns_of("arrays"), "arrays"):
+    for key, path, form, check, data in told_each(connection, "arrays"):
         if key in parts:
             parts[key].arrays[path] = form, unpacked(data, check, form, f"the array '{path}' of '{key}'")
     return parts
