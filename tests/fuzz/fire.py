@@ -3,7 +3,7 @@
 Each hostile sequence goes through a tracker of its own, some with other settings than the usual ones; now and then
 poses are corrected. After every frame all that must hold is looked at: no exception, boxes finite and of sizes above 0,
 rotations proper, no object larger than it may be, labels that only grow and are never reused, no point of an object
-that is no more, and no frame that takes longer than its time, its correction of poses included.
+that is no more, and no frame, and no correction of poses, that takes longer than its time.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from worlds import Watch  # noqa: E402
 # the frame is slow if it was each time.
 FRAME_S = 0.5
 AGAIN = 2
+FRAME, CORRECTION = "a frame", "a correction of poses"
 # Frames that hang on one keyframe, and how often poses are corrected.
 KEYFRAME_EVERY, CORRECTED = 8, 0.03
 # Seeds of the settings begin here.
@@ -57,10 +58,10 @@ class Fired:
         `refused`: frames whose pose is none.
     faults : dict of str to int
         By what is wrong, and where; the first sequence of each in `first`, the latest in `latest`.
-    slowest : list of (float, str)
-        Seconds, and which frame.
-    slow : dict of str to float
-        Frames of this sequence that took too long, and how long.
+    slowest : dict of str to list of (float, str)
+        Of frames, and of corrections of poses: seconds, and which.
+    slow : dict of (str, str) to float
+        What of this sequence took too long, which frame it was, and how long.
     """
 
     sequences: int = 0
@@ -70,18 +71,18 @@ class Fired:
     faults: Counter[str] = field(default_factory=Counter)
     first: dict[str, str] = field(default_factory=dict)
     latest: dict[str, str] = field(default_factory=dict)
-    slowest: list[tuple[float, str]] = field(default_factory=list)
-    slow: dict[str, float] = field(default_factory=dict)
+    slowest: dict[str, list[tuple[float, str]]] = field(default_factory=lambda: {FRAME: [], CORRECTION: []})
+    slow: dict[tuple[str, str], float] = field(default_factory=dict)
 
     def fault(self, what: str, where: str) -> None:
         self.faults[what] += 1
         self.first.setdefault(what, where)
         self.latest[what] = where
 
-    def took(self, seconds: float, where: str) -> None:
-        self.slowest = sorted([*self.slowest, (seconds, where)], reverse=True)[:TOLD]
+    def took(self, what: str, seconds: float, where: str) -> None:
+        self.slowest[what] = sorted([*self.slowest[what], (seconds, where)], reverse=True)[:TOLD]
         if seconds > FRAME_S:
-            self.slow[where] = seconds
+            self.slow[what, where] = seconds
 
     def judge(self, again: Callable[[Fired], None]) -> None:
         """Take the frames that were slow for faults, those that are not slow again left out."""
@@ -89,9 +90,9 @@ class Fired:
             if self.slow:
                 other = Fired()
                 again(other)
-                self.slow = {where: min(s, other.slow[where]) for where, s in self.slow.items() if where in other.slow}
-        for where, seconds in self.slow.items():
-            self.fault(f"a frame took more than {FRAME_S:g} s", f"{where}: {seconds:.2f} s")
+                self.slow = {one: min(s, other.slow[one]) for one, s in self.slow.items() if one in other.slow}
+        for (what, where), seconds in self.slow.items():
+            self.fault(f"{what} took more than {FRAME_S:g} s", f"{where}: {seconds:.2f} s")
         self.slow = {}
 
 
@@ -130,8 +131,10 @@ def _take(seed: int, frames: int, fired: Fired, size: tuple[int, int] | None) ->
                 begun_s = time.thread_time()
                 if moved:
                     tracker.carry(moved)
+                    fired.took(CORRECTION, time.thread_time() - begun_s, where)
+                    begun_s = time.thread_time()
                 result = tracker.update(item.frame, keyframe)
-                fired.took(time.thread_time() - begun_s, where)
+                fired.took(FRAME, time.thread_time() - begun_s, where)
             fired.frames += 1
             watch.result(item.frame, result)
             watch.look()
@@ -184,10 +187,10 @@ def main() -> int:
 
 
 def _line(fired: Fired, seconds: float) -> str:
-    slowest_s = fired.slowest[0][0] if fired.slowest else 0.0
+    slowest = ", ".join(f"{what} {rows[0][0]:.2f} s" for what, rows in fired.slowest.items() if rows)
     return (
         f"{fired.sequences} sequences, {fired.frames} frames, {fired.refused} without a pose, {fired.labels} labels, "
-        f"{sum(fired.faults.values())} faults, slowest {slowest_s:.2f} s, {seconds:.0f} s"
+        f"{sum(fired.faults.values())} faults, slowest: {slowest}; {seconds:.0f} s"
     )
 
 
