@@ -14,7 +14,7 @@ from cuboid.decoding import Decoded, decode
 from cuboid.errors import InputError, OutputError
 from cuboid.frame import Intrinsics
 from cuboid.measuring import FrameLog, peak_memory_mb
-from cuboid.outputs import ObjectsFile, ResultWriter, RunReport
+from cuboid.outputs import FinishedResults, ObjectsFile, ResultWriter, RunReport
 from cuboid.outputs.folder import REPORT, VIDEO
 from cuboid.pipeline import Pipeline
 from cuboid.posing import Poses
@@ -134,17 +134,17 @@ def track_recording(
         if session is not None:
             session.finish(complete=complete)
     if output is not None and page:
-        write_page(output, taken)
+        write_page(FinishedResults(output), taken)
     per_second, points, size = log.frames_per_second(), tracker.points_known, tracker.map_bytes
     return RunOutcome(report, found.objects, found.planes, found.up, log.milliseconds, per_second, points, size)
 
 
-def write_page(output: Path, recording: RecordingLike) -> Mapping[int, Picture]:
-    """Write the 3D page of the results that lie in the output folder now; return its pictures of objects, by label."""
+def write_page(results: FinishedResults, recording: RecordingLike) -> Mapping[int, Picture]:
+    """Write the 3D page of results beside them; return its pictures of objects, by label."""
     from cuboid.views.report import summarise, write_report
 
-    summary = summarise(output, recording.read)
-    write_report(output / REPORT, summary)
+    summary = summarise(results, recording.read)
+    write_report(results.folder / REPORT, summary)
     return summary.pictures
 
 
