@@ -7,10 +7,11 @@ itself with its files and its page; "tables" is the rest of a task; "waiting" is
 the end of the batch).
 
 On a machine that others use the clock tells nothing, and processor times do. "beside" is what workers take outside of
-tasks, "dask" what client and scheduler take, both as shares of the tasks' time; they run by the clock, and are larger
-where the machine is slow. "of n times one" by the clock is the rate over n times that of one worker; by processor it is
-what follows where n workers have n cores and nothing else: one worker's time (its client and scheduler run on another
-core then) over that of n workers with client and scheduler among them.
+tasks, "gathering" what the client takes to put the store's files together, "dask" what client and scheduler take else,
+all as shares of the tasks' time; the first and the last run by the clock, and are larger where the machine is slow.
+"of n times one" by the clock is the rate over n times that of one worker; by processor it is what follows where n
+workers have n cores and nothing else: one worker's time (its client and scheduler run on another core then) over that
+of n workers with client and scheduler among them.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ from cuboid.batch.cluster import Workers
 from cuboid.batch.sources import expand
 from cuboid.cli.threads import limit_threads
 from cuboid.config import TrackerConfig
+from cuboid.store.compact import compact
+from cuboid.store.place import Place
 from scenes import MadeScene, made
 from suite import Settings
 from tables import dump, show
@@ -48,6 +51,7 @@ HEADER = (
     "the same by cpu",
     "task cpu s",
     "tables % cpu",
+    "gathering % cpu",
     "beside % cpu",
     "dask % cpu",
     "waiting %",
@@ -103,7 +107,9 @@ def measure(folder: Path, work: Path, workers: int) -> dict[str, Any]:
         before, beside_s = _clocks(client), _workers_cpu_s(client)
         begun_s, dask_s = time.perf_counter(), time.process_time()
         planned = plan(client, expand([str(folder)]), order)
-        carry_out(client, planned, order, lambda one: None)
+        gathering_s: list[float] = []
+        with patch("cuboid.batch.batch.compact", _timed_compact(gathering_s)):
+            carry_out(client, planned, order, lambda one: None)
         seconds = time.perf_counter() - begun_s
         dask_s = time.process_time() - dask_s
         after, beside_s = _clocks(client), _workers_cpu_s(client) - beside_s
@@ -120,8 +126,22 @@ def measure(folder: Path, work: Path, workers: int) -> dict[str, Any]:
         "waiting": 1 - task_s / (workers * seconds),
         "task_cpu_s": task_cpu_s,
         "beside_cpu": (beside_s - task_cpu_s) / task_cpu_s,
-        "dask_cpu": dask_s / task_cpu_s,
+        "gathering_cpu": sum(gathering_s) / task_cpu_s,
+        "dask_cpu": (dask_s - sum(gathering_s)) / task_cpu_s,
     }
+
+
+def _timed_compact(seconds: list[float]) -> Callable[[Place], Any]:
+    """Return what gathers files, and notes its processor time."""
+
+    def timed(place: Place) -> Any:
+        begun_s = time.thread_time()
+        try:
+            return compact(place)
+        finally:
+            seconds.append(time.thread_time() - begun_s)
+
+    return timed
 
 
 def _workers_cpu_s(client: Client) -> float:
@@ -132,7 +152,9 @@ def _workers_cpu_s(client: Client) -> float:
 def by_processor(one: dict[str, Any], many: dict[str, Any]) -> float:
     """Return the rate of n workers on n cores over n times that of one, as processor times tell it."""
     alone = one["task_cpu_s"] * (1 + one["beside_cpu"]) / one["recordings"]
-    together = many["task_cpu_s"] * (1 + many["beside_cpu"] + many["dask_cpu"]) / many["recordings"]
+    together = (
+        many["task_cpu_s"] * (1 + many["beside_cpu"] + many["gathering_cpu"] + many["dask_cpu"]) / many["recordings"]
+    )
     return float(alone / together)
 
 
@@ -178,7 +200,7 @@ def main() -> int:
             row["per_minute"] / (one * row["workers"]),
             by_processor(found[0], row),
             row["task_cpu_s"] / row["recordings"],
-            *(100 * row[name] for name in ("tables_cpu", "beside_cpu", "dask_cpu", "waiting")),
+            *(100 * row[name] for name in ("tables_cpu", "gathering_cpu", "beside_cpu", "dask_cpu", "waiting")),
         ]
         for row in found
     ]
