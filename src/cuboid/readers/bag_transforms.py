@@ -21,8 +21,8 @@ STAMPED_TYPES = (
 )
 # Transforms are read by the second, and so many seconds are kept: frames come in order, one reads on.
 BLOCK_NS, KEPT_BLOCKS = 1_000_000_000, 6
-# About the first image they are looked for within this first: a few steps at 30 Hz.
-AT_FIRST_NS = 100_000_000
+# About the first image they are looked for within this first: one step at 30 Hz either way.
+AT_FIRST_NS = 40_000_000
 # A chain that is longer goes in a circle.
 LONGEST_CHAIN = 64
 # Between two transforms at most this far apart a pose is interpolated; else the nearest within the other counts.
