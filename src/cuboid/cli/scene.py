@@ -210,13 +210,14 @@ def _forget(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
 
 def _export(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
     from cuboid.exports import FinishedRun, export
+    from cuboid.outputs import FinishedResults
     from cuboid.outputs.folder import REPORT
 
     if args.to == "results":
         scene.write_results(args.output, args.recording, force=args.force)
         from cuboid.views.report import summarise, write_report
 
-        write_report(args.output / REPORT, summarise(args.output, None))
+        write_report(args.output / REPORT, summarise(FinishedResults(args.output), None))
         return [f"results in {args.output}"]
     with tempfile.TemporaryDirectory(prefix="cuboid-scene-") as work:
         scene.write_results(Path(work) / "results", args.recording)
