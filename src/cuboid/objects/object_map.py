@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
@@ -182,32 +183,25 @@ class ObjectMap:
         place[[o.number for o in found.objects]] = np.arange(1, len(found.objects) + 1)
         sure = (found.match < 0) | (found.likeness >= SURE_MATCH)
         allowed = np.zeros((len(number_of), len(found.objects) + 1), np.uint8)
-        allowed[:, 0] = sure
-        for i in np.flatnonzero(sure):
-            for j, other in enumerate(found.objects):
-                if other.confirmed:
-                    told = self.store.affinity.of(int(number_of[i]), other.number)
-                    allowed[i, j + 1] = told is not None and told <= -SURE
-                else:
-                    allowed[i, j + 1] = 1
+        allowed[sure] = [1, *(not o.confirmed for o in found.objects)]
+        for i in np.flatnonzero(sure).tolist():
+            columns = place[self.store.affinity.partners(int(number_of[i]), most=-SURE)]
+            allowed[i, columns[columns > 0]] = 1
         return place, allowed
 
     def _pairs(self, things: FrameClusters, found: Association, news: float) -> None:
         """Take in which objects this frame shows as one, and which as two side by side."""
         affinity = self.store.affinity
-        sight, common = found.sight, found.common
-        n = len(things.clusters)
-        for i in range(n):
-            whole = np.flatnonzero((sight >= IN_SIGHT) & (common[i] >= MOST * sight))
-            for a in range(len(whole)):
-                for b in range(a + 1, len(whole)):
-                    affinity.tell(found.objects[whole[a]].number, found.objects[whole[b]].number, one=True, news=news)
-        for i in range(n):
-            for j in range(i + 1, n):
-                if self._apart(things, i, j) and found.match[i] >= 0 and found.match[j] >= 0:
-                    affinity.tell(
-                        found.objects[found.match[i]].number, found.objects[found.match[j]].number, one=False, news=news
-                    )
+        numbers = [o.number for o in found.objects]
+        whole = (found.sight >= IN_SIGHT) & (found.common >= MOST * found.sight)
+        for i in np.flatnonzero(whole.sum(1) > 1):
+            for a, b in combinations(np.flatnonzero(whole[i]).tolist(), 2):
+                affinity.tell(numbers[a], numbers[b], one=True, news=news)
+        known, match = found.match >= 0, found.match.tolist()
+        beside = np.triu(things.contact + things.contact.T > 0, 1) & known & known[:, None]
+        for i, j in zip(*(k.tolist() for k in np.nonzero(beside)), strict=True):
+            if self._apart(things, i, j):
+                affinity.tell(numbers[match[i]], numbers[match[j]], one=False, news=news)
 
     def _share_room(self, numbers: Sequence[int], news: float) -> None:
         """Take objects that are in each other's place for parts of one: no two solids share room."""
@@ -315,7 +309,7 @@ class ObjectMap:
         for number in sorted(set(numbers)):
             if number not in self.store or self.store[number].state is State.RETIRED:
                 continue
-            for other in self.store.affinity.partners(number):
+            for other in self.store.affinity.partners(number, least=SURE / 2.0):
                 if other not in self.store:
                     continue
                 told = self.store.affinity.of(number, other)
@@ -362,13 +356,11 @@ class ObjectMap:
 
     def _may_be_part(self, entry: MapObject) -> bool:
         """Tell whether frames do not agree yet that an object is another one than a labelled one that it touches."""
-        beside = set(self.store.affinity.partners(entry.number))
-        for other in self._neighbours(entry):
-            if other.confirmed and other.number in beside:
-                told = self.store.affinity.of(entry.number, other.number) or 0.0
-                if told > -UNSURE and gap_m(entry.points, other.points, TOUCH_M) <= TOUCH_M:
-                    return True
-        return False
+        unsure = set(self.store.affinity.partners(entry.number, least=-UNSURE))
+        return bool(unsure) and any(
+            other.confirmed and other.number in unsure and gap_m(entry.points, other.points, TOUCH_M) <= TOUCH_M
+            for other in self._neighbours(entry)
+        )
 
 
 def gap_m(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32], limit_m: float) -> float:
