@@ -120,7 +120,7 @@ class Tracker:
         every = self._proposals(frame)
         proposals = every.best(MOST_PROPOSALS)
         watch.lap("proposals")
-        heights, support = self._find_planes(image, T_world_camera)
+        heights, support, planes = self._find_planes(image, T_world_camera)
         watch.lap("planes")
         candidate = self._candidates(image, heights)
         c = self.config
@@ -135,8 +135,9 @@ class Tracker:
         pixel_owner = self._voxels.owner_of(slots)
         prior = prior_of(objects, image, candidate, pixel_owner, weighed)
         things = frame_clusters(
-            image, heat, candidate, weighed, prior, heights, support, self._sides(T_world_camera), T_world_camera, c
-        )
+            image, heat, candidate, weighed, prior, heights, support, planes, self._sides(T_world_camera),
+            T_world_camera, c,
+        )  # fmt: skip
         boxes = [self._box(cluster) for cluster in things.clusters]
         watch.lap("boxes")
         found = self._map.update(
@@ -206,11 +207,11 @@ class Tracker:
 
     def _find_planes(
         self, image: WorkingImage, T_world_camera: Float64Array
-    ) -> tuple[Float32Array, npt.NDArray[np.int32]]:
-        """Track the supporting planes; return each pixel's height above the one beneath, and which that is."""
+    ) -> tuple[Float32Array, npt.NDArray[np.int32], npt.NDArray[np.int64]]:
+        """Track the supporting planes; return each pixel's height above the one beneath, its place, all identities."""
         c, planes = self.config, self._planes
         heights = np.full(image.depth_m.shape, np.nan, np.float32)
-        support = np.full(image.depth_m.shape, -1, np.int32)
+        support, identities = np.full(image.depth_m.shape, -1, np.int32), np.zeros(0, np.int64)
         cells = find_cells(image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m)
         if planes.vote_is_due():
             wide = find_cells(
@@ -233,7 +234,8 @@ class Tracker:
                 c.max_depth_m, heights, support, view.seen,
             )  # fmt: skip
             planes.take_in(view)
-        return heights, planes.identities(support)
+            identities = view.identities
+        return heights, support, identities
 
     def _candidates(self, image: WorkingImage, heights: Float32Array) -> UInt8Array:
         """Return which readings may belong to an object: all within range but those on a supporting plane."""

@@ -55,7 +55,7 @@ def stand_on(
     planes_camera : (P, 4) float64
         Each plane in the camera frame, as this frame sees it: normal (up) and offset, n.p + d = height.
     numbers : (P,) int32
-        What each plane is called in `patches` and `support`.
+        What each plane is called in `patches`.
     ground : (P, N, M) uint8
         Cells that each plane covers (1), holes beneath objects filled.
     origin : (2,) float64
@@ -74,7 +74,7 @@ def stand_on(
     heights : (H, W) float32, output
         Metres above the plane beneath, NaN without one.
     support : (H, W) int32, output
-        Plane beneath, -1 none.
+        Plane beneath, 0..P-1, -1 none.
     seen : (P, N, M) int32, in and out
         Readings that lie on each plane, by cell; only those of patches that lie on it as a whole.
 
@@ -114,11 +114,11 @@ def stand_on(
                         seen[p, ix, iy] += 1
                     if ground[p, ix, iy]:
                         best = 0.0
-                        support[v, u] = numbers[p]
+                        support[v, u] = p
                         break
                 elif limit <= h < best and ground[p, ix, iy]:
                     best = h
-                    support[v, u] = numbers[p]
+                    support[v, u] = p
             if best < np.inf:
                 heights[v, u] = best
 
@@ -230,7 +230,7 @@ def join_surfaces(labels, number, share, depth, focal, major, deep):
 
 
 @njit(cache=True, nogil=True)
-def gather_regions(labels, number, least, depth, camera, first, pixels, points, corners, place):
+def gather_regions(labels, number, least, depth, camera, first, pixels, points, corners, claim):
     """Gather the pixels of each region that is not too small, in the order of their numbers.
 
     Parameters
@@ -252,8 +252,8 @@ def gather_regions(labels, number, least, depth, camera, first, pixels, points, 
         In the camera frame, metres.
     corners : (number, 4) int64, output
         The least and the largest column and row of each: left, top, right, bottom.
-    place : (number + 1,) int64, output
-        Place among those kept of each region, -1 where it is left out, and of 0.
+    claim : (H, W) int32, output
+        Place of each pixel's region among those kept, -1 where it is left out, and of 0.
 
     Returns
     -------
@@ -261,8 +261,7 @@ def gather_regions(labels, number, least, depth, camera, first, pixels, points, 
         How many regions are kept.
     """
     rows, columns = labels.shape
-    size = np.zeros(number + 1, np.int64)
-    place[:] = -1
+    size, place = np.zeros(number + 1, np.int64), np.full(number + 1, -1, np.int32)
     for v in range(rows):
         for u in range(columns):
             size[labels[v, u]] += 1
@@ -278,6 +277,7 @@ def gather_regions(labels, number, least, depth, camera, first, pixels, points, 
     for v in range(rows):
         for u in range(columns):
             k = place[labels[v, u]]
+            claim[v, u] = k
             if k < 0:
                 continue
             i = filled[k]
@@ -292,3 +292,31 @@ def gather_regions(labels, number, least, depth, camera, first, pixels, points, 
             box = corners[k]
             box[0], box[1], box[2], box[3] = min(box[0], u), min(box[1], v), max(box[2], u), max(box[3], v)
     return kept
+
+
+@njit(cache=True, nogil=True)
+def sum_regions(first, pixels, heat, support, warmth, beneath):
+    """Sum up what the pixels of each region are like.
+
+    Parameters
+    ----------
+    first : (kept + 1,) int64
+        Where the pixels of each region begin; see `gather_regions`.
+    pixels : (N,) int64
+    heat : (H, W) float32
+    support : (H, W) int32
+        Plane beneath each pixel, -1 none.
+    warmth : (kept,) float64, output
+        Summed heat.
+    beneath : (kept, P) int64, output
+        Pixels above each plane.
+    """
+    warmth[:] = 0.0
+    beneath[:] = 0
+    heats, planes = heat.ravel(), support.ravel()
+    for k in range(first.size - 1):
+        for i in range(first[k], first[k + 1]):
+            warmth[k] += heats[pixels[i]]
+            p = planes[pixels[i]]
+            if p >= 0:
+                beneath[k, p] += 1

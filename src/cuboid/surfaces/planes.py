@@ -240,11 +240,6 @@ class PlaneTracker:
         self._windows.keep(keep)
         self._stale, self._changed = ({p for p in some if p.index >= 0} for some in (self._stale, self._changed))
 
-    def identities(self, index: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-        """Return the identities of planes given by their places among `planes`, -1 for -1."""
-        own = np.array([*(plane.identity for plane in self.planes), -1], dtype=np.int32)
-        return np.asarray(own[index], dtype=np.int32)
-
     def find(self, identity: int) -> Plane | None:
         """Return the plane that has, or has taken in the one that had, an identity; None where it is no more."""
         plane = self._of.get(identity)
