@@ -125,7 +125,7 @@ class Tracker:
         candidate = self._candidates(image, heights)
         c = self.config
         weighed = weigh(image, candidate, proposals, self.intrinsics.fx, c)
-        heat = pixel_heat(image, candidate, weighed)
+        heat = pixel_heat(image, weighed)
         watch.lap("heat")
         slots = self._voxels.fuse(image, heat, T_world_camera, frame.index, anchor)
         self._voxels.look_through(image, T_camera_world)
@@ -133,9 +133,9 @@ class Tracker:
         in_view = self._map.in_view(image, T_camera_world)
         objects = self._map.limited(in_view)
         pixel_owner = self._voxels.owner_of(slots)
-        prior = prior_of(objects, image, candidate, pixel_owner, weighed)
+        prior = prior_of(objects, pixel_owner, weighed)
         things = frame_clusters(
-            image, heat, candidate, weighed, prior, heights, support, planes, self._sides(T_world_camera),
+            image, heat, weighed, prior, heights, support, planes, self._sides(T_world_camera),
             T_world_camera, c,
         )  # fmt: skip
         boxes = [self._box(cluster) for cluster in things.clusters]

@@ -23,16 +23,16 @@ def found(
 ) -> FrameClusters:  # fmt: skip
     """The things of a frame whose proposals are whole boxes."""
     image = WorkingImage(depth.astype(np.float32), np.zeros((*depth.shape, 3), np.uint8), CAMERA, 1, (0, 0))
-    sizes = [(x1 - x0) * (y1 - y0) for x0, y0, x1, y1 in boxes]
+    candidate = ((depth > 0) & (heights != 0)).astype(np.uint8)
+    covered = [candidate[y0:y1, x0:x1].ravel() for x0, y0, x1, y1 in boxes]
     weighed = WeighedProposals(
-        np.array(boxes, np.int32),
-        np.ones(sum(sizes), np.uint8),
-        np.cumsum([0, *sizes])[:-1].astype(np.int64),
+        np.array(boxes, np.int64),
+        np.cumsum([0, *(len(one) for one in covered)]),
+        np.concatenate(covered),
         np.array(weights, np.float32),
     )
-    candidate = ((depth > 0) & (heights != 0)).astype(np.uint8)
     return frame_clusters(
-        image, np.full(depth.shape, 0.5, np.float32), candidate, weighed, np.array(prior or [1.0] * len(boxes)),
+        image, np.full(depth.shape, 0.5, np.float32), weighed, np.array(prior or [1.0] * len(boxes)),
         heights.astype(np.float32), support.astype(np.int32), PLANES, SIDES, T_WORLD_CAMERA, TrackerConfig(),
     )  # fmt: skip
 

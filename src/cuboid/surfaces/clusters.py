@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.config import TrackerConfig
-from cuboid.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.frame import Float32Array, Float64Array
 from cuboid.heatmap.pixel_heat import JUMP_M, WeighedProposals
 from cuboid.kernels import claims as kernel
 from cuboid.kernels.pixels import gather_regions, join_surfaces, label_regions, sum_regions
@@ -86,7 +86,6 @@ class FrameClusters:
 def frame_clusters(
     image: WorkingImage,
     heat: Float32Array,
-    candidate: UInt8Array,
     weighed: WeighedProposals,
     prior: Float64Array,
     heights: Float32Array,
@@ -102,7 +101,6 @@ def frame_clusters(
     ----------
     image : WorkingImage
     heat : (h, w) float32
-    candidate : (h, w) uint8
     weighed : WeighedProposals
     prior : (N,) float64
         What a proposal's weight is multiplied by, for what the map knows already.
@@ -120,11 +118,8 @@ def frame_clusters(
     strength = weighed.weights * prior
     order = np.argsort(-strength, kind="stable")
     order = order[strength[order] > 0]
-    claim = np.empty(candidate.shape, np.int32)
-    kernel.share_out(
-        candidate, order, weighed.boxes, weighed.masks, weighed.starts, image.step,
-        np.array(image.phase, dtype=np.int64), LEAST_PIXELS, FREE_SHARE, claim,
-    )  # fmt: skip
+    claim = np.empty(heat.shape, np.int32)
+    kernel.share_out(order, weighed.rectangles, weighed.starts, weighed.covered, LEAST_PIXELS, FREE_SHARE, claim)
     regions, parent = np.empty(claim.shape, np.int32), np.empty(claim.size, np.int32)
     number = label_regions(image.depth_m, claim, config.depth_noise_per_m, JUMP_M, parent, regions)
     join_surfaces(regions, number, claim, image.depth_m, image.camera.fx, MAJOR_SHARE, DEEP_SHARE)
