@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.boxes.fit import fit_box
+from cuboid.boxes.fit import Resting, fit_boxes
 from cuboid.config import TrackerConfig
 from cuboid.errors import FrameError
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
@@ -138,7 +138,7 @@ class Tracker:
             image, heat, weighed, prior, heights, support, planes, self._sides(T_world_camera),
             T_world_camera, c,
         )  # fmt: skip
-        boxes = [self._box(cluster) for cluster in things.clusters]
+        boxes = self._boxes(things.clusters)
         watch.lap("boxes")
         found = self._map.update(
             frame.index, things, boxes, objects, slots, pixel_owner, candidate, self._news(image, T_world_camera)
@@ -258,13 +258,12 @@ class Tracker:
         turn = float(np.linalg.norm(self._place - last)) / float(np.median(known.astype(np.float64)))
         return min(1.0, max(LEAST_NEWS, turn / ANOTHER_SIDE_RAD))
 
-    def _box(self, cluster: FrameCluster) -> Box:
-        points = cluster.points[:: 1 + len(cluster.points) // FRAME_POINTS]
-        for identity in sorted(cluster.supports, key=lambda k: (-cluster.supports[k], k)):
-            plane = self._planes.find(identity)
-            if plane is not None:
-                return fit_box(points, *self._planes.in_world(plane), FRAME_STRAYS)
-        return fit_box(points, self._planes.likely_up, None, FRAME_STRAYS)
+    def _boxes(self, clusters: Sequence[FrameCluster]) -> list[Box]:
+        clouds = [c.points[:: 1 + len(c.points) // FRAME_POINTS] for c in clusters]
+        found = {identity: self._planes.find(identity) for identity in {k for c in clusters for k in c.supports}}
+        rests = {identity: self._planes.in_world(plane) for identity, plane in found.items() if plane is not None}
+        unknown = self._planes.likely_up, None
+        return fit_boxes(clouds, [_most_beneath(c.supports, rests) or unknown for c in clusters], FRAME_STRAYS)
 
     def _sightings(
         self,
@@ -405,3 +404,9 @@ class Tracker:
             heat=self._voxels.heat(rows),
             label=label_of[np.where(owner < len(label_of), owner, 0)],
         )
+
+
+def _most_beneath(supports: Mapping[int, int], rests: Mapping[int, Resting]) -> Resting | None:
+    """Return the plane of `rests` that is beneath most pixels, of equals the older; None where there is none."""
+    known = [identity for identity in supports if identity in rests]
+    return rests[min(known, key=lambda k: (-supports[k], k))] if known else None
