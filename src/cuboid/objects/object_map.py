@@ -79,7 +79,9 @@ class ObjectMap:
     def in_view(self, image: WorkingImage, T_camera_world: Float64Array) -> list[MapObject]:
         """Return the objects, confirmed or not, whose boxes reach into the picture, none too far to see, by number."""
         far_m = FAR * self._config.max_depth_m
-        return [self.store[int(n)] for n in in_view(self.store.boxes, image, T_camera_world, far_m)]
+        return [
+            self.store[int(n)] for n in in_view(self.store.boxes[: self.store.numbers], image, T_camera_world, far_m)
+        ]
 
     def limited(self, objects: Sequence[MapObject]) -> list[MapObject]:
         """Return objects in view without the least likely of more candidates than a frame may have: these are over."""
@@ -123,7 +125,7 @@ class ObjectMap:
         -------
         Association
         """
-        known = (slots >= 0) & (self._voxels.hits[slots] > 1)
+        known = (slots >= 0) & (self._voxels.hits.take(slots, mode="wrap") > 1)
         found = associate(things, boxes, objects, pixel_owner, known)
         number_of = self._sightings(frame, things, boxes, found)
         self._voxels.vote(things.claim, number_of, *self._may_take(number_of, found), candidate, slots)
