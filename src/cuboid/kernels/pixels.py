@@ -38,7 +38,7 @@ def drop_mixed(depth, jump, out):
                 out[v, u] = 0.0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def stand_on(
     depth, camera, T_grid_camera, planes_camera, numbers, ground, origin, cell, patches, patch, noise, floor, bias,
     max_depth, heights, support, seen,
@@ -85,28 +85,37 @@ def stand_on(
     rows, columns = depth.shape
     count = planes_camera.shape[0]
     nx_cells, ny_cells = ground.shape[1], ground.shape[2]
+    # Local copies: what is written below could lie in these arrays, for all the compiler knows.
+    xx, xy, xz, x0 = T_grid_camera[0]
+    yx, yy, yz, y0 = T_grid_camera[1]
+    left, top = origin[0], origin[1]
+    across, patch_of = (np.arange(columns) - camera[2]) / camera[0], np.arange(columns) // patch
     for v in range(rows):
-        ry = (v - camera[3]) / camera[1]
+        ry, pr = (v - camera[3]) / camera[1], v // patch
         for u in range(columns):
             support[v, u] = -1
             heights[v, u] = np.nan
             z = depth[v, u]
             if not (0.0 < z <= max_depth):
                 continue
-            rx = (u - camera[2]) / camera[0]
+            rx = across[u]
             x, y = rx * z, ry * z
-            gx = T_grid_camera[0, 0] * x + T_grid_camera[0, 1] * y + T_grid_camera[0, 2] * z + T_grid_camera[0, 3]
-            gy = T_grid_camera[1, 0] * x + T_grid_camera[1, 1] * y + T_grid_camera[1, 2] * z + T_grid_camera[1, 3]
-            ix = int(np.floor((gx - origin[0]) / cell))
-            iy = int(np.floor((gy - origin[1]) / cell))
+            gx = xx * x + xy * y + xz * z + x0
+            gy = yx * x + yy * y + yz * z + y0
+            ix = int(np.floor((gx - left) / cell))
+            iy = int(np.floor((gy - top) / cell))
             if ix < 0 or iy < 0 or ix >= nx_cells or iy >= ny_cells:
                 continue
-            pr, pc = v // patch, u // patch
+            pc = patch_of[u]
             on = patches[pr, pc] if pr < patches.shape[0] and pc < patches.shape[1] else -1
             best = np.inf
+            # No limit below is larger: what is farther from a plane than this is not on it.
+            most = max(floor, bias + 3.01 * noise * z * z * (abs(rx) + abs(ry) + 1.0))
             for p in range(count):
                 n0, n1, n2 = planes_camera[p, 0], planes_camera[p, 1], planes_camera[p, 2]
                 h = n0 * x + n1 * y + n2 * z + planes_camera[p, 3]
+                if h < -most or (h > most and h >= best):
+                    continue
                 spread = noise * z * z * abs(n0 * rx + n1 * ry + n2)
                 limit = max(floor, bias + 3.0 * spread)
                 if abs(h) < limit:
@@ -151,21 +160,22 @@ def label_regions(depth, share, noise, jump, parent, labels):
             if share[v, u] < 0:
                 parent[here] = -1
                 continue
-            parent[here] = here
-            z = depth[v, u]
+            parent[here] = root = here
+            z, mine = depth[v, u], share[v, u]
             limit = jump + 4.0 * noise * z * z
             for k in range(4):
                 vv = v - 1 if k < 3 else v
                 uu = u + k - 1 if k < 3 else u - 1
-                if vv < 0 or uu < 0 or uu >= columns or share[vv, uu] != share[v, u]:
+                if vv < 0 or uu < 0 or uu >= columns or share[vv, uu] != mine:
                     continue
                 if abs(depth[vv, uu] - z) < limit:
-                    a, b = find_root(parent, here), find_root(parent, vv * columns + uu)
-                    if a < b:
-                        parent[b] = a
-                    elif b < a:
-                        parent[a] = b
-    number = 0
+                    other = find_root(parent, vv * columns + uu)
+                    if root < other:
+                        parent[other] = root
+                    elif other < root:
+                        parent[root] = other
+                        root = other
+    number, flat = 0, labels.reshape(-1)
     for v in range(rows):
         for u in range(columns):
             here = v * columns + u
@@ -177,7 +187,7 @@ def label_regions(depth, share, noise, jump, parent, labels):
                 number += 1
                 labels[v, u] = number
             else:
-                labels[v, u] = labels[root // columns, root % columns]
+                labels[v, u] = flat[root]
     return number
 
 
