@@ -251,11 +251,11 @@ class Tracker:
 
     def _news(self, image: WorkingImage, T_world_camera: Float64Array) -> float:
         """Return how far a frame shows things from another side than the last one did, 0..1."""
-        known = image.depth_m[image.depth_m > 0]
         last, self._place = self._place, T_world_camera[:3, 3]
-        if last is None or len(known) == 0:
+        distance_m = 0.0 if last is None else _median_of_known(image.depth_m)
+        if last is None or distance_m == 0.0:
             return 1.0
-        turn = float(np.linalg.norm(self._place - last)) / _median(known)
+        turn = float(np.linalg.norm(self._place - last)) / distance_m
         return min(1.0, max(LEAST_NEWS, turn / ANOTHER_SIDE_RAD))
 
     def _boxes(self, clusters: Sequence[FrameCluster]) -> list[Box]:
@@ -406,11 +406,15 @@ class Tracker:
         )
 
 
-def _median(values: Float32Array) -> float:
-    """Return the median; NumPy's own takes three times as long, for it makes sure that there is no NaN."""
-    middle = len(values) // 2
-    ordered = np.partition(values, (max(middle - 1, 0), middle))
-    return float(ordered[middle]) if len(values) % 2 else (float(ordered[middle - 1]) + float(ordered[middle])) / 2.0
+def _median_of_known(depth_m: Float32Array) -> float:
+    """Return the median of all readings, 0 where there is none; in order, those that are none (0) come first."""
+    many = int(np.count_nonzero(depth_m))
+    none = depth_m.size - many
+    if many == 0:
+        return 0.0
+    low, high = none + (many - 1) // 2, none + many // 2
+    ordered = np.partition(depth_m.ravel(), (low, high))
+    return (float(ordered[low]) + float(ordered[high])) / 2.0
 
 
 def _most_beneath(supports: Mapping[int, int], rests: Mapping[int, Resting]) -> Resting | None:

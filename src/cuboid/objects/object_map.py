@@ -370,10 +370,12 @@ class ObjectMap:
 
 def gap_m(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32], limit_m: float) -> float:
     """Return the distance of two sets of points, infinite beyond a limit."""
-    if len(a) == 0 or len(b) == 0:
-        return float("inf")
-    b = b[((b > a.min(0) - limit_m) & (b < a.max(0) + limit_m)).all(1)]
-    if len(b) == 0:
+    # Only what lies in the other's surroundings can be that near.
+    for _ in range(2):
+        if len(a) == 0 or len(b) == 0:
+            return float("inf")
+        a, b = b[((b > a.min(0) - limit_m) & (b < a.max(0) + limit_m)).all(1)], a
+    if len(a) == 0:
         return float("inf")
     distance, _ = cKDTree(b).query(a, distance_upper_bound=limit_m)
     return float(np.min(distance))

@@ -9,6 +9,8 @@ A frame has to do with the planes whose windows it sees; all others stay as they
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import numpy.typing as npt
 
@@ -213,7 +215,7 @@ class PlaneTracker:
                 self._stale.discard(plane)
             area = plane.plan.area_m2()
             if plane.in_use or area >= least:
-                if furniture.is_lid(plane, area, self._at(plane.mean[None])):
+                if furniture.is_lid(plane, area, partial(self._at, plane.mean[None])):
                     plane.in_use = False
                 elif not plane.in_use:
                     plane.in_use = plane.frames >= USE_AFTER_FRAMES or area >= USE_AT_ONCE * least
