@@ -60,7 +60,7 @@ def test_pixels_are_counted_by_proposal_and_object(seed: int) -> None:
     proposed = Proposed(rng, 6)
     owner = rng.choice([0, 3, 5, 6], (HEIGHT, WIDTH)).astype(np.int32)
     place = np.array([2, 2, 2, 1, 2, 0, 2])  # 3 and 5 are in view, 6 is not
-    table, sight, column = np.full((6, 3), -7), np.full(3, -7), np.empty(owner.shape, np.int64)
+    table, sight, column = np.full((6, 3), -7), np.full(3, -7), np.empty(owner.shape, np.int32)
     common(owner, place, *proposed.arguments(), column, table, sight)
     others = ~np.isin(owner, [3, 5])
     for k, mine in enumerate(proposed.masks):

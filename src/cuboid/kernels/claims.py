@@ -31,22 +31,27 @@ def common(owner, place, rectangles, starts, covered, column, table, sight):
     starts : (N + 1,) int64
     covered : (L,) uint8
         See `votes.weigh`.
-    column : (h, w) int64, scratch
+    column : (h, w) int32, scratch
     table : (N, columns) int64, output
     sight : (columns,) int64, output
         Pixels of each object, candidates or not, in any proposal or none.
     """
     table[:] = 0
     sight[:] = 0
+    # What belongs to one object comes in runs: a sum in hand is faster than one in memory.
+    last, run = 0, 0
     for v in range(owner.shape[0]):
         for u in range(owner.shape[1]):
-            column[v, u] = place[owner[v, u]]
-            sight[column[v, u]] += 1
+            here = place[owner[v, u]]
+            column[v, u] = here
+            if here != last:
+                sight[last] += run
+                last, run = here, 0
+            run += 1
+    sight[last] += run
     for k in range(rectangles.shape[0]):
         x0, y0, x1, y1 = rectangles[k]
-        at = starts[k]
-        # What belongs to one object comes in runs: a sum in hand is faster than one in memory.
-        last, run = 0, 0
+        at, last, run = starts[k], 0, 0
         for v in range(y0, y1):
             for u in range(x0, x1):
                 at += 1
@@ -78,12 +83,21 @@ def shared(claim, owner, known, place, table, size):
     """
     table[:] = 0
     size[:] = 0
-    last = table.shape[0] - 1
+    nobody = table.shape[0] - 1
+    # They come in runs, as in `common`.
+    mine, theirs, run, seen = nobody, 0, 0, 0
     for v in range(claim.shape[0]):
         for u in range(claim.shape[1]):
-            k = claim[v, u] if claim[v, u] >= 0 else last
-            table[k, place[owner[v, u]]] += 1
-            size[k] += known[v, u]
+            k = claim[v, u] if claim[v, u] >= 0 else nobody
+            here = place[owner[v, u]]
+            if k != mine or here != theirs:
+                table[mine, theirs] += run
+                size[mine] += seen
+                mine, theirs, run, seen = k, here, 0, 0
+            run += 1
+            seen += known[v, u]
+    table[mine, theirs] += run
+    size[mine] += seen
 
 
 @njit(cache=True, nogil=True)

@@ -37,7 +37,7 @@ def prior_of(
     place = np.full(max(int(pixel_owner.max()), *numbers) + 1, m)
     place[numbers] = np.arange(m)
     table, sight = np.empty((n, m + 1), np.int64), np.empty(m + 1, np.int64)
-    column = np.empty(pixel_owner.shape, np.int64)
+    column = np.empty(pixel_owner.shape, np.int32)
     common(pixel_owner, place, weighed.rectangles, weighed.starts, weighed.covered, column, table, sight)
     mine = table[:, :m]
     iou = mine / np.maximum(table.sum(1)[:, None] + sight[:m] - mine, 1)
