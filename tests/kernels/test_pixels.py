@@ -90,7 +90,8 @@ def test_regions_are_gathered_as_array_operations_do_it() -> None:
     depth = rng.uniform(0.5, 2.0, labels.shape).astype(np.float32)
     first, pixels, points = np.empty(7, np.int64), np.empty(labels.size, np.int64), np.empty((labels.size, 3))
     corners, claim = np.empty((6, 4), np.int64), np.empty_like(labels)
-    kept = gather_regions(labels, 6, 4, depth, CAMERA, first, pixels, points, corners, claim)
+    T = np.array([[1.0, 0, 0, 5], [0, 0, 1, 6], [0, -1, 0, 7], [0, 0, 0, 1]])
+    kept = gather_regions(labels, 6, 4, depth, CAMERA, T, first, pixels, points, corners, claim)
     numbers = [1, 2, 4, 5, 6]
     assert kept == len(numbers)
     np.testing.assert_array_equal(claim, np.array([-1, 0, 1, -1, 2, 3, 4])[labels])
@@ -101,7 +102,7 @@ def test_regions_are_gathered_as_array_operations_do_it() -> None:
         np.testing.assert_array_equal(pixels[own], v * 40 + u)
         z = depth[v, u].astype(float)
         seen = np.column_stack([(u - CAMERA[2]) / CAMERA[0] * z, (v - CAMERA[3]) / CAMERA[1] * z, z])
-        np.testing.assert_allclose(points[own], seen, atol=1e-12)
+        np.testing.assert_allclose(points[own], seen @ T[:3, :3].T + T[:3, 3], atol=1e-12)
         assert corners[k].tolist() == [u.min(), v.min(), u.max(), v.max()]
     heat = rng.random(labels.shape).astype(np.float32)
     support = rng.integers(-1, 3, labels.shape).astype(np.int32)

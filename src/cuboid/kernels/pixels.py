@@ -240,7 +240,7 @@ def join_surfaces(labels, number, share, depth, focal, major, deep):
 
 
 @njit(cache=True, nogil=True)
-def gather_regions(labels, number, least, depth, camera, first, pixels, points, corners, claim):
+def gather_regions(labels, number, least, depth, camera, T_world_camera, first, pixels, points, corners, claim):
     """Gather the pixels of each region that is not too small, in the order of their numbers.
 
     Parameters
@@ -254,12 +254,13 @@ def gather_regions(labels, number, least, depth, camera, first, pixels, points, 
     depth : (H, W) float32
     camera : (4,) float64
         fx, fy, cx, cy.
+    T_world_camera : (4, 4) float64
     first : (number + 1,) int64, output
         Where the pixels of each region that is kept begin, and the end of the last one's.
     pixels : (H * W,) int64, output
         Their places in the flattened image, ascending within a region.
     points : (H * W, 3) float64, output
-        In the camera frame, metres.
+        In the world, metres.
     corners : (number, 4) int64, output
         The least and the largest column and row of each: left, top, right, bottom.
     claim : (H, W) int32, output
@@ -284,7 +285,13 @@ def gather_regions(labels, number, least, depth, camera, first, pixels, points, 
     filled = first[:kept].copy()
     for k in range(kept):
         corners[k, 0], corners[k, 1], corners[k, 2], corners[k, 3] = columns, rows, -1, -1
+    # Local copies: what is written below could lie in these arrays, for all the compiler knows.
+    xx, xy, xz, x0 = T_world_camera[0]
+    yx, yy, yz, y0 = T_world_camera[1]
+    zx, zy, zz, z0 = T_world_camera[2]
+    across = (np.arange(columns) - camera[2]) / camera[0]
     for v in range(rows):
+        down = (v - camera[3]) / camera[1]
         for u in range(columns):
             k = place[labels[v, u]]
             claim[v, u] = k
@@ -294,10 +301,12 @@ def gather_regions(labels, number, least, depth, camera, first, pixels, points, 
             filled[k] += 1
             pixels[i] = v * columns + u
             z = np.float64(depth[v, u])
-            points[i, 0], points[i, 1], points[i, 2] = (
-                (u - camera[2]) / camera[0] * z,
-                (v - camera[3]) / camera[1] * z,
-                z,
+            x, y = across[u] * z, down * z
+            point = points[i]
+            point[0], point[1], point[2] = (
+                xx * x + xy * y + xz * z + x0,
+                yx * x + yy * y + yz * z + y0,
+                zx * x + zy * y + zz * z + z0,
             )
             box = corners[k]
             box[0], box[1], box[2], box[3] = min(box[0], u), min(box[1], v), max(box[2], u), max(box[3], v)

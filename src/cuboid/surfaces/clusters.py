@@ -128,7 +128,19 @@ def frame_clusters(
     first, corners = np.empty(number + 1, np.int64), np.empty((number, 4), np.int64)
     c = image.camera
     pinhole, things = np.array([c.fx, c.fy, c.cx, c.cy]), np.empty_like(claim)
-    kept = gather_regions(regions, number, LEAST_PIXELS, image.depth_m, pinhole, first, pixels, points, corners, things)
+    kept = gather_regions(
+        regions,
+        number,
+        LEAST_PIXELS,
+        image.depth_m,
+        pinhole,
+        np.ascontiguousarray(T_world_camera),
+        first,
+        pixels,
+        points,
+        corners,
+        things,
+    )
     first, corners = first[: kept + 1], corners[:kept]
     shares = claim.ravel()[pixels[first[:-1]]]
     warmth, beneath = np.empty(kept), np.empty((kept, len(identities)), np.int64)
@@ -144,12 +156,11 @@ def frame_clusters(
     rects = np.minimum(rects, np.array([c.width, c.height] * 2) * image.step)
     scores = weighed.weights[order[shares]].tolist()
     warm = (warmth / np.diff(first)).tolist()
-    world = points[: first[-1]] @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
     clusters = []
     for k, (begin, end) in enumerate(pairwise(first.tolist())):
         supports = {int(identities[p]): int(beneath[k, p]) for p in np.flatnonzero(beneath[k])}
         own = slice(begin, end)
-        clusters.append(FrameCluster(pixels[own], world[own], supports, warm[k], scores[k], rects[k], outline[k]))
+        clusters.append(FrameCluster(pixels[own], points[own], supports, warm[k], scores[k], rects[k], outline[k]))
     return FrameClusters(clusters, things, contact, shares.astype(np.int64), left_out)
 
 
