@@ -129,18 +129,9 @@ def frame_clusters(
     c = image.camera
     pinhole, things = np.array([c.fx, c.fy, c.cx, c.cy]), np.empty_like(claim)
     kept = gather_regions(
-        regions,
-        number,
-        LEAST_PIXELS,
-        image.depth_m,
-        pinhole,
-        np.ascontiguousarray(T_world_camera),
-        first,
-        pixels,
-        points,
-        corners,
-        things,
-    )
+        regions, number, LEAST_PIXELS, image.depth_m, pinhole, np.ascontiguousarray(T_world_camera), first, pixels,
+        points, corners, things,
+    )  # fmt: skip
     first, corners = first[: kept + 1], corners[:kept]
     shares = claim.ravel()[pixels[first[:-1]]]
     warmth, beneath = np.empty(kept), np.empty((kept, len(identities)), np.int64)
