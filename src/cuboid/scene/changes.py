@@ -9,6 +9,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,8 +18,9 @@ from scipy.spatial import cKDTree
 
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.geometry.box import Box
-from cuboid.geometry.se3 import quat_wxyz_from_rotation, rotation_from_quat_wxyz
+from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.objects.entry import MapObject
+from cuboid.scene.door import BOX, DamagedError, box_of, columns_of, told
 from cuboid.surfaces.grid import cells_of
 from cuboid.tracker import Tracker
 
@@ -236,20 +238,27 @@ def begin(connection: sqlite3.Connection, tracker: Tracker) -> None:
 
 def load(connection: sqlite3.Connection, first_frame: int) -> Changes:
     """Return what holds a visit against how things stood when it began."""
-    known = {
-        row[0]: Known(
-            row[0],
-            Box(np.array(row[1:4]), np.array(row[4:7]), rotation_from_quat_wxyz(row[7:11])),
-            np.frombuffer(row[11], "<f8").reshape(LAYERS, 3),
-            np.frombuffer(row[12], "<f4").reshape(-1, 3),
-        )
-        for row in connection.execute("SELECT * FROM known")
-    }
+    known = {}
+    for label, *row in told(connection, columns_of("known", ("label", *BOX, "look", "points")), "known"):
+        look, points = _floats(row[10], "<f8", "look"), _floats(row[11], "<f4", "points")
+        if look.size != LAYERS * 3 or points.size % 3:
+            raise DamagedError(f"a row of known is damaged: {look.size} and {points.size} numbers")
+        known[label] = Known(label, box_of(row[:10], "known"), look.reshape(LAYERS, 3), points.reshape(-1, 3))
     ground: dict[int, Ground] = {}
-    for plane, i, j, rows, columns, seen in connection.execute("SELECT * FROM ground"):
+    for plane, i, j, rows, columns, seen in told(connection, columns_of("ground"), "ground"):
+        if len(seen) != -(-rows * columns // 8):
+            raise DamagedError(f"a row of ground is damaged: {len(seen)} bytes are not {rows} x {columns} cells")
         bits = np.unpackbits(np.frombuffer(seen, np.uint8), count=rows * columns).reshape(rows, columns)
         ground[plane] = np.array([i, j]), bits.astype(bool)
     return Changes(first_frame, known, ground)
+
+
+def _floats(data: bytes, kind: str, what: str) -> npt.NDArray[Any]:
+    """Return the finite numbers that bytes are; DamagedError where they are others."""
+    numbers = np.frombuffer(data, kind) if len(data) % np.dtype(kind).itemsize == 0 else np.array([np.nan])
+    if not np.isfinite(numbers).all():
+        raise DamagedError(f"known.{what} is damaged: expected finite numbers")
+    return numbers
 
 
 def write(connection: sqlite3.Connection, recording: int, changes: list[Change]) -> None:
