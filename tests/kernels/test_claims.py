@@ -137,6 +137,10 @@ def slow_outlines(
             end = {BOTTOM: rows.max() - v, TOP: v - rows.min()}.get(side, 0)
             if end > max(1, END_SHARE * (rows.max() - rows.min())):
                 continue  # neither its top nor its bottom
+            back = [(v - n * dv, u - n * du) for n in range(reach)]
+            mine = [0 <= y < depth.shape[0] and 0 <= x < depth.shape[1] and claim[y, x] == a for y, x in back]
+            back = back[: mine.index(False)] if False in mine else back
+            inwards = next((n for n, p in enumerate(back) if readings[p] > 0), reach)
             hit = next((p for p in inside if claim[p] == a or readings[p] > 0), None)
             if hit is not None and claim[hit] == a:
                 continue
@@ -158,7 +162,7 @@ def slow_outlines(
             if on_plane[hit] >= 0 and on_plane[hit] == plane_of[a]:
                 kind = SUPPORT
             elif beyond > limit:
-                kind = FREE if edge or readings[v, u] > 0 else UNSURE
+                kind = FREE if edge or inwards + ray.index(hit) + 1 <= reach else UNSURE
             elif beyond < -limit:
                 kind = HIDDEN
             else:
@@ -206,7 +210,10 @@ def test_a_share_that_ends_in_a_filled_hole_ends_where_its_color_does() -> None:
     color[:, 5:20] = 30
     edged = outlines_of(depth, claim, np.full(depth.shape, -1), [-1], SIDES, color, readings)[0]
     assert plain[0, LEFT, FREE] == edged[0, LEFT, FREE] == 9, "where it has readings depth alone tells"
-    assert plain[0, RIGHT, UNSURE] == edged[0, RIGHT, FREE] == 9
+    assert plain[0, RIGHT, UNSURE] == edged[0, RIGHT, FREE] == 9, "the hole is wider than a shadow"
+    readings[:, 12:18] = 1.0
+    narrow = outlines_of(depth, claim, np.full(depth.shape, -1), [-1], SIDES, None, readings)[0]
+    assert narrow[0, RIGHT, FREE] == 9
 
 
 def scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -141,6 +141,19 @@ def share_out(order, rectangles, starts, covered, least, free_share, claim):
             at += x1 - x0
 
 
+@njit(cache=True, nogil=True, inline="always")
+def inwards(readings, claim, v, u, dv, du, reach):
+    """Return how many steps inwards of a share's outline its first reading is; `reach` where it is no nearer."""
+    height, width = readings.shape
+    for n in range(reach):
+        vv, uu = v - n * dv, u - n * du
+        if vv < 0 or uu < 0 or vv >= height or uu >= width or claim[vv, uu] != claim[v, u]:
+            return reach
+        if readings[vv, uu] > 0.0:
+            return n
+    return reach
+
+
 @njit(cache=True, nogil=True)
 def across(depth, readings, color, claim, on_plane, plane, v, u, dv, du, limit, reach):
     """Tell what lies across one pixel of a share's outline: the first reading outwards, over holes.
@@ -170,7 +183,7 @@ def across(depth, readings, color, claim, on_plane, plane, v, u, dv, du, limit, 
     vi, ui = v - INNER_PIXELS * dv, u - INNER_PIXELS * du
     if vi < 0 or ui < 0 or vi >= height or ui >= width or claim[vi, ui] != a:
         vi, ui = v, u
-    edge, first = False, -1
+    edge, first, own = False, -1, inwards(readings, claim, v, u, dv, du, reach)
     for n in range(1, reach + 1):
         vv, uu = v + n * dv, u + n * du
         if vv < 0 or uu < 0 or vv >= height or uu >= width:
@@ -187,7 +200,7 @@ def across(depth, readings, color, claim, on_plane, plane, v, u, dv, du, limit, 
             if on_plane[vv, uu] >= 0 and on_plane[vv, uu] == plane:
                 return SUPPORT, b
             if beyond > z + limit:
-                return FREE if edge or readings[v, u] > 0.0 else UNSURE, b
+                return FREE if edge or own + n <= reach else UNSURE, b
             if beyond < z - limit:
                 return HIDDEN, b
             return UNSURE if b >= 0 else CONTACT, b
@@ -205,8 +218,9 @@ def outlines(
     holes up to a width of `gap_m`. It is FREE where that lies behind by more than a jump; SUPPORT where it lies on the
     plane that the share stands on; UNSURE where another share begins at the same depth; CONTACT where any other
     surface goes on; HIDDEN where it lies before (what is behind it cannot be told); BORDER where the picture ends. In
-    a wide hole (the shadow of an edge, or something dark) color tells: it is FREE beyond an edge of color, and UNSURE
-    where the color of the share goes on. The same holds where the share itself ends in a hole that was filled.
+    a wide hole (something dark, or that shines) color tells: it is FREE beyond an edge of color, and UNSURE where the
+    color of the share goes on. A hole reaches from the last reading of the share to the first one beyond: where it
+    was filled, the share ends within it.
 
     Parameters
     ----------

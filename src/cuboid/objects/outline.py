@@ -17,9 +17,9 @@ CLEAR = log(99.0) / 2.0
 OWN_SHARE = 0.6
 # What another thing bounds, or a hole without an edge of color, is an object's own outline half of the time.
 UNSURE_SHARE = 0.5
-# A side is known when this share of it can be judged, and goes on into structure when more than this share of that
-# does.
-KNOWN_SHARE, STRUCTURE_SHARE = 0.2, 0.5
+# A side is known when this share of it can be judged, of the top a third: what always goes up behind something is a
+# leg, or a post. A side goes on into structure when more than this share of what can be judged does.
+KNOWN_SHARE, KNOWN_TOP_SHARE, STRUCTURE_SHARE = 0.2, 0.35, 0.5
 # A side is cut off by the picture when more than this share of it lies at its border.
 CUT_SHARE = 0.5
 
@@ -58,7 +58,9 @@ def enclosed(outline: Outline) -> bool:
     """
     judged = outline[:, :HIDDEN].sum(1)
     whole = outline.sum(1)
-    known = judged >= KNOWN_SHARE * whole
+    least = np.full(4, KNOWN_SHARE)
+    least[TOP] = KNOWN_TOP_SHARE
+    known = judged >= least * whole
     structure = outline[:, CONTACT] > STRUCTURE_SHARE * judged
     cut = ~known & (outline[:, BORDER] > CUT_SHARE * whole)
     ends = known & ~structure
