@@ -142,7 +142,6 @@ def test_neighbours_two_centimetres_apart_are_two() -> None:
     assert min(overlap for _, overlap in matched(tracker, pair)) > 0.6
 
 
-@pytest.mark.xfail(reason="things that touch and never show a crease between them stay one object")
 def test_neighbours_that_touch_are_two() -> None:
     table = Box(np.array([0, 0, -0.05]), np.array([1.4, 1.0, 0.1]), np.eye(3))
     tall, low = upright((-0.05, 0.0), (0.1, 0.1, 0.24)), upright((0.07, 0.02), (0.14, 0.1, 0.1))
