@@ -256,7 +256,8 @@ def track_recording(
     if planned == 0:
         raise InputError(f"{recording.path}: the recording has no frames")
     with ExitStack() as results:
-        writer = _writer(results, recording, output, force, poses)
+        corrected = poses == "estimated" if into is None else into.corrects(poses)
+        writer = _writer(results, recording, output, force, corrected)
         source, camera = _poses(recording, poses, bridge, scale, config)
         bare = recording if source.given_with_frames else recording.without_poses()
         settings = _effective(config, proposals, every, limit, scale, bridge, recording)
@@ -297,7 +298,11 @@ def track_recording(
             milliseconds=log.timings(),
             seconds=time.perf_counter() - begun_s,
             peak_memory_mb=peak_memory_mb(),
-            warnings=(*(live.warnings if live else ()), *pipeline.warnings(bare)),
+            warnings=(
+                *(live.warnings if live else ()),
+                *(session.warnings() if session else ()),
+                *pipeline.warnings(bare),
+            ),
             frames_dropped=live.dropped if live else 0,
             limits=log.limits(),
         )
@@ -396,7 +401,8 @@ class _Pipeline:
 
         corrected = self.poses.trajectory()
         poses = self.T_world_camera if corrected is None else corrected
-        found = intrinsics_warning(recording.read, recording.intrinsics, poses, estimated=corrected is not None)
+        estimated = corrected is not None and not self.poses.given_with_frames
+        found = intrinsics_warning(recording.read, recording.intrinsics, poses, estimated=estimated)
         beside = registration_warning(recording.read, recording.intrinsics, sorted(poses))
         return tuple(one for one in (found, beside) if one is not None)
 
@@ -474,13 +480,13 @@ def _poses(
 
 
 def _writer(
-    results: ExitStack, recording: RecordingLike, output: Path | None, force: bool, poses: str
+    results: ExitStack, recording: RecordingLike, output: Path | None, force: bool, corrected: bool
 ) -> ResultWriter | None:
     if output is None:
         return None
     if output.resolve() == Path(recording.path).resolve():
         raise OutputError(f"{output}: is the recording itself; name another output folder")
-    return results.enter_context(ResultWriter(output, force=force, corrected=poses == "estimated"))
+    return results.enter_context(ResultWriter(output, force=force, corrected=corrected))
 
 
 @contextmanager

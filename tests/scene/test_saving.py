@@ -10,15 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cuboid.config import TrackerConfig
 from cuboid.errors import FrameError
 from cuboid.frame import Frame
 from cuboid.geometry import se3
 from cuboid.heatmap import voxel_map
 from cuboid.outputs.objects import ObjectsFile, write_objects
-from cuboid.posing import EstimatedPoses
 from cuboid.results import FrameResult
 from cuboid.scene.database import open_to_write
+from cuboid.scene.placing import ESTIMATED, ScenePoses
 from cuboid.scene.saving import StateFile, load_state
+from cuboid.scene.visit import load
 from cuboid.synthetic import make_scene
 from cuboid.synthetic.view import SceneView
 from cuboid.tracker import Tracker
@@ -141,10 +143,11 @@ def test_estimated_poses_go_on_from_any_cut(tmp_path: Path) -> None:
     camera = scene.intrinsics(160, 120)
 
     def run(cuts: tuple[int, ...]) -> tuple[list[bytes], list[bytes]]:
-        tracker, poses, told = Tracker(camera), EstimatedPoses(camera, 0.005), []
+        tracker, poses, told = Tracker(camera), ScenePoses(camera, TrackerConfig()), []
+        poses.begin(ESTIMATED, first=True)
         for frame in frames:
             try:
-                posed = poses.locate(frame)
+                posed = poses.locate(frame, tracker.up)
                 tracker.carry(posed.moved)
                 said = tracker.update(dataclasses.replace(frame, T_world_camera=posed.T_world_camera), posed.anchor)
                 told.append(said.T_world_camera.tobytes())
@@ -153,9 +156,9 @@ def test_estimated_poses_go_on_from_any_cut(tmp_path: Path) -> None:
             if frame.index in cuts:
                 file = open_to_write(tmp_path / f"{frame.index}.cuboid", create=True)
                 commit(file.connection, StateFile(tracker, file.connection, (poses,)))
-                tracker, poses = load_state(file.connection, Tracker(camera), EstimatedPoses(camera, 0.005))
+                tracker, poses = load(file.connection, Tracker(camera))
                 file.close()
-        return told, [T.tobytes() for T in poses.trajectory().values()]
+        return told, [T.tobytes() for T in poses.trajectory(0).values()]
 
     whole = run(())
     assert sum(len(one) == 128 for one in whole[0]) > 30, "poses are found"

@@ -17,7 +17,7 @@ from cuboid.config import TrackerConfig
 from cuboid.errors import CuboidError, FrameError, InputError, OutputError
 from cuboid.frame import Frame
 from cuboid.outputs import FinishedResults
-from cuboid.posing import EstimatedPoses
+from cuboid.posing import GivenPoses
 from cuboid.scene import Scene, Source
 from cuboid.scene.checking import problems, rescue
 from cuboid.scene.schema import MIGRATIONS, VERSION
@@ -222,7 +222,7 @@ def test_a_place_is_recognised_and_labels_go_on(tmp_path: Path) -> None:
         with Scene.open(tmp_path / "s.cuboid") as scene:
             source = Source(f"/{visit}", "made", "estimated", len(shown), camera, {})
             tracker = scene.tracker(camera, source=source)
-            poses, found = tracker.poses(EstimatedPoses(camera, 0.0)), {}
+            poses, found = tracker.poses(GivenPoses()), {}
             for k, one in enumerate(shown):
                 frame = Frame(k, k / 15, one.color, one.depth_m)
                 with contextlib.suppress(FrameError):

@@ -7,8 +7,8 @@ tracker does it. What stood nowhere before and is like what is gone is that obje
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -17,8 +17,9 @@ from scipy.spatial import cKDTree
 
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.geometry.box import Box
-from cuboid.geometry.se3 import quat_wxyz_from_rotation, rotation_from_quat_wxyz
+from cuboid.geometry.se3 import quat_wxyz_from_rotation, rotation_from_quat_wxyz, transform
 from cuboid.objects.entry import MapObject
+from cuboid.scene.placing import Joined
 from cuboid.surfaces.grid import cells_of
 from cuboid.tracker import Tracker
 
@@ -118,6 +119,12 @@ class Changes:
             if old is not None and entry.confirmed:
                 self._hold_against(tracker, entry, old)
         self._find_moved(tracker)
+
+    def carry(self, joined: Sequence[Joined]) -> None:
+        """Let what stood in parts of the scene that were unconnected be known where these belong."""
+        for part in joined:
+            known = {label: (one, part.holds(one.box.center[None])[0]) for label, one in self._known.items()}
+            self._known = {label: _moved(one, part.T_new_old) if its else one for label, (one, its) in known.items()}
 
     def _hold_against(self, tracker: Tracker, entry: MapObject, old: Known) -> None:
         """End an object that frames see through, and part one from another that stands in its place."""
@@ -286,6 +293,11 @@ def _lab(rgb: UInt8Array) -> Float64Array:
     if len(rgb):
         lab[:] = cv2.cvtColor(np.ascontiguousarray(rgb[None], np.float32) / np.float32(255), cv2.COLOR_RGB2LAB)[0]
     return lab
+
+
+def _moved(known: Known, T: Float64Array) -> Known:
+    box = Box(transform(T, known.box.center), known.box.size, T[:3, :3] @ known.box.rotation)
+    return replace(known, box=box, points=transform(T, known.points).astype(np.float32))
 
 
 def _sides(box: Box) -> Float64Array:

@@ -12,7 +12,7 @@ from cuboid.errors import InputError, OutputError
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.scene.database import complaining, open_to_read, open_to_write, transaction
 from cuboid.scene.editing import _CAMERA
-from cuboid.scene.freezing import thaw
+from cuboid.scene.freezing import roots, thaw
 from cuboid.scene.packing import Columns, DamagedError, unpacked_block
 from cuboid.scene.saving import StateFile, load_blocks, load_parts
 from cuboid.tracker import Tracker
@@ -54,7 +54,7 @@ def _state_problems(connection: sqlite3.Connection) -> list[str]:
     if connection.execute("SELECT 1 FROM parts LIMIT 1").fetchone() is None:
         return []
     try:
-        tracker = thaw(load_parts(connection), Tracker(_CAMERA))[0]
+        tracker = thaw(load_parts(connection), *roots(Tracker(_CAMERA)))[0]
         if tracker is None:
             return ["the state of the tracker is missing"]
         read = sum(1 for _ in load_blocks(connection, tracker.voxels))
@@ -163,7 +163,7 @@ def _drop_orphans(connection: sqlite3.Connection) -> None:
 def _rescue_state(old: sqlite3.Connection, new: sqlite3.Connection, lost: list[str]) -> int:
     """Let the new file go on with what is left of the map; return how many blocks of it there are."""
     try:
-        tracker = thaw(load_parts(old), Tracker(_CAMERA))[0]
+        tracker, poses, _ = thaw(load_parts(old), *roots(Tracker(_CAMERA)))
     except (InputError, sqlite3.DatabaseError) as error:
         tracker = None
         lost.append(f"the map and the objects' evidence ({error})")
@@ -182,7 +182,7 @@ def _rescue_state(old: sqlite3.Connection, new: sqlite3.Connection, lost: list[s
             lost.append(f"block {number} of the map ({error})")
     columns = tuple(np.concatenate(parts) for parts in zip(*blocks, strict=True)) if blocks else voxels.rows_in(0)
     voxels.take_back(columns)
-    state = StateFile(tracker, new)
+    state = StateFile(tracker, new, () if poses is None else (poses,))
     with transaction(new):
         state.write(new, state.snapshot())
     return len(blocks)

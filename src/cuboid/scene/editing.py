@@ -9,10 +9,10 @@ from contextlib import contextmanager
 from cuboid.errors import InputError
 from cuboid.frame import Intrinsics
 from cuboid.objects.entry import MapObject
-from cuboid.posing import EstimatedPoses
 from cuboid.scene.database import transaction
 from cuboid.scene.records import Records
-from cuboid.scene.saving import StateFile, load_state
+from cuboid.scene.saving import StateFile
+from cuboid.scene.visit import load
 from cuboid.tracker import Tracker
 
 # The state is loaded to be changed, not to see with: any camera will do.
@@ -22,9 +22,8 @@ _CAMERA = Intrinsics(1.0, 1.0, 0.0, 0.0, 1, 1)
 @contextmanager
 def edited(connection: sqlite3.Connection) -> Iterator[Tracker]:
     """Give the tracker of a scene, and save what was done with it."""
-    estimated = EstimatedPoses(_CAMERA, 0.0)
-    tracker, poses = load_state(connection, Tracker(_CAMERA), estimated)
-    state = StateFile(tracker, connection, () if poses is None else (poses,))
+    tracker, poses = load(connection, Tracker(_CAMERA))
+    state = StateFile(tracker, connection, (poses,))
     yield tracker
     records = Records(connection, 0)
     with transaction(connection):

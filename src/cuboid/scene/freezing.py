@@ -37,6 +37,7 @@ from cuboid.poses.places import Appearance
 from cuboid.poses.pyramid import SmallImage
 from cuboid.posing import EstimatedPoses
 from cuboid.scene.packing import form_of, from_bytes, from_form
+from cuboid.scene.placing import ScenePoses
 from cuboid.surfaces.grid import GroundPlan
 from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.planes import PlaneTracker
@@ -92,7 +93,8 @@ KINDS = {
         Kind(ObjectStore),
         Kind(Affinity),
         Kind(MapObject, key=lambda entry: entry.number, replaced=frozenset({"points", "colors"})),
-        Kind(EstimatedPoses),
+        Kind(ScenePoses, kept_apart=frozenset({"intrinsics"})),
+        Kind(EstimatedPoses),  # of files from before there were parts
         Kind(PoseEstimator, kept_apart=frozenset({"intrinsics"})),
         Kind(Atlas),
         Kind(Keyframe, key=lambda keyframe: keyframe.number, kept_apart=frozenset({"_reference"})),
@@ -213,6 +215,11 @@ class _Freezer:
             return ["array", form_of(array), array.tobytes()]
         part.arrays[path] = form_of(array), array.copy() if self._copied else array
         return ["large", path]
+
+
+def roots(fresh: Tracker) -> tuple[Tracker, ScenePoses, EstimatedPoses]:
+    """Return new ones of all that a scene's state may hold, beginning with a tracker."""
+    return fresh, ScenePoses(fresh.intrinsics, fresh.config), EstimatedPoses(fresh.intrinsics, 0.0)
 
 
 def thaw(parts: Mapping[str, Part], *fresh: object) -> tuple[Any, ...]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cuboid.config import TrackerConfig
-from cuboid.errors import InputError
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.outputs import ResultWriter
 from cuboid.posing import Poses
@@ -54,7 +53,7 @@ class IntoScene:
     path : Path
         Of its file, which is made where there is none.
     same_world : bool
-        The recording's given poses are in the scene's world.
+        The recording's given poses are in the scene's world; else they are aligned with it by the looks of the place.
     resume : bool
         Go on with a run that was broken off.
     commit_every_s : float
@@ -65,6 +64,13 @@ class IntoScene:
     same_world: bool = False
     resume: bool = False
     commit_every_s: float = COMMIT_EVERY_S
+
+    def corrects(self, poses: str) -> bool:
+        """Tell whether the poses of a recording, "given" or "estimated", are corrected while it is tracked."""
+        if poses == "estimated" or self.same_world:
+            return poses == "estimated"
+        with Scene.open(self.path) as scene:
+            return len(scene.recordings) > int(self.resume)
 
     @contextmanager
     def session(
@@ -84,14 +90,10 @@ class IntoScene:
             Another one writes the scene, or it cannot be written.
         """
         with Scene.open(self.path) as scene:
-            if scene.recordings and source.poses == "given" and not (self.same_world or self.resume):
-                raise InputError(
-                    f"{self.path}: the recording's poses may be in another world than the scene; --same-world says "
-                    "that they are in the same, --poses estimated finds the place by its looks"
-                )
             tracker = scene.tracker(
-                camera, config, proposals, source=source, resume=self.resume, commit_every_s=self.commit_every_s
-            )
+                camera, config, proposals, source=source, same_world=self.same_world, resume=self.resume,
+                commit_every_s=self.commit_every_s,
+            )  # fmt: skip
             try:
                 yield SceneRun(scene, tracker)
             finally:
@@ -132,6 +134,10 @@ class SceneRun:
     def poses(self, given: Poses) -> Poses:
         """Return where poses in the scene's world come from."""
         return self.tracker.poses(given)
+
+    def warnings(self) -> tuple[str, ...]:
+        """Return what the user should know of the recording in the scene."""
+        return self.tracker.warnings()
 
     def next_frame(self) -> None:
         """Commit what is new, where it is time."""

@@ -19,14 +19,14 @@ from cuboid.errors import InputError
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import compose, rotation_from_quat_wxyz
-from cuboid.posing import POSES_MOVE, EstimatedPoses
 from cuboid.proposals import make_source
 from cuboid.proposals.types import ProposalSource
 from cuboid.scene import editing
 from cuboid.scene import visit as visits
 from cuboid.scene.database import RESCUE, Writing, complaining, open_to_read, open_to_write, transaction
 from cuboid.scene.packing import DamagedError
-from cuboid.scene.saving import has_state, load_state
+from cuboid.scene.placing import ESTIMATED, OWN_WORLD, SAME_WORLD, ScenePoses
+from cuboid.scene.saving import has_state
 from cuboid.scene.session import COMMIT_EVERY_S, OwnFrames, SceneTracker
 from cuboid.scene.visit import Source
 from cuboid.tracker import Tracker
@@ -241,6 +241,7 @@ class Scene:
         proposals: str | ProposalSource | None = None,
         *,
         source: Source | None = None,
+        same_world: bool = True,
         resume: bool = False,
         commit_every_s: float = COMMIT_EVERY_S,
     ) -> SceneTracker:
@@ -256,6 +257,8 @@ class Scene:
             As for `Tracker`.
         source : Source, optional
             What the scene is told of the recording.
+        same_world : bool
+            Given poses are in the scene's world; else they are aligned with it by `SceneTracker.poses`.
         resume : bool
             Go on with the last recording, from the frame `visit.next_frame` on.
         commit_every_s : float
@@ -264,7 +267,7 @@ class Scene:
         ------
         InputError
             The scene's state is damaged or of another version; there is nothing to resume; `config` is not that of
-            the scene.
+            the scene; poses are to be aligned with a scene that has no keyframes.
         OutputError
             Another one writes the scene, or it cannot be written.
         """
@@ -275,24 +278,28 @@ class Scene:
         connection = file.connection
         with complaining(self.path):
             own = OwnFrames(make_source(proposals))
-            tracker, poses = Tracker(intrinsics, config, own), None
-            estimated = EstimatedPoses(intrinsics, POSES_MOVE * tracker.config.voxel_m)
+            tracker = Tracker(intrinsics, config, own)
+            poses = ScenePoses(intrinsics, tracker.config)
             if has_state(connection):
-                tracker, poses = self._going_on(connection, config, tracker, estimated)
+                tracker, poses = self._going_on(connection, config, tracker)
             else:  # it may have had a state, and lost it with a damaged file
                 tracker.begin_labels(
                     1 + connection.execute("SELECT coalesce(max(label), 0) FROM objects").fetchone()[0]
                 )
-            if poses is None and source.poses == "estimated":
-                poses = estimated
+            mode = ESTIMATED if source.poses == "estimated" else SAME_WORLD if same_world else OWN_WORLD
             if resume:
                 visit = visits.resume(connection, source, str(self.path))
             else:
+                if mode == OWN_WORLD and self.recordings and not poses.knows_places:
+                    raise InputError(
+                        f"{self.path}: has no keyframes to recognise the place by; --same-world says that the "
+                        "recording's poses are in the scene's world"
+                    )
                 visit = visits.begin(connection, source, np.eye(4), tracker)
-            if visit.number > 1 and visit.next_frame == 0:
-                tracker.begin_visit()
-                if poses is not None:
-                    poses.begin_lost()
+            if visit.next_frame == 0:
+                poses.begin(mode, first=visit.number == 1)
+                if visit.number > 1:
+                    tracker.begin_visit()
             own.first_frame = visit.first_frame
             names = dict(connection.execute("SELECT label, name FROM objects WHERE name IS NOT NULL"))
         self._tracker = SceneTracker(self.path, file, tracker, poses, visit, names, commit_every_s)
@@ -303,11 +310,10 @@ class Scene:
         connection: sqlite3.Connection,
         config: TrackerConfig | None,
         fresh: Tracker,
-        estimated: EstimatedPoses,
-    ) -> tuple[Tracker, EstimatedPoses | None]:
+    ) -> tuple[Tracker, ScenePoses]:
         """Return tracker and poses as the scene has them."""
         try:
-            tracker, poses = load_state(connection, fresh, estimated)
+            tracker, poses = visits.load(connection, fresh)
         except DamagedError as error:
             raise InputError(f"{self.path}: {error}; {RESCUE}") from None
         if config is not None:

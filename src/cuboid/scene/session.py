@@ -9,11 +9,12 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 from cuboid.frame import Float64Array, Frame, Intrinsics
-from cuboid.posing import EstimatedPoses, Posed, Poses
+from cuboid.posing import Posed, Poses
 from cuboid.proposals.types import Proposals, ProposalSource
 from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
-from cuboid.scene import changes
+from cuboid.scene import changes, parts
 from cuboid.scene.database import Writing, complaining, transaction
+from cuboid.scene.placing import ESTIMATED, SAME_WORLD, Joined, ScenePoses
 from cuboid.scene.records import Records
 from cuboid.scene.saving import StateFile
 from cuboid.scene.visit import Visit
@@ -36,8 +37,8 @@ class SceneTracker:
         Of the scene.
     file : Writing
     tracker : Tracker
-    poses : EstimatedPoses or None
-        Saved with the tracker, where the scene has any.
+    poses : ScenePoses
+        Saved with the tracker.
     visit : Visit
         The recording in the scene.
     names : mapping of int to str
@@ -55,7 +56,7 @@ class SceneTracker:
         path: Path,
         file: Writing,
         tracker: Tracker,
-        poses: EstimatedPoses | None,
+        poses: ScenePoses,
         visit: Visit,
         names: Mapping[int, str],
         commit_every_s: float,
@@ -63,8 +64,9 @@ class SceneTracker:
         self._path, self._file, self._tracker, self._visit = path, file, tracker, visit
         self._names, self._every_s, self._poses = names, commit_every_s, poses
         self._records = Records(file.connection, visit.number, visit.pixels)
-        self._state = StateFile(tracker, file.connection, () if poses is None else (poses,))
+        self._state = StateFile(tracker, file.connection, (poses,))
         self._changes = changes.load(file.connection, visit.first_frame)
+        self._joined: list[Joined] = []
         self._pending: list[tuple[str, str]] = []
         self._next_frame = visit.next_frame
         self._thread = ThreadPoolExecutor(1, "cuboid-scene")
@@ -96,6 +98,8 @@ class SceneTracker:
             self.commit_if_due()
         shifted = dataclasses.replace(frame, index=frame.index + self._visit.first_frame)
         found = dataclasses.replace(self._tracker.update(shifted, anchor), index=frame.index)
+        if self._poses.mode == SAME_WORLD:
+            self._poses.take(shifted)
         self._records.add(frame, found)
         if shifted.index % changes.EVERY_FRAMES == 0 and self._visit.number > 1:
             self._changes.recognise(self._tracker)
@@ -110,13 +114,25 @@ class SceneTracker:
         given : Poses
             The recording's own, where it has any.
         """
-        if self._poses is not None and not given.given_with_frames:
-            return _ScenePoses(self._poses, self._visit.first_frame)
-        return given
+        if self._poses.mode == SAME_WORLD:
+            return given
+        return _PosesOfVisit(self._poses, self._visit.first_frame, self._tracker)
+
+    def warnings(self) -> tuple[str, ...]:
+        """Return what the user should know of the recording in the scene."""
+        if self._poses.recognised:
+            return ()
+        return (
+            f"{self._path}: the place was not recognised: the recording is a part of its own in the scene, until a "
+            "later one connects them",
+        )
 
     def carry(self, moved: Mapping[int, Float64Array]) -> None:
         """Move what was found with the keyframes; see `Tracker.carry`."""
         self._tracker.carry(moved)
+        joined = self._poses.take_joined()
+        self._changes.carry(joined)
+        self._joined += joined
 
     def skip(self, index: int) -> None:
         """Tell that a frame cannot be used."""
@@ -209,6 +225,7 @@ class SceneTracker:
         begun_s = time.monotonic()
         state, rows = self._state.snapshot(), self._records.take(self._tracker)
         pending, self._pending = self._pending, []
+        joined, self._joined = self._joined, []
         visit, next_frame = self._visit, self._next_frame
         told = self._changes.tell(self._tracker, self._records.seen) if ended and visit.number > 1 else []
 
@@ -217,6 +234,7 @@ class SceneTracker:
             with transaction(connection):
                 self._state.write(connection, state)
                 rows.write(connection)
+                parts.carry_rows(connection, joined)
                 changes.write(connection, visit.number, told)
                 visit.write(connection, next_frame, pending, complete=complete, ended=ended)
 
@@ -252,16 +270,16 @@ class OwnFrames:
         return self._source(frame, intrinsics)
 
 
-class _ScenePoses:
-    """Estimated poses of a recording whose frames the scene counts on from others."""
+class _PosesOfVisit:
+    """Where the frames of a recording are taken, whose numbers the scene counts on from others."""
 
-    given_with_frames = False
-
-    def __init__(self, poses: EstimatedPoses, first_frame: int) -> None:
-        self._poses, self._first = poses, first_frame
+    def __init__(self, poses: ScenePoses, first_frame: int, tracker: Tracker) -> None:
+        self._poses, self._first, self._tracker = poses, first_frame, tracker
+        self.given_with_frames = poses.mode != ESTIMATED
 
     def locate(self, frame: Frame) -> Posed:
-        return self._poses.locate(dataclasses.replace(frame, index=frame.index + self._first))
+        return self._poses.locate(dataclasses.replace(frame, index=frame.index + self._first), self._tracker.up)
 
-    def trajectory(self) -> Mapping[int, Float64Array]:
-        return {k - self._first: T for k, T in self._poses.trajectory().items() if k >= self._first}
+    def trajectory(self) -> Mapping[int, Float64Array] | None:
+        found = self._poses.trajectory(self._first)
+        return None if found is None else {k - self._first: T for k, T in found.items()}

@@ -15,6 +15,9 @@ from cuboid.errors import InputError
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.scene import changes
 from cuboid.scene.database import transaction
+from cuboid.scene.freezing import roots
+from cuboid.scene.placing import ScenePoses
+from cuboid.scene.saving import load_state
 from cuboid.tracker import Tracker
 
 
@@ -139,6 +142,28 @@ def resume(connection: sqlite3.Connection, source: Source, path: str) -> Visit:
                 f"{path}: --resume: the run was begun with {name} = {told.get(name)}, not {asked.get(name)}"
             )
     return Visit(row[0], row[4], row[5], np.frombuffer(row[8], "<f8").reshape(4, 4).copy(), told.get("scale", 1))
+
+
+def load(connection: sqlite3.Connection, fresh: Tracker) -> tuple[Tracker, ScenePoses]:
+    """Return a tracker, and where its frames are taken, that go on from the state of a scene.
+
+    Parameters
+    ----------
+    connection : sqlite3.Connection
+    fresh : Tracker
+        A new one for the frames that come.
+
+    Raises
+    ------
+    InputError
+        The state is damaged, or of another version.
+    """
+    tracker, poses, estimated = load_state(connection, *roots(fresh))
+    if poses is None:
+        poses = ScenePoses(fresh.intrinsics, tracker.config)
+        if estimated is not None:
+            poses = ScenePoses.of_earlier(poses, estimated)
+    return tracker, poses
 
 
 def pending(connection: sqlite3.Connection, visit: Visit) -> dict[str, str]:
