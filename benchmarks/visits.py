@@ -17,6 +17,7 @@ import argparse
 import shutil
 import sys
 from collections.abc import Sequence
+from contextlib import closing, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,20 +27,23 @@ import numpy as np
 from cuboid import CuboidError, open_recording
 from cuboid.cli.threads import limit_threads
 from cuboid.converting import convert_recording
-from cuboid.errors import FrameError, InputError
+from cuboid.errors import FrameError
 from cuboid.evaluation import evaluate
-from cuboid.evaluation.alignment import mean_motion
 from cuboid.evaluation.timed_poses import read_poses
 from cuboid.evaluation.trajectory import associate, evaluate_trajectory, rigid_fit
 from cuboid.evaluation.truth import read_truth
 from cuboid.evaluation.visits import evaluate_visits, is_visits
-from cuboid.geometry.overlap import iou_matrix, pack
 from cuboid.geometry.se3 import transform
 from cuboid.outputs import PoseRow
+from cuboid.readers import Recording
 from cuboid.run import track_recording
-from cuboid.scene import Scene, Source
+from cuboid.scene import Scene
+from cuboid.scene.database import open_to_read
+from cuboid.scene.placing import ESTIMATED
 from cuboid.scene.running import IntoScene
+from cuboid.scene.visit import load
 from cuboid.synthetic import make_visits, render_visits
+from cuboid.tracker import Tracker
 from scenes import SIZE, MadeScene, made, scene_01, source_digest
 from tables import dump, show
 
@@ -47,11 +51,14 @@ KINDS, SEEDS = ("table", "clutter", "leave"), {"table": range(1, 7), "clutter": 
 FRAMES = 120
 # Where scene 01 is cut.
 HALF = 450
-# Rooms of the tries, and how long each is shown: every so many frames of a recording.
+# Rooms of the tries: so many frames, every other one, make the scene; so many, spread over all, are shown to others.
 ROOMS = [("table", 11), ("table", 12), ("tables", 11), ("tables", 12), ("clutter", 11), ("leave", 11), ("room", 11),
          ("room", 12)]  # fmt: skip
-REAL = ("rgbd-scenes-v2/imgs/scene_01", "rgbd_dataset_freiburg1_xyz", "desk-realsense", "office-scan")
-SHOWN, SHOWN_EVERY = 12, 9
+REAL = ("rgbd-scenes-v2/imgs/scene_01", "rgbd_dataset_freiburg1_xyz", "desk-realsense")
+ROOM_SIZE, ROOM_FRAMES = (320, 240), 60
+SHOWN = 12
+# Numbers of frames that come later than any of the scene's.
+LATER = 1_000_000
 
 
 def changes(args: argparse.Namespace) -> None:
@@ -154,6 +161,44 @@ def _labels_of(output: Path, truth: Path, recording: Path) -> tuple[dict[int, in
     return {item.id: item.box.label for item in found.objects if item.box is not None}, set(found.map.wrong_labels)
 
 
+def places(args: argparse.Namespace) -> None:
+    """Show recordings to the scenes of other rooms."""
+    rooms = {f"{kind} {seed}": made(MadeScene(kind, seed, size=ROOM_SIZE), args.work).recording for kind, seed in ROOMS}
+    if args.data is not None:
+        rooms |= {name: args.data / name for name in REAL}
+    scenes = {}
+    for name, path in rooms.items():
+        scenes[name] = _fresh(args.work / "scenes" / f"place-{len(scenes)}.cuboid")
+        track_recording(
+            open_recording(path), None, poses="estimated", every=2, limit=ROOM_FRAMES, into=IntoScene(scenes[name])
+        )
+    tries, found = [], []
+    for known, scene in scenes.items():
+        for shown, path in rooms.items():
+            if shown != known:
+                recognised = _shown(scene, open_recording(path))
+                tries.append((known, shown))
+                found += [(known, shown, recognised)] if recognised else []
+                print(f"{len(tries)}: {shown} shown to {known}: {recognised} recognised", file=sys.stderr, flush=True)
+    if args.json:
+        dump({"tries": len(tries), "false": [list(one) for one in found]})
+    else:
+        print(f"{len(tries)} tries between different rooms, {SHOWN} frames each: {len(found)} recognised {found or ''}")
+
+
+def _shown(scene: Path, recording: Recording) -> int:
+    """Return how many frames of a recording, spread over it, are taken for a place of a scene, each begun lost."""
+    with closing(open_to_read(scene)) as connection:
+        tracker, poses = load(connection, Tracker(recording.intrinsics))
+    count = 0
+    for index in np.linspace(0, len(recording) - 1, SHOWN).astype(int).tolist():
+        poses.begin(ESTIMATED, first=False)
+        with suppress(FrameError):
+            poses.locate(replace(recording.read(index), index=LATER + index, T_world_camera=None), tracker.up)
+            count += poses.recognised
+    return count
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("name", choices=("changes", "halves", "places"))
@@ -167,7 +212,7 @@ def main() -> int:
     args = parser.parse_args()
     limit_threads(1)
     try:
-        {"changes": changes, "halves": halves}[args.name](args)
+        {"changes": changes, "halves": halves, "places": places}[args.name](args)
     except CuboidError as error:
         print(f"visits: {error}", file=sys.stderr)
         return 2

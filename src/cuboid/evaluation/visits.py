@@ -96,14 +96,14 @@ def evaluate_visits(scene: Path, folder: Path) -> VisitsQuality:
 
 
 def _labels(scene: Scene, number: int, folder: Path) -> dict[int, int]:
-    """Return the label of each thing in a visit, by id, by the boxes at its end."""
+    """Return the label that each thing had in a visit, by id, by the boxes at its end."""
     truth = read_truth(folder)
     gone = {one.label for one in scene.changes(number) if one.recording == number and one.change == "gone"}
     boxes = {}
     for item in scene.all_objects:
-        own = [past for past in scene.history(item.label) if past.recording == number]
-        if item.merged_into is None and item.state != "forgotten" and own and item.label not in gone:
-            boxes[item.label] = own[-1].box
+        if item.merged_into is None and item.state != "forgotten" and item.label not in gone:
+            # What was merged into it since had a label, and a box, of its own then.
+            boxes |= {past.label: past.box for past in scene.history(item.label) if past.recording == number}
     if not boxes:
         return {}
     iou = iou_matrix(pack([one.box for one in truth.objects]), pack(list(boxes.values())))

@@ -26,11 +26,12 @@ from cuboid.working import thin
 ASIDE_M = 200.0
 # Frames of a new part without a level surface, after which the images' up has to do.
 PATIENCE_FRAMES = 30
-# A recording with poses of its own is looked for every so many frames, then in its keyframes until it was recognised so
-# often: each time has an error of about a centimetre, and a lever as long as the room.
-SEARCH_EVERY, ENOUGH = 5, 12
-# What is recognised farther off than this from the first time is another place that looks alike: metres, radians.
-SAME_M, SAME_RAD = 0.3, 0.15
+# A recording with poses of its own is looked for every so many frames, until so many that were recognised agree: one
+# alone may be a shift along a wall. Then its keyframes are looked for, until so many were recognised: each has an error
+# of a centimetre, and a lever as long as the room.
+SEARCH_EVERY, AGREEING, ENOUGH = 5, 2, 12
+# Two frames that were recognised agree when each puts the other within this of where it was found: metres, radians.
+SAME_M, SAME_RAD = 0.05, 0.05
 
 ESTIMATED, SAME_WORLD, OWN_WORLD = "estimated", "same world", "own world"
 
@@ -77,8 +78,9 @@ class ScenePoses:
         self._part = 0
         self._T_part_recording: Float64Array = np.eye(4)
         self._own: list[int] = []
-        self._seen_as: list[tuple[Float64Array, Float64Array]] = []  # poses in the part and in the recording's world
-        self._recognised = False
+        # Frames that were recognised: part, pose in it, and pose in the recording's world.
+        self._seen_as: list[tuple[int, Float64Array, Float64Array]] = []
+        self._aligned = self._recognised = False
         self._waited = 0
 
     @classmethod
@@ -94,7 +96,7 @@ class ScenePoses:
         Its poses are `ESTIMATED`, or given, in the `SAME_WORLD` or in its `OWN_WORLD`.
         """
         self.mode = SAME_WORLD if first and mode == OWN_WORLD else mode
-        self._own, self._seen_as, self._waited = [], [], 0
+        self._own, self._seen_as, self._aligned, self._waited = [], [], False, 0
         self._part, self._T_part_recording = 0, np.eye(4)
         self._recognised = first or mode == SAME_WORLD
         if not first and mode == ESTIMATED:
@@ -175,31 +177,38 @@ class ScenePoses:
         self._own += [] if number is None else [number]
         if not self._own:
             raise FrameError(LOST)
-        due = number is not None or (not self._seen_as and frame.index % SEARCH_EVERY == 0)
-        if due and len(self._seen_as) < ENOUGH:
-            self._look_for(frame, T_part_camera)
+        due = number is not None or (not self._aligned and frame.index % SEARCH_EVERY == 0)
+        if due and not (self._aligned and len(self._seen_as) >= ENOUGH):
+            self._look_for(frame)
             T_part_camera = tidied(self._T_part_recording @ frame.T_world_camera)
         self._estimator.hang(frame.index, T_part_camera, self._own[-1])
         return self._part, T_part_camera, self._own[-1]
 
-    def _look_for(self, frame: Frame, T_part_camera: Float64Array) -> None:
-        """Recognise a frame, and let the recording lie where all that were recognised say."""
+    def _look_for(self, frame: Frame) -> None:
+        """Recognise a frame, and let the recording lie where frames that agree say."""
         assert frame.T_world_camera is not None
         place = self._estimator.find(frame, self._own)
         if place is None:
             return
         known = self._estimator.keyframes[place.keyframe]
         T_known_camera = known.T_world_camera @ place.T_keyframe_camera
-        if not self._seen_as:
-            self._estimator.join(self._part, known.submap, T_known_camera @ inverse(T_part_camera))
-            self._part, self._T_part_recording = known.submap, T_known_camera @ inverse(frame.T_world_camera)
-        elif known.submap != self._part or not _near(T_known_camera, T_part_camera):
+        T_known_recording = T_known_camera @ inverse(frame.T_world_camera)
+        agreeing = [
+            (T, given)
+            for part, T, given in self._seen_as
+            if part == known.submap and _near(T_known_recording @ given, T)
+        ]
+        self._seen_as.append((known.submap, T_known_camera, frame.T_world_camera))
+        if len(agreeing) < AGREEING - 1:
             return
-        self._seen_as.append((T_known_camera, frame.T_world_camera))
-        T_part, T_recording = (np.array(poses) for poses in zip(*self._seen_as, strict=True))
-        better = mean_motion(T_part, T_recording)
-        self._estimator.move(self._own, better @ inverse(self._T_part_recording))
-        self._T_part_recording = better
+        T_known, given = (np.array(poses) for poses in zip(*agreeing, self._seen_as[-1][1:], strict=True))
+        better = mean_motion(T_known, given)
+        if self._part != known.submap:
+            self._estimator.join(self._part, known.submap, better @ inverse(self._T_part_recording))
+            self._part = known.submap
+        else:
+            self._estimator.move(self._own, better @ inverse(self._T_part_recording))
+        self._T_part_recording, self._aligned = better, True
 
     def _aside(self, part: int, frame: Frame, T_part_camera: Float64Array, up: Float64Array | None) -> Float64Array:
         """Return where a new part stands: aside, and level."""
