@@ -7,6 +7,7 @@ tracker does it. What stood nowhere before and is like what is gone is that obje
 from __future__ import annotations
 
 import sqlite3
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -43,8 +44,10 @@ CARVED, SEEN_AGAIN, LEFT = 0.5, 0.15, 0.3
 UNLIKE, SAME_PLACE, CHANGED = 0.15, 0.6, 0.15
 # Objects that were moved are looked for every so many frames.
 EVERY_FRAMES = 10
-# A place was seen before when this share of its ground was.
-KNOWN_GROUND = 0.5
+# A place was seen before when this share of its ground was. It was empty unless this share of what stands there now, so
+# far above its ground, metres, lies in cells of the map, of such a side, that were no object's: what was not told from
+# the room before is not new.
+KNOWN_GROUND, STOOD, ABOVE_M, CELL_M = 0.5, 0.5, 0.02, 0.02
 
 Look = npt.NDArray[np.float64]
 
@@ -93,6 +96,7 @@ class Change:
     sure: float = 1.0
 
 
+Cells = npt.NDArray[np.int64]
 Ground = tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]
 
 
@@ -107,10 +111,14 @@ class Changes:
         By label.
     ground : mapping of int to (corner, (N, M) bool)
         Where each plane had been seen by then, by its identity.
+    occupied : (N,) int64
+        Cells in which something stood by then that had no label, in order.
     """
 
-    def __init__(self, first_frame: int, known: Mapping[int, Known], ground: Mapping[int, Ground]) -> None:
-        self._first_frame, self._known, self._ground = first_frame, known, ground
+    def __init__(
+        self, first_frame: int, known: Mapping[int, Known], ground: Mapping[int, Ground], occupied: Cells
+    ) -> None:
+        self._first_frame, self._known, self._ground, self._occupied = first_frame, known, ground, occupied
 
     def recognise(self, tracker: Tracker) -> None:
         """Find what is gone, what stands in another one's place, and what is gone there and stands here."""
@@ -180,7 +188,8 @@ class Changes:
                 labels = {entry.label, *entry.merged_labels}
                 changes.append(self._became(entry, old, any(label in seen for label in labels)))
             elif entry.confirmed and entry.first_frame >= self._first_frame:
-                kind = "new" if self._was_seen(tracker, entry) else "found"
+                new = self._was_seen(tracker, entry) and not self._stood(tracker, entry)
+                kind = "new" if new else "found"
                 changes.append(Change(entry.label, kind, None, entry.box.center))
         return changes
 
@@ -216,6 +225,19 @@ class Changes:
         inside = (i >= 0) & (j >= 0) & (i < known.shape[0]) & (j < known.shape[1])
         return float((inside & known[np.where(inside, i, 0), np.where(inside, j, 0)]).mean()) >= KNOWN_GROUND
 
+    def _stood(self, tracker: Tracker, entry: MapObject) -> bool:
+        """Tell whether what is an object now was there before the visit, without a label."""
+        plane = None if entry.plane is None else tracker.support.find(entry.plane)
+        points = entry.points
+        if plane is not None:
+            normal, offset = tracker.support.in_world(plane)
+            points = points[points @ normal + offset > ABOVE_M]
+        if not len(points) or not len(self._occupied):
+            return False
+        cells = _cells_of(points)
+        at = np.minimum(np.searchsorted(self._occupied, cells), len(self._occupied) - 1)
+        return bool((self._occupied[at] == cells).mean() >= STOOD)
+
 
 def begin(connection: sqlite3.Connection, tracker: Tracker) -> None:
     """Write down how things stand when a visit begins, within the caller's transaction."""
@@ -239,6 +261,26 @@ def begin(connection: sqlite3.Connection, tracker: Tracker) -> None:
         corner = plane.plan.corner.tolist()
         row = (plane.identity, *corner, *seen.shape, np.packbits(seen).tobytes())
         connection.execute("INSERT INTO ground VALUES (?, ?, ?, ?, ?, ?)", row)
+    connection.execute("DELETE FROM occupied")
+    steps = np.diff(_occupied(tracker), prepend=0).astype("<i8")
+    connection.execute("INSERT INTO occupied VALUES (?)", (zlib.compress(steps.tobytes()),))
+
+
+def _occupied(tracker: Tracker) -> Cells:
+    """Return the cells of the map in which something is that has no label, in order."""
+    voxels = tracker.voxels
+    labelled = np.zeros(1 + max((o.number for o in tracker.ever_labelled()), default=0), bool)
+    labelled[[o.number for o in tracker.ever_labelled() if o.confirmed]] = True
+    rows = voxels.living()
+    owner = voxels.owner[rows]
+    rows = rows[~labelled[np.where(owner < len(labelled), owner, 0)]]
+    return np.unique(_cells_of(voxels.xyz(rows)))
+
+
+def _cells_of(points: Float32Array) -> Cells:
+    """Return a number for the cell of each point (N, 3)."""
+    x, y, z = (np.floor(points.astype(np.float64) / CELL_M).astype(np.int64) + (1 << 20)).T
+    return np.asarray(x << 42 | y << 21 | z)
 
 
 def load(connection: sqlite3.Connection, first_frame: int) -> Changes:
@@ -256,7 +298,9 @@ def load(connection: sqlite3.Connection, first_frame: int) -> Changes:
     for plane, i, j, rows, columns, seen in connection.execute("SELECT * FROM ground"):
         bits = np.unpackbits(np.frombuffer(seen, np.uint8), count=rows * columns).reshape(rows, columns)
         ground[plane] = np.array([i, j]), bits.astype(bool)
-    return Changes(first_frame, known, ground)
+    row = connection.execute("SELECT cells FROM occupied").fetchone()
+    steps = np.zeros(0, np.int64) if row is None else np.frombuffer(zlib.decompress(row[0]), "<i8")
+    return Changes(first_frame, known, ground, np.cumsum(steps))
 
 
 def write(connection: sqlite3.Connection, recording: int, changes: list[Change]) -> None:

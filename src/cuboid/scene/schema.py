@@ -153,6 +153,12 @@ CREATE TABLE changes (
 ) STRICT;
 """
 
+_OCCUPIED = """
+CREATE TABLE occupied (
+    cells BLOB NOT NULL
+) STRICT;
+"""
+
 # What makes a file of version k + 1 of one of version k, from 0: an empty one.
-MIGRATIONS: tuple[str, ...] = (_FIRST, _CHANGES)
+MIGRATIONS: tuple[str, ...] = (_FIRST, _CHANGES, _OCCUPIED)
 VERSION = len(MIGRATIONS)
