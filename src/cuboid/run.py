@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from cuboid.proposals.types import ProposalSource
     from cuboid.readers.depth_camera import DepthCamera
     from cuboid.scene.running import IntoScene, SceneRun
+    from cuboid.views.report import ShownChange
     from cuboid.views.report.pictures import Picture
     from cuboid.views.video import View
 
@@ -313,7 +314,7 @@ def track_recording(
         if session is not None:
             session.finish(complete=complete)
     if output is not None and page:
-        write_page(output, recording)
+        write_page(output, recording, () if into is None else into.shown_changes())
     return RunOutcome(
         report, objects, planes, up, log.milliseconds, log.frames_per_second(), tracker.points_known, tracker.map_bytes
     )
@@ -506,11 +507,11 @@ def _view(
         view.close(complete=True)
 
 
-def write_page(output: Path, recording: RecordingLike) -> Mapping[int, Picture]:
+def write_page(output: Path, recording: RecordingLike, changes: Sequence[ShownChange] = ()) -> Mapping[int, Picture]:
     """Write the 3D page of the results that lie in the output folder now; return its pictures of objects, by label."""
     from cuboid.views.report import summarise, write_report
 
-    summary = summarise(output, recording.read)
+    summary = summarise(output, recording.read, changes)
     write_report(output / REPORT, summary)
     return summary.pictures
 

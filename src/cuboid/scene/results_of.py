@@ -88,6 +88,7 @@ def _seen(scene: Scene, number: int) -> tuple[dict[int, list[Sighting]], list[Tr
     frames: dict[int, list[Sighting]] = defaultdict(list)
     objects: list[TrackedObject] = []
     merged: dict[int, list[int]] = defaultdict(list)
+    gone = {one.label for one in scene.changes(number) if one.recording == number and one.change == "gone"}
     for item in scene.all_objects:
         if item.merged_into is not None:
             merged[item.merged_into].append(item.label)
@@ -97,7 +98,8 @@ def _seen(scene: Scene, number: int) -> tuple[dict[int, list[Sighting]], list[Tr
             continue
         for past in own:
             frames[past.frame].append(Sighting(past.label, past.box, past.iou, past.visible, past.rect_xyxy))
-        objects.append(_object(item, own, merged[item.label]))
+        if item.label not in gone:
+            objects.append(_object(item, own, merged[item.label]))
     for rows in frames.values():
         rows.sort(key=lambda one: one.label)
     return frames, objects

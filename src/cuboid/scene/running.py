@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float64Array, Intrinsics
@@ -15,6 +16,9 @@ from cuboid.proposals.types import ProposalSource
 from cuboid.scene.scene import Scene
 from cuboid.scene.session import COMMIT_EVERY_S, SceneTracker
 from cuboid.scene.visit import Source
+
+if TYPE_CHECKING:
+    from cuboid.views.report import ShownChange
 
 # Where the frames that were skipped are kept until the run ends, beside the files of its results.
 SKIPPED = "skipped"
@@ -71,6 +75,11 @@ class IntoScene:
             return poses == "estimated"
         with Scene.open(self.path) as scene:
             return len(scene.recordings) > int(self.resume)
+
+    def shown_changes(self) -> list[ShownChange]:
+        """Return what the last recording changed, as the 3D page shows it."""
+        with Scene.open(self.path) as scene:
+            return scene.shown_changes(len(scene.recordings))
 
     @contextmanager
     def session(

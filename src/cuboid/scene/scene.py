@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,9 @@ from cuboid.scene.saving import has_state
 from cuboid.scene.session import COMMIT_EVERY_S, OwnFrames, SceneTracker
 from cuboid.scene.visit import Source
 from cuboid.tracker import Tracker
+
+if TYPE_CHECKING:
+    from cuboid.views.report import ShownChange
 
 # A name that people give has at most so many characters.
 LONGEST_NAME = 100
@@ -419,6 +422,28 @@ class Scene:
             SceneChange(number, label, name, change, _place_of(rest[:3]), _place_of(rest[3:6]), *rest[6:])
             for number, label, name, change, *rest in self._ask(query)
             if number in wanted
+        ]
+
+    def shown_changes(self, recording: int) -> list[ShownChange]:
+        """Return what was moved, is gone, is new or was found in a recording, as the 3D page shows it."""
+        from cuboid.views.report import ShownChange
+
+        boxes = {item.label: item.box for item in self.all_objects}
+        return [
+            ShownChange(
+                one.label,
+                one.name,
+                one.change,
+                boxes[one.label],
+                one.from_m,
+                one.to_m,
+                one.metres,
+                one.sure,
+                one.before,
+                one.after,
+            )
+            for one in self.changes(recording)
+            if one.recording == recording and one.change in ("moved", "gone", "new", "found") and one.label in boxes
         ]
 
     def picture(self, label: int) -> bytes | None:
