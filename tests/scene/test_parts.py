@@ -10,14 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cuboid.config import TrackerConfig
 from cuboid.errors import FrameError
 from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry import se3
 from cuboid.posing import GivenPoses
 from cuboid.scene import Scene, Source
 from cuboid.scene.checking import problems
+from cuboid.scene.freezing import freeze, roots, thaw
+from cuboid.scene.placing import ESTIMATED, OWN_WORLD, SAME_WORLD, ScenePoses
 from cuboid.synthetic import make_scene
 from cuboid.synthetic.view import SceneView
+from cuboid.tracker import Tracker
 
 MADE = make_scene("table", 6, frames=150, camera="orbit")
 CAMERA: Intrinsics = MADE.intrinsics(160, 120)
@@ -104,3 +108,28 @@ def test_given_poses_are_aligned_by_the_looks_of_the_place(shown: list[Frame], t
         assert len(both) >= 3
         assert all(np.linalg.norm(item.box.center) < 10 for item in scene.objects)
         assert not {change.change for change in scene.changes()} & {"gone", "moved", "new"}
+
+
+@pytest.mark.parametrize("mode", [ESTIMATED, OWN_WORLD])
+def test_poses_go_on_from_any_cut(mode: str, shown: list[Frame]) -> None:
+    """What has been recognised of a recording is saved, byte for byte."""
+
+    def run(cuts: tuple[int, ...]) -> list[bytes]:
+        poses, told = ScenePoses(CAMERA, TrackerConfig()), []
+        poses.begin(SAME_WORLD, first=True)
+        for frame in shown[:40]:
+            poses.take(frame)
+        poses.begin(mode, first=False)
+        for k, one in enumerate(shown[50:20:-1]):
+            given = None if mode == ESTIMATED else one.T_world_camera
+            with contextlib.suppress(FrameError):
+                frame = dataclasses.replace(one, index=100 + k, timestamp_s=k / 15, T_world_camera=given)
+                posed = poses.locate(frame, np.array([0.0, 0.0, 1.0]))
+                told += [posed.T_world_camera.tobytes(), *(T.tobytes() for T in posed.moved.values())]
+            if k in cuts:
+                _, poses, _ = thaw(freeze(poses), *roots(Tracker(CAMERA)))
+        return told + [T.tobytes() for T in poses.trajectory(100).values()]
+
+    whole = run(())
+    assert len(whole) > 50
+    assert run((2, 9, 13, 20, 26)) == whole
