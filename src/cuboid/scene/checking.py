@@ -39,7 +39,9 @@ def problems(path: Path) -> list[str]:
         return [str(error)]
     try:
         with complaining(path):
-            found = [row[0] for row in connection.execute(f"PRAGMA integrity_check({SAID})") if row[0] != "ok"]
+            said = connection.execute(f"PRAGMA integrity_check({SAID})").fetchall()
+            # SQLite may tell of several pages in one text.
+            found = [line for (text,) in said for line in text.splitlines() if line != "ok"]
             broken = connection.execute("PRAGMA foreign_key_check").fetchall()
             found += [f"a row of {table} refers to one of {other} that is not there" for table, _, other, _ in broken]
             found += _state_problems(connection)
