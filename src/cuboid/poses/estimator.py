@@ -182,6 +182,10 @@ class PoseEstimator:
     def join(self, submap: int, to: int, T_to_submap: Float64Array) -> None:
         """Make a submap part of another one."""
         self._atlas.join(submap, to, T_to_submap)
+        if submap == self._submap:
+            self._submap, self._T_world_camera = to, se3.tidied(T_to_submap @ self._T_world_camera)
+            if self._local:
+                self._use(self._local)
 
     def move(self, numbers: Collection[int], T_new_old: Float64Array) -> None:
         """Move keyframes, as one."""

@@ -205,9 +205,7 @@ class Changes:
 
     def _alike(self, entry: MapObject, old: Known) -> float:
         """Return how like an object is to one that was there, 0..1: in size and in colors from foot to top."""
-        sides = np.log(_sides(entry.box) / _sides(old.box)) / SIZE_SIGMA
-        off = (look_of(entry) - old.look) / np.array([LIGHT_SIGMA, COLOR_SIGMA, COLOR_SIGMA])
-        return float(np.exp(-0.5 * ((sides**2).mean() + (off**2).mean())))
+        return alike(look_of(entry), entry.box, old.look, old.box)
 
     def _was_seen(self, tracker: Tracker, entry: MapObject) -> bool:
         """Tell whether the ground that an object stands on had been seen before the visit."""
@@ -320,6 +318,13 @@ def write(connection: sqlite3.Connection, recording: int, changes: list[Change])
         "WHERE recording = ? AND change NOT IN ('unchanged', 'not looked at')",
         (recording,),
     )
+
+
+def alike(look: Look, box: Box, other_look: Look, other_box: Box) -> float:
+    """Return how like two objects are, 0..1: in size and in colors from foot to top."""
+    sides = np.log(_sides(box) / _sides(other_box)) / SIZE_SIGMA
+    off = (look - other_look) / np.array([LIGHT_SIGMA, COLOR_SIGMA, COLOR_SIGMA])
+    return float(np.exp(-0.5 * ((sides**2).mean() + (off**2).mean())))
 
 
 def look_of(entry: MapObject) -> Look:

@@ -81,7 +81,7 @@ class ScenePoses:
         # Frames that were recognised: part, pose in it, and pose in the recording's world.
         self._seen_as: list[tuple[int, Float64Array, Float64Array]] = []
         self._aligned = self._recognised = False
-        self._waited = 0
+        self._last_part = self._waited = 0
 
     @classmethod
     def of_earlier(cls, fresh: ScenePoses, estimated: EstimatedPoses) -> ScenePoses:
@@ -144,7 +144,7 @@ class ScenePoses:
         part, T_part_camera, anchor = self._estimated(frame) if self.mode == ESTIMATED else self._given(frame)
         if part not in self._T_world_part:
             self._T_world_part[part] = self._aside(part, frame, T_part_camera, up)
-        self._recognised = part == 0
+        self._last_part, self._recognised = part, part == 0
         moved = self._moved()
         return Posed(tidied(self._T_world_part[part] @ T_part_camera), anchor, moved)
 
@@ -157,6 +157,23 @@ class ScenePoses:
             for frame, (part, T) in self._estimator.trajectories().items()
             if frame >= first_frame and part in self._T_world_part
         }
+
+    @property
+    def part(self) -> int:
+        """The part of the scene that the last frame with a pose is in."""
+        return self._last_part
+
+    def stands_in(self, part: int, place: Float64Array) -> bool:
+        """Tell whether a place (3,) of the world lies in a part."""
+        T = self._T_world_part.get(part)
+        return T is not None and bool(Joined(T[:3, 3], T).holds(place[None])[0])
+
+    def connect(self, part: int, T_world_part_now: Float64Array) -> None:
+        """Let a part lie where the layout of its objects says: T_new_old in the world."""
+        T = T_world_part_now @ self._T_world_part[part]
+        self._estimator.join(part, 0, T)
+        if self._part == part:
+            self._part, self._T_part_recording, self._aligned = 0, tidied(T @ self._T_part_recording), True
 
     def take_joined(self) -> list[Joined]:
         """Return which parts have become parts of others since the last time."""

@@ -8,11 +8,13 @@ from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
+
 from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.posing import Posed, Poses
 from cuboid.proposals.types import Proposals, ProposalSource
 from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
-from cuboid.scene import changes, parts
+from cuboid.scene import changes, layout, parts
 from cuboid.scene.database import Writing, complaining, transaction
 from cuboid.scene.placing import ESTIMATED, SAME_WORLD, Joined, ScenePoses
 from cuboid.scene.records import Records
@@ -22,6 +24,8 @@ from cuboid.tracker import Tracker
 
 # How often what is new is written, seconds.
 COMMIT_EVERY_S = 1.0
+# Every so many points of the map are held against the others.
+SPARSE = 7
 # Taking a snapshot stops the tracker: it has no larger share of the time than this, however large the scene.
 SNAPSHOT_SHARE = 0.05
 
@@ -278,7 +282,24 @@ class _PosesOfVisit:
         self.given_with_frames = poses.mode != ESTIMATED
 
     def locate(self, frame: Frame) -> Posed:
+        if not self._poses.recognised and frame.index % changes.EVERY_FRAMES == 0:
+            self._look_at_layout()
         return self._poses.locate(dataclasses.replace(frame, index=frame.index + self._first), self._tracker.up)
+
+    def _look_at_layout(self) -> None:
+        """Recognise the part that the recording is in by its objects."""
+        part, up = self._poses.part, self._tracker.up
+        things = [o for o in self._tracker.ever_labelled() if o.confirmed and len(o.points)]
+        known, seen = ([o for o in things if self._poses.stands_in(k, o.box.center)] for k in (0, part))
+        if part == 0 or up is None:
+            return
+        T = layout.find_layout(known, seen, up)
+        if T is None:
+            return
+        points = self._tracker.voxels.xyz(self._tracker.voxels.living())
+        middle = np.mean([o.box.center for o in seen], axis=0)
+        if layout.same_place(points, points[::SPARSE], T, middle):
+            self._poses.connect(part, T)
 
     def trajectory(self) -> Mapping[int, Float64Array] | None:
         found = self._poses.trajectory(self._first)
