@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import sqlite3
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -108,6 +109,10 @@ def test_given_poses_are_aligned_by_the_looks_of_the_place(shown: list[Frame], t
         assert len(both) >= 3
         assert all(np.linalg.norm(item.box.center) < 10 for item in scene.objects)
         assert not {change.change for change in scene.changes()} & {"gone", "moved", "new"}
+    with sqlite3.connect(path) as connection:
+        (data,) = connection.execute("SELECT T_world_recording FROM recordings WHERE id = 2").fetchone()
+    connection.close()
+    np.testing.assert_allclose(np.frombuffer(data).reshape(4, 4) @ T_other_room, np.eye(4), atol=0.02)
 
 
 @pytest.mark.parametrize("mode", [ESTIMATED, OWN_WORLD])

@@ -230,6 +230,7 @@ class SceneTracker:
         state, rows = self._state.snapshot(), self._records.take(self._tracker)
         pending, self._pending = self._pending, []
         joined, self._joined = self._joined, []
+        T_world_recording = self._poses.T_world_recording.astype("<f8").tobytes()
         visit, next_frame = self._visit, self._next_frame
         told = self._changes.tell(self._tracker, self._records.seen) if ended and visit.number > 1 else []
 
@@ -241,6 +242,8 @@ class SceneTracker:
                 parts.carry_rows(connection, joined)
                 changes.write(connection, visit.number, told)
                 visit.write(connection, next_frame, pending, complete=complete, ended=ended)
+                values = T_world_recording, visit.number
+                connection.execute("UPDATE recordings SET T_world_recording = ? WHERE id = ?", values)
 
         self._writing = self._thread.submit(write)
         self._committed_s = time.monotonic()
