@@ -2,9 +2,16 @@
 
 python benchmarks/batches.py --work DIR [--recordings 200] [--frames 40] [--size 160 120] [--workers 1 2] [--json]
 
-So many recordings are copies of twenty made ones. Of a worker's time, "tracking" is the run itself with its files and
-its page; "tables" is the rest of a task; "waiting" is when it had none (the scheduler, and the end of the batch).
-Processor times of the tasks are given as well: on a machine that others use, only their ratio says something.
+So many recordings are copies of twenty made ones. Of a worker's time, "tracking" is opening the recording, the run
+itself with its files and its page; "tables" is the rest of a task; "waiting" is when it had none (the scheduler, and
+the end of the batch).
+
+On a machine that others use the clock tells nothing, and processor times do. "beside" is what workers take outside of
+tasks, "gathering" what the client takes to put the store's files together, "dask" what client and scheduler take else,
+all as shares of the tasks' time; the first and the last run by the clock, and are larger where the machine is slow.
+"of n times one" by the clock is the rate over n times that of one worker; by processor it is what follows where n
+workers have n cores and nothing else: one worker's time (its client and scheduler run on another core then) over that
+of n workers with client and scheduler among them.
 """
 
 from __future__ import annotations
@@ -27,13 +34,28 @@ from cuboid.batch.cluster import Workers
 from cuboid.batch.sources import expand
 from cuboid.cli.threads import limit_threads
 from cuboid.config import TrackerConfig
+from cuboid.store.compact import compact
+from cuboid.store.place import Place
 from scenes import MadeScene, made
 from suite import Settings
 from tables import dump, show
 
 DISTINCT = 20
-TRACKING = ("cuboid.run.track_recording", "cuboid.run.write_page")
-HEADER = ("workers", "recordings", "seconds", "a minute", "of n times one", "tables %", "tables % cpu", "waiting %")
+TRACKING = ("cuboid.cli.recording.open_as", "cuboid.run.track_recording", "cuboid.run.write_page")
+HEADER = (
+    "workers",
+    "recordings",
+    "seconds",
+    "a minute",
+    "of n times one",
+    "the same by cpu",
+    "task cpu s",
+    "tables % cpu",
+    "gathering % cpu",
+    "beside % cpu",
+    "dask % cpu",
+    "waiting %",
+)
 
 
 class Clocks(WorkerPlugin):
@@ -82,12 +104,15 @@ def measure(folder: Path, work: Path, workers: int) -> dict[str, Any]:
         client.wait_for_workers(workers)
         client.register_plugin(Clocks())
         _warm(client, folder, work, settings)
-        before = _clocks(client)
-        begun_s = time.perf_counter()
+        before, beside_s = _clocks(client), _workers_cpu_s(client)
+        begun_s, dask_s = time.perf_counter(), time.process_time()
         planned = plan(client, expand([str(folder)]), order)
-        carry_out(client, planned, order, lambda one: None)
+        gathering_s: list[float] = []
+        with patch("cuboid.batch.batch.compact", _timed_compact(gathering_s)):
+            carry_out(client, planned, order, lambda one: None)
         seconds = time.perf_counter() - begun_s
-        after = _clocks(client)
+        dask_s = time.process_time() - dask_s
+        after, beside_s = _clocks(client), _workers_cpu_s(client) - beside_s
     (task_s, task_cpu_s), (tracking_s, tracking_cpu_s) = (
         [after[name][k] - before[name][k] for k in (0, 1)] for name in ("task", "tracking")
     )
@@ -100,7 +125,37 @@ def measure(folder: Path, work: Path, workers: int) -> dict[str, Any]:
         "tables_cpu": (task_cpu_s - tracking_cpu_s) / task_cpu_s,
         "waiting": 1 - task_s / (workers * seconds),
         "task_cpu_s": task_cpu_s,
+        "beside_cpu": (beside_s - task_cpu_s) / task_cpu_s,
+        "gathering_cpu": sum(gathering_s) / task_cpu_s,
+        "dask_cpu": (dask_s - sum(gathering_s)) / task_cpu_s,
     }
+
+
+def _timed_compact(seconds: list[float]) -> Callable[[Place], Any]:
+    """Return what gathers files, and notes its processor time."""
+
+    def timed(place: Place) -> Any:
+        begun_s = time.thread_time()
+        try:
+            return compact(place)
+        finally:
+            seconds.append(time.thread_time() - begun_s)
+
+    return timed
+
+
+def _workers_cpu_s(client: Client) -> float:
+    """Return what all workers' processes have used."""
+    return sum(client.run(time.process_time).values())
+
+
+def by_processor(one: dict[str, Any], many: dict[str, Any]) -> float:
+    """Return the rate of n workers on n cores over n times that of one, as processor times tell it."""
+    alone = one["task_cpu_s"] * (1 + one["beside_cpu"]) / one["recordings"]
+    together = (
+        many["task_cpu_s"] * (1 + many["beside_cpu"] + many["gathering_cpu"] + many["dask_cpu"]) / many["recordings"]
+    )
+    return float(alone / together)
 
 
 def _warm(client: Client, folder: Path, work: Path, settings: dict[str, Any]) -> None:
@@ -143,7 +198,9 @@ def main() -> int:
         [
             *(row[name] for name in ("workers", "recordings", "seconds", "per_minute")),
             row["per_minute"] / (one * row["workers"]),
-            *(100 * row[name] for name in ("tables", "tables_cpu", "waiting")),
+            by_processor(found[0], row),
+            row["task_cpu_s"] / row["recordings"],
+            *(100 * row[name] for name in ("tables_cpu", "gathering_cpu", "beside_cpu", "dask_cpu", "waiting")),
         ]
         for row in found
     ]

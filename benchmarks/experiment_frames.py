@@ -15,7 +15,8 @@ from cuboid.evaluation.result import BoxRows, MapBoxes, Result
 from cuboid.frame import Intrinsics
 from cuboid.geometry.overlap import pack
 from cuboid.results import FrameResult
-from cuboid.run import Progress, track_recording
+from cuboid.run import track_recording
+from cuboid.run_types import Progress
 from scenes import Case, cases
 from scoring import mean, total
 from tables import dump, show

@@ -5,7 +5,8 @@ python benchmarks/large_containers.py RECORDING [KIND ...] [--gigabytes G] [--fr
 The frames of RECORDING, which needs poses, are written there and back N times into each container by its own library,
 with what else a container of that size holds between them: messages of other topics, a track of infrared images, other
 files. Where a format allows, that is a hole in the file and takes no room on disk. Each container is opened and tracked
-in a process of its own, then removed. Memory is what the process holds, without the files that the system keeps.
+in a process of its own, from the disk, then removed. Memory is what the process holds, without the files that the
+system keeps.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 import argparse
 import io
 import json
+import os
 import shutil
 import struct
 import subprocess
@@ -317,6 +319,13 @@ def measure(path: Path, poses: Path) -> dict[str, Any]:
     return found | {"frame_ms": 1e3 * float(np.median(times)), "objects": len(tracker.objects)}
 
 
+def _forget(file: Path) -> None:
+    """Let the system drop what it keeps of a file that was just written, so that it is read from the disk."""
+    with file.open("rb+") as opened:
+        os.fsync(opened.fileno())
+        os.posix_fadvise(opened.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+
+
 def bench(kind: str, source: Source, parent: Path | None, gigabytes: float) -> dict[str, Any]:
     """Write one container, measure it in another process, and remove it."""
     ballast = max(LEAST_BALLAST, int(gigabytes * 1e9 / source.count))
@@ -326,6 +335,8 @@ def bench(kind: str, source: Source, parent: Path | None, gigabytes: float) -> d
         np.save(folder / "poses.npy", np.array([T for *_, T in source]))
         files = [path] if path.is_file() else sorted(path.iterdir())
         sizes = [file.stat() for file in files]
+        for file in files:
+            _forget(file)
         words = [sys.executable, __file__, "--measure", str(path), str(folder / "poses.npy")]
         done = subprocess.run(words, capture_output=True, text=True, check=False)
         if done.returncode:

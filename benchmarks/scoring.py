@@ -16,7 +16,8 @@ import numpy as np
 from cuboid import open_recording
 from cuboid.evaluation import Result, evaluate
 from cuboid.evaluation.figures import figures
-from cuboid.run import RunOutcome, track_recording
+from cuboid.run import track_recording
+from cuboid.run_types import RunOutcome
 from scenes import Case
 
 

@@ -1,17 +1,21 @@
 """Make the pictures of the gallery and of "it finds nothing" from results: docs/gallery/*.jpg.
 
     python docs/make_gallery.py [RESULTS ...]
+    python docs/make_gallery.py --data DATA
 
 Each RESULTS is a folder of `cuboid track` whose recording still lies where it was. Without one, recordings with known
-truth are made and tracked, which takes some minutes.
+truth are made and tracked, which takes some minutes. With --data, so are the real recordings in DATA: their pictures go
+to docs/gallery/real, which is no part of the repository, and `docs/real_pictures.py` shows them in the pages.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import subprocess
 import sys
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -33,17 +37,69 @@ PAPER, INK, BAR = (250, 250, 251), (30, 34, 40), (52, 116, 196)
 COUNTED = 12
 
 
+@dataclass(frozen=True)
+class Real:
+    """A real recording: its folder in DATA, options of `cuboid track`, and what the gallery says of it."""
+
+    folder: str
+    options: tuple[str, ...]
+    title: str
+    source: str
+
+
+REAL = {
+    "desk": Real("desk-realsense", (), "An office desk, RealSense D435", "github.com/tronphan/3D-Rendering"),
+    "tum": Real(
+        "rgbd_dataset_freiburg1_xyz",
+        (),
+        "A cluttered desk, first Kinect",
+        "fr1/xyz of TUM RGB-D (Sturm et al., IROS 2012), CC BY 4.0",
+    ),
+    "coffee-table": Real(
+        "rgbd-scenes-v2",
+        ("--every", "3"),
+        "A coffee table, first Kinect",
+        "UW RGB-D Scenes v2 (Lai, Bo, Fox, ICRA 2014)",
+    ),
+    "office": Real("office-scan", (), "A scanned office, rendered", "office_0 of Replica (Straub et al., 2019)"),
+    "dish": Real("dish-from-above", (), "A dish from straight above", "github.com/antunsz/projeto-ovni"),
+    "open3d": Real("containers/open3d", (), "A living room of Open3D's", "isl-org/Open3D, MIT licence"),
+}
+# The one whose funnel, heat and planes stand in "it finds nothing".
+TROUBLED = "tum"
+
+
 def main() -> None:
     """Make the results that are wanted, draw them."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("results", nargs="*", type=Path, help="folders of `cuboid track`")
-    named = parser.parse_args().results
-    GALLERY.mkdir(exist_ok=True)
+    parser.add_argument("--data", type=Path, help="folder with real recordings")
+    args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        folders = named or [made(Path(folder), kind) for kind in MADE]
+        if args.data is not None:
+            draw_real(args.data, Path(folder))
+            return
+        folders = args.results or [made(Path(folder), kind) for kind in MADE]
         for results in folders:
-            draw(results)
-        troubles(folders[-1])
+            draw(results, GALLERY)
+        troubles(folders[-1], GALLERY)
+
+
+def draw_real(data: Path, folder: Path) -> None:
+    """Track and draw the real recordings that are there, and note which they are."""
+    sheets = []
+    for name, real in REAL.items():
+        if not (data / real.folder).is_dir():
+            print(f"{data / real.folder}: is not there, left out")
+            continue
+        results = folder / name
+        words = ("track", data / real.folder, "--output", results, *real.options)
+        subprocess.run([sys.executable, "-m", "cuboid", *map(str, words)], check=True)
+        draw(results, GALLERY / "real")
+        if name == TROUBLED:
+            troubles(results, GALLERY / "real")
+        sheets.append({"name": name, "title": real.title, "source": f"Recording: {real.source}."})
+    (GALLERY / "real" / "index.json").write_text(json.dumps(sheets, indent=1), encoding="utf-8")
 
 
 def made(folder: Path, kind: str) -> Path:
@@ -57,23 +113,23 @@ def made(folder: Path, kind: str) -> Path:
     return results
 
 
-def draw(results: Path) -> None:
+def draw(results: Path, gallery: Path) -> None:
     """Draw the frame that sees most: labels, heat, own proposals, planes."""
     replay = Replay(results)
     recording = replay.reopen(None)
     found = fullest(replay, recording)
     panels = [panel(results, replay, recording, found, what) for what in ("boxes", "heat", "proposals", "planes")]
-    write(results.name, np.vstack([np.hstack(panels[:2]), np.hstack(panels[2:])]))
+    write(gallery / results.name, np.vstack([np.hstack(panels[:2]), np.hstack(panels[2:])]))
 
 
-def troubles(results: Path) -> None:
+def troubles(results: Path, gallery: Path) -> None:
     """Draw what one looks at where nothing is found: heat, planes, and how many pass each stage."""
     replay = Replay(results)
     recording = replay.reopen(None)
     found = fullest(replay, recording)
     for what in ("heat", "planes"):
-        write(f"look-at-{what}", panel(results, replay, recording, found, what))
-    write("look-at-funnel", funnel(replay, recording))
+        write(gallery / f"look-at-{what}", panel(results, replay, recording, found, what))
+    write(gallery / "look-at-funnel", funnel(replay, recording))
 
 
 def fullest(replay: Replay, recording: Recording) -> ReplayedFrame:
@@ -110,9 +166,10 @@ def funnel(replay: Replay, recording: Recording) -> np.ndarray:
     return picture
 
 
-def write(name: str, picture: np.ndarray) -> None:
+def write(name: Path, picture: np.ndarray) -> None:
     """Write a picture, RGB."""
-    file = GALLERY / f"{name}.jpg"
+    file = name.with_suffix(".jpg")
+    file.parent.mkdir(exist_ok=True)
     cv2.imwrite(str(file), np.ascontiguousarray(picture[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     print(file)
 

@@ -167,7 +167,7 @@ class Watch:
                 assert {number, other} <= set(numbers)
         limit = tracker.config.max_size_m * (1 + 1e-6)
         for o in store.confirmed():
-            assert o.box.size.max() <= limit, "larger than an object may be"
+            assert o.box.size.max() <= limit, "a labelled object is larger than it may be"
         for shown in tracker.objects:
             assert 0.0 <= shown.score <= 1.0
             assert 0.0 <= shown.heat <= 1.0
@@ -239,6 +239,9 @@ class Watch:
         for rect in [p.rect_xyxy for p in result.proposals] + [s.rect_xyxy for s in result.sightings]:
             assert 0 <= rect[0] < rect[2] <= width, rect
             assert 0 <= rect[1] < rect[3] <= height, rect
+        limit = self._tracker.config.max_size_m
+        assert all(p.box.size.max() <= limit for p in result.proposals), "a frame's own box is larger than it may be"
+        assert all(s.box.size.max() <= limit * (1 + 1e-6) for s in result.sightings), "a sighting is larger"
         assert {p.label for p in result.proposals} <= labels | {0}, "a proposal is of an object that is no more"
         seen = [s.label for s in result.sightings]
         assert seen == sorted(set(seen))

@@ -70,7 +70,7 @@ class FrameResult:
     sightings : tuple of Sighting
         Confirmed objects seen in this frame, by label.
     proposals : tuple of Proposal3D
-        The frame's own boxes.
+        The frame's own boxes, but those larger than an object may be.
     objects_known : int
         Confirmed objects in the map, seen now or not.
     heat : (H, W) float32

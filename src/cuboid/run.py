@@ -2,170 +2,32 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from cuboid import __version__
 from cuboid.config import TrackerConfig
 from cuboid.decoding import Decoded, decode
-from cuboid.downscaling import downscale
-from cuboid.errors import FrameError, InputError, OutputError
-from cuboid.frame import Float64Array, Frame, Intrinsics
-from cuboid.measuring import FrameClock, FrameLog, peak_memory_mb
-from cuboid.object_table import ObjectTable
-from cuboid.outputs import ObjectsFile, PoseRow, ResultWriter, RunReport
+from cuboid.errors import InputError, OutputError
+from cuboid.frame import Intrinsics
+from cuboid.measuring import FrameLog, peak_memory_mb
+from cuboid.outputs import FinishedResults, ObjectsFile, ResultWriter, RunReport
 from cuboid.outputs.folder import REPORT, VIDEO
-from cuboid.posing import LOST, POSES_MOVE, BridgedPoses, EstimatedPoses, GivenPoses, Poses
-from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
+from cuboid.pipeline import Pipeline
+from cuboid.posing import Poses
+from cuboid.run_plan import Plan, plan_for
+from cuboid.run_types import MakeTracker, MakeView, Progress, RecordingLike, RunOutcome, TrackerLike, Watch
 from cuboid.streaming import FrameSource, Stream
 
 if TYPE_CHECKING:
     from cuboid.proposals.types import ProposalSource
-    from cuboid.readers.depth_camera import DepthCamera
     from cuboid.scene.running import IntoScene, SceneRun
     from cuboid.views.report import ShownChange
     from cuboid.views.report.pictures import Picture
     from cuboid.views.video import View
-
-# The work inside shrinks with --scale to no less than this width, pixels: fewer show no objects.
-MIN_WORKING_PX = 120
-SCALES = (1, 2, 4)
-
-
-class RecordingLike(Protocol):
-    """What the loop needs of a recording; `cuboid.open_recording` gives one."""
-
-    @property
-    def path(self) -> Path:
-        """Where it lies."""
-
-    @property
-    def format(self) -> str:
-        """Name of its layout."""
-
-    @property
-    def intrinsics(self) -> Intrinsics:
-        """Pinhole of its images."""
-
-    @property
-    def distortion(self) -> tuple[float, ...]:
-        """What the lens did to them, and was taken out; empty where nothing was."""
-
-    @property
-    def depth_units_per_metre(self) -> float:
-        """Of its depth images."""
-
-    @property
-    def depth_camera(self) -> DepthCamera | None:
-        """The camera that depth was carried from into color; None where it was aligned already."""
-
-    @property
-    def has_poses(self) -> bool:
-        """Whether camera poses come with it."""
-
-    def __len__(self) -> int:
-        """Return the number of frames, bad ones included."""
-
-    def read(self, index: int) -> Frame:
-        """Return a frame; raises FrameError for a bad one."""
-
-    def pose(self, index: int) -> Float64Array | None:
-        """Return a frame's pose; raises FrameError where it has none."""
-
-    def without_poses(self) -> RecordingLike:
-        """Return the same recording without its poses."""
-
-
-class TrackerLike(Protocol):
-    """What the loop needs of a tracker; `cuboid.Tracker` is one."""
-
-    def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
-        """Take in one frame, whose pose hangs on a keyframe."""
-
-    def carry(self, moved: Mapping[int, Float64Array]) -> None:
-        """Move what was found with the keyframes."""
-
-    @property
-    def objects(self) -> list[TrackedObject]:
-        """The confirmed objects."""
-
-    @property
-    def planes(self) -> list[SupportPlane]:
-        """The supporting planes."""
-
-    @property
-    def up(self) -> Float64Array | None:
-        """Up in the world."""
-
-    @property
-    def points_known(self) -> int:
-        """Points of the global point map."""
-
-    @property
-    def map_bytes(self) -> int:
-        """Memory of the global point map."""
-
-    def map_points(self) -> MapPoints:
-        """Return the global point map."""
-
-
-class Progress:
-    """Told how a run goes; this one does nothing."""
-
-    def start(self, frames: int | None) -> None:
-        """Tell that a run over so many frames begins; None where nobody knows how many."""
-
-    def frame(self, result: FrameResult) -> None:
-        """Tell that a frame is done."""
-
-    def skipped(self, index: int, reason: str) -> None:
-        """Tell that a frame was skipped."""
-
-
-MakeTracker = Callable[[Intrinsics, TrackerConfig, "str | ProposalSource | None"], TrackerLike]
-MakeView = Callable[[Path, Intrinsics, int], "View"]
-Watch = Callable[[Frame, FrameResult, TrackerLike], None]
-
-
-@dataclass(frozen=True, slots=True)
-class RunOutcome:
-    """What a run found and how it went.
-
-    Attributes
-    ----------
-    report : RunReport
-    objects : tuple of TrackedObject
-    planes : tuple of SupportPlane
-    up : (3,) float64 or None
-    milliseconds : mapping of str to sequence of float
-        For "frame" and each stage its time in every used frame, warm-up included.
-    frames_per_second : float
-        Used frames a second of the clock, after warm-up.
-    points : int
-        Points of the global point map at the end.
-    map_bytes : int
-        Memory of it.
-    """
-
-    report: RunReport
-    objects: tuple[TrackedObject, ...]
-    planes: tuple[SupportPlane, ...]
-    up: Float64Array | None
-    milliseconds: Mapping[str, Sequence[float]]
-    frames_per_second: float
-    points: int
-    map_bytes: int
-
-    def _repr_html_(self) -> str:
-        """Show the objects, and how the run went, in a notebook."""
-        report, found = self.report, ObjectTable(self.objects)
-        line = f"{report.frames_used} of {report.frames_read} frames in {report.seconds:.1f} s"
-        return f"{found._repr_html_()}<p>{line}</p>"
 
 
 def track_recording(
@@ -243,241 +105,124 @@ def track_recording(
     OutputError
         The results cannot be written; nothing half-written is left.
     """
-    if scale not in SCALES or every < 1 or (limit is not None and limit < 1):
-        raise ValueError(f"scale must be one of {SCALES}, every and limit >= 1, got {scale}, {every}, {limit}")
     begun_s = time.perf_counter()
-    config, proposals = _at_scale(config or TrackerConfig(), proposals, scale)
-    progress = progress or Progress()
-    live = recording if isinstance(recording, FrameSource) else None
-    if isinstance(recording, FrameSource):
-        recording = Stream(recording)
-    poses = _origin_of_poses(recording, poses, bridge)
-    frames = range(0) if isinstance(recording, Stream) else range(0, len(recording), every)[:limit]
-    planned = None if isinstance(recording, Stream) else len(frames)
-    if planned == 0:
-        raise InputError(f"{recording.path}: the recording has no frames")
+    taken: RecordingLike = Stream(recording) if isinstance(recording, FrameSource) else recording
+    config = config or TrackerConfig()
+    plan = plan_for(taken, config, proposals, poses=poses, bridge=bridge, every=every, limit=limit, scale=scale)
+    settings, frames, log, progress = plan.settings(taken), _frames(taken, plan), FrameLog(), progress or Progress()
     with ExitStack() as results:
-        corrected = poses == "estimated" if into is None else into.corrects(poses)
-        writer = _writer(results, recording, output, force, corrected)
-        source, camera = _poses(recording, poses, bridge, scale, config)
-        bare = recording if source.given_with_frames else recording.without_poses()
-        settings = _effective(config, proposals, every, limit, scale, bridge, recording)
-        log, session = FrameLog(), None
-        tracker: TrackerLike
-        if into is None:
-            tracker = (make_tracker or _tracker)(camera, config, proposals)
-        else:
-            session = results.enter_context(_session(into, recording, poses, camera, config, proposals, settings))
-            tracker, source = session.tracker, session.poses(source)
+        corrected = plan.poses == "estimated" if into is None else into.corrects(plan.poses)
+        writer = _writer(results, taken, output, force, corrected)
+        tracker, source, session = _tracking(results, taken, plan, settings, make_tracker, into)
+        if session is not None:
             frames = session.go_on(frames, writer)
-            planned = None if planned is None else len(frames)
+        planned = None if isinstance(taken, Stream) else len(frames)
         progress.start(planned)
-        view_of = (make_view or _video) if video else None
+        bare = taken if source.given_with_frames else taken.without_poses()
         with (
-            _view(writer, recording, every, view_of) as view,
-            closing(_decode(bare, frames, every, limit, ahead=threads > 1)) as decoded,
+            _view(writer, taken, every, (make_view or _video) if video else None) as view,
+            closing(_decode(bare, frames, plan, ahead=threads > 1)) as decoded,
         ):
-            pipeline = _Pipeline(
-                recording.path, planned, source, tracker, scale, writer, view, watch, log, progress, session
+            pipeline = Pipeline(
+                taken.path, planned, source, tracker, scale, writer, view, watch, log, progress, session
             )
             complete = pipeline.follow(decoded, stop)
-        if complete and not pipeline.T_world_camera and poses == "estimated":
-            raise InputError(
-                f"{recording.path}: no camera pose can be estimated: no frame has enough depth and texture"
-            )
-        report = RunReport(
-            version=__version__,
-            complete=complete,
-            recording=str(recording.path),
-            format=recording.format,
-            poses=poses,
-            threads=threads,
-            config=settings,
-            frames_read=len(pipeline.T_world_camera) + len(pipeline.skipped),
-            frames_used=len(pipeline.T_world_camera),
-            skipped=tuple(pipeline.skipped),
-            milliseconds=log.timings(),
-            seconds=time.perf_counter() - begun_s,
-            peak_memory_mb=peak_memory_mb(),
-            warnings=(
-                *(live.warnings if live else ()),
-                *(session.warnings() if session else ()),
-                *pipeline.warnings(bare),
-            ),
-            frames_dropped=live.dropped if live else 0,
-            limits=log.limits(),
-        )
-        objects, planes, up = tuple(tracker.objects), tuple(tracker.planes), tracker.up
+        if complete and not pipeline.T_world_camera and plan.poses == "estimated":
+            raise InputError(f"{taken.path}: no camera pose can be estimated: no frame has enough depth and texture")
+        report = _report(taken, bare, pipeline, plan.poses, settings, complete, threads, begun_s)
+        found = ObjectsFile(tracker.up, taken.intrinsics, tuple(tracker.planes), tuple(tracker.objects))
         if writer is not None:
-            content = ObjectsFile(up, recording.intrinsics, planes, objects)
-            writer.finish(content, tracker.map_points(), report, pipeline.trajectory())
+            writer.finish(found, tracker.map_points(), report, pipeline.trajectory())
         if session is not None:
             session.finish(complete=complete)
     if output is not None and page:
-        write_page(output, recording, () if into is None else into.shown_changes())
-    return RunOutcome(
-        report, objects, planes, up, log.milliseconds, log.frames_per_second(), tracker.points_known, tracker.map_bytes
-    )
+        write_page(FinishedResults(output), taken, () if into is None else into.shown_changes())
+    per_second, points, size = log.frames_per_second(), tracker.points_known, tracker.map_bytes
+    return RunOutcome(report, found.objects, found.planes, found.up, log.milliseconds, per_second, points, size)
 
 
-@dataclass(frozen=True, slots=True)
-class _Pipeline:
-    """What a frame passes through: scaling, posing, tracking, writing, drawing."""
+def write_page(
+    results: FinishedResults, recording: RecordingLike, changes: Sequence[ShownChange] = ()
+) -> Mapping[int, Picture]:
+    """Write the 3D page of results beside them; return its pictures of objects, by label."""
+    from cuboid.views.report import summarise, write_report
 
-    path: Path
-    planned: int | None
-    poses: Poses
-    tracker: TrackerLike
-    scale: int
-    writer: ResultWriter | None
-    view: View | None
-    watch: Watch | None
-    log: FrameLog
-    progress: Progress
-    session: SceneRun | None = None
-    times_s: dict[int, float] = field(default_factory=dict)
-    T_world_camera: dict[int, Float64Array] = field(default_factory=dict)
-    skipped: list[tuple[int, str]] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        if self.session is not None:
-            begun = self.session.begun
-            self.times_s.update(begun.times_s)
-            self.T_world_camera.update(begun.T_world_camera)
-            self.skipped.extend(begun.skipped)
-
-    def follow(self, frames: Iterable[Decoded], stop: Callable[[], bool]) -> bool:
-        """Take in all frames; return False where `stop` ended it before."""
-        for decoded in frames:
-            if stop():
-                return False
-            if self.session is not None:
-                self.session.next_frame()
-            reason = self._step(decoded)
-            if reason:
-                self._skip(decoded.index, reason)
-        return True
-
-    def _step(self, decoded: Decoded) -> str:
-        """Take in one frame; return why it cannot be used, or nothing."""
-        frame = decoded.frame
-        if frame is None:
-            return decoded.reason
-        self.times_s[frame.index] = frame.timestamp_s
-        clock = FrameClock({"decode": decoded.milliseconds})
-        small = downscale(frame, self.scale)
-        if self.scale > 1:
-            clock.lap("scale")
-        try:
-            posed = self.poses.locate(small)
-            if not self.poses.given_with_frames:
-                clock.lap("poses")
-            if posed.moved:
-                self.tracker.carry(posed.moved)
-                clock.lap("carry")
-            result = self.tracker.update(dataclasses.replace(small, T_world_camera=posed.T_world_camera), posed.anchor)
-        except FrameError as error:
-            return str(error)
-        self.T_world_camera[frame.index] = posed.T_world_camera
-        clock.laps(result.milliseconds)
-        if self.writer is not None:
-            self.writer.add(result, self.scale)
-            clock.lap("write")
-        if self.view is not None:
-            self.view.show(frame, result, self.tracker.objects)
-            clock.lap("draw")
-        if self.watch is not None:
-            self.watch(frame, result, self.tracker)
-            clock.lap("live")
-        self.log.use(clock.done(), result.left_out)
-        self.progress.frame(result)
-        return ""
-
-    def warnings(self, recording: RecordingLike) -> tuple[str, ...]:
-        """Return what is likely to be wrong with the recording; costs a second where results are written."""
-        if self.writer is None:
-            return ()
-        from cuboid.calibration.check import intrinsics_warning
-        from cuboid.calibration.registering import registration_warning
-
-        corrected = self.poses.trajectory()
-        poses = self.T_world_camera if corrected is None else corrected
-        estimated = corrected is not None and not self.poses.given_with_frames
-        found = intrinsics_warning(recording.read, recording.intrinsics, poses, estimated=estimated)
-        beside = registration_warning(recording.read, recording.intrinsics, sorted(poses))
-        return tuple(one for one in (found, beside) if one is not None)
-
-    def trajectory(self) -> list[PoseRow] | None:
-        """Return the corrected poses of the frames that were used; None where none was corrected.
-
-        Frames that were lost when they came get a pose when their place is found later; the tracker never used them.
-        """
-        poses = self.poses.trajectory()
-        if poses is None:
-            return None
-        return [PoseRow(self.times_s[k], T) for k, T in sorted(poses.items()) if k in self.T_world_camera]
-
-    def _skip(self, index: int, reason: str) -> None:
-        self.log.skip(index, reason)
-        self.skipped.append((index, reason))
-        if self.session is not None:
-            self.session.skip(index, reason)
-        self.progress.skipped(index, reason)
-        if self.planned is None:
-            return
-        bad = [(frame, why) for frame, why in self.log.skipped if why != LOST]  # a lost camera is no fault of the input
-        if 2 * len(bad) > self.planned:
-            first, why = bad[0]
-            raise InputError(
-                f"{self.path}: more than half of the {self.planned} frames cannot be used; "
-                f"the first is frame {first}: {why}"
-            )
+    summary = summarise(results, recording.read, changes)
+    write_report(results.folder / REPORT, summary)
+    return summary.pictures
 
 
-def _decode(
-    recording: RecordingLike, frames: range, every: int, limit: int | None, *, ahead: bool
-) -> Generator[Decoded, None, None]:
+def _frames(recording: RecordingLike, plan: Plan) -> range:
+    """Return the frames that are to be read; none of a camera, which gives what comes."""
     if isinstance(recording, Stream):
-        return recording.decode(every, limit, ahead=ahead)
+        return range(0)
+    frames = range(0, len(recording), plan.every)[: plan.limit]
+    if not frames:
+        raise InputError(f"{recording.path}: the recording has no frames")
+    return frames
+
+
+def _tracking(
+    results: ExitStack,
+    recording: RecordingLike,
+    plan: Plan,
+    settings: dict[str, Any],
+    make_tracker: MakeTracker | None,
+    into: IntoScene | None,
+) -> tuple[TrackerLike, Poses, SceneRun | None]:
+    """Return the tracker, where its poses come from, and the run within a scene where the recording goes into one."""
+    camera = recording.intrinsics.downscaled(plan.scale)
+    source = plan.source_of_poses(recording, camera)
+    if into is None:
+        return (make_tracker or _tracker)(camera, plan.config, plan.proposals), source, None
+    from cuboid.scene import Source
+
+    live = isinstance(recording, Stream)
+    path, frames = (recording.path, 0) if live else (Path(recording.path).resolve(), len(recording))
+    visit = Source(str(path), recording.format, plan.poses, frames, recording.intrinsics, settings)
+    session = results.enter_context(into.session(visit, camera, plan.config, plan.proposals))
+    return session.tracker, session.poses(source), session
+
+
+def _decode(recording: RecordingLike, frames: range, plan: Plan, *, ahead: bool) -> Generator[Decoded, None, None]:
+    if isinstance(recording, Stream):
+        return recording.decode(plan.every, plan.limit, ahead=ahead)
     return decode(recording, frames, ahead=ahead)
 
 
-def _session(
-    into: IntoScene,
+def _report(
     recording: RecordingLike,
+    bare: RecordingLike,
+    pipeline: Pipeline,
     poses: str,
-    camera: Intrinsics,
-    config: TrackerConfig,
-    proposals: str | ProposalSource | None,
     settings: dict[str, Any],
-) -> AbstractContextManager[SceneRun]:
-    from cuboid.scene import Source
-
-    if isinstance(recording, Stream):
-        path, frames = str(recording.path), 0
-    else:
-        path, frames = str(Path(recording.path).resolve()), len(recording)
-    source = Source(path, recording.format, poses, frames, recording.intrinsics, settings)
-    return into.session(source, camera, config, proposals)
-
-
-def _origin_of_poses(recording: RecordingLike, poses: str | None, bridge: bool) -> str:
-    origin = poses or ("given" if recording.has_poses else "estimated")
-    if origin == "given" and not recording.has_poses:
-        raise InputError(f"{recording.path}: has no camera poses; --poses estimated takes them from the video")
-    if bridge and origin != "given":
-        raise InputError(f"{recording.path}: --bridge fills gaps between given poses, and there are none in use")
-    return origin
-
-
-def _poses(
-    recording: RecordingLike, origin: str, bridge: bool, scale: int, config: TrackerConfig
-) -> tuple[Poses, Intrinsics]:
-    """Return where poses come from, and the pinhole of the frames it is asked about."""
-    camera = recording.intrinsics.downscaled(scale)
-    if bridge:
-        return BridgedPoses(camera, recording.pose), camera
-    return (GivenPoses() if origin == "given" else EstimatedPoses(camera, POSES_MOVE * config.voxel_m)), camera
+    complete: bool,
+    threads: int,
+    begun_s: float,
+) -> RunReport:
+    live = recording.source if isinstance(recording, Stream) else None
+    return RunReport(
+        version=__version__,
+        complete=complete,
+        recording=str(recording.path),
+        format=recording.format,
+        poses=poses,
+        threads=threads,
+        config=settings,
+        frames_read=len(pipeline.T_world_camera) + len(pipeline.skipped),
+        frames_used=len(pipeline.T_world_camera),
+        skipped=tuple(pipeline.skipped),
+        milliseconds=pipeline.log.timings(),
+        seconds=time.perf_counter() - begun_s,
+        peak_memory_mb=peak_memory_mb(),
+        warnings=(
+            *(live.warnings if live else ()),
+            *(pipeline.session.warnings() if pipeline.session else ()),
+            *pipeline.warnings(bare),
+        ),
+        frames_dropped=live.dropped if live else 0,
+        limits=pipeline.log.limits(),
+    )
 
 
 def _writer(
@@ -507,15 +252,6 @@ def _view(
         view.close(complete=True)
 
 
-def write_page(output: Path, recording: RecordingLike, changes: Sequence[ShownChange] = ()) -> Mapping[int, Picture]:
-    """Write the 3D page of the results that lie in the output folder now; return its pictures of objects, by label."""
-    from cuboid.views.report import summarise, write_report
-
-    summary = summarise(output, recording.read, changes)
-    write_report(output / REPORT, summary)
-    return summary.pictures
-
-
 def _tracker(intrinsics: Intrinsics, config: TrackerConfig, proposals: str | ProposalSource | None) -> TrackerLike:
     from cuboid.tracker import Tracker
 
@@ -526,42 +262,3 @@ def _video(path: Path, intrinsics: Intrinsics, every: int) -> View:
     from cuboid.views.video import VideoView, video_rate
 
     return VideoView(path, intrinsics, video_rate(every))
-
-
-def _at_scale(
-    config: TrackerConfig, proposals: str | ProposalSource | None, scale: int
-) -> tuple[TrackerConfig, str | ProposalSource | None]:
-    """Let the work inside shrink with the frames: who asks for half the resolution asks for speed."""
-    if scale == 1:
-        return config, proposals
-    from cuboid.proposals.depth import WIDEST
-
-    width = max(MIN_WORKING_PX, config.working_width_px // scale)
-    if proposals in (None, "depth"):
-        proposals = f"depth:{max(MIN_WORKING_PX, WIDEST // scale)}"
-    return dataclasses.replace(config, working_width_px=width), proposals
-
-
-def _effective(
-    config: TrackerConfig,
-    proposals: str | ProposalSource | None,
-    every: int,
-    limit: int | None,
-    scale: int,
-    bridge: bool,
-    recording: RecordingLike,
-) -> dict[str, Any]:
-    from cuboid.proposals import DEFAULT_SOURCE
-
-    source = DEFAULT_SOURCE if proposals is None else proposals
-    return {
-        "every": every,
-        "limit": limit,
-        "scale": scale,
-        "bridge": bridge,
-        "distortion": list(recording.distortion),
-        "depth_units_per_metre": recording.depth_units_per_metre,
-        **(recording.depth_camera.document() if recording.depth_camera is not None else {}),
-        "proposals": source if isinstance(source, str) else type(source).__qualname__,
-        "tracker": config.to_dict(),
-    }

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.boxes.fit import fit_box
+from cuboid.boxes.fit import Resting, fit_boxes
 from cuboid.config import TrackerConfig
 from cuboid.errors import FrameError
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
@@ -25,6 +25,7 @@ from cuboid.objects.association import Association
 from cuboid.objects.entry import MapObject
 from cuboid.objects.object_map import ObjectMap
 from cuboid.objects.prior import prior_of
+from cuboid.objects.validity import too_large
 from cuboid.objects.visibility import look
 from cuboid.proposals import make_source
 from cuboid.proposals.types import Proposals, ProposalSource
@@ -120,12 +121,12 @@ class Tracker:
         every = self._proposals(frame)
         proposals = every.best(MOST_PROPOSALS)
         watch.lap("proposals")
-        heights, support = self._find_planes(image, T_world_camera)
+        heights, support, planes = self._find_planes(image, T_world_camera)
         watch.lap("planes")
         candidate = self._candidates(image, heights)
         c = self.config
         weighed = weigh(image, candidate, proposals, self.intrinsics.fx, c)
-        heat = pixel_heat(image, candidate, weighed)
+        heat = pixel_heat(image, weighed)
         watch.lap("heat")
         slots = self._voxels.fuse(image, heat, T_world_camera, frame.index, anchor)
         self._voxels.look_through(image, T_camera_world)
@@ -133,11 +134,12 @@ class Tracker:
         in_view = self._map.in_view(image, T_camera_world)
         objects = self._map.limited(in_view)
         pixel_owner = self._voxels.owner_of(slots)
-        prior = prior_of(objects, image, candidate, pixel_owner, weighed)
+        prior = prior_of(objects, pixel_owner, weighed)
         things = frame_clusters(
-            image, heat, candidate, weighed, prior, heights, support, self._sides(T_world_camera), T_world_camera, c
-        )
-        boxes = [self._box(cluster) for cluster in things.clusters]
+            image, heat, weighed, prior, heights, support, planes, self._sides(T_world_camera),
+            T_world_camera, c,
+        )  # fmt: skip
+        boxes = self._boxes(things.clusters)
         watch.lap("boxes")
         found = self._map.update(
             frame.index, things, boxes, objects, slots, pixel_owner, candidate, self._news(image, T_world_camera)
@@ -206,11 +208,11 @@ class Tracker:
 
     def _find_planes(
         self, image: WorkingImage, T_world_camera: Float64Array
-    ) -> tuple[Float32Array, npt.NDArray[np.int32]]:
-        """Track the supporting planes; return each pixel's height above the one beneath, and which that is."""
+    ) -> tuple[Float32Array, npt.NDArray[np.int32], npt.NDArray[np.int64]]:
+        """Track the supporting planes; return each pixel's height above the one beneath, its place, all identities."""
         c, planes = self.config, self._planes
         heights = np.full(image.depth_m.shape, np.nan, np.float32)
-        support = np.full(image.depth_m.shape, -1, np.int32)
+        support, identities = np.full(image.depth_m.shape, -1, np.int32), np.zeros(0, np.int64)
         cells = find_cells(image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m)
         if planes.vote_is_due():
             wide = find_cells(
@@ -233,7 +235,8 @@ class Tracker:
                 c.max_depth_m, heights, support, view.seen,
             )  # fmt: skip
             planes.take_in(view)
-        return heights, planes.identities(support)
+            identities = view.identities
+        return heights, support, identities
 
     def _candidates(self, image: WorkingImage, heights: Float32Array) -> UInt8Array:
         """Return which readings may belong to an object: all within range but those on a supporting plane."""
@@ -249,20 +252,19 @@ class Tracker:
 
     def _news(self, image: WorkingImage, T_world_camera: Float64Array) -> float:
         """Return how far a frame shows things from another side than the last one did, 0..1."""
-        known = image.depth_m[image.depth_m > 0]
         last, self._place = self._place, T_world_camera[:3, 3]
-        if last is None or len(known) == 0:
+        distance_m = 0.0 if last is None else _median_of_known(image.depth_m)
+        if last is None or distance_m == 0.0:
             return 1.0
-        turn = float(np.linalg.norm(self._place - last)) / float(np.median(known.astype(np.float64)))
+        turn = float(np.linalg.norm(self._place - last)) / distance_m
         return min(1.0, max(LEAST_NEWS, turn / ANOTHER_SIDE_RAD))
 
-    def _box(self, cluster: FrameCluster) -> Box:
-        points = cluster.points[:: 1 + len(cluster.points) // FRAME_POINTS]
-        for identity in sorted(cluster.supports, key=lambda k: (-cluster.supports[k], k)):
-            plane = self._planes.find(identity)
-            if plane is not None:
-                return fit_box(points, *self._planes.in_world(plane), FRAME_STRAYS)
-        return fit_box(points, self._planes.likely_up, None, FRAME_STRAYS)
+    def _boxes(self, clusters: Sequence[FrameCluster]) -> list[Box]:
+        clouds = [c.points[:: 1 + len(c.points) // FRAME_POINTS] for c in clusters]
+        found = {identity: self._planes.find(identity) for identity in {k for c in clusters for k in c.supports}}
+        rests = {identity: self._planes.in_world(plane) for identity, plane in found.items() if plane is not None}
+        unknown = self._planes.likely_up, None
+        return fit_boxes(clouds, [_most_beneath(c.supports, rests) or unknown for c in clusters], FRAME_STRAYS)
 
     def _sightings(
         self,
@@ -290,13 +292,14 @@ class Tracker:
         return tuple(sorted(sightings, key=lambda s: s.label))
 
     def _own_boxes(self, things: FrameClusters, boxes: Sequence[Box], found: Association) -> tuple[Proposal3D, ...]:
-        """Return the frame's own boxes with the labels of the objects that they are."""
+        """Return the frame's own boxes, none larger than an object, with the labels of the objects that they are."""
         place = np.where(found.match >= 0, found.match, found.part)
         now = [found.objects[j].whole if j >= 0 else None for j in place]
         labels = [o.label if o is not None and o.confirmed else 0 for o in now]
         return tuple(
             Proposal3D(label, box, cluster.heat, cluster.rect_xyxy)
             for label, box, cluster in zip(labels, boxes, things.clusters, strict=True)
+            if not too_large(box, self.config)
         )
 
     @property
@@ -403,3 +406,20 @@ class Tracker:
             heat=self._voxels.heat(rows),
             label=label_of[np.where(owner < len(label_of), owner, 0)],
         )
+
+
+def _median_of_known(depth_m: Float32Array) -> float:
+    """Return the median of all readings, 0 where there is none; NumPy's own takes eight times as long."""
+    known = depth_m[depth_m > 0]
+    if len(known) == 0:
+        return 0.0
+    middle = len(known) // 2
+    known.partition(middle)
+    lower = known[middle] if len(known) % 2 else known[:middle].max()
+    return (float(lower) + float(known[middle])) / 2.0
+
+
+def _most_beneath(supports: Mapping[int, int], rests: Mapping[int, Resting]) -> Resting | None:
+    """Return the plane of `rests` that is beneath most pixels, of equals the older; None where there is none."""
+    known = [identity for identity in supports if identity in rests]
+    return rests[min(known, key=lambda k: (-supports[k], k))] if known else None

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cuboid.frame import Float32Array, Frame, Intrinsics, UInt8Array
+from cuboid.kernels.blocks import take_one
 from cuboid.kernels.pixels import drop_mixed
 from cuboid.sensor import MIXED_PER_M
 
@@ -45,9 +46,11 @@ def thin(frame: Frame, intrinsics: Intrinsics, width_px: int, count: int) -> Wor
     raw = np.ascontiguousarray(frame.depth_m[y::step, x::step][:rows, :columns])
     depth = np.empty_like(raw)
     drop_mixed(raw, MIXED_PER_M, depth)
+    color = np.empty((rows, columns, 3), np.uint8)
+    take_one(np.ascontiguousarray(frame.color), step, x, y, color)
     return WorkingImage(
         depth_m=depth,
-        color=np.ascontiguousarray(frame.color[y::step, x::step][:rows, :columns]),
+        color=color,
         camera=Intrinsics(
             intrinsics.fx / step,
             intrinsics.fy / step,

@@ -262,3 +262,32 @@ def test_where_nothing_can_be_written_it_is_said_at_once(
     assert "name another file with --output" in capsys.readouterr().err
     assert call(recording.path, "--output", tmp_path / "drawn.txt") == 2
     assert "must end with .json" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"[" * 100_000,
+        b'{"revision": 1e999, "document": {}}',
+        b'{"revision": 0, "document": [[1]]}',
+        b'{"rects": [[1' + b"0" * 400 + b', 1, 1, 1]], "from": 0, "to": 1}',
+        b'{"rects": [[1, 1, 1, 1]], "from": ' + b"9" * 30 + b', "to": 1}',
+        b"\xff\xfe",
+        b"",
+    ],
+)
+@pytest.mark.parametrize("path", ["/keyframes", "/carry"])
+def test_what_no_page_sends_is_refused_without_a_traceback(
+    server: PageServer, capfd: pytest.CaptureFixture[str], path: str, body: bytes
+) -> None:
+    own = {"Content-Type": "application/json", "Origin": f"http://{HOST}:{server.server_port}"}
+    status, said = ask(server, "POST", path, body, own)
+    assert status in (400, 422)
+    assert len(said) < 300
+    assert capfd.readouterr().err == ""
+
+
+def test_a_length_that_is_none_is_refused_before_anything_is_read(server: PageServer) -> None:
+    own = {"Content-Type": "application/json", "Origin": f"http://{HOST}:{server.server_port}"}
+    for length in ("0" * 10 + "9" * 10, "-1", "1e3", str(1 << 40)):
+        assert ask(server, "POST", "/keyframes", b"{}", {**own, "Content-Length": length})[0] == 413, length

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy_boxes import numpy_box
 
-from cuboid.boxes.fit import fit_box
+from cuboid.boxes.fit import fit_box, fit_boxes
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -92,3 +92,16 @@ def test_the_compiled_fit_gives_the_box_of_the_plain_one(
     np.testing.assert_allclose(box.size, expected.size, atol=1e-9)
     np.testing.assert_allclose(box.center, expected.center, atol=1e-9)
     np.testing.assert_allclose(box.rotation, expected.rotation, atol=1e-9)
+
+
+def test_boxes_that_are_fitted_together_are_those_that_are_fitted_one_by_one() -> None:
+    rng = np.random.default_rng(4)
+    kinds = ["carton", "can", "strays", "carton"]
+    several = [clouds(kind, rng) for kind in kinds]
+    planes = [(UP, 0.2), (UP, None), (np.array([0.0, -1.0, 0.0]), 0.1), (np.array([0.6, 0.0, 0.8]), None)]
+    for box, cloud, plane in zip(fit_boxes(several, planes, 0.01), several, planes, strict=True):
+        alone = fit_box(cloud, *plane, 0.01)
+        np.testing.assert_array_equal(box.center, alone.center)
+        np.testing.assert_array_equal(box.size, alone.size)
+        np.testing.assert_array_equal(box.rotation, alone.rotation)
+    assert fit_boxes([], [], 0.01) == []

@@ -80,6 +80,12 @@ def _bag_with_imu(folder: Path) -> None:
             publish("/imu", make.imu("c", t, (0.0, -9.8, 0.1)), t)
 
 
+# Packages that the making of a target needs, and that need not be installed.
+NEEDS = {
+    "record3d-file": "liblzfse", "ros1": "rosbags", "mcap": "rosbags", "db3": "rosbags", "realsense": "rosbags",
+    "gravity": "rosbags",
+}  # fmt: skip
+
 CONTAINERS: dict[str, Target] = {
     "replica": Target(folders.make_replica, files_of, {"read": read_all}),
     "scannet": _recording(folders.make_scannet),

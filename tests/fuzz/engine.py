@@ -14,7 +14,7 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -47,11 +47,14 @@ class Target:
         Folder -> the files in it that are changed, as seen from the folder.
     calls : mapping of str to callable
         Folder -> anything; raises CuboidError where the files cannot be used.
+    mutate : callable
+        (random numbers, path, content) -> what lies in the place of a file.
     """
 
     make: Callable[[Path], None]
     paths: Callable[[Path], list[str]]
     calls: dict[str, Callable[[Path], object]]
+    mutate: Callable[[random.Random, str, bytes], Change] = mutated
 
 
 @dataclass
@@ -142,18 +145,24 @@ def fuzz(target: Target, folder: Path, inputs: int, seed: int, calls_each: int |
         How many of the target's calls, drawn at random, get each input; all unless given.
     """
     target.make(folder)
-    for call in target.calls.values():
-        call(folder)  # what is loaded or compiled once is no input's fault
     paths, outcome = target.paths(folder), Outcome()
+    for call in target.calls.values():
+        with as_before(target, folder):
+            call(folder)  # what is loaded or compiled once is no input's fault
     for number in range(inputs):
         rng = random.Random(f"{seed}:{number}")
         chosen = rng.sample(paths, rng.choice((1, 1, 1, 2)) if len(paths) > 1 else 1)
-        changes = [mutated(rng, path, (folder / path).read_bytes()) for path in sorted(chosen)]
+        changes = [target.mutate(rng, path, (folder / path).read_bytes()) for path in sorted(chosen)]
         names = sorted(target.calls)
         some = names if calls_each is None else rng.sample(names, min(calls_each, len(names)))
         outcome.inputs += 1
         try_changes(target, folder, changes, some, outcome)
     return outcome
+
+
+def as_before(target: Target, folder: Path) -> AbstractContextManager[None]:
+    """Let a target's files be as before afterwards, and no others be there."""
+    return changed(folder, [Change(path, (folder / path).read_bytes()) for path in sorted(set(target.paths(folder)))])
 
 
 def try_changes(

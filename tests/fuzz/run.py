@@ -10,16 +10,19 @@ import resource
 import sys
 import tempfile
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
-from containers import CONTAINERS  # noqa: E402
+from containers import CONTAINERS, NEEDS  # noqa: E402
 from engine import fuzz, keep_faults, quiet_libraries  # noqa: E402
 from targets import TARGETS as OWN  # noqa: E402
 
-TARGETS = {**OWN, **CONTAINERS}
+from scenes import SCENES  # noqa: E402
+
+TARGETS = {**OWN, **SCENES, **CONTAINERS}
 
 
 def main() -> int:
@@ -33,6 +36,9 @@ def main() -> int:
     quiet_libraries()
     faults = 0
     for name in args.targets or TARGETS:
+        if name in NEEDS and find_spec(NEEDS[name]) is None:
+            print(f"{name}: left out, for {NEEDS[name]} is not installed", flush=True)
+            continue
         begun_s = time.perf_counter()
         with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
             outcome = fuzz(TARGETS[name], Path(folder), args.inputs, args.seed, args.calls)

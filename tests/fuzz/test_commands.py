@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 from pathlib import Path
 
@@ -13,23 +14,29 @@ from targets import TARGETS
 import cuboid.run
 from cuboid.cli import main
 from fakes import FakeTracker
+from scenes import SCENES
 
 COMMANDS = (
     "track", "evaluate", "evaluate trajectory", "render", "report", "export", "slam", "calibrate", "synth", "bench",
+    "info", "convert", "find", "sql", "scene", "store compact", "completion",
 )  # fmt: skip
 OPTIONS = (
     "--output", "--force", "--poses", "--every", "--limit", "--scale", "--proposals", "--intrinsics", "--depth-scale",
     "--format", "--set", "--threads", "--recording", "--to", "--json", "--plot", "--within", "--cloud", "--trajectory",
     "--show", "--gif", "--no-pictures", "--meshes", "--kind", "--seed", "--faults", "--help", "--version", "--unknown",
+    "--scene", "--same-world", "--resume", "--since", "--recording", "--picture", "--rescue", "--near", "--size",
+    "--like",
 )  # fmt: skip
 VALUES = (
     "recording", "results", "truth.json", "cloud.ply", "true_trajectory.txt", "new", "new.json", "new.csv", "new.png",
     "given", "estimated", "heat", "1", "2", "ply", "coco", "kitti", "json", "csv", "mcap", "table", "plain", "tum",
     "voxel_m=0.02", "voxel_m=nan", "min_size_m=9", "edgeboxes", "precomputed:results", "onnx:truth.json", "64,64,32,24",
     "64,64,nan,24",
+    "a.cuboid", "2026-01-01", "0001-01-01T00:00+05:00", "1,2,3", "select 1",
     "camera.json", "1000", "--", "-1", *(word for word in WORDS if "\x00" not in word),
 )  # fmt: skip
-LINES = 250
+# More with CUBOID_LINES=5000.
+LINES = int(os.environ.get("CUBOID_LINES", "350"))
 
 
 def line(rng: random.Random) -> list[str]:
@@ -40,6 +47,8 @@ def line(rng: random.Random) -> list[str]:
         words += [rng.choice(OPTIONS), *([rng.choice(VALUES)] if rng.random() < 0.8 else [])]
     if rng.random() < 0.5:
         words += ["--output", rng.choice(("new", "new.json", "new.csv", "results", "recording", "truth.json"))]
+    if words[0] == "scene":
+        words[1:1] = [rng.choice(("list", "show", "changes", "name", "merge", "forget", "export", "compact", "check"))]
     if words[0] == "synth":
         words += ["--frames", "2", "--size", "80x60", "--workers", "1"]
     return words
@@ -50,6 +59,7 @@ def test_any_command_line_is_done_or_refused_in_one_line(
 ) -> None:
     quiet_libraries()
     TARGETS["results"].make(tmp_path)
+    SCENES["scenes"].make(tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(cuboid.run, "_tracker", FakeTracker)
     done = 0

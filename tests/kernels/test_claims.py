@@ -35,26 +35,22 @@ FEW = settings(max_examples=25, deadline=None)
 
 
 class Proposed:
-    """Random proposals of an image twice as wide, and what each covers of the thinned one."""
+    """Random proposals, and what each covers."""
 
     def __init__(self, rng: np.random.Generator, count: int) -> None:
-        self.step, self.phase = int(rng.integers(1, 3)), rng.integers(0, 2, 2)
-        self.phase = self.phase if self.step > 1 else self.phase * 0
-        low = rng.integers(0, (WIDTH * self.step - 2, HEIGHT * self.step - 2), (count, 2))
-        high = np.minimum(low + rng.integers(1, 30, (count, 2)), (WIDTH * self.step, HEIGHT * self.step))
-        self.boxes = np.concatenate([low, high], 1).astype(np.int32)
-        self.covered = np.zeros((count, HEIGHT, WIDTH), bool)
-        masks = []
-        for k, (x0, y0, x1, y1) in enumerate(self.boxes):
-            full = np.zeros((HEIGHT * self.step, WIDTH * self.step), np.uint8)
-            full[y0:y1, x0:x1] = rng.random((y1 - y0, x1 - x0)) < 0.8
-            masks.append(full[y0:y1, x0:x1].ravel())
-            self.covered[k] = full[self.phase[1] :: self.step, self.phase[0] :: self.step] > 0
-        self.masks = np.concatenate(masks)
-        self.starts = np.cumsum([0, *(len(m) for m in masks[:-1])])
+        low = rng.integers(0, (WIDTH - 1, HEIGHT - 1), (count, 2))
+        high = np.minimum(low + rng.integers(0, 20, (count, 2)), (WIDTH, HEIGHT))
+        self.rectangles = np.concatenate([low, high], 1)
+        self.masks = np.zeros((count, HEIGHT, WIDTH), bool)
+        laid_out = []
+        for mask, (x0, y0, x1, y1) in zip(self.masks, self.rectangles, strict=True):
+            mask[y0:y1, x0:x1] = rng.random((y1 - y0, x1 - x0)) < 0.6
+            laid_out.append(mask[y0:y1, x0:x1].ravel())
+        self.starts = np.cumsum([0, *(len(m) for m in laid_out)])
+        self.covered = np.concatenate(laid_out).astype(np.uint8)
 
     def arguments(self) -> tuple[object, ...]:
-        return self.boxes, self.masks, self.starts, self.step, self.phase
+        return self.rectangles, self.starts, self.covered
 
 
 @FEW
@@ -62,14 +58,14 @@ class Proposed:
 def test_pixels_are_counted_by_proposal_and_object(seed: int) -> None:
     rng = np.random.default_rng(seed)
     proposed = Proposed(rng, 6)
-    candidate = (rng.random((HEIGHT, WIDTH)) < 0.7).astype(np.uint8)
     owner = rng.choice([0, 3, 5, 6], (HEIGHT, WIDTH)).astype(np.int32)
-    place = np.array([-1, -1, -1, 1, -1, 0, -1])  # 3 and 5 are in view, 6 is not
-    table = np.full((6, 3), -7)
-    common(candidate, owner, place, 2, *proposed.arguments(), table)
-    for k, covered in enumerate(proposed.covered):
-        mine = covered & (candidate > 0)
-        assert table[k].tolist() == [(mine & (owner == 5)).sum(), (mine & (owner == 3)).sum(), mine.sum()]
+    place = np.array([2, 2, 2, 1, 2, 0, 2])  # 3 and 5 are in view, 6 is not
+    table, sight, column = np.full((6, 3), -7), np.full(3, -7), np.empty(owner.shape, np.int32)
+    common(owner, place, *proposed.arguments(), column, table, sight)
+    others = ~np.isin(owner, [3, 5])
+    for k, mine in enumerate(proposed.masks):
+        assert table[k].tolist() == [(mine & own).sum() for own in (owner == 5, owner == 3, others)]
+    assert sight.tolist() == [(owner == 5).sum(), (owner == 3).sum(), others.sum()]
 
 
 @FEW
@@ -77,13 +73,12 @@ def test_pixels_are_counted_by_proposal_and_object(seed: int) -> None:
 def test_each_pixel_goes_to_the_strongest_proposal_that_is_mostly_free(seed: int) -> None:
     rng = np.random.default_rng(seed)
     proposed = Proposed(rng, 8)
-    candidate = (rng.random((HEIGHT, WIDTH)) < 0.7).astype(np.uint8)
     order = rng.permutation(8)[:6]
     claim = np.full((HEIGHT, WIDTH), 9, np.int32)
-    share_out(candidate, order, *proposed.arguments(), 10, 0.6, claim)
+    share_out(order, *proposed.arguments(), 10, 0.6, claim)
     expected = np.full((HEIGHT, WIDTH), -1)
     for i, k in enumerate(order):
-        mine = proposed.covered[k] & (candidate > 0)
+        mine = proposed.masks[k]
         free = mine & (expected < 0)
         if free.sum() >= 10 and free.sum() >= 0.6 * mine.sum():
             expected[free] = i

@@ -1,10 +1,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from cuboid.kernels.pixels import drop_mixed, gather_regions, join_surfaces, label_regions, stand_on
+from cuboid.kernels.pixels import drop_mixed, gather_regions, join_surfaces, label_regions, stand_on, sum_regions
 
 CAMERA = np.array([50.0, 50.0, 31.5, 23.5])
 
@@ -88,11 +89,12 @@ def test_regions_are_gathered_as_array_operations_do_it() -> None:
     labels[20:, 20:] = 6
     depth = rng.uniform(0.5, 2.0, labels.shape).astype(np.float32)
     first, pixels, points = np.empty(7, np.int64), np.empty(labels.size, np.int64), np.empty((labels.size, 3))
-    corners, place = np.empty((6, 4), np.int64), np.empty(7, np.int64)
-    kept = gather_regions(labels, 6, 4, depth, CAMERA, first, pixels, points, corners, place)
+    corners, claim = np.empty((6, 4), np.int64), np.empty_like(labels)
+    T = np.array([[1.0, 0, 0, 5], [0, 0, 1, 6], [0, -1, 0, 7], [0, 0, 0, 1]])
+    kept = gather_regions(labels, 6, 4, depth, CAMERA, T, first, pixels, points, corners, claim)
     numbers = [1, 2, 4, 5, 6]
     assert kept == len(numbers)
-    assert place.tolist() == [-1, 0, 1, -1, 2, 3, 4]
+    np.testing.assert_array_equal(claim, np.array([-1, 0, 1, -1, 2, 3, 4])[labels])
     assert first[kept] == (labels > 0).sum() - 3
     for k, number in enumerate(numbers):
         own = slice(first[k], first[k + 1])
@@ -100,8 +102,16 @@ def test_regions_are_gathered_as_array_operations_do_it() -> None:
         np.testing.assert_array_equal(pixels[own], v * 40 + u)
         z = depth[v, u].astype(float)
         seen = np.column_stack([(u - CAMERA[2]) / CAMERA[0] * z, (v - CAMERA[3]) / CAMERA[1] * z, z])
-        np.testing.assert_allclose(points[own], seen, atol=1e-12)
+        np.testing.assert_allclose(points[own], seen @ T[:3, :3].T + T[:3, 3], atol=1e-12)
         assert corners[k].tolist() == [u.min(), v.min(), u.max(), v.max()]
+    heat = rng.random(labels.shape).astype(np.float32)
+    support = rng.integers(-1, 3, labels.shape).astype(np.int32)
+    warmth, beneath = np.empty(kept), np.empty((kept, 3), np.int64)
+    sum_regions(first[: kept + 1], pixels, heat, support, warmth, beneath)
+    for k, number in enumerate(numbers):
+        own = labels == number
+        assert warmth[k] == pytest.approx(heat[own].sum(dtype=float))
+        assert beneath[k].tolist() == [(support[own] == p).sum() for p in range(3)]
 
 
 def test_height_is_taken_above_the_highest_plane_beneath() -> None:
@@ -124,13 +134,13 @@ def test_height_is_taken_above_the_highest_plane_beneath() -> None:
         1.4e-3, 0.01, 0.005, 4.0, heights, support, seen,
     )  # fmt: skip
     assert heights[0, 0] == 0
-    assert support[0, 0] == 200
+    assert support[0, 0] == 0
     np.testing.assert_allclose(heights[12, 8], 0.2, atol=1e-6)
-    assert support[12, 8] == 200
+    assert support[12, 8] == 0
     assert heights[0, 60] == 0
-    assert support[0, 60] == 40000
+    assert support[0, 60] == 1
     np.testing.assert_allclose(heights[12, 50], 0.2, atol=1e-6)
-    assert support[12, 50] == 40000
+    assert support[12, 50] == 1
     on_floor, on_table = depth == 2.0, depth == np.float32(1.3)
     assert seen[0].sum() == on_floor.sum()
     assert seen[1].sum() == on_table.sum()

@@ -323,3 +323,22 @@ def test_masks_are_those_pixels_whose_segment_is_in(step: int) -> None:
         small = np.append(members[chosen[k]], 0)[labels[y0:y1, x0:x1]]
         expected = small.repeat(step, axis=0).repeat(step, axis=1)
         np.testing.assert_array_equal(masks[ends[k] - sizes[k] : ends[k]], expected.ravel())
+
+
+def test_of_regions_that_are_nearly_the_same_the_best_one_is_kept() -> None:
+    rng = np.random.default_rng(6)
+    weight = rng.integers(1, 40, 12)
+    members = (rng.random((60, 12)) < 0.5).astype(np.uint8)
+    members[30:] = members[:30]
+    members[np.arange(30, 60), rng.integers(0, 12, 30)] ^= 1
+    pixels, order = members @ weight, rng.permutation(60)[:50]
+    kept: list[int] = []
+    for a in order:
+        common = (members[kept] & members[a]) @ weight
+        if not (common / np.maximum(pixels[kept] + pixels[a] - common, 1) >= 0.8).any():
+            kept.append(int(a))
+    assert len(kept) < 50, "some are the same"
+    for most in (60, 10):
+        chosen = np.empty(most, np.int64)
+        number = regions.distinct(order, members, pixels, weight, 0.8, chosen)
+        assert chosen[:number].tolist() == kept[:most]

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cuboid.kernels.sightings import NEAREST_M, count_seen
+from cuboid.kernels.sightings import NEAREST_M, count_seen, in_view
 
 CAMERA = np.array([30.0, 32.0, 19.5, 14.5])
 NOISE, AGREE_M, ALIKE = 1.4e-3, 0.03, 30
@@ -63,3 +63,23 @@ def test_points_are_counted_as_array_operations_do_it(seed: int) -> None:
         expected = numpy_counts(points[own], colors[own], numbers[k], depth, color, owner, T)
         assert counts[k].tolist() == expected[0]
         np.testing.assert_allclose(corners[k], expected[1], atol=1e-9)
+
+
+def test_boxes_in_view_are_those_whose_spheres_reach_into_the_picture() -> None:
+    rng = np.random.default_rng(8)
+    boxes = rng.uniform(-2.0, 2.0, (400, 15))
+    boxes[:, 3:6] = rng.uniform(0.02, 0.8, (400, 3))
+    boxes[::7] = np.nan
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.uniform(-0.5, 0.5, 3)
+    x, y, z = (boxes[:, :3] @ T[:3, :3].T + T[:3, 3]).T
+    radius = np.linalg.norm(boxes[:, 3:6], axis=1) / 2
+    with np.errstate(invalid="ignore"):
+        expected = (z > NEAREST_M) & (z - radius < 1.5)
+        for place, focal, center, size in zip((x, y), CAMERA[:2], CAMERA[2:], (40, 30), strict=True):
+            expected &= (place + radius) / z * focal + center > 0
+            expected &= (place - radius) / z * focal + center < size
+    found = np.empty(400, np.int64)
+    number = in_view(boxes, T, CAMERA, 40, 30, 1.5, found)
+    assert found[:number].tolist() == np.flatnonzero(expected).tolist()
+    assert 20 < number < 300

@@ -33,7 +33,7 @@ def filled(boxes_xyxy: np.ndarray, scores: list[float]) -> Proposals:
 
 def heat_of(img: WorkingImage, candidate: np.ndarray, proposals: Proposals, focal: float = 100.0) -> np.ndarray:
     readings = candidate.astype(np.uint8)
-    return pixel_heat(img, readings, weigh(img, readings, proposals, focal, TrackerConfig()))
+    return pixel_heat(img, weigh(img, readings, proposals, focal, TrackerConfig()))
 
 
 def test_one_sure_proposal_heats_its_candidates_and_nothing_else() -> None:

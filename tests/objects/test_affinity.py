@@ -61,3 +61,15 @@ def test_what_was_told_of_the_gone_holds_of_the_kept() -> None:
     assert affinity.partners(2) == [3, 9]
     assert affinity.of(2, 3) == pytest.approx(2 * TWO)
     assert affinity.of(2, 9) == pytest.approx(0.5 * ONE)
+
+
+def test_partners_are_asked_for_by_how_likely_they_are_one_with_an_object() -> None:
+    affinity = Affinity()
+    for _ in range(100):
+        affinity.tell(4, 9, one=False, news=1.0)
+        affinity.tell(2, 4, one=True, news=1.0)
+    affinity.tell(4, 7, one=True, news=0.1)
+    assert affinity.partners(4) == [2, 7, 9]
+    assert affinity.partners(4, least=SURE) == [2]
+    assert affinity.partners(4, most=-SURE) == [9]
+    assert affinity.partners(4, least=-SURE, most=SURE) == [7]

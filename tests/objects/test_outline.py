@@ -9,7 +9,8 @@ import pytest
 
 from cuboid.kernels.claims import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, KINDS, LEFT, RIGHT, SUPPORT, TOP, UNSURE
 from cuboid.objects.affinity import SURE
-from cuboid.objects.outline import enclosed, told_by
+from cuboid.objects.outline import enclosed
+from cuboid.objects.outline import told_by as told_by_each
 
 
 def outline(top: int, bottom: int, left: int, right: int, pixels: int = 20) -> np.ndarray:
@@ -18,6 +19,12 @@ def outline(top: int, bottom: int, left: int, right: int, pixels: int = 20) -> n
     for side, kind in ((TOP, top), (BOTTOM, bottom), (LEFT, left), (RIGHT, right)):
         kinds[side, kind] = pixels
     return kinds
+
+
+def told_by(kinds: np.ndarray) -> float:
+    """What one sighting tells, among others."""
+    told = told_by_each(np.stack([outline(UNSURE, UNSURE, UNSURE, UNSURE), kinds]))
+    return float(told[1])
 
 
 def test_two_sightings_of_what_stands_free_are_enough() -> None:

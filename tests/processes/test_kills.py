@@ -101,6 +101,7 @@ def test_killed_at_any_moment(tmp_path: Path) -> None:
             assert {*now} - {*same} == set()
             assert {*same} - {*now} <= {"report.html"}
             assert run(command("report", out)).returncode == 0
+    assert ended < KILLS, "no run was killed"
     assert contents(recording) == before
     time.sleep(0.1)
     os.utime(tmp_path)

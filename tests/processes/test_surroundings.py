@@ -111,6 +111,23 @@ def test_an_output_on_a_file_or_inside_the_recording_spoils_neither(recording: P
     shutil.rmtree(recording / "results")
 
 
+def test_an_output_on_what_is_no_file_leaves_it_there(results: Path, tmp_path: Path) -> None:
+    """Root could replace a device, which all programs of the machine use."""
+    os.mkfifo(tmp_path / "pipe.json")
+    os.symlink("/dev/null", tmp_path / "link.json")
+    truth = tmp_path / "truth.json"
+    truth.write_text('{"format": "cuboid-truth", "version": 1, "objects": []}')
+    for place in (tmp_path / "pipe.json", tmp_path / "link.json"):
+        before = os.lstat(place)
+        for words in (
+            ("evaluate", results, truth, "--json", place),
+            ("export", results, "--to", "json", "--output", place, "--force"),
+        ):
+            assert "the output must be a file" in refused(run(command(*words))), words
+        assert os.lstat(place).st_ino == before.st_ino
+    assert "is a device" in refused(run(command("evaluate", results, truth, "--json=/dev/stdout")))
+
+
 def closing(*numbers: int) -> Callable[[], None]:
     def close() -> None:
         for number in numbers:

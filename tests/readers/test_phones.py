@@ -205,16 +205,20 @@ class TestRecord3DFile:
             assert packed_size(real.compress(data)) == len(data)
 
 
-def make_stray(folder, frames=12):
-    with_video = folder / "rgb.mp4"
-    folder.mkdir(parents=True, exist_ok=True)
-    with av.open(str(with_video), "w") as file:
-        stream = file.add_stream("mpeg4", rate=30, width=1280, height=960, pix_fmt="yuv420p")
+def make_video(path, frames, size):
+    width, height = size
+    with av.open(str(path), "w") as file:
+        stream = file.add_stream("mpeg4", rate=30, width=width, height=height, pix_fmt="yuv420p")
         stream.codec_context.gop_size = 5
         for k in range(frames):
-            picture = np.full((960, 1280, 3), (20 * k, 100, 200 - 10 * k), np.uint8)
+            picture = np.full((height, width, 3), (20 * k % 256, 100, (200 - 10 * k) % 256), np.uint8)
             file.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
         file.mux(stream.encode())
+
+
+def make_stray(folder, frames=12):
+    folder.mkdir(parents=True, exist_ok=True)
+    make_video(folder / "rgb.mp4", frames, (1280, 960))
     lines = ["timestamp, frame, x, y, z, qx, qy, qz, qw"]
     for k in range(frames):
         write_image(folder / "depth" / f"{k:06d}.png", np.full((192, 256), 1000 + 10 * k, np.uint16))
@@ -231,6 +235,26 @@ def make_stray(folder, frames=12):
 def test_stray_scanner_without_its_video_is_refused(data_dir):
     with pytest.raises(InputError, match=r"rgb\.mp4 is missing: without it a recording of Stray Scanner has no color$"):
         open_recording(data_dir / "containers" / "stray-scanner")
+
+
+def test_a_real_recording_of_stray_scanner_with_a_video_in_the_place_of_its_own(data_dir, tmp_path):
+    real, copy = data_dir / "containers" / "stray-scanner", tmp_path / "scan"
+    shutil.copytree(real, copy, copy_function=shutil.copyfile)
+    copy.chmod(0o755)
+    make_video(copy / "rgb.mp4", 30, (1920, 1440))
+    recording = open_recording(copy)
+    assert (recording.format, len(recording), recording.has_poses) == ("stray-scanner", 30, True)
+    K, depth = recording.intrinsics, recording.depth_camera
+    assert (K.width, K.height, *depth.size) == (640, 480, 256, 192)
+    assert (3 * K.fx, 3 * (K.cx + 0.5) - 0.5) == pytest.approx((1352.0168, 962.04865), abs=1e-3)
+    assert recording.timestamp_s(1) - recording.timestamp_s(0) == pytest.approx(0.016668, abs=1e-6)
+    np.testing.assert_allclose(recording.pose(0)[:3, 3], [-0.029284708, 0.33176774, 0.21466155], atol=1e-8)
+    depth_mm = cv2.imread(str(real / "depth" / "000009.png"), cv2.IMREAD_UNCHANGED)
+    confidence = cv2.imread(str(real / "confidence" / "000009.png"), cv2.IMREAD_UNCHANGED)
+    assert set(np.unique(confidence)) <= {0, 1, 2}
+    frame = recording.read(9)
+    assert frame.depth_m.max() == pytest.approx(depth_mm[confidence > 0].max() / 1000, abs=2e-3)
+    assert gap_m(recording, 0, 29) < 0.02  # poses and axes fit: 26 mm with others, 39 mm without poses
 
 
 def test_stray_scanner_in_any_order(tmp_path):

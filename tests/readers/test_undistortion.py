@@ -145,3 +145,10 @@ def test_wrong_coefficients_are_one_line(distorted, distortion, says):
     with pytest.raises(InputError, match=says) as caught:
         open_recording(distorted.path)
     assert "\n" not in str(caught.value)
+
+
+def test_coefficients_that_bend_pixels_to_infinity_are_wrong():
+    """Containers of other programs tell any number."""
+    K = np.array([[60.0, 0, 31.5], [0, 60.0, 23.5], [0, 0, 1]])
+    with pytest.raises(ValueError, match="bend the image by more than a lens does"):
+        Undistortion(K, (1e308, 0, 0, 0), (64, 48))

@@ -100,7 +100,7 @@ def test_the_page_shows_what_changed(moved: Path, tmp_path: Path) -> None:
         one, two = (label_at_begin(scene, place[0]) for place in (ONE, TWO))
         (new,) = (change.label for change in scene.changes() if change.change == "new")
         scene.write_results(tmp_path / "out")
-        write_report(tmp_path / "page.html", summarise(tmp_path / "out", None, scene.shown_changes(2)))
+        write_report(tmp_path / "page.html", summarise(FinishedResults(tmp_path / "out"), None, scene.shown_changes(2)))
     assert two not in [item.label for item in FinishedResults(tmp_path / "out").found.objects], "it is gone"
     with browser() as launched:
         seen = Watched(launched)

@@ -100,6 +100,7 @@ def test_what_is_wrong_is_one_line(address: str) -> None:
         ("near=1,2", "expected X,Y,Z"),
         ("size=3", "unknown parameter 'size'"),
         ("limit=many", "expected a number"),
+        ("since=9999-12-31T23:59:59-23:59", "expected a date and time"),
         ("like=kitchen%2399", "has no object 99"),
     ):
         code, content = refused(f"{address}/api/objects?{question}")

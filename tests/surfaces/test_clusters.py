@@ -13,6 +13,7 @@ from cuboid.working import WorkingImage
 
 CAMERA = Intrinsics(60.0, 60.0, 29.5, 19.5, 60, 40)
 T_WORLD_CAMERA = np.array([[1.0, 0, 0, 5], [0, 0, 1, 6], [0, -1, 0, 7], [0, 0, 0, 1]])
+PLANES = np.array([3, 7])
 SIDES = np.array([BOTTOM, TOP, RIGHT, LEFT])
 
 
@@ -22,26 +23,26 @@ def found(
 ) -> FrameClusters:  # fmt: skip
     """The things of a frame whose proposals are whole boxes."""
     image = WorkingImage(depth.astype(np.float32), np.zeros((*depth.shape, 3), np.uint8), CAMERA, 1, (0, 0))
-    sizes = [(x1 - x0) * (y1 - y0) for x0, y0, x1, y1 in boxes]
+    candidate = ((depth > 0) & (heights != 0)).astype(np.uint8)
+    covered = [candidate[y0:y1, x0:x1].ravel() for x0, y0, x1, y1 in boxes]
     weighed = WeighedProposals(
-        np.array(boxes, np.int32),
-        np.ones(sum(sizes), np.uint8),
-        np.cumsum([0, *sizes])[:-1].astype(np.int64),
+        np.array(boxes, np.int64),
+        np.cumsum([0, *(len(one) for one in covered)]),
+        np.concatenate(covered),
         np.array(weights, np.float32),
     )
-    candidate = ((depth > 0) & (heights != 0)).astype(np.uint8)
     return frame_clusters(
-        image, np.full(depth.shape, 0.5, np.float32), candidate, weighed, np.array(prior or [1.0] * len(boxes)),
-        heights.astype(np.float32), support.astype(np.int32), SIDES, T_WORLD_CAMERA, TrackerConfig(),
+        image, np.full(depth.shape, 0.5, np.float32), weighed, np.array(prior or [1.0] * len(boxes)),
+        heights.astype(np.float32), support.astype(np.int32), PLANES, SIDES, T_WORLD_CAMERA, TrackerConfig(),
     )  # fmt: skip
 
 
 def scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Two boxes 33 cm long, one 20 cm before the other in the picture's middle, on plane 7; a far wall."""
+    """Two boxes 33 cm long, one 20 cm before the other in the picture's middle, on the second plane; a far wall."""
     depth, heights, support = np.full((40, 60), 3.0), np.full((40, 60), np.nan), np.full((40, 60), -1)
     depth[10:30, 15:30], depth[10:30, 30:45] = 1.0, 1.2
-    heights[10:30, 15:45], support[10:30, 15:45] = 0.1, 7
-    depth[30:], heights[30:], support[30:] = 1.0, 0.0, 7
+    heights[10:30, 15:45], support[10:30, 15:45] = 0.1, 1
+    depth[30:], heights[30:], support[30:] = 1.0, 0.0, 1
     return depth, support, heights
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from cuboid.annotation.carry import carried
 from cuboid.annotation.store import KeyframesFile, Outdated
-from cuboid.errors import CuboidError, FrameError
+from cuboid.errors import CuboidError, FrameError, one_line
 from cuboid.readers.recording import Recording
 from cuboid.views.palette import COLORS
 from cuboid.views.report.page import assembled, own
@@ -67,8 +67,9 @@ class Annotator:
             answer = action(json.loads(content))
         except Outdated as error:
             raise Refusal(HTTPStatus.CONFLICT, str(error)) from error
-        except (ValueError, TypeError, KeyError, IndexError) as error:
-            raise Refusal(HTTPStatus.BAD_REQUEST, f"this page and this program do not fit: {error!r}") from error
+        except (ValueError, TypeError, LookupError, OverflowError, RecursionError) as error:
+            line = one_line(f"this page and this program do not fit: {error!r}")
+            raise Refusal(HTTPStatus.BAD_REQUEST, line) from error
         except CuboidError as error:
             raise Refusal(HTTPStatus.UNPROCESSABLE_ENTITY, str(error)) from error
         return "application/json", json.dumps(answer).encode("ascii")

@@ -94,6 +94,13 @@ class Workers:
             "distributed.worker.memory.spill": False,
             "distributed.worker.memory.pause": False,
             "distributed.worker.memory.terminate": 0.95,
+            # What Dask does many times a second beside the work: tasks here take seconds and hand over nothing.
+            "distributed.worker.profile.enabled": False,
+            "distributed.worker.memory.monitor-interval": "250ms",
+            "distributed.admin.tick.interval": "500ms",
+            "distributed.admin.system-monitor.interval": "5s",
+            "distributed.scheduler.active-memory-manager.start": False,
+            "distributed.scheduler.work-stealing-interval": "1s",
             "distributed.nanny.pre-spawn-environ": {**dict.fromkeys(POOLS, "1"), "MALLOC_TRIM_THRESHOLD_": "65536"},
         }
 

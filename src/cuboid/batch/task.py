@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import fsspec
 
@@ -21,6 +21,13 @@ from cuboid.store.place import Place, is_remote
 from cuboid.store.rows import ReadAs, RunHead, day_of, failure, recorded, tables_of
 from cuboid.store.schema import DONE, FAILED, RUNS, TABLES
 from cuboid.store.snapshot import Part, key_of
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from cuboid.outputs import FinishedResults
+    from cuboid.readers import Recording
+    from cuboid.views.report.pictures import Picture
 
 RESULTS = "results"
 
@@ -107,33 +114,42 @@ def _tracked(task: Task, place: Place, path: Path, scratch: Path) -> Ended:
     from cuboid.outputs import FinishedResults
     from cuboid.outputs.pending import new_folder
     from cuboid.run import track_recording, write_page
-    from cuboid.views.report import summarise
+    from cuboid.views.report import pictures_of
 
     options = dict(task.settings)
     recording = open_as(path, **options.pop("reading"))
     config = TrackerConfig.from_dict(options.pop("tracker"))
     local = None if task.tables_only else place.local
-    name = f"{RESULTS}/{task.head.recording}/{task.head.run}"
-    folder = scratch if local is None else local / name
+    folder = scratch if local is None else local / _name(task)
     # A folder in the store is there when it is whole. Dask asks again for what a worker had done that then died.
-    pictures = None
-    if not folder.is_dir():
+    if folder.is_dir():
+        results = FinishedResults(folder)
+        tables = _tables(task, recording, results, pictures_of(results, recording.read))
+    else:
         with new_folder(folder, force=False, replaces="") as working:
             track_recording(recording, working, config=config, threads=1, force=True, page=False, **options)
-            if not task.tables_only:
-                pictures = write_page(working, recording)
+            results = FinishedResults(working)  # what the page reads of them the tables need not read again
+            pictures = pictures_of(results, recording.read) if task.tables_only else write_page(results, recording)
+            tables = _tables(task, recording, results, pictures)
             _refuse_changed(task)
-    results = FinishedResults(folder)
-    if pictures is None:
-        pictures = summarise(folder, recording.read).pictures
     if local is None and not task.tables_only:
-        place.put_folder(folder, name, last=RUN)
-    read_as = ReadAs(recording.format, len(recording), recording.intrinsics, recording.has_poses)
-    tables = tables_of(task.head, results, read_as, pictures, None if task.tables_only else name)
+        place.put_folder(folder, _name(task), last=RUN)
     names = Part(key_of(task.head.run, DONE), day_of(recorded(task.head, results))).names()
     for table in sorted(names, key=lambda table: table == RUNS):  # the last says that all are there
         place.put_table(names[table], tables[table], TABLES[table].group_rows)
     return Ended(task.head, DONE, None, results.report.frames_used, len(results.found.objects))
+
+
+def _name(task: Task) -> str:
+    """Return the folder of the result files in the store."""
+    return f"{RESULTS}/{task.head.recording}/{task.head.run}"
+
+
+def _tables(
+    task: Task, recording: Recording, results: FinishedResults, pictures: Mapping[int, Picture]
+) -> dict[str, pa.Table]:
+    read_as = ReadAs(recording.format, len(recording), recording.intrinsics, recording.has_poses)
+    return tables_of(task.head, results, read_as, pictures, None if task.tables_only else _name(task))
 
 
 def _refuse_changed(task: Task) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -19,6 +20,8 @@ DIRECTIONS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 ARCS = (np.arange(0, 180, 5)[:, None] + np.arange(66)[None]) % 180
 ARC_DESIGNS = np.dstack([np.concatenate([DIRECTIONS, -DIRECTIONS])[ARCS], np.ones((36, 66))])
 ARC_SOLVERS = np.linalg.pinv(ARC_DESIGNS)
+# Normal, and offset or None where nothing known lies beneath.
+Resting = tuple[Float64Array, float | None]
 _NO_SIDE, _NO_TRUST = np.zeros((0, 2)), np.zeros(0)
 
 
@@ -50,12 +53,33 @@ def fit_box(
     Box
         In the points' frame; its length is not less than its width.
     """
-    cloud, axes = np.asarray(points, dtype=np.float64), _axes(normal)
+    cloud = np.ascontiguousarray(points, dtype=np.float64)
     trust = np.ones(len(cloud)) if weights is None else weights
     row = np.empty(15)
     rest = math.nan if offset is None else offset
-    kernel.fit(cloud @ axes[:2].T, cloud @ normal, trust, axes, rest, share, DIRECTIONS, ARC_SOLVERS, row)
+    kernel.fit(cloud, trust, np.ascontiguousarray(normal), rest, share, DIRECTIONS, ARC_SOLVERS, row)
     return _box(row)
+
+
+def fit_boxes(clouds: Sequence[Float64Array], planes: Sequence[Resting], share: float) -> list[Box]:
+    """Fit a box to each of several clouds; see `fit_box`.
+
+    Parameters
+    ----------
+    clouds : sequence of (N, 3) float64
+        At least one point each.
+    planes : sequence of ((3,) float64, float or None)
+        Normal and offset of what each rests on.
+    share : float
+    """
+    if not clouds:
+        return []
+    first = np.cumsum([0, *(len(cloud) for cloud in clouds)])
+    normals = np.array([normal for normal, _ in planes])
+    offsets = np.array([math.nan if offset is None else offset for _, offset in planes])
+    rows = np.empty((len(clouds), 15))
+    kernel.fit_each(np.concatenate(clouds), first, normals, offsets, share, DIRECTIONS, ARC_SOLVERS, rows)
+    return [_box(row) for row in rows]
 
 
 def box_within(low: Float64Array, high: Float64Array, bottom: float, top: float, normal: Float64Array) -> Box:
@@ -76,7 +100,9 @@ def box_within(low: Float64Array, high: Float64Array, bottom: float, top: float,
 
 
 def _axes(normal: Float64Array) -> Float64Array:
-    return np.array([*plane_axes(normal), normal])
+    axes = np.empty((3, 3))
+    kernel.plane_axes(np.ascontiguousarray(normal), axes)
+    return axes
 
 
 def _box(row: Float64Array) -> Box:
@@ -85,13 +111,8 @@ def _box(row: Float64Array) -> Box:
 
 def plane_axes(normal: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Return two axes (3,) that make a right-handed frame with a unit normal."""
-    # In plain numbers: NumPy's products of such short vectors take ten times as long, and every box asks for them.
-    x, y, z = normal.tolist()
-    least = min(abs(x), abs(y), abs(z))
-    a, b, c = (0.0, -z, y) if abs(x) == least else (z, 0.0, -x) if abs(y) == least else (-y, x, 0.0)
-    long = math.sqrt(a * a + b * b + c * c)
-    a, b, c = a / long, b / long, c / long
-    return np.array([a, b, c]), np.array([y * c - z * b, z * a - x * c, x * b - y * a])
+    first, second, _ = _axes(normal)
+    return first, second
 
 
 def reach_of(

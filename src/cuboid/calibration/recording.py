@@ -12,7 +12,6 @@ from cuboid.calibration.calibrate import CalibrationResult, calibrate, spread_ou
 from cuboid.errors import FrameError, InputError
 from cuboid.frame import Float64Array, Frame
 from cuboid.readers import Recording
-from cuboid.slam import estimate_trajectory
 
 # Poses and focal length are estimated in turn, so often at most, until the latter changes by less than this share.
 ROUNDS = 4
@@ -65,6 +64,8 @@ def _with_estimated_poses(
     recording: Recording, every: int, limit: int | None, progress: Callable[[int, int], None]
 ) -> CalibrationResult:
     """Estimate poses, then the focal length with them, and again with that one."""
+    from cuboid.slam import estimate_trajectory  # brings kernels that who has poses does not need
+
     found, previous = None, recording
     count = len(range(0, len(recording), every)[:limit])
     step = min(LONGEST_STEP, max(1, count // ENOUGH_FRAMES))

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.json_option import PRINTED, add_json
-from cuboid.cli.recording import add_recording, config_from, open_from
+from cuboid.cli.recording import add_recording, open_from, tracking_from
 from cuboid.cli.threads import cores
 
 if TYPE_CHECKING:
-    from cuboid.run import RunOutcome
+    from cuboid.run_types import RunOutcome
 
 HELP = "measure milliseconds a stage, frames/s and memory on a recording"
 EXAMPLE = "cuboid bench RECORDING --limit 100"
@@ -41,15 +41,8 @@ def run(args: argparse.Namespace) -> int:
         outcome = track_recording(
             open_from(args),
             None,
-            config=config_from(args),
-            proposals=args.proposals,
-            poses=args.poses,
-            bridge=args.bridge,
-            every=args.every,
-            limit=args.limit,
-            scale=args.scale,
-            threads=args.threads,
             progress=shown,
+            **tracking_from(args),
         )
     measured = measurements(outcome)
     if args.json is not None:

@@ -64,15 +64,15 @@ def place(text: str) -> tuple[float, float, float]:
 
 def moment(text: str) -> datetime:
     """Read a date, a time, or how long ago it is."""
-    if ago := _AGO.fullmatch(text.strip()):
-        return datetime.now(UTC) - timedelta(seconds=float(ago[1]) * _AGO_S[ago[2]])
     try:
+        if ago := _AGO.fullmatch(text.strip()):
+            return datetime.now(UTC) - timedelta(seconds=float(ago[1]) * _AGO_S[ago[2]])
         found = datetime.fromisoformat(text)
-    except ValueError:
+        return found.astimezone(UTC) if found.tzinfo else found.replace(tzinfo=UTC)
+    except (ValueError, OverflowError):  # no date, or one before or after all years
         raise argparse.ArgumentTypeError(
             f"expected 2026-03-01, 2026-03-01T12:00, or 7d, 12h, 30min, got '{text}'"
         ) from None
-    return found if found.tzinfo else found.replace(tzinfo=UTC)
 
 
 def thing(text: str) -> tuple[str, int]:

@@ -14,7 +14,7 @@ from cuboid.cli.optional_words import OPTIONAL
 if TYPE_CHECKING:
     from cuboid.frame import Frame, Intrinsics
     from cuboid.results import FrameResult
-    from cuboid.run import TrackerLike, Watch
+    from cuboid.run_types import TrackerLike, Watch
     from cuboid.views.live import LiveView
 
 

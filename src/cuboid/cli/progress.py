@@ -14,7 +14,7 @@ from rich.progress import Progress as Bar
 
 from cuboid.cli.kernels import loaded_kernels
 from cuboid.results import FrameResult
-from cuboid.run import Progress
+from cuboid.run_types import Progress
 
 COMPILING = "compiling kernels (first run)"
 

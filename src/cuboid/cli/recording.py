@@ -136,6 +136,20 @@ def _registered(recording: Recording) -> Recording:
     return registered
 
 
+def tracking_from(args: argparse.Namespace) -> dict[str, Any]:
+    """Return how the arguments say that a recording is tracked, for `cuboid.track_recording`."""
+    return {
+        "config": config_from(args),
+        "proposals": args.proposals,
+        "poses": args.poses,
+        "bridge": args.bridge,
+        "every": args.every,
+        "limit": args.limit,
+        "scale": args.scale,
+        "threads": args.threads,
+    }
+
+
 def config_from(args: argparse.Namespace) -> TrackerConfig:
     """Return the configuration that the arguments give."""
     from cuboid.config import TrackerConfig

@@ -27,6 +27,7 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.cli.tables import console
     from cuboid.cli.threads import limit_threads
     from cuboid.errors import InputError
+    from cuboid.outputs import FinishedResults
     from cuboid.outputs.folder import REPORT
     from cuboid.views.report import summarise, write_report
 
@@ -34,7 +35,8 @@ def run(args: argparse.Namespace) -> int:
     path: Path = args.output or args.results / REPORT
     if path.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"{path}: the page's name must end with .html")
-    summary = summarise(args.results, None if args.no_pictures else _reading(args.results, args.recording))
+    read = None if args.no_pictures else _reading(args.results, args.recording)
+    summary = summarise(FinishedResults(args.results), read)
     write_report(path, summary)
     console().print(f"page with {len(summary.found.objects)} objects in {path}", markup=False)
     return 0

@@ -113,14 +113,18 @@ def _show(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
         return _show_object(scene, args)
     if args.picture is not None:
         raise InputError("--picture needs the label of an object")
+    from rich.markup import escape
+
     from cuboid.cli.tables import new_table
+    from cuboid.errors import printable
 
     gone = len([item for item in scene.all_objects if item.state == "gone"])
     size_mb = scene.path.stat().st_size / 2**20
     table = new_table("recording", "begun (UTC)", "frames", "with a pose", "poses", "whole", "path", left=2)
     for one in scene.recordings:
         whole = "yes" if one.complete else "broken off"
-        cells = (one.begun, str(one.frames), str(one.frames_used), one.poses, whole, one.path)
+        poses, path = (escape(printable(text)) for text in (one.poses, one.path))
+        cells = (one.begun, str(one.frames), str(one.frames_used), poses, whole, path)
         table.add_row(str(one.number), *cells)
     return [f"{scene.path}: {len(scene.objects)} objects, {gone} gone; {size_mb:.1f} MB", table]
 
@@ -206,6 +210,7 @@ def _forget(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
 
 def _export(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
     from cuboid.exports import FinishedRun, export
+    from cuboid.outputs import FinishedResults
     from cuboid.outputs.folder import REPORT
 
     if args.to == "results":
@@ -213,7 +218,8 @@ def _export(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
         from cuboid.views.report import summarise, write_report
 
         number = len(scene.recordings) if args.recording is None else args.recording
-        write_report(args.output / REPORT, summarise(args.output, None, scene.shown_changes(number)))
+        summary = summarise(FinishedResults(args.output), None, scene.shown_changes(number))
+        write_report(args.output / REPORT, summary)
         return [f"results in {args.output}"]
     with tempfile.TemporaryDirectory(prefix="cuboid-scene-") as work:
         scene.write_results(Path(work) / "results", args.recording)

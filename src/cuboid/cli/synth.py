@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.threads import cores, limit_threads, positive
 
@@ -78,17 +78,7 @@ def run(args: argparse.Namespace) -> int:
         return _visits(args, meshes)
     scene = make_scene(args.kind, args.seed, frames=args.frames, camera=args.motion, meshes=meshes)
     with rendering() as progress:
-        render_recording(
-            scene,
-            args.output,
-            sensor=args.sensor,
-            pose_noise=args.pose_noise,
-            faults=args.faults,
-            size=args.size,
-            workers=args.workers,
-            force=args.force,
-            progress=progress,
-        )
+        render_recording(scene, args.output, progress=progress, **_rendered_as(args))
     what = f"{scene.frames} frames, {len(scene.objects)} objects, {len(scene.surfaces)} level surfaces"
     console().print(f"{scene.name}: {what}; in {args.output}", markup=False)
     return 0
@@ -101,22 +91,18 @@ def _visits(args: argparse.Namespace, meshes: Sequence[Model]) -> int:
 
     scenes = make_visits(args.kind, args.seed, args.visits, frames=args.frames, camera=args.motion, meshes=meshes)
     with rendering() as progress:
-        told = render_visits(
-            scenes,
-            args.output,
-            sensor=args.sensor,
-            pose_noise=args.pose_noise,
-            faults=args.faults,
-            size=args.size,
-            workers=args.workers,
-            force=args.force,
-            progress=progress,
-        )
+        told = render_visits(scenes, args.output, progress=progress, **_rendered_as(args))
     for visit in told["visits"]:
         kinds = [change["change"] for change in visit["changes"]]
         what = ", ".join(f"{kinds.count(kind)} {kind}" for kind in ("unchanged", "moved", "gone", "new"))
         console().print(f"{visit['recording']}: {what if kinds else 'the first'}; in {args.output}", markup=False)
     return 0
+
+
+def _rendered_as(args: argparse.Namespace) -> dict[str, Any]:
+    """Return how the arguments say that a scene becomes a recording, for `render_recording` and `render_visits`."""
+    names = ("sensor", "pose_noise", "faults", "size", "workers", "force")
+    return {name: getattr(args, name) for name in names}
 
 
 @contextmanager

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 from cuboid.cli.camera import add_camera, source_of
 from cuboid.cli.live import add_live, watching
-from cuboid.cli.recording import add_recording, config_from
+from cuboid.cli.recording import add_recording, tracking_from
 from cuboid.cli.scene_options import add_scene, scene_from
 from cuboid.cli.threads import cores
 
 if TYPE_CHECKING:
-    from cuboid.run import RunOutcome
+    from cuboid.run_types import RunOutcome
 
 HELP = "track the objects of a recording and write what was found"
 EXAMPLE = "cuboid track RECORDING --output DIR"
@@ -48,20 +48,13 @@ def run(args: argparse.Namespace) -> int:
                 outcome = track_recording(
                     source,
                     args.output,
-                    config=config_from(args),
-                    proposals=args.proposals,
-                    poses=args.poses,
-                    bridge=args.bridge,
-                    every=args.every,
-                    limit=args.limit,
-                    scale=args.scale,
-                    threads=args.threads,
                     video=args.video,
                     force=args.force,
                     progress=shown,
                     stop=interruption if args.camera is None else never,
                     watch=looks if looks.looks else None,
                     into=into,
+                    **tracking_from(args),
                 )
                 looks.end(outcome.report.complete)
     print_outcome(outcome, args.output)

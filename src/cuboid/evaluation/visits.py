@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,6 +14,8 @@ from cuboid.errors import FrameError, InputError
 from cuboid.evaluation.alignment import TRUE_TRAJECTORY
 from cuboid.evaluation.matching import match, ratio
 from cuboid.evaluation.truth import read_truth
+from cuboid.formats.json_door import read_json
+from cuboid.formats.visits_file import ChangeOfThing, VisitsDocument
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou_matrix, pack
@@ -85,20 +87,17 @@ def evaluate_visits(scene: Path, folder: Path) -> VisitsQuality:
     InputError
         One of them cannot be read, or the scene has other recordings.
     """
-    try:
-        visits = json.loads((folder / VISITS).read_text(encoding="utf-8"))["visits"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{folder / VISITS}: cannot be read: {error}") from error
+    visits = read_json(folder / VISITS, VisitsDocument).visits
     with Scene.open(scene) as opened:
         if len(opened.recordings) != len(visits):
             raise InputError(f"{scene}: has {len(opened.recordings)} recordings, expected {len(visits)} visits")
-        T_truth_scene = _T_truth_scene(opened, folder / visits[0]["recording"])
-        labels = [_labels(opened, k, folder / visit["recording"], T_truth_scene) for k, visit in enumerate(visits, 1)]
+        T_truth_scene = _T_truth_scene(opened, folder / visits[0].recording)
+        labels = [_labels(opened, k, folder / visit.recording, T_truth_scene) for k, visit in enumerate(visits, 1)]
         survivor = {item.label: item.merged_into or item.label for item in opened.all_objects}
         counts = np.zeros(8, int)
         for k in range(1, len(visits)):
             told = [one for one in opened.changes(k + 1) if one.recording == k + 1]
-            counts += _pair(visits[k]["changes"], labels[k - 1], labels[k], told, survivor)
+            counts += _pair(visits[k].changes, labels[k - 1], labels[k], told, survivor)
     return VisitsQuality(*counts.tolist())
 
 
@@ -135,7 +134,7 @@ def _labels(scene: Scene, number: int, folder: Path, T_truth_scene: Float64Array
 
 
 def _pair(
-    truth: list[dict[str, Any]],
+    truth: Sequence[ChangeOfThing],
     before: dict[int, int],
     after: dict[int, int],
     told: list[SceneChange],
@@ -145,33 +144,33 @@ def _pair(
     unmoved = kept = moved = recognised = changes = right = hidden = 0
     kind_of = {one.label: one.change for one in told}
     was, is_now = ({survivor.get(label, label): id_ for id_, label in some.items()} for some in (before, after))
-    judged = {row["id"]: row for row in truth if row["judged"]}
+    judged = {row.id: row for row in truth if row.judged}
     for number, row in judged.items():
         old, new = (survivor.get(some.get(number, 0), some.get(number)) for some in (before, after))
-        seen, empty = row["seen_frames"] >= SHOWN_FRAMES, row["empty_frames"] >= SHOWN_FRAMES
-        if row["change"] == "unchanged" and seen and old is not None:
+        seen, empty = row.seen_frames >= SHOWN_FRAMES, row.empty_frames >= SHOWN_FRAMES
+        if row.change == "unchanged" and seen and old is not None:
             unmoved += 1
             kept += old == new
-        if row["change"] == "moved" and seen and empty:
+        if row.change == "moved" and seen and empty:
             changes += 1
             if old is not None:
                 moved += 1
                 hit = old == new and kind_of.get(old) == "moved"
                 recognised += hit
                 right += hit
-        if row["change"] == "gone" and empty and old is not None:
+        if row.change == "gone" and empty and old is not None:
             changes += 1
             right += kind_of.get(old) == "gone"
-        if row["change"] == "new" and seen:
+        if row.change == "new" and seen:
             changes += 1
             right += new is not None and kind_of.get(new) == "new"
-    others = {row["id"] for row in truth} - judged.keys()
+    others = {row.id for row in truth} - judged.keys()
     counted = 0
     for one in told:
-        number = was.get(one.label, is_now.get(one.label))
-        if one.change in TOLD and number not in others:
+        thing = was.get(one.label, is_now.get(one.label))
+        if one.change in TOLD and thing not in others:
             counted += 1
-        if one.change == "gone" and number in judged:
-            row = judged[number]
-            hidden += row["empty_frames"] < SHOWN_FRAMES
+        if one.change == "gone" and thing in judged:
+            row = judged[thing]
+            hidden += row.empty_frames < SHOWN_FRAMES
     return [unmoved, kept, moved, recognised, changes, counted, right, hidden]

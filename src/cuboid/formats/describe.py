@@ -14,6 +14,7 @@ from cuboid.formats.rows_files import BoxEntry, PoseEntry, ProposalEntry, TrackE
 from cuboid.formats.run_file import RunDocument
 from cuboid.formats.table_door import Row, header_of
 from cuboid.formats.truth_file import TruthDocument
+from cuboid.formats.visits_file import VisitsDocument
 
 # By the name under which people know the file.
 DOCUMENTS: dict[str, type[msgspec.Struct]] = {
@@ -22,6 +23,7 @@ DOCUMENTS: dict[str, type[msgspec.Struct]] = {
     "truth.json": TruthDocument,
     "camera.json": CameraDocument,
     "keyframes.json": KeyframesDocument,
+    "visits.json": VisitsDocument,
 }
 TABLES: dict[str, type[Row]] = {
     "tracks.csv": TrackEntry,
@@ -62,8 +64,8 @@ HEAD = """# File formats
 
 Made by `python docs/make_formats.py` from the descriptions that the program itself reads files by. JSON Schemas are
 made of the same: [camera](schemas/camera.schema.json), [objects](schemas/objects.schema.json),
-[run](schemas/run.schema.json), [truth](schemas/truth.schema.json), [keyframes](schemas/keyframes.schema.json). A file
-that is not as told here is refused, in one line that names the field.
+[run](schemas/run.schema.json), [truth](schemas/truth.schema.json), [keyframes](schemas/keyframes.schema.json),
+[visits](schemas/visits.schema.json). A file that is not as told here is refused, in one line that names the field.
 
 Numbers are finite. JSON documents have at most 64 MB; fields that are not named here are left alone, but for
 `camera.json`, where they are refused. Text files are UTF-8, their lines at most 10,000 characters. `map.ply` is

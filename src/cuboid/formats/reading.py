@@ -115,6 +115,11 @@ def text_lines(path: Path) -> Iterator[str]:
             raise UnreadableError(path, f"is not a text file (UTF-8), about line {number + 1}") from None
 
 
+def kind_of(found: os.stat_result) -> str:
+    """Return what is at a place that is no regular file, with its article."""
+    return _KINDS.get(stat.S_IFMT(found.st_mode), "no file")
+
+
 @contextmanager
 def _refusals(path: Path) -> Iterator[None]:
     """Turn the system's refusals into one line."""
@@ -133,8 +138,7 @@ def _open(path: str, flags: int) -> int:
 
 def _refuse_special(path: Path, found: os.stat_result, most_bytes: int) -> None:
     if not stat.S_ISREG(found.st_mode):
-        kind = _KINDS.get(stat.S_IFMT(found.st_mode), "no file")
-        raise UnreadableError(path, f"is {kind}, a regular file was expected")
+        raise UnreadableError(path, f"is {kind_of(found)}, a regular file was expected")
     if found.st_size > most_bytes:
         raise UnreadableError(path, _too_large(most_bytes))
 

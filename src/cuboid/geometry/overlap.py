@@ -16,10 +16,11 @@ NO_VOLUME_M3 = 1e-18
 
 def pack(boxes: Sequence[Box]) -> Float64Array:
     """Return boxes as rows (N, 15): centre (3), size (3), rotation (9, row by row)."""
-    rows = np.empty((len(boxes), 15))
-    for row, box in zip(rows, boxes, strict=True):
-        row[:3], row[3:6], row[6:] = box.center, box.size, box.rotation.ravel()
-    return rows
+    if not boxes:
+        return np.empty((0, 15))
+    # At once: NumPy takes longer to fill a row than to copy it.
+    parts = [part for box in boxes for part in (box.center, box.size, box.rotation.ravel())]
+    return np.concatenate(parts).reshape(-1, 15).astype(np.float64, copy=False)
 
 
 def unpack(rows: Float64Array) -> list[Box]:

@@ -30,19 +30,19 @@ class WeighedProposals(NamedTuple):
 
     Attributes
     ----------
-    boxes : (N, 4) int32
-        In pixels of the full image, end exclusive.
-    masks : (L,) uint8
-        All masks, row by row, one after the other.
-    starts : (N,) int64
-        Where each proposal's mask begins.
+    rectangles : (N, 4) int64
+        The working pixels in each box, end exclusive.
+    starts : (N + 1,) int64
+        Where these begin when they are laid out row by row, one box after the other.
+    covered : (L,) uint8
+        Laid out so, 1 for each candidate that the proposal covers.
     weights : (N,) float32
         0..1; 0 for those that are no object's.
     """
 
-    boxes: npt.NDArray[np.int32]
-    masks: UInt8Array
+    rectangles: npt.NDArray[np.int64]
     starts: npt.NDArray[np.int64]
+    covered: UInt8Array
     weights: Float32Array
 
 
@@ -66,27 +66,36 @@ def weigh(
     masks = _surfaces_in(image, candidate, proposals, config) if proposals.masks is None else proposals.masks
     boxes = np.ascontiguousarray(proposals.boxes_xyxy, dtype=np.int32)
     scores = np.ascontiguousarray(proposals.scores, dtype=np.float32)
-    flat, starts = _flatten(masks)
-    weights = np.empty(len(proposals), np.float32)
+    flat = np.concatenate([np.asarray(mask, np.uint8).ravel() for mask in masks]) if masks else np.zeros(0, np.uint8)
+    rectangles = _working(boxes, image)
+    starts = np.concatenate([[0], np.cumsum((rectangles[:, 2:] - rectangles[:, :2]).prod(1))])
+    covered, weights = np.empty(starts[-1], np.uint8), np.empty(len(proposals), np.float32)
     kernel.weigh(
-        image.depth_m, candidate, boxes, scores, flat, starts, image.step, np.array(image.phase, dtype=np.int64),
-        focal_px, config.min_size_m, config.max_size_m, weights,
+        image.depth_m, candidate, boxes, scores, flat, rectangles, starts, image.step,
+        np.array(image.phase, dtype=np.int64), focal_px, config.min_size_m, config.max_size_m, covered, weights,
     )  # fmt: skip
-    return WeighedProposals(boxes, flat, starts, weights)
+    return WeighedProposals(rectangles, starts, covered, weights)
 
 
-def pixel_heat(image: WorkingImage, candidate: UInt8Array, weighed: WeighedProposals) -> Float32Array:
+def _working(boxes: npt.NDArray[np.int32], image: WorkingImage) -> npt.NDArray[np.int64]:
+    """Return the working pixels (N, 4) in boxes (N, 4) of the full image, clipped to the picture."""
+    height, width = image.depth_m.shape
+    inside = (boxes.astype(np.int64) - np.array([*image.phase, *image.phase]) + image.step - 1) // image.step
+    inside = np.clip(inside, 0, [width, height, width, height])
+    return np.asarray(np.maximum(inside, np.tile(inside[:, :2], 2)))
+
+
+def pixel_heat(image: WorkingImage, weighed: WeighedProposals) -> Float32Array:
     """Return the heat (h, w) of each working pixel, 0..1.
 
     Votes v become 1 - exp(-v / r), with r the mean weight of the frame's strongest proposals: one sure proposal
     gives 0.63, several agreeing ones approach 1, and neither the number of proposals nor the scale of a source's
     scores matters.
     """
-    heat = np.zeros(candidate.shape, np.float32)
+    heat = np.zeros(image.depth_m.shape, np.float32)
     if len(weighed.weights) == 0:
         return heat
-    phase = np.array(image.phase, dtype=np.int64)
-    kernel.vote(candidate, weighed.boxes, weighed.weights, weighed.masks, weighed.starts, image.step, phase, heat)
+    kernel.vote(weighed.rectangles, weighed.starts, weighed.covered, weighed.weights, heat)
     sure = max(LEAST_SURE, float(np.sort(weighed.weights)[::-1][:STRONGEST].mean()))
     return np.asarray(1.0 - np.exp(-heat / np.float32(sure)), dtype=np.float32)
 
@@ -109,11 +118,3 @@ def _surfaces_in(
         meant[0] = False
         masks.append(meant[labels[rows[:, None], columns[None]]].astype(np.uint8))
     return tuple(masks)
-
-
-def _flatten(masks: tuple[UInt8Array, ...]) -> tuple[UInt8Array, npt.NDArray[np.int64]]:
-    if not masks:
-        return np.zeros(1, np.uint8), np.zeros(0, np.int64)
-    sizes = np.array([mask.size for mask in masks], dtype=np.int64)
-    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
-    return np.concatenate([np.asarray(mask, np.uint8).ravel() for mask in masks]), starts

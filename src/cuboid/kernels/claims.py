@@ -17,52 +17,50 @@ END_SHARE = 0.05
 EDGE_LEVELS, INNER_PIXELS = 90, 2
 
 
-@njit(cache=True, nogil=True, inline="always")
-def span(low, high, phase, step, size):
-    """Return the working pixels that lie in low..high of the full image, clipped to the picture."""
-    return max(0, (low - phase + step - 1) // step), min(size, (high - phase + step - 1) // step)
-
-
-@njit(cache=True, nogil=True, inline="always")
-def covers(masks, start, box, phase, step, v, u):
-    """Tell whether a proposal covers a working pixel of its rectangle."""
-    return masks[start + (phase[1] + step * v - box[1]) * (box[2] - box[0]) + phase[0] + step * u - box[0]] != 0
-
-
 @njit(cache=True, nogil=True)
-def common(candidate, owner, place, objects, boxes, masks, starts, step, phase, table):
-    """Count the candidates that each proposal covers, and those among them that belong to each object.
+def common(owner, place, rectangles, starts, covered, column, table, sight):
+    """Count the candidates that each proposal covers, by the object that they belong to.
 
     Parameters
     ----------
-    candidate : (h, w) uint8
     owner : (h, w) int32
         Object of each working pixel, 0 none.
     place : (M,) int64
-        Column of each object by number; -1 for those that do not count.
-    objects : int
-        How many columns there are.
-    boxes : (N, 4) int32
-    masks : (L,) uint8
-    starts : (N,) int64
-        As for `votes.weigh`.
-    step : int
-    phase : (2,) int64
-    table : (N, objects + 1) int64, output
-        The last column counts all candidates.
+        Column of each object by number; the last one for those that do not count, and for 0.
+    rectangles : (N, 4) int64
+    starts : (N + 1,) int64
+    covered : (L,) uint8
+        See `votes.weigh`.
+    column : (h, w) int32, scratch
+    table : (N, columns) int64, output
+    sight : (columns,) int64, output
+        Pixels of each object, candidates or not, in any proposal or none.
     """
-    height, width = candidate.shape
     table[:] = 0
-    for k in range(boxes.shape[0]):
-        box = boxes[k]
-        top, bottom = span(box[1], box[3], phase[1], step, height)
-        left, right = span(box[0], box[2], phase[0], step, width)
-        for v in range(top, bottom):
-            for u in range(left, right):
-                if candidate[v, u] and covers(masks, starts[k], box, phase, step, v, u):
-                    table[k, objects] += 1
-                    if place[owner[v, u]] >= 0:
-                        table[k, place[owner[v, u]]] += 1
+    sight[:] = 0
+    # What belongs to one object comes in runs: a sum in hand is faster than one in memory.
+    last, run = 0, 0
+    for v in range(owner.shape[0]):
+        for u in range(owner.shape[1]):
+            here = place[owner[v, u]]
+            column[v, u] = here
+            if here != last:
+                sight[last] += run
+                last, run = here, 0
+            run += 1
+    sight[last] += run
+    for k in range(rectangles.shape[0]):
+        x0, y0, x1, y1 = rectangles[k]
+        at, last, run = starts[k], 0, 0
+        for v in range(y0, y1):
+            for u in range(x0, x1):
+                at += 1
+                if covered[at - 1]:
+                    if column[v, u] != last:
+                        table[k, last] += run
+                        last, run = column[v, u], 0
+                    run += 1
+        table[k, last] += run
 
 
 @njit(cache=True, nogil=True)
@@ -85,52 +83,62 @@ def shared(claim, owner, known, place, table, size):
     """
     table[:] = 0
     size[:] = 0
-    last = table.shape[0] - 1
+    nobody = table.shape[0] - 1
+    # They come in runs, as in `common`.
+    mine, theirs, run, seen = nobody, 0, 0, 0
     for v in range(claim.shape[0]):
         for u in range(claim.shape[1]):
-            k = claim[v, u] if claim[v, u] >= 0 else last
-            table[k, place[owner[v, u]]] += 1
-            size[k] += known[v, u]
+            k = claim[v, u] if claim[v, u] >= 0 else nobody
+            here = place[owner[v, u]]
+            if k != mine or here != theirs:
+                table[mine, theirs] += run
+                size[mine] += seen
+                mine, theirs, run, seen = k, here, 0, 0
+            run += 1
+            seen += known[v, u]
+    table[mine, theirs] += run
+    size[mine] += seen
 
 
 @njit(cache=True, nogil=True)
-def share_out(candidate, order, boxes, masks, starts, step, phase, least, free_share, claim):
+def share_out(order, rectangles, starts, covered, least, free_share, claim):
     """Give each candidate pixel to at most one proposal: the strongest first, as long as it is mostly free.
 
     Parameters
     ----------
     order : (K,) int64
         Proposals, the strongest first.
+    rectangles : (N, 4) int64
+    starts : (N + 1,) int64
+    covered : (L,) uint8
+        See `votes.weigh`.
     least : int
         A share of fewer pixels is none.
     free_share : float
         A proposal is left out when less than this of it is free.
     claim : (h, w) int32, output
         Place in `order` of the proposal that has the pixel, -1 none.
-
-    Notes
-    -----
-    The other parameters are those of `common`.
     """
-    height, width = candidate.shape
     claim[:] = -1
     for i in range(order.size):
         k = order[i]
-        box = boxes[k]
-        top, bottom = span(box[1], box[3], phase[1], step, height)
-        left, right = span(box[0], box[2], phase[0], step, width)
-        total = free = 0
-        for v in range(top, bottom):
-            for u in range(left, right):
-                if candidate[v, u] and covers(masks, starts[k], box, phase, step, v, u):
-                    total += 1
-                    free += claim[v, u] < 0
+        x0, y0, x1, y1 = rectangles[k]
+        # Without a branch, row by row: so one instruction takes many pixels.
+        at, total, free = starts[k], 0, 0
+        for v in range(y0, y1):
+            mine, row = covered[at : at + x1 - x0], claim[v, x0:x1]
+            for u in range(mine.size):
+                total += mine[u]
+                free += mine[u] if row[u] < 0 else 0
+            at += x1 - x0
         if free < least or free < free_share * total:
             continue
-        for v in range(top, bottom):
-            for u in range(left, right):
-                if candidate[v, u] and claim[v, u] < 0 and covers(masks, starts[k], box, phase, step, v, u):
-                    claim[v, u] = i
+        at = starts[k]
+        for v in range(y0, y1):
+            mine, row = covered[at : at + x1 - x0], claim[v, x0:x1]
+            for u in range(mine.size):
+                row[u] = i if (mine[u] != 0) & (row[u] < 0) else row[u]
+            at += x1 - x0
 
 
 @njit(cache=True, nogil=True)

@@ -129,3 +129,35 @@ def intersections(A, B, out):
             share = faces_within(center, R, A[i, 3:6], B[j, 3:6], COINCIDE_M, zero, first, second)
             share += faces_within(center_back, R_back, B[j, 3:6], A[i, 3:6], -COINCIDE_M, center_back, first, second)
             out[i, j] = max(0.0, share / 3.0)
+
+
+@njit(cache=True, nogil=True)
+def near(boxes, center, radius, gap, found):
+    """Find the boxes whose bounding spheres come near another sphere.
+
+    Parameters
+    ----------
+    boxes : (N, 15) float64
+        See `intersections`; a row of NaN is near nothing.
+    center : (3,) float64
+    radius : float
+        Of that sphere, metres.
+    gap : float
+        Spheres that are no farther apart are near, metres.
+    found : (N,) int64, output
+        Rows, ascending.
+
+    Returns
+    -------
+    int
+        How many there are.
+    """
+    n = 0
+    for k in range(boxes.shape[0]):
+        x, y, z = boxes[k, 0] - center[0], boxes[k, 1] - center[1], boxes[k, 2] - center[2]
+        long, wide, high = boxes[k, 3], boxes[k, 4], boxes[k, 5]
+        reach = 0.5 * np.sqrt(long * long + wide * wide + high * high) + radius + gap
+        if np.sqrt(x * x + y * y + z * z) <= reach:
+            found[n] = k
+            n += 1
+    return n

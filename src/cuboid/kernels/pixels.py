@@ -23,22 +23,26 @@ def drop_mixed(depth, jump, out):
     `jump` times z squared, plus 1 cm.
     """
     height, width = depth.shape
-    for v in range(height):
-        for u in range(width):
-            z = depth[v, u]
-            out[v, u] = z
-            if z <= 0.0 or u == 0 or v == 0 or u == width - 1 or v == height - 1:
-                continue
+    out[:] = depth
+    for v in range(1, height - 1):
+        above, row, below, clean = depth[v - 1], depth[v], depth[v + 1], out[v]
+        # Without a branch: so one instruction takes several pixels.
+        for u in range(1, width - 1):
+            z = row[u]
             limit = 0.01 + jump * z * z
-            a, b = depth[v, u - 1], depth[v, u + 1]
-            c, d = depth[v - 1, u], depth[v + 1, u]
-            across = a > 0.0 and b > 0.0 and (a - z) * (z - b) > 0.0 and min(abs(a - z), abs(b - z)) > limit
-            along = c > 0.0 and d > 0.0 and (c - z) * (z - d) > 0.0 and min(abs(c - z), abs(d - z)) > limit
-            if across or along:
-                out[v, u] = 0.0
+            mixed = hangs(row[u - 1], z, row[u + 1], limit) | hangs(above[u], z, below[u], limit)
+            clean[u] = np.float32(0.0) if mixed else z
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
+def hangs(before, z, after, limit):
+    """Tell whether a reading lies between a nearer and a farther neighbour, far from both."""
+    near, far = before - z, z - after
+    known = (before > 0.0) & (z > 0.0) & (after > 0.0)
+    return known & (near * far > 0.0) & (min(abs(near), abs(far)) > limit)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def stand_on(
     depth, camera, T_grid_camera, planes_camera, numbers, ground, origin, cell, patches, patch, noise, floor, bias,
     max_depth, heights, support, seen,
@@ -55,7 +59,7 @@ def stand_on(
     planes_camera : (P, 4) float64
         Each plane in the camera frame, as this frame sees it: normal (up) and offset, n.p + d = height.
     numbers : (P,) int32
-        What each plane is called in `patches` and `support`.
+        What each plane is called in `patches`.
     ground : (P, N, M) uint8
         Cells that each plane covers (1), holes beneath objects filled.
     origin : (2,) float64
@@ -74,7 +78,7 @@ def stand_on(
     heights : (H, W) float32, output
         Metres above the plane beneath, NaN without one.
     support : (H, W) int32, output
-        Plane beneath, -1 none.
+        Plane beneath, 0..P-1, -1 none.
     seen : (P, N, M) int32, in and out
         Readings that lie on each plane, by cell; only those of patches that lie on it as a whole.
 
@@ -85,28 +89,37 @@ def stand_on(
     rows, columns = depth.shape
     count = planes_camera.shape[0]
     nx_cells, ny_cells = ground.shape[1], ground.shape[2]
+    # Local copies: what is written below could lie in these arrays, for all the compiler knows.
+    xx, xy, xz, x0 = T_grid_camera[0]
+    yx, yy, yz, y0 = T_grid_camera[1]
+    left, top = origin[0], origin[1]
+    across, patch_of = (np.arange(columns) - camera[2]) / camera[0], np.arange(columns) // patch
     for v in range(rows):
-        ry = (v - camera[3]) / camera[1]
+        ry, pr = (v - camera[3]) / camera[1], v // patch
         for u in range(columns):
             support[v, u] = -1
             heights[v, u] = np.nan
             z = depth[v, u]
             if not (0.0 < z <= max_depth):
                 continue
-            rx = (u - camera[2]) / camera[0]
+            rx = across[u]
             x, y = rx * z, ry * z
-            gx = T_grid_camera[0, 0] * x + T_grid_camera[0, 1] * y + T_grid_camera[0, 2] * z + T_grid_camera[0, 3]
-            gy = T_grid_camera[1, 0] * x + T_grid_camera[1, 1] * y + T_grid_camera[1, 2] * z + T_grid_camera[1, 3]
-            ix = int(np.floor((gx - origin[0]) / cell))
-            iy = int(np.floor((gy - origin[1]) / cell))
+            gx = xx * x + xy * y + xz * z + x0
+            gy = yx * x + yy * y + yz * z + y0
+            ix = int(np.floor((gx - left) / cell))
+            iy = int(np.floor((gy - top) / cell))
             if ix < 0 or iy < 0 or ix >= nx_cells or iy >= ny_cells:
                 continue
-            pr, pc = v // patch, u // patch
+            pc = patch_of[u]
             on = patches[pr, pc] if pr < patches.shape[0] and pc < patches.shape[1] else -1
             best = np.inf
+            # No limit below is larger: what is farther from a plane than this is not on it.
+            most = max(floor, bias + 3.01 * noise * z * z * (abs(rx) + abs(ry) + 1.0))
             for p in range(count):
                 n0, n1, n2 = planes_camera[p, 0], planes_camera[p, 1], planes_camera[p, 2]
                 h = n0 * x + n1 * y + n2 * z + planes_camera[p, 3]
+                if h < -most or (h > most and h >= best):
+                    continue
                 spread = noise * z * z * abs(n0 * rx + n1 * ry + n2)
                 limit = max(floor, bias + 3.0 * spread)
                 if abs(h) < limit:
@@ -114,11 +127,11 @@ def stand_on(
                         seen[p, ix, iy] += 1
                     if ground[p, ix, iy]:
                         best = 0.0
-                        support[v, u] = numbers[p]
+                        support[v, u] = p
                         break
                 elif limit <= h < best and ground[p, ix, iy]:
                     best = h
-                    support[v, u] = numbers[p]
+                    support[v, u] = p
             if best < np.inf:
                 heights[v, u] = best
 
@@ -151,21 +164,22 @@ def label_regions(depth, share, noise, jump, parent, labels):
             if share[v, u] < 0:
                 parent[here] = -1
                 continue
-            parent[here] = here
-            z = depth[v, u]
+            parent[here] = root = here
+            z, mine = depth[v, u], share[v, u]
             limit = jump + 4.0 * noise * z * z
             for k in range(4):
                 vv = v - 1 if k < 3 else v
                 uu = u + k - 1 if k < 3 else u - 1
-                if vv < 0 or uu < 0 or uu >= columns or share[vv, uu] != share[v, u]:
+                if vv < 0 or uu < 0 or uu >= columns or share[vv, uu] != mine:
                     continue
                 if abs(depth[vv, uu] - z) < limit:
-                    a, b = find_root(parent, here), find_root(parent, vv * columns + uu)
-                    if a < b:
-                        parent[b] = a
-                    elif b < a:
-                        parent[a] = b
-    number = 0
+                    other = find_root(parent, vv * columns + uu)
+                    if root < other:
+                        parent[other] = root
+                    elif other < root:
+                        parent[root] = other
+                        root = other
+    number, flat = 0, labels.reshape(-1)
     for v in range(rows):
         for u in range(columns):
             here = v * columns + u
@@ -177,7 +191,7 @@ def label_regions(depth, share, noise, jump, parent, labels):
                 number += 1
                 labels[v, u] = number
             else:
-                labels[v, u] = labels[root // columns, root % columns]
+                labels[v, u] = flat[root]
     return number
 
 
@@ -230,7 +244,7 @@ def join_surfaces(labels, number, share, depth, focal, major, deep):
 
 
 @njit(cache=True, nogil=True)
-def gather_regions(labels, number, least, depth, camera, first, pixels, points, corners, place):
+def gather_regions(labels, number, least, depth, camera, T_world_camera, first, pixels, points, corners, claim):
     """Gather the pixels of each region that is not too small, in the order of their numbers.
 
     Parameters
@@ -244,16 +258,17 @@ def gather_regions(labels, number, least, depth, camera, first, pixels, points, 
     depth : (H, W) float32
     camera : (4,) float64
         fx, fy, cx, cy.
+    T_world_camera : (4, 4) float64
     first : (number + 1,) int64, output
         Where the pixels of each region that is kept begin, and the end of the last one's.
     pixels : (H * W,) int64, output
         Their places in the flattened image, ascending within a region.
     points : (H * W, 3) float64, output
-        In the camera frame, metres.
+        In the world, metres.
     corners : (number, 4) int64, output
         The least and the largest column and row of each: left, top, right, bottom.
-    place : (number + 1,) int64, output
-        Place among those kept of each region, -1 where it is left out, and of 0.
+    claim : (H, W) int32, output
+        Place of each pixel's region among those kept, -1 where it is left out, and of 0.
 
     Returns
     -------
@@ -261,8 +276,7 @@ def gather_regions(labels, number, least, depth, camera, first, pixels, points, 
         How many regions are kept.
     """
     rows, columns = labels.shape
-    size = np.zeros(number + 1, np.int64)
-    place[:] = -1
+    size, place = np.zeros(number + 1, np.int64), np.full(number + 1, -1, np.int32)
     for v in range(rows):
         for u in range(columns):
             size[labels[v, u]] += 1
@@ -275,20 +289,57 @@ def gather_regions(labels, number, least, depth, camera, first, pixels, points, 
     filled = first[:kept].copy()
     for k in range(kept):
         corners[k, 0], corners[k, 1], corners[k, 2], corners[k, 3] = columns, rows, -1, -1
+    # Local copies: what is written below could lie in these arrays, for all the compiler knows.
+    xx, xy, xz, x0 = T_world_camera[0]
+    yx, yy, yz, y0 = T_world_camera[1]
+    zx, zy, zz, z0 = T_world_camera[2]
+    across = (np.arange(columns) - camera[2]) / camera[0]
     for v in range(rows):
+        down = (v - camera[3]) / camera[1]
         for u in range(columns):
             k = place[labels[v, u]]
+            claim[v, u] = k
             if k < 0:
                 continue
             i = filled[k]
             filled[k] += 1
             pixels[i] = v * columns + u
             z = np.float64(depth[v, u])
-            points[i, 0], points[i, 1], points[i, 2] = (
-                (u - camera[2]) / camera[0] * z,
-                (v - camera[3]) / camera[1] * z,
-                z,
+            x, y = across[u] * z, down * z
+            point = points[i]
+            point[0], point[1], point[2] = (
+                xx * x + xy * y + xz * z + x0,
+                yx * x + yy * y + yz * z + y0,
+                zx * x + zy * y + zz * z + z0,
             )
             box = corners[k]
             box[0], box[1], box[2], box[3] = min(box[0], u), min(box[1], v), max(box[2], u), max(box[3], v)
     return kept
+
+
+@njit(cache=True, nogil=True)
+def sum_regions(first, pixels, heat, support, warmth, beneath):
+    """Sum up what the pixels of each region are like.
+
+    Parameters
+    ----------
+    first : (kept + 1,) int64
+        Where the pixels of each region begin; see `gather_regions`.
+    pixels : (N,) int64
+    heat : (H, W) float32
+    support : (H, W) int32
+        Plane beneath each pixel, -1 none.
+    warmth : (kept,) float64, output
+        Summed heat.
+    beneath : (kept, P) int64, output
+        Pixels above each plane.
+    """
+    warmth[:] = 0.0
+    beneath[:] = 0
+    heats, planes = heat.ravel(), support.ravel()
+    for k in range(first.size - 1):
+        for i in range(first[k], first[k + 1]):
+            warmth[k] += heats[pixels[i]]
+            p = planes[pixels[i]]
+            if p >= 0:
+                beneath[k, p] += 1

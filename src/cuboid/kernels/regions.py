@@ -343,6 +343,52 @@ def pair(segments, contact, weight, count, focal, largest, n, members, found, pa
     return n
 
 
+@njit(cache=True, nogil=True)
+def distinct(order, members, pixels, weight, same, kept):
+    """Choose regions, the best first, without those that are nearly the same as a better one.
+
+    Parameters
+    ----------
+    order : (K,) int64
+        Regions, the best first.
+    members : (N, S) uint8
+        Which segments each is made of.
+    pixels : (N,) int64
+        Of each region.
+    weight : (S,) int64
+        Pixels of each segment.
+    same : float
+        Regions with this IoU are the same.
+    kept : (most,) int64, output
+        The regions chosen.
+
+    Returns
+    -------
+    int
+        How many there are.
+    """
+    n = 0
+    for a in order:
+        if n == kept.size:
+            break
+        new = True
+        for j in range(n):
+            b = kept[j]
+            # No IoU is larger than the quotient of their sizes; a little less, for rounding.
+            if min(pixels[a], pixels[b]) < 0.99 * same * max(pixels[a], pixels[b]):
+                continue
+            common = 0
+            for s in range(weight.size):
+                common += weight[s] * (members[a, s] & members[b, s])
+            if np.float32(common) / np.float32(max(pixels[a] + pixels[b] - common, 1)) >= np.float32(same):
+                new = False
+                break
+        if new:
+            kept[n] = a
+            n += 1
+    return n
+
+
 @njit(cache=True, nogil=True, inline="always")
 def unite(one, other, shared, strength, union):
     """Measure the union of two segments, which may be one of them.

@@ -28,18 +28,50 @@ LEAST_M = 1e-3
 
 
 @njit(cache=True, nogil=True)
-def fit(plan, heights, weights, axes, offset, share, directions, solvers, box):
+def fit_each(points, first, normals, offsets, share, directions, solvers, boxes):
+    """Fit a box to each of several clouds of points that are believed alike.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        One cloud after the other.
+    first : (K + 1,) int64
+        Where each begins, and the end of the last one.
+    normals : (K, 3) float64
+    offsets : (K,) float64
+    boxes : (K, 15) float64, output
+        For each cloud what `fit` takes and gives.
+    """
+    trust = np.ones(points.shape[0])
+    for k in range(first.size - 1):
+        own = slice(first[k], first[k + 1])
+        fit(points[own], trust[own], normals[k], offsets[k], share, directions, solvers, boxes[k])
+
+
+@njit(cache=True, nogil=True)
+def plane_axes(normal, axes):
+    """Write two axes that make a right-handed frame with a unit normal (3,), and the normal: (3, 3), row by row."""
+    x, y, z = normal[0], normal[1], normal[2]
+    least = min(abs(x), abs(y), abs(z))
+    a, b, c = (0.0, -z, y) if abs(x) == least else (z, 0.0, -x) if abs(y) == least else (-y, x, 0.0)
+    long = np.sqrt(a * a + b * b + c * c)
+    a, b, c = a / long, b / long, c / long
+    axes[0, 0], axes[0, 1], axes[0, 2] = a, b, c
+    axes[1, 0], axes[1, 1], axes[1, 2] = y * c - z * b, z * a - x * c, x * b - y * a
+    axes[2, 0], axes[2, 1], axes[2, 2] = x, y, z
+
+
+@njit(cache=True, nogil=True)
+def fit(points, weights, normal, offset, share, directions, solvers, box):
     """Fit the box of minimal footprint whose third axis is a plane's normal.
 
     Parameters
     ----------
-    plan : (N, 2) float64
-        Of at least one point, in the plane's own axes, metres.
-    heights : (N,) float64
-        Along the normal, metres.
+    points : (N, 3) float64
+        At least one, metres.
     weights : (N,) float64
-    axes : (3, 3) float64
-        Two axes of the plane and its normal, row by row.
+    normal : (3,) float64
+        Unit.
     offset : float
         The plane is normal.p + offset = 0; NaN: the cluster stands on nothing known and ends at its lowest point.
     share : float
@@ -51,6 +83,14 @@ def fit(plan, heights, weights, axes, offset, share, directions, solvers, box):
     box : (15,) float64, output
         Centre, size, rotation row by row.
     """
+    axes, n = np.empty((3, 3)), points.shape[0]
+    plane_axes(normal, axes)
+    plan, heights = np.empty((n, 2)), np.empty(n)
+    for i in range(n):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        plan[i, 0] = x * axes[0, 0] + y * axes[0, 1] + z * axes[0, 2]
+        plan[i, 1] = x * axes[1, 0] + y * axes[1, 1] + z * axes[1, 2]
+        heights[i] = x * axes[2, 0] + y * axes[2, 1] + z * axes[2, 2]
     low, high = np.empty(directions.shape[0]), np.empty(directions.shape[0])
     reach(plan, weights, directions, share, low, high)
     x, y, radius = disc(low, high, directions, solvers)
@@ -58,7 +98,6 @@ def fit(plan, heights, weights, axes, offset, share, directions, solvers, box):
         for d in range(directions.shape[0]):
             along = x * directions[d, 0] + y * directions[d, 1]
             low[d], high[d] = min(low[d], along - radius), max(high[d], along + radius)
-    n = heights.size
     upright, bottom, top = np.zeros((n, 2)), np.empty(1), np.empty(1)
     upright[:, 0] = heights
     reach(upright, weights, np.array([[1.0, 0.0]]), share, bottom, top)
@@ -87,7 +126,9 @@ def around(low, high, bottom, top, axes, directions, side, trust, box):
         In the plane's axes, metres.
     bottom, top : float
         Along the normal, metres.
-    axes, directions, box
+    axes : (3, 3) float64
+        See `plane_axes`.
+    directions, box
         As for `fit`.
     side : (M, 2) float64
         Points of the sides, not of the top, in the plane's axes; there may be none.
@@ -127,7 +168,8 @@ def disc(low, high, directions, solvers):
     directions : (2 Q, 2) float64
         Evenly over half a turn.
     solvers : (K, 3, L) float64
-        For each of K arcs, evenly over the full turn, what its L reaches are multiplied with to give centre and radius.
+        For each of K arcs, evenly over the full turn, what its L <= 2 Q reaches are multiplied with to give centre and
+        radius.
     """
     half, (arcs, _, long) = directions.shape[0], solvers.shape
     extent = high - low
@@ -135,20 +177,20 @@ def disc(low, high, directions, solvers):
     x = y = radius = 0.0
     if narrow > wide - MISSING_M:
         return x, y, radius
-    # Behind half a turn the directions, and what is reached along them, are those before it the other way round.
-    reached, turned = np.concatenate((high, -low)), np.concatenate((directions, -directions))
+    # Behind half a turn the directions, and what is reached along them, are those before it the other way round. It is
+    # laid out one and a half times round, so that no arc has to begin anew.
+    reached, turned = np.concatenate((high, -low, high)), np.concatenate((directions, -directions, directions))
     least = np.inf
     for k in range(arcs):
         first = k * 2 * half // arcs
         a = b = r = 0.0
         for j in range(long):
-            here = reached[(first + j) % (2 * half)]
+            here = reached[first + j]
             a, b, r = a + solvers[k, 0, j] * here, b + solvers[k, 1, j] * here, r + solvers[k, 2, j] * here
         if not (narrow < 2.0 * r - MISSING_M and r <= ROUND_RADIUS * wide):
             continue
         off = 0.0
-        for j in range(long):
-            d = (first + j) % (2 * half)
+        for d in range(first, first + long):
             off = max(off, abs(reached[d] - (a * turned[d, 0] + b * turned[d, 1] + r)))
         if off < least * r:
             least, x, y, radius = off / r, a, b, r

@@ -280,12 +280,16 @@ def cut_masks(labels, members, chosen, boxes, step, masks):
         x0, y0, x1, y1 = boxes[row]
         wide = (x1 - x0) * step
         for v in range(y0, y1):
-            line = masks[at : at + wide]
-            for u in range(x1 - x0):
-                line[u] = inside[labels[v, x0 + u] + last + 1]
-            if step > 1:
-                for u in range(x1 - x0 - 1, -1, -1):
-                    line[u * step : (u + 1) * step] = line[u]
-                for k in range(1, step):
-                    masks[at + k * wide : at + (k + 1) * wide] = line
+            line, seen = masks[at : at + wide], labels[v, x0:x1]
+            if step == 1:
+                for u in range(seen.size):
+                    line[u] = inside[seen[u] + last + 1]
+            elif step == 2:
+                for u in range(seen.size):
+                    line[2 * u] = line[2 * u + 1] = inside[seen[u] + last + 1]
+            else:
+                for u in range(seen.size):
+                    line[u * step : (u + 1) * step] = inside[seen[u] + last + 1]
+            for k in range(1, step):
+                masks[at + k * wide : at + (k + 1) * wide] = line
             at += step * wide

@@ -78,3 +78,43 @@ def count_seen(points, colors, ends, numbers, depth, color, owner, camera, T, no
             i += 1
         counts[k, 0], counts[k, 1], counts[k, 2] = seen, hidden, unknown
         corners[k, 0], corners[k, 1], corners[k, 2], corners[k, 3] = left, top, right, bottom
+
+
+@njit(cache=True, nogil=True)
+def in_view(boxes, T_camera_world, camera, width, height, far, found):
+    """Find the boxes that reach into a picture with their bounding spheres.
+
+    Parameters
+    ----------
+    boxes : (N, 15) float64
+        See `overlap.intersections`; a row of NaN is in no picture.
+    T_camera_world : (4, 4) float64
+    camera : (4,) float64
+        fx, fy, cx, cy.
+    width, height : int
+        Of the picture, pixels.
+    far : float
+        Spheres that begin farther away are not seen, metres; nor is what is nearer than `NEAREST_M`.
+    found : (N,) int64, output
+        Rows, ascending.
+
+    Returns
+    -------
+    int
+        How many there are.
+    """
+    T, n = T_camera_world, 0
+    for k in range(boxes.shape[0]):
+        px, py, pz = boxes[k, 0], boxes[k, 1], boxes[k, 2]
+        z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
+        long, wide, high = boxes[k, 3], boxes[k, 4], boxes[k, 5]
+        radius = 0.5 * np.sqrt(long * long + wide * wide + high * high)
+        if not (z > NEAREST_M and z - radius < far):
+            continue
+        u = (T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]) / z * camera[0] + camera[2]
+        v = (T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]) / z * camera[1] + camera[3]
+        reach_u, reach_v = radius / z * camera[0], radius / z * camera[1]
+        if u + reach_u > 0 and u - reach_u < width and v + reach_v > 0 and v - reach_v < height:
+            found[n] = k
+            n += 1
+    return n

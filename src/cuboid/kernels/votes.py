@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from cuboid.kernels.claims import covers, span
 
-
-@njit(cache=True, nogil=True)
-def weigh(depth, candidate, boxes, scores, masks, starts, step, phase, focal, low_m, high_m, weights):
-    """Weigh each proposal by what depth says of it.
+@njit(cache=True, nogil=True, error_model="numpy")
+def weigh(
+    depth, candidate, boxes, scores, masks, rectangles, starts, step, phase, focal, low_m, high_m, covered, weights
+):  # fmt: skip
+    """Weigh each proposal by what depth says of it, and tell which candidates it covers.
 
     The weight is the score times the share of the proposal's readings that are candidates. It is 0 where the
     proposal holds no depth support, straddles surfaces farther apart than an object is large, or has not the size
@@ -26,9 +26,11 @@ def weigh(depth, candidate, boxes, scores, masks, starts, step, phase, focal, lo
         x0, y0, x1, y1 in pixels of the full image, end exclusive.
     scores : (N,) float32
     masks : (L,) uint8
-        All masks, row by row, one after the other.
-    starts : (N,) int64
-        Where each proposal's mask begins.
+        The masks of all boxes, row by row, one after the other.
+    rectangles : (N, 4) int64
+        x0, y0, x1, y1 of the working pixels in each box, end exclusive.
+    starts : (N + 1,) int64
+        Where these begin when they are laid out row by row, one box after the other.
     step : int
     phase : (2,) int64
         x and y.
@@ -36,19 +38,27 @@ def weigh(depth, candidate, boxes, scores, masks, starts, step, phase, focal, lo
         Focal length of the full image, pixels.
     low_m, high_m : float
         Least and largest extent of an object, metres.
+    covered : (starts[N],) uint8, output
+        1 for each working pixel in a box that is a candidate and that the proposal covers.
     weights : (N,) float32, output
     """
     height, width = depth.shape
+    mask = 0
     for k in range(boxes.shape[0]):
-        box = boxes[k]
-        rows, columns = span(box[1], box[3], phase[1], step, height), span(box[0], box[2], phase[0], step, width)
+        x0, y0, x1, y1 = rectangles[k]
+        wide = np.int64(boxes[k, 2] - boxes[k, 0])
         weights[k] = 0.0
         pixels = readings = fit = 0
         total = square = 0.0
         left, right, top, bottom = width, -1, height, -1
-        for v in range(rows[0], rows[1]):
-            for u in range(columns[0], columns[1]):
-                if not covers(masks, starts[k], box, phase, step, v, u):
+        at = starts[k]
+        for v in range(y0, y1):
+            row = mask + (phase[1] + step * v - boxes[k, 1]) * wide + phase[0] - boxes[k, 0]
+            first, last = width, -1
+            for u in range(x0, x1):
+                covered[at] = 0
+                at += 1
+                if masks[row + step * u] == 0:
                     continue
                 pixels += 1
                 z = depth[v, u]
@@ -57,10 +67,14 @@ def weigh(depth, candidate, boxes, scores, masks, starts, step, phase, focal, lo
                 readings += 1
                 if candidate[v, u] == 0:
                     continue
+                covered[at - 1] = 1
                 fit += 1
                 total += z
                 square += z * z
-                left, right, top, bottom = min(left, u), max(right, u), min(top, v), max(bottom, v)
+                first, last = min(first, u), u
+            if last >= 0:
+                left, right, top, bottom = min(left, first), max(right, last), min(top, v), v
+        mask += wide * (boxes[k, 3] - boxes[k, 1])
         if fit < 8 or readings < 0.3 * pixels:
             continue
         mean = total / fit
@@ -73,15 +87,15 @@ def weigh(depth, candidate, boxes, scores, masks, starts, step, phase, focal, lo
 
 
 @njit(cache=True, nogil=True)
-def vote(candidate, boxes, weights, masks, starts, step, phase, heat):
+def vote(rectangles, starts, covered, weights, heat):
     """Add each proposal's weight to the candidates that it covers; see `weigh` for the parameters."""
-    height, width = candidate.shape
-    for k in range(boxes.shape[0]):
+    for k in range(weights.size):
         if weights[k] <= 0.0:
             continue
-        box = boxes[k]
-        rows, columns = span(box[1], box[3], phase[1], step, height), span(box[0], box[2], phase[0], step, width)
-        for v in range(rows[0], rows[1]):
-            for u in range(columns[0], columns[1]):
-                if candidate[v, u] and covers(masks, starts[k], box, phase, step, v, u):
-                    heat[v, u] += weights[k]
+        x0, y0, x1, y1 = rectangles[k]
+        at = starts[k]
+        for v in range(y0, y1):
+            mine, row = covered[at : at + x1 - x0], heat[v, x0:x1]
+            for u in range(mine.size):
+                row[u] += weights[k] * np.float32(mine[u])
+            at += x1 - x0

@@ -41,9 +41,12 @@ class Affinity:
         """Return the log-odds that two objects are one; None where they were never seen side by side."""
         return self._log_odds.get((min(a, b), max(a, b)))
 
-    def partners(self, number: int) -> list[int]:
-        """Return the objects that were seen beside one, ascending."""
-        return sorted(self._partners.get(number, ()))
+    def partners(self, number: int, least: float = -MOST, most: float = MOST) -> list[int]:
+        """Return the objects that were seen beside one, ascending: those whose log-odds lie in a range."""
+        odds, beside = self._log_odds, self._partners.get(number, ())
+        if least <= -MOST and most >= MOST:
+            return sorted(beside)
+        return sorted(k for k in beside if least <= odds[(number, k) if number < k else (k, number)] <= most)
 
     def pass_on(self, gone: int, kept: int) -> None:
         """Let what was told of one object hold of another."""

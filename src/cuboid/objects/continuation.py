@@ -37,21 +37,19 @@ def continues(box: Box, rows: Rows, voxels: VoxelMap, owned: UInt8Array) -> tupl
     if len(own) == 0:
         return False, 0
     low, high = own.min(0), own.max(0)
-    top, sides = False, 0
+    beyond = []
     for axis, sign in ((2, 1), (0, 1), (0, -1), (1, 1), (1, -1)):
         edge = high[axis] - own[:, axis] if sign > 0 else own[:, axis] - low[axis]
         side = own[edge <= SIDE_VOXELS * voxels.voxel_m]
         step = np.zeros(3)
         step[axis] = sign * voxels.voxel_m
-        beyond = (side[:, None] + np.array(BEYOND_VOXELS)[:, None] * step).reshape(-1, 3)
-        owner = voxels.owner_at(beyond @ box.rotation.T + box.center)
-        foreign = (owner >= 0) & ~owned[np.maximum(owner, 0)].astype(bool)
-        goes_on = float(foreign.reshape(len(side), -1).any(1).mean()) >= SIDE_SHARE
-        if axis == 2:
-            top = goes_on
-        else:
-            sides += goes_on
-    return top, sides
+        beyond.append((side[:, None] + np.array(BEYOND_VOXELS)[:, None] * step).reshape(-1, 3))
+    owner = voxels.owner_at(np.concatenate(beyond) @ box.rotation.T + box.center)
+    foreign = (owner >= 0) & ~owned[np.maximum(owner, 0)].astype(bool)
+    goes_on = foreign.reshape(-1, len(BEYOND_VOXELS)).any(1).astype(np.float64)
+    ends = np.cumsum([len(places) // len(BEYOND_VOXELS) for places in beyond])
+    top, *sides = (float(side.mean()) >= SIDE_SHARE for side in np.split(goes_on, ends[:-1]))
+    return top, sum(sides)
 
 
 def is_structure(box: Box, rows: Rows, voxels: VoxelMap, owned: UInt8Array) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,7 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.geometry.se3 import transform
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.kernels.claims import BOTTOM, CONTACT, FREE, SUPPORT
+from cuboid.kernels.claims import BOTTOM, CONTACT, FREE, KINDS, SUPPORT
 from cuboid.limits import MOST_CANDIDATES
 from cuboid.objects.affinity import SURE
 from cuboid.objects.association import IN_SIGHT, MOST, Association, associate
@@ -78,7 +79,9 @@ class ObjectMap:
     def in_view(self, image: WorkingImage, T_camera_world: Float64Array) -> list[MapObject]:
         """Return the objects, confirmed or not, whose boxes reach into the picture, none too far to see, by number."""
         far_m = FAR * self._config.max_depth_m
-        return [self.store[int(n)] for n in in_view(self.store.boxes, image, T_camera_world, far_m)]
+        return [
+            self.store[int(n)] for n in in_view(self.store.boxes[: self.store.numbers], image, T_camera_world, far_m)
+        ]
 
     def limited(self, objects: Sequence[MapObject]) -> list[MapObject]:
         """Return objects in view without the least likely of more candidates than a frame may have: these are over."""
@@ -122,7 +125,7 @@ class ObjectMap:
         -------
         Association
         """
-        known = (slots >= 0) & (self._voxels.hits[slots] > 1)
+        known = (slots >= 0) & (self._voxels.hits.take(slots, mode="wrap") > 1)
         found = associate(things, boxes, objects, pixel_owner, known)
         number_of = self._sightings(frame, things, boxes, found)
         self._voxels.vote(things.claim, number_of, *self._may_take(number_of, found), candidate, slots)
@@ -141,19 +144,21 @@ class ObjectMap:
     ) -> npt.NDArray[np.int32]:
         """Let each thing speak for an object, a new one where need be; return for which each votes, 0 for none."""
         number_of = np.zeros(len(things.clusters), np.int32)
-        partner = {int(j): i for i, j in enumerate(found.match) if j >= 0}
+        match, part = found.match.tolist(), found.part.tolist()
+        partner = {j: i for i, j in enumerate(match) if j >= 0}
+        told = told_by(np.array([c.outline for c in things.clusters]).reshape(-1, 4, KINDS)).tolist()
         for i, cluster in enumerate(things.clusters):
-            if found.match[i] >= 0:
-                entry = found.objects[found.match[i]]
-                self._sighting(entry, cluster)
-            elif found.part[i] >= 0 and not self._apart(things, i, partner.get(int(found.part[i]))):
-                number_of[i] = found.objects[found.part[i]].number
+            if match[i] >= 0:
+                entry = found.objects[match[i]]
+                self._sighting(entry, cluster, told[i])
+            elif part[i] >= 0 and not self._apart(things, i, partner.get(part[i])):
+                number_of[i] = found.objects[part[i]].number
                 continue
             else:
                 if not fits_object(boxes[i], self._config):
                     continue
                 entry = self.store.add(boxes[i], frame)
-                self._sighting(entry, cluster)
+                self._sighting(entry, cluster, told[i])
             number_of[i] = entry.number
         return number_of
 
@@ -162,8 +167,9 @@ class ObjectMap:
         """Tell whether two things are bounded by each other, and are no pieces of one proposal."""
         return j is not None and things.share[i] != things.share[j] and things.contact[i, j] + things.contact[j, i] > 0
 
-    def _sighting(self, entry: MapObject, cluster: FrameCluster) -> None:
-        entry.log_odds = min(MOST_SURE, max(-MOST_SURE, entry.log_odds + told_by(cluster.outline)))
+    @staticmethod
+    def _sighting(entry: MapObject, cluster: FrameCluster, told: float) -> None:
+        entry.log_odds = min(MOST_SURE, max(-MOST_SURE, entry.log_odds + told))
         entry.outline += cluster.outline
         entry.sightings += 1
         for plane, pixels in cluster.supports.items():
@@ -182,32 +188,25 @@ class ObjectMap:
         place[[o.number for o in found.objects]] = np.arange(1, len(found.objects) + 1)
         sure = (found.match < 0) | (found.likeness >= SURE_MATCH)
         allowed = np.zeros((len(number_of), len(found.objects) + 1), np.uint8)
-        allowed[:, 0] = sure
-        for i in np.flatnonzero(sure):
-            for j, other in enumerate(found.objects):
-                if other.confirmed:
-                    told = self.store.affinity.of(int(number_of[i]), other.number)
-                    allowed[i, j + 1] = told is not None and told <= -SURE
-                else:
-                    allowed[i, j + 1] = 1
+        allowed[sure] = [1, *(not o.confirmed for o in found.objects)]
+        for i in np.flatnonzero(sure).tolist():
+            columns = place[self.store.affinity.partners(int(number_of[i]), most=-SURE)]
+            allowed[i, columns[columns > 0]] = 1
         return place, allowed
 
     def _pairs(self, things: FrameClusters, found: Association, news: float) -> None:
         """Take in which objects this frame shows as one, and which as two side by side."""
         affinity = self.store.affinity
-        sight, common = found.sight, found.common
-        n = len(things.clusters)
-        for i in range(n):
-            whole = np.flatnonzero((sight >= IN_SIGHT) & (common[i] >= MOST * sight))
-            for a in range(len(whole)):
-                for b in range(a + 1, len(whole)):
-                    affinity.tell(found.objects[whole[a]].number, found.objects[whole[b]].number, one=True, news=news)
-        for i in range(n):
-            for j in range(i + 1, n):
-                if self._apart(things, i, j) and found.match[i] >= 0 and found.match[j] >= 0:
-                    affinity.tell(
-                        found.objects[found.match[i]].number, found.objects[found.match[j]].number, one=False, news=news
-                    )
+        numbers = [o.number for o in found.objects]
+        whole = (found.sight >= IN_SIGHT) & (found.common >= MOST * found.sight)
+        for i in np.flatnonzero(whole.sum(1) > 1):
+            for a, b in combinations(np.flatnonzero(whole[i]).tolist(), 2):
+                affinity.tell(numbers[a], numbers[b], one=True, news=news)
+        known, match = found.match >= 0, found.match.tolist()
+        beside = np.triu(things.contact + things.contact.T > 0, 1) & known & known[:, None]
+        for i, j in zip(*(k.tolist() for k in np.nonzero(beside)), strict=True):
+            if self._apart(things, i, j):
+                affinity.tell(numbers[match[i]], numbers[match[j]], one=False, news=news)
 
     def _share_room(self, numbers: Sequence[int], news: float) -> None:
         """Take objects that are in each other's place for parts of one: no two solids share room."""
@@ -315,7 +314,7 @@ class ObjectMap:
         for number in sorted(set(numbers)):
             if number not in self.store or self.store[number].state is State.RETIRED:
                 continue
-            for other in self.store.affinity.partners(number):
+            for other in self.store.affinity.partners(number, least=SURE / 2.0):
                 if other not in self.store:
                     continue
                 told = self.store.affinity.of(number, other)
@@ -362,21 +361,21 @@ class ObjectMap:
 
     def _may_be_part(self, entry: MapObject) -> bool:
         """Tell whether frames do not agree yet that an object is another one than a labelled one that it touches."""
-        beside = set(self.store.affinity.partners(entry.number))
-        for other in self._neighbours(entry):
-            if other.confirmed and other.number in beside:
-                told = self.store.affinity.of(entry.number, other.number) or 0.0
-                if told > -UNSURE and gap_m(entry.points, other.points, TOUCH_M) <= TOUCH_M:
-                    return True
-        return False
+        unsure = set(self.store.affinity.partners(entry.number, least=-UNSURE))
+        return bool(unsure) and any(
+            other.confirmed and other.number in unsure and gap_m(entry.points, other.points, TOUCH_M) <= TOUCH_M
+            for other in self._neighbours(entry)
+        )
 
 
 def gap_m(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32], limit_m: float) -> float:
     """Return the distance of two sets of points, infinite beyond a limit."""
-    if len(a) == 0 or len(b) == 0:
-        return float("inf")
-    b = b[((b > a.min(0) - limit_m) & (b < a.max(0) + limit_m)).all(1)]
-    if len(b) == 0:
+    # Only what lies in the other's surroundings can be that near.
+    for _ in range(2):
+        if len(a) == 0 or len(b) == 0:
+            return float("inf")
+        a, b = b[((b > a.min(0) - limit_m) & (b < a.max(0) + limit_m)).all(1)], a
+    if len(a) == 0:
         return float("inf")
     distance, _ = cKDTree(b).query(a, distance_upper_bound=limit_m)
     return float(np.min(distance))

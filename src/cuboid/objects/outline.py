@@ -5,8 +5,10 @@ from __future__ import annotations
 from math import log
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
+from cuboid.frame import Float64Array
 from cuboid.kernels.claims import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, LEFT, RIGHT, SUPPORT, TOP, UNSURE
 
 # Log-odds that a sighting adds which shows all of an outline, all of it free: two or three make an object sure.
@@ -24,22 +26,23 @@ CUT_SHARE = 0.5
 Outline = npt.NDArray[Any]
 
 
-def told_by(outline: Outline) -> float:
-    """Return the log-odds that a sighting adds that it shows an object.
+def told_by(outlines: Outline) -> Float64Array:
+    """Return the log-odds (N,) that sightings add that each shows an object.
 
     Parameters
     ----------
-    outline : (4, KINDS)
+    outlines : (N, 4, KINDS)
         Pixels by side and kind; see `kernels.claims.outlines`.
     """
-    kinds = outline.sum(0)
+    kinds = outlines.sum(1)
     # Everything stands on something, known or not.
-    kinds[SUPPORT] += outline[BOTTOM, CONTACT]
-    kinds[CONTACT] -= outline[BOTTOM, CONTACT]
-    judged = float(kinds[:HIDDEN].sum())
-    own = kinds[FREE] + kinds[SUPPORT] + UNSURE_SHARE * kinds[UNSURE]
-    share = own / max(judged, 1.0)
-    return float(CLEAR * judged / max(float(kinds.sum()), 1.0) * (share - OWN_SHARE) / (1.0 - OWN_SHARE))
+    kinds[:, SUPPORT] += outlines[:, BOTTOM, CONTACT]
+    kinds[:, CONTACT] -= outlines[:, BOTTOM, CONTACT]
+    judged = kinds[:, :HIDDEN].sum(1).astype(np.float64)
+    own = kinds[:, FREE] + kinds[:, SUPPORT] + UNSURE_SHARE * kinds[:, UNSURE]
+    share = own / np.maximum(judged, 1.0)
+    told = CLEAR * judged / np.maximum(kinds.sum(1), 1.0) * (share - OWN_SHARE) / (1.0 - OWN_SHARE)
+    return np.asarray(told, dtype=np.float64)
 
 
 def enclosed(outline: Outline) -> bool:

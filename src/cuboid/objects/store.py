@@ -10,6 +10,7 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
 from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.kernels.overlap import near
 from cuboid.objects.affinity import Affinity
 from cuboid.objects.entry import MapObject, State
 
@@ -154,9 +155,9 @@ class ObjectStore:
 
     def near(self, box: Box, gap_m: float) -> list[MapObject]:
         """Return the living objects whose bounding spheres come that near a box's, by number."""
-        apart = np.sqrt(((self.boxes[:, :3] - box.center) ** 2).sum(1))
-        radii = np.sqrt((self.boxes[:, 3:6] ** 2).sum(1)) + float(np.linalg.norm(box.size))
-        return [self._objects[int(k)] for k in np.flatnonzero(apart <= 0.5 * radii + gap_m)]
+        boxes, found = self.boxes[: self.numbers], np.empty(self.numbers, np.int64)
+        count = near(boxes, box.center, 0.5 * float(np.linalg.norm(box.size)), gap_m, found)
+        return [self._objects[k] for k in found[:count].tolist()]
 
     def all_of(self, numbers: Iterable[int]) -> list[MapObject]:
         """Return those of some objects that still live, by number."""

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float64Array
-from cuboid.kernels.sightings import count_seen
+from cuboid.kernels import sightings as kernel
 from cuboid.objects.entry import MapObject
 from cuboid.working import WorkingImage
 
@@ -49,21 +49,9 @@ def in_view(
 
     A row of NaN is in no picture.
     """
-    x, y, z = (boxes[:, :3] @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]).T
-    radius = 0.5 * np.sqrt((boxes[:, 3:6] ** 2).sum(1))
-    c = image.camera
-    near = np.maximum(z, 0.05)
-    reach_u, reach_v = radius / near * c.fx, radius / near * c.fy
-    u, v = x / near * c.fx + c.cx, y / near * c.fy + c.cy
-    inside = (
-        (z > 0.05)
-        & (z - radius < far_m)
-        & (u + reach_u > 0)
-        & (u - reach_u < c.width)
-        & (v + reach_v > 0)
-        & (v - reach_v < c.height)
-    )
-    return np.flatnonzero(inside)
+    c, found = image.camera, np.empty(len(boxes), np.int64)
+    pinhole, T = np.array([c.fx, c.fy, c.cx, c.cy]), np.ascontiguousarray(T_camera_world)
+    return found[: kernel.in_view(boxes, T, pinhole, c.width, c.height, far_m, found)]
 
 
 def look(
@@ -92,7 +80,7 @@ def look(
     colors = [o.colors[::step] for o, step in zip(objects, steps, strict=True)]
     n, c = len(objects), image.camera
     counts, corners = np.empty((n, 3), np.int64), np.empty((n, 4))
-    count_seen(
+    kernel.count_seen(
         np.concatenate(picks), np.concatenate(colors), np.cumsum([len(p) for p in picks]),
         np.array([o.number for o in objects]), image.depth_m, image.color, pixel_owner,
         np.array([c.fx, c.fy, c.cx, c.cy]), np.ascontiguousarray(T_camera_world), noise_per_m, AGREE_M, ALIKE, counts,

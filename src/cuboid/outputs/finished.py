@@ -12,7 +12,15 @@ from cuboid.outputs.folder import MAP, OBJECTS, PROPOSALS, RUN, TRACKS, TRAJECTO
 from cuboid.outputs.objects import ObjectsFile, read_objects
 from cuboid.outputs.ply import read_map
 from cuboid.outputs.report import RunReport, read_run
-from cuboid.outputs.rows import PoseRow, ProposalRow, TrackRow, read_proposals, read_tracks, read_trajectory
+from cuboid.outputs.rows import (
+    PoseRow,
+    ProposalRow,
+    TrackRow,
+    read_proposal_labels,
+    read_proposals,
+    read_tracks,
+    read_trajectory,
+)
 from cuboid.results import MapPoints, TrackedObject
 
 
@@ -78,6 +86,11 @@ class FinishedResults:
         rows = read_proposals(self.folder / PROPOSALS)
         self._refuse_unused(PROPOSALS, rows)
         return rows
+
+    @cached_property
+    def proposal_labels(self) -> list[int]:
+        """The label of each of the frames' own boxes, 0 for none."""
+        return read_proposal_labels(self.folder / PROPOSALS)
 
     @cached_property
     def survivor(self) -> dict[int, TrackedObject]:

@@ -6,11 +6,15 @@ import contextlib
 import re
 import secrets
 import shutil
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 
 from cuboid.errors import OutputError
+from cuboid.formats.reading import kind_of
 from cuboid.outputs.folder import writing
+
+DEVICES = Path("/dev")
 
 
 class PendingFile:
@@ -26,9 +30,15 @@ class PendingFile:
     path : Path
     partial : Path
         Where it is written.
+
+    Raises
+    ------
+    OutputError
+        Something is there that is no file: root could replace a device.
     """
 
     def __init__(self, path: Path) -> None:
+        _refuse_special(path)
         self.path = path
         self.partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
 
@@ -56,6 +66,15 @@ class PendingFile:
         """Leave no file."""
         with contextlib.suppress(OSError):
             self.partial.unlink(missing_ok=True)
+
+
+def _refuse_special(path: Path) -> None:
+    if path.parent.resolve() == DEVICES:  # there a link such as stdout may lead to a file
+        raise OutputError(f"{path}: is a device; the output must be a file")
+    with contextlib.suppress(OSError, ValueError):  # who writes there is told
+        found = path.stat()
+        if not stat.S_ISREG(found.st_mode):
+            raise OutputError(f"{path}: is {kind_of(found)}; the output must be a file")
 
 
 def write_whole(path: Path, content: str | bytes) -> None:

@@ -139,6 +139,11 @@ def read_proposals(path: Path) -> list[ProposalRow]:
     ]
 
 
+def read_proposal_labels(path: Path) -> list[int]:
+    """Read the labels alone of `proposals.csv`; parameters and errors are those of `read_tracks`."""
+    return [row.label for _, row in read_table(path, ProposalEntry)]
+
+
 def read_trajectory(path: Path) -> list[PoseRow]:
     """Read `trajectory.txt`; parameters and errors are those of `read_tracks`."""
     return [

@@ -203,28 +203,19 @@ def _scores(measures: Float64Array, focal_px: float, config: TrackerConfig) -> F
     return np.where(fits, np.clip(score, 0.0, 1.0), 0.0).astype(np.float32)
 
 
-def _best(scores: Float32Array, found: _Regions) -> npt.NDArray[np.intp]:
+def _best(scores: Float32Array, found: _Regions) -> npt.NDArray[np.int64]:
     """Return the regions worth proposing, the best first, without those that are nearly the same as a better one."""
     order = np.argsort(-scores, kind="stable")
     order = order[scores[order] >= LEAST_SCORE]
+    pixels = found.measures[:, regions.PIXELS].astype(np.int64)
     # Pixels of each segment: the regions that are one alone tell them.
-    members = found.members[order].astype(np.float32)
-    pixels = found.measures[order, regions.PIXELS].astype(np.float32)
     single = found.parts[:, 0] < 0
-    weight = np.zeros(members.shape[1], np.float32)
-    weight[found.members[single].argmax(1)] = found.measures[single, regions.PIXELS]
-    common = (members * weight) @ members.T
-    iou = common / np.maximum(pixels[:, None] + pixels[None] - common, 1.0)
-    kept: list[int] = []
-    for i, row in enumerate(iou >= SAME_REGION):
-        if len(kept) == MOST:
-            break
-        if not row[kept].any():
-            kept.append(i)
-    return order[kept]
+    weight, kept = np.zeros(found.members.shape[1], np.int64), np.empty(MOST, np.int64)
+    weight[found.members[single].argmax(1)] = pixels[single]
+    return kept[: regions.distinct(order, found.members, pixels, weight, SAME_REGION, kept)]
 
 
-def _as_proposals(found: _Regions, scores: Float32Array, order: npt.NDArray[np.intp], step: int) -> Proposals:
+def _as_proposals(found: _Regions, scores: Float32Array, order: npt.NDArray[np.int64], step: int) -> Proposals:
     corners = [regions.LEFT, regions.TOP, regions.RIGHTMOST, regions.BOTTOM]
     boxes = found.measures[order][:, corners].astype(np.int32) + np.array([0, 0, 1, 1], np.int32)
     sizes = (boxes[:, 2:] - boxes[:, :2]) * step

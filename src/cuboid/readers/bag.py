@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import threading
 import weakref
 from collections import OrderedDict
@@ -17,6 +16,7 @@ import numpy.typing as npt
 
 from cuboid.errors import FrameError, InputError
 from cuboid.formats.cache import local_file
+from cuboid.readers.bag_mcap import Times, mcap_times
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -26,11 +26,6 @@ ROS1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC = b"#ROSBAG V2", b"\x89MCAP0\r\n", b"SQLite
 MAGIC = {".bag": ROS1_MAGIC, ".mcap": MCAP_MAGIC, ".db3": SQLITE_MAGIC}
 # Messages that stay decoded: color and depth of a frame are asked for by its pose and by its images.
 KEPT_MESSAGES = 6
-# A MessageIndex record of an MCAP file: operation code and length, channel, bytes of the array; then pairs of log time
-# and offset (mcap.dev/spec).
-_INDEX_HEADER, _INDEX_ENTRY = struct.Struct("<BQHI"), 16
-
-Times = npt.NDArray[np.int64]
 
 
 def is_bag_file(path: Path) -> bool:
@@ -76,6 +71,7 @@ class Bag:
                 self.types.setdefault(connection.topic, connection.msgtype)
                 self._connections.setdefault(connection.topic, []).append((part, connection))
         self._kept: OrderedDict[tuple[str, int], Any] = OrderedDict()
+        self._mcap_times: dict[int, dict[int, Times]] = {}
         self._times: dict[str, tuple[Times, npt.NDArray[np.int64]]] = {}
 
     def times(self, topic: str) -> Times:
@@ -145,7 +141,9 @@ class Bag:
             rows = owner.dbconn.execute("SELECT timestamp FROM messages WHERE topic_id = ?", (connection.id,))
             return np.sort(np.array([row[0] for row in rows], np.int64))
         if owner.chunks:  # MCAP
-            return _mcap_times(owner, connection.id)
+            if part not in self._mcap_times:
+                self._mcap_times[part] = mcap_times(owner)
+            return self._mcap_times[part].get(connection.id, np.zeros(0, np.int64))
         reader = self._parts[part][1]  # MCAP without an index: its messages are gone through
         return np.array([time_ns for _, time_ns, _ in reader.messages([connection])], np.int64)
 
@@ -241,19 +239,3 @@ def _position(entries: Sequence[Any], time_ns: int) -> int:
         middle = (low + high) // 2
         low, high = (middle + 1, high) if entries[middle].time < time_ns else (low, middle)
     return low
-
-
-def _mcap_times(owner: Any, channel: int) -> Times:
-    """Return the times of a channel's messages from the message indexes behind the chunks of an MCAP file."""
-    times: list[Times] = []
-    for chunk in owner.chunks:
-        offset = chunk.message_index_offsets.get(channel)
-        if offset is None:
-            continue
-        owner.bio.seek(offset)
-        _, _, of_channel, size = _INDEX_HEADER.unpack(owner.bio.read(_INDEX_HEADER.size))
-        if of_channel != channel or size > chunk.message_index_length:
-            raise ValueError(f"no message index of channel {channel} at byte {offset}")
-        pairs = np.frombuffer(owner.bio.read(size // _INDEX_ENTRY * _INDEX_ENTRY), "<u8").reshape(-1, 2)
-        times.append(pairs[:, 0].astype(np.int64))
-    return np.sort(np.concatenate(times)) if times else np.zeros(0, np.int64)

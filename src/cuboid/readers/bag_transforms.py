@@ -21,6 +21,8 @@ STAMPED_TYPES = (
 )
 # Transforms are read by the second, and so many seconds are kept: frames come in order, one reads on.
 BLOCK_NS, KEPT_BLOCKS = 1_000_000_000, 6
+# About the first image they are looked for within this first: one step at 30 Hz either way.
+AT_FIRST_NS = 40_000_000
 # A chain that is longer goes in a circle.
 LONGEST_CHAIN = 64
 # Between two transforms at most this far apart a pose is interpolated; else the nearest within the other counts.
@@ -61,11 +63,17 @@ class Transforms:
         """Tell whether, about a time, something moves the frame: whether there are poses."""
         if self._pose_topic is not None:
             return True
-        block = self._block(time_ns // BLOCK_NS) | self._block(time_ns // BLOCK_NS + 1)
+        # Where transforms come often, the first few tell, and seconds of a large bag need not be read to open it.
+        if self._moved(frame, self._edges_between(time_ns - AT_FIRST_NS, time_ns + AT_FIRST_NS)):
+            return True
+        return self._moved(frame, self._block(time_ns // BLOCK_NS) | self._block(time_ns // BLOCK_NS + 1))
+
+    def _moved(self, frame: str, edges: dict[str, Edge]) -> bool:
+        """Tell whether one of the transforms from a frame to the root is among these."""
         child, moving = frame, False
         for _ in range(LONGEST_CHAIN):
-            moving |= child in block
-            parent = block[child][0] if child in block else self._fixed.get(child, (None,))[0]
+            moving |= child in edges
+            parent = edges[child][0] if child in edges else self._fixed.get(child, (None,))[0]
             if parent is None:
                 return moving
             child = parent
@@ -122,18 +130,21 @@ class Transforms:
         """Return the moving transforms that were logged in one second, by child."""
         if number in self._blocks:
             return self._blocks[number]
-        block: dict[str, Edge] = {}
-        topics = [self._pose_topic] if self._pose_topic else self._moving
-        for topic in topics:
-            for message in self._bag.between(topic, number * BLOCK_NS, (number + 1) * BLOCK_NS):
-                for parent, child, time_s, T in _edges(message):
-                    _, times_s, transforms = block.setdefault(child, (parent, [], []))
-                    times_s.append(time_s)
-                    transforms.append(T)
-        self._blocks[number] = block
+        block = self._blocks[number] = self._edges_between(number * BLOCK_NS, (number + 1) * BLOCK_NS)
         if len(self._blocks) > KEPT_BLOCKS:
             self._blocks.popitem(last=False)
         return block
+
+    def _edges_between(self, start_ns: int, stop_ns: int) -> dict[str, Edge]:
+        """Return the moving transforms that were logged in a span of time, by child."""
+        found: dict[str, Edge] = {}
+        for topic in [self._pose_topic] if self._pose_topic else self._moving:
+            for message in self._bag.between(topic, start_ns, stop_ns):
+                for parent, child, time_s, T in _edges(message):
+                    _, times_s, transforms = found.setdefault(child, (parent, [], []))
+                    times_s.append(time_s)
+                    transforms.append(T)
+        return found
 
 
 def frame_name(name: str) -> str:

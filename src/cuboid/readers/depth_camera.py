@@ -14,6 +14,8 @@ from cuboid.geometry.se3 import rigid
 
 DEPTH_CAMERA, TRANSFORM = "depth_camera", "T_color_depth"
 DISTORTION = "distortion"
+# What sides of images are called, of color and of depth.
+_SIDES = ("width", "height", "w", "h", "dw", "dh")
 _NUMBERS = ("fx", "fy", "cx", "cy", "width", "height")
 
 
@@ -61,8 +63,10 @@ def depth_camera_of(document: CameraDocument | ConfigEntry) -> DepthCamera | Non
 
 
 def check_number(name: str, value: Any, where: str, prefix: str = "") -> None:
-    """Raise InputError unless a value is a number, and one above 0 where it is no centre."""
+    """Raise InputError unless a value is a number: one above 0 where it is no centre, a pixel or more for a side."""
     number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
     if not number or (value <= 0 and name not in ("cx", "cy")):
         above = " above 0" * (name not in ("cx", "cy"))
         raise InputError(f"{where}: '{prefix}{name}' must be a number{above}, got {shown(value)}")
+    if name in _SIDES and value < 1:
+        raise InputError(f"{where}: '{prefix}{name}' must be a pixel or more, got {shown(value)}")

@@ -99,8 +99,6 @@ def _calibration(
         check_number("cx", said.get(name, 0.0), str(file), f"{name}, as ")  # any finite number
     lens = tuple(float(said.get(name, 0.0)) for name in _LENS)
     size = (int(width), int(height))
-    if not all(size):
-        raise InputError(f"{file}: the images are {width:g}x{height:g}, expected a pixel or more")
     depth_size = next(
         (found for one in entries if isinstance(one.depth, Path) and (found := image_dimensions(one.depth))), size
     )

@@ -77,7 +77,8 @@ def rescaled(coefficients: Sequence[float], factor: float) -> tuple[float, ...]:
 def _refuse_folds(u: Float64Array, v: Float64Array) -> None:
     """Raise ValueError unless the map (H, W) keeps every small patch about its size, and its sense of turning."""
     step = partial(np.gradient, edge_order=1)
-    (u_down, u_right), (v_down, v_right) = step(u), step(v)
-    area = u_right * v_down - u_down * v_right
+    with np.errstate(over="ignore", invalid="ignore"):  # coefficients may bend pixels to infinity: no area then
+        (u_down, u_right), (v_down, v_right) = step(u), step(v)
+        area = u_right * v_down - u_down * v_right
     if not (area.min() > 1 / MOST_STRETCHED and area.max() < MOST_STRETCHED):
         raise ValueError("they bend the image by more than a lens does; the order is k1, k2, p1, p2, k3")

@@ -7,7 +7,6 @@ tracker does it. What stood nowhere before and is like what is gone is that obje
 from __future__ import annotations
 
 import sqlite3
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,8 +17,10 @@ from scipy.spatial import cKDTree
 
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.geometry.box import Box
-from cuboid.geometry.se3 import quat_wxyz_from_rotation, rotation_from_quat_wxyz, transform
+from cuboid.geometry.se3 import quat_wxyz_from_rotation, transform
 from cuboid.objects.entry import MapObject
+from cuboid.scene.door import BOX, DamagedError, box_of, columns_of, floats_of, told
+from cuboid.scene.packing import check_sum, deflated, inflated
 from cuboid.scene.placing import Joined
 from cuboid.surfaces.grid import cells_of
 from cuboid.tracker import Tracker
@@ -260,8 +261,8 @@ def begin(connection: sqlite3.Connection, tracker: Tracker) -> None:
         row = (plane.identity, *corner, *seen.shape, np.packbits(seen).tobytes())
         connection.execute("INSERT INTO ground VALUES (?, ?, ?, ?, ?, ?)", row)
     connection.execute("DELETE FROM occupied")
-    steps = np.diff(_occupied(tracker), prepend=0).astype("<i8")
-    connection.execute("INSERT INTO occupied VALUES (?)", (zlib.compress(steps.tobytes()),))
+    cells = deflated(np.diff(_occupied(tracker), prepend=0).astype("<i8").tobytes())
+    connection.execute("INSERT INTO occupied VALUES (?, ?)", (check_sum(cells), cells))
 
 
 def _occupied(tracker: Tracker) -> Cells:
@@ -283,22 +284,31 @@ def _cells_of(points: Float32Array) -> Cells:
 
 def load(connection: sqlite3.Connection, first_frame: int) -> Changes:
     """Return what holds a visit against how things stood when it began."""
-    known = {
-        row[0]: Known(
-            row[0],
-            Box(np.array(row[1:4]), np.array(row[4:7]), rotation_from_quat_wxyz(row[7:11])),
-            np.frombuffer(row[11], "<f8").reshape(LAYERS, 3),
-            np.frombuffer(row[12], "<f4").reshape(-1, 3),
-        )
-        for row in connection.execute("SELECT * FROM known")
-    }
+    known = {}
+    for label, *row in told(connection, columns_of("known", ("label", *BOX, "look", "points")), "known"):
+        look, points = floats_of(row[10], "<f8", "known.look"), floats_of(row[11], "<f4", "known.points")
+        if look.size != LAYERS * 3 or points.size % 3:
+            raise DamagedError(f"a row of known is damaged: {look.size} and {points.size} numbers")
+        known[label] = Known(label, box_of(row[:10], "known"), look.reshape(LAYERS, 3), points.reshape(-1, 3))
     ground: dict[int, Ground] = {}
-    for plane, i, j, rows, columns, seen in connection.execute("SELECT * FROM ground"):
+    for plane, i, j, rows, columns, seen in told(connection, columns_of("ground"), "ground"):
+        if len(seen) != -(-rows * columns // 8):
+            raise DamagedError(f"a row of ground is damaged: {len(seen)} bytes are not {rows} x {columns} cells")
         bits = np.unpackbits(np.frombuffer(seen, np.uint8), count=rows * columns).reshape(rows, columns)
         ground[plane] = np.array([i, j]), bits.astype(bool)
-    row = connection.execute("SELECT cells FROM occupied").fetchone()
-    steps = np.zeros(0, np.int64) if row is None else np.frombuffer(zlib.decompress(row[0]), "<i8")
-    return Changes(first_frame, known, ground, np.cumsum(steps))
+    cells: Cells = np.zeros(0, np.int64)
+    for check, data in told(connection, columns_of("occupied"), "occupied"):
+        cells = _cells_in(inflated(data, check, "occupied.cells"))
+    return Changes(first_frame, known, ground, cells)
+
+
+def _cells_in(data: bytes) -> Cells:
+    """Return the cells whose steps from one to the next bytes are; DamagedError where they are none."""
+    steps = np.frombuffer(data, "<i8") if len(data) % 8 == 0 else np.zeros(1, np.int64)
+    cells = np.cumsum(steps)
+    if (steps <= 0).any() or (cells <= 0).any():
+        raise DamagedError("occupied.cells is damaged: expected numbers in order")
+    return cells
 
 
 def write(connection: sqlite3.Connection, recording: int, changes: list[Change]) -> None:

@@ -8,13 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.errors import InputError, OutputError
+from cuboid.errors import InputError, OutputError, one_line
 from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.scene import changes
 from cuboid.scene.database import complaining, open_to_read, open_to_write, transaction
+from cuboid.scene.door import TABLES, DamagedError, columns_of, refuse_no_row
 from cuboid.scene.editing import _CAMERA
 from cuboid.scene.freezing import roots, thaw
-from cuboid.scene.packing import Columns, DamagedError, unpacked_block
-from cuboid.scene.saving import StateFile, load_blocks, load_parts
+from cuboid.scene.packing import Columns, unpacked_block
+from cuboid.scene.saving import StateFile, load_blocks, load_parts, strange_is_damaged
 from cuboid.tracker import Tracker
 
 # What people and other programs are told, in the order in which rows refer to each other.
@@ -44,19 +46,38 @@ def problems(path: Path) -> list[str]:
             found = [line for (text,) in said for line in text.splitlines() if line != "ok"]
             broken = connection.execute("PRAGMA foreign_key_check").fetchall()
             found += [f"a row of {table} refers to one of {other} that is not there" for table, _, other, _ in broken]
+            found += _row_problems(connection)
             found += _state_problems(connection)
-        return found
+        return [one_line(line) for line in found]
     except InputError as error:
         return [str(error)]
     finally:
         connection.close()
 
 
+def _row_problems(connection: sqlite3.Connection) -> list[str]:
+    """Return what is wrong with rows, the first few of each table."""
+    found: list[str] = []
+    for table in TABLES:
+        damaged: dict[str, None] = {}
+        for row in connection.execute(f"SELECT {', '.join(columns_of(table))} FROM {table}"):
+            try:
+                refuse_no_row(table, row)
+            except DamagedError as error:
+                damaged[str(error)] = None
+                if len(damaged) == SAID:
+                    break
+        found += damaged
+    return found
+
+
 def _state_problems(connection: sqlite3.Connection) -> list[str]:
     if connection.execute("SELECT 1 FROM parts LIMIT 1").fetchone() is None:
         return []
     try:
-        tracker = thaw(load_parts(connection), *roots(Tracker(_CAMERA)))[0]
+        changes.load(connection, 0)
+        with strange_is_damaged():
+            tracker = thaw(load_parts(connection), *roots(Tracker(_CAMERA)))[0]
         if tracker is None:
             return ["the state of the tracker is missing"]
         read = sum(1 for _ in load_blocks(connection, tracker.voxels))
@@ -105,7 +126,7 @@ def rescue(path: Path, new: Path) -> list[str]:
     finally:
         old.close()
     file.close()
-    return lost
+    return [one_line(line) for line in lost]
 
 
 def _copied(old: sqlite3.Connection, new: sqlite3.Connection, table: str, lost: list[str]) -> int:
@@ -113,8 +134,11 @@ def _copied(old: sqlite3.Connection, new: sqlite3.Connection, table: str, lost: 
     count = 0
     for row in _readable(old, table, lost):
         try:
+            refuse_no_row(table, row)
             new.execute(f"INSERT OR REPLACE INTO {table} VALUES ({', '.join('?' * len(row))})", row)
             count += 1
+        except DamagedError as error:
+            lost.append(str(error))
         except sqlite3.DatabaseError:
             lost.append(f"a row of {table} makes no sense")
     return count
@@ -165,7 +189,8 @@ def _drop_orphans(connection: sqlite3.Connection) -> None:
 def _rescue_state(old: sqlite3.Connection, new: sqlite3.Connection, lost: list[str]) -> int:
     """Let the new file go on with what is left of the map; return how many blocks of it there are."""
     try:
-        tracker, poses, _ = thaw(load_parts(old), *roots(Tracker(_CAMERA)))
+        with strange_is_damaged():
+            tracker, poses, _ = thaw(load_parts(old), *roots(Tracker(_CAMERA)))
     except (InputError, sqlite3.DatabaseError) as error:
         tracker = None
         lost.append(f"the map and the objects' evidence ({error})")

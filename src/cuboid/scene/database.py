@@ -11,6 +11,7 @@ from pathlib import Path
 
 from cuboid.errors import InputError, OutputError
 from cuboid.outputs.pending import PendingFile
+from cuboid.scene.door import DamagedError
 from cuboid.scene.schema import APPLICATION_ID, MIGRATIONS, VERSION
 
 SUFFIX = ".cuboid"
@@ -28,7 +29,7 @@ RESCUE = "'cuboid scene check --rescue NEW' saves what can be read"
 
 @contextmanager
 def complaining(path: Path) -> Iterator[None]:
-    """Turn what SQLite and the system refuse into one line.
+    """Turn what SQLite, the system and the door refuse into one line.
 
     Raises
     ------
@@ -39,6 +40,10 @@ def complaining(path: Path) -> Iterator[None]:
     """
     try:
         yield
+    except DamagedError as error:
+        raise InputError(f"{path}: {error}; {RESCUE}") from None
+    except sqlite3.ProgrammingError:
+        raise
     except sqlite3.DatabaseError as error:
         code = getattr(error, "sqlite_errorcode", 0) & 0xFF
         if code == sqlite3.SQLITE_NOTADB:
@@ -49,8 +54,6 @@ def complaining(path: Path) -> Iterator[None]:
             raise OutputError(f"{path}: cannot be opened or written: {error}") from error
         if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
             raise OutputError(f"{path}: another program holds the file: {error}") from error
-        if code != sqlite3.SQLITE_CORRUPT and "no such" not in str(error):
-            raise
         raise InputError(f"{path}: the scene file is damaged ({error}); {RESCUE}") from error
 
 

@@ -268,7 +268,11 @@ class _Thawer:
             self._live[key] = _blank(kind.cls)
         for key, part in self._parts.items():
             self._fill(self._live[key], part.fields, part)
-        return tuple(self._live.get(root) for root in self._roots)
+        found = tuple(self._live.get(root) for root in self._roots)
+        for root, item in zip(self._roots, found, strict=True):
+            if item is not None and type(item).__name__ != root:
+                raise _strange(root)
+        return found
 
     def _fill(self, item: Any, fields: Mapping[str, Any], part: Part) -> None:
         for name, beginning in self._beginnings(type(item)).items():

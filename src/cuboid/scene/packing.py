@@ -4,28 +4,30 @@ from __future__ import annotations
 
 import json
 import zlib
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
+import msgspec
 import numpy as np
 import numpy.typing as npt
+from msgspec import Meta
 
-from cuboid.errors import InputError
+from cuboid.errors import shown
 from cuboid.frame import Float32Array
 from cuboid.heatmap.carrying import keys_of
 from cuboid.heatmap.voxel_map import CHANGED_ROWS
 from cuboid.kernels.voxels import X, Z
+from cuboid.scene.door import DamagedError
 
 # Images of at least so many pixels a side are kept as PNG, compressed so far.
 SMALLEST_IMAGE, PNG_COMPRESSION = 48, 3
 PNG = b"\x89PNG"
 
+# What `form_of` writes, two or three items.
+_Form = list[str | tuple[Annotated[int, Meta(ge=0, lt=2**40)], ...]]
+
 AnyArray = npt.NDArray[Any]
 Columns = tuple[AnyArray, ...]
-
-
-class DamagedError(InputError):
-    """Bytes of a scene file are not what was written."""
 
 
 def deflated(data: bytes) -> bytes:
@@ -65,20 +67,32 @@ def form_of(array: AnyArray) -> str:
 
 def from_form(form: str, plain: AnyArray) -> AnyArray:
     """Return an array of a form with the items of another one; they lie in memory as they did."""
-    dtype, shape, *strides = json.loads(form)
-    if not strides:
+    dtype, shape, strides = _parts_of(form)
+    if strides is None:
         return plain
-    steps = tuple(strides[0])
-    size = plain.itemsize + sum((n - 1) * step for n, step in zip(shape, steps, strict=True))
-    array: AnyArray = np.ndarray(tuple(shape), np.dtype(dtype), np.zeros(size, np.uint8), strides=steps)
+    size = plain.itemsize + sum((n - 1) * step for n, step in zip(shape, strides, strict=True))
+    array: AnyArray = np.ndarray(shape, dtype, np.zeros(size, np.uint8), strides=strides)
     array[...] = plain
     return array
 
 
 def from_bytes(form: str, data: bytes) -> AnyArray:
     """Return the array of a form and of bytes in C order."""
-    dtype, shape, *_ = json.loads(form)
-    return from_form(form, np.frombuffer(data, np.dtype(dtype)).reshape(shape).copy())
+    dtype, shape, _ = _parts_of(form)
+    return from_form(form, np.frombuffer(data, dtype).reshape(shape).copy())
+
+
+def _parts_of(form: str) -> tuple[np.dtype[Any], tuple[int, ...], tuple[int, ...] | None]:
+    """Return type, shape, and strides where there are any; DamagedError where the form tells none of an array."""
+    try:
+        name, shape, *strides = msgspec.json.decode(form, type=_Form)
+        dtype = np.dtype(str(name))
+    except (msgspec.DecodeError, UnicodeError, RecursionError, TypeError, ValueError):
+        raise DamagedError(f"the form of an array is damaged: {shown(form)}") from None
+    sides = [one for one in (shape, *strides) if isinstance(one, tuple) and len(one) == len(shape)]
+    if dtype.kind not in "biuf" or len(sides) != 1 + len(strides) or len(strides) > 1:
+        raise DamagedError(f"the form of an array is damaged: {shown(form)}")
+    return dtype, sides[0], sides[1] if strides else None
 
 
 def packed(array: AnyArray) -> bytes:
@@ -92,13 +106,17 @@ def packed(array: AnyArray) -> bytes:
 
 def unpacked(data: bytes, check: int, form: str, what: str) -> AnyArray:
     """Return the array of bytes from `packed`, in C order."""
-    dtype, shape, *_ = json.loads(form)
-    if data.startswith(PNG):
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if check_sum(data) == check else None
-        if image is None:
-            raise DamagedError(f"{what} is damaged: its check sum is wrong")
-        return image.reshape(shape).astype(dtype, copy=False)
-    return _from_planes(inflated(data, check, what), np.dtype(dtype), tuple(shape))
+    dtype, shape, _ = _parts_of(form)
+    try:
+        if data.startswith(PNG):
+            whole = check_sum(data) == check
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if whole else None
+            if image is None:
+                raise DamagedError(f"{what} is damaged: its check sum is wrong")
+            return image.reshape(shape).astype(dtype, copy=False)
+        return _from_planes(inflated(data, check, what), dtype, shape)
+    except ValueError:
+        raise DamagedError(f"{what} is damaged: it is not of the form {shown(form)}") from None
 
 
 def packed_block(columns: Columns, voxel_m: float) -> bytes:

@@ -7,7 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cuboid.geometry.se3 import quat_wxyz_from_rotation, rotation_from_quat_wxyz, transform
+from cuboid.frame import Float32Array
+from cuboid.geometry.se3 import quat_wxyz_from_rotation, transform
+from cuboid.scene.door import DamagedError, columns_of, floats_of, rotation_of, told
 from cuboid.scene.placing import Joined
 
 # Rows that have a place, and a turn: table, its columns of the place, those of the quaternion (w first).
@@ -34,18 +36,24 @@ def carry_rows(connection: sqlite3.Connection, joined: Sequence[Joined]) -> None
 def _carry(connection: sqlite3.Connection, part: Joined, table: str, place: str, turn: str) -> None:
     keys, columns = _KEYS[table].split(), [*place.split(), *turn.split()]
     points = ["points"] if table == "known" else []
-    query = f"SELECT {', '.join([*keys, *columns, *points])} FROM {table} WHERE {columns[0]} IS NOT NULL"
+    names = columns_of(table, [*keys, *columns, *points])
     rows = []
-    for row in connection.execute(query).fetchall():
+    for row in told(connection, names, f"{table} WHERE {columns[0]} IS NOT NULL"):
         numbers = np.array(row[len(keys) : len(keys) + len(columns)])
         if part.holds(numbers[None, :3])[0]:
             new = transform(part.T_new_old, numbers[:3]).tolist()
             if turn:
-                new += quat_wxyz_from_rotation(part.T_new_old[:3, :3] @ rotation_from_quat_wxyz(numbers[3:])).tolist()
+                rotation = part.T_new_old[:3, :3] @ rotation_of(numbers[3:].tolist(), table)
+                new += quat_wxyz_from_rotation(rotation).tolist()
             if points:
-                new.append(
-                    transform(part.T_new_old, np.frombuffer(row[-1], "<f4").reshape(-1, 3)).astype("<f4").tobytes()
-                )
+                new.append(transform(part.T_new_old, _points(row[-1])).astype("<f4").tobytes())
             rows.append((*new, *row[: len(keys)]))
     to, where = ", ".join(f"{name} = ?" for name in [*columns, *points]), " AND ".join(f"{key} = ?" for key in keys)
     connection.executemany(f"UPDATE {table} SET {to} WHERE {where}", rows)
+
+
+def _points(data: bytes) -> Float32Array:
+    numbers = floats_of(data, "<f4", "known.points")
+    if numbers.size % 3:
+        raise DamagedError(f"a row of known is damaged: {numbers.size} numbers are no points")
+    return numbers.reshape(-1, 3)

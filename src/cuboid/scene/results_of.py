@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import sqlite3
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from cuboid import __version__
@@ -15,11 +15,13 @@ from cuboid.errors import InputError
 from cuboid.frame import Intrinsics
 from cuboid.outputs import ObjectsFile, ResultWriter, RunReport
 from cuboid.results import FrameResult, Sighting, SupportPlane, TrackedObject
+from cuboid.scene.door import CameraColumn, Outline, Settings, columns_of, document, told
 from cuboid.scene.editing import _CAMERA
 from cuboid.scene.scene import Scene, SceneObject, ScenePast
 from cuboid.scene.visit import load
 from cuboid.tracker import Tracker
 
+_PLANE = ("nx", "ny", "nz", "offset", "outline")
 NOT_IN_SCENE = "the scene has no pose of this frame"
 
 
@@ -44,21 +46,24 @@ def write_results(scene: Scene, connection: sqlite3.Connection, number: int, fol
     OutputError
         The results cannot be written.
     """
-    row = connection.execute(
-        "SELECT path, format, poses, complete, next_frame, camera, settings FROM recordings WHERE id = ?", (number,)
-    ).fetchone()
-    if row is None:
+    columns = columns_of("recordings", ("path", "format", "poses", "complete", "next_frame", "camera", "settings"))
+    rows = told(connection, columns, "recordings WHERE id = ?", (number,))
+    if not rows:
         raise InputError(f"{scene.path}: there is no recording {number}; there are 1 to {len(scene.recordings)}")
-    path, form, poses, complete, frames, camera, settings = row
-    config: dict[str, Any] = json.loads(settings)
+    path, form, poses, complete, frames, camera, settings = rows[0]
+    config = document(settings, dict[str, Any], "recordings.settings")
+    every = document(settings, Settings, "recordings.settings").every
+    size = document(camera, CameraColumn, "recordings.camera")
     known = scene.poses(number)
-    read = len(range(0, frames, config.get("every", 1)))
-    missing = [k for k in range(0, frames, config.get("every", 1)) if k not in known]
+    read = len(range(0, frames, every))
+    missing = [k for k in range(0, frames, every) if k not in known]
     sightings, objects = _seen(scene, number)
     tracker = load(connection, Tracker(_CAMERA))[0]
     planes = tuple(
-        SupportPlane(np.array(plane[:3]), plane[3], np.array(json.loads(plane[4])).reshape(-1, 3))
-        for plane in connection.execute("SELECT nx, ny, nz, offset, outline FROM planes ORDER BY rowid")
+        SupportPlane(
+            np.array(plane[:3]), plane[3], np.array(document(plane[4], Outline, "planes.outline")).reshape(-1, 3)
+        )
+        for plane in told(connection, columns_of("planes", _PLANE), "planes ORDER BY rowid")
     )
     with ResultWriter(folder, force=force) as writer:
         for frame, (time_s, T_world_camera) in known.items():
@@ -79,7 +84,7 @@ def write_results(scene: Scene, connection: sqlite3.Connection, number: int, fol
             seconds=0.0,
             peak_memory_mb=0.0,
         )
-        found = ObjectsFile(tracker.up, Intrinsics(**json.loads(camera)), planes, tuple(objects))
+        found = ObjectsFile(tracker.up, Intrinsics(**msgspec.structs.asdict(size)), planes, tuple(objects))
         writer.finish(found, tracker.map_points(), report)
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import sqlite3
-from collections.abc import Iterable
+import zlib
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,10 +14,10 @@ import msgspec
 import numpy.typing as npt
 
 from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.scene.door import DamagedError, told_each
 from cuboid.scene.freezing import Part, freeze, thaw
 from cuboid.scene.packing import (
     Columns,
-    DamagedError,
     check_sum,
     packed,
     packed_block,
@@ -89,6 +91,7 @@ class StateFile:
             connection.execute("INSERT OR REPLACE INTO blocks VALUES (?, ?, ?, ?, ?)", row)
         connection.execute("DELETE FROM blocks WHERE number >= ?", (state.blocks,))
         connection.execute("INSERT OR REPLACE INTO scene VALUES ('capacity', ?)", (str(state.capacity),))
+        connection.execute("INSERT OR REPLACE INTO scene VALUES ('seal', ?)", (_seal(connection),))
 
     def _write_parts(self, connection: sqlite3.Connection, state: Snapshot) -> None:
         now: dict[tuple[str, str], bytes] = {}
@@ -129,6 +132,7 @@ def clear_state(connection: sqlite3.Connection) -> None:
     """Drop the state, so that another one can be written."""
     for table in ("blocks", "parts", "arrays"):
         connection.execute(f"DELETE FROM {table}")
+    connection.execute("DELETE FROM scene WHERE key = 'seal'")
 
 
 def load_state(connection: sqlite3.Connection, fresh: Tracker, *others: object) -> tuple[Any, ...]:
@@ -152,16 +156,40 @@ def load_state(connection: sqlite3.Connection, fresh: Tracker, *others: object) 
     InputError
         The state is damaged, or of another version.
     """
-    tracker, *rest = thaw(load_parts(connection), fresh, *others)
-    if tracker is None:
-        raise DamagedError("the state of the tracker is missing")
-    voxels = tracker.voxels
-    capacity = connection.execute("SELECT value FROM scene WHERE key = 'capacity'").fetchone()
-    blocks = [columns for _, columns in load_blocks(connection, voxels)]
-    if capacity is None or len(blocks) != voxels.runs:
-        raise DamagedError(f"the map is damaged: {len(blocks)} blocks, expected {voxels.runs}")
-    voxels.restore(int(capacity[0]), blocks)
+    parts = load_parts(connection)
+    with strange_is_damaged():
+        tracker, *rest = thaw(parts, fresh, *others)
+        if tracker is None:
+            raise DamagedError("the state of the tracker is missing")
+        voxels = tracker.voxels
+        capacity = connection.execute("SELECT value FROM scene WHERE key = 'capacity'").fetchone()
+        blocks = [columns for _, columns in load_blocks(connection, voxels)]
+        if capacity is None or len(blocks) != voxels.runs:
+            raise DamagedError(f"the map is damaged: {len(blocks)} blocks, expected {voxels.runs}")
+        voxels.restore(int(capacity[0]), blocks)
     return tracker, *rest
+
+
+@contextmanager
+def strange_is_damaged() -> Iterator[None]:
+    """Turn what live objects cannot be made of into DamagedError: what the seal of an older file does not guard."""
+    try:
+        yield
+    except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, MemoryError) as error:
+        raise DamagedError(f"the state of the tracker is damaged: {error}") from None
+
+
+def _seal(connection: sqlite3.Connection) -> str:
+    """Return a check sum over which parts and arrays there are, of which forms, and over their own check sums."""
+    seal = 0
+    for query in (
+        "SELECT key, kind, check_sum FROM parts ORDER BY key",
+        "SELECT part, path, form, check_sum FROM arrays ORDER BY part, path",
+        "SELECT value FROM scene WHERE key = 'capacity'",
+    ):
+        for row in connection.execute(query):
+            seal = zlib.crc32(repr(row).encode(), seal)
+    return str(seal)
 
 
 def load_parts(connection: sqlite3.Connection) -> dict[str, Part]:
@@ -172,12 +200,15 @@ def load_parts(connection: sqlite3.Connection) -> dict[str, Part]:
     InputError
         One is damaged.
     """
+    sealed = connection.execute("SELECT value FROM scene WHERE key = 'seal'").fetchone()
+    if sealed is not None and sealed[0] != _seal(connection):  # scenes of before the seal have none
+        raise DamagedError("the state of the tracker is damaged: its parts are not those that were written")
     parts: dict[str, Part] = {}
-    for key, kind, check, fields in connection.execute("SELECT key, kind, check_sum, fields FROM parts"):
+    for key, kind, check, fields in told_each(connection, "parts"):
         if check_sum(fields) != check:
             raise DamagedError(f"the part '{key}' is damaged: its check sum is wrong")
         parts[key] = Part(kind, msgspec.msgpack.decode(fields))
-    for key, path, form, check, data in connection.execute("SELECT part, path, form, check_sum, data FROM arrays"):
+    for key, path, form, check, data in told_each(connection, "arrays"):
         if key in parts:
             parts[key].arrays[path] = form, unpacked(data, check, form, f"the array '{path}' of '{key}'")
     return parts
@@ -192,6 +223,8 @@ def load_blocks(connection: sqlite3.Connection, voxels: VoxelMap) -> Iterable[tu
         One is damaged.
     """
     query = "SELECT number, rows, check_sum, data FROM blocks ORDER BY number"
-    for number, rows, check, data in connection.execute(query):
+    for place, (number, rows, check, data) in enumerate(connection.execute(query)):
         what = f"block {number} of the map"
+        if number != place:
+            raise DamagedError(f"the map is damaged: {what} is there, expected block {place}")
         yield number, unpacked_block(data, check, rows, voxels.rows_in(0), voxels.voxel_m, what)

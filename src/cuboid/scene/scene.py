@@ -15,16 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.config import TrackerConfig
-from cuboid.errors import InputError
+from cuboid.errors import InputError, shown
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import Box
-from cuboid.geometry.se3 import compose, rotation_from_quat_wxyz
 from cuboid.proposals import make_source
 from cuboid.proposals.types import ProposalSource
 from cuboid.scene import editing
 from cuboid.scene import visit as visits
-from cuboid.scene.database import RESCUE, Writing, complaining, open_to_read, open_to_write, transaction
-from cuboid.scene.packing import DamagedError
+from cuboid.scene.database import Writing, complaining, open_to_read, open_to_write, transaction
+from cuboid.scene.door import BOX, Row, box_of, columns_of, rotation_of, told
 from cuboid.scene.placing import ESTIMATED, OWN_WORLD, SAME_WORLD, ScenePoses
 from cuboid.scene.saving import has_state
 from cuboid.scene.session import COMMIT_EVERY_S, OwnFrames, SceneTracker
@@ -38,9 +37,17 @@ if TYPE_CHECKING:
 LONGEST_NAME = 100
 
 _COLUMNS = (
-    "label, coalesce(name, ''), state, merged_into, cx, cy, cz, length, width, height, qw, qx, qy, qz, score, heat, "
-    "points, red, green, blue, first_frame, last_frame, frames_seen"
-)
+    "label", "name", "state", "merged_into", *BOX, "score", "heat", "points", "red", "green", "blue", "first_frame",
+    "last_frame", "frames_seen",
+)  # fmt: skip
+_PAST = (
+    *columns_of("sightings", ("label", "iou", "recording", "frame")), "frames.time_s", *columns_of("boxes", BOX),
+    *columns_of("sightings", ("visible", "x0", "y0", "x1", "y1")),
+)  # fmt: skip
+_CHANGE = (
+    "changes.recording", "changes.label", "objects.name", "changes.change",
+    *columns_of("changes", ("from_x", "from_y", "from_z", "to_x", "to_y", "to_z", "metres", "sure", "before", "after")),
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -304,7 +311,8 @@ class Scene:
                 if visit.number > 1:
                     tracker.begin_visit()
             own.first_frame = visit.first_frame
-            names = dict(connection.execute("SELECT label, name FROM objects WHERE name IS NOT NULL"))
+            columns = columns_of("objects", ("label", "name"))
+            names: dict[int, str] = dict(told(connection, columns, "objects WHERE name IS NOT NULL"))
         self._tracker = SceneTracker(self.path, file, tracker, poses, visit, names, commit_every_s)
         return self._tracker
 
@@ -315,10 +323,7 @@ class Scene:
         fresh: Tracker,
     ) -> tuple[Tracker, ScenePoses]:
         """Return tracker and poses as the scene has them."""
-        try:
-            tracker, poses = visits.load(connection, fresh)
-        except DamagedError as error:
-            raise InputError(f"{self.path}: {error}; {RESCUE}") from None
+        tracker, poses = visits.load(connection, fresh)
         if config is not None:
             own = tracker.config.to_dict()
             for name, value in config.to_dict().items():
@@ -336,19 +341,19 @@ class Scene:
 
     def poses(self, recording: int) -> dict[int, tuple[float, Float64Array]]:
         """Return time and T_world_camera (4, 4) of each used frame of a recording, as they were told then, by frame."""
-        query = "SELECT frame, time_s, qw, qx, qy, qz, tx, ty, tz FROM frames WHERE recording = ? ORDER BY frame"
-        return {row[0]: (row[1], compose(row[2:6], row[6:9])) for row in self._ask(query, (recording,))}
+        columns = columns_of("frames", ("frame", "time_s", "qw", "qx", "qy", "qz", "tx", "ty", "tz"))
+        rows = self._told(columns, "frames WHERE recording = ? ORDER BY frame", (recording,))
+        with complaining(self.path):
+            return {row[0]: (row[1], _pose(row[2:])) for row in rows}
 
     @property
     def recordings(self) -> list[SceneRecording]:
         """The recordings, by number."""
-        query = (
-            "SELECT id, path, format, poses, begun, complete, frames, "
-            "(SELECT count(*) FROM frames WHERE recording = id) FROM recordings ORDER BY id"
-        )
+        columns = columns_of("recordings", ("id", "path", "format", "poses", "begun", "complete", "frames"))
+        used = dict(self._ask("SELECT recording, count(*) FROM frames GROUP BY recording"))
         return [
-            SceneRecording(number, path, form, poses, begun, bool(complete), frames, used)
-            for number, path, form, poses, begun, complete, frames, used in self._ask(query)
+            SceneRecording(number, path, form, poses, begun, bool(complete), frames, used.get(number, 0))
+            for number, path, form, poses, begun, complete, frames in self._told(columns, "recordings ORDER BY id")
         ]
 
     @property
@@ -359,7 +364,9 @@ class Scene:
     @property
     def all_objects(self) -> list[SceneObject]:
         """All objects that ever had a label, by label."""
-        return [self._object(row) for row in self._ask(f"SELECT {_COLUMNS} FROM objects ORDER BY label")]
+        rows = self._told(columns_of("objects", _COLUMNS), "objects ORDER BY label")
+        with complaining(self.path):
+            return [self._object(row) for row in rows]
 
     def at(self, point: npt.ArrayLike, radius: float) -> list[SceneObject]:
         """Return the objects whose boxes come within a radius, metres, of a point (3,) of the world, nearest first."""
@@ -379,16 +386,17 @@ class Scene:
             No object ever had the label.
         """
         labels = self._labels_of(label)
-        query = (
-            "SELECT s.label, s.iou, s.recording, s.frame, f.time_s, b.cx, b.cy, b.cz, b.length, b.width, b.height, "
-            "b.qw, b.qx, b.qy, b.qz, s.visible, s.x0, s.y0, s.x1, s.y1 FROM sightings s JOIN boxes b ON b.id = s.box "
-            f"JOIN frames f USING (recording, frame) WHERE s.label IN ({', '.join('?' * len(labels))}) "
-            "ORDER BY s.recording, s.frame"
+        rest = (
+            "sightings JOIN boxes ON boxes.id = sightings.box JOIN frames USING (recording, frame) "
+            f"WHERE sightings.label IN ({', '.join('?' * len(labels))}) ORDER BY sightings.recording, sightings.frame"
         )
-        return [
-            ScenePast(label, recording, frame, time_s, _box(rest[:10]), iou, rest[10], np.array(rest[11:]))
-            for label, iou, recording, frame, time_s, *rest in self._ask(query, labels)
-        ]
+        with complaining(self.path):
+            return [
+                ScenePast(
+                    label, recording, frame, time_s, box_of(rest[:10], "boxes"), iou, rest[10], np.array(rest[11:])
+                )
+                for label, iou, recording, frame, time_s, *rest in self._told(_PAST, rest, labels)
+            ]
 
     def changes(self, since: str | int | None = None) -> list[SceneChange]:
         """Return what each recording found changed, by recording and label.
@@ -407,20 +415,20 @@ class Scene:
         if isinstance(since, str):
             try:
                 moment = datetime.fromisoformat(since)
-            except ValueError:
-                raise InputError(f"expected a date such as 2026-01-31 or 2026-01-31T12:00, got '{since}'") from None
-            moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
-            wanted = [one.number for one in self.recordings if datetime.fromisoformat(one.begun) >= moment]
+                moment = moment.astimezone(UTC) if moment.tzinfo else moment.replace(tzinfo=UTC)
+            except (ValueError, OverflowError):
+                raise InputError(
+                    f"expected a date such as 2026-01-31 or 2026-01-31T12:00, got {shown(since)}"
+                ) from None
+            # written alike, times are in the order of their texts
+            wanted = [one.number for one in self.recordings if one.begun >= moment.isoformat(timespec="seconds")]
         else:
             last = len(self.recordings)
             wanted = [one.number for one in self.recordings if one.number >= (last if since is None else since)]
-        query = (
-            "SELECT recording, c.label, coalesce(name, ''), change, from_x, from_y, from_z, to_x, to_y, to_z, metres, "
-            "sure, before, after FROM changes c LEFT JOIN objects USING (label) ORDER BY recording, c.label"
-        )
+        rows = self._told(_CHANGE, "changes LEFT JOIN objects USING (label) ORDER BY recording, changes.label")
         return [
-            SceneChange(number, label, name, change, _place_of(rest[:3]), _place_of(rest[3:6]), *rest[6:])
-            for number, label, name, change, *rest in self._ask(query)
+            SceneChange(number, label, name or "", change, _place_of(rest[:3]), _place_of(rest[3:6]), *rest[6:])
+            for number, label, name, change, *rest in rows
             if number in wanted
         ]
 
@@ -448,7 +456,7 @@ class Scene:
 
     def picture(self, label: int) -> bytes | None:
         """Return an object's picture as JPEG; None where there is none."""
-        rows = self._ask("SELECT picture FROM objects WHERE label = ?", (label,))
+        rows = self._told(("objects.picture",), "objects WHERE label = ?", (label,))
         return rows[0][0] if rows else None
 
     def name(self, label: int, name: str) -> None:
@@ -516,7 +524,7 @@ class Scene:
 
     def _labels_of(self, label: int) -> list[int]:
         """Return a label and those that were merged into it."""
-        known = dict(self._ask("SELECT label, merged_into FROM objects"))
+        known: dict[int, int | None] = dict(self._told(("objects.label", "objects.merged_into"), "objects"))
         if label not in known:
             raise InputError(f"{self.path}: no object has the label {label}")
         found = [label]
@@ -526,24 +534,30 @@ class Scene:
 
     def _object(self, row: Sequence[Any]) -> SceneObject:
         label, name, state, merged_into = row[:4]
+        box, color = box_of(row[4:14], "objects"), np.array(row[17:20])
         return SceneObject(
-            label, name, state, merged_into, _box(row[4:14]), row[14], row[15], row[16], np.array(row[17:20]),
+            label, name or "", state, merged_into, box, row[14], row[15], row[16], color,
             self._place(row[20]), self._place(row[21]), row[22],
         )  # fmt: skip
 
     def _place(self, frame: int) -> tuple[int, int]:
         """Return recording and frame of a frame by the scene's count."""
-        rows = self._ask(
-            "SELECT id, ? - first_frame FROM recordings WHERE first_frame <= ? ORDER BY id DESC LIMIT 1", (frame, frame)
-        )
-        number, own = rows[0] if rows else (0, frame)  # its recording was lost with a damaged file
-        return number, own
+        columns = ("recordings.id", "recordings.first_frame")
+        rows = self._told(columns, "recordings WHERE first_frame <= ? ORDER BY id DESC LIMIT 1", (frame,))
+        number, first = rows[0] if rows else (0, 0)  # its recording was lost with a damaged file
+        return number, frame - first
 
-    def _ask(self, query: str, values: Iterable[Any] = ()) -> list[Any]:
+    def _ask(self, query: str) -> list[Any]:
         if not self.path.exists():
             return []
         with complaining(self.path):
-            return self._connection().execute(query, tuple(values)).fetchall()
+            return self._connection().execute(query).fetchall()
+
+    def _told(self, columns: Sequence[str], rest: str, values: Iterable[Any] = ()) -> list[Row]:
+        if not self.path.exists():
+            return []
+        with complaining(self.path):
+            return told(self._connection(), columns, rest, values)
 
     def _change(self, query: str, values: Iterable[Any]) -> None:
         connection = self._writing().connection
@@ -562,9 +576,11 @@ class Scene:
 
 
 def _place_of(numbers: Sequence[float | None]) -> Float64Array | None:
-    return None if numbers[0] is None else np.array(numbers, np.float64)
+    return None if None in numbers else np.array(numbers, np.float64)
 
 
-def _box(numbers: Sequence[float]) -> Box:
-    """Return the box of centre, size and quaternion (w first)."""
-    return Box(np.array(numbers[:3]), np.array(numbers[3:6]), rotation_from_quat_wxyz(numbers[6:10]))
+def _pose(numbers: Sequence[float]) -> Float64Array:
+    """Return the matrix (4, 4) of a quaternion (w first) and a translation."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = rotation_of(numbers[:4], "frames"), numbers[4:]
+    return T

@@ -155,6 +155,7 @@ CREATE TABLE changes (
 
 _OCCUPIED = """
 CREATE TABLE occupied (
+    check_sum INTEGER NOT NULL,
     cells BLOB NOT NULL
 ) STRICT;
 """

@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.errors import InputError
+from cuboid.errors import InputError, shown
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.scene import changes
 from cuboid.scene.database import transaction
+from cuboid.scene.door import columns_of, document, told
 from cuboid.scene.freezing import roots
 from cuboid.scene.placing import ScenePoses
-from cuboid.scene.saving import load_state
+from cuboid.scene.saving import load_state, strange_is_damaged
 from cuboid.tracker import Tracker
 
 
@@ -126,22 +127,26 @@ def resume(connection: sqlite3.Connection, source: Source, path: str) -> Visit:
     InputError
         It was not broken off, is another one, or was tracked with other settings.
     """
-    row = connection.execute(
-        "SELECT id, path, poses, complete, first_frame, next_frame, camera, settings, T_world_recording "
-        "FROM recordings ORDER BY id DESC LIMIT 1"
-    ).fetchone()
-    if row is None or row[3]:
+    columns = (
+        "id", "path", "poses", "complete", "first_frame", "next_frame", "camera", "settings", "T_world_recording"
+    )  # fmt: skip
+    rows = told(connection, columns_of("recordings", columns), "recordings ORDER BY id DESC LIMIT 1")
+    if not rows or rows[0][3]:
         raise InputError(f"{path}: --resume: no recording was broken off; without it, one is added")
-    if row[1] != source.path:
-        raise InputError(f"{path}: --resume: the recording that was broken off is {row[1]}, not {source.path}")
-    told = {"poses": row[2], "camera": json.loads(row[6]), **json.loads(row[7])}
+    number, recording, poses, _, first_frame, next_frame, camera, settings, T = rows[0]
+    if recording != source.path:
+        raise InputError(f"{path}: --resume: the recording that was broken off is {recording}, not {source.path}")
+    begun = document(settings, dict[str, Any], "recordings.settings")
+    told_then = {"poses": poses, "camera": document(camera, dict[str, Any], "recordings.camera"), **begun}
     asked = {"poses": source.poses, "camera": json.loads(_camera(source.intrinsics)), **_plain(source.settings)}
-    for name in sorted({*told, *asked}):
-        if told.get(name) != asked.get(name):
+    for name in sorted({*told_then, *asked}):
+        if told_then.get(name) != asked.get(name):
             raise InputError(
-                f"{path}: --resume: the run was begun with {name} = {told.get(name)}, not {asked.get(name)}"
+                f"{path}: --resume: the run was begun with {name} = {shown(told_then.get(name))}, "
+                f"not {shown(asked.get(name))}"
             )
-    return Visit(row[0], row[4], row[5], np.frombuffer(row[8], "<f8").reshape(4, 4).copy(), told.get("scale", 1))
+    T_world_recording = np.frombuffer(T, "<f8").reshape(4, 4).copy()
+    return Visit(number, first_frame, next_frame, T_world_recording, begun.get("scale", 1))
 
 
 def load(connection: sqlite3.Connection, fresh: Tracker) -> tuple[Tracker, ScenePoses]:
@@ -162,15 +167,16 @@ def load(connection: sqlite3.Connection, fresh: Tracker) -> tuple[Tracker, Scene
     if poses is None:
         poses = ScenePoses(fresh.intrinsics, tracker.config)
         if estimated is not None:
-            poses = ScenePoses.of_earlier(poses, estimated)
+            with strange_is_damaged():
+                poses = ScenePoses.of_earlier(poses, estimated)
     return tracker, poses
 
 
 def pending(connection: sqlite3.Connection, visit: Visit) -> dict[str, str]:
     """Return what the files of the results held when a run was broken off, by name."""
     texts: dict[str, list[str]] = {}
-    query = "SELECT file, text FROM pending WHERE recording = ? ORDER BY id"
-    for file, text in connection.execute(query, (visit.number,)):
+    columns = columns_of("pending", ("file", "text"))
+    for file, text in told(connection, columns, "pending WHERE recording = ? ORDER BY id", (visit.number,)):
         texts.setdefault(file, []).append(text)
     return {file: "".join(parts) for file, parts in texts.items()}
 

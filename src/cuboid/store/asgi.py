@@ -228,7 +228,7 @@ def _filters(request: Request) -> Filters:
     def moment(name: str) -> datetime | None:
         try:
             return datetime.fromisoformat(asked[name]).astimezone() if name in asked else None
-        except ValueError:
+        except (ValueError, OverflowError):
             raise InputError(f"{name}: expected a date and time, got '{asked[name]}'") from None
 
     from cuboid.cli.filters import place, thing

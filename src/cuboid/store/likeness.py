@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.views.palette import linear_rgb, oklab
@@ -30,17 +33,18 @@ SHAPE_BINS, SHAPE_PAIRS = 16, 2048
 DIGITS = 3
 # Of more points, so many tell the colors as well.
 MOST_POINTS = 2000
+# Linear RGB of each value of a byte.
+_LINEAR = linear_rgb(np.arange(256) / 255.0)
 
 
 def color_fractions(rgb: UInt8Array) -> Float32Array:
     """Return the fraction of colors (N, 3) that each color word is nearest to, (11,), in the order of `COLOR_WORDS`."""
     if not len(rgb):
         return np.zeros(len(COLOR_WORDS), np.float32)
-    typical = _oklab(np.array([color for colors in WORDS.values() for color in colors], np.float64))
-    owner = np.repeat(np.arange(len(WORDS)), [len(colors) for colors in WORDS.values()])
-    some = rgb[:: max(1, len(rgb) // MOST_POINTS)]
-    lab = _oklab(some.astype(np.float64))
-    apart = ((lab[:, None] - typical[None]) ** 2).sum(axis=2)
+    typical, owner = _typical()
+    some = rgb[:: -(-len(rgb) // MOST_POINTS)]
+    lab = oklab(_LINEAR[some])
+    apart = (typical**2).sum(axis=1) - 2.0 * lab @ typical.T  # but for the length of each, which they have in common
     counts = np.bincount(owner[apart.argmin(axis=1)], minlength=len(WORDS))
     return np.round(counts / len(some), DIGITS).astype(np.float32)
 
@@ -60,5 +64,8 @@ def shape_distribution(xyz: Float32Array, size_lwh: Float64Array) -> Float32Arra
     return np.round(counts / SHAPE_PAIRS, DIGITS).astype(np.float32)
 
 
-def _oklab(rgb: Float64Array) -> Float64Array:
-    return oklab(linear_rgb(rgb / 255.0))
+@cache
+def _typical() -> tuple[Float64Array, npt.NDArray[np.int64]]:
+    """Return the typical colors in Oklab, and the color word of each."""
+    colors = np.array([color for colors in WORDS.values() for color in colors], np.uint8)
+    return oklab(_LINEAR[colors]), np.repeat(np.arange(len(WORDS)), [len(colors) for colors in WORDS.values()])

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.config import TrackerConfig
-from cuboid.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.frame import Float32Array, Float64Array
 from cuboid.heatmap.pixel_heat import JUMP_M, WeighedProposals
 from cuboid.kernels import claims as kernel
-from cuboid.kernels.pixels import gather_regions, join_surfaces, label_regions
+from cuboid.kernels.pixels import gather_regions, join_surfaces, label_regions, sum_regions
 from cuboid.limits import MOST_CLUSTERS
 from cuboid.working import WorkingImage
 
@@ -85,11 +86,11 @@ class FrameClusters:
 def frame_clusters(
     image: WorkingImage,
     heat: Float32Array,
-    candidate: UInt8Array,
     weighed: WeighedProposals,
     prior: Float64Array,
     heights: Float32Array,
     support: npt.NDArray[np.int32],
+    identities: npt.NDArray[np.int64],
     side_of: npt.NDArray[np.int64],
     T_world_camera: Float64Array,
     config: TrackerConfig,
@@ -100,14 +101,15 @@ def frame_clusters(
     ----------
     image : WorkingImage
     heat : (h, w) float32
-    candidate : (h, w) uint8
     weighed : WeighedProposals
     prior : (N,) float64
         What a proposal's weight is multiplied by, for what the map knows already.
     heights : (h, w) float32
         Above the plane beneath, 0 on it, NaN without one.
     support : (h, w) int32
-        Identity of that plane, -1 none.
+        That plane, 0..P-1, -1 none.
+    identities : (P,) int64
+        Of the planes, ascending.
     side_of : (4,) int64
         See `kernels.claims.outlines`.
     T_world_camera : (4, 4) float64
@@ -116,11 +118,8 @@ def frame_clusters(
     strength = weighed.weights * prior
     order = np.argsort(-strength, kind="stable")
     order = order[strength[order] > 0]
-    claim = np.empty(candidate.shape, np.int32)
-    kernel.share_out(
-        candidate, order, weighed.boxes, weighed.masks, weighed.starts, image.step,
-        np.array(image.phase, dtype=np.int64), LEAST_PIXELS, FREE_SHARE, claim,
-    )  # fmt: skip
+    claim = np.empty(heat.shape, np.int32)
+    kernel.share_out(order, weighed.rectangles, weighed.starts, weighed.covered, LEAST_PIXELS, FREE_SHARE, claim)
     regions, parent = np.empty(claim.shape, np.int32), np.empty(claim.size, np.int32)
     number = label_regions(image.depth_m, claim, config.depth_noise_per_m, JUMP_M, parent, regions)
     join_surfaces(regions, number, claim, image.depth_m, image.camera.fx, MAJOR_SHARE, DEEP_SHARE)
@@ -128,32 +127,32 @@ def frame_clusters(
     pixels, points = np.empty(claim.size, np.int64), np.empty((claim.size, 3))
     first, corners = np.empty(number + 1, np.int64), np.empty((number, 4), np.int64)
     c = image.camera
-    pinhole = np.array([c.fx, c.fy, c.cx, c.cy])
-    place = np.empty(number + 1, np.int64)
-    kept = gather_regions(regions, number, LEAST_PIXELS, image.depth_m, pinhole, first, pixels, points, corners, place)
-    shares = claim.ravel()[pixels[first[:kept]]]
-    claim = place[regions].astype(np.int32)
-    warm, beneath = heat.ravel()[pixels[: first[kept]]], support.ravel()[pixels[: first[kept]]]
-    supports = [_counts(beneath[first[k] : first[k + 1]]) for k in range(kept)]
-    plane_of = np.array([max(s, key=lambda p: (s[p], -p), default=-1) for s in supports], dtype=np.int64)
+    pinhole, things = np.array([c.fx, c.fy, c.cx, c.cy]), np.empty_like(claim)
+    kept = gather_regions(
+        regions, number, LEAST_PIXELS, image.depth_m, pinhole, np.ascontiguousarray(T_world_camera), first, pixels,
+        points, corners, things,
+    )  # fmt: skip
+    first, corners = first[: kept + 1], corners[:kept]
+    shares = claim.ravel()[pixels[first[:-1]]]
+    warmth, beneath = np.empty(kept), np.empty((kept, len(identities)), np.int64)
+    sum_regions(first, pixels, heat, support, warmth, beneath)
+    # Of planes that are beneath as much the oldest.
+    plane_of = np.where(beneath.any(1), beneath.argmax(1), -1) if len(identities) else np.full(kept, -1)
     outline, contact = np.empty((kept, 4, kernel.KINDS), np.int64), np.empty((kept, kept), np.int64)
     kernel.outlines(
-        image.depth_m, image.color, claim, np.where(heights == 0, support, -1).astype(np.int32), corners[:kept],
-        plane_of, side_of, c.fx, config.depth_noise_per_m, JUMP_M, GAP_M, outline, contact,
+        image.depth_m, image.color, things, np.where(heights == 0, support, np.int32(-1)), corners, plane_of, side_of,
+        c.fx, config.depth_noise_per_m, JUMP_M, GAP_M, outline, contact,
     )  # fmt: skip
-    rects = (corners[:kept] + np.array([0, 0, 1, 1])) * float(image.step) + np.array([*image.phase, *image.phase])
+    rects = (corners + np.array([0, 0, 1, 1])) * float(image.step) + np.array([*image.phase, *image.phase])
     rects = np.minimum(rects, np.array([c.width, c.height] * 2) * image.step)
-    scores = weighed.weights[order[shares]]
+    scores = weighed.weights[order[shares]].tolist()
+    warm = (warmth / np.diff(first)).tolist()
     clusters = []
-    for k in range(kept):
-        own = slice(int(first[k]), int(first[k + 1]))
-        world = points[own] @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
-        clusters.append(
-            FrameCluster(
-                pixels[own], world, supports[k], float(warm[own].mean()), float(scores[k]), rects[k], outline[k]
-            )
-        )
-    return FrameClusters(clusters, claim, contact, shares.astype(np.int64), left_out)
+    for k, (begin, end) in enumerate(pairwise(first.tolist())):
+        supports = {int(identities[p]): int(beneath[k, p]) for p in np.flatnonzero(beneath[k])}
+        own = slice(begin, end)
+        clusters.append(FrameCluster(pixels[own], points[own], supports, warm[k], scores[k], rects[k], outline[k]))
+    return FrameClusters(clusters, things, contact, shares.astype(np.int64), left_out)
 
 
 def _leave_out(regions: npt.NDArray[np.int32], claim: npt.NDArray[np.int32], number: int) -> int:
@@ -161,6 +160,8 @@ def _leave_out(regions: npt.NDArray[np.int32], claim: npt.NDArray[np.int32], num
 
     Returns how many were cleared that are large enough for a cluster.
     """
+    if number <= MOST_CLUSTERS:
+        return 0
     size = np.bincount(regions.ravel(), minlength=number + 1)
     large = 1 + np.flatnonzero(size[1:] >= LEAST_PIXELS)
     if len(large) <= MOST_CLUSTERS:
@@ -172,9 +173,3 @@ def _leave_out(regions: npt.NDArray[np.int32], claim: npt.NDArray[np.int32], num
     stays[kept] = True
     regions[~stays[regions]] = 0
     return len(large) - MOST_CLUSTERS
-
-
-def _counts(planes: npt.NDArray[np.int32]) -> dict[int, int]:
-    """Return how often each plane but -1 is there."""
-    numbers, counts = np.unique(planes, return_counts=True)
-    return {int(p): int(n) for p, n in zip(numbers, counts, strict=True) if p >= 0}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from cuboid.surfaces.plane import Plane
 
@@ -12,7 +12,7 @@ from cuboid.surfaces.plane import Plane
 LID_AREA_M2, LID_HEIGHT_M, LID_RATIO, LID_ABOVE_M = 0.2, 0.3, 3.0, 0.02
 
 
-def is_lid(plane: Plane, area_m2: float, others: Iterable[Plane]) -> bool:
+def is_lid(plane: Plane, area_m2: float, others: Callable[[], Iterable[Plane]]) -> bool:
     """Tell whether a plane of this area is the top of an object: small, and not high above a far larger plane."""
     if area_m2 >= LID_AREA_M2:
         return False
@@ -22,6 +22,6 @@ def is_lid(plane: Plane, area_m2: float, others: Iterable[Plane]) -> bool:
         and LID_ABOVE_M < float(other.height(center)[0]) <= LID_HEIGHT_M
         and other.plan.area_m2() >= LID_RATIO * area_m2
         and bool(other.plan.covers(center)[0])
-        for other in others
+        for other in others()
         if other is not plane
     )

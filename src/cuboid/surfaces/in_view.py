@@ -37,6 +37,11 @@ class PlanesInView:
     seen: npt.NDArray[np.int32]
 
     @property
+    def identities(self) -> npt.NDArray[np.int64]:
+        """What the planes are called for good, (K,), ascending."""
+        return np.array([plane.identity for plane in self.planes], dtype=np.int64)
+
+    @property
     def origin(self) -> Float64Array:
         """Plan coordinates (2,) of the corner of the first cell, metres."""
         return np.asarray(self.window[:2] * CELL_M, dtype=np.float64)

@@ -11,6 +11,7 @@ from cuboid.surfaces.grid import GroundPlan
 
 # Prior spread of how far a frame sees a plane from where the map has it: poses drift by centimetres and degrees.
 DRIFT_M, DRIFT_RAD = 0.03, 0.02
+_PRIOR = np.diag([DRIFT_RAD**-2, DRIFT_RAD**-2, DRIFT_M**-2])
 
 
 @dataclass(slots=True, eq=False)
@@ -102,15 +103,15 @@ class Plane:
         Ridge regression, once reweighted; `sigma_m` (N,) are the standard deviations of the points.
         """
         middle = points.mean(0)
-        design = np.column_stack([points[:, :2] - middle[:2], np.ones(len(points))])
+        design = points - middle
+        design[:, 2] = 1.0
         residual = self.height(points)
-        prior = np.diag([DRIFT_RAD**-2, DRIFT_RAD**-2, DRIFT_M**-2])
         weights = 1.0 / (sigma_m**2 + 0.003**2)
         solution: Float64Array = np.zeros(3)
         for _ in range(2):
             # Neighbouring cells err alike: a frame's cells count as a tenth of their number.
             w = 0.1 * weights / (1.0 + ((residual - design @ solution) / (3 * sigma_m + 0.003)) ** 2)
-            solution = np.asarray(np.linalg.solve(design.T @ (design * w[:, None]) + prior, design.T @ (w * residual)))
+            solution = np.asarray(np.linalg.solve(design.T @ (design * w[:, None]) + _PRIOR, design.T @ (w * residual)))
         normal = self.normal - np.array([solution[0], solution[1], 0.0])
         offset = self.offset - solution[2] + float(solution[:2] @ middle[:2])
         norm = float(np.linalg.norm(normal))

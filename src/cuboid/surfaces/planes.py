@@ -9,6 +9,8 @@ A frame has to do with the planes whose windows it sees; all others stay as they
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import numpy.typing as npt
 
@@ -213,7 +215,7 @@ class PlaneTracker:
                 self._stale.discard(plane)
             area = plane.plan.area_m2()
             if plane.in_use or area >= least:
-                if furniture.is_lid(plane, area, self._at(plane.mean[None])):
+                if furniture.is_lid(plane, area, partial(self._at, plane.mean[None])):
                     plane.in_use = False
                 elif not plane.in_use:
                     plane.in_use = plane.frames >= USE_AFTER_FRAMES or area >= USE_AT_ONCE * least
@@ -239,11 +241,6 @@ class PlaneTracker:
             plane.index = k
         self._windows.keep(keep)
         self._stale, self._changed = ({p for p in some if p.index >= 0} for some in (self._stale, self._changed))
-
-    def identities(self, index: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-        """Return the identities of planes given by their places among `planes`, -1 for -1."""
-        own = np.array([*(plane.identity for plane in self.planes), -1], dtype=np.int32)
-        return np.asarray(own[index], dtype=np.int32)
 
     def find(self, identity: int) -> Plane | None:
         """Return the plane that has, or has taken in the one that had, an identity; None where it is no more."""

@@ -89,7 +89,7 @@ class PageHandler(BaseHTTPRequestHandler):
         length = self.headers.get("Content-Length", "")
         if "Origin" not in self.headers or self.headers.get_content_type() != "application/json":
             self.send_error(HTTPStatus.FORBIDDEN)
-        elif not (length.isascii() and length.isdecimal() and int(length[:10]) <= MOST_BYTES):
+        elif not (length.isascii() and length.isdecimal() and len(length) < 10 and int(length) <= MOST_BYTES):
             self.send_error(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
         else:
             content = self.rfile.read(int(length))

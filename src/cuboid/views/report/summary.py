@@ -145,13 +145,14 @@ class Summary:
         return next((item.label for item in self.found.objects if label in item.merged_labels), None)
 
 
-def summarise(folder: Path, read: Callable[[int], Frame] | None, changes: Sequence[ShownChange] = ()) -> Summary:
+def summarise(
+    results: FinishedResults, read: Callable[[int], Frame] | None, changes: Sequence[ShownChange] = ()
+) -> Summary:
     """Gather what the page tells of a run.
 
     Parameters
     ----------
-    folder : Path
-        What `cuboid track` left behind.
+    results : FinishedResults
     read : callable or None
         Returns a frame of the recording, for pictures; None where the recording is not at hand.
     changes : sequence of ShownChange
@@ -164,11 +165,8 @@ def summarise(folder: Path, read: Callable[[int], Frame] | None, changes: Sequen
     Raises
     ------
     InputError
-        A file of the folder is missing, malformed, or does not fit the others.
+        A file of the results is missing, malformed, or does not fit the others.
     """
-    results = FinishedResults(folder)
-    lasting = {item.label for item in results.found.objects}
-    best = {label: row for label, row in best_sightings(results.tracks).items() if label in lasting}
     return Summary(
         report=results.report,
         found=results.found,
@@ -176,9 +174,16 @@ def summarise(folder: Path, read: Callable[[int], Frame] | None, changes: Sequen
         poses=tuple(results.poses.values()),
         tracks=tuple(results.tracks),
         points=pack_points(results.points),
-        pictures={} if read is None else cut_pictures(best, read),
+        pictures={} if read is None else pictures_of(results, read),
         changes=tuple(changes),
     )
+
+
+def pictures_of(results: FinishedResults, read: Callable[[int], Frame]) -> dict[int, Picture]:
+    """Return the best picture of each object, by label; parameters and errors are those of `summarise`."""
+    lasting = {item.label for item in results.found.objects}
+    best = {label: row for label, row in best_sightings(results.tracks).items() if label in lasting}
+    return cut_pictures(best, read)
 
 
 def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tuple[int, int]]]:

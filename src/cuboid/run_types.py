@@ -1,0 +1,150 @@
+"""What the loop over a recording asks of those that it works with, and what it gives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from cuboid.config import TrackerConfig
+from cuboid.frame import Float64Array, Frame, Intrinsics
+from cuboid.object_table import ObjectTable
+from cuboid.outputs import RunReport
+from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
+
+if TYPE_CHECKING:
+    from cuboid.proposals.types import ProposalSource
+    from cuboid.readers.depth_camera import DepthCamera
+    from cuboid.views.video import View
+
+
+class RecordingLike(Protocol):
+    """What the loop needs of a recording; `cuboid.open_recording` gives one."""
+
+    @property
+    def path(self) -> Path:
+        """Where it lies."""
+
+    @property
+    def format(self) -> str:
+        """Name of its layout."""
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Pinhole of its images."""
+
+    @property
+    def distortion(self) -> tuple[float, ...]:
+        """What the lens did to them, and was taken out; empty where nothing was."""
+
+    @property
+    def depth_units_per_metre(self) -> float:
+        """Of its depth images."""
+
+    @property
+    def depth_camera(self) -> DepthCamera | None:
+        """The camera that depth was carried from into color; None where it was aligned already."""
+
+    @property
+    def has_poses(self) -> bool:
+        """Whether camera poses come with it."""
+
+    def __len__(self) -> int:
+        """Return the number of frames, bad ones included."""
+
+    def read(self, index: int) -> Frame:
+        """Return a frame; raises FrameError for a bad one."""
+
+    def pose(self, index: int) -> Float64Array | None:
+        """Return a frame's pose; raises FrameError where it has none."""
+
+    def without_poses(self) -> RecordingLike:
+        """Return the same recording without its poses."""
+
+
+class TrackerLike(Protocol):
+    """What the loop needs of a tracker; `cuboid.Tracker` is one."""
+
+    def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
+        """Take in one frame, whose pose hangs on a keyframe."""
+
+    def carry(self, moved: Mapping[int, Float64Array]) -> None:
+        """Move what was found with the keyframes."""
+
+    @property
+    def objects(self) -> list[TrackedObject]:
+        """The confirmed objects."""
+
+    @property
+    def planes(self) -> list[SupportPlane]:
+        """The supporting planes."""
+
+    @property
+    def up(self) -> Float64Array | None:
+        """Up in the world."""
+
+    @property
+    def points_known(self) -> int:
+        """Points of the global point map."""
+
+    @property
+    def map_bytes(self) -> int:
+        """Memory of the global point map."""
+
+    def map_points(self) -> MapPoints:
+        """Return the global point map."""
+
+
+class Progress:
+    """Told how a run goes; this one does nothing."""
+
+    def start(self, frames: int | None) -> None:
+        """Tell that a run over so many frames begins; None where nobody knows how many."""
+
+    def frame(self, result: FrameResult) -> None:
+        """Tell that a frame is done."""
+
+    def skipped(self, index: int, reason: str) -> None:
+        """Tell that a frame was skipped."""
+
+
+MakeTracker = Callable[[Intrinsics, TrackerConfig, "str | ProposalSource | None"], TrackerLike]
+MakeView = Callable[[Path, Intrinsics, int], "View"]
+Watch = Callable[[Frame, FrameResult, TrackerLike], None]
+
+
+@dataclass(frozen=True, slots=True)
+class RunOutcome:
+    """What a run found and how it went.
+
+    Attributes
+    ----------
+    report : RunReport
+    objects : tuple of TrackedObject
+    planes : tuple of SupportPlane
+    up : (3,) float64 or None
+    milliseconds : mapping of str to sequence of float
+        For "frame" and each stage its time in every used frame, warm-up included.
+    frames_per_second : float
+        Used frames a second of the clock, after warm-up.
+    points : int
+        Points of the global point map at the end.
+    map_bytes : int
+        Memory of it.
+    """
+
+    report: RunReport
+    objects: tuple[TrackedObject, ...]
+    planes: tuple[SupportPlane, ...]
+    up: Float64Array | None
+    milliseconds: Mapping[str, Sequence[float]]
+    frames_per_second: float
+    points: int
+    map_bytes: int
+
+    def _repr_html_(self) -> str:
+        """Show the objects, and how the run went, in a notebook."""
+        report, found = self.report, ObjectTable(self.objects)
+        line = f"{report.frames_used} of {report.frames_read} frames in {report.seconds:.1f} s"
+        return f"{found._repr_html_()}<p>{line}</p>"

@@ -1,0 +1,215 @@
+"""The door of scene files: what their tables hold, column by column, and every row checked as it is read."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cache
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+from msgspec import Meta
+
+from cuboid.errors import InputError, shown
+from cuboid.formats.json_door import in_words
+from cuboid.formats.values import (
+    Cosine,
+    Count,
+    FocalLength,
+    Fraction,
+    FrameNumber,
+    ImageSide,
+    Label,
+    Level,
+    Metres,
+    Name,
+    Pixel,
+    Point,
+    QuaternionPart,
+    Seconds,
+    Side,
+    refuse_no_quaternion,
+)
+from cuboid.frame import Float64Array
+from cuboid.geometry.box import Box
+from cuboid.geometry.se3 import rotation_from_quat_wxyz
+
+T = TypeVar("T")
+Row = tuple[Any, ...]
+
+Whole: TypeAlias = Annotated[int, Meta(ge=-(2**62), le=2**62)]
+Long: TypeAlias = Annotated[str, Meta(max_length=10_000)]
+Moment: TypeAlias = Annotated[str, Meta(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00$")]
+CheckSum: TypeAlias = Annotated[int, Meta(ge=0, lt=2**32)]
+Amount: TypeAlias = Annotated[float, Meta(ge=0.0, le=1e15)]
+# An overlap may be rounded to a little more than all.
+Overlap: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.0 + 1e-6)]
+
+_QUATERNION = {"qw": QuaternionPart, "qx": QuaternionPart, "qy": QuaternionPart, "qz": QuaternionPart}
+_BOX: dict[str, Any] = {
+    **dict.fromkeys(("cx", "cy", "cz"), Metres), **dict.fromkeys(("length", "width", "height"), Side), **_QUATERNION
+}  # fmt: skip
+
+# The columns of each table, in order: see `schema`.
+TABLES: dict[str, dict[str, Any]] = {
+    "scene": {"key": Name, "value": Name},
+    "recordings": {
+        "id": Label, "path": Long, "format": Name, "poses": Name, "begun": Moment, "ended": Moment | None,
+        "complete": Annotated[int, Meta(ge=0, le=1)], "first_frame": FrameNumber, "frames": FrameNumber,
+        "next_frame": FrameNumber, "camera": Long, "settings": Long,
+        "T_world_recording": Annotated[bytes, Meta(min_length=128, max_length=128)],
+    },
+    "frames": {
+        "recording": Label, "frame": FrameNumber, "time_s": Seconds, **dict.fromkeys(("tx", "ty", "tz"), Metres),
+        "qx": QuaternionPart, "qy": QuaternionPart, "qz": QuaternionPart, "qw": QuaternionPart,
+    },
+    "planes": {"identity": Whole, **dict.fromkeys(("nx", "ny", "nz"), Cosine), "offset": Metres, "outline": str},
+    "objects": {
+        "label": Label, "name": Name | None, "state": Literal["present", "gone", "merged", "forgotten"],
+        "merged_into": Label | None, "plane": Whole | None, **_BOX, "score": Fraction, "heat": Fraction,
+        "points": Count, **dict.fromkeys(("red", "green", "blue"), Level),
+        **dict.fromkeys(("red_spread", "green_spread", "blue_spread"), Amount),
+        "first_frame": FrameNumber, "last_frame": FrameNumber, "frames_seen": Count, "picture": bytes | None,
+        "picture_share": Amount,
+    },
+    "boxes": {"id": Label, "label": Label, **_BOX},
+    "sightings": {
+        "recording": Label, "frame": FrameNumber, "label": Label, "box": Label, "iou": Overlap | None,
+        "visible": Fraction, **dict.fromkeys(("x0", "y0", "x1", "y1"), Pixel),
+    },
+    "blocks": {"number": Count, "rows": Count, "living": Count, "check_sum": CheckSum, "data": bytes},
+    "parts": {"key": Name, "kind": Name, "check_sum": CheckSum, "fields": bytes},
+    "arrays": {"part": Name, "path": Name, "form": Name, "check_sum": CheckSum, "data": bytes},
+    "pending": {"id": Label, "recording": Label, "file": Name, "text": str},
+    "known": {"label": Label, **_BOX, "look": bytes, "points": bytes, "picture": bytes | None},
+    "ground": {
+        "plane": Whole, **dict.fromkeys(("first_row", "first_column"), Whole), "rows": Count, "columns": Count,
+        "seen": bytes,
+    },
+    "occupied": {"check_sum": CheckSum, "cells": bytes},
+    "changes": {
+        "recording": Label, "label": Label,
+        "change": Literal["unchanged", "moved", "gone", "new", "found", "not looked at"],
+        **dict.fromkeys(("from_x", "from_y", "from_z", "to_x", "to_y", "to_z"), Metres | None),
+        "metres": Side | None, "sure": Fraction, "before": bytes | None, "after": bytes | None,
+    },
+}  # fmt: skip
+BOX = tuple(_BOX)
+
+
+class CameraColumn(msgspec.Struct, frozen=True):
+    """What `recordings.camera` says."""
+
+    fx: FocalLength
+    fy: FocalLength
+    cx: Pixel
+    cy: Pixel
+    width: ImageSide
+    height: ImageSide
+
+
+class Settings(msgspec.Struct, frozen=True):
+    """What is looked at of `recordings.settings`."""
+
+    every: Annotated[int, Meta(ge=1, le=10**9)] = 1
+    scale: Annotated[int, Meta(ge=1, le=10**4)] = 1
+
+
+Outline: TypeAlias = list[Point]
+
+
+class DamagedError(InputError):
+    """What a scene file holds is not what was written."""
+
+
+def told(connection: sqlite3.Connection, columns: Iterable[str], rest: str, values: Iterable[Any] = ()) -> list[Row]:
+    """Return the rows of a query, each value as its column must be.
+
+    Parameters
+    ----------
+    connection : sqlite3.Connection
+    columns : iterable of str
+        With their tables: "objects.label".
+    rest : str
+        What follows "SELECT ... FROM".
+    values : iterable
+        For the places in it.
+
+    Raises
+    ------
+    DamagedError
+        A value is not as it must be.
+    """
+    names = tuple(columns)
+    rows = connection.execute(f"SELECT {', '.join(names)} FROM {rest}", tuple(values)).fetchall()
+    return checked(rows, names)
+
+
+def told_each(connection: sqlite3.Connection, table: str) -> Iterator[Row]:
+    """Iterate over the rows of a whole table, which may be large; raises as `told`."""
+    columns = columns_of(table)
+    for row in connection.execute(f"SELECT {', '.join(columns)} FROM {table}"):
+        yield checked([row], columns)[0]
+
+
+def checked(rows: list[Row], columns: Sequence[str]) -> list[Row]:
+    """Return rows of these columns, which have their tables; raises as `told`."""
+    try:
+        found: list[Row] = msgspec.convert(rows, _kind(tuple(columns)))
+        return found
+    except msgspec.ValidationError as error:
+        said, _, place = str(error).partition(" - at `$[")
+        row, column = (int(number) for number in place.rstrip("`]").split("]["))
+        said = in_words(said.partition(", got ")[0])
+        raise DamagedError(f"{columns[column]} is damaged: {said}, got {shown(rows[row][column])}") from None
+
+
+@cache
+def _kind(columns: tuple[str, ...]) -> Any:
+    kinds = [TABLES[table][name] for table, name in (column.split(".") for column in columns)]
+    return list[tuple[tuple(kinds)]]  # type: ignore[misc]
+
+
+def columns_of(table: str, names: Iterable[str] | None = None) -> tuple[str, ...]:
+    """Return the columns of a table, all or these, each with the table."""
+    return tuple(f"{table}.{name}" for name in names or TABLES[table])
+
+
+def refuse_no_row(table: str, row: Row) -> None:
+    """Raise DamagedError unless a row of a whole table makes sense."""
+    checked([row], columns_of(table))
+    names = list(TABLES[table])
+    if "qw" in names:
+        rotation_of([row[names.index(name)] for name in _QUATERNION], table)
+
+
+def document(text: str, kind: type[T], what: str) -> T:
+    """Return what JSON text in a column says; DamagedError where it is not as its kind is."""
+    try:
+        return msgspec.json.decode(text, type=kind)
+    except (msgspec.DecodeError, RecursionError, UnicodeError) as error:
+        raise DamagedError(f"{what} is damaged: {in_words(str(error))}") from None
+
+
+def rotation_of(quat_wxyz: Sequence[float], what: str) -> Float64Array:
+    """Return the rotation (3, 3) of a quaternion in a row; DamagedError where it is none."""
+    try:
+        refuse_no_quaternion(*quat_wxyz)
+    except ValueError as error:
+        raise DamagedError(f"a row of {what} is damaged: {error}") from None
+    return rotation_from_quat_wxyz(quat_wxyz)
+
+
+def floats_of(data: bytes, kind: str, what: str) -> npt.NDArray[Any]:
+    """Return the finite numbers, of a type of NumPy's, that bytes in a row are; DamagedError where they are others."""
+    numbers = np.frombuffer(data, kind) if len(data) % np.dtype(kind).itemsize == 0 else np.array([np.nan])
+    if not np.isfinite(numbers).all():
+        raise DamagedError(f"{what} is damaged: expected finite numbers")
+    return numbers
+
+
+def box_of(numbers: Sequence[float], what: str) -> Box:
+    """Return the box of centre, size and quaternion (w first) in a row; DamagedError where it is none."""
+    return Box(np.array(numbers[:3]), np.array(numbers[3:6]), rotation_of(numbers[6:10], what))

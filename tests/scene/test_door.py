@@ -1,0 +1,117 @@
+"""A scene file whose rows somebody changed: what they say is refused in one line, and the rest can be saved."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from pathlib import Path
+
+import pytest
+from made_scene import CAMERA, Shown, record
+
+from cuboid.errors import InputError
+from cuboid.scene import Scene
+from cuboid.scene.checking import problems, rescue
+from cuboid.scene.door import TABLES
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("door") / "made.cuboid"
+    record(path, Shown(frames=10))
+    return path
+
+
+@pytest.fixture
+def path(made: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copy(made, tmp_path / "made.cuboid"))
+
+
+def change(path: Path, query: str, *values: object) -> None:
+    connection = sqlite3.connect(path, isolation_level=None)
+    connection.execute("PRAGMA ignore_check_constraints = ON")
+    assert connection.execute(query, values).rowcount > 0
+    connection.close()
+
+
+def ask(path: Path) -> None:
+    """Ask all that a scene tells."""
+    with Scene.open(path) as scene:
+        for one in scene.recordings:
+            scene.poses(one.number)
+        for item in scene.all_objects:
+            scene.history(item.label)
+        scene.changes(1)
+
+
+def test_each_column_is_described(made: Path) -> None:
+    connection = sqlite3.connect(made)
+    tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+    assert set(TABLES) == tables
+    for table in TABLES:
+        columns = [row[1] for row in connection.execute(f"PRAGMA table_info({table})")]
+        assert list(TABLES[table]) == columns, table
+    connection.close()
+
+
+@pytest.mark.parametrize(
+    ("query", "value", "says"),
+    [
+        ("UPDATE objects SET cx = ? WHERE label = 1", 1e308, r"objects\.cx is damaged: expected a number of at most"),
+        ("UPDATE objects SET width = ? WHERE label = 1", -0.1, r"objects\.width is damaged: .* at least 0, got -0\.1"),
+        ("UPDATE objects SET state = ? WHERE label = 1", "x" * 9999, r"objects\.state is damaged"),
+        ("UPDATE objects SET qw = ? WHERE label = 1", 0.5, "a row of objects is damaged: the quaternion has length"),
+        ("UPDATE objects SET first_frame = ? WHERE label = 2", -(2**40), r"objects\.first_frame is damaged"),
+        ("UPDATE frames SET qx = ? WHERE frame = 3", 0.9, "a row of frames is damaged: the quaternion has length"),
+        ("UPDATE frames SET tx = ? WHERE frame = 3", float("inf"), r"frames\.tx is damaged"),
+        ("UPDATE boxes SET height = ?", -1.0, r"boxes\.height is damaged"),
+        ("UPDATE sightings SET visible = ?", 7.0, r"sightings\.visible is damaged"),
+        ("UPDATE recordings SET begun = ?", "yesterday", r"recordings\.begun is damaged"),
+        ("UPDATE recordings SET path = ?", "\x1b[2J" * 3000, r"recordings\.path is damaged"),
+    ],
+)
+def test_a_row_that_makes_no_sense_is_one_line(path: Path, query: str, value: object, says: str) -> None:
+    change(path, query, value)
+    with pytest.raises(InputError, match=says) as caught:
+        ask(path)
+    line = str(caught.value)
+    assert line.isprintable()
+    assert len(line) < 300
+    assert "'cuboid scene check --rescue NEW' saves what can be read" in line
+    assert any(says.partition(r"\.")[0].removeprefix("a row of ").split()[0] in found for found in problems(path))
+    assert rescue(path, path.with_name("new.cuboid"))
+    assert problems(path.with_name("new.cuboid")) == []
+    ask(path.with_name("new.cuboid"))
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        "UPDATE arrays SET form = '[\"<f8\", [1000000000]]' WHERE rowid = (SELECT min(rowid) FROM arrays)",
+        "UPDATE arrays SET form = 'x' WHERE rowid = (SELECT min(rowid) FROM arrays)",
+        "UPDATE arrays SET path = 'other' WHERE rowid = (SELECT min(rowid) FROM arrays)",
+        "UPDATE parts SET kind = 'Plane' WHERE key = 'Tracker'",
+        "DELETE FROM parts WHERE key LIKE 'Plane %'",
+        "UPDATE scene SET value = '9' WHERE key = 'capacity'",
+        "UPDATE scene SET value = '-1e9' WHERE key = 'capacity'",
+    ],
+)
+@pytest.mark.parametrize("sealed", [True, False], ids=["sealed", "of before the seal"])
+def test_a_state_that_is_not_what_was_written_is_not_gone_on_from(path: Path, query: str, sealed: bool) -> None:
+    change(path, query)
+    if not sealed:
+        change(path, "DELETE FROM scene WHERE key = 'seal'")
+    says = "parts are not those that were written" if sealed else "damaged|another version"
+    with pytest.raises(InputError, match=says), Scene.open(path) as scene:
+        scene.tracker(CAMERA)
+    if sealed:
+        assert problems(path) == ["the state of the tracker is damaged: its parts are not those that were written"]
+    assert any("evidence" in line for line in rescue(path, path.with_name("new.cuboid"))) or not sealed
+    assert problems(path.with_name("new.cuboid")) == []
+
+
+def test_blocks_that_were_moved_are_told(path: Path) -> None:
+    change(path, "UPDATE blocks SET number = 99 WHERE number = 0")
+    assert any("expected block 0" in line for line in problems(path))
+    with pytest.raises(InputError, match="the map is damaged: block 1 of the map is there, expected block 0"):
+        Scene.open(path).tracker(CAMERA)
