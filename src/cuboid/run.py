@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -16,6 +17,7 @@ from cuboid.decoding import Decoded, decode
 from cuboid.downscaling import downscale
 from cuboid.errors import FrameError, InputError, OutputError
 from cuboid.frame import Float64Array, Frame, Intrinsics
+from cuboid.limits import MEMORY_MB
 from cuboid.measuring import FrameClock, FrameLog, peak_memory_mb
 from cuboid.object_table import ObjectTable
 from cuboid.outputs import ObjectsFile, PoseRow, ResultWriter, RunReport
@@ -188,6 +190,7 @@ def track_recording(
     make_view: MakeView | None = None,
     watch: Watch | None = None,
     into: IntoScene | None = None,
+    memory_mb: float = MEMORY_MB,
 ) -> RunOutcome:
     """Track the objects of a recording and write the results.
 
@@ -229,6 +232,9 @@ def track_recording(
         Shown each used frame, what was found in it, and the tracker, between two frames of its work.
     into : IntoScene, optional
         The scene that the recording goes into.
+    memory_mb : float
+        Memory of the process, in units of 2**20 bytes, beyond which parts of the map that are out of view are put
+        aside.
 
     Returns
     -------
@@ -263,9 +269,11 @@ def track_recording(
         log, session = FrameLog(), None
         tracker: TrackerLike
         if into is None:
-            tracker = (make_tracker or _tracker)(camera, config, proposals)
+            tracker = (make_tracker or partial(_tracker, memory_mb))(camera, config, proposals)
         else:
-            session = results.enter_context(_session(into, recording, poses, camera, config, proposals, settings))
+            session = results.enter_context(
+                _session(into, recording, poses, camera, config, proposals, settings, memory_mb)
+            )
             tracker, source = session.tracker, session.poses(source)
             frames = session.go_on(frames, writer)
             planned = None if planned is None else len(frames)
@@ -443,6 +451,7 @@ def _session(
     config: TrackerConfig,
     proposals: str | ProposalSource | None,
     settings: dict[str, Any],
+    memory_mb: float,
 ) -> AbstractContextManager[SceneRun]:
     from cuboid.scene import Source
 
@@ -451,7 +460,7 @@ def _session(
     else:
         path, frames = str(Path(recording.path).resolve()), len(recording)
     source = Source(path, recording.format, poses, frames, recording.intrinsics, settings)
-    return into.session(source, camera, config, proposals)
+    return into.session(source, camera, config, proposals, memory_mb)
 
 
 def _origin_of_poses(recording: RecordingLike, poses: str | None, bridge: bool) -> str:
@@ -509,10 +518,12 @@ def write_page(output: Path, recording: RecordingLike) -> Mapping[int, Picture]:
     return summary.pictures
 
 
-def _tracker(intrinsics: Intrinsics, config: TrackerConfig, proposals: str | ProposalSource | None) -> TrackerLike:
+def _tracker(
+    memory_mb: float, intrinsics: Intrinsics, config: TrackerConfig, proposals: str | ProposalSource | None
+) -> TrackerLike:
     from cuboid.tracker import Tracker
 
-    return Tracker(intrinsics, config, proposals)
+    return Tracker(intrinsics, config, proposals, memory_mb=memory_mb)
 
 
 def _video(path: Path, intrinsics: Intrinsics, every: int) -> View:

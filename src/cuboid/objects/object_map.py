@@ -302,7 +302,7 @@ class ObjectMap:
 
     def begin_visit(self) -> None:
         """Expect the place at another time: what was seen counts less, and boxes are soon fitted anew."""
-        self._voxels.age(REMEMBERED)
+        self._voxels.begin_visit(REMEMBERED)
         for entry in self.store.living():
             entry.sightings = min(entry.sightings, REMEMBERED)
             entry.fitted = min(entry.fitted, REMEMBERED)

@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from cuboid.errors import InputError, OutputError
-from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.kernels.cubes import ROW, voxels_of
 from cuboid.scene.database import complaining, open_to_read, open_to_write, transaction
+from cuboid.scene.earlier import take_earlier
 from cuboid.scene.editing import _CAMERA
 from cuboid.scene.freezing import thaw
-from cuboid.scene.packing import Columns, DamagedError, unpacked_block
-from cuboid.scene.saving import StateFile, load_blocks, load_parts
+from cuboid.scene.packing import DamagedError, unpacked_block
+from cuboid.scene.saving import StateFile, check_numbers, load_blocks, load_parts
 from cuboid.tracker import Tracker
 
 # What people and other programs are told, in the order in which rows refer to each other.
@@ -57,9 +58,8 @@ def _state_problems(connection: sqlite3.Connection) -> list[str]:
         tracker = thaw(load_parts(connection), Tracker(_CAMERA))[0]
         if tracker is None:
             return ["the state of the tracker is missing"]
-        read = sum(1 for _ in load_blocks(connection, tracker.voxels))
-        if read != tracker.voxels.runs:
-            return [f"the map is damaged: {read} blocks, expected {tracker.voxels.runs}"]
+        if not take_earlier(connection, tracker.voxels):
+            check_numbers(connection, [number for number, _, _ in load_blocks(connection)])
     except InputError as error:
         return [str(error)]
     return []
@@ -169,20 +169,21 @@ def _rescue_state(old: sqlite3.Connection, new: sqlite3.Connection, lost: list[s
         lost.append(f"the map and the objects' evidence ({error})")
     if tracker is None:
         return 0
-    voxels: VoxelMap = tracker.voxels
-    blocks: list[Columns] = []
-    for number in range(voxels.runs):
+    rows, places, kept = [np.zeros(0, ROW)], [np.zeros((0, 3), np.int64)], 0
+    told = old.execute("SELECT value FROM scene WHERE key = 'blocks'").fetchone()
+    query = "SELECT cube, rows, check_sum, data FROM blocks WHERE number = ?"
+    for number in range(1, int(told[0]) if told is not None else 1):
         try:
-            query = "SELECT rows, check_sum, data FROM blocks WHERE number = ?"
-            rows, check, data = old.execute(query, (number,)).fetchone() or (0, 0, b"")
-            what = f"block {number} of the map"
-            block = unpacked_block(data, check, rows, voxels.rows_in(0), voxels.voxel_m, what)
-            blocks.append(tuple(column[block[1][:, -1] > 0] for column in block))
+            key, count, check, data = old.execute(query, (number,)).fetchone() or (0, 1, 0, b"")
+            block = unpacked_block(data, check, count, f"block {number} of the map")
         except (DamagedError, sqlite3.DatabaseError) as error:
             lost.append(f"block {number} of the map ({error})")
-    columns = tuple(np.concatenate(parts) for parts in zip(*blocks, strict=True)) if blocks else voxels.rows_in(0)
-    voxels.take_back(columns)
+            continue
+        kept += 1
+        rows.append(block[block["weight"] > 0])
+        places.append(voxels_of(np.full(len(rows[-1]), key), rows[-1]["voxel"]))
+    tracker.voxels.refill(np.concatenate(places), np.concatenate(rows))
     state = StateFile(tracker, new)
     with transaction(new):
         state.write(new, state.snapshot())
-    return len(blocks)
+    return kept

@@ -11,17 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.errors import InputError
-from cuboid.frame import Float32Array
-from cuboid.heatmap.carrying import keys_of
-from cuboid.heatmap.voxel_map import CHANGED_ROWS
-from cuboid.kernels.voxels import X, Z
+from cuboid.kernels.cubes import BLOCK_ROWS, ROW
 
 # Images of at least so many pixels a side are kept as PNG, compressed so far.
 SMALLEST_IMAGE, PNG_COMPRESSION = 48, 3
 PNG = b"\x89PNG"
 
 AnyArray = npt.NDArray[Any]
-Columns = tuple[AnyArray, ...]
 
 
 class DamagedError(InputError):
@@ -98,26 +94,17 @@ def unpacked(data: bytes, check: int, form: str, what: str) -> AnyArray:
         if image is None:
             raise DamagedError(f"{what} is damaged: its check sum is wrong")
         return image.reshape(shape).astype(dtype, copy=False)
-    return _from_planes(inflated(data, check, what), np.dtype(dtype), tuple(shape))
+    return from_planes(inflated(data, check, what), np.dtype(dtype), tuple(shape))
 
 
-def packed_block(columns: Columns, voxel_m: float) -> bytes:
-    """Return a block of the map's rows compressed.
-
-    Parameters
-    ----------
-    columns : tuple of (N, ...) arrays
-        As `VoxelMap.rows_in` gives them: keys first, then values. A key is told by its point but for rounding, and
-        kept as what is off from that.
-    voxel_m : float
-    """
-    keys, values, *rest = columns
-    off = keys - keys_of(_points(values), voxel_m)
-    return deflated(b"".join(_planes(column) for column in (off, values, *rest)))
+def packed_block(rows: AnyArray) -> bytes:
+    """Return rows of the map (N,) compressed; as they are where that is no shorter."""
+    data = deflated(_planes(rows))
+    return data if len(data) < rows.nbytes else rows.tobytes()
 
 
-def unpacked_block(data: bytes, check: int, rows: int, forms: Columns, voxel_m: float, what: str) -> Columns:
-    """Return the columns of bytes from `packed_block`.
+def unpacked_block(data: bytes, check: int, rows: int, what: str) -> AnyArray:
+    """Return the rows (N,) of bytes from `packed_block`, or as they are.
 
     Parameters
     ----------
@@ -125,26 +112,19 @@ def unpacked_block(data: bytes, check: int, rows: int, forms: Columns, voxel_m: 
     check : int
         Their check sum.
     rows : int
-        Of the block.
-    forms : tuple of arrays
-        Columns of any length, of the same types and widths.
-    voxel_m : float
+        How many these are.
     what : str
         Name of the block in messages.
     """
-    plain, columns, at = inflated(data, check, what), [], 0
-    for form in forms:
-        size = rows * int(np.prod(form.shape[1:])) * form.itemsize
-        if at + size > len(plain) or not 0 < rows <= CHANGED_ROWS:
-            raise DamagedError(f"{what} is damaged: {len(plain)} bytes are not {rows} rows")
-        columns.append(_from_planes(plain[at : at + size], form.dtype, (rows, *form.shape[1:])))
-        at += size
-    keys, values = columns[:2]
-    return (keys + keys_of(_points(values), voxel_m), *columns[1:])
-
-
-def _points(values: Float32Array) -> npt.NDArray[np.float64]:
-    return np.nan_to_num(values[:, X : Z + 1].astype(np.float64))
+    size = rows * ROW.itemsize
+    if len(data) == size:
+        if check_sum(data) != check:
+            raise DamagedError(f"{what} is damaged: its check sum is wrong")
+        return np.frombuffer(data, ROW)
+    plain = inflated(data, check, what)
+    if len(plain) != size or not 0 < rows <= BLOCK_ROWS:
+        raise DamagedError(f"{what} is damaged: {len(plain)} bytes are not {rows} rows")
+    return from_planes(plain, ROW, (rows,))
 
 
 def _planes(array: AnyArray) -> bytes:
@@ -155,7 +135,8 @@ def _planes(array: AnyArray) -> bytes:
     return np.ascontiguousarray(rows.T).tobytes()
 
 
-def _from_planes(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...]) -> AnyArray:
+def from_planes(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...]) -> AnyArray:
+    """Return the array whose rows' first bytes come first, then all second ones, and so on."""
     if not data:
         return np.zeros(shape, dtype)
     rows = np.frombuffer(data, np.uint8).reshape(-1, shape[0] if shape else 1)

@@ -16,7 +16,7 @@ from cuboid.frame import Intrinsics
 from cuboid.outputs import ObjectsFile, ResultWriter, RunReport
 from cuboid.results import FrameResult, Sighting, SupportPlane, TrackedObject
 from cuboid.scene.editing import _CAMERA
-from cuboid.scene.saving import load_state
+from cuboid.scene.saving import SceneShelf, load_state
 from cuboid.scene.scene import Scene, SceneObject, ScenePast
 from cuboid.tracker import Tracker
 
@@ -55,7 +55,7 @@ def write_results(scene: Scene, connection: sqlite3.Connection, number: int, fol
     read = len(range(0, frames, config.get("every", 1)))
     missing = [k for k in range(0, frames, config.get("every", 1)) if k not in known]
     sightings, objects = _seen(scene, number)
-    tracker = load_state(connection, Tracker(_CAMERA))[0]
+    tracker = load_state(connection, Tracker(_CAMERA), shelf=SceneShelf(connection, str(scene.path)))[0]
     planes = tuple(
         SupportPlane(np.array(plane[:3]), plane[3], np.array(json.loads(plane[4])).reshape(-1, 3))
         for plane in connection.execute("SELECT nx, ny, nz, offset, outline FROM planes ORDER BY rowid")

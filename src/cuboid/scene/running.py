@@ -73,6 +73,7 @@ class IntoScene:
         camera: Intrinsics,
         config: TrackerConfig,
         proposals: str | ProposalSource | None,
+        memory_mb: float,
     ) -> Iterator[SceneRun]:
         """Open the scene for a run; what it was not told to keep by `SceneRun.finish` ends as committed last.
 
@@ -90,8 +91,9 @@ class IntoScene:
                     "that they are in the same, --poses estimated finds the place by its looks"
                 )
             tracker = scene.tracker(
-                camera, config, proposals, source=source, resume=self.resume, commit_every_s=self.commit_every_s
-            )
+                camera, config, proposals, source=source, resume=self.resume, commit_every_s=self.commit_every_s,
+                memory_mb=memory_mb,
+            )  # fmt: skip
             try:
                 yield SceneRun(scene, tracker)
             finally:

@@ -19,6 +19,7 @@ from cuboid.errors import InputError
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import compose, rotation_from_quat_wxyz
+from cuboid.limits import MEMORY_MB
 from cuboid.posing import POSES_MOVE, EstimatedPoses
 from cuboid.proposals import make_source
 from cuboid.proposals.types import ProposalSource
@@ -26,7 +27,7 @@ from cuboid.scene import editing
 from cuboid.scene import visit as visits
 from cuboid.scene.database import RESCUE, Writing, complaining, open_to_read, open_to_write, transaction
 from cuboid.scene.packing import DamagedError
-from cuboid.scene.saving import has_state, load_state
+from cuboid.scene.saving import SceneShelf, has_state, load_state
 from cuboid.scene.session import COMMIT_EVERY_S, OwnFrames, SceneTracker
 from cuboid.scene.visit import Source
 from cuboid.tracker import Tracker
@@ -192,6 +193,7 @@ class Scene:
         self.path = path
         self._read: sqlite3.Connection | None = None
         self._write: Writing | None = None
+        self._shelf: sqlite3.Connection | None = None
         self._tracker: SceneTracker | None = None
         if path.exists():
             self._connection()
@@ -227,6 +229,9 @@ class Scene:
         if self._tracker is not None:
             self._tracker.drop()
             self._tracker = None
+        if self._shelf is not None:
+            self._shelf.close()
+            self._shelf = None
         if self._read is not None:
             self._read.close()
             self._read = None
@@ -243,6 +248,7 @@ class Scene:
         source: Source | None = None,
         resume: bool = False,
         commit_every_s: float = COMMIT_EVERY_S,
+        memory_mb: float = MEMORY_MB,
     ) -> SceneTracker:
         """Begin a recording whose frames have poses in the scene's world, or go on with one that was broken off.
 
@@ -259,6 +265,8 @@ class Scene:
         resume : bool
             Go on with the last recording, from the frame `visit.next_frame` on.
         commit_every_s : float
+        memory_mb : float
+            As for `Tracker`.
 
         Raises
         ------
@@ -275,10 +283,12 @@ class Scene:
         connection = file.connection
         with complaining(self.path):
             own = OwnFrames(make_source(proposals))
-            tracker, poses = Tracker(intrinsics, config, own), None
+            tracker, poses = Tracker(intrinsics, config, own, memory_mb=memory_mb), None
+            self._shelf = open_to_read(self.path)
+            shelf = SceneShelf(self._shelf, str(self.path))
             estimated = EstimatedPoses(intrinsics, POSES_MOVE * tracker.config.voxel_m)
             if has_state(connection):
-                tracker, poses = self._going_on(connection, config, tracker, estimated)
+                tracker, poses = self._going_on(connection, config, tracker, estimated, shelf)
             else:  # it may have had a state, and lost it with a damaged file
                 tracker.begin_labels(
                     1 + connection.execute("SELECT coalesce(max(label), 0) FROM objects").fetchone()[0]
@@ -295,7 +305,7 @@ class Scene:
                     poses.begin_lost()
             own.first_frame = visit.first_frame
             names = dict(connection.execute("SELECT label, name FROM objects WHERE name IS NOT NULL"))
-        self._tracker = SceneTracker(self.path, file, tracker, poses, visit, names, commit_every_s)
+        self._tracker = SceneTracker(self.path, file, tracker, poses, visit, names, commit_every_s, shelf)
         return self._tracker
 
     def _going_on(
@@ -304,10 +314,11 @@ class Scene:
         config: TrackerConfig | None,
         fresh: Tracker,
         estimated: EstimatedPoses,
+        shelf: SceneShelf,
     ) -> tuple[Tracker, EstimatedPoses | None]:
         """Return tracker and poses as the scene has them."""
         try:
-            tracker, poses = load_state(connection, fresh, estimated)
+            tracker, poses = load_state(connection, fresh, estimated, shelf=shelf)
         except DamagedError as error:
             raise InputError(f"{self.path}: {error}; {RESCUE}") from None
         if config is not None:
@@ -473,7 +484,12 @@ class Scene:
 
         with complaining(self.path):
             number = len(self.recordings) if recording is None else recording
-            write_results(self, self._connection(), number, folder, force=force)
+            connection = self._connection()
+            connection.execute("BEGIN")  # all that is read is of one moment
+            try:
+                write_results(self, connection, number, folder, force=force)
+            finally:
+                connection.execute("COMMIT")
 
     def compact(self) -> None:
         """Write the file anew without the room that is free in it."""

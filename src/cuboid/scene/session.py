@@ -15,7 +15,7 @@ from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
 from cuboid.scene import changes
 from cuboid.scene.database import Writing, complaining, transaction
 from cuboid.scene.records import Records
-from cuboid.scene.saving import StateFile
+from cuboid.scene.saving import SceneShelf, StateFile
 from cuboid.scene.visit import Visit
 from cuboid.tracker import Tracker
 
@@ -43,6 +43,8 @@ class SceneTracker:
     names : mapping of int to str
         By label.
     commit_every_s : float
+    shelf : SceneShelf
+        Where parts of the map are that are not in memory.
 
     Attributes
     ----------
@@ -59,11 +61,12 @@ class SceneTracker:
         visit: Visit,
         names: Mapping[int, str],
         commit_every_s: float,
+        shelf: SceneShelf,
     ) -> None:
         self._path, self._file, self._tracker, self._visit = path, file, tracker, visit
         self._names, self._every_s, self._poses = names, commit_every_s, poses
         self._records = Records(file.connection, visit.number, visit.pixels)
-        self._state = StateFile(tracker, file.connection, () if poses is None else (poses,))
+        self._state = StateFile(tracker, file.connection, () if poses is None else (poses,), shelf)
         self._changes = changes.load(file.connection, visit.first_frame)
         self._pending: list[tuple[str, str]] = []
         self._next_frame = visit.next_frame
@@ -192,8 +195,6 @@ class SceneTracker:
             self._settle()
             if self._visit.number > 1:
                 self._changes.recognise(self._tracker)
-            if complete:
-                self._tracker.voxels.pack()
             self._commit(complete=complete, ended=True)
             self._settle()
         finally:
@@ -215,7 +216,7 @@ class SceneTracker:
         def write() -> None:
             connection = self._file.connection
             with transaction(connection):
-                self._state.write(connection, state)
+                self._state.write(connection, state, ended=ended)
                 rows.write(connection)
                 changes.write(connection, visit.number, told)
                 visit.write(connection, next_frame, pending, complete=complete, ended=ended)
@@ -230,6 +231,7 @@ class SceneTracker:
             writing, self._writing = self._writing, None
             with complaining(self._path):
                 writing.result()
+            self._state.settled()
 
 
 class OwnFrames:

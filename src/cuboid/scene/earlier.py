@@ -1,0 +1,68 @@
+"""The map of a scene that was written before it lay in cubes: read to be written anew."""
+
+from __future__ import annotations
+
+import sqlite3
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.kernels.cubes import KEY_BITS, KEY_OFFSET, LEVELS, PLACES, ROW
+from cuboid.kernels.voxels import MOST_HITS
+from cuboid.scene.packing import DamagedError, from_planes, inflated
+
+# Columns of the rows as they were: type, numbers a row.
+_COLUMNS = {
+    "key": (np.int64, 1), "values": (np.float32, 8), "hits": (np.int32, 1), "passes": (np.int32, 1),
+    "owner": (np.int32, 1), "confidence": (np.uint8, 1), "anchor": (np.int32, 1), "last_frame": (np.int32, 1),
+}  # fmt: skip
+
+
+def take_earlier(connection: sqlite3.Connection, voxels: VoxelMap) -> bool:
+    """Have the map of an earlier version's file, and tell whether there is one.
+
+    Raises
+    ------
+    DamagedError
+        A block of it is.
+    """
+    found = connection.execute("SELECT number, rows, check_sum, data FROM earlier_blocks ORDER BY number").fetchall()
+    if not found:
+        return False
+    blocks = [_block(number, count, check, data, voxels.voxel_m) for number, count, check, data in found]
+    rows, places = zip(*blocks, strict=True)
+    place = np.concatenate(places)
+    _, first = np.unique(place, axis=0, return_index=True)
+    voxels.refill(place[np.sort(first)], np.concatenate(rows)[np.sort(first)])
+    return True
+
+
+def _block(
+    number: int, count: int, check: int, data: bytes, voxel_m: float
+) -> tuple[npt.NDArray[np.void], npt.NDArray[np.int64]]:
+    """Return the living rows of a block and their voxels."""
+    what = f"block {number} of the map"
+    plain, at, columns = inflated(data, check, what), 0, {}
+    for name, (kind, width) in _COLUMNS.items():
+        size = count * width * np.dtype(kind).itemsize
+        if at + size > len(plain):
+            raise DamagedError(f"{what} is damaged: {len(plain)} bytes are not {count} rows")
+        shape = (count, width) if width > 1 else (count,)
+        columns[name], at = from_planes(plain[at : at + size], np.dtype(kind), shape), at + size
+    values = columns["values"].astype(np.float64)
+    alive = values[:, 7] > 0
+    place = np.floor(np.nan_to_num(values[:, :3]) / voxel_m)
+    keys = place.astype(np.int64) + KEY_OFFSET
+    told = columns["key"] + ((keys[:, 0] << (2 * KEY_BITS)) | (keys[:, 1] << KEY_BITS) | keys[:, 2])
+    mask = (1 << KEY_BITS) - 1
+    voxel = np.stack([told >> (2 * KEY_BITS), (told >> KEY_BITS) & mask, told & mask], 1) - KEY_OFFSET
+    rows = np.zeros(count, ROW)
+    rows["place"] = np.clip((values[:, :3] / voxel_m - voxel) * PLACES, 0, PLACES - 1)
+    rows["color"], rows["heat"] = np.clip(values[:, 3:6] * LEVELS, 0, 65535), np.clip(values[:, 6] * 65535, 0, 65535)
+    rows["weight"] = values[:, 7]
+    for name in ("hits", "passes", "anchor"):
+        rows[name] = np.clip(columns[name], 0, MOST_HITS)
+    for name in ("owner", "confidence", "last_frame"):
+        rows[name] = columns[name]
+    return rows[alive], voxel[alive]
