@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from cuboid.config import TrackerConfig
 from cuboid.decoding import Decoded, decode
 from cuboid.errors import InputError, OutputError
 from cuboid.frame import Intrinsics
+from cuboid.limits import MEMORY_MB
 from cuboid.measuring import FrameLog, peak_memory_mb
 from cuboid.outputs import FinishedResults, ObjectsFile, ResultWriter, RunReport
 from cuboid.outputs.folder import REPORT, VIDEO
@@ -51,6 +53,7 @@ def track_recording(
     make_view: MakeView | None = None,
     watch: Watch | None = None,
     into: IntoScene | None = None,
+    memory_mb: float = MEMORY_MB,
 ) -> RunOutcome:
     """Track the objects of a recording and write the results.
 
@@ -92,6 +95,9 @@ def track_recording(
         Shown each used frame, what was found in it, and the tracker, between two frames of its work.
     into : IntoScene, optional
         The scene that the recording goes into.
+    memory_mb : float
+        Memory of the process, in units of 2**20 bytes, beyond which parts of the map that are out of view are put
+        aside.
 
     Returns
     -------
@@ -113,7 +119,7 @@ def track_recording(
     with ExitStack() as results:
         corrected = plan.poses == "estimated" if into is None else into.corrects(plan.poses)
         writer = _writer(results, taken, output, force, corrected)
-        tracker, source, session = _tracking(results, taken, plan, settings, make_tracker, into)
+        tracker, source, session = _tracking(results, taken, plan, settings, make_tracker, into, memory_mb)
         if session is not None:
             frames = session.go_on(frames, writer)
         planned = None if isinstance(taken, Stream) else len(frames)
@@ -169,18 +175,20 @@ def _tracking(
     settings: dict[str, Any],
     make_tracker: MakeTracker | None,
     into: IntoScene | None,
+    memory_mb: float,
 ) -> tuple[TrackerLike, Poses, SceneRun | None]:
     """Return the tracker, where its poses come from, and the run within a scene where the recording goes into one."""
     camera = recording.intrinsics.downscaled(plan.scale)
     source = plan.source_of_poses(recording, camera)
     if into is None:
-        return (make_tracker or _tracker)(camera, plan.config, plan.proposals), source, None
+        make = make_tracker or partial(_tracker, memory_mb=memory_mb)
+        return make(camera, plan.config, plan.proposals), source, None
     from cuboid.scene import Source
 
     live = isinstance(recording, Stream)
     path, frames = (recording.path, 0) if live else (Path(recording.path).resolve(), len(recording))
     visit = Source(str(path), recording.format, plan.poses, frames, recording.intrinsics, settings)
-    session = results.enter_context(into.session(visit, camera, plan.config, plan.proposals))
+    session = results.enter_context(into.session(visit, camera, plan.config, plan.proposals, memory_mb))
     return session.tracker, session.poses(source), session
 
 
@@ -252,10 +260,12 @@ def _view(
         view.close(complete=True)
 
 
-def _tracker(intrinsics: Intrinsics, config: TrackerConfig, proposals: str | ProposalSource | None) -> TrackerLike:
+def _tracker(
+    intrinsics: Intrinsics, config: TrackerConfig, proposals: str | ProposalSource | None, *, memory_mb: float
+) -> TrackerLike:
     from cuboid.tracker import Tracker
 
-    return Tracker(intrinsics, config, proposals)
+    return Tracker(intrinsics, config, proposals, memory_mb=memory_mb)
 
 
 def _video(path: Path, intrinsics: Intrinsics, every: int) -> View:

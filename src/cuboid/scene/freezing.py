@@ -22,6 +22,7 @@ from cuboid.config import TrackerConfig
 from cuboid.errors import InputError
 from cuboid.frame import Intrinsics
 from cuboid.geometry.box import Box
+from cuboid.heatmap.row_blocks import RowBlocks
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.affinity import Affinity
 from cuboid.objects.boxing import Boxing
@@ -74,20 +75,18 @@ class Kind:
 
 
 # Rows of the map are saved in blocks: see `saving`.
-_ROWS = frozenset(
-    {"keys", "values", "hits", "passes", "owner", "confidence", "anchor", "_last_frame", "_voted", "_table", "_blocks",
-     "_changed"}
-)  # fmt: skip
+_ROWS = frozenset({"memory_mb", "_room", "_shelf", "_points", "_cubes", "_seen", "_last_look", "_ready"})
 
 KINDS = {
     kind.cls: kind
     for kind in (
-        Kind(Tracker, kept_apart=frozenset({"intrinsics", "_propose"})),
+        Kind(Tracker, kept_apart=frozenset({"intrinsics", "_propose", "_memory_mb"})),
         Kind(PlaneTracker),
         Kind(UpVote),
         Kind(Windows),
         Kind(Plane, key=lambda plane: plane.identity),
         Kind(VoxelMap, kept_apart=_ROWS),
+        Kind(RowBlocks),
         Kind(ObjectMap),
         Kind(Boxing),
         Kind(ObjectStore),

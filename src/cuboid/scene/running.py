@@ -88,6 +88,7 @@ class IntoScene:
         camera: Intrinsics,
         config: TrackerConfig,
         proposals: str | ProposalSource | None,
+        memory_mb: float,
     ) -> Iterator[SceneRun]:
         """Open the scene for a run; what it was not told to keep by `SceneRun.finish` ends as committed last.
 
@@ -101,7 +102,7 @@ class IntoScene:
         with Scene.open(self.path) as scene:
             tracker = scene.tracker(
                 camera, config, proposals, source=source, same_world=self.same_world, resume=self.resume,
-                commit_every_s=self.commit_every_s,
+                commit_every_s=self.commit_every_s, memory_mb=memory_mb,
             )  # fmt: skip
             try:
                 yield SceneRun(scene, tracker)

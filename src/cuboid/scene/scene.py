@@ -18,6 +18,7 @@ from cuboid.config import TrackerConfig
 from cuboid.errors import InputError, shown
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import Box
+from cuboid.limits import MEMORY_MB
 from cuboid.proposals import make_source
 from cuboid.proposals.types import ProposalSource
 from cuboid.scene import editing
@@ -25,7 +26,7 @@ from cuboid.scene import visit as visits
 from cuboid.scene.database import Writing, complaining, open_to_read, open_to_write, transaction
 from cuboid.scene.door import BOX, Row, box_of, columns_of, rotation_of, told
 from cuboid.scene.placing import ESTIMATED, OWN_WORLD, SAME_WORLD, ScenePoses
-from cuboid.scene.saving import has_state
+from cuboid.scene.saving import SceneShelf, has_state
 from cuboid.scene.session import COMMIT_EVERY_S, OwnFrames, SceneTracker
 from cuboid.scene.visit import Source
 from cuboid.tracker import Tracker
@@ -202,6 +203,7 @@ class Scene:
         self.path = path
         self._read: sqlite3.Connection | None = None
         self._write: Writing | None = None
+        self._shelf: sqlite3.Connection | None = None
         self._tracker: SceneTracker | None = None
         if path.exists():
             self._connection()
@@ -237,6 +239,9 @@ class Scene:
         if self._tracker is not None:
             self._tracker.drop()
             self._tracker = None
+        if self._shelf is not None:
+            self._shelf.close()
+            self._shelf = None
         if self._read is not None:
             self._read.close()
             self._read = None
@@ -254,6 +259,7 @@ class Scene:
         same_world: bool = True,
         resume: bool = False,
         commit_every_s: float = COMMIT_EVERY_S,
+        memory_mb: float = MEMORY_MB,
     ) -> SceneTracker:
         """Begin a recording whose frames have poses in the scene's world, or go on with one that was broken off.
 
@@ -272,6 +278,8 @@ class Scene:
         resume : bool
             Go on with the last recording, from the frame `visit.next_frame` on.
         commit_every_s : float
+        memory_mb : float
+            As for `Tracker`.
 
         Raises
         ------
@@ -288,10 +296,14 @@ class Scene:
         connection = file.connection
         with complaining(self.path):
             own = OwnFrames(make_source(proposals))
-            tracker = Tracker(intrinsics, config, own)
+            tracker = Tracker(intrinsics, config, own, memory_mb=memory_mb)
             poses = ScenePoses(intrinsics, tracker.config)
+            if self._shelf is not None:
+                self._shelf.close()
+            self._shelf = open_to_read(self.path)
+            shelf = SceneShelf(self._shelf, self.path)
             if has_state(connection):
-                tracker, poses = self._going_on(connection, config, tracker)
+                tracker, poses = self._going_on(connection, config, tracker, shelf)
             else:  # it may have had a state, and lost it with a damaged file
                 tracker.begin_labels(
                     1 + connection.execute("SELECT coalesce(max(label), 0) FROM objects").fetchone()[0]
@@ -313,7 +325,7 @@ class Scene:
             own.first_frame = visit.first_frame
             columns = columns_of("objects", ("label", "name"))
             names: dict[int, str] = dict(told(connection, columns, "objects WHERE name IS NOT NULL"))
-        self._tracker = SceneTracker(self.path, file, tracker, poses, visit, names, commit_every_s)
+        self._tracker = SceneTracker(self.path, file, tracker, poses, visit, names, commit_every_s, shelf)
         return self._tracker
 
     def _going_on(
@@ -321,9 +333,10 @@ class Scene:
         connection: sqlite3.Connection,
         config: TrackerConfig | None,
         fresh: Tracker,
+        shelf: SceneShelf,
     ) -> tuple[Tracker, ScenePoses]:
         """Return tracker and poses as the scene has them."""
-        tracker, poses = visits.load(connection, fresh)
+        tracker, poses = visits.load(connection, fresh, shelf)
         if config is not None:
             own = tracker.config.to_dict()
             for name, value in config.to_dict().items():
@@ -512,7 +525,12 @@ class Scene:
 
         with complaining(self.path):
             number = len(self.recordings) if recording is None else recording
-            write_results(self, self._connection(), number, folder, force=force)
+            connection = self._connection()
+            connection.execute("BEGIN")  # all that is read is of one moment
+            try:
+                write_results(self, connection, number, folder, force=force)
+            finally:
+                connection.execute("COMMIT")
 
     def compact(self) -> None:
         """Write the file anew without the room that is free in it."""

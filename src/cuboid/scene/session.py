@@ -18,7 +18,7 @@ from cuboid.scene import changes, layout, parts
 from cuboid.scene.database import Writing, complaining, transaction
 from cuboid.scene.placing import ESTIMATED, SAME_WORLD, Joined, ScenePoses
 from cuboid.scene.records import Records
-from cuboid.scene.saving import StateFile
+from cuboid.scene.saving import SceneShelf, StateFile
 from cuboid.scene.visit import Visit
 from cuboid.tracker import Tracker
 
@@ -48,6 +48,8 @@ class SceneTracker:
     names : mapping of int to str
         By label.
     commit_every_s : float
+    shelf : SceneShelf
+        Where parts of the map are that are not in memory.
 
     Attributes
     ----------
@@ -64,11 +66,12 @@ class SceneTracker:
         visit: Visit,
         names: Mapping[int, str],
         commit_every_s: float,
+        shelf: SceneShelf,
     ) -> None:
         self._path, self._file, self._tracker, self._visit = path, file, tracker, visit
         self._names, self._every_s, self._poses = names, commit_every_s, poses
         self._records = Records(file.connection, visit.number, visit.pixels)
-        self._state = StateFile(tracker, file.connection, (poses,))
+        self._state = StateFile(tracker, file.connection, (poses,), shelf)
         self._changes = changes.load(file.connection, visit.first_frame)
         self._joined: list[Joined] = []
         self._pending: list[tuple[str, str]] = []
@@ -212,8 +215,6 @@ class SceneTracker:
             self._settle()
             if self._visit.number > 1:
                 self._changes.recognise(self._tracker)
-            if complete:
-                self._tracker.voxels.pack()
             self._commit(complete=complete, ended=True)
             self._settle()
         finally:
@@ -237,7 +238,7 @@ class SceneTracker:
         def write() -> None:
             connection = self._file.connection
             with transaction(connection):
-                self._state.write(connection, state)
+                self._state.write(connection, state, ended=ended)
                 rows.write(connection)
                 parts.carry_rows(connection, joined)
                 changes.write(connection, visit.number, told)
@@ -255,6 +256,7 @@ class SceneTracker:
             writing, self._writing = self._writing, None
             with complaining(self._path):
                 writing.result()
+            self._state.settled()
 
 
 class OwnFrames:

@@ -18,7 +18,7 @@ from cuboid.scene.database import transaction
 from cuboid.scene.door import columns_of, document, told
 from cuboid.scene.freezing import roots
 from cuboid.scene.placing import ScenePoses
-from cuboid.scene.saving import load_state, strange_is_damaged
+from cuboid.scene.saving import SceneShelf, load_state, strange_is_damaged
 from cuboid.tracker import Tracker
 
 
@@ -149,7 +149,7 @@ def resume(connection: sqlite3.Connection, source: Source, path: str) -> Visit:
     return Visit(number, first_frame, next_frame, T_world_recording, begun.get("scale", 1))
 
 
-def load(connection: sqlite3.Connection, fresh: Tracker) -> tuple[Tracker, ScenePoses]:
+def load(connection: sqlite3.Connection, fresh: Tracker, shelf: SceneShelf | None = None) -> tuple[Tracker, ScenePoses]:
     """Return a tracker, and where its frames are taken, that go on from the state of a scene.
 
     Parameters
@@ -157,13 +157,15 @@ def load(connection: sqlite3.Connection, fresh: Tracker) -> tuple[Tracker, Scene
     connection : sqlite3.Connection
     fresh : Tracker
         A new one for the frames that come.
+    shelf : SceneShelf, optional
+        Where blocks of the map are read from; the same connection unless given.
 
     Raises
     ------
     InputError
         The state is damaged, or of another version.
     """
-    tracker, poses, estimated = load_state(connection, *roots(fresh))
+    tracker, poses, estimated = load_state(connection, *roots(fresh), shelf=shelf)
     if poses is None:
         poses = ScenePoses(fresh.intrinsics, tracker.config)
         if estimated is not None:
