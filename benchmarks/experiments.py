@@ -10,6 +10,7 @@ NAME is one of
   frames       the map after so many frames, and of every n-th frame
   poses        fragments and identities against noise of the poses, with merging and without
   growth       time of each stage, memory, as the map grows by a new table each lap (--laps), and as time goes on
+  memory       memory and time past ever more objects, with as much memory as --memory says
   proposals    boxes in the map of each scene of the suite
   peers        a pipeline made of Open3D (--peers-python), AB3DMOT's association, and this tracker, on the same frames
 
@@ -26,7 +27,7 @@ from cuboid import CuboidError
 from cuboid.cli.synth import KINDS
 from cuboid.cli.threads import limit_threads
 
-NAMES = ("descriptors", "resolution", "sources", "frames", "poses", "growth", "proposals", "peers")
+NAMES = ("descriptors", "resolution", "sources", "frames", "poses", "growth", "memory", "proposals", "peers")
 
 
 def main() -> int:
@@ -39,7 +40,10 @@ def main() -> int:
     parser.add_argument("--every", type=int, default=1, metavar="N", help="use each n-th frame")
     parser.add_argument("--limit", type=int, default=None, metavar="N", help="use at most so many frames")
     parser.add_argument("--laps", type=int, default=60, metavar="N", help="of growth; 1250 make 10,000 objects")
-    parser.add_argument("--objects", nargs="+", type=int, default=[10, 100, 1000], metavar="N", help="of descriptors")
+    parser.add_argument(
+        "--objects", nargs="+", type=int, default=[10, 100, 1000], metavar="N", help="of descriptors and memory"
+    )
+    parser.add_argument("--memory", type=float, default=512.0, metavar="MB", help="of memory")
     parser.add_argument("--peers-python", default=None, metavar="PYTHON", help="of an environment that has Open3D")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="of proposals: scenes at a time")
     parser.add_argument("--json", action="store_true")

@@ -8,6 +8,7 @@ from cuboid.frame import Frame, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
 from cuboid.heatmap.voxel_map import MOST_VOTES
+from cuboid.kernels.cubes import BLOCK_ROWS
 from cuboid.objects.entry import State
 from cuboid.proposals.types import Proposals
 from cuboid.results import FrameResult
@@ -196,7 +197,8 @@ class Watch:
 
     def _voxels(self) -> None:
         voxels, store = self._tracker._voxels, self._tracker._map.store
-        owner, confidence = voxels.owner[: voxels.count], voxels.confidence[: voxels.count]
+        used = slice(0, voxels.blocks * BLOCK_ROWS)
+        owner, confidence = voxels.owner[used], voxels._points.confidence[used]
         numbers = [o.number for o in store.living()]
         assert np.isin(owner, [0, *numbers]).all(), "points of an object that is no more"
         assert (confidence <= MOST_VOTES).all()
@@ -204,10 +206,10 @@ class Watch:
         alive = voxels.living()
         assert len(alive) == voxels.alive
         assert (voxels.hits[alive] > 0).all()
-        assert np.isfinite(voxels.values[alive]).all()
+        assert np.isfinite(voxels.weight(alive)).all()
         for number in numbers:
             assert voxels.rows_of(number).tolist() == alive[owner[alive] == number].tolist()
-        assert not voxels._voted.any()
+        assert not voxels._points.voted[used].any()
         points = self._tracker.map_points()
         assert len(points.xyz) == len(points.label) == len(alive) == self._tracker.points_known
         assert np.isin(points.label, [0, *(o.label for o in store.confirmed())]).all()

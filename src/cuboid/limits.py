@@ -14,3 +14,5 @@ MOST_CANDIDATES = 200
 
 # By what they are called in `run.json`.
 LIMITS = {"proposals": MOST_PROPOSALS, "clusters": MOST_CLUSTERS, "candidates": MOST_CANDIDATES}
+# Memory of the process beyond which parts of the map that are out of view are put aside, in units of 2**20 bytes.
+MEMORY_MB = 512.0

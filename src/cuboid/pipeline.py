@@ -104,7 +104,8 @@ class Pipeline:
 
         corrected = self.poses.trajectory()
         poses = self.T_world_camera if corrected is None else corrected
-        found = intrinsics_warning(recording.read, recording.intrinsics, poses, estimated=corrected is not None)
+        estimated = corrected is not None and not self.poses.given_with_frames
+        found = intrinsics_warning(recording.read, recording.intrinsics, poses, estimated=estimated)
         beside = registration_warning(recording.read, recording.intrinsics, sorted(poses))
         return tuple(one for one in (found, beside) if one is not None)
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from cuboid.errors import FrameError
 from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry.se3 import inverse, tidied, transform
+
+if TYPE_CHECKING:
+    from cuboid.poses import PoseEstimator
 
 LOST = "the camera is lost: the frame shows no place that is known"
 NO_POSE = "the frame has no camera pose"
@@ -100,9 +103,10 @@ class EstimatedPoses:
         """Return the poses of all frames as corrected since."""
         return self._estimator.trajectory()
 
-    def begin_lost(self) -> None:
-        """Expect frames of another recording: the camera may be anywhere among the known places, or at none of them."""
-        self._estimator.begin_lost()
+    @property
+    def estimator(self) -> PoseEstimator:
+        """What estimates them."""
+        return self._estimator
 
     def _moved(self) -> dict[int, Float64Array]:
         """Return how keyframes have moved since that was last told, where it is worth telling."""

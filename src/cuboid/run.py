@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from cuboid.config import TrackerConfig
 from cuboid.decoding import Decoded, decode
 from cuboid.errors import InputError, OutputError
 from cuboid.frame import Intrinsics
+from cuboid.limits import MEMORY_MB
 from cuboid.measuring import FrameLog, peak_memory_mb
 from cuboid.outputs import FinishedResults, ObjectsFile, ResultWriter, RunReport
 from cuboid.outputs.folder import REPORT, VIDEO
@@ -25,6 +27,7 @@ from cuboid.streaming import FrameSource, Stream
 if TYPE_CHECKING:
     from cuboid.proposals.types import ProposalSource
     from cuboid.scene.running import IntoScene, SceneRun
+    from cuboid.views.report import ShownChange
     from cuboid.views.report.pictures import Picture
     from cuboid.views.video import View
 
@@ -50,6 +53,7 @@ def track_recording(
     make_view: MakeView | None = None,
     watch: Watch | None = None,
     into: IntoScene | None = None,
+    memory_mb: float = MEMORY_MB,
 ) -> RunOutcome:
     """Track the objects of a recording and write the results.
 
@@ -91,6 +95,9 @@ def track_recording(
         Shown each used frame, what was found in it, and the tracker, between two frames of its work.
     into : IntoScene, optional
         The scene that the recording goes into.
+    memory_mb : float
+        Memory of the process, in units of 2**20 bytes, beyond which parts of the map that are out of view are put
+        aside.
 
     Returns
     -------
@@ -110,8 +117,9 @@ def track_recording(
     plan = plan_for(taken, config, proposals, poses=poses, bridge=bridge, every=every, limit=limit, scale=scale)
     settings, frames, log, progress = plan.settings(taken), _frames(taken, plan), FrameLog(), progress or Progress()
     with ExitStack() as results:
-        writer = _writer(results, taken, output, force, plan.poses)
-        tracker, source, session = _tracking(results, taken, plan, settings, make_tracker, into)
+        corrected = plan.poses == "estimated" if into is None else into.corrects(plan.poses)
+        writer = _writer(results, taken, output, force, corrected)
+        tracker, source, session = _tracking(results, taken, plan, settings, make_tracker, into, memory_mb)
         if session is not None:
             frames = session.go_on(frames, writer)
         planned = None if isinstance(taken, Stream) else len(frames)
@@ -134,16 +142,18 @@ def track_recording(
         if session is not None:
             session.finish(complete=complete)
     if output is not None and page:
-        write_page(FinishedResults(output), taken)
+        write_page(FinishedResults(output), taken, () if into is None else into.shown_changes())
     per_second, points, size = log.frames_per_second(), tracker.points_known, tracker.map_bytes
     return RunOutcome(report, found.objects, found.planes, found.up, log.milliseconds, per_second, points, size)
 
 
-def write_page(results: FinishedResults, recording: RecordingLike) -> Mapping[int, Picture]:
+def write_page(
+    results: FinishedResults, recording: RecordingLike, changes: Sequence[ShownChange] = ()
+) -> Mapping[int, Picture]:
     """Write the 3D page of results beside them; return its pictures of objects, by label."""
     from cuboid.views.report import summarise, write_report
 
-    summary = summarise(results, recording.read)
+    summary = summarise(results, recording.read, changes)
     write_report(results.folder / REPORT, summary)
     return summary.pictures
 
@@ -165,18 +175,20 @@ def _tracking(
     settings: dict[str, Any],
     make_tracker: MakeTracker | None,
     into: IntoScene | None,
+    memory_mb: float,
 ) -> tuple[TrackerLike, Poses, SceneRun | None]:
     """Return the tracker, where its poses come from, and the run within a scene where the recording goes into one."""
     camera = recording.intrinsics.downscaled(plan.scale)
     source = plan.source_of_poses(recording, camera)
     if into is None:
-        return (make_tracker or _tracker)(camera, plan.config, plan.proposals), source, None
+        make = make_tracker or partial(_tracker, memory_mb=memory_mb)
+        return make(camera, plan.config, plan.proposals), source, None
     from cuboid.scene import Source
 
     live = isinstance(recording, Stream)
     path, frames = (recording.path, 0) if live else (Path(recording.path).resolve(), len(recording))
     visit = Source(str(path), recording.format, plan.poses, frames, recording.intrinsics, settings)
-    session = results.enter_context(into.session(visit, camera, plan.config, plan.proposals))
+    session = results.enter_context(into.session(visit, camera, plan.config, plan.proposals, memory_mb))
     return session.tracker, session.poses(source), session
 
 
@@ -211,20 +223,24 @@ def _report(
         milliseconds=pipeline.log.timings(),
         seconds=time.perf_counter() - begun_s,
         peak_memory_mb=peak_memory_mb(),
-        warnings=(*(live.warnings if live else ()), *pipeline.warnings(bare)),
+        warnings=(
+            *(live.warnings if live else ()),
+            *(pipeline.session.warnings() if pipeline.session else ()),
+            *pipeline.warnings(bare),
+        ),
         frames_dropped=live.dropped if live else 0,
         limits=pipeline.log.limits(),
     )
 
 
 def _writer(
-    results: ExitStack, recording: RecordingLike, output: Path | None, force: bool, poses: str
+    results: ExitStack, recording: RecordingLike, output: Path | None, force: bool, corrected: bool
 ) -> ResultWriter | None:
     if output is None:
         return None
     if output.resolve() == Path(recording.path).resolve():
         raise OutputError(f"{output}: is the recording itself; name another output folder")
-    return results.enter_context(ResultWriter(output, force=force, corrected=poses == "estimated"))
+    return results.enter_context(ResultWriter(output, force=force, corrected=corrected))
 
 
 @contextmanager
@@ -244,10 +260,12 @@ def _view(
         view.close(complete=True)
 
 
-def _tracker(intrinsics: Intrinsics, config: TrackerConfig, proposals: str | ProposalSource | None) -> TrackerLike:
+def _tracker(
+    intrinsics: Intrinsics, config: TrackerConfig, proposals: str | ProposalSource | None, *, memory_mb: float
+) -> TrackerLike:
     from cuboid.tracker import Tracker
 
-    return Tracker(intrinsics, config, proposals)
+    return Tracker(intrinsics, config, proposals, memory_mb=memory_mb)
 
 
 def _video(path: Path, intrinsics: Intrinsics, every: int) -> View:

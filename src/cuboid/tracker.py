@@ -19,7 +19,7 @@ from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.claims import BOTTOM, LEFT, RIGHT, TOP
 from cuboid.kernels.pixels import stand_on
-from cuboid.limits import MOST_PROPOSALS
+from cuboid.limits import MEMORY_MB, MOST_PROPOSALS
 from cuboid.object_table import ObjectTable
 from cuboid.objects.association import Association
 from cuboid.objects.entry import MapObject
@@ -72,6 +72,9 @@ class Tracker:
     config : TrackerConfig, optional
     proposals : str or ProposalSource, optional
         Name of a 2D proposal source, or any callable from (frame, intrinsics) to `Proposals`.
+    memory_mb : float
+        Memory of the process, in units of 2**20 bytes, beyond which parts of the map that are out of view are put
+        aside, until they are looked at again.
 
     Raises
     ------
@@ -84,9 +87,12 @@ class Tracker:
         intrinsics: Intrinsics,
         config: TrackerConfig | None = None,
         proposals: str | ProposalSource | None = None,
+        *,
+        memory_mb: float = MEMORY_MB,
     ) -> None:
         self.intrinsics = intrinsics
         self.config = config or TrackerConfig()
+        self._memory_mb = memory_mb
         self._propose = make_source(proposals, self.config)
         self._begin()
         self._count = 0
@@ -95,7 +101,7 @@ class Tracker:
     def _begin(self) -> None:
         c = self.config
         self._planes = PlaneTracker(c)
-        self._voxels = VoxelMap(c.voxel_m, c.depth_noise_per_m, c.max_depth_m)
+        self._voxels = VoxelMap(c.voxel_m, c.depth_noise_per_m, c.max_depth_m, self._memory_mb)
         self._map = ObjectMap(c, self._voxels, self._planes)
 
     def update(self, frame: Frame, anchor: int = 0) -> FrameResult:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.frame import Intrinsics
-from cuboid.heatmap.row_blocks import BLOCK_ROWS
 from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.kernels.cubes import BLOCK_ROWS
 from cuboid.working import WorkingImage
 
 CAMERA = Intrinsics(60.0, 60.0, 31.5, 23.5, 64, 48)
@@ -33,41 +33,50 @@ def test_the_rows_of_an_object_are_found_whatever_becomes_of_them() -> None:
     voxels = VoxelMap(0.01, 1e-3, 3.0)
     for frame in range(12):
         wall(voxels, 2.0 * frame, frame)
-    assert voxels.count > 20 * BLOCK_ROWS
+    rows = voxels.living()
+    assert len(rows) > 20 * BLOCK_ROWS
     for step in range(60):
-        first = int(rng.integers(0, voxels.count - 900))
-        give(voxels, np.arange(first, first + 900), int(rng.integers(1, 6)))
+        first = int(rng.integers(0, len(rows) - 900))
+        give(voxels, rows[first : first + 900], int(rng.integers(1, 6)))
         if step % 7 == 0:
             voxels.pass_on(3, 2)
         if step % 11 == 0:
             voxels.release([5])
     for number in range(1, 6):
-        assert voxels.rows_of(number).tolist() == np.flatnonzero(voxels.owner == number).tolist()
+        assert voxels.rows_of(number).tolist() == rows[voxels.owner[rows] == number].tolist()
     assert len(voxels.rows_of(1)) > 0
     assert len(voxels.rows_of(3)) + len(voxels.rows_of(5)) < voxels.count
 
 
-def test_the_rows_of_an_object_are_found_after_the_map_was_packed() -> None:
+def test_the_rows_of_an_object_are_found_after_its_cube_was_packed() -> None:
     voxels = VoxelMap(0.01, 1e-3, 3.0)
     wall(voxels, 0.0, 0)
-    count = voxels.count
-    give(voxels, np.arange(100, 300), 4)
-    place = voxels.xyz(np.arange(150, 300))
-    voxels.values[:150, 7] = 0.0  # these are gone, 50 of the object's among them
-    capacity = len(voxels.keys)
-    for frame in range(1, 60):
-        wall(voxels, 2.0 * frame, frame)
-    assert len(voxels.keys) > capacity
-    assert voxels.alive == voxels.count == 60 * count - 150
-    np.testing.assert_array_equal(voxels.xyz(voxels.rows_of(4)), place)
+    rows = voxels.living()
+    right = rows[voxels.xyz(rows)[:, 0] > 0.1]
+    give(voxels, right, 4)
+    place = voxels.xyz(right)
+    behind = WorkingImage(np.full((48, 64), 2.0, np.float32), np.zeros((48, 64, 3), np.uint8), CAMERA, 1, (0, 0))
+    behind.depth_m[:, 40:] = 1.0  # what lies left of there is seen through
+    for _ in range(4):
+        voxels.look_through(behind, np.eye(4))
+    dead = voxels.count - voxels.alive
+    assert dead > 500
+    wall(voxels, 30.0, 1)  # far away: nothing is packed that is out of view
+    assert voxels.count - voxels.alive == dead
+    voxels.fuse(behind, np.zeros((48, 64), np.float32), np.eye(4), 2)
+    assert voxels.count - voxels.alive < 0.3 * dead
+    kept = voxels.xyz(voxels.rows_of(4))
+    assert 0.5 * len(place) < len(kept) <= len(place)
+    assert (voxels.owner[voxels.rows_at(kept.astype(np.float64))] == 4).all()
 
 
 def test_what_an_object_has_is_no_ones_after_it_was_released() -> None:
     voxels = VoxelMap(0.01, 1e-3, 3.0)
     wall(voxels, 0.0, 0)
+    some = voxels.living()[100:300]
     for _ in range(5):
-        give(voxels, np.arange(100, 300), 4)
+        give(voxels, some, 4)
     voxels.release([4])
     assert len(voxels.rows_of(4)) == 0
-    give(voxels, np.arange(100, 300), 7)
-    assert voxels.rows_of(7).tolist() == list(range(100, 300)), "votes of who is no more count for nothing"
+    give(voxels, some, 7)
+    assert voxels.rows_of(7).tolist() == some.tolist(), "votes of who is no more count for nothing"

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.geometry.box import Box
-from cuboid.heatmap.carrying import keys_of
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.kernels import voxels as kernel
+from cuboid.kernels.cubes import PLACES, ROW
 
 VOXEL_M = 0.01
 
@@ -31,14 +30,13 @@ def map_of(*parts: tuple[np.ndarray, int], hits: int = 3) -> VoxelMap:
     voxels = VoxelMap(VOXEL_M, 1e-3, 4.0)
     points = np.concatenate([part for part, _ in parts])
     owner = np.concatenate([np.full(len(part), number) for part, number in parts])
-    keys, first = np.unique(keys_of(points, VOXEL_M), return_index=True)
-    n = len(keys)
-    voxels.keys[:n] = keys
-    voxels.values[:n, kernel.X : kernel.Z + 1] = points[first]
-    voxels.values[:n, kernel.HEAT] = voxels.values[:n, kernel.WEIGHT] = 1.0
-    voxels.hits[:n], voxels.owner[:n] = hits, owner[first]
-    voxels.confidence[:n] = np.where(owner[first] > 0, hits, 0)
-    voxels._begin_anew(n)
+    places = points / VOXEL_M
+    number, first = np.unique(np.floor(places).astype(np.int64), axis=0, return_index=True)
+    rows = np.zeros(len(first), ROW)
+    rows["place"] = (places[first] - number) * PLACES
+    rows["heat"], rows["weight"], rows["hits"], rows["owner"] = 65535, 1.0, hits, owner[first]
+    rows["confidence"] = np.where(owner[first] > 0, hits, 0)
+    voxels.refill(number, rows)
     return voxels
 
 

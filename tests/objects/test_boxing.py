@@ -57,5 +57,5 @@ def test_the_dwelt_on_side_is_not_all_of_it() -> None:
     rows = voxels.rows_of(THING)
     near = rows[voxels.xyz(rows)[:, 1] < -0.05]
     voxels.hits[near] *= 300
-    voxels.values[near, 7] *= 300
+    voxels._points.weight[near] *= 300
     np.testing.assert_allclose(fitted(voxels, GROUND).size, once.size, atol=0.01)

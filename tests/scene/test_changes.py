@@ -9,8 +9,13 @@ import numpy as np
 import pytest
 from made_scene import Shown, record
 
+from browser import Watched, browser
 from cuboid.errors import InputError
+from cuboid.frame import Frame
+from cuboid.outputs import FinishedResults
+from cuboid.proposals.types import Proposals
 from cuboid.scene import Scene
+from cuboid.views.report import summarise, write_report
 from made_scenes import upright
 
 ONE = ((-0.25, 0.05), (0.16, 0.12, 0.14))
@@ -50,12 +55,27 @@ def test_nothing_changed(first: Path, tmp_path: Path) -> None:
         assert [(one.label, one.change) for one in scene.changes()] == [(k, "unchanged") for k in (1, 2, 3)]
 
 
-def test_moved_gone_and_new(first: Path, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def moved(first: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One is moved, two is gone, something tall is new."""
+    path = tmp_path_factory.mktemp("scene") / "moved.cuboid"
     tall = upright((-0.3, 0.4), (0.07, 0.07, 0.3), 0.0, z=0.48)
-    shown = Shown((thing(ONE, (0.45, -0.1)), tall, thing(THREE)), frames=60, begin=0.4)
+    visited(first, path, Shown((thing(ONE, (0.45, -0.1)), tall, thing(THREE)), frames=60, begin=0.4)).close()
+    return path
+
+
+def label_at_begin(scene: Scene, place: tuple[float, float]) -> int:
+    return next(one.label for one in scene.changes(2) if one.from_m is not None and near(one.from_m, place))
+
+
+def near(point: np.ndarray, place: tuple[float, float]) -> bool:
+    return bool(np.linalg.norm(point[:2] - place) < 0.1)
+
+
+def test_moved_gone_and_new(first: Path, moved: Path) -> None:
     with Scene.open(first) as scene:
         one, two, three = (label_at(scene, place[0]) for place in (ONE, TWO, THREE))
-    with visited(first, tmp_path / "s.cuboid", shown) as scene:
+    with Scene.open(moved) as scene:
         changes = {change.label: change for change in scene.changes()}
         assert changes[three].change == "unchanged"
         assert changes[two].change == "gone"
@@ -75,6 +95,26 @@ def test_moved_gone_and_new(first: Path, tmp_path: Path) -> None:
             scene.changes("yesterday")
 
 
+def test_the_page_shows_what_changed(moved: Path, tmp_path: Path) -> None:
+    with Scene.open(moved) as scene:
+        one, two = (label_at_begin(scene, place[0]) for place in (ONE, TWO))
+        (new,) = (change.label for change in scene.changes() if change.change == "new")
+        scene.write_results(tmp_path / "out")
+        write_report(tmp_path / "page.html", summarise(FinishedResults(tmp_path / "out"), None, scene.shown_changes(2)))
+    assert two not in [item.label for item in FinishedResults(tmp_path / "out").found.objects], "it is gone"
+    with browser() as launched:
+        seen = Watched(launched)
+        seen.open(tmp_path / "page.html")
+        rows = seen.page.locator("#changes .change")
+        told = [row.split("\n")[:2] for row in rows.all_inner_texts()]
+        assert told[1:] == [[f"#{two}", "gone"], [f"#{new}", "new"]]
+        assert told[0][0] == f"#{one}"
+        assert told[0][1].startswith("moved 7")
+        rows.first.click()
+        assert seen.page.locator("#card h2").inner_text() == f"Object {one}"
+        assert seen.complaints == []
+
+
 def test_what_is_hidden_is_not_gone(first: Path, tmp_path: Path) -> None:
     screen = upright((0.75, 0.15), (0.05, 1.4, 1.6), 0.0, z=0.0)
     shown = Shown((thing(TWO), screen), frames=12)
@@ -92,3 +132,27 @@ def test_another_thing_in_its_place_is_another(first: Path, tmp_path: Path) -> N
     with visited(first, tmp_path / "s.cuboid", shown) as scene:
         assert label_at(scene, ONE[0]) != one
         assert {change.label: change.change for change in scene.changes()}[one] == "gone"
+
+
+def test_what_stood_there_without_a_label_is_not_new(tmp_path: Path) -> None:
+    """A thing that proposals passed over in the first visit is found in the second one; it did not come."""
+    things = (thing(ONE), thing(TWO), thing(THREE))
+    shown = Shown(things, frames=40)
+    passed_over = Passed(things, frames=40)
+    record(tmp_path / "s.cuboid", passed_over)
+    with Scene.open(tmp_path / "s.cuboid") as scene:
+        assert len(scene.objects) == 2
+    record(tmp_path / "s.cuboid", shown, "again")
+    with Scene.open(tmp_path / "s.cuboid") as scene:
+        told = {change.label: change.change for change in scene.changes()}
+        assert told[label_at(scene, THREE[0])] == "found"
+        assert sorted(told.values()) == ["found", "unchanged", "unchanged"]
+
+
+class Passed(Shown):
+    """Frames whose last thing has no proposals."""
+
+    def proposals(self, frame: Frame, intrinsics: object) -> Proposals:
+        all_of = super().proposals(frame, intrinsics)
+        last = len(all_of) - 1
+        return Proposals(all_of.boxes_xyxy[:last], all_of.scores[:last], all_of.masks[:last])

@@ -6,13 +6,16 @@ import shutil
 import sqlite3
 from pathlib import Path
 
+import numpy as np
 import pytest
 from made_scene import CAMERA, Shown, record
 
 from cuboid.errors import InputError
-from cuboid.scene import Scene
+from cuboid.scene import Scene, changes
 from cuboid.scene.checking import problems, rescue
-from cuboid.scene.door import TABLES
+from cuboid.scene.door import TABLES, DamagedError
+from cuboid.scene.parts import carry_rows
+from cuboid.scene.placing import Joined
 
 
 @pytest.fixture(scope="module")
@@ -92,8 +95,9 @@ def test_a_row_that_makes_no_sense_is_one_line(path: Path, query: str, value: ob
         "UPDATE arrays SET path = 'other' WHERE rowid = (SELECT min(rowid) FROM arrays)",
         "UPDATE parts SET kind = 'Plane' WHERE key = 'Tracker'",
         "DELETE FROM parts WHERE key LIKE 'Plane %'",
-        "UPDATE scene SET value = '9' WHERE key = 'capacity'",
-        "UPDATE scene SET value = '-1e9' WHERE key = 'capacity'",
+        "UPDATE scene SET value = '9' WHERE key = 'blocks'",
+        "UPDATE scene SET value = '-1e9' WHERE key = 'blocks'",
+        "UPDATE scene SET value = '99999999999999999999' WHERE key = 'blocks'",
     ],
 )
 @pytest.mark.parametrize("sealed", [True, False], ids=["sealed", "of before the seal"])
@@ -110,8 +114,46 @@ def test_a_state_that_is_not_what_was_written_is_not_gone_on_from(path: Path, qu
     assert problems(path.with_name("new.cuboid")) == []
 
 
-def test_blocks_that_were_moved_are_told(path: Path) -> None:
-    change(path, "UPDATE blocks SET number = 99 WHERE number = 0")
-    assert any("expected block 0" in line for line in problems(path))
-    with pytest.raises(InputError, match="the map is damaged: block 1 of the map is there, expected block 0"):
-        Scene.open(path).tracker(CAMERA)
+def test_a_block_that_was_moved_is_told(path: Path) -> None:
+    change(path, "UPDATE blocks SET number = 99999 WHERE number = 1")
+    assert any("the map is damaged" in line for line in problems(path))
+    with pytest.raises(InputError, match=r"the map is damaged: .* blocks, expected"), Scene.open(path) as scene:
+        scene.tracker(CAMERA)
+
+
+@pytest.mark.parametrize("query", ["cube = cube + 1", "visit = 7", "rows = rows - 1", "living = living - 1"])
+def test_what_stands_beside_a_block_is_under_its_check_sum(path: Path, query: str) -> None:
+    change(path, f"UPDATE blocks SET {query} WHERE number = 1")
+    assert any(line.startswith("block 1 of the map is damaged") for line in problems(path))
+    shown = Shown(frames=10)
+    with pytest.raises(InputError, match="block 1 of the map is damaged"):
+        record(path, shown, "again")
+    assert any("block 1 of the map" in line for line in rescue(path, path.with_name("new.cuboid")))
+    assert problems(path.with_name("new.cuboid")) == []
+
+
+@pytest.mark.parametrize(
+    ("table", "values"),
+    [
+        ("occupied", "check_sum = 1"),
+        ("known", "points = x'0000c07f'"),
+        ("known", "look = x'00'"),
+        ("ground", "rows = rows + 99"),
+    ],
+)
+def test_how_things_stood_is_checked(path: Path, table: str, values: str) -> None:
+    record(path, Shown(frames=10), "again")
+    change(path, f"UPDATE {table} SET {values}")
+    assert any(table in line for line in problems(path))
+    connection = sqlite3.connect(path)
+    with pytest.raises(DamagedError, match=table):
+        changes.load(connection, 0)
+    connection.close()
+
+
+def test_a_part_is_not_carried_over_a_row_that_makes_no_sense(path: Path) -> None:
+    change(path, "UPDATE boxes SET qw = 0.5")
+    connection = sqlite3.connect(path)
+    with pytest.raises(DamagedError, match="a row of boxes is damaged: the quaternion"):
+        carry_rows(connection, [Joined(np.zeros(3), np.eye(4))])
+    connection.close()

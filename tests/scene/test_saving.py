@@ -10,21 +10,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cuboid.config import TrackerConfig
 from cuboid.errors import FrameError
 from cuboid.frame import Frame
 from cuboid.geometry import se3
-from cuboid.heatmap import voxel_map
 from cuboid.outputs.objects import ObjectsFile, write_objects
-from cuboid.posing import EstimatedPoses
 from cuboid.results import FrameResult
-from cuboid.scene.database import open_to_write
-from cuboid.scene.saving import StateFile, load_state
+from cuboid.scene.database import Writing, open_to_read, open_to_write
+from cuboid.scene.placing import ESTIMATED, ScenePoses
+from cuboid.scene.saving import SceneShelf, StateFile, load_state
+from cuboid.scene.visit import load
 from cuboid.synthetic import make_scene
 from cuboid.synthetic.view import SceneView
 from cuboid.tracker import Tracker
 from worlds import CAMERA, Proposer, World
 
 FRAMES = 36
+# To another place, out of view from here.
+TURN = se3.compose((1, 0, 0, 0), (20.0, 0, 0))
 
 
 class Show:
@@ -67,13 +70,6 @@ def ends(tracker: Tracker, folder: Path) -> list[bytes]:
     return [path.read_bytes(), *(column.tobytes() for column in (points.xyz, points.rgb, points.heat, points.label))]
 
 
-@pytest.fixture(autouse=True)
-def small_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let even small maps have many blocks, few of which change in a frame."""
-    monkeypatch.setattr(voxel_map, "CHANGED_BITS", 6)
-    monkeypatch.setattr(voxel_map, "CHANGED_ROWS", 64)
-
-
 def commit(connection: sqlite3.Connection, state: StateFile) -> None:
     connection.execute("BEGIN")
     state.write(connection, state.snapshot())
@@ -100,9 +96,38 @@ def test_goes_on_from_any_cut(seed: int, tmp_path: Path) -> None:
     file.close()
 
 
+@pytest.mark.parametrize("scene", [False, True])
+def test_parts_of_the_map_leave_memory_and_come_back(scene: bool, tmp_path: Path) -> None:
+    """No result depends on how much memory there is."""
+    show = Show(1)
+    whole, poor = show.tracker(), Tracker(CAMERA, proposals=lambda frame, _: show.proposals[frame.index], memory_mb=1.0)
+    file = open_to_write(tmp_path / "a.cuboid", create=True)
+    reader = open_to_read(tmp_path / "a.cuboid")
+    shelf = SceneShelf(reader, tmp_path / "a.cuboid")
+    state = StateFile(poor, file.connection, (), shelf)
+    least = most = 0.0
+    turned = [dataclasses.replace(f, T_world_camera=TURN @ f.T_world_camera) for f in show.frames]
+    frames = [*show.frames, *turned, *show.frames]
+    for index, frame in enumerate(frames):
+        frame = dataclasses.replace(frame, index=frame.index)
+        assert told(poor.update(frame)) == told(whole.update(frame)), index
+        if scene and index % 3 == 0:
+            commit(file.connection, state)
+            state.settled()
+        assert poor.points_known == whole.points_known
+        share = poor.map_bytes / whole.map_bytes
+        least, most = (min(least, share), max(most, share)) if index else (share, share)
+    assert least < 0.7, "what is out of view leaves"
+    assert most > 0.9
+    assert ends(poor, tmp_path) == ends(whole, tmp_path)
+    reader.close()
+    file.close()
+
+
 def test_goes_on_after_a_correction_of_poses(tmp_path: Path) -> None:
     show = Show(3)
     moved = {k: se3.exp(np.array([0.01, 0.02 * k, 0, 0, 0, 0.01])) for k in (1, 2)}
+    files: list[Writing] = []
 
     def run(cut: Callable[[Tracker, int], Tracker]) -> tuple[list[object], list[bytes]]:
         tracker, said = show.tracker(), []
@@ -117,12 +142,13 @@ def test_goes_on_after_a_correction_of_poses(tmp_path: Path) -> None:
         if index not in (21, 22, 27):
             return tracker
         file = open_to_write(tmp_path / f"{index}.cuboid", create=True)
+        files.append(file)  # the map's blocks are read as they are looked at
         commit(file.connection, StateFile(tracker, file.connection))
-        tracker = load_state(file.connection, show.tracker())[0]
-        file.close()
-        return tracker
+        return load_state(file.connection, show.tracker())[0]
 
     assert run(cut) == run(lambda tracker, index: tracker)
+    for file in files:
+        file.close()
 
 
 def test_an_unknown_attribute_is_refused(tmp_path: Path) -> None:
@@ -140,11 +166,14 @@ def test_estimated_poses_go_on_from_any_cut(tmp_path: Path) -> None:
     frames = [Frame(k, k / 15, one.color, one.depth_m) for k, one in enumerate(shown)]
     camera = scene.intrinsics(160, 120)
 
+    files: list[Writing] = []
+
     def run(cuts: tuple[int, ...]) -> tuple[list[bytes], list[bytes]]:
-        tracker, poses, told = Tracker(camera), EstimatedPoses(camera, 0.005), []
+        tracker, poses, told = Tracker(camera), ScenePoses(camera, TrackerConfig()), []
+        poses.begin(ESTIMATED, first=True)
         for frame in frames:
             try:
-                posed = poses.locate(frame)
+                posed = poses.locate(frame, tracker.up)
                 tracker.carry(posed.moved)
                 said = tracker.update(dataclasses.replace(frame, T_world_camera=posed.T_world_camera), posed.anchor)
                 told.append(said.T_world_camera.tobytes())
@@ -153,10 +182,12 @@ def test_estimated_poses_go_on_from_any_cut(tmp_path: Path) -> None:
             if frame.index in cuts:
                 file = open_to_write(tmp_path / f"{frame.index}.cuboid", create=True)
                 commit(file.connection, StateFile(tracker, file.connection, (poses,)))
-                tracker, poses = load_state(file.connection, Tracker(camera), EstimatedPoses(camera, 0.005))
-                file.close()
-        return told, [T.tobytes() for T in poses.trajectory().values()]
+                tracker, poses = load(file.connection, Tracker(camera))
+                files.append(file)
+        return told, [T.tobytes() for T in poses.trajectory(0).values()]
 
     whole = run(())
     assert sum(len(one) == 128 for one in whole[0]) > 30, "poses are found"
     assert run((3, 11, 17, 29)) == whole
+    for file in files:
+        file.close()

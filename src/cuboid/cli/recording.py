@@ -192,6 +192,17 @@ def seconds(text: str) -> float:
     return value
 
 
+def megabytes(text: str) -> float:
+    """Read an amount of memory above 0, in units of 2**20 bytes, from the command line."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"expected megabytes, above 0, got '{text}'")
+    return value
+
+
 def setting(text: str) -> tuple[str, str]:
     """Read NAME=VALUE from the command line."""
     name, equals, value = text.partition("=")

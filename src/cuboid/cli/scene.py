@@ -217,7 +217,9 @@ def _export(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
         scene.write_results(args.output, args.recording, force=args.force)
         from cuboid.views.report import summarise, write_report
 
-        write_report(args.output / REPORT, summarise(FinishedResults(args.output), None))
+        number = len(scene.recordings) if args.recording is None else args.recording
+        summary = summarise(FinishedResults(args.output), None, scene.shown_changes(number))
+        write_report(args.output / REPORT, summary)
         return [f"results in {args.output}"]
     with tempfile.TemporaryDirectory(prefix="cuboid-scene-") as work:
         scene.write_results(Path(work) / "results", args.recording)

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 
 from cuboid.cli.camera import add_camera, source_of
 from cuboid.cli.live import add_live, watching
-from cuboid.cli.recording import add_recording, tracking_from
+from cuboid.cli.recording import add_recording, megabytes, tracking_from
 from cuboid.cli.scene_options import add_scene, scene_from
 from cuboid.cli.threads import cores
+from cuboid.limits import MEMORY_MB
 
 if TYPE_CHECKING:
     from cuboid.run_types import RunOutcome
@@ -28,6 +29,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     results.add_argument("--video", action="store_true", help="also write labelled.mp4")
     add_live(results)
     add_scene(parser)
+    results.add_argument(
+        "--memory", type=megabytes, default=MEMORY_MB, metavar="MB",
+        help="beyond so much, parts of the map that are out of view are put aside, in the scene or a temporary file "
+        f"(default: {MEMORY_MB:g})",
+    )  # fmt: skip
     add_camera(parser)
     add_recording(parser, default_threads=min(2, cores()), required=False)
 
@@ -55,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
                     watch=looks if looks.looks else None,
                     into=into,
                     **tracking_from(args),
+                    memory_mb=args.memory,
                 )
                 looks.end(outcome.report.complete)
     print_outcome(outcome, args.output)

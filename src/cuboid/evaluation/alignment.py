@@ -8,8 +8,7 @@ import numpy as np
 
 from cuboid.errors import FrameError, InputError
 from cuboid.evaluation.result import Result
-from cuboid.frame import Float64Array
-from cuboid.geometry.se3 import compose, quat_wxyz_from_rotation
+from cuboid.geometry.se3 import mean_motion
 from cuboid.outputs import read_trajectory
 from cuboid.readers.posetext import Trajectory
 
@@ -50,17 +49,3 @@ def in_world_of(result: Result, truth: Path, trajectory: Path | None) -> Result:
     if not true:
         raise InputError(f"{trajectory}: has no pose at any time of {result.trajectory}")
     return result.moved(mean_motion(np.array(true), np.array(found)))
-
-
-def mean_motion(T_a_camera: Float64Array, T_b_camera: Float64Array) -> Float64Array:
-    """Return the rigid T_a_b (4, 4) that best carries the poses (N, 4, 4) of one world to those of another.
-
-    The rotation is the chordal mean of R_a R_b^T (Hartley, Trumpf, Dai, Li, "Rotation Averaging", IJCV 2013), so
-    that a camera that moved along a line, or not at all, determines it too; the translation then has least
-    squares.
-    """
-    turns = T_a_camera[:, :3, :3] @ T_b_camera[:, :3, :3].transpose(0, 2, 1)
-    left, _, right = np.linalg.svd(turns.sum(0))
-    rotation = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
-    shift = (T_a_camera[:, :3, 3] - T_b_camera[:, :3, 3] @ rotation.T).mean(0)
-    return compose(quat_wxyz_from_rotation(rotation), shift)

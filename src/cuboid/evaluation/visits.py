@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cuboid.errors import InputError
+from cuboid.errors import FrameError, InputError
+from cuboid.evaluation.alignment import TRUE_TRAJECTORY
 from cuboid.evaluation.matching import match, ratio
 from cuboid.evaluation.truth import read_truth
 from cuboid.formats.json_door import read_json
 from cuboid.formats.visits_file import ChangeOfThing, VisitsDocument
+from cuboid.frame import Float64Array
+from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou_matrix, pack
+from cuboid.geometry.se3 import mean_motion, transform
+from cuboid.readers.posetext import Trajectory
 from cuboid.scene import Scene, SceneChange
 
 VISITS = "visits.json"
@@ -85,7 +91,8 @@ def evaluate_visits(scene: Path, folder: Path) -> VisitsQuality:
     with Scene.open(scene) as opened:
         if len(opened.recordings) != len(visits):
             raise InputError(f"{scene}: has {len(opened.recordings)} recordings, expected {len(visits)} visits")
-        labels = [_labels(opened, k, folder / visit.recording) for k, visit in enumerate(visits, 1)]
+        T_truth_scene = _T_truth_scene(opened, folder / visits[0].recording)
+        labels = [_labels(opened, k, folder / visit.recording, T_truth_scene) for k, visit in enumerate(visits, 1)]
         survivor = {item.label: item.merged_into or item.label for item in opened.all_objects}
         counts = np.zeros(8, int)
         for k in range(1, len(visits)):
@@ -94,18 +101,34 @@ def evaluate_visits(scene: Path, folder: Path) -> VisitsQuality:
     return VisitsQuality(*counts.tolist())
 
 
-def _labels(scene: Scene, number: int, folder: Path) -> dict[int, int]:
-    """Return the label of each thing in a visit, by id, by the boxes at its end."""
+def _T_truth_scene(scene: Scene, first: Path) -> Float64Array:
+    """Return what carries the scene's world, that of its first recording, to the truth's."""
+    if scene.recordings[0].poses == "given":
+        return np.eye(4)
+    known, true, found = Trajectory(first / TRUE_TRAJECTORY), [], []
+    for time_s, T_world_camera in scene.poses(1).values():
+        with suppress(FrameError):  # no true pose near this time
+            true.append(known.at(time_s))
+            found.append(T_world_camera)
+    if not true:
+        raise InputError(f"{first / TRUE_TRAJECTORY}: has no pose at any time of the scene's first recording")
+    return mean_motion(np.array(true), np.array(found))
+
+
+def _labels(scene: Scene, number: int, folder: Path, T_truth_scene: Float64Array) -> dict[int, int]:
+    """Return the label that each thing had in a visit, by id, by the boxes at its end."""
     truth = read_truth(folder)
     gone = {one.label for one in scene.changes(number) if one.recording == number and one.change == "gone"}
-    boxes = {}
+    boxes: dict[int, Box] = {}
     for item in scene.all_objects:
-        own = [past for past in scene.history(item.label) if past.recording == number]
-        if item.merged_into is None and item.state != "forgotten" and own and item.label not in gone:
-            boxes[item.label] = own[-1].box
+        if item.merged_into is None and item.state != "forgotten" and item.label not in gone:
+            # What was merged into it since had a label, and a box, of its own then.
+            boxes |= {past.label: past.box for past in scene.history(item.label) if past.recording == number}
     if not boxes:
         return {}
-    iou = iou_matrix(pack([one.box for one in truth.objects]), pack(list(boxes.values())))
+    R = T_truth_scene[:3, :3]
+    there = [Box(transform(T_truth_scene, box.center), box.size, R @ box.rotation) for box in boxes.values()]
+    iou = iou_matrix(pack([one.box for one in truth.objects]), pack(there))
     numbers = list(boxes)
     return {truth.objects[i].id: numbers[j] for i, j in match(iou, LEAST_IOU)}
 

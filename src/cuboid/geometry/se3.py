@@ -269,6 +269,20 @@ def tidied(T_a_b: npt.ArrayLike) -> Float64Array:
     return compose(quat_wxyz_from_rotation(T[:3, :3]), T[:3, 3])
 
 
+def mean_motion(T_a_camera: Float64Array, T_b_camera: Float64Array) -> Float64Array:
+    """Return the rigid T_a_b (4, 4) that best carries the poses (N, 4, 4) of one world to those of another.
+
+    The rotation is the chordal mean of R_a R_b^T (Hartley, Trumpf, Dai, Li, "Rotation Averaging", IJCV 2013), so
+    that a camera that moved along a line, or not at all, determines it too; the translation then has least
+    squares.
+    """
+    turns = T_a_camera[:, :3, :3] @ T_b_camera[:, :3, :3].transpose(0, 2, 1)
+    left, _, right = np.linalg.svd(turns.sum(0))
+    rotation = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    shift = (T_a_camera[:, :3, 3] - T_b_camera[:, :3, 3] @ rotation.T).mean(0)
+    return compose(quat_wxyz_from_rotation(rotation), shift)
+
+
 def skew(vector: npt.ArrayLike) -> Float64Array:
     """Return the (3, 3) matrix of the cross product with a vector (3,) from the left."""
     x, y, z = np.asarray(vector, np.float64)

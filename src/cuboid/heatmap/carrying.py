@@ -8,21 +8,26 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float32Array, Float64Array
-from cuboid.kernels import voxels as kernel
+from cuboid.kernels.cubes import KEY_BITS, KEY_OFFSET
 
 Int32Array = npt.NDArray[np.int32]
+
+# Columns of values: x, y, z, red, green, blue, heat, weight.
+_WEIGHT = 7
 
 # Stands for no one (0) where the oldest object is looked for.
 _NO_ONE = np.iinfo(np.int32).max
 
 
-def moved_with(points: Float32Array, anchor: Int32Array, moved: Mapping[int, Float64Array]) -> Float64Array:
+def moved_with(
+    points: Float32Array, anchor: npt.NDArray[np.integer], moved: Mapping[int, Float64Array]
+) -> Float64Array:
     """Return points (N, 3) of the world after each has moved with its keyframe.
 
     Parameters
     ----------
     points : (N, 3) float32
-    anchor : (N,) int32
+    anchor : (N,) uint16
         Keyframe of each.
     moved : mapping of int to (4, 4) float64
         T_new_old of the keyframes that move.
@@ -34,29 +39,27 @@ def moved_with(points: Float32Array, anchor: Int32Array, moved: Mapping[int, Flo
     return np.asarray(np.einsum("nij,nj->ni", own[:, :3, :3], points.astype(np.float64)) + own[:, :3, 3])
 
 
-def keys_of(points: Float64Array, voxel_m: float) -> npt.NDArray[np.int64]:
-    """Return the keys (N,) of the voxels that hold points (N, 3)."""
-    x, y, z = (np.floor(points / voxel_m).astype(np.int64) + kernel.KEY_OFFSET).T
-    return np.asarray((x << (2 * kernel.KEY_BITS)) | (y << kernel.KEY_BITS) | z)
+def keys_of(voxels: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return numbers (N,), different for different voxels (N, 3)."""
+    x, y, z = (voxels + KEY_OFFSET).T
+    return np.asarray((x << (2 * KEY_BITS)) | (y << KEY_BITS) | z)
 
 
-def average(values: Float32Array, points: Float64Array, first: npt.NDArray[np.int64]) -> Float32Array:
-    """Return the means (M, 8) of runs of voxels' values, with these new places, and the sums of their weights.
+def average(values: Float64Array, first: npt.NDArray[np.int64]) -> Float64Array:
+    """Return the means (M, 8) of runs of points' values, weighted, and the sums of their weights.
 
     Parameters
     ----------
-    values : (N, 8) float32
-        Of the map, in the order of their voxels.
-    points : (N, 3) float64
+    values : (N, 8) float64
+        x, y, z, red, green, blue, heat, weight; in the order of their voxels.
     first : (M,) int64
         Where each run begins.
     """
-    weighted = values.astype(np.float64)
-    weighted[:, kernel.X : kernel.Z + 1] = points
-    weighted[:, : kernel.WEIGHT] *= weighted[:, kernel.WEIGHT :]
+    weighted = values.copy()
+    weighted[:, :_WEIGHT] *= weighted[:, _WEIGHT:]
     together = np.add.reduceat(weighted, first)
-    together[:, : kernel.WEIGHT] /= together[:, kernel.WEIGHT :]
-    return np.asarray(together, np.float32)
+    together[:, :_WEIGHT] /= together[:, _WEIGHT:]
+    return np.asarray(together)
 
 
 def oldest(owner: Int32Array, first: npt.NDArray[np.int64]) -> Int32Array:

@@ -1,7 +1,4 @@
-"""Runs of rows of the map that hold an object's points. All others need no look.
-
-Rows are numbered as their points come into view, so that a few runs hold what is in one place.
-"""
+"""Blocks of the map's rows that hold an object's points. All others need no look."""
 
 from __future__ import annotations
 
@@ -10,17 +7,11 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.kernels import voxels as kernel
-
-# Rows of a block, as bits of their number: 1,024 rows are a hand's breadth of surface.
-BLOCK_BITS = 10
-BLOCK_ROWS = 1 << BLOCK_BITS
-
 Blocks = npt.NDArray[np.int64]
 
 
 class RowBlocks:
-    """Keeps the blocks of each object."""
+    """Keeps the blocks of each object; one that has no row of it does no harm."""
 
     def __init__(self) -> None:
         self._of: dict[int, set[int]] = {}
@@ -31,6 +22,12 @@ class RowBlocks:
         for begin, end in pairwise(bounds):
             self._of.setdefault(int(numbers[begin]), set()).update(blocks[begin:end].tolist())
 
+    def give_rows(self, owner: npt.NDArray[np.int32], blocks: Blocks) -> None:
+        """Let the owners of rows (N,), 0 for none, have rows of the blocks (N,) that these lie in."""
+        owned = owner > 0
+        pairs = np.unique((owner[owned].astype(np.int64) << 32) | blocks[owned])
+        self.give(pairs >> 32, pairs & 0xFFFFFFFF)
+
     def pass_on(self, gone: int, kept: int) -> None:
         """Let what belonged to one object belong to another."""
         self._of.setdefault(kept, set()).update(self._of.pop(gone, set()))
@@ -39,22 +36,10 @@ class RowBlocks:
         """Let an object have no rows."""
         self._of.pop(number, None)
 
-    def rows_of(self, number: int, owner: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
-        """Return the rows of an object, ascending.
+    def of(self, number: int) -> Blocks:
+        """Return the blocks of an object, ascending."""
+        return np.array(sorted(self._of.get(number, ())), np.int64)
 
-        Parameters
-        ----------
-        number : int
-        owner : (N,) int32
-            Of the map's rows in use.
-        """
-        blocks = np.array(sorted(self._of.get(number, ())), np.int64)
-        rows = np.empty(len(blocks) * BLOCK_ROWS, np.int64)
-        return rows[: kernel.rows_of(number, blocks, BLOCK_ROWS, owner, rows)]
-
-    def rebuild(self, owner: npt.NDArray[np.int32]) -> None:
-        """Begin anew after the map's rows in use, with these owners (N,), were renumbered."""
-        rows = np.flatnonzero(owner > 0)
-        numbers, blocks = owner[rows], rows >> BLOCK_BITS
-        pairs = np.unique((numbers.astype(np.int64) << 32) | blocks)
-        self.give(pairs >> 32, pairs & 0xFFFFFFFF)
+    def numbers(self) -> list[int]:
+        """Return the objects that have blocks, ascending."""
+        return sorted(self._of)

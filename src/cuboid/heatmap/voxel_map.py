@@ -2,164 +2,240 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.geometry.se3 import inverse
 from cuboid.heatmap.carrying import average, keys_of, moved_with, oldest
-from cuboid.heatmap.row_blocks import BLOCK_BITS, RowBlocks
+from cuboid.heatmap.room import Room, resident_mb
+from cuboid.heatmap.row_blocks import RowBlocks
+from cuboid.heatmap.shelf import Shelf, TemporaryShelf
 from cuboid.kernels import claims as kernel_claims
+from cuboid.kernels import cubes as kernel_cubes
 from cuboid.kernels import voxels as kernel
+from cuboid.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, CUBE_BITS, HEATS, LEVELS, PLACES, ROW
 from cuboid.working import WorkingImage
 
 Rows = npt.NDArray[np.int64]
 
-# Voxels that a frame looks through: all of a small map each frame, a part of a large one in turn.
-LOOK_VOXELS = 40_000
+# Points that a frame looks through: all in view where these are few, else a part of them in turn.
+LOOK_POINTS = 40_000
 # A reading this far behind a voxel passes through it, metres (two voxels of 1 cm: pose error and edges).
 PASS_MARGIN_M = 0.02
 # Votes that a voxel keeps for its owner: so many frames of another opinion change it.
 MOST_VOTES = 8
 # A voxel is its owner's when the votes are one in so many of the frames that saw it.
 VOTES_SHARE = 3
-# The map is packed when this share of its rows is dead.
-DEAD_SHARE = 0.25
-# Rows of a run of which it is known whether any changed, as bits of their number.
-CHANGED_BITS = 12
-CHANGED_ROWS = 1 << CHANGED_BITS
+# A cube is packed when this share of its rows is dead, and so many.
+DEAD_SHARE, LEAST_DEAD = 0.125, 32
+# What is put aside beyond what memory is short of, in units of 2**20 bytes: not a little each frame.
+SPARE_MB = 8.0
+# Points hang on keyframes up to this one: hours of video.
+LAST_ANCHOR = 0xFFFF
 
 
 class VoxelMap:
-    """Points of the scene with color, heat, and the object that each belongs to.
+    """Points of the scene with color, heat, and the object that each belongs to, in cubes of voxels.
 
-    Attributes
+    Cubes that no frame looks at are put aside where memory is short, and come back when they are looked at or asked
+    for; no result depends on it. Rows of points have the same numbers while the map is not carried and their cube is
+    not packed, which both happen between frames.
+
+    Parameters
     ----------
     voxel_m : float
     noise_per_m : float
         Standard deviation of depth is this times z squared.
-    count : int
-        Rows in use, dead ones included.
-    values : (capacity, 8) float32
-        x, y, z (world, metres), red, green, blue, heat, weight; weight 0 marks a dead row.
-    hits, passes : (capacity,) int32
-        Frames that saw the point, and that saw through it.
-    owner : (capacity,) int32
-        Number of the object that the point belongs to, 0 none. Written by `vote`, `pass_on`, `release` and `carry`
-        alone.
-    confidence : (capacity,) uint8
-        Votes that the owner is ahead of all others.
-    anchor : (capacity,) int32
-        Keyframe that the last frame to see the point hangs on.
+    max_depth_m : float
+    memory_mb : float
+        Memory of the process, in units of 2**20 bytes, beyond which cubes that are out of view are put aside.
     """
 
-    def __init__(self, voxel_m: float, noise_per_m: float, max_depth_m: float) -> None:
+    def __init__(self, voxel_m: float, noise_per_m: float, max_depth_m: float, memory_mb: float = float("inf")) -> None:
         self.voxel_m = voxel_m
         self.noise_per_m = noise_per_m
+        self.memory_mb = memory_mb
         self._max_depth_m = max_depth_m
-        self.count = 0
-        self._dead = 0
-        self._next_look = 0
-        self._allocate(1 << 17)
-
-    def _allocate(self, capacity: int) -> None:
-        self.keys = np.zeros(capacity, np.int64)
-        self.values = np.zeros((capacity, 8), np.float32)
-        self.hits = np.zeros(capacity, np.int32)
-        self.passes = np.zeros(capacity, np.int32)
-        self.owner = np.zeros(capacity, np.int32)
-        self.confidence = np.zeros(capacity, np.uint8)
-        self._voted = np.zeros(capacity, np.uint8)
-        self.anchor = np.zeros(capacity, np.int32)
-        self._last_frame = np.full(capacity, -1, np.int32)
-        self._table = np.zeros(2 * capacity, np.int32)
+        # How many looks there were, and the cube that the next one begins with.
+        self._looks = self._next_look = 0
+        self._visit, self._most_hits = 0, 0
         self._blocks = RowBlocks()
-        self._changed = np.ones(-(-capacity // CHANGED_ROWS), bool)
+        self._begin(TemporaryShelf())
 
-    def _columns(self) -> tuple[npt.NDArray[Any], ...]:
-        return (
-            self.keys, self.values, self.hits, self.passes, self.owner, self.confidence, self.anchor, self._last_frame,
-        )  # fmt: skip
-
-    def _reserve(self, more: int) -> None:
-        """Make room for more rows: pack the living ones, into larger arrays where these are full."""
-        if self.count + more <= len(self.keys) and self._dead <= DEAD_SHARE * max(self.count, 1 << 16):
-            return
-        alive = np.flatnonzero(self.values[: self.count, kernel.WEIGHT] > 0)
-        old = self._columns()
-        capacity = len(self.keys)
-        while len(alive) + more > 0.75 * capacity:
-            capacity *= 2
-        self._allocate(capacity)
-        for target, source in zip(self._columns(), old, strict=True):
-            # Into its place at once: a fraction of the time that a copy in between takes.
-            np.take(source, alive, axis=0, out=target[: len(alive)], mode="clip")
-        self._begin_anew(len(alive))
-
-    def _begin_anew(self, count: int) -> None:
-        """Enter so many rows, all living, in fresh tables."""
-        self.count, self._dead, self._next_look = count, 0, 0
-        kernel.fill_table(self.keys, count, self._table)
-        self._blocks.rebuild(self.owner[:count])
+    def _begin(self, shelf: Shelf) -> None:
+        self._room, self._shelf = Room(), shelf
+        self._points, self._cubes = self._room.points, self._room.cubes
+        self._seen = np.zeros(len(self._cubes.key), np.int64)
+        # Of each cube, the last look that had it in view; of each block, the visit that it was made ready for.
+        self._last_look = np.zeros(len(self._cubes.key), np.int32)
+        self._ready = np.zeros(len(self._cubes.cube_of), np.uint16)
 
     @property
-    def capacity(self) -> int:
-        """Rows that there is room for."""
-        return len(self.keys)
+    def owner(self) -> npt.NDArray[np.int32]:
+        """Number of the object that each row belongs to, 0 none; written by this class alone."""
+        return self._points.owner
 
     @property
-    def runs(self) -> int:
-        """Runs of `CHANGED_ROWS` rows that the rows in use make."""
-        return -(-self.count // CHANGED_ROWS)
+    def hits(self) -> npt.NDArray[np.uint16]:
+        """Frames that saw each row."""
+        return self._points.hits
+
+    @property
+    def anchor(self) -> npt.NDArray[np.uint16]:
+        """Keyframe that the last frame to see each row hangs on, 0 none."""
+        return self._points.anchor
+
+    @property
+    def blocks(self) -> int:
+        """One more than the highest number of a block; no block is 0."""
+        return int(self._cubes.used[1])
 
     def take_changed(self) -> Rows:
-        """Return the runs of `CHANGED_ROWS` rows in which any has changed since this was asked last, ascending."""
-        changed = np.flatnonzero(self._changed[: self.runs])
-        self._changed[:] = False
+        """Return the blocks of rows in which any has changed since this was asked last, ascending."""
+        changed = np.flatnonzero(self._cubes.changed[: self.blocks])
+        self._cubes.changed[:] = False
         return changed
 
-    def rows_in(self, run: int) -> tuple[npt.NDArray[Any], ...]:
-        """Return all that is kept of the rows in use of a run, the columns of `restore`; views of the map's arrays."""
-        rows = slice(run * CHANGED_ROWS, min((run + 1) * CHANGED_ROWS, self.count))
-        return tuple(column[rows] for column in self._columns())
+    def has_changed(self, blocks: Rows) -> npt.NDArray[np.bool_]:
+        """Tell which blocks (N,) have changed since `take_changed`."""
+        return self._cubes.changed[blocks]
 
-    def restore(self, capacity: int, runs: Sequence[tuple[npt.NDArray[Any], ...]]) -> None:
-        """Take back the rows of all runs, in order, into arrays of a capacity; `count` and the like are not touched."""
-        self._allocate(capacity)
-        for run, columns in enumerate(runs):
-            for target, source in zip(self.rows_in(run), columns, strict=True):
-                target[:] = source
-        kernel.fill_table(self.keys, self.count, self._table)
-        self._blocks.rebuild(self.owner[: self.count])
-        self._changed[:] = False
+    def block(self, block: int) -> tuple[int, int, npt.NDArray[Any]]:
+        """Return the key of a block's cube, the visit that it is ready for, and its rows: a view."""
+        cube = int(self._cubes.cube_of[block])
+        self._bring(np.array([cube]))
+        return int(self._cubes.key[cube]), int(self._ready[block]), self._room.block(block)
 
-    def take_back(self, columns: tuple[npt.NDArray[Any], ...]) -> None:
-        """Take the rows of a saved map, all living, some of which may be lost."""
-        count, capacity = len(columns[0]), len(self.keys)
-        while count > 0.75 * capacity:
-            capacity *= 2
-        self._allocate(capacity)
-        for target, source in zip(self._columns(), columns, strict=True):
-            target[:count] = source
-        self._begin_anew(count)
+    def restore(self, blocks: Iterable[tuple[int, int, int, int, int]], shelf: Shelf) -> None:
+        """Take the place of a map whose blocks lie on a shelf; `RowBlocks` and the like are not touched.
 
-    def age(self, most_hits: int) -> None:
-        """Let what was seen long ago count as no more than so many sightings: the world may have changed since."""
-        if self.count == 0:
+        Parameters
+        ----------
+        blocks : iterable of (int, int, int, int, int)
+            Number, key of the cube, rows, living ones among them, and visit of each, ascending by number.
+        shelf : Shelf
+        """
+        self._begin(shelf)
+        cubes = self._cubes
+        for block, key, rows, living, visit in blocks:
+            cube = kernel_cubes.make_cube(np.int64(key), cubes)
+            turn = np.count_nonzero(cubes.blocks[cube])
+            cubes.blocks[cube, turn] = block
+            cubes.cube_of[block], cubes.turn[block] = cube, turn
+            cubes.rows[cube] += rows
+            cubes.dead[cube] += rows - living
+            cubes.bits[cube] = 0
+            cubes.used[1] = block + 1
+            self._ready[block] = visit
+
+    def put_on(self, shelf: Shelf) -> None:
+        """Put what leaves memory from now on elsewhere; all is in memory yet."""
+        self._shelf = shelf
+
+    def refill(self, voxels: npt.NDArray[np.int64], rows: npt.NDArray[Any]) -> None:
+        """Have these points and no others.
+
+        Parameters
+        ----------
+        voxels : (N, 3) int64
+            Of the world, each another one.
+        rows : (N,) of type ROW
+            Their points; `voxel` is not read.
+        """
+        self._begin(self._shelf if not isinstance(self._shelf, TemporaryShelf) else TemporaryShelf())
+        cube, within = voxels >> CUBE_BITS, voxels & ((1 << CUBE_BITS) - 1)
+        inside = (within[:, 0] << (2 * CUBE_BITS)) | (within[:, 1] << CUBE_BITS) | within[:, 2]
+        place = np.empty(len(voxels), np.int64)
+        kernel_cubes.enter(keys_of(cube), inside, self._cubes, self._points.voxel, place)
+        there = place >= 0
+        rows["voxel"] = inside
+        self._room.rows[place[there]] = rows[there]
+        self._cubes.changed[1 : self.blocks] = True
+        self._ready[:] = self._visit
+        self._blocks = RowBlocks()
+        self._blocks.give_rows(rows["owner"][there], place[there] >> BLOCK_BITS)
+
+    def begin_visit(self, most_hits: int) -> None:
+        """Let what was seen so far count as no more than so many sightings: the world may have changed since.
+
+        What is not in memory is made ready when it comes back.
+        """
+        self._most_hits = most_hits
+        self._visit += 1
+        self._ready_for_visit(np.flatnonzero(self._cubes.bits[: self._cubes.used[0]]))
+
+    def _ready_for_visit(self, cubes: Rows) -> None:
+        for cube in cubes:
+            for block in self._room.blocks_of(cube):
+                if self._ready[block] != self._visit:
+                    rows = self._room.block(block)
+                    hits = rows["hits"]
+                    rows["weight"] *= (np.minimum(hits, self._most_hits) / np.maximum(hits, 1)).astype(np.float32)
+                    np.minimum(hits, self._most_hits, out=hits)
+                    rows["passes"] = 0
+                    self._ready[block] = self._visit
+
+    def _bring(self, cubes: Rows) -> None:
+        """Have cubes (N,) in memory."""
+        away = np.unique(cubes[self._cubes.bits[cubes] == 0])
+        if not len(away):
             return
-        hits, weights = self.hits[: self.count], self.values[: self.count, kernel.WEIGHT]
-        weights *= (np.minimum(hits, most_hits) / np.maximum(hits, 1)).astype(np.float32)
-        np.minimum(hits, most_hits, out=hits)
-        self.passes[: self.count] = 0
-        self._changed[:] = True
+        blocks = [(block, self._room.rows_in(block)) for cube in away for block in self._room.blocks_of(cube)]
+        blocks = [(block, count) for block, count in blocks if count]
+        found = self._shelf.get([block for block, _ in blocks], [count for _, count in blocks])
+        for (block, _), rows in zip(blocks, found, strict=True):
+            self._room.block(block)[:] = rows
+        for cube in away:
+            kernel_cubes.fill_index(cube, self._cubes, self._points.voxel)
+        self._ready_for_visit(away)
 
-    def pack(self) -> None:
-        """Let all rows live."""
-        if self._dead:
-            alive = self.living()
-            self.take_back(tuple(column[alive] for column in self._columns()))
+    def _bring_all(self) -> None:
+        self._bring(np.arange(self._cubes.used[0]))
+
+    def relieve(self, keep: Rows | None = None) -> None:
+        """Put cubes aside where memory is short, those first that were out of view for longest; not those to keep."""
+        held = resident_mb() if self.memory_mb < float("inf") else None
+        if held is None or held <= self.memory_mb:
+            return
+        cubes = self._cubes
+        there = cubes.bits[: cubes.used[0]] > 0
+        if keep is not None:
+            there[keep] = False
+        waiting = np.flatnonzero(there)
+        waiting = waiting[np.argsort(self._last_look[waiting], kind="stable")]
+        blocks = cubes.blocks[waiting].astype(np.int64)
+        stays = (blocks > 0) & ~self._shelf.takes(blocks.ravel()).reshape(blocks.shape)
+        waiting = waiting[~stays.any(1)]
+        freed = np.cumsum(self._room.bytes_of(waiting)) / 2**20
+        for cube in waiting[: 1 + int(np.searchsorted(freed, held - self.memory_mb + SPARE_MB))].tolist():
+            for block in self._room.blocks_of(cube):
+                self._shelf.put(block, self._room.block(block))
+            self._room.let_go(cube)
+
+    def _in_view(self, image: WorkingImage, T_camera_world: Float64Array) -> Rows:
+        """Return the cubes that a frame may see, or see through."""
+        count = kernel_cubes.in_view(
+            np.ascontiguousarray(T_camera_world), _pinhole(image), image.camera.width, image.camera.height,
+            float(image.depth_m.max(initial=0.0)), self.voxel_m, self._cubes, self._seen,
+        )  # fmt: skip
+        return np.array(self._seen[:count])
+
+    def _pack(self, cubes: Rows) -> None:
+        """Pack those of some cubes that have many dead rows."""
+        dead = self._cubes.dead[cubes]
+        due = cubes[(dead >= LEAST_DEAD) & (dead > DEAD_SHARE * self._cubes.rows[cubes])]
+        if not len(due):
+            return
+        plain = self._room.rows.view(np.uint8).reshape(-1, ROW.itemsize)
+        for cube in due:
+            kernel.pack(cube, self._cubes, plain, self._points)
+            for block in self._room.blocks_of(cube):
+                owner = self._room.block(block)["owner"]
+                self._blocks.give_rows(owner, np.full(len(owner), block))
 
     def fuse(
         self, image: WorkingImage, heat: Float32Array, T_world_camera: Float64Array, frame: int, anchor: int = 0
@@ -180,17 +256,18 @@ class VoxelMap:
         (h, w) int32
             Row of each working pixel, -1 where it was not fused; valid until the next call.
         """
-        self._reserve(heat.size)
+        seen = self._in_view(image, inverse(T_world_camera))
+        self._last_look[seen] = self._looks
+        self.relieve(seen)
+        self._bring(seen)
+        self._pack(seen)
         slots = np.empty(heat.shape, np.int32)
-        self.count, again = kernel.fuse(
+        kernel.fuse(
             image.depth_m, image.color, heat, _pinhole(image), np.ascontiguousarray(T_world_camera), self.voxel_m,
-            self._max_depth_m, frame, self.keys, self.values, self.hits, self._last_frame, self.count, self._table,
-            slots,
+            self._max_depth_m, frame, self._cubes, self._points, slots,
         )  # fmt: skip
-        self._dead -= again
-        self._changed[slots >> CHANGED_BITS] = True  # the last run too, where a pixel has no row: that does no harm
         if anchor:
-            self.anchor[slots[slots >= 0]] = anchor
+            self.anchor[slots[slots >= 0]] = anchor if anchor <= LAST_ANCHOR else 0
         return slots
 
     def carry(self, moved: Mapping[int, Float64Array]) -> None:
@@ -206,65 +283,81 @@ class VoxelMap:
         alive = self.living()
         if not len(alive):
             return
-        xyz = moved_with(self.xyz(alive), self.anchor[alive], moved)
-        keys = keys_of(xyz, self.voxel_m)
-        order = np.argsort(keys, kind="stable")
-        keys, rows = keys[order], alive[order]
+        rows = self._room.rows[alive]
+        xyz = moved_with(self.xyz(alive), rows["anchor"], moved) / self.voxel_m
+        voxels = np.floor(xyz).astype(np.int64)
+        order = np.argsort(keys_of(voxels), kind="stable")
+        rows, voxels = rows[order], voxels[order]
+        keys = keys_of(voxels)
         first = np.flatnonzero(np.diff(keys, prepend=keys[0] - 1) > 0)
-        columns = (
-            keys[first],
-            average(self.values[rows], xyz[order], first),
-            *(np.add.reduceat(column[rows], first) for column in (self.hits, self.passes)),
-            oldest(self.owner[rows], first),
-            *(np.maximum.reduceat(column[rows], first) for column in (self.confidence, self.anchor, self._last_frame)),
-        )
-        self._allocate(len(self.keys))
-        for target, source in zip(self._columns(), columns, strict=True):
-            target[: len(first)] = source
-        self._begin_anew(len(first))
+        values = np.column_stack([xyz[order] - voxels, rows["color"], rows["heat"], rows["weight"].astype(np.float64)])
+        means = average(values, first)
+        met = np.zeros(len(first), ROW)
+        met["place"] = np.clip(means[:, :3] * PLACES, 0, PLACES - 1)
+        met["color"], met["heat"], met["weight"] = np.rint(means[:, 3:6]), np.rint(means[:, 6]), means[:, 7]
+        for name in ("hits", "passes"):
+            met[name] = np.minimum(np.add.reduceat(rows[name].astype(np.int64), first), kernel.MOST_HITS)
+        met["owner"] = oldest(rows["owner"], first)
+        for name in ("confidence", "anchor", "last_frame"):
+            met[name] = np.maximum.reduceat(rows[name], first)
+        self.refill(voxels[first], met)
 
     def look_through(self, image: WorkingImage, T_camera_world: Float64Array) -> None:
         """Count the points that this frame sees through, and remove those that are passed more often than hit."""
-        if self.count == 0:
-            return
-        turns = -(-self.count // LOOK_VOXELS)
-        size = -(-self.count // turns)
-        first = self._next_look
-        last = min(first + size, self.count)
-        before = self.passes[first:last].copy(), self.hits[first:last].copy()
-        self._dead += kernel.see_through(
-            first, last, image.depth_m, _pinhole(image), np.ascontiguousarray(T_camera_world), self.noise_per_m,
-            max(PASS_MARGIN_M, 2 * self.voxel_m), turns, self.values, self.hits, self.passes,
+        seen = self._in_view(image, T_camera_world)
+        self._bring(seen)
+        in_turn = np.concatenate([seen[seen >= self._next_look], seen[seen < self._next_look]])
+        points = np.cumsum(self._cubes.rows[in_turn])
+        now = in_turn[: 1 + int(np.searchsorted(points, LOOK_POINTS))]
+        turns = max(1, -(-int(points[-1]) // LOOK_POINTS)) if len(points) else 1
+        self._next_look = int(now[-1]) + 1 if len(now) < len(in_turn) else 0
+        kernel.see_through(
+            now, image.depth_m, _pinhole(image),
+            np.ascontiguousarray(T_camera_world), self.noise_per_m, max(PASS_MARGIN_M, 2 * self.voxel_m), turns,
+            self.voxel_m, self._cubes, self._points,
         )  # fmt: skip
-        passed = (self.passes[first:last] != before[0]) | (self.hits[first:last] != before[1])
-        self._changed[(first + np.flatnonzero(passed)) >> CHANGED_BITS] = True
-        self._next_look = last if last < self.count else 0
+        self._looks += 1
+
+    @property
+    def count(self) -> int:
+        """Rows in use, dead ones included."""
+        return int(self._cubes.rows[: self._cubes.used[0]].sum())
 
     @property
     def alive(self) -> int:
         """How many points there are."""
-        return self.count - self._dead
+        return self.count - int(self._cubes.dead[: self._cubes.used[0]].sum())
 
     @property
     def nbytes(self) -> int:
-        """Memory of the points and of the table that finds them, room for more included, bytes."""
-        return sum(column.nbytes for column in (*self._columns(), self._voted, self._table))
+        """Memory of the points that are in it, and of the tables that find them, bytes."""
+        used = int(self._cubes.used[0])
+        held = np.flatnonzero(self._cubes.bits[:used])
+        places = sum(column[:1].nbytes for column in self._cubes if column.ndim == 2 or column is self._cubes.key)
+        return int(self._room.bytes_of(held).sum()) + used * places
 
     def living(self) -> Rows:
         """Return the rows of all points."""
-        return np.flatnonzero(self.values[: self.count, kernel.WEIGHT] > 0)
+        self._bring_all()
+        rows = np.flatnonzero(self._points.weight[BLOCK_ROWS : self.blocks * BLOCK_ROWS] > 0)
+        return np.asarray(rows + BLOCK_ROWS)
 
     def owned(self) -> dict[int, Rows]:
         """Return the rows of each object, by number, ascending."""
-        rows = np.flatnonzero((self.owner[: self.count] > 0) & (self.values[: self.count, kernel.WEIGHT] > 0))
-        order = rows[np.argsort(self.owner[rows], kind="stable")]
-        numbers, first = np.unique(self.owner[order], return_index=True)
-        return dict(zip(numbers.tolist(), np.split(order, first[1:]), strict=True)) if len(rows) else {}
+        found = ((number, self.rows_of(number)) for number in self._blocks.numbers())
+        return {number: rows for number, rows in found if len(rows)}
 
     def rows_of(self, number: int) -> Rows:
         """Return the rows of an object, ascending."""
-        rows = self._blocks.rows_of(number, self.owner[: self.count])
-        return np.asarray(rows[self.values[rows, kernel.WEIGHT] > 0], dtype=np.int64)
+        rows = self._all_of(number)
+        return np.asarray(rows[self._points.weight[rows] > 0], dtype=np.int64)
+
+    def _all_of(self, number: int) -> Rows:
+        """Return the rows of an object, dead ones too."""
+        blocks = self._blocks.of(number)
+        self._bring(self._cubes.cube_of[blocks].astype(np.int64))
+        rows = np.empty(len(blocks) * BLOCK_ROWS, np.int64)
+        return rows[: kernel.rows_of(number, blocks, BLOCK_ROWS, self.owner, rows)]
 
     def solid_rows_of(self, number: int, hot: float, votes: int) -> Rows:
         """Return the rows of an object, ascending, that are hot and whose votes bear it out.
@@ -278,9 +371,9 @@ class VoxelMap:
             Least votes.
         """
         rows = self.rows_of(number)
-        confidence, hits = self.confidence[rows].astype(np.int64), self.hits[rows]
+        confidence, hits = self._points.confidence[rows].astype(np.int64), self.hits[rows]
         borne_out = (confidence >= votes) & (VOTES_SHARE * confidence >= np.minimum(hits, MOST_VOTES))
-        return np.asarray(rows[borne_out & (self.values[rows, kernel.HEAT] >= hot)], dtype=np.int64)
+        return np.asarray(rows[borne_out & (self.heat(rows) >= hot)], dtype=np.int64)
 
     def vote(
         self,
@@ -293,14 +386,13 @@ class VoxelMap:
     ) -> None:
         """Let a frame's shares vote for whom their voxels belong to; see `kernels.claims.vote`."""
         kernel_claims.vote(
-            claim, number_of, place, allowed, candidate, slots, self.hits, MOST_VOTES, self.owner, self.confidence,
-            self._voted,
+            claim, number_of, place, allowed, candidate, slots, self.hits, MOST_VOTES, self.owner,
+            self._points.confidence, self._points.voted,
         )  # fmt: skip
-        touched = np.zeros((len(number_of), (self.count >> BLOCK_BITS) + 1), np.uint8)
-        kernel.blocks_touched(claim, slots, BLOCK_BITS, touched)
         # Blocks of an object's rows: a row that the vote did not give it does no harm there.
-        thing, block = np.nonzero(touched)
-        number = number_of[thing].astype(np.int64)
+        pairs = np.empty(claim.size, np.int64)
+        pairs = np.unique(pairs[: kernel.blocks_touched(claim, slots, pairs)])
+        number, block = number_of[pairs >> 32].astype(np.int64), pairs & 0xFFFFFFFF
         order = np.argsort(number, kind="stable")
         order = order[number[order] > 0]
         self._blocks.give(number[order], block[order])
@@ -313,27 +405,30 @@ class VoxelMap:
 
     def pass_on(self, gone: int, kept: int) -> None:
         """Let all rows of one object belong to another."""
-        rows = self._blocks.rows_of(gone, self.owner[: self.count])
+        rows = self._all_of(gone)
         self.owner[rows] = kept
-        self._changed[rows >> CHANGED_BITS] = True
+        self._cubes.changed[rows >> BLOCK_BITS] = True
         self._blocks.pass_on(gone, kept)
 
     def release(self, numbers: Sequence[int]) -> None:
         """Let objects have no rows: these are no one's, and no votes hold them."""
         for number in numbers:
-            rows = self._blocks.rows_of(number, self.owner[: self.count])
-            self.owner[rows] = self.confidence[rows] = 0
-            self._changed[rows >> CHANGED_BITS] = True
+            rows = self._all_of(number)
+            self.owner[rows] = self._points.confidence[rows] = 0
+            self._cubes.changed[rows >> BLOCK_BITS] = True
             self._blocks.release(number)
 
     def seen_since(self, rows: Rows, frame: int) -> npt.NDArray[np.bool_]:
         """Tell of which rows (N,) a frame from some number on saw the point."""
-        return np.asarray(self._last_frame[rows] >= frame)
+        return np.asarray(self._points.last_frame[rows] >= frame)
 
     def rows_at(self, points: Float64Array) -> Rows:
         """Return the rows (N,) of the voxels at places (N, 3) of the world, -1 where there is no point."""
-        rows = np.empty(len(points), np.int64)
-        kernel.rows_at(np.ascontiguousarray(points), self.voxel_m, self.keys, self.values, self._table, rows)
+        points = np.ascontiguousarray(points)
+        rows, missing = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
+        asked = self.voxel_m, self._cubes, self._points.voxel, self._points.weight, rows, missing
+        while absent := kernel_cubes.rows_at(points, *asked):
+            self._bring(missing[:absent])
         return rows
 
     def holds(self, points: Float64Array) -> npt.NDArray[np.bool_]:
@@ -347,20 +442,21 @@ class VoxelMap:
 
     def xyz(self, rows: Rows) -> Float32Array:
         """Return world points (N, 3) of these rows."""
-        # Whole rows first: NumPy takes these several times as fast as parts of rows.
-        return np.ascontiguousarray(self.values.take(rows, axis=0)[:, kernel.X : kernel.Z + 1])
+        xyz = np.empty((len(rows), 3), np.float32)
+        kernel_cubes.places(rows, self.voxel_m, self._cubes, self._points, xyz)
+        return xyz
 
     def rgb(self, rows: Rows) -> UInt8Array:
         """Return colors (N, 3) of these rows."""
-        return np.clip(np.rint(self.values[rows, kernel.RED : kernel.BLUE + 1]), 0, 255).astype(np.uint8)
+        return np.minimum(np.rint(self._points.color[rows] / LEVELS), 255).astype(np.uint8)
 
     def weight(self, rows: Rows) -> Float64Array:
         """Return the summed weight (N,) of the sightings of these rows: the larger, the nearer and the more."""
-        return np.asarray(self.values[rows, kernel.WEIGHT], dtype=np.float64)
+        return np.asarray(self._points.weight[rows], dtype=np.float64)
 
     def heat(self, rows: Rows) -> Float32Array:
         """Return the heat (N,) of these rows, 0..1."""
-        return np.asarray(self.values[rows, kernel.HEAT])
+        return np.asarray(self._points.heat[rows] / np.float32(HEATS - 1), dtype=np.float32)
 
 
 def _pinhole(image: WorkingImage) -> Float64Array:

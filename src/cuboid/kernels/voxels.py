@@ -1,16 +1,27 @@
-"""Hot loops of the voxel hash: fuse a frame's points, see through stray ones, find the point of a place.
-
-The map is a set of dense arrays, one row a voxel, and an open-addressing table that leads from a voxel's key
-to its row (0 is empty, k + 1 is row k). A removed voxel keeps its row with zero weight until the map is packed.
-"""
+"""Hot loops of the voxel map: fuse a frame's points, see through stray ones, find the rows of an object."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
-KEY_BITS = 21
-KEY_OFFSET = 1 << (KEY_BITS - 1)  # voxel numbers run from -2^20 to 2^20 - 1: +-10 km at 1 cm
+from cuboid.kernels.cubes import (
+    BLOCK_BITS,
+    BLOCK_ROWS,
+    CUBE_BITS,
+    CUBE_SIDE,
+    HEATS,
+    LEVELS,
+    PLACES,
+    add_row,
+    corner,
+    fill_index,
+    find_row,
+    make_cube,
+    pack_key,
+    row_of,
+    voxel_in,
+)
 
 # A pixel colder than this is no news.
 COLD = 0.1
@@ -18,59 +29,19 @@ COLD = 0.1
 # Beyond this noise passes half a voxel, metres: cold points there are walls and floors.
 FAR_M = 2.0
 
-# Columns of the value array.
-X, Y, Z, RED, GREEN, BLUE, HEAT, WEIGHT = range(8)
+# More frames than this are not counted: what there is is halved.
+MOST_HITS = 65535
 
 
 @njit(cache=True, nogil=True, inline="always")
-def pack_key(ix, iy, iz):
-    """Return the key of voxel (ix, iy, iz)."""
-    return ((ix + KEY_OFFSET) << (2 * KEY_BITS)) | ((iy + KEY_OFFSET) << KEY_BITS) | (iz + KEY_OFFSET)
-
-
-@njit(cache=True, nogil=True, inline="always")
-def find_slot(key, keys, table):
-    """Return (row, place): the row of a key or -1, and where in the table it is or would go."""
-    mask = table.size - 1
-    # A product's bit depends on no higher bit of its factors: fold the upper half in, and mix once more.
-    h = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
-    h = (h ^ (h >> np.uint64(32))) * np.uint64(0x9E3779B97F4A7C15)
-    place = np.int64(h >> np.uint64(32)) & mask
-    while True:
-        entry = table[place]
-        if entry == 0:
-            return -1, place
-        if keys[entry - 1] == key:
-            return entry - 1, place
-        place = (place + 1) & mask
+def nearer(part, parts, share, to):
+    """Return a mean that is kept in so many parts of 1, after a sighting that has a share in it."""
+    old = part + 0.5
+    return np.uint16(min(np.int64(old + share * (to * parts - old)), 65535))
 
 
 @njit(cache=True, nogil=True)
-def fill_table(keys, count, table):
-    """Enter rows 0..count-1 into an empty table."""
-    for row in range(count):
-        _, place = find_slot(keys[row], keys, table)
-        table[place] = row + 1
-
-
-@njit(cache=True, nogil=True)
-def fuse(
-    depth,
-    color,
-    heat,
-    camera,
-    T,
-    voxel,
-    max_depth,
-    frame,
-    keys,
-    values,
-    hits,
-    last_frame,
-    count,
-    table,
-    slots,
-):
+def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, cubes, points, slots):
     """Fuse a frame's points into the map: a weighted running mean of place, color and heat a voxel.
 
     Parameters
@@ -83,31 +54,27 @@ def fuse(
         fx, fy, cx, cy of these images.
     T : (4, 4) float64
         T_world_camera.
-    voxel, max_depth : float
+    voxel_m, max_depth : float
         Metres.
     frame : int
         Number of this frame; a voxel counts one hit a frame.
-    keys, values, hits, last_frame : arrays of the map
-        Must have room for H * W more rows.
-    count : int
-        Rows in use.
-    table : (C,) int32
+    cubes : Cubes
+        Those in view are in memory.
+    points : Points
     slots : (H, W) int32, output
         Row of each pixel, -1 where there is no reading and where another cold pixel speaks for it.
-
-    Returns
-    -------
-    (int, int)
-        Rows in use afterwards, and how many that were removed are seen again.
     """
     height, width = depth.shape
-    again = 0
-    inverse = 1.0 / voxel
+    inverse = 1.0 / voxel_m
     # Local copies: what is written below could lie in these arrays, for all the compiler knows.
     fx, fy, cx, cy = 1.0 / camera[0], 1.0 / camera[1], camera[2], camera[3]
     xx, xy, xz, x0 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
     yx, yy, yz, y0 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
     zx, zy, zz, z0 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
+    voxels, last_frame, weight, hits = points.voxel, points.last_frame, points.weight, points.hits
+    place, colors, heats = points.place, points.color, points.heat
+    cube_of, changed, bits = cubes.cube_of, cubes.changed, cubes.bits
+    last_key, cube = np.int64(-1), np.int64(-1)
     for v in range(height):
         for u in range(width):
             z = depth[v, u]
@@ -132,103 +99,128 @@ def fuse(
                 share = 2.0
             x = (u - cx) * fx * z
             y = (v - cy) * fy * z
-            wx = xx * x + xy * y + xz * z + x0
-            wy = yx * x + yy * y + yz * z + y0
-            wz = zx * x + zy * y + zz * z + z0
-            key = pack_key(
-                np.int64(np.floor(wx * inverse)),
-                np.int64(np.floor(wy * inverse)),
-                np.int64(np.floor(wz * inverse)),
-            )
+            wx = (xx * x + xy * y + xz * z + x0) * inverse
+            wy = (yx * x + yy * y + yz * z + y0) * inverse
+            wz = (zx * x + zy * y + zz * z + z0) * inverse
+            ix, iy, iz = np.int64(np.floor(wx)), np.int64(np.floor(wy)), np.int64(np.floor(wz))
+            key = pack_key(ix >> CUBE_BITS, iy >> CUBE_BITS, iz >> CUBE_BITS)
+            if key != last_key:
+                last_key, cube = key, make_cube(key, cubes)
+            if cube < 0 or bits[cube] == 0:
+                continue
+            voxel = voxel_in(ix, iy, iz)
             # Most hot pixels share their voxel with the one to the left or above: no need to ask the table.
             row = np.int64(slots[v, u - 1]) if u > 0 else np.int64(-1)
-            if row < 0 or keys[row] != key:
+            if row < 0 or voxels[row] != voxel or cube_of[row >> BLOCK_BITS] != cube:
                 row = np.int64(slots[v - 1, u]) if v > 0 else np.int64(-1)
-            place = np.int64(-1)
-            if row < 0 or keys[row] != key:
-                row, place = find_slot(key, keys, table)
-            if row < 0:
-                row = count
-                count += 1
-                table[place] = row + 1
-                keys[row] = key
-                values[row, :] = 0.0
-                hits[row] = 0
-                last_frame[row] = -1
-            elif values[row, WEIGHT] <= 0.0:
-                again += 1
-                last_frame[row] = -1
+            if row < 0 or voxels[row] != voxel or cube_of[row >> BLOCK_BITS] != cube:
+                row, at = find_row(cube, voxel, cubes, voxels)
+                if row < 0:
+                    row = add_row(cube, voxel, at, cubes, voxels)
+                    if row < 0:
+                        continue
+                    last_frame[row] = -1
+                elif weight[row] <= 0.0:
+                    cubes.dead[cube] -= 1
+                    last_frame[row] = -1
             slots[v, u] = row
             # Depth's variance grows with z^4: a near sighting says more. Half a metre and nearer weigh alike.
             near = max(z, 0.5)
             w = share / (near * near * near * near)
-            value = values[row]
-            total = value[WEIGHT] + w
-            a = np.float32(w / total)
-            value[X] += a * (np.float32(wx) - value[X])
-            value[Y] += a * (np.float32(wy) - value[Y])
-            value[Z] += a * (np.float32(wz) - value[Z])
-            value[RED] += a * (np.float32(color[v, u, 0]) - value[RED])
-            value[GREEN] += a * (np.float32(color[v, u, 1]) - value[GREEN])
-            value[BLUE] += a * (np.float32(color[v, u, 2]) - value[BLUE])
-            value[HEAT] += a * (warm - value[HEAT])
-            value[WEIGHT] = total
+            total = weight[row] + w
+            a = w / total
+            place[row, 0] = nearer(place[row, 0], PLACES, a, wx - ix)
+            place[row, 1] = nearer(place[row, 1], PLACES, a, wy - iy)
+            place[row, 2] = nearer(place[row, 2], PLACES, a, wz - iz)
+            for c in range(3):
+                colors[row, c] = nearer(colors[row, c], LEVELS, a, color[v, u, c] + 0.5 / LEVELS)
+            heats[row] = nearer(heats[row], HEATS, a, warm)
+            weight[row] = total
             if last_frame[row] != frame:
                 last_frame[row] = frame
+                if hits[row] == MOST_HITS:
+                    hits[row] >>= 1
+                    points.passes[row] >>= 1
+                    weight[row] *= 0.5
                 hits[row] += 1
-    return count, again
+            changed[row >> BLOCK_BITS] = True
 
 
 @njit(cache=True, nogil=True)
-def see_through(first, last, depth, camera, T_camera_world, noise, margin, step, values, hits, passes):
-    """Count, for rows first..last-1, sightings that pass through them; remove those passed more often than hit.
+def see_through(which, depth, camera, T_camera_world, noise, margin, step, voxel_m, cubes, points):
+    """Count, for the points of some cubes, sightings that pass through them; remove those passed more often than hit.
 
     A voxel is passed when the reading at its pixel and at the eight around it all lie behind it by more than the
     margin and four standard deviations of depth. `step` is how many frames one such look stands for.
-    Returns how many were removed.
     """
     height, width = depth.shape
     T = T_camera_world
-    removed = 0
-    for row in range(first, last):
-        if values[row, WEIGHT] <= 0.0:
-            continue
-        px, py, pz = values[row, X], values[row, Y], values[row, Z]
-        z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
-        if z < 0.1:
-            continue
-        u = int(np.rint((T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]) / z * camera[0] + camera[2]))
-        v = int(np.rint((T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]) / z * camera[1] + camera[3]))
-        if u < 1 or v < 1 or u >= width - 1 or v >= height - 1:
-            continue
-        behind = z + max(margin, 4.0 * noise * z * z)
-        passed = True
-        for dv in range(-1, 2):
-            for du in range(-1, 2):
-                if not depth[v + dv, u + du] > behind:
-                    passed = False
-        if passed:
-            passes[row] += step
-            if passes[row] >= 3 and passes[row] > hits[row]:
-                values[row, WEIGHT] = 0.0
-                hits[row] = 0
-                passes[row] = 0
-                removed += 1
-    return removed
+    mask = CUBE_SIDE - 1
+    weight, hits, passes, place = points.weight, points.hits, points.passes, points.place
+    for cube in which:
+        x0, y0, z0 = corner(cubes.key[cube])
+        for k in range(cubes.rows[cube]):
+            row = row_of(cube, k, cubes.blocks)
+            if weight[row] <= 0.0:
+                continue
+            voxel = np.int64(points.voxel[row])
+            px = (x0 + (voxel >> (2 * CUBE_BITS)) + (place[row, 0] + 0.5) / PLACES) * voxel_m
+            py = (y0 + ((voxel >> CUBE_BITS) & mask) + (place[row, 1] + 0.5) / PLACES) * voxel_m
+            pz = (z0 + (voxel & mask) + (place[row, 2] + 0.5) / PLACES) * voxel_m
+            z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
+            if z < 0.1:
+                continue
+            u = int(np.rint((T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]) / z * camera[0] + camera[2]))
+            v = int(np.rint((T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]) / z * camera[1] + camera[3]))
+            if u < 1 or v < 1 or u >= width - 1 or v >= height - 1:
+                continue
+            behind = z + max(margin, 4.0 * noise * z * z)
+            passed = depth[v, u] > behind
+            if not passed:
+                continue
+            for dv in range(-1, 2):
+                for du in range(-1, 2):
+                    if not depth[v + dv, u + du] > behind:
+                        passed = False
+            if passed:
+                cubes.changed[row >> BLOCK_BITS] = True
+                passes[row] = min(MOST_HITS, passes[row] + step)
+                if passes[row] >= 3 and passes[row] > hits[row]:
+                    weight[row] = 0.0
+                    hits[row] = 0
+                    passes[row] = 0
+                    cubes.dead[cube] += 1
 
 
 @njit(cache=True, nogil=True)
-def rows_at(points, voxel, keys, values, table, rows):
-    """Find for each point (N, 3) the row of the living voxel there, -1 none; written to `rows` (N,) int64."""
-    inverse = 1.0 / voxel
-    for i in range(points.shape[0]):
-        key = pack_key(
-            np.int64(np.floor(points[i, 0] * inverse)),
-            np.int64(np.floor(points[i, 1] * inverse)),
-            np.int64(np.floor(points[i, 2] * inverse)),
-        )
-        row, _ = find_slot(key, keys, table)
-        rows[i] = row if row >= 0 and values[row, WEIGHT] > 0.0 else -1
+def pack(cube, cubes, rows, points):
+    """Let all rows of a cube live, in their order; those that get free are zeros.
+
+    Parameters
+    ----------
+    cube : int
+    cubes : Cubes
+    rows : (N, R) uint8
+        The rows as bytes.
+    points : Points
+        The same rows.
+    """
+    count = np.int64(cubes.rows[cube])
+    kept = np.int64(0)
+    for k in range(count):
+        row = row_of(cube, k, cubes.blocks)
+        if points.weight[row] > 0.0:
+            to = row_of(cube, kept, cubes.blocks)
+            if to != row:
+                rows[to] = rows[row]
+            kept += 1
+    for k in range(kept, count):
+        rows[row_of(cube, k, cubes.blocks)] = 0
+    for k in range(0, count, BLOCK_ROWS):
+        cubes.changed[cubes.blocks[cube, k >> BLOCK_BITS]] = True
+    cubes.rows[cube] = kept
+    cubes.dead[cube] = 0
+    fill_index(cube, cubes, points.voxel)
 
 
 @njit(cache=True, nogil=True)
@@ -261,8 +253,8 @@ def rows_of(number, blocks, size, owner, rows):
 
 
 @njit(cache=True, nogil=True)
-def blocks_touched(claim, slots, bits, touched):
-    """Mark in which blocks of rows each share of a frame has voxels.
+def blocks_touched(claim, slots, pairs):
+    """Collect in which blocks of rows each share of a frame has voxels.
 
     Parameters
     ----------
@@ -270,14 +262,23 @@ def blocks_touched(claim, slots, bits, touched):
         Share of each pixel, -1 none.
     slots : (h, w) int32
         Row of each pixel, -1 none.
-    bits : int
-        A block has 2 to this many rows.
-    touched : (shares, blocks) uint8, in and out
+    pairs : (h * w,) int64, output
+        Begins with share << 32 | block, many of them more than once.
+
+    Returns
+    -------
+    int
+        How many there are.
     """
+    count, last = 0, np.int64(-1)
     for v in range(claim.shape[0]):
         for u in range(claim.shape[1]):
             if claim[v, u] >= 0 and slots[v, u] >= 0:
-                touched[claim[v, u], slots[v, u] >> bits] = 1
+                pair = (np.int64(claim[v, u]) << 32) | (slots[v, u] >> BLOCK_BITS)
+                if pair != last:
+                    pairs[count] = last = pair
+                    count += 1
+    return count
 
 
 @njit(cache=True, nogil=True)

@@ -125,7 +125,7 @@ class ObjectMap:
         -------
         Association
         """
-        known = (slots >= 0) & (self._voxels.hits.take(slots, mode="wrap") > 1)
+        known = (slots >= 0) & (self._voxels.hits[slots] > 1)
         found = associate(things, boxes, objects, pixel_owner, known)
         number_of = self._sightings(frame, things, boxes, found)
         self._voxels.vote(things.claim, number_of, *self._may_take(number_of, found), candidate, slots)
@@ -301,7 +301,7 @@ class ObjectMap:
 
     def begin_visit(self) -> None:
         """Expect the place at another time: what was seen counts less, and boxes are soon fitted anew."""
-        self._voxels.age(REMEMBERED)
+        self._voxels.begin_visit(REMEMBERED)
         for entry in self.store.living():
             entry.sightings = min(entry.sightings, REMEMBERED)
             entry.fitted = min(entry.fitted, REMEMBERED)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,6 +79,7 @@ class Atlas:
         self.keyframes: list[Keyframe] = []
         self.edges: list[Edge] = []
         self.loops = 0
+        self._joined = False  # whether submaps have met since the graph was optimised last
         self._work: deque[tuple[int, int, bool]] = deque()
 
     def add(
@@ -102,10 +104,22 @@ class Atlas:
         self._work.extend((known[i].number, number, True) for i in likely)
         self.keyframes.append(
             Keyframe(
-                number, frame, T_world_camera, small, median_depth_m(reference), view.appearance, submap, reference
+                number, frame, T_world_camera, small, median_depth_m(reference), view.appearance, submap,
+                _reference=reference,
             )
-        )
+        )  # fmt: skip
         return number, overlapping
+
+    def add_given(self, frame: int, T_world_camera: Float64Array, submap: int, small: SmallImage, view: View) -> int:
+        """Take in a keyframe whose pose is given: no measurement moves it. Returns its number."""
+        number, reference = len(self.keyframes), pick(view.levels)
+        self.keyframes.append(
+            Keyframe(
+                number, frame, T_world_camera, small, median_depth_m(reference), view.appearance, submap, given=True,
+                _reference=reference,
+            )
+        )  # fmt: skip
+        return number
 
     def overlapping(self, T_world_camera: Float64Array, level: Level, submap: int) -> list[int]:
         """Return the keyframes that show much of what an image from a pose shows, most first."""
@@ -141,9 +155,9 @@ class Atlas:
             self._tie(a, b, se3.inverse(two.T_world_camera) @ one.T_world_camera)
         return not self._work and self._settle()
 
-    def recognise(self, view: View, camera: Intrinsics, submaps: list[int], tries: int) -> Place | None:
-        """Find out where an image was taken from what it looks like; None where it shows no known place."""
-        known = [k for k in self.keyframes if k.submap in submaps]
+    def recognise(self, view: View, camera: Intrinsics, among: Iterable[int], tries: int) -> Place | None:
+        """Find out where an image was taken from what it looks like; None where it shows no place of some keyframes."""
+        known = [self.keyframes[k] for k in among]
         shares = votes(view.appearance, [k.appearance for k in known])
         pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
         own: Reference | None = None
@@ -161,14 +175,14 @@ class Atlas:
                 return Place(keyframe.number, se3.inverse(there.T_camera_reference), there)
         return None
 
-    def join(self, place: Place, T_world_camera: Float64Array, submap: int) -> None:
+    def join_at(self, place: Place, T_world_camera: Float64Array, submap: int) -> None:
         """Make one of a submap and that of a place where its camera, at a pose of its own, now is; the older stays."""
         known = self.keyframes[place.keyframe]
         T_known_submap = known.T_world_camera @ place.T_keyframe_camera @ se3.inverse(T_world_camera)
         if known.submap < submap:
-            self._carry(submap, known.submap, T_known_submap)
+            self.join(submap, known.submap, T_known_submap)
         else:
-            self._carry(known.submap, submap, se3.inverse(T_known_submap))
+            self.join(known.submap, submap, se3.inverse(T_known_submap))
 
     def _tie_alike(self, a: int, b: int) -> None:
         """Tie two keyframes that look alike, where they show the same place; of two submaps one is made."""
@@ -181,14 +195,20 @@ class Atlas:
         old, new = (one, two) if one.submap <= two.submap else (two, one)
         if old.submap != new.submap:
             edge = next(edge for edge in reversed(self.edges) if edge.a == old.number)
-            self._carry(new.submap, old.submap, old.T_world_camera @ edge.T_a_b @ se3.inverse(new.T_world_camera))
+            self.join(new.submap, old.submap, old.T_world_camera @ edge.T_a_b @ se3.inverse(new.T_world_camera))
 
-    def _carry(self, submap: int, to: int, T_to_submap: Float64Array) -> None:
-        """Make a submap part of another one."""
-        for keyframe in self.keyframes:
-            if keyframe.submap == submap:
-                keyframe.submap = to
-                keyframe.T_world_camera = se3.tidied(T_to_submap @ keyframe.T_world_camera)
+    def join(self, submap: int, to: int, T_to_submap: Float64Array) -> None:
+        """Make a submap part of another one, and note the work of tying both together."""
+        carried = [k for k in self.keyframes if k.submap == submap]
+        for keyframe in carried:
+            keyframe.T_world_camera = se3.tidied(T_to_submap @ keyframe.T_world_camera)
+        for keyframe in carried:  # they overlap each other too, but are tied already
+            level = keyframe.small.levels()[OVERLAP_LEVEL]
+            overlapping = [] if keyframe.given else self.overlapping(keyframe.T_world_camera, level, to)
+            self._work.extend((k, keyframe.number, False) for k in overlapping[:TIES])
+            self._joined = self._joined or bool(overlapping)
+        for keyframe in carried:
+            keyframe.submap = to
 
     def _tie(self, a: int, b: int, T_b_a: Float64Array, strict: bool = False) -> bool:
         """Measure the motion between two keyframes in both directions; keep it where both agree."""
@@ -207,14 +227,20 @@ class Atlas:
         return True
 
     def _settle(self) -> bool:
-        """Let the keyframes' poses agree with what was measured of the last one."""
+        """Let the keyframes' poses agree with what was measured of the last one, or where submaps have met."""
         poses = [k.T_world_camera for k in self.keyframes]
         last = len(poses) - 1
-        new = deviations([e for e in self.edges if last in (e.a, e.b)], poses).max(initial=0.0)
+        edges = self.edges if self._joined else [e for e in self.edges if last in (e.a, e.b)]
+        new = deviations(edges, poses).max(initial=0.0)
         if new < WORTH_IT:
             return False
-        everywhere = new > BENT or len(poses) <= AROUND
-        found = optimise(poses, self.edges) if everywhere else optimise_around(poses, self.edges, last, AROUND)
+        everywhere = new > BENT or len(poses) <= AROUND or self._joined
+        self._joined = False
+        fixed = {0, *(k.number for k in self.keyframes if k.given)}
+        if everywhere:
+            found = optimise(poses, self.edges, fixed)
+        else:
+            found = optimise_around(poses, self.edges, last, AROUND, fixed)
         for keyframe, T in zip(self.keyframes, found, strict=True):
             keyframe.T_world_camera = T
         return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,13 +11,15 @@ from cuboid.errors import FrameError
 from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry import se3
 from cuboid.poses.alignment import Alignment, Prior, Reference, align
-from cuboid.poses.atlas import Atlas, View
+from cuboid.poses.atlas import Atlas, Place, View
 from cuboid.poses.keyframes import OVERLAP_LEVEL, Keyframe
 from cuboid.poses.places import locate, look
 from cuboid.poses.pyramid import Level, SmallImage, keep, shrink
 
 # A frame becomes a keyframe when its view differs by this much from those of all keyframes, radians.
 NEW_VIEW = 0.17
+# One whose pose is given needs fewer: nothing is aligned to it but what has lost its way.
+GIVEN_VIEW = 0.3
 # A frame is aligned to so many keyframes at once: those that overlap it most, chosen anew every so many frames.
 LOCAL, CHOOSE_EVERY = 3, 5
 # A motion is expected to go on; in a thirtieth of a second it changes by about this: metres, radians.
@@ -45,8 +48,8 @@ class PoseEstimate:
     Attributes
     ----------
     frame : int
-    T_world_camera : (4, 4) float64 or None
-        In the world of the first frame's camera; None while lost.
+    T_submap_camera : (4, 4) float64 or None
+        In the world of the submap's first camera; None while lost.
     covariance : (6, 6) float64 or None
         Of a motion (translation, rotation) of the camera in its own frame with respect to the keyframes around,
         metres and radians; None while lost.
@@ -55,14 +58,22 @@ class PoseEstimate:
     is_keyframe : bool
     corrected : bool
         Whether poses of keyframes have changed with this frame.
+    submap : int
+        0 is the world of the first frame; others are unconnected with it, until they meet.
     """
 
     frame: int
-    T_world_camera: Float64Array | None
+    T_submap_camera: Float64Array | None
     covariance: Float64Array | None
     keyframe: int
     is_keyframe: bool
     corrected: bool
+    submap: int = 0
+
+    @property
+    def T_world_camera(self) -> Float64Array | None:
+        """In the world of the first frame's camera, (4, 4); None while lost, and in an unconnected submap."""
+        return None if self.submap else self.T_submap_camera
 
 
 @dataclass(slots=True)
@@ -102,6 +113,7 @@ class PoseEstimator:
         self._submap = 0
         self._submaps = 1
         self._lost = 0
+        self._elsewhere = False  # whether frames that nothing is known of may be at another place than submap 0
         self._T_world_camera = np.eye(4)
         self._motion = np.zeros(6)  # of the camera frame, a second
         self._time_s = 0.0
@@ -120,16 +132,71 @@ class PoseEstimator:
 
     def trajectory(self) -> dict[int, Float64Array]:
         """Return T_world_camera (4, 4) of each frame that has one, by its index, as corrected so far."""
-        keyframes = self.keyframes
-        return {
-            frame: se3.tidied(keyframes[k].T_world_camera @ T_keyframe_camera)
-            for frame, (k, T_keyframe_camera) in sorted(self._anchors.items())
-            if keyframes[k].submap == 0
-        }
+        return {frame: T for frame, (submap, T) in self.trajectories().items() if submap == 0}
+
+    def trajectories(self) -> dict[int, tuple[int, Float64Array]]:
+        """Return submap and pose in it, (4, 4), of each frame that has one, by its index, as corrected so far."""
+        found = {}
+        for frame, (k, T_keyframe_camera) in sorted(self._anchors.items()):
+            keyframe = self.keyframes[k]
+            found[frame] = keyframe.submap, se3.tidied(keyframe.T_world_camera @ T_keyframe_camera)
+        return found
 
     def begin_lost(self) -> None:
-        """Expect frames of another recording: the camera is looked for among all known places."""
-        self._lost = LINGER_FRAMES if self.keyframes else 0
+        """Expect frames of another recording: of a known place, or of one that a submap begins with at once."""
+        self._lost, self._elsewhere = PATIENCE_FRAMES, True
+
+    def begin_submap(self) -> int:
+        """Return the number of a new submap."""
+        self._submaps += 1
+        return self._submaps - 1
+
+    def take(self, frame: Frame, T_submap_camera: Float64Array, submap: int) -> int | None:
+        """Take in a frame whose pose is known for sure; return its number where it becomes a keyframe.
+
+        Parameters
+        ----------
+        frame : Frame
+        T_submap_camera : (4, 4) float64
+        submap : int
+        """
+        if self._atlas.view_apart(T_submap_camera, submap) <= GIVEN_VIEW:
+            return None
+        shot = self._shot(frame)
+        if not self._rich(shot) or len(shot.view.appearance.corners) < ENOUGH_CORNERS:
+            return None
+        return self._atlas.add_given(shot.index, T_submap_camera, submap, shot.small, shot.view)
+
+    def hang(self, frame: int, T_submap_camera: Float64Array, keyframe: int) -> None:
+        """Let the pose of a frame, which was taken in, hang on a keyframe."""
+        self._anchors[frame] = keyframe, se3.inverse(self.keyframes[keyframe].T_world_camera) @ T_submap_camera
+
+    def find(self, frame: Frame, own: Collection[int]) -> Place | None:
+        """Look for a frame among all keyframes but its own recording's."""
+        shot = self._shot(frame)
+        if not self._rich(shot) or len(shot.view.appearance.corners) < ENOUGH_CORNERS:
+            return None
+        known = [k.number for k in self.keyframes if k.number not in own]
+        return self._atlas.recognise(shot.view, shot.small.camera, known, TRIES)
+
+    def join(self, submap: int, to: int, T_to_submap: Float64Array) -> None:
+        """Make a submap part of another one."""
+        self._atlas.join(submap, to, T_to_submap)
+        if submap == self._submap:
+            self._submap, self._T_world_camera = to, se3.tidied(T_to_submap @ self._T_world_camera)
+            if self._local:
+                self._use(self._local)
+
+    def move(self, numbers: Collection[int], T_new_old: Float64Array) -> None:
+        """Move keyframes, as one."""
+        for number in numbers:
+            keyframe = self.keyframes[number]
+            keyframe.T_world_camera = se3.tidied(T_new_old @ keyframe.T_world_camera)
+
+    def _shot(self, frame: Frame) -> _Shot:
+        gray, depth_m, camera = shrink(frame, self.intrinsics)
+        small = keep(gray, depth_m, camera)
+        return _Shot(frame.index, small, small.levels())  # all that is known of a keyframe is in what is kept of it
 
     def update(self, frame: Frame) -> PoseEstimate:
         """Take in a frame.
@@ -145,9 +212,7 @@ class PoseEstimator:
                 f"frame {frame.index} is {frame.depth_m.shape[1]} x {frame.depth_m.shape[0]} pixels, "
                 f"expected {expected[1]} x {expected[0]}"
             )
-        gray, depth_m, camera = shrink(frame, self.intrinsics)
-        small = keep(gray, depth_m, camera)
-        shot = _Shot(frame.index, small, small.levels())  # all that is known of a keyframe is in what is kept of it
+        shot = self._shot(frame)
         if not self.keyframes:
             return self._begin(shot, frame.timestamp_s)
         elapsed_s = self._elapsed(frame.timestamp_s)
@@ -161,17 +226,13 @@ class PoseEstimator:
         view = shot.view
         if len(view.appearance.corners) < ENOUGH_CORNERS or not self._rich(shot):
             return _lost(shot.index)
-        first = not self.keyframes
-        if not first:
-            self._submap = self._submaps
-            self._submaps += 1
+        if self.keyframes or self._elsewhere:
+            self._submap = self.begin_submap()
         number, _ = self._atlas.add(shot.index, np.eye(4), self._submap, shot.small, view)
         self._arrive(np.eye(4), time_s)
         self._use([number])
         self._anchors[shot.index] = number, np.eye(4)
-        if not first:
-            return _lost(shot.index)
-        return PoseEstimate(shot.index, np.eye(4), np.zeros((6, 6)), number, True, False)
+        return PoseEstimate(shot.index, np.eye(4), np.zeros((6, 6)), number, True, False, self._submap)
 
     def _rich(self, shot: _Shot) -> bool:
         depth_m = shot.levels[-1].image[..., 3]
@@ -219,7 +280,7 @@ class PoseEstimator:
         self._lost += 1
         if not self._rich(shot) or len(shot.view.appearance.corners) < ENOUGH_CORNERS:
             return _lost(shot.index)
-        place = self._atlas.recognise(shot.view, shot.small.camera, list(range(self._submaps)), TRIES)
+        place = self._atlas.recognise(shot.view, shot.small.camera, range(len(self.keyframes)), TRIES)
         if place is None:
             return self._begin(shot, time_s) if self._lost >= PATIENCE_FRAMES else _lost(shot.index)
         keyframe = self.keyframes[place.keyframe]
@@ -247,10 +308,10 @@ class PoseEstimator:
         T_anchor_camera = self._T_anchor_camera()
         moved = self._atlas.work()
         if self._submap and shot.index % SEARCH_EVERY == 0:
-            others = [k for k in range(self._submaps) if k != self._submap]
+            others = [k.number for k in self.keyframes if k.submap != self._submap]
             place = self._atlas.recognise(shot.view, shot.small.camera, others, TRIES)
             if place is not None:
-                self._atlas.join(place, self._T_world_camera, self._submap)
+                self._atlas.join_at(place, self._T_world_camera, self._submap)
                 moved = True
         if moved:
             anchor = self.keyframes[self._local[0]]
@@ -283,10 +344,8 @@ class PoseEstimator:
         anchor = self._local[0]
         T_anchor_camera = self._T_anchor_camera()
         self._anchors[frame] = anchor, T_anchor_camera
-        if self._submap:
-            return _lost(frame)
         doubt = found.covariance(float(np.linalg.norm(T_anchor_camera[:3, 3])))
-        return PoseEstimate(frame, self._T_world_camera.copy(), doubt, anchor, is_keyframe, corrected)
+        return PoseEstimate(frame, self._T_world_camera.copy(), doubt, anchor, is_keyframe, corrected, self._submap)
 
 
 def _same(T: Float64Array, T_other: Float64Array) -> bool:

@@ -92,7 +92,7 @@ def optimise(
 
 
 def optimise_around(
-    T_world: Sequence[Float64Array], edges: Sequence[Edge], middle: int, most: int
+    T_world: Sequence[Float64Array], edges: Sequence[Edge], middle: int, most: int, fixed: Collection[int] = (0,)
 ) -> list[Float64Array]:
     """Return the poses after those fewest edges away from one have been moved, at most so many; the others stay.
 
@@ -104,6 +104,8 @@ def optimise_around(
         The pose in the middle.
     most : int
         Poses that move.
+    fixed : collection of int
+        The poses that stay.
 
     Returns
     -------
@@ -118,14 +120,15 @@ def optimise_around(
         if len(moving) >= most:
             break
         moving[k] = None
-    moving.pop(0, None)
+    for k in fixed:
+        moving.pop(k, None)
     used = [edge for edge in edges if edge.a in moving or edge.b in moving]
     nodes = sorted({end for edge in used for end in (edge.a, edge.b)})
     place = {node: k for k, node in enumerate(nodes)}
-    fixed = [place[node] for node in nodes if node not in moving]
+    still = [place[node] for node in nodes if node not in moving]
     local = [Edge(place[edge.a], place[edge.b], edge.T_a_b, edge.information) for edge in used]
     poses = list(T_world)
-    found = optimise([poses[node] for node in nodes], local, fixed)
+    found = optimise([poses[node] for node in nodes], local, still)
     for node, T in zip(nodes, found, strict=True):
         if node in moving:
             poses[node] = T

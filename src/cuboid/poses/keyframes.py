@@ -38,6 +38,8 @@ class Keyframe:
     appearance : Appearance
     submap : int
         Keyframes of one submap have places in one world; 0 is that of the first frame.
+    given : bool
+        Its pose came with the recording, and is not corrected.
     """
 
     number: int
@@ -47,6 +49,7 @@ class Keyframe:
     depth_m: float
     appearance: Appearance
     submap: int
+    given: bool = False
     _reference: Reference | None = None
 
     @property

@@ -7,9 +7,8 @@ tracker does it. What stood nowhere before and is like what is gone is that obje
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -18,9 +17,11 @@ from scipy.spatial import cKDTree
 
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.geometry.box import Box
-from cuboid.geometry.se3 import quat_wxyz_from_rotation
+from cuboid.geometry.se3 import quat_wxyz_from_rotation, transform
 from cuboid.objects.entry import MapObject
-from cuboid.scene.door import BOX, DamagedError, box_of, columns_of, told
+from cuboid.scene.door import BOX, DamagedError, box_of, columns_of, floats_of, told
+from cuboid.scene.packing import check_sum, deflated, inflated
+from cuboid.scene.placing import Joined
 from cuboid.surfaces.grid import cells_of
 from cuboid.tracker import Tracker
 
@@ -44,8 +45,10 @@ CARVED, SEEN_AGAIN, LEFT = 0.5, 0.15, 0.3
 UNLIKE, SAME_PLACE, CHANGED = 0.15, 0.6, 0.15
 # Objects that were moved are looked for every so many frames.
 EVERY_FRAMES = 10
-# A place was seen before when this share of its ground was.
-KNOWN_GROUND = 0.5
+# A place was seen before when this share of its ground was. It was empty unless this share of what stands there now, so
+# far above its ground, metres, lies in cells of the map, of such a side, that were no object's: what was not told from
+# the room before is not new.
+KNOWN_GROUND, STOOD, ABOVE_M, CELL_M = 0.5, 0.5, 0.02, 0.02
 
 Look = npt.NDArray[np.float64]
 
@@ -94,6 +97,7 @@ class Change:
     sure: float = 1.0
 
 
+Cells = npt.NDArray[np.int64]
 Ground = tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]
 
 
@@ -108,10 +112,14 @@ class Changes:
         By label.
     ground : mapping of int to (corner, (N, M) bool)
         Where each plane had been seen by then, by its identity.
+    occupied : (N,) int64
+        Cells in which something stood by then that had no label, in order.
     """
 
-    def __init__(self, first_frame: int, known: Mapping[int, Known], ground: Mapping[int, Ground]) -> None:
-        self._first_frame, self._known, self._ground = first_frame, known, ground
+    def __init__(
+        self, first_frame: int, known: Mapping[int, Known], ground: Mapping[int, Ground], occupied: Cells
+    ) -> None:
+        self._first_frame, self._known, self._ground, self._occupied = first_frame, known, ground, occupied
 
     def recognise(self, tracker: Tracker) -> None:
         """Find what is gone, what stands in another one's place, and what is gone there and stands here."""
@@ -120,6 +128,12 @@ class Changes:
             if old is not None and entry.confirmed:
                 self._hold_against(tracker, entry, old)
         self._find_moved(tracker)
+
+    def carry(self, joined: Sequence[Joined]) -> None:
+        """Let what stood in parts of the scene that were unconnected be known where these belong."""
+        for part in joined:
+            known = {label: (one, part.holds(one.box.center[None])[0]) for label, one in self._known.items()}
+            self._known = {label: _moved(one, part.T_new_old) if its else one for label, (one, its) in known.items()}
 
     def _hold_against(self, tracker: Tracker, entry: MapObject, old: Known) -> None:
         """End an object that frames see through, and part one from another that stands in its place."""
@@ -175,7 +189,8 @@ class Changes:
                 labels = {entry.label, *entry.merged_labels}
                 changes.append(self._became(entry, old, any(label in seen for label in labels)))
             elif entry.confirmed and entry.first_frame >= self._first_frame:
-                kind = "new" if self._was_seen(tracker, entry) else "found"
+                new = self._was_seen(tracker, entry) and not self._stood(tracker, entry)
+                kind = "new" if new else "found"
                 changes.append(Change(entry.label, kind, None, entry.box.center))
         return changes
 
@@ -191,9 +206,7 @@ class Changes:
 
     def _alike(self, entry: MapObject, old: Known) -> float:
         """Return how like an object is to one that was there, 0..1: in size and in colors from foot to top."""
-        sides = np.log(_sides(entry.box) / _sides(old.box)) / SIZE_SIGMA
-        off = (look_of(entry) - old.look) / np.array([LIGHT_SIGMA, COLOR_SIGMA, COLOR_SIGMA])
-        return float(np.exp(-0.5 * ((sides**2).mean() + (off**2).mean())))
+        return alike(look_of(entry), entry.box, old.look, old.box)
 
     def _was_seen(self, tracker: Tracker, entry: MapObject) -> bool:
         """Tell whether the ground that an object stands on had been seen before the visit."""
@@ -210,6 +223,19 @@ class Changes:
         i, j = (cells_of(grid) - corner).T
         inside = (i >= 0) & (j >= 0) & (i < known.shape[0]) & (j < known.shape[1])
         return float((inside & known[np.where(inside, i, 0), np.where(inside, j, 0)]).mean()) >= KNOWN_GROUND
+
+    def _stood(self, tracker: Tracker, entry: MapObject) -> bool:
+        """Tell whether what is an object now was there before the visit, without a label."""
+        plane = None if entry.plane is None else tracker.support.find(entry.plane)
+        points = entry.points
+        if plane is not None:
+            normal, offset = tracker.support.in_world(plane)
+            points = points[points @ normal + offset > ABOVE_M]
+        if not len(points) or not len(self._occupied):
+            return False
+        cells = _cells_of(points)
+        at = np.minimum(np.searchsorted(self._occupied, cells), len(self._occupied) - 1)
+        return bool((self._occupied[at] == cells).mean() >= STOOD)
 
 
 def begin(connection: sqlite3.Connection, tracker: Tracker) -> None:
@@ -234,13 +260,33 @@ def begin(connection: sqlite3.Connection, tracker: Tracker) -> None:
         corner = plane.plan.corner.tolist()
         row = (plane.identity, *corner, *seen.shape, np.packbits(seen).tobytes())
         connection.execute("INSERT INTO ground VALUES (?, ?, ?, ?, ?, ?)", row)
+    connection.execute("DELETE FROM occupied")
+    cells = deflated(np.diff(_occupied(tracker), prepend=0).astype("<i8").tobytes())
+    connection.execute("INSERT INTO occupied VALUES (?, ?)", (check_sum(cells), cells))
+
+
+def _occupied(tracker: Tracker) -> Cells:
+    """Return the cells of the map in which something is that has no label, in order."""
+    voxels = tracker.voxels
+    labelled = np.zeros(1 + max((o.number for o in tracker.ever_labelled()), default=0), bool)
+    labelled[[o.number for o in tracker.ever_labelled() if o.confirmed]] = True
+    rows = voxels.living()
+    owner = voxels.owner[rows]
+    rows = rows[~labelled[np.where(owner < len(labelled), owner, 0)]]
+    return np.unique(_cells_of(voxels.xyz(rows)))
+
+
+def _cells_of(points: Float32Array) -> Cells:
+    """Return a number for the cell of each point (N, 3)."""
+    x, y, z = (np.floor(points.astype(np.float64) / CELL_M).astype(np.int64) + (1 << 20)).T
+    return np.asarray(x << 42 | y << 21 | z)
 
 
 def load(connection: sqlite3.Connection, first_frame: int) -> Changes:
     """Return what holds a visit against how things stood when it began."""
     known = {}
     for label, *row in told(connection, columns_of("known", ("label", *BOX, "look", "points")), "known"):
-        look, points = _floats(row[10], "<f8", "look"), _floats(row[11], "<f4", "points")
+        look, points = floats_of(row[10], "<f8", "known.look"), floats_of(row[11], "<f4", "known.points")
         if look.size != LAYERS * 3 or points.size % 3:
             raise DamagedError(f"a row of known is damaged: {look.size} and {points.size} numbers")
         known[label] = Known(label, box_of(row[:10], "known"), look.reshape(LAYERS, 3), points.reshape(-1, 3))
@@ -250,15 +296,19 @@ def load(connection: sqlite3.Connection, first_frame: int) -> Changes:
             raise DamagedError(f"a row of ground is damaged: {len(seen)} bytes are not {rows} x {columns} cells")
         bits = np.unpackbits(np.frombuffer(seen, np.uint8), count=rows * columns).reshape(rows, columns)
         ground[plane] = np.array([i, j]), bits.astype(bool)
-    return Changes(first_frame, known, ground)
+    cells: Cells = np.zeros(0, np.int64)
+    for check, data in told(connection, columns_of("occupied"), "occupied"):
+        cells = _cells_in(inflated(data, check, "occupied.cells"))
+    return Changes(first_frame, known, ground, cells)
 
 
-def _floats(data: bytes, kind: str, what: str) -> npt.NDArray[Any]:
-    """Return the finite numbers that bytes are; DamagedError where they are others."""
-    numbers = np.frombuffer(data, kind) if len(data) % np.dtype(kind).itemsize == 0 else np.array([np.nan])
-    if not np.isfinite(numbers).all():
-        raise DamagedError(f"known.{what} is damaged: expected finite numbers")
-    return numbers
+def _cells_in(data: bytes) -> Cells:
+    """Return the cells whose steps from one to the next bytes are; DamagedError where they are none."""
+    steps = np.frombuffer(data, "<i8") if len(data) % 8 == 0 else np.zeros(1, np.int64)
+    cells = np.cumsum(steps)
+    if (steps <= 0).any() or (cells <= 0).any():
+        raise DamagedError("occupied.cells is damaged: expected numbers in order")
+    return cells
 
 
 def write(connection: sqlite3.Connection, recording: int, changes: list[Change]) -> None:
@@ -280,6 +330,13 @@ def write(connection: sqlite3.Connection, recording: int, changes: list[Change])
     )
 
 
+def alike(look: Look, box: Box, other_look: Look, other_box: Box) -> float:
+    """Return how like two objects are, 0..1: in size and in colors from foot to top."""
+    sides = np.log(_sides(box) / _sides(other_box)) / SIZE_SIGMA
+    off = (look - other_look) / np.array([LIGHT_SIGMA, COLOR_SIGMA, COLOR_SIGMA])
+    return float(np.exp(-0.5 * ((sides**2).mean() + (off**2).mean())))
+
+
 def look_of(entry: MapObject) -> Look:
     """Return the colors (LAYERS, 3) of an object from foot to top, as L*, a*, b*."""
     lab = _lab(entry.colors)
@@ -295,6 +352,11 @@ def _lab(rgb: UInt8Array) -> Float64Array:
     if len(rgb):
         lab[:] = cv2.cvtColor(np.ascontiguousarray(rgb[None], np.float32) / np.float32(255), cv2.COLOR_RGB2LAB)[0]
     return lab
+
+
+def _moved(known: Known, T: Float64Array) -> Known:
+    box = Box(transform(T, known.box.center), known.box.size, T[:3, :3] @ known.box.rotation)
+    return replace(known, box=box, points=transform(T, known.points).astype(np.float32))
 
 
 def _sides(box: Box) -> Float64Array:

@@ -9,13 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from cuboid.errors import InputError, OutputError, one_line
-from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.kernels.cubes import voxels_of
+from cuboid.scene import changes
 from cuboid.scene.database import complaining, open_to_read, open_to_write, transaction
-from cuboid.scene.door import TABLES, DamagedError, columns_of, refuse_no_row
+from cuboid.scene.door import TABLES, DamagedError, Row, columns_of, refuse_no_row
+from cuboid.scene.earlier import Rows, Voxels, earlier_block, refill, take_earlier
 from cuboid.scene.editing import _CAMERA
-from cuboid.scene.freezing import thaw
-from cuboid.scene.packing import Columns, unpacked_block
-from cuboid.scene.saving import StateFile, load_blocks, load_parts, strange_is_damaged
+from cuboid.scene.freezing import roots, thaw
+from cuboid.scene.packing import BlockRow, unpacked_block
+from cuboid.scene.saving import StateFile, block_rows, load_blocks, load_parts, strange_is_damaged
 from cuboid.tracker import Tracker
 
 # What people and other programs are told, in the order in which rows refer to each other.
@@ -40,7 +42,9 @@ def problems(path: Path) -> list[str]:
         return [str(error)]
     try:
         with complaining(path):
-            found = [row[0] for row in connection.execute(f"PRAGMA integrity_check({SAID})") if row[0] != "ok"]
+            said = connection.execute(f"PRAGMA integrity_check({SAID})").fetchall()
+            # SQLite may tell of several pages in one text.
+            found = [line for (text,) in said for line in text.splitlines() if line != "ok"]
             broken = connection.execute("PRAGMA foreign_key_check").fetchall()
             found += [f"a row of {table} refers to one of {other} that is not there" for table, _, other, _ in broken]
             found += _row_problems(connection)
@@ -72,13 +76,16 @@ def _state_problems(connection: sqlite3.Connection) -> list[str]:
     if connection.execute("SELECT 1 FROM parts LIMIT 1").fetchone() is None:
         return []
     try:
+        changes.load(connection, 0)
         with strange_is_damaged():
-            tracker = thaw(load_parts(connection), Tracker(_CAMERA))[0]
+            tracker = thaw(load_parts(connection), *roots(Tracker(_CAMERA)))[0]
         if tracker is None:
             return ["the state of the tracker is missing"]
-        read = sum(1 for _ in load_blocks(connection, tracker.voxels))
-        if read != tracker.voxels.runs:
-            return [f"the map is damaged: {read} blocks, expected {tracker.voxels.runs}"]
+        with strange_is_damaged():
+            if not take_earlier(connection, tracker.voxels):
+                block_rows(connection)
+                for _ in load_blocks(connection):
+                    pass
     except InputError as error:
         return [str(error)]
     return []
@@ -186,26 +193,43 @@ def _rescue_state(old: sqlite3.Connection, new: sqlite3.Connection, lost: list[s
     """Let the new file go on with what is left of the map; return how many blocks of it there are."""
     try:
         with strange_is_damaged():
-            tracker = thaw(load_parts(old), Tracker(_CAMERA))[0]
+            tracker, poses, _ = thaw(load_parts(old), *roots(Tracker(_CAMERA)))
     except (InputError, sqlite3.DatabaseError) as error:
         tracker = None
         lost.append(f"the map and the objects' evidence ({error})")
     if tracker is None:
         return 0
-    voxels: VoxelMap = tracker.voxels
-    blocks: list[Columns] = []
-    for number in range(voxels.runs):
-        try:
-            query = "SELECT rows, check_sum, data FROM blocks WHERE number = ?"
-            rows, check, data = old.execute(query, (number,)).fetchone() or (0, 0, b"")
-            what = f"block {number} of the map"
-            block = unpacked_block(data, check, rows, voxels.rows_in(0), voxels.voxel_m, what)
-            blocks.append(tuple(column[block[1][:, -1] > 0] for column in block))
-        except (DamagedError, sqlite3.DatabaseError) as error:
-            lost.append(f"block {number} of the map ({error})")
-    columns = tuple(np.concatenate(parts) for parts in zip(*blocks, strict=True)) if blocks else voxels.rows_in(0)
-    voxels.take_back(columns)
-    state = StateFile(tracker, new)
+    blocks = list(_readable_blocks(old, tracker.voxels.voxel_m, lost))
+    refill(tracker.voxels, blocks)
+    state = StateFile(tracker, new, () if poses is None else (poses,))
     with transaction(new):
         state.write(new, state.snapshot())
     return len(blocks)
+
+
+def _readable_blocks(old: sqlite3.Connection, voxel_m: float, lost: list[str]) -> Iterator[tuple[Rows, Voxels]]:
+    """Give the living rows, and their voxels, of each block of the map that can be read."""
+    in_cubes = any(row[1] == "cube" for row in old.execute("PRAGMA table_info(blocks)"))
+    tables = ("blocks", "earlier_blocks") if in_cubes else ("earlier_blocks",)
+    for table in tables:
+        there = table if in_cubes else "blocks"  # a file of an earlier version, which is not migrated
+        last = old.execute(f"SELECT max(number) FROM {there}").fetchone()[0]
+        first = 1 if table == "blocks" else 0
+        for number in range(first, first if last is None else int(last) + 1):
+            try:
+                row = old.execute(f"SELECT * FROM {there} WHERE number = ?", (number,)).fetchone()
+                if row is None:
+                    raise DamagedError("it is missing")
+                refuse_no_row(table, row)
+                found = _cube_block(row) if table == "blocks" else earlier_block(row, voxel_m)
+            except (DamagedError, sqlite3.DatabaseError) as error:
+                lost.append(f"block {number} of the map ({error})")
+                continue
+            yield found
+
+
+def _cube_block(row: Row) -> tuple[Rows, Voxels]:
+    told = BlockRow(*row[:5])
+    rows = unpacked_block(told, *row[5:])
+    rows = rows[rows["weight"] > 0]
+    return rows, voxels_of(np.full(len(rows), told.cube), rows["voxel"])

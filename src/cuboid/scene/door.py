@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 import msgspec
 import numpy as np
+import numpy.typing as npt
 from msgspec import Meta
 
 from cuboid.errors import InputError, shown
@@ -34,6 +35,7 @@ from cuboid.formats.values import (
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import rotation_from_quat_wxyz
+from cuboid.kernels.cubes import BLOCK_ROWS
 
 T = TypeVar("T")
 Row = tuple[Any, ...]
@@ -42,6 +44,7 @@ Whole: TypeAlias = Annotated[int, Meta(ge=-(2**62), le=2**62)]
 Long: TypeAlias = Annotated[str, Meta(max_length=10_000)]
 Moment: TypeAlias = Annotated[str, Meta(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00$")]
 CheckSum: TypeAlias = Annotated[int, Meta(ge=0, lt=2**32)]
+BlockRows: TypeAlias = Annotated[int, Meta(ge=0, le=BLOCK_ROWS)]
 Amount: TypeAlias = Annotated[float, Meta(ge=0.0, le=1e15)]
 # An overlap may be rounded to a little more than all.
 Overlap: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.0 + 1e-6)]
@@ -78,7 +81,12 @@ TABLES: dict[str, dict[str, Any]] = {
         "recording": Label, "frame": FrameNumber, "label": Label, "box": Label, "iou": Overlap | None,
         "visible": Fraction, **dict.fromkeys(("x0", "y0", "x1", "y1"), Pixel),
     },
-    "blocks": {"number": Count, "rows": Count, "living": Count, "check_sum": CheckSum, "data": bytes},
+    "blocks": {
+        "number": Annotated[int, Meta(ge=1, le=2**31 - 1)], "cube": Annotated[int, Meta(ge=0, le=2**63 - 1)],
+        "visit": Annotated[int, Meta(ge=0, le=2**16 - 1)], **dict.fromkeys(("rows", "living"), BlockRows),
+        "check_sum": CheckSum, "data": bytes,
+    },
+    "earlier_blocks": {"number": Count, "rows": Count, "living": Count, "check_sum": CheckSum, "data": bytes},
     "parts": {"key": Name, "kind": Name, "check_sum": CheckSum, "fields": bytes},
     "arrays": {"part": Name, "path": Name, "form": Name, "check_sum": CheckSum, "data": bytes},
     "pending": {"id": Label, "recording": Label, "file": Name, "text": str},
@@ -87,6 +95,7 @@ TABLES: dict[str, dict[str, Any]] = {
         "plane": Whole, **dict.fromkeys(("first_row", "first_column"), Whole), "rows": Count, "columns": Count,
         "seen": bytes,
     },
+    "occupied": {"check_sum": CheckSum, "cells": bytes},
     "changes": {
         "recording": Label, "label": Label,
         "change": Literal["unchanged", "moved", "gone", "new", "found", "not looked at"],
@@ -198,6 +207,14 @@ def rotation_of(quat_wxyz: Sequence[float], what: str) -> Float64Array:
     except ValueError as error:
         raise DamagedError(f"a row of {what} is damaged: {error}") from None
     return rotation_from_quat_wxyz(quat_wxyz)
+
+
+def floats_of(data: bytes, kind: str, what: str) -> npt.NDArray[Any]:
+    """Return the finite numbers, of a type of NumPy's, that bytes in a row are; DamagedError where they are others."""
+    numbers = np.frombuffer(data, kind) if len(data) % np.dtype(kind).itemsize == 0 else np.array([np.nan])
+    if not np.isfinite(numbers).all():
+        raise DamagedError(f"{what} is damaged: expected finite numbers")
+    return numbers
 
 
 def box_of(numbers: Sequence[float], what: str) -> Box:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from cuboid.errors import InputError
 from cuboid.frame import Intrinsics
 from cuboid.objects.entry import MapObject
-from cuboid.posing import EstimatedPoses
 from cuboid.scene.database import transaction
 from cuboid.scene.records import Records
-from cuboid.scene.saving import StateFile, load_state
+from cuboid.scene.saving import SceneShelf, StateFile
+from cuboid.scene.visit import load
 from cuboid.tracker import Tracker
 
 # The state is loaded to be changed, not to see with: any camera will do.
@@ -20,11 +21,11 @@ _CAMERA = Intrinsics(1.0, 1.0, 0.0, 0.0, 1, 1)
 
 
 @contextmanager
-def edited(connection: sqlite3.Connection) -> Iterator[Tracker]:
+def edited(connection: sqlite3.Connection, path: str) -> Iterator[Tracker]:
     """Give the tracker of a scene, and save what was done with it."""
-    estimated = EstimatedPoses(_CAMERA, 0.0)
-    tracker, poses = load_state(connection, Tracker(_CAMERA), estimated)
-    state = StateFile(tracker, connection, () if poses is None else (poses,))
+    shelf = SceneShelf(connection, Path(path))
+    tracker, poses = load(connection, Tracker(_CAMERA), shelf)
+    state = StateFile(tracker, connection, (poses,), shelf)
     yield tracker
     records = Records(connection, 0)
     with transaction(connection):
@@ -42,7 +43,7 @@ def merge(connection: sqlite3.Connection, path: str, one: int, two: int) -> int:
     """
     if one == two:
         raise InputError(f"{path}: expected two labels, got {one} twice")
-    with edited(connection) as tracker:
+    with edited(connection, path) as tracker:
         first, second = (_living(tracker, path, label) for label in (one, two))
         kept = tracker.merge(first, second)
         if not kept.confirmed:
@@ -58,7 +59,7 @@ def forget(connection: sqlite3.Connection, path: str, label: int) -> None:
     InputError
         No object ever had the label.
     """
-    with edited(connection) as tracker:
+    with edited(connection, path) as tracker:
         entry = next((o for o in tracker.ever_labelled() if o.label == label), None)
         if entry is None:
             raise InputError(f"{path}: no object has the label {label}")

@@ -22,6 +22,7 @@ from cuboid.config import TrackerConfig
 from cuboid.errors import InputError
 from cuboid.frame import Intrinsics
 from cuboid.geometry.box import Box
+from cuboid.heatmap.row_blocks import RowBlocks
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.affinity import Affinity
 from cuboid.objects.boxing import Boxing
@@ -37,6 +38,7 @@ from cuboid.poses.places import Appearance
 from cuboid.poses.pyramid import SmallImage
 from cuboid.posing import EstimatedPoses
 from cuboid.scene.packing import form_of, from_bytes, from_form
+from cuboid.scene.placing import ScenePoses
 from cuboid.surfaces.grid import GroundPlan
 from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.planes import PlaneTracker
@@ -73,26 +75,25 @@ class Kind:
 
 
 # Rows of the map are saved in blocks: see `saving`.
-_ROWS = frozenset(
-    {"keys", "values", "hits", "passes", "owner", "confidence", "anchor", "_last_frame", "_voted", "_table", "_blocks",
-     "_changed"}
-)  # fmt: skip
+_ROWS = frozenset({"memory_mb", "_room", "_shelf", "_points", "_cubes", "_seen", "_last_look", "_ready"})
 
 KINDS = {
     kind.cls: kind
     for kind in (
-        Kind(Tracker, kept_apart=frozenset({"intrinsics", "_propose"})),
+        Kind(Tracker, kept_apart=frozenset({"intrinsics", "_propose", "_memory_mb"})),
         Kind(PlaneTracker),
         Kind(UpVote),
         Kind(Windows),
         Kind(Plane, key=lambda plane: plane.identity),
         Kind(VoxelMap, kept_apart=_ROWS),
+        Kind(RowBlocks),
         Kind(ObjectMap),
         Kind(Boxing),
         Kind(ObjectStore),
         Kind(Affinity),
         Kind(MapObject, key=lambda entry: entry.number, replaced=frozenset({"points", "colors"})),
-        Kind(EstimatedPoses),
+        Kind(ScenePoses, kept_apart=frozenset({"intrinsics"})),
+        Kind(EstimatedPoses),  # of files from before there were parts
         Kind(PoseEstimator, kept_apart=frozenset({"intrinsics"})),
         Kind(Atlas),
         Kind(Keyframe, key=lambda keyframe: keyframe.number, kept_apart=frozenset({"_reference"})),
@@ -213,6 +214,11 @@ class _Freezer:
             return ["array", form_of(array), array.tobytes()]
         part.arrays[path] = form_of(array), array.copy() if self._copied else array
         return ["large", path]
+
+
+def roots(fresh: Tracker) -> tuple[Tracker, ScenePoses, EstimatedPoses]:
+    """Return new ones of all that a scene's state may hold, beginning with a tracker."""
+    return fresh, ScenePoses(fresh.intrinsics, fresh.config), EstimatedPoses(fresh.intrinsics, 0.0)
 
 
 def thaw(parts: Mapping[str, Part], *fresh: object) -> tuple[Any, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import zlib
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import cv2
 import msgspec
@@ -13,10 +13,7 @@ import numpy.typing as npt
 from msgspec import Meta
 
 from cuboid.errors import shown
-from cuboid.frame import Float32Array
-from cuboid.heatmap.carrying import keys_of
-from cuboid.heatmap.voxel_map import CHANGED_ROWS
-from cuboid.kernels.voxels import X, Z
+from cuboid.kernels.cubes import BLOCK_ROWS, ROW
 from cuboid.scene.door import DamagedError
 
 # Images of at least so many pixels a side are kept as PNG, compressed so far.
@@ -27,7 +24,6 @@ PNG = b"\x89PNG"
 _Form = list[str | tuple[Annotated[int, Meta(ge=0, lt=2**40)], ...]]
 
 AnyArray = npt.NDArray[Any]
-Columns = tuple[AnyArray, ...]
 
 
 def deflated(data: bytes) -> bytes:
@@ -36,15 +32,15 @@ def deflated(data: bytes) -> bytes:
     return packer.compress(data) + packer.flush()
 
 
-def inflated(data: bytes, check_sum: int, what: str) -> bytes:
-    """Return what was compressed.
+def inflated(data: bytes, check: int, what: str, beside: tuple[int, ...] = ()) -> bytes:
+    """Return what was compressed; with the check sum of it, and of other numbers beside it.
 
     Raises
     ------
     DamagedError
         The bytes are not those that were written.
     """
-    if zlib.crc32(data) != check_sum:
+    if check_sum(data, beside) != check:
         raise DamagedError(f"{what} is damaged: its check sum is wrong")
     try:
         return zlib.decompress(data)
@@ -52,9 +48,9 @@ def inflated(data: bytes, check_sum: int, what: str) -> bytes:
         raise DamagedError(f"{what} is damaged: {error}") from None
 
 
-def check_sum(data: bytes) -> int:
-    """Return the check sum that stands beside bytes in the file: their CRC-32."""
-    return zlib.crc32(data)
+def check_sum(data: bytes, beside: tuple[int, ...] = ()) -> int:
+    """Return the check sum that stands beside bytes in the file: the CRC-32 of them, and of other numbers there."""
+    return zlib.crc32(np.array(beside, "<i8").tobytes(), zlib.crc32(data))
 
 
 def form_of(array: AnyArray) -> str:
@@ -114,55 +110,52 @@ def unpacked(data: bytes, check: int, form: str, what: str) -> AnyArray:
             if image is None:
                 raise DamagedError(f"{what} is damaged: its check sum is wrong")
             return image.reshape(shape).astype(dtype, copy=False)
-        return _from_planes(inflated(data, check, what), dtype, shape)
+        return from_planes(inflated(data, check, what), dtype, shape)
     except ValueError:
         raise DamagedError(f"{what} is damaged: it is not of the form {shown(form)}") from None
 
 
-def packed_block(columns: Columns, voxel_m: float) -> bytes:
-    """Return a block of the map's rows compressed.
+def packed_block(rows: AnyArray) -> bytes:
+    """Return rows of the map (N,) compressed; as they are where that is no shorter."""
+    data = deflated(_planes(rows))
+    return data if len(data) < rows.nbytes else rows.tobytes()
+
+
+class BlockRow(NamedTuple):
+    """What the file says of a block of the map beside its bytes, in the order of the columns."""
+
+    number: int
+    cube: int
+    visit: int
+    rows: int
+    living: int
+
+
+def unpacked_block(told: BlockRow, check: int, data: bytes) -> AnyArray:
+    """Return the rows (N,) of bytes from `packed_block`, or as they are.
 
     Parameters
     ----------
-    columns : tuple of (N, ...) arrays
-        As `VoxelMap.rows_in` gives them: keys first, then values. A key is told by its point but for rounding, and
-        kept as what is off from that.
-    voxel_m : float
-    """
-    keys, values, *rest = columns
-    off = keys - keys_of(_points(values), voxel_m)
-    return deflated(b"".join(_planes(column) for column in (off, values, *rest)))
-
-
-def unpacked_block(data: bytes, check: int, rows: int, forms: Columns, voxel_m: float, what: str) -> Columns:
-    """Return the columns of bytes from `packed_block`.
-
-    Parameters
-    ----------
-    data : bytes
+    told : BlockRow
     check : int
-        Their check sum.
-    rows : int
-        Of the block.
-    forms : tuple of arrays
-        Columns of any length, of the same types and widths.
-    voxel_m : float
-    what : str
-        Name of the block in messages.
+        Check sum of all.
+    data : bytes
+
+    Raises
+    ------
+    DamagedError
+        They are not what was written.
     """
-    plain, columns, at = inflated(data, check, what), [], 0
-    for form in forms:
-        size = rows * int(np.prod(form.shape[1:])) * form.itemsize
-        if at + size > len(plain) or not 0 < rows <= CHANGED_ROWS:
-            raise DamagedError(f"{what} is damaged: {len(plain)} bytes are not {rows} rows")
-        columns.append(_from_planes(plain[at : at + size], form.dtype, (rows, *form.shape[1:])))
-        at += size
-    keys, values = columns[:2]
-    return (keys + keys_of(_points(values), voxel_m), *columns[1:])
-
-
-def _points(values: Float32Array) -> npt.NDArray[np.float64]:
-    return np.nan_to_num(values[:, X : Z + 1].astype(np.float64))
+    rows, what = told.rows, f"block {told.number} of the map"
+    size = rows * ROW.itemsize
+    if len(data) == size:
+        if check_sum(data, told) != check:
+            raise DamagedError(f"{what} is damaged: its check sum is wrong")
+        return np.frombuffer(data, ROW)
+    plain = inflated(data, check, what, told)
+    if len(plain) != size or not 0 < rows <= BLOCK_ROWS:
+        raise DamagedError(f"{what} is damaged: {len(plain)} bytes are not {rows} rows")
+    return from_planes(plain, ROW, (rows,))
 
 
 def _planes(array: AnyArray) -> bytes:
@@ -173,7 +166,8 @@ def _planes(array: AnyArray) -> bytes:
     return np.ascontiguousarray(rows.T).tobytes()
 
 
-def _from_planes(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...]) -> AnyArray:
+def from_planes(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...]) -> AnyArray:
+    """Return the array whose rows' first bytes come first, then all second ones, and so on."""
     if not data:
         return np.zeros(shape, dtype)
     rows = np.frombuffer(data, np.uint8).reshape(-1, shape[0] if shape else 1)

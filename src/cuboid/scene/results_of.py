@@ -17,8 +17,9 @@ from cuboid.outputs import ObjectsFile, ResultWriter, RunReport
 from cuboid.results import FrameResult, Sighting, SupportPlane, TrackedObject
 from cuboid.scene.door import CameraColumn, Outline, Settings, columns_of, document, told
 from cuboid.scene.editing import _CAMERA
-from cuboid.scene.saving import load_state
+from cuboid.scene.saving import SceneShelf
 from cuboid.scene.scene import Scene, SceneObject, ScenePast
+from cuboid.scene.visit import load
 from cuboid.tracker import Tracker
 
 _PLANE = ("nx", "ny", "nz", "offset", "outline")
@@ -58,7 +59,7 @@ def write_results(scene: Scene, connection: sqlite3.Connection, number: int, fol
     read = len(range(0, frames, every))
     missing = [k for k in range(0, frames, every) if k not in known]
     sightings, objects = _seen(scene, number)
-    tracker = load_state(connection, Tracker(_CAMERA))[0]
+    tracker = load(connection, Tracker(_CAMERA), SceneShelf(connection, scene.path))[0]
     planes = tuple(
         SupportPlane(
             np.array(plane[:3]), plane[3], np.array(document(plane[4], Outline, "planes.outline")).reshape(-1, 3)
@@ -93,6 +94,7 @@ def _seen(scene: Scene, number: int) -> tuple[dict[int, list[Sighting]], list[Tr
     frames: dict[int, list[Sighting]] = defaultdict(list)
     objects: list[TrackedObject] = []
     merged: dict[int, list[int]] = defaultdict(list)
+    gone = {one.label for one in scene.changes(number) if one.recording == number and one.change == "gone"}
     for item in scene.all_objects:
         if item.merged_into is not None:
             merged[item.merged_into].append(item.label)
@@ -102,7 +104,8 @@ def _seen(scene: Scene, number: int) -> tuple[dict[int, list[Sighting]], list[Tr
             continue
         for past in own:
             frames[past.frame].append(Sighting(past.label, past.box, past.iou, past.visible, past.rect_xyxy))
-        objects.append(_object(item, own, merged[item.label]))
+        if item.label not in gone:
+            objects.append(_object(item, own, merged[item.label]))
     for rows in frames.values():
         rows.sort(key=lambda one: one.label)
     return frames, objects

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cuboid.config import TrackerConfig
-from cuboid.errors import InputError
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.outputs import ResultWriter
 from cuboid.posing import Poses
@@ -16,6 +16,9 @@ from cuboid.proposals.types import ProposalSource
 from cuboid.scene.scene import Scene
 from cuboid.scene.session import COMMIT_EVERY_S, SceneTracker
 from cuboid.scene.visit import Source
+
+if TYPE_CHECKING:
+    from cuboid.views.report import ShownChange
 
 # Where the frames that were skipped are kept until the run ends, beside the files of its results.
 SKIPPED = "skipped"
@@ -54,7 +57,7 @@ class IntoScene:
     path : Path
         Of its file, which is made where there is none.
     same_world : bool
-        The recording's given poses are in the scene's world.
+        The recording's given poses are in the scene's world; else they are aligned with it by the looks of the place.
     resume : bool
         Go on with a run that was broken off.
     commit_every_s : float
@@ -66,6 +69,18 @@ class IntoScene:
     resume: bool = False
     commit_every_s: float = COMMIT_EVERY_S
 
+    def corrects(self, poses: str) -> bool:
+        """Tell whether the poses of a recording, "given" or "estimated", are corrected while it is tracked."""
+        if poses == "estimated" or self.same_world:
+            return poses == "estimated"
+        with Scene.open(self.path) as scene:
+            return len(scene.recordings) > int(self.resume)
+
+    def shown_changes(self) -> list[ShownChange]:
+        """Return what the last recording changed, as the 3D page shows it."""
+        with Scene.open(self.path) as scene:
+            return scene.shown_changes(len(scene.recordings))
+
     @contextmanager
     def session(
         self,
@@ -73,6 +88,7 @@ class IntoScene:
         camera: Intrinsics,
         config: TrackerConfig,
         proposals: str | ProposalSource | None,
+        memory_mb: float,
     ) -> Iterator[SceneRun]:
         """Open the scene for a run; what it was not told to keep by `SceneRun.finish` ends as committed last.
 
@@ -84,14 +100,10 @@ class IntoScene:
             Another one writes the scene, or it cannot be written.
         """
         with Scene.open(self.path) as scene:
-            if scene.recordings and source.poses == "given" and not (self.same_world or self.resume):
-                raise InputError(
-                    f"{self.path}: the recording's poses may be in another world than the scene; --same-world says "
-                    "that they are in the same, --poses estimated finds the place by its looks"
-                )
             tracker = scene.tracker(
-                camera, config, proposals, source=source, resume=self.resume, commit_every_s=self.commit_every_s
-            )
+                camera, config, proposals, source=source, same_world=self.same_world, resume=self.resume,
+                commit_every_s=self.commit_every_s, memory_mb=memory_mb,
+            )  # fmt: skip
             try:
                 yield SceneRun(scene, tracker)
             finally:
@@ -132,6 +144,10 @@ class SceneRun:
     def poses(self, given: Poses) -> Poses:
         """Return where poses in the scene's world come from."""
         return self.tracker.poses(given)
+
+    def warnings(self) -> tuple[str, ...]:
+        """Return what the user should know of the recording in the scene."""
+        return self.tracker.warnings()
 
     def next_frame(self) -> None:
         """Commit what is new, where it is time."""

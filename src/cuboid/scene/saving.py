@@ -5,19 +5,24 @@ from __future__ import annotations
 import hashlib
 import sqlite3
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import numpy.typing as npt
 
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.scene.door import DamagedError, told_each
+from cuboid.kernels.cubes import ROW
+from cuboid.scene.database import complaining
+from cuboid.scene.door import DamagedError, columns_of, told, told_each
+from cuboid.scene.earlier import take_earlier
 from cuboid.scene.freezing import Part, freeze, thaw
 from cuboid.scene.packing import (
-    Columns,
+    BlockRow,
     check_sum,
     packed,
     packed_block,
@@ -25,6 +30,10 @@ from cuboid.scene.packing import (
     unpacked_block,
 )
 from cuboid.tracker import Tracker
+
+BESIDE = ", ".join(BlockRow._fields)
+# What was written as it is, since it changes all the time, is compressed once it does not; so many blocks a time.
+PACKED_A_TIME = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,18 +43,59 @@ class Snapshot:
     Attributes
     ----------
     parts : dict of str to Part
-    capacity, blocks : int
-        Rows that the map has room for, and how many blocks the rows in use make.
-    voxel_m : float
-    changed : dict of int to columns
-        The map's blocks that have changed since the last snapshot.
+    blocks : int
+        One more than the highest number of the map's blocks.
+    changed : dict of int to (int, int, (N,) of type ROW)
+        The map's blocks that have changed since the last snapshot: key of the cube, visit, rows.
     """
 
     parts: dict[str, Part]
-    capacity: int
     blocks: int
-    voxel_m: float
-    changed: dict[int, Columns]
+    changed: dict[int, tuple[int, int, npt.NDArray[Any]]]
+
+
+class SceneShelf:
+    """The blocks of a scene: those of the map that are not in memory come from here.
+
+    Parameters
+    ----------
+    connection : sqlite3.Connection
+    path : Path
+        Of the scene, for messages.
+    """
+
+    def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
+        self._connection, self._path = connection, path
+        self.voxels: VoxelMap | None = None
+        # What is being written.
+        self.awaited: npt.NDArray[np.int64] = np.zeros(0, np.int64)
+
+    def takes(self, blocks: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+        """Tell which blocks (N,) are in the file as they are now."""
+        if self.voxels is None:
+            return np.zeros(len(blocks), bool)
+        return ~self.voxels.has_changed(blocks) & ~np.isin(blocks, self.awaited)
+
+    def put(self, block: int, rows: npt.NDArray[Any]) -> None:
+        """Do nothing: it is there."""
+
+    def get(self, blocks: Sequence[int], counts: Sequence[int]) -> list[npt.NDArray[Any]]:
+        """Return the rows of blocks that have so many.
+
+        Raises
+        ------
+        InputError
+            They are damaged.
+        """
+        found, columns = [], columns_of("blocks")
+        with complaining(self._path):
+            for block, count in zip(blocks, counts, strict=True):
+                rows = told(self._connection, columns, "blocks WHERE number = ?", (block,))
+                has = rows[0][3] if rows else 0
+                if has != count:
+                    raise DamagedError(f"block {block} of the map is damaged: it has {has} rows, expected {count}")
+                found.append(unpacked_block(BlockRow(*rows[0][:5]), *rows[0][5:]))
+        return found
 
 
 class StateFile:
@@ -58,16 +108,27 @@ class StateFile:
         Of the scene: what it holds of an earlier state is replaced.
     others : iterable of object
         What else is saved with it.
+    shelf : SceneShelf, optional
+        Where the map's blocks come from that are not in memory.
     """
 
-    def __init__(self, tracker: Tracker, connection: sqlite3.Connection, others: Iterable[object] = ()) -> None:
-        self._tracker, self._others = tracker, tuple(others)
+    def __init__(
+        self,
+        tracker: Tracker,
+        connection: sqlite3.Connection,
+        others: Iterable[object] = (),
+        shelf: SceneShelf | None = None,
+    ) -> None:
+        self._tracker, self._others, self._shelf = tracker, tuple(others), shelf
         # Digests of what the file holds by part and path, the part itself under ""; b"" where that is not known.
         self._written: dict[tuple[str, str], bytes] = {}
         for query in ("SELECT key, '' FROM parts", "SELECT part, path FROM arrays"):
             self._written |= dict.fromkeys(connection.execute(query), b"")
         self._same: dict[tuple[str, str], tuple[npt.NDArray[Any], bytes]] = {}
         self._begin = connection.execute("SELECT 1 FROM blocks LIMIT 1").fetchone() is None
+        # Blocks that are not compressed yet.
+        query = "SELECT number FROM blocks WHERE rows > 0 AND length(data) = rows * ?"
+        self._plain = {number for (number,) in connection.execute(query, (ROW.itemsize,))}
 
     def snapshot(self) -> Snapshot:
         """Take the state of now."""
@@ -75,23 +136,49 @@ class StateFile:
         for root in (self._tracker, *self._others):
             parts |= freeze(root)
         voxels = self._tracker.voxels
-        runs = voxels.take_changed().tolist()
+        blocks = voxels.take_changed()
         if self._begin:
-            runs, self._begin = list(range(voxels.runs)), False
-        changed = {k: tuple(column.copy() for column in voxels.rows_in(k)) for k in runs}
-        return Snapshot(parts, voxels.capacity, voxels.runs, voxels.voxel_m, changed)
+            blocks, self._begin = np.arange(1, voxels.blocks), False
+        if self._shelf is not None:
+            self._shelf.awaited = blocks
+            if self._shelf.voxels is not voxels:
+                voxels.put_on(self._shelf)
+                self._shelf.voxels = voxels
+        changed = {}
+        for number in blocks.tolist():
+            key, visit, rows = voxels.block(number)
+            changed[number] = key, visit, rows.copy()
+        return Snapshot(parts, voxels.blocks, changed)
 
-    def write(self, connection: sqlite3.Connection, state: Snapshot) -> None:
-        """Write a snapshot, within the caller's transaction; each must be written, in the order of their taking."""
+    def write(self, connection: sqlite3.Connection, state: Snapshot, *, ended: bool = True) -> None:
+        """Write a snapshot, within the caller's transaction; each must be written, in the order of their taking.
+
+        With `ended`, no other follows soon: all is compressed.
+        """
         self._write_parts(connection, state)
-        for number, columns in state.changed.items():
-            data = packed_block(columns, state.voxel_m)
-            living = int((columns[1][:, -1] > 0).sum())
-            row = (number, len(columns[0]), living, check_sum(data), data)
-            connection.execute("INSERT OR REPLACE INTO blocks VALUES (?, ?, ?, ?, ?)", row)
+        for number, (key, visit, rows) in state.changed.items():
+            data = packed_block(rows) if ended else rows.tobytes()
+            living = int(np.count_nonzero(rows["weight"] > 0))
+            beside = BlockRow(number, key, visit, len(rows), living)
+            row = (*beside, check_sum(data, beside), data)
+            connection.execute("INSERT OR REPLACE INTO blocks VALUES (?, ?, ?, ?, ?, ?, ?)", row)
         connection.execute("DELETE FROM blocks WHERE number >= ?", (state.blocks,))
-        connection.execute("INSERT OR REPLACE INTO scene VALUES ('capacity', ?)", (str(state.capacity),))
+        connection.execute("DELETE FROM earlier_blocks")
+        connection.execute("INSERT OR REPLACE INTO scene VALUES ('blocks', ?)", (str(state.blocks),))
         connection.execute("INSERT OR REPLACE INTO scene VALUES ('seal', ?)", (_seal(connection),))
+        rest = sorted(number for number in self._plain - state.changed.keys() if number < state.blocks)
+        for number in rest if ended else rest[:PACKED_A_TIME]:
+            query = f"SELECT {BESIDE}, data FROM blocks WHERE number = ?"
+            *beside, data = connection.execute(query, (number,)).fetchone()
+            data = packed_block(np.frombuffer(data, ROW))
+            values = check_sum(data, BlockRow(*beside)), data, number
+            connection.execute("UPDATE blocks SET check_sum = ?, data = ? WHERE number = ?", values)
+        self._plain = set() if ended else {*rest[PACKED_A_TIME:], *state.changed}
+
+    def settled(self) -> None:
+        """Tell that what was written last is committed."""
+        if self._shelf is not None:
+            self._shelf.awaited = np.zeros(0, np.int64)
 
     def _write_parts(self, connection: sqlite3.Connection, state: Snapshot) -> None:
         now: dict[tuple[str, str], bytes] = {}
@@ -135,8 +222,12 @@ def clear_state(connection: sqlite3.Connection) -> None:
     connection.execute("DELETE FROM scene WHERE key = 'seal'")
 
 
-def load_state(connection: sqlite3.Connection, fresh: Tracker, *others: object) -> tuple[Any, ...]:
+def load_state(
+    connection: sqlite3.Connection, fresh: Tracker, *others: object, shelf: SceneShelf | None = None
+) -> tuple[Any, ...]:
     """Return a tracker that goes on from the state of a scene, and what else was saved with it.
+
+    Blocks of the map are read when they are looked at or asked for.
 
     Parameters
     ----------
@@ -145,6 +236,8 @@ def load_state(connection: sqlite3.Connection, fresh: Tracker, *others: object) 
         A new one for the frames that come: their intrinsics and proposals.
     *others : object
         New ones of what else may have been saved.
+    shelf : SceneShelf, optional
+        Where blocks are read from; the same connection unless given.
 
     Returns
     -------
@@ -156,18 +249,38 @@ def load_state(connection: sqlite3.Connection, fresh: Tracker, *others: object) 
     InputError
         The state is damaged, or of another version.
     """
+    shelf = shelf or SceneShelf(connection, Path("the scene"))
     parts = load_parts(connection)
     with strange_is_damaged():
         tracker, *rest = thaw(parts, fresh, *others)
         if tracker is None:
             raise DamagedError("the state of the tracker is missing")
-        voxels = tracker.voxels
-        capacity = connection.execute("SELECT value FROM scene WHERE key = 'capacity'").fetchone()
-        blocks = [columns for _, columns in load_blocks(connection, voxels)]
-        if capacity is None or len(blocks) != voxels.runs:
-            raise DamagedError(f"the map is damaged: {len(blocks)} blocks, expected {voxels.runs}")
-        voxels.restore(int(capacity[0]), blocks)
+        if not take_earlier(connection, tracker.voxels):
+            blocks = block_rows(connection)
+            tracker.voxels.restore([(b.number, b.cube, b.rows, b.living, b.visit) for b in blocks], shelf)
+            shelf.voxels = tracker.voxels
     return tracker, *rest
+
+
+def block_rows(connection: sqlite3.Connection) -> list[BlockRow]:
+    """Return what the file says of the map's blocks, ascending by number.
+
+    Raises
+    ------
+    DamagedError
+        One makes no sense, or they are not all that the map has.
+    """
+    blocks = [
+        BlockRow(*row) for row in told(connection, columns_of("blocks", BlockRow._fields), "blocks ORDER BY number")
+    ]
+    said = [value for (value,) in told(connection, ("scene.value",), "scene WHERE key = 'blocks'")]
+    expected = int(said[0]) - 1 if said and said[0].isdecimal() else -1
+    if len(blocks) != expected or any(block.number != k for k, block in enumerate(blocks, 1)):
+        raise DamagedError(f"the map is damaged: {len(blocks)} blocks, expected {max(expected, 0)}")
+    for block in blocks:
+        if block.living > block.rows:
+            raise DamagedError(f"block {block.number} of the map is damaged: {block.living} of {block.rows} rows live")
+    return blocks
 
 
 @contextmanager
@@ -185,7 +298,7 @@ def _seal(connection: sqlite3.Connection) -> str:
     for query in (
         "SELECT key, kind, check_sum FROM parts ORDER BY key",
         "SELECT part, path, form, check_sum FROM arrays ORDER BY part, path",
-        "SELECT value FROM scene WHERE key = 'capacity'",
+        "SELECT value FROM scene WHERE key = 'blocks'",
     ):
         for row in connection.execute(query):
             seal = zlib.crc32(repr(row).encode(), seal)
@@ -214,17 +327,14 @@ def load_parts(connection: sqlite3.Connection) -> dict[str, Part]:
     return parts
 
 
-def load_blocks(connection: sqlite3.Connection, voxels: VoxelMap) -> Iterable[tuple[int, Columns]]:
-    """Give the map's blocks, in order, with their numbers.
+def load_blocks(connection: sqlite3.Connection) -> Iterator[tuple[BlockRow, npt.NDArray[Any]]]:
+    """Give the map's blocks, and their rows.
 
     Raises
     ------
     InputError
         One is damaged.
     """
-    query = "SELECT number, rows, check_sum, data FROM blocks ORDER BY number"
-    for place, (number, rows, check, data) in enumerate(connection.execute(query)):
-        what = f"block {number} of the map"
-        if number != place:
-            raise DamagedError(f"the map is damaged: {what} is there, expected block {place}")
-        yield number, unpacked_block(data, check, rows, voxels.rows_in(0), voxels.voxel_m, what)
+    for row in told_each(connection, "blocks"):
+        block = BlockRow(*row[:5])
+        yield block, unpacked_block(block, *row[5:])

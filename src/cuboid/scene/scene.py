@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,17 +18,21 @@ from cuboid.config import TrackerConfig
 from cuboid.errors import InputError, shown
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import Box
-from cuboid.posing import POSES_MOVE, EstimatedPoses
+from cuboid.limits import MEMORY_MB
 from cuboid.proposals import make_source
 from cuboid.proposals.types import ProposalSource
 from cuboid.scene import editing
 from cuboid.scene import visit as visits
 from cuboid.scene.database import Writing, complaining, open_to_read, open_to_write, transaction
 from cuboid.scene.door import BOX, Row, box_of, columns_of, rotation_of, told
-from cuboid.scene.saving import has_state, load_state
+from cuboid.scene.placing import ESTIMATED, OWN_WORLD, SAME_WORLD, ScenePoses
+from cuboid.scene.saving import SceneShelf, has_state
 from cuboid.scene.session import COMMIT_EVERY_S, OwnFrames, SceneTracker
 from cuboid.scene.visit import Source
 from cuboid.tracker import Tracker
+
+if TYPE_CHECKING:
+    from cuboid.views.report import ShownChange
 
 # A name that people give has at most so many characters.
 LONGEST_NAME = 100
@@ -199,6 +203,7 @@ class Scene:
         self.path = path
         self._read: sqlite3.Connection | None = None
         self._write: Writing | None = None
+        self._shelf: sqlite3.Connection | None = None
         self._tracker: SceneTracker | None = None
         if path.exists():
             self._connection()
@@ -234,6 +239,9 @@ class Scene:
         if self._tracker is not None:
             self._tracker.drop()
             self._tracker = None
+        if self._shelf is not None:
+            self._shelf.close()
+            self._shelf = None
         if self._read is not None:
             self._read.close()
             self._read = None
@@ -248,8 +256,10 @@ class Scene:
         proposals: str | ProposalSource | None = None,
         *,
         source: Source | None = None,
+        same_world: bool = True,
         resume: bool = False,
         commit_every_s: float = COMMIT_EVERY_S,
+        memory_mb: float = MEMORY_MB,
     ) -> SceneTracker:
         """Begin a recording whose frames have poses in the scene's world, or go on with one that was broken off.
 
@@ -263,15 +273,19 @@ class Scene:
             As for `Tracker`.
         source : Source, optional
             What the scene is told of the recording.
+        same_world : bool
+            Given poses are in the scene's world; else they are aligned with it by `SceneTracker.poses`.
         resume : bool
             Go on with the last recording, from the frame `visit.next_frame` on.
         commit_every_s : float
+        memory_mb : float
+            As for `Tracker`.
 
         Raises
         ------
         InputError
             The scene's state is damaged or of another version; there is nothing to resume; `config` is not that of
-            the scene.
+            the scene; poses are to be aligned with a scene that has no keyframes.
         OutputError
             Another one writes the scene, or it cannot be written.
         """
@@ -282,28 +296,36 @@ class Scene:
         connection = file.connection
         with complaining(self.path):
             own = OwnFrames(make_source(proposals))
-            tracker, poses = Tracker(intrinsics, config, own), None
-            estimated = EstimatedPoses(intrinsics, POSES_MOVE * tracker.config.voxel_m)
+            tracker = Tracker(intrinsics, config, own, memory_mb=memory_mb)
+            poses = ScenePoses(intrinsics, tracker.config)
+            if self._shelf is not None:
+                self._shelf.close()
+            self._shelf = open_to_read(self.path)
+            shelf = SceneShelf(self._shelf, self.path)
             if has_state(connection):
-                tracker, poses = self._going_on(connection, config, tracker, estimated)
+                tracker, poses = self._going_on(connection, config, tracker, shelf)
             else:  # it may have had a state, and lost it with a damaged file
                 tracker.begin_labels(
                     1 + connection.execute("SELECT coalesce(max(label), 0) FROM objects").fetchone()[0]
                 )
-            if poses is None and source.poses == "estimated":
-                poses = estimated
+            mode = ESTIMATED if source.poses == "estimated" else SAME_WORLD if same_world else OWN_WORLD
             if resume:
                 visit = visits.resume(connection, source, str(self.path))
             else:
+                if mode == OWN_WORLD and self.recordings and not poses.knows_places:
+                    raise InputError(
+                        f"{self.path}: has no keyframes to recognise the place by; --same-world says that the "
+                        "recording's poses are in the scene's world"
+                    )
                 visit = visits.begin(connection, source, np.eye(4), tracker)
-            if visit.number > 1 and visit.next_frame == 0:
-                tracker.begin_visit()
-                if poses is not None:
-                    poses.begin_lost()
+            if visit.next_frame == 0:
+                poses.begin(mode, first=visit.number == 1)
+                if visit.number > 1:
+                    tracker.begin_visit()
             own.first_frame = visit.first_frame
             columns = columns_of("objects", ("label", "name"))
             names: dict[int, str] = dict(told(connection, columns, "objects WHERE name IS NOT NULL"))
-        self._tracker = SceneTracker(self.path, file, tracker, poses, visit, names, commit_every_s)
+        self._tracker = SceneTracker(self.path, file, tracker, poses, visit, names, commit_every_s, shelf)
         return self._tracker
 
     def _going_on(
@@ -311,10 +333,10 @@ class Scene:
         connection: sqlite3.Connection,
         config: TrackerConfig | None,
         fresh: Tracker,
-        estimated: EstimatedPoses,
-    ) -> tuple[Tracker, EstimatedPoses | None]:
+        shelf: SceneShelf,
+    ) -> tuple[Tracker, ScenePoses]:
         """Return tracker and poses as the scene has them."""
-        tracker, poses = load_state(connection, fresh, estimated)
+        tracker, poses = visits.load(connection, fresh, shelf)
         if config is not None:
             own = tracker.config.to_dict()
             for name, value in config.to_dict().items():
@@ -423,6 +445,28 @@ class Scene:
             if number in wanted
         ]
 
+    def shown_changes(self, recording: int) -> list[ShownChange]:
+        """Return what was moved, is gone, is new or was found in a recording, as the 3D page shows it."""
+        from cuboid.views.report import ShownChange
+
+        boxes = {item.label: item.box for item in self.all_objects}
+        return [
+            ShownChange(
+                one.label,
+                one.name,
+                one.change,
+                boxes[one.label],
+                one.from_m,
+                one.to_m,
+                one.metres,
+                one.sure,
+                one.before,
+                one.after,
+            )
+            for one in self.changes(recording)
+            if one.recording == recording and one.change in ("moved", "gone", "new", "found") and one.label in boxes
+        ]
+
     def picture(self, label: int) -> bytes | None:
         """Return an object's picture as JPEG; None where there is none."""
         rows = self._told(("objects.picture",), "objects WHERE label = ?", (label,))
@@ -481,7 +525,12 @@ class Scene:
 
         with complaining(self.path):
             number = len(self.recordings) if recording is None else recording
-            write_results(self, self._connection(), number, folder, force=force)
+            connection = self._connection()
+            connection.execute("BEGIN")  # all that is read is of one moment
+            try:
+                write_results(self, connection, number, folder, force=force)
+            finally:
+                connection.execute("COMMIT")
 
     def compact(self) -> None:
         """Write the file anew without the room that is free in it."""

@@ -153,6 +153,30 @@ CREATE TABLE changes (
 ) STRICT;
 """
 
+_OCCUPIED = """
+CREATE TABLE occupied (
+    check_sum INTEGER NOT NULL,
+    cells BLOB NOT NULL
+) STRICT;
+"""
+
+# Blocks of cubes in the place of blocks of rows; those that there are wait for whoever writes the scene next.
+_CUBES = """
+ALTER TABLE blocks RENAME TO earlier_blocks;
+
+CREATE TABLE blocks (
+    number INTEGER PRIMARY KEY,
+    cube INTEGER NOT NULL,
+    visit INTEGER NOT NULL,
+    rows INTEGER NOT NULL,
+    living INTEGER NOT NULL,
+    check_sum INTEGER NOT NULL,
+    data BLOB NOT NULL
+) STRICT;
+
+DELETE FROM scene WHERE key IN ('capacity', 'seal');
+"""
+
 # What makes a file of version k + 1 of one of version k, from 0: an empty one.
-MIGRATIONS: tuple[str, ...] = (_FIRST, _CHANGES)
+MIGRATIONS: tuple[str, ...] = (_FIRST, _CHANGES, _OCCUPIED, _CUBES)
 VERSION = len(MIGRATIONS)

@@ -8,19 +8,24 @@ from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
+
 from cuboid.frame import Float64Array, Frame, Intrinsics
-from cuboid.posing import EstimatedPoses, Posed, Poses
+from cuboid.posing import Posed, Poses
 from cuboid.proposals.types import Proposals, ProposalSource
 from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
-from cuboid.scene import changes
+from cuboid.scene import changes, layout, parts
 from cuboid.scene.database import Writing, complaining, transaction
+from cuboid.scene.placing import ESTIMATED, SAME_WORLD, Joined, ScenePoses
 from cuboid.scene.records import Records
-from cuboid.scene.saving import StateFile
+from cuboid.scene.saving import SceneShelf, StateFile
 from cuboid.scene.visit import Visit
 from cuboid.tracker import Tracker
 
 # How often what is new is written, seconds.
 COMMIT_EVERY_S = 1.0
+# Every so many points of the map are held against the others.
+SPARSE = 7
 # Taking a snapshot stops the tracker: it has no larger share of the time than this, however large the scene.
 SNAPSHOT_SHARE = 0.05
 
@@ -36,13 +41,15 @@ class SceneTracker:
         Of the scene.
     file : Writing
     tracker : Tracker
-    poses : EstimatedPoses or None
-        Saved with the tracker, where the scene has any.
+    poses : ScenePoses
+        Saved with the tracker.
     visit : Visit
         The recording in the scene.
     names : mapping of int to str
         By label.
     commit_every_s : float
+    shelf : SceneShelf
+        Where parts of the map are that are not in memory.
 
     Attributes
     ----------
@@ -55,16 +62,18 @@ class SceneTracker:
         path: Path,
         file: Writing,
         tracker: Tracker,
-        poses: EstimatedPoses | None,
+        poses: ScenePoses,
         visit: Visit,
         names: Mapping[int, str],
         commit_every_s: float,
+        shelf: SceneShelf,
     ) -> None:
         self._path, self._file, self._tracker, self._visit = path, file, tracker, visit
         self._names, self._every_s, self._poses = names, commit_every_s, poses
         self._records = Records(file.connection, visit.number, visit.pixels)
-        self._state = StateFile(tracker, file.connection, () if poses is None else (poses,))
+        self._state = StateFile(tracker, file.connection, (poses,), shelf)
         self._changes = changes.load(file.connection, visit.first_frame)
+        self._joined: list[Joined] = []
         self._pending: list[tuple[str, str]] = []
         self._next_frame = visit.next_frame
         self._thread = ThreadPoolExecutor(1, "cuboid-scene")
@@ -96,6 +105,8 @@ class SceneTracker:
             self.commit_if_due()
         shifted = dataclasses.replace(frame, index=frame.index + self._visit.first_frame)
         found = dataclasses.replace(self._tracker.update(shifted, anchor), index=frame.index)
+        if self._poses.mode == SAME_WORLD:
+            self._poses.take(shifted)
         self._records.add(frame, found)
         if shifted.index % changes.EVERY_FRAMES == 0 and self._visit.number > 1:
             self._changes.recognise(self._tracker)
@@ -110,13 +121,25 @@ class SceneTracker:
         given : Poses
             The recording's own, where it has any.
         """
-        if self._poses is not None and not given.given_with_frames:
-            return _ScenePoses(self._poses, self._visit.first_frame)
-        return given
+        if self._poses.mode == SAME_WORLD:
+            return given
+        return _PosesOfVisit(self._poses, self._visit.first_frame, self._tracker)
+
+    def warnings(self) -> tuple[str, ...]:
+        """Return what the user should know of the recording in the scene."""
+        if self._poses.recognised:
+            return ()
+        return (
+            f"{self._path}: the place was not recognised: the recording is a part of its own in the scene, until a "
+            "later one connects them",
+        )
 
     def carry(self, moved: Mapping[int, Float64Array]) -> None:
         """Move what was found with the keyframes; see `Tracker.carry`."""
         self._tracker.carry(moved)
+        joined = self._poses.take_joined()
+        self._changes.carry(joined)
+        self._joined += joined
 
     def skip(self, index: int) -> None:
         """Tell that a frame cannot be used."""
@@ -192,8 +215,6 @@ class SceneTracker:
             self._settle()
             if self._visit.number > 1:
                 self._changes.recognise(self._tracker)
-            if complete:
-                self._tracker.voxels.pack()
             self._commit(complete=complete, ended=True)
             self._settle()
         finally:
@@ -209,16 +230,21 @@ class SceneTracker:
         begun_s = time.monotonic()
         state, rows = self._state.snapshot(), self._records.take(self._tracker)
         pending, self._pending = self._pending, []
+        joined, self._joined = self._joined, []
+        T_world_recording = self._poses.T_world_recording.astype("<f8").tobytes()
         visit, next_frame = self._visit, self._next_frame
         told = self._changes.tell(self._tracker, self._records.seen) if ended and visit.number > 1 else []
 
         def write() -> None:
             connection = self._file.connection
             with transaction(connection):
-                self._state.write(connection, state)
+                self._state.write(connection, state, ended=ended)
                 rows.write(connection)
+                parts.carry_rows(connection, joined)
                 changes.write(connection, visit.number, told)
                 visit.write(connection, next_frame, pending, complete=complete, ended=ended)
+                values = T_world_recording, visit.number
+                connection.execute("UPDATE recordings SET T_world_recording = ? WHERE id = ?", values)
 
         self._writing = self._thread.submit(write)
         self._committed_s = time.monotonic()
@@ -230,6 +256,7 @@ class SceneTracker:
             writing, self._writing = self._writing, None
             with complaining(self._path):
                 writing.result()
+            self._state.settled()
 
 
 class OwnFrames:
@@ -252,16 +279,33 @@ class OwnFrames:
         return self._source(frame, intrinsics)
 
 
-class _ScenePoses:
-    """Estimated poses of a recording whose frames the scene counts on from others."""
+class _PosesOfVisit:
+    """Where the frames of a recording are taken, whose numbers the scene counts on from others."""
 
-    given_with_frames = False
-
-    def __init__(self, poses: EstimatedPoses, first_frame: int) -> None:
-        self._poses, self._first = poses, first_frame
+    def __init__(self, poses: ScenePoses, first_frame: int, tracker: Tracker) -> None:
+        self._poses, self._first, self._tracker = poses, first_frame, tracker
+        self.given_with_frames = poses.mode != ESTIMATED
 
     def locate(self, frame: Frame) -> Posed:
-        return self._poses.locate(dataclasses.replace(frame, index=frame.index + self._first))
+        if not self._poses.recognised and frame.index % changes.EVERY_FRAMES == 0:
+            self._look_at_layout()
+        return self._poses.locate(dataclasses.replace(frame, index=frame.index + self._first), self._tracker.up)
 
-    def trajectory(self) -> Mapping[int, Float64Array]:
-        return {k - self._first: T for k, T in self._poses.trajectory().items() if k >= self._first}
+    def _look_at_layout(self) -> None:
+        """Recognise the part that the recording is in by its objects."""
+        part, up = self._poses.part, self._tracker.up
+        things = [o for o in self._tracker.ever_labelled() if o.confirmed and len(o.points)]
+        known, seen = ([o for o in things if self._poses.stands_in(k, o.box.center)] for k in (0, part))
+        if part == 0 or up is None:
+            return
+        T = layout.find_layout(known, seen, up)
+        if T is None:
+            return
+        points = self._tracker.voxels.xyz(self._tracker.voxels.living())
+        middle = np.mean([o.box.center for o in seen], axis=0)
+        if layout.same_place(points, points[::SPARSE], T, middle):
+            self._poses.connect(part, T)
+
+    def trajectory(self) -> Mapping[int, Float64Array] | None:
+        found = self._poses.trajectory(self._first)
+        return None if found is None else {k - self._first: T for k, T in found.items()}

@@ -25,6 +25,7 @@ SCRIPTS = (
     "tags.js",
     "timeline.js",
     "card.js",
+    "changes.js",
     "run.js",
     "picture.js",
     "main.js",

@@ -11,7 +11,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from cuboid.frame import Frame, Intrinsics
+from cuboid.frame import Float64Array, Frame, Intrinsics
+from cuboid.geometry.box import Box
 from cuboid.outputs import FinishedResults, ObjectsFile, PoseRow, RunReport, TrackRow
 from cuboid.results import TrackedObject
 from cuboid.views.palette import color_of, hex_of, ink_on
@@ -21,6 +22,41 @@ from cuboid.views.report.points import PackedPoints, pack_points
 # Millimetres: what a page shows of a place.
 PLACE_DIGITS = 4
 TURN_DIGITS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class ShownChange:
+    """What became of an object of a scene by this recording.
+
+    Attributes
+    ----------
+    label : int
+    name : str
+        That people gave it, or empty.
+    change : str
+        "moved", "gone", "new" or "found".
+    box : Box
+        As known last; turned as it last stood.
+    from_m, to_m : (3,) float64 or None
+        Where its middle was, and is.
+    metres : float or None
+        How far it was moved.
+    sure : float
+        How sure it is that what was moved is the same, 0..1.
+    before, after : bytes or None
+        Its pictures, JPEG.
+    """
+
+    label: int
+    name: str
+    change: str
+    box: Box
+    from_m: Float64Array | None
+    to_m: Float64Array | None
+    metres: float | None
+    sure: float
+    before: bytes | None
+    after: bytes | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +75,8 @@ class Summary:
     points : PackedPoints
     pictures : dict of int to Picture
         By label; an object without one has none.
+    changes : tuple of ShownChange
+        Where the recording went into a scene that had others.
     """
 
     report: RunReport
@@ -48,6 +86,7 @@ class Summary:
     tracks: tuple[TrackRow, ...]
     points: PackedPoints
     pictures: dict[int, Picture]
+    changes: tuple[ShownChange, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return the document that the page reads, ready for JSON."""
@@ -76,6 +115,7 @@ class Summary:
             "poses": packed(matrices),
             "points": self.points.to_dict(),
             "inferno": packed(inferno()),
+            "changes": [_change(one) for one in self.changes],
         }
 
     def _object(self, item: TrackedObject, seen: list[tuple[int, int]]) -> dict[str, Any]:
@@ -105,7 +145,9 @@ class Summary:
         return next((item.label for item in self.found.objects if label in item.merged_labels), None)
 
 
-def summarise(results: FinishedResults, read: Callable[[int], Frame] | None) -> Summary:
+def summarise(
+    results: FinishedResults, read: Callable[[int], Frame] | None, changes: Sequence[ShownChange] = ()
+) -> Summary:
     """Gather what the page tells of a run.
 
     Parameters
@@ -113,6 +155,8 @@ def summarise(results: FinishedResults, read: Callable[[int], Frame] | None) -> 
     results : FinishedResults
     read : callable or None
         Returns a frame of the recording, for pictures; None where the recording is not at hand.
+    changes : sequence of ShownChange
+        What the recording changed in its scene.
 
     Returns
     -------
@@ -131,6 +175,7 @@ def summarise(results: FinishedResults, read: Callable[[int], Frame] | None) -> 
         tracks=tuple(results.tracks),
         points=pack_points(results.points),
         pictures={} if read is None else pictures_of(results, read),
+        changes=tuple(changes),
     )
 
 
@@ -165,6 +210,26 @@ def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tup
         else:
             runs.append((row.frame, row.frame))
     return found
+
+
+def _change(one: ShownChange) -> dict[str, Any]:
+    places = {"from": one.from_m, "to": one.to_m}
+    pictures = {"before": one.before, "after": one.after}
+    return {
+        **label_colors(one.label),
+        "label": one.label,
+        "name": one.name,
+        "change": one.change,
+        **{key: None if place is None else _list(place, PLACE_DIGITS) for key, place in places.items()},
+        "size": _list(one.box.size, PLACE_DIGITS),
+        "rotation": [_list(row, TURN_DIGITS) for row in one.box.rotation],
+        "metres": None if one.metres is None else round(one.metres, PLACE_DIGITS),
+        "sure": round(one.sure, 2),
+        **{
+            key: None if jpeg is None else f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode('ascii')}"
+            for key, jpeg in pictures.items()
+        },
+    }
 
 
 def camera_document(K: Intrinsics) -> dict[str, float]:

@@ -9,6 +9,7 @@ function bytesOf(base64) {
 
 const frames = new Int32Array(bytesOf(data.frames).buffer);
 const poses = new Float32Array(bytesOf(data.poses).buffer);
+const changed = data.changes || []; // a run that goes on has none yet
 const objectOf = new Map(data.objects.map((object) => [object.label, object]));
 
 /** Camera to world of the i-th used frame: its place and, as columns, its axes. */

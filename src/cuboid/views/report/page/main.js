@@ -3,7 +3,7 @@
 const state = {
   theme: "dark",
   coloring: "color",
-  layers: { boxes: true, planes: true, camera: true },
+  layers: { boxes: true, planes: true, camera: true, changes: true },
   selected: null,
   frame: null, // place among the used frames; null is all of them at once
   follow: false,
@@ -38,6 +38,7 @@ function update(change) {
   find("look-through").setAttribute("aria-pressed", String(state.follow));
   timeline.update();
   panel.update();
+  changes.update();
   picture.update();
   if (scene) scene[change.theme ? "update" : "updateFrame"]();
   redraw();
@@ -90,8 +91,8 @@ function setUpScene() {
   canvas.addEventListener("dblclick", (event) => {
     const { origin, direction } = orbit.ray(event.offsetX, event.offsetY);
     const object = scene.pick(origin, direction);
-    if (object) orbit.fly({ target: object.center, distance: clamp(4 * norm(object.size), 0.3, orbit.span), fovY: FOV_Y });
-    if (object) update({ selected: object.label, follow: false });
+    if (object) approach(object.center, object.size);
+    if (object) update({ selected: object.label });
   });
   new ResizeObserver(() => {
     redraw();
@@ -199,7 +200,14 @@ const timeline = new Timeline(state, choose, (frame) => {
   play(false);
   moveTo(frame);
 });
+/** Look at an object, or at the place of one that is gone. */
+function approach(target, size) {
+  if (orbit) orbit.fly({ target, distance: clamp(5 * norm(size), 0.4, orbit.span), fovY: FOV_Y });
+  update({ follow: false });
+}
+
 const panel = new Panel(state, choose, moveTo);
+const changes = new Changes(state, choose, approach);
 const picture = new Picture(state);
 
 state.theme = window.matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark";

@@ -101,6 +101,7 @@ class Scene {
     const { ratio } = this.renderer;
     this.renderer.setLines("boxes", this.boxLines(ratio), true);
     this.renderer.setFaces("sides", this.boxSides());
+    this.renderer.setLines("changes", this.changeLines(ground, ratio), true);
     this.renderer.setLines("camera", this.cameraLines(ground, ratio));
     this.renderer.setFaces("image", this.cameraFaces(ground));
   }
@@ -131,6 +132,30 @@ class Scene {
       const color = colorOf(object.color, chosen ? 0.16 : 0.05);
       return SIDES.flatMap((side) => fan(side.map((corner) => box[corner]), color));
     });
+  }
+
+  /** Where things stood that are elsewhere or gone now, and which way they went. */
+  changeLines(ground, ratio) {
+    return changed.filter((one) => one.from && ["moved", "gone"].includes(one.change)).flatMap((one) => {
+      const color = colorOf(one.color, one.label === this.state.selected ? 1 : 0.75);
+      const box = corners({ ...one, center: one.from });
+      const width = ratio * (one.label === this.state.selected ? 2.4 : 1.4);
+      const ghost = EDGES.map(([a, b]) => [box[a], box[b], color, [width, DASH_M / 2]]);
+      return one.to ? ghost.concat(this.arrow(one.from, one.to, color, 1.6 * width)) : ghost;
+    });
+  }
+
+  /** An arrow between two places; its head is four strokes, so that it shows from everywhere. */
+  arrow(from, to, color, width) {
+    const way = sub(to, from);
+    const length = norm(way);
+    if (length < 1e-6) return [];
+    const back = scale(way, -Math.min(0.25, 0.06 / length));
+    const across = cross(way, up);
+    const sides = [up, scale(across, 1 / (norm(across) || 1))].map((side) => scale(side, 0.5 * norm(back)));
+    const style = [width, 0];
+    const head = sides.flatMap((side) => [side, scale(side, -1)]).map((side) => [to, add(to, add(back, side)), color, style]);
+    return [[from, to, color, style], ...head];
   }
 
   planeLines(ground, ratio) {
@@ -170,6 +195,7 @@ class Scene {
     if (layers.planes) shown.push("planes", "outlines");
     if (layers.camera && !follow) shown.push("image", "path", "camera");
     if (layers.boxes) shown.push("sides", "boxes");
+    if (layers.changes) shown.push("changes");
     this.renderer.draw(eye, coloring, GROUNDS[theme], shown);
   }
 

@@ -1,0 +1,223 @@
+"""Scenes that last: labels and changes over visits, a place known again, and none taken for another.
+
+python benchmarks/visits.py NAME --work DIR [--data DATA] [--kinds KIND ...] [--seeds N ...] [--json]
+
+NAME is one of
+
+  changes  pairs of made visits (`cuboid synth --visits 2`), poses given: labels kept, what was moved, gone, new
+  halves   scene 01 of RGB-D Scenes v2 (--data) in two recordings, frames 0-449 and 450-887, poses estimated
+  places   recordings shown to the scenes of other rooms, made ones and those of --data: none may be recognised
+
+DIR keeps the made recordings and the scenes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+from collections.abc import Sequence
+from contextlib import closing, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cuboid import CuboidError, open_recording
+from cuboid.cli.threads import limit_threads
+from cuboid.converting import convert_recording
+from cuboid.errors import FrameError
+from cuboid.evaluation import evaluate
+from cuboid.evaluation.timed_poses import read_poses
+from cuboid.evaluation.trajectory import associate, evaluate_trajectory, rigid_fit
+from cuboid.evaluation.truth import read_truth
+from cuboid.evaluation.visits import evaluate_visits, is_visits
+from cuboid.geometry.se3 import transform
+from cuboid.outputs import PoseRow
+from cuboid.readers import Recording
+from cuboid.run import track_recording
+from cuboid.scene import Scene
+from cuboid.scene.database import open_to_read
+from cuboid.scene.placing import ESTIMATED
+from cuboid.scene.running import IntoScene
+from cuboid.scene.visit import load
+from cuboid.synthetic import make_visits, render_visits
+from cuboid.tracker import Tracker
+from scenes import SIZE, MadeScene, made, scene_01, source_digest
+from tables import dump, show
+
+KINDS, SEEDS = ("table", "clutter", "leave"), {"table": range(1, 7), "clutter": range(1, 4), "leave": range(1, 4)}
+FRAMES = 120
+# Where scene 01 is cut.
+HALF = 450
+# Rooms of the tries: so many frames, every other one, make the scene; so many, spread over all, are shown to others.
+ROOMS = [("table", 11), ("table", 12), ("tables", 11), ("tables", 12), ("clutter", 11), ("leave", 11), ("room", 11),
+         ("room", 12)]  # fmt: skip
+REAL = ("rgbd-scenes-v2/imgs/scene_01", "rgbd_dataset_freiburg1_xyz", "desk-realsense")
+ROOM_SIZE, ROOM_FRAMES = (320, 240), 60
+SHOWN = 12
+# Numbers of frames that come later than any of the scene's.
+LATER = 1_000_000
+
+
+def changes(args: argparse.Namespace) -> None:
+    """Judge pairs of made visits."""
+    rows = []
+    for kind in args.kinds or KINDS:
+        for seed in args.seeds or SEEDS.get(kind, (1, 2, 3)):
+            visits = _visits(kind, seed, args)
+            scene = _fresh(args.work / "scenes" / f"{visits.name}.cuboid")
+            for visit in sorted(visits.glob("visit-*")):
+                track_recording(open_recording(visit), None, into=IntoScene(scene, same_world=True))
+            rows.append({"place": f"{kind} {seed}", **evaluate_visits(scene, visits).to_dict()})
+            print(rows[-1], file=sys.stderr, flush=True)
+    if args.json:
+        dump(rows)
+        return
+    names = ("unmoved", "kept", "moved", "recognised", "changes", "told", "right", "hidden_called_gone")
+    total = {name: sum(row[name] for row in rows) for name in names}
+    table = [[row["place"], *(row[name] for name in names)] for row in rows]
+    show("Pairs of visits", ("place", *names), [*table, ["all", *total.values()]])
+    shares = {"kept": "unmoved", "recognised": "moved", "right": "changes"}
+    print({**{a: round(total[a] / max(total[b], 1), 3) for a, b in shares.items()},
+           "precision": round(total["right"] / max(total["told"], 1), 3)})  # fmt: skip
+
+
+def _visits(kind: str, seed: int, args: argparse.Namespace) -> Path:
+    """Return a folder of made visits, rendering it unless it is there."""
+    width, height = args.size
+    name = f"{kind}-{seed}-{args.frames}f-{width}x{height}"
+    folder: Path = args.work / "visits" / source_digest("synthetic") / name
+    if not is_visits(folder):
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        shutil.rmtree(folder, ignore_errors=True)
+        render_visits(make_visits(kind, seed, 2, frames=args.frames), folder, size=args.size)
+    return folder
+
+
+def _fresh(scene: Path) -> Path:
+    scene.parent.mkdir(parents=True, exist_ok=True)
+    scene.unlink(missing_ok=True)
+    return scene
+
+
+def halves(args: argparse.Namespace) -> None:
+    """Let scene 01 go into a scene as two recordings, the second begun lost."""
+    case = scene_01(args.data)
+    whole = open_recording(case.recording)
+    scene = _fresh(args.work / "scenes" / "halves.cuboid")
+    outputs = []
+    for number, frames in enumerate((range(HALF), range(HALF, len(whole))), 1):
+        part = args.work / "recordings" / f"scene-01-half-{number}"
+        if not part.is_dir():
+            part.parent.mkdir(parents=True, exist_ok=True)
+            convert_recording(whole, part, "plain", frames)
+        outputs.append(args.work / "results" / part.name)
+        track_recording(
+            open_recording(part), outputs[-1], poses="estimated", into=IntoScene(scene), force=True, page=False
+        )
+    found = _judge_halves(scene, outputs, case.truth)
+    if args.json:
+        dump(found)
+    else:
+        show("Scene 01 in two halves", list(found), [list(found.values())])
+
+
+def _judge_halves(scene: Path, outputs: Sequence[Path], truth: Path) -> dict[str, Any]:
+    """Return how the second half lies in the world of the first, and what became of the five objects."""
+    estimates = [read_poses(output) for output in outputs]
+    folders = [output.parents[1] / "recordings" / output.name for output in outputs]
+    true = [read_poses(folder) for folder in folders]
+    pairs = [associate(a.times_s, b.times_s, 0.01) for a, b in zip(estimates, true, strict=True)]
+    xyz = [
+        (a.T_world_camera[i, :3, 3], b.T_world_camera[j, :3, 3])
+        for a, b, (i, j) in zip(estimates, true, pairs, strict=True)
+    ]
+    T_true_world = rigid_fit(xyz[0][1], xyz[0][0])
+    away = np.linalg.norm(transform(T_true_world, xyz[1][0]) - xyz[1][1], axis=1)
+    labels = [_labels_of(output, truth, folder) for output, folder in zip(outputs, folders, strict=True)]
+    with Scene.open(scene) as opened:
+        first_found = min(opened.poses(2), default=None)
+    return {
+        "recognised in frame": first_found,
+        "without a pose": len(true[1]) - len(estimates[1]),
+        "ATE cm in the first one's world": 100 * float(np.sqrt((away**2).mean())),
+        "by itself": evaluate_trajectory(estimates[1], true[1]).ate_cm.rmse,
+        "of the first half": evaluate_trajectory(estimates[0], true[0]).ate_cm.rmse,
+        "labels kept": sum(labels[1][0].get(k) == label for k, label in labels[0][0].items()),
+        "objects": len(labels[0][0]),
+        "new on the table": len(labels[1][1] - labels[0][1] - set(labels[0][0].values())),
+    }
+
+
+def _labels_of(output: Path, truth: Path, recording: Path) -> tuple[dict[int, int], set[int]]:
+    """Return the label of each true object by its id, and those on the table that are none."""
+    trajectory = recording.with_suffix(".txt")
+    poses = read_poses(recording)
+    rows = zip(poses.times_s.tolist(), poses.T_world_camera, strict=True)
+    trajectory.write_text("".join(PoseRow(t, T).line() + "\n" for t, T in rows), encoding="utf-8")
+    found = evaluate(output, replace(read_truth(truth), visibility=None), trajectory=trajectory)
+    return {item.id: item.box.label for item in found.objects if item.box is not None}, set(found.map.wrong_labels)
+
+
+def places(args: argparse.Namespace) -> None:
+    """Show recordings to the scenes of other rooms."""
+    rooms = {f"{kind} {seed}": made(MadeScene(kind, seed, size=ROOM_SIZE), args.work).recording for kind, seed in ROOMS}
+    if args.data is not None:
+        rooms |= {name: args.data / name for name in REAL}
+    scenes = {}
+    for name, path in rooms.items():
+        scenes[name] = _fresh(args.work / "scenes" / f"place-{len(scenes)}.cuboid")
+        track_recording(
+            open_recording(path), None, poses="estimated", every=2, limit=ROOM_FRAMES, into=IntoScene(scenes[name])
+        )
+    tries, found = [], []
+    for known, scene in scenes.items():
+        for shown, path in rooms.items():
+            if shown != known:
+                recognised = _shown(scene, open_recording(path))
+                tries.append((known, shown))
+                found += [(known, shown, recognised)] if recognised else []
+                print(f"{len(tries)}: {shown} shown to {known}: {recognised} recognised", file=sys.stderr, flush=True)
+    if args.json:
+        dump({"tries": len(tries), "false": [list(one) for one in found]})
+    else:
+        print(f"{len(tries)} tries between different rooms, {SHOWN} frames each: {len(found)} recognised {found or ''}")
+
+
+def _shown(scene: Path, recording: Recording) -> int:
+    """Return how many frames of a recording, spread over it, are taken for a place of a scene, each begun lost."""
+    with closing(open_to_read(scene)) as connection:
+        tracker, poses = load(connection, Tracker(recording.intrinsics))
+    count = 0
+    for index in np.linspace(0, len(recording) - 1, SHOWN).astype(int).tolist():
+        poses.begin(ESTIMATED, first=False)
+        with suppress(FrameError):
+            poses.locate(replace(recording.read(index), index=LATER + index, T_world_camera=None), tracker.up)
+            count += poses.recognised
+    return count
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("name", choices=("changes", "halves", "places"))
+    parser.add_argument("--work", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--data", type=Path, default=None, metavar="DATA")
+    parser.add_argument("--kinds", nargs="+", default=None)
+    parser.add_argument("--seeds", nargs="+", type=int, default=None, metavar="N")
+    parser.add_argument("--frames", type=int, default=FRAMES, metavar="N", help="of a made visit")
+    parser.add_argument("--size", nargs=2, type=int, default=SIZE, metavar=("WIDTH", "HEIGHT"))
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    limit_threads(1)
+    try:
+        {"changes": changes, "halves": halves, "places": places}[args.name](args)
+    except CuboidError as error:
+        print(f"visits: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

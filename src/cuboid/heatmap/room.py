@@ -1,0 +1,96 @@
+"""Memory for the rows of the map: as much as there may ever be is reserved, and taken page by page as it is written."""
+
+from __future__ import annotations
+
+import mmap
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.kernels.cubes import BLOCK_ROWS, LEAST_BITS, ROW, TABLE_BITS, Cubes, Points, columns_of, empty_cubes
+
+# Blocks of rows that there is room for, at most and at least; what cannot be reserved is halved.
+MOST_BLOCKS, LEAST_BLOCKS = 1 << 18, 1 << 8
+BLOCK_BYTES = BLOCK_ROWS * ROW.itemsize
+_STATM = Path("/proc/self/statm")
+# Linux need not have room for what is only reserved; Python names this since 3.13.
+_NO_RESERVE = 0x4000 if sys.platform == "linux" else 0
+
+
+class Room:
+    """Rows, and the tables that find them, at fixed places; what is let go of begins again as zeros.
+
+    Attributes
+    ----------
+    rows : (N,) of type ROW
+    points : Points
+        Their columns: views.
+    cubes : Cubes
+    """
+
+    def __init__(self) -> None:
+        blocks = MOST_BLOCKS
+        while True:
+            try:
+                self._rows, self._index = _reserved(blocks * BLOCK_BYTES), _reserved(blocks << (TABLE_BITS + 1))
+                break
+            except (OSError, ValueError):
+                if blocks <= LEAST_BLOCKS:
+                    raise MemoryError("no memory can be reserved for the map") from None
+                blocks >>= 1
+        self.rows: npt.NDArray[Any] = np.frombuffer(self._rows, ROW)
+        self.points: Points = columns_of(self.rows)
+        self.cubes: Cubes = empty_cubes(blocks, np.frombuffer(self._index, np.uint16))
+
+    def block(self, block: int) -> npt.NDArray[Any]:
+        """Return the rows of a block that are in use: a view."""
+        first = block * BLOCK_ROWS
+        return self.rows[first : first + self.rows_in(block)]
+
+    def rows_in(self, block: int) -> int:
+        """Return how many rows of a block are in use."""
+        count = int(self.cubes.rows[self.cubes.cube_of[block]]) - int(self.cubes.turn[block]) * BLOCK_ROWS
+        return min(max(count, 0), BLOCK_ROWS)
+
+    def blocks_of(self, cube: int) -> list[int]:
+        """Return the blocks of a cube, ascending."""
+        blocks = self.cubes.blocks[cube]
+        return [int(block) for block in blocks[blocks > 0]]
+
+    def let_go(self, cube: int) -> None:
+        """Give the memory of a cube back."""
+        for block in self.blocks_of(cube):
+            _give_back(self._rows, block * BLOCK_BYTES, BLOCK_BYTES)
+        table = 2 << int(self.cubes.bits[cube])
+        _give_back(self._index, cube << (TABLE_BITS + 1), table)
+        self.cubes.bits[cube] = 0
+
+    def bytes_of(self, cubes: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """Return the memory that cubes (N,) take when they are in memory: pages of rows, and their tables."""
+        held = self.cubes.rows[cubes].astype(np.int64)
+        whole, rest = held // BLOCK_ROWS, held % BLOCK_ROWS
+        rows = whole * BLOCK_BYTES + -(-rest * ROW.itemsize // mmap.PAGESIZE) * mmap.PAGESIZE
+        return np.asarray(rows + (2 << np.maximum(self.cubes.bits[cubes], LEAST_BITS).astype(np.int64)))
+
+
+def resident_mb() -> float | None:
+    """Return the memory that this process holds, in units of 2**20 bytes; None where the system does not tell."""
+    try:
+        return int(_STATM.read_bytes().split()[1]) * mmap.PAGESIZE / 2**20
+    except OSError:
+        return None
+
+
+def _reserved(size: int) -> mmap.mmap:
+    """Return zeros that take memory page by page."""
+    memory = mmap.mmap(-1, size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | _NO_RESERVE)
+    if hasattr(mmap, "MADV_NOHUGEPAGE"):
+        memory.madvise(mmap.MADV_NOHUGEPAGE)
+    return memory
+
+
+def _give_back(memory: mmap.mmap, first: int, size: int) -> None:
+    memory.madvise(mmap.MADV_DONTNEED, first, size)

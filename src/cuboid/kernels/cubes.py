@@ -1,0 +1,332 @@
+"""Where the points of a place are: cubes of voxels, the blocks of rows that hold their points, and what finds a row.
+
+A cube has 32 voxels a side. Its points lie in rows of a few blocks of 1,024 rows, in the order in which they came; an
+open-addressing table of its own leads from a voxel in the cube to the row (0 is empty, k + 1 is the cube's row k). So
+a map grows by blocks: nothing of what there is moves. A removed point keeps its row, with zero weight, until its cube
+is packed.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+# Bits of a cube's number along an axis, and of a voxel's within its cube.
+KEY_BITS, CUBE_BITS = 21, 5
+KEY_OFFSET = 1 << (KEY_BITS - 1)  # cube numbers run from -2^20 to 2^20 - 1: +-300 km at 1 cm
+CUBE_SIDE = 1 << CUBE_BITS
+# Rows of a block, as bits of their number.
+BLOCK_BITS = 10
+BLOCK_ROWS = 1 << BLOCK_BITS
+# Blocks of a cube whose every voxel holds a point, and places of its table: never more than half of them are taken.
+MOST_BLOCKS = 1 << (3 * CUBE_BITS - BLOCK_BITS)
+TABLE_BITS = 3 * CUBE_BITS + 1
+# A table begins with so many places: a page of memory.
+LEAST_BITS = 11
+# Parts of a voxel's edge, of a color's level and of heat that are told apart: more than any sensor tells.
+PLACES, LEVELS, HEATS = 65536.0, 256.0, 65536.0
+
+
+class Points(NamedTuple):
+    """Columns of the rows, (N, ...)."""
+
+    # Weight of all sightings, metres to the power of -4; 0 marks a dead row.
+    weight: npt.NDArray[np.float32]
+    # Object that the point belongs to, 0 none.
+    owner: npt.NDArray[np.int32]
+    # Last frame that saw it.
+    last_frame: npt.NDArray[np.int32]
+    # Its voxel in the cube, and its place (N, 3) in the voxel, in parts of the edge.
+    voxel: npt.NDArray[np.uint16]
+    place: npt.NDArray[np.uint16]
+    # Red, green, blue (N, 3) in parts of a level, and heat.
+    color: npt.NDArray[np.uint16]
+    heat: npt.NDArray[np.uint16]
+    # Frames that saw it, and that saw through it.
+    hits: npt.NDArray[np.uint16]
+    passes: npt.NDArray[np.uint16]
+    # Keyframe that the last frame to see it hangs on.
+    anchor: npt.NDArray[np.uint16]
+    # Votes that the owner is ahead of all others; and a mark of those that voted, between two frames 0.
+    confidence: npt.NDArray[np.uint8]
+    voted: npt.NDArray[np.uint8]
+
+
+ROW = np.dtype(
+    [("weight", "<f4"), ("owner", "<i4"), ("last_frame", "<i4"), ("voxel", "<u2"), ("place", "<u2", 3),
+     ("color", "<u2", 3), ("heat", "<u2"), ("hits", "<u2"), ("passes", "<u2"), ("anchor", "<u2"), ("confidence", "u1"),
+     ("voted", "u1")]
+)  # fmt: skip
+
+
+class Cubes(NamedTuple):
+    """The cubes, by number, and the blocks, by number."""
+
+    # Cubes by their place: (2 C,) 0 empty, k + 1 is cube k; and the place of each (C,).
+    table: npt.NDArray[np.int32]
+    key: npt.NDArray[np.int64]
+    # Blocks of each (C, MOST_BLOCKS), ascending, 0 for none; rows in use, and dead ones among them.
+    blocks: npt.NDArray[np.int32]
+    rows: npt.NDArray[np.int32]
+    dead: npt.NDArray[np.int32]
+    # Places of its own table that are in use, as bits of their number; 0: it is not in memory.
+    bits: npt.NDArray[np.uint8]
+    # The tables of all (C << TABLE_BITS,).
+    tables: npt.NDArray[np.uint16]
+    # Of each block (B,): its cube, its place among that one's blocks, and whether a row of it has changed. One more
+    # than there are: what has no row may mark the last one.
+    cube_of: npt.NDArray[np.int32]
+    turn: npt.NDArray[np.uint8]
+    changed: npt.NDArray[np.bool_]
+    # How many (2,): cubes, blocks. No cube has block 0.
+    used: npt.NDArray[np.int64]
+
+
+@njit(cache=True, nogil=True, inline="always")
+def pack_key(x, y, z):
+    """Return the key of cube (x, y, z)."""
+    return ((x + KEY_OFFSET) << (2 * KEY_BITS)) | ((y + KEY_OFFSET) << KEY_BITS) | (z + KEY_OFFSET)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def corner(key):
+    """Return the number (x, y, z) of a cube's first voxel."""
+    mask = (1 << KEY_BITS) - 1
+    x = (key >> (2 * KEY_BITS)) - KEY_OFFSET
+    y = ((key >> KEY_BITS) & mask) - KEY_OFFSET
+    z = (key & mask) - KEY_OFFSET
+    return x << CUBE_BITS, y << CUBE_BITS, z << CUBE_BITS
+
+
+@njit(cache=True, nogil=True, inline="always")
+def voxel_in(ix, iy, iz):
+    """Return the number of voxel (ix, iy, iz) in its cube."""
+    mask = CUBE_SIDE - 1
+    return ((ix & mask) << (2 * CUBE_BITS)) | ((iy & mask) << CUBE_BITS) | (iz & mask)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def row_of(cube, k, blocks):
+    """Return the map's row that a cube's row k is."""
+    return (np.int64(blocks[cube, k >> BLOCK_BITS]) << BLOCK_BITS) | (k & (BLOCK_ROWS - 1))
+
+
+@njit(cache=True, nogil=True, inline="always")
+def scatter(number):
+    """Return bits that differ wherever numbers do."""
+    # A product's bit depends on no higher bit of its factors: fold the upper half in, and mix once more.
+    h = np.uint64(number) * np.uint64(0x9E3779B97F4A7C15)
+    h = (h ^ (h >> np.uint64(32))) * np.uint64(0x9E3779B97F4A7C15)
+    return np.int64(h >> np.uint64(32))
+
+
+@njit(cache=True, nogil=True)
+def find_cube(key, cubes):
+    """Return (cube, place): the cube of a key or -1, and where in the table it is or would go."""
+    mask = cubes.table.size - 1
+    place = scatter(key) & mask
+    while True:
+        entry = cubes.table[place]
+        if entry == 0:
+            return -1, place
+        if cubes.key[entry - 1] == key:
+            return np.int64(entry) - 1, place
+        place = (place + 1) & mask
+
+
+@njit(cache=True, nogil=True)
+def make_cube(key, cubes):
+    """Return the cube of a key, a new one where there is none; -1 where there is no room for one more."""
+    cube, place = find_cube(key, cubes)
+    if cube < 0 and cubes.used[0] < cubes.key.size:
+        cube = cubes.used[0]
+        cubes.used[0] += 1
+        cubes.table[place] = cube + 1
+        cubes.key[cube] = key
+        cubes.bits[cube] = LEAST_BITS
+    return cube
+
+
+@njit(cache=True, nogil=True, inline="always")
+def find_row(cube, voxel, cubes, voxels):
+    """Return (row, place): a voxel's row of the map or -1, and where in the cube's table it is or would go."""
+    first, mask = cube << TABLE_BITS, (1 << np.int64(cubes.bits[cube])) - 1
+    place = scatter(voxel) & mask
+    while True:
+        entry = np.int64(cubes.tables[first + place])
+        if entry == 0:
+            return np.int64(-1), first + place
+        row = row_of(cube, entry - 1, cubes.blocks)
+        if voxels[row] == voxel:
+            return row, first + place
+        place = (place + 1) & mask
+
+
+@njit(cache=True, nogil=True)
+def fill_index(cube, cubes, voxels):
+    """Make a cube's table anew, of the size that its rows need."""
+    count = np.int64(cubes.rows[cube])
+    bits = LEAST_BITS
+    while 10 * count > 7 << bits:
+        bits += 1
+    bits = min(bits, TABLE_BITS)
+    first = cube << TABLE_BITS
+    cubes.tables[first : first + (1 << bits)] = 0
+    cubes.bits[cube] = bits
+    mask = (1 << bits) - 1
+    for k in range(count):
+        place = scatter(voxels[row_of(cube, k, cubes.blocks)]) & mask
+        while cubes.tables[first + place] > 0:
+            place = (place + 1) & mask
+        cubes.tables[first + place] = k + 1
+
+
+@njit(cache=True, nogil=True)
+def add_row(cube, voxel, place, cubes, voxels):
+    """Return a new row of a voxel, whose place in the table is known; -1 where there is no room for one more."""
+    k = np.int64(cubes.rows[cube])
+    if k & (BLOCK_ROWS - 1) == 0 and cubes.blocks[cube, k >> BLOCK_BITS] == 0:
+        block = cubes.used[1]
+        if block >= cubes.turn.size - 1:
+            return np.int64(-1)
+        cubes.used[1] += 1
+        cubes.blocks[cube, k >> BLOCK_BITS] = block
+        cubes.cube_of[block] = cube
+        cubes.turn[block] = k >> BLOCK_BITS
+    row = row_of(cube, k, cubes.blocks)
+    voxels[row] = voxel
+    cubes.rows[cube] += 1
+    cubes.tables[place] = k + 1
+    if 10 * (k + 1) > 7 << np.int64(cubes.bits[cube]) and cubes.bits[cube] < TABLE_BITS:
+        fill_index(cube, cubes, voxels)
+    return row
+
+
+@njit(cache=True, nogil=True)
+def rows_at(points, voxel_m, cubes, voxels, weights, rows, missing):
+    """Find for each point (N, 3) the row of the living voxel there, -1 none; written to `rows` (N,) int64.
+
+    Returns how many points lie in cubes that are not in memory; `missing` (N,) int64 begins with these cubes.
+    """
+    inverse, absent = 1.0 / voxel_m, 0
+    for i in range(points.shape[0]):
+        ix = np.int64(np.floor(points[i, 0] * inverse))
+        iy = np.int64(np.floor(points[i, 1] * inverse))
+        iz = np.int64(np.floor(points[i, 2] * inverse))
+        rows[i] = -1
+        cube, _ = find_cube(pack_key(ix >> CUBE_BITS, iy >> CUBE_BITS, iz >> CUBE_BITS), cubes)
+        if cube < 0:
+            continue
+        if cubes.bits[cube] == 0:
+            missing[absent] = cube
+            absent += 1
+            continue
+        row, _ = find_row(cube, voxel_in(ix, iy, iz), cubes, voxels)
+        if row >= 0 and weights[row] > 0.0:
+            rows[i] = row
+    return absent
+
+
+@njit(cache=True, nogil=True)
+def places(rows, voxel_m, cubes, points, xyz):
+    """Write where in the world the points of rows (N,) are to `xyz` (N, 3) float32."""
+    mask = CUBE_SIDE - 1
+    for i in range(rows.size):
+        row = rows[i]
+        x, y, z = corner(cubes.key[cubes.cube_of[row >> BLOCK_BITS]])
+        voxel, place = np.int64(points.voxel[row]), points.place[row]
+        xyz[i, 0] = (x + (voxel >> (2 * CUBE_BITS)) + (place[0] + 0.5) / PLACES) * voxel_m
+        xyz[i, 1] = (y + ((voxel >> CUBE_BITS) & mask) + (place[1] + 0.5) / PLACES) * voxel_m
+        xyz[i, 2] = (z + (voxel & mask) + (place[2] + 0.5) / PLACES) * voxel_m
+
+
+@njit(cache=True, nogil=True)
+def enter(keys, voxel, cubes, voxels, rows):
+    """Make room for points of so many different voxels: keys of their cubes (N,), voxels in these (N,).
+
+    Written to `rows` (N,) int64; -1 where there is no more room.
+    """
+    for i in range(keys.size):
+        rows[i] = -1
+        cube = make_cube(keys[i], cubes)
+        if cube >= 0:
+            _, place = find_row(cube, voxel[i], cubes, voxels)
+            rows[i] = add_row(cube, voxel[i], place, cubes, voxels)
+
+
+@njit(cache=True, nogil=True)
+def in_view(T_camera_world, camera, width, height, far_m, voxel_m, cubes, seen):
+    """Find the cubes that reach into a picture, and no farther than some distance; by their spheres.
+
+    Parameters
+    ----------
+    T_camera_world : (4, 4) float64
+    camera : (4,) float64
+        fx, fy, cx, cy.
+    width, height : int
+    far_m, voxel_m : float
+    cubes : Cubes
+    seen : (C,) int64, output
+        Begins with them, ascending.
+
+    Returns
+    -------
+    int
+        How many there are.
+    """
+    T, count = T_camera_world, 0
+    fx, fy = camera[0], camera[1]
+    # A pixel more on each side than there is.
+    left, right, top, bottom = camera[2] + 1.0, width - camera[2], camera[3] + 1.0, height - camera[3]
+    along_left, along_right = np.sqrt(fx * fx + left * left), np.sqrt(fx * fx + right * right)
+    along_top, along_bottom = np.sqrt(fy * fy + top * top), np.sqrt(fy * fy + bottom * bottom)
+    half = 0.5 * CUBE_SIDE * voxel_m
+    radius = 1.74 * half
+    for cube in range(cubes.used[0]):
+        ix, iy, iz = corner(cubes.key[cube])
+        px, py, pz = ix * voxel_m + half, iy * voxel_m + half, iz * voxel_m + half
+        z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
+        if z < -radius or z > far_m + radius:
+            continue
+        x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]
+        if fx * x + left * z < -radius * along_left or right * z - fx * x < -radius * along_right:
+            continue
+        y = T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]
+        if fy * y + top * z < -radius * along_top or bottom * z - fy * y < -radius * along_bottom:
+            continue
+        seen[count] = cube
+        count += 1
+    return count
+
+
+def empty_cubes(most: int, tables: npt.NDArray[np.uint16]) -> Cubes:
+    """Return room for so many cubes and blocks; memory is taken as they come."""
+    return Cubes(
+        table=np.zeros(2 * most, np.int32),
+        key=np.zeros(most, np.int64),
+        blocks=np.zeros((most, MOST_BLOCKS), np.int32),
+        rows=np.zeros(most, np.int32),
+        dead=np.zeros(most, np.int32),
+        bits=np.zeros(most, np.uint8),
+        tables=tables,
+        cube_of=np.zeros(most + 1, np.int32),
+        turn=np.zeros(most + 1, np.uint8),
+        changed=np.zeros(most + 1, bool),
+        used=np.array([0, 1]),
+    )
+
+
+def columns_of(rows: npt.NDArray[Any]) -> Points:
+    """Return the columns of rows (N,) of type ROW: views."""
+    return Points(*(rows[name] for name in Points._fields))
+
+
+def voxels_of(keys: npt.NDArray[np.int64], voxel: npt.NDArray[np.uint16]) -> npt.NDArray[np.int64]:
+    """Return the voxels of the world (N, 3) that are these in cubes (N,) of these keys."""
+    mask, side = (1 << KEY_BITS) - 1, CUBE_SIDE - 1
+    cube = np.stack([keys >> (2 * KEY_BITS), (keys >> KEY_BITS) & mask, keys & mask], 1) - KEY_OFFSET
+    inside = np.stack([voxel >> (2 * CUBE_BITS), (voxel >> CUBE_BITS) & side, voxel & side], 1)
+    return np.asarray((cube << CUBE_BITS) + inside)

@@ -1,0 +1,137 @@
+"""A place known again by the layout of its objects: where light or the side that it is seen from are other ones.
+
+Objects stand where they stood, most of them. Two that are like two known ones, as far apart, say where a part of the
+scene lies, for both stand level; it is believed when many others then meet what they are like, when no other answer is
+nearly as good, and when the rest of both maps lies in the same place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from cuboid.frame import Float32Array, Float64Array
+from cuboid.geometry.se3 import inverse, transform
+from cuboid.objects.entry import MapObject
+from cuboid.scene.changes import SURE, alike, look_of
+
+# Objects of the part that are looked for, those seen most often, and known ones that each is held against.
+LOOKED_FOR, CANDIDATES = 16, 20
+# Two pairs are as far apart, and objects meet, within this, metres; two nearer each other than that tell no direction.
+APART_M, MEET_M, LEAST_APART_M = 0.03, 0.04, 0.1
+# So many objects meet: in rooms full of objects, three or four do by chance.
+LEAST_MET = 5
+# The next best answer that is another one, farther off than this, metres and radians, is so much worse.
+OTHER_M, OTHER_RAD, CLEARER = 0.1, 0.2, 1.5
+# Of the part's points around, this share has known ones within this, metres.
+AROUND_M, SAME_M, SAME_SHARE = 1.0, 0.03, 0.5
+# Answers that are looked at, those of the most alike pairs.
+ANSWERS = 500
+
+Numbers = npt.NDArray[np.int64]
+
+
+def find_layout(known: Sequence[MapObject], seen: Sequence[MapObject], up: Float64Array) -> Float64Array | None:
+    """Return the motion T_known_seen (4, 4) about up that lets objects meet known ones; None where it is not clear."""
+    seen = sorted(seen, key=lambda o: (-o.frames_seen, o.label))[:LOOKED_FOR]
+    if len(known) < LEAST_MET or len(seen) < LEAST_MET:
+        return None
+    side = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
+    side /= np.linalg.norm(side)
+    level = np.eye(4)
+    level[:3, :3] = np.stack([side, np.cross(up, side), up])
+    looks = [look_of(o) for o in known]
+    like = np.array([[alike(a, o.box, look_of(s), s.box) for a, o in zip(looks, known, strict=True)] for s in seen])
+    k, s = (np.array([o.box.center for o in some]) @ level[:3, :3].T for some in (known, seen))
+    motions = _answers(like, k, s)
+    if not len(motions):
+        return None
+    scores = _scores(motions, like, k, s)
+    best = int(np.argmax(scores))
+    middles = _moved(motions, s.mean(0)[None])[:, 0]
+    turn = np.abs((motions[:, 0] - motions[best, 0] + np.pi) % (2 * np.pi) - np.pi)
+    other = (np.linalg.norm(middles - middles[best], axis=1) > OTHER_M) | (turn > OTHER_RAD)
+    met, there = _met(motions[best], like, k, s)
+    if len(np.unique(there)) < LEAST_MET or scores[best] < CLEARER * scores[other].max(initial=0.0):
+        return None
+    return np.asarray(inverse(level) @ _fitted(k[there], s[met]) @ level)
+
+
+def same_place(known: Float32Array, seen: Float32Array, T_known_seen: Float64Array, around: Float64Array) -> bool:
+    """Tell whether points of a part (N, 3), some of those around a place in it, lie on known ones (M, 3)."""
+    near = seen[np.linalg.norm(seen - around, axis=1) < AROUND_M].astype(np.float64)
+    there = transform(T_known_seen, near)
+    known = known[np.linalg.norm(known - transform(T_known_seen, around), axis=1) < 1.5 * AROUND_M]
+    if not len(near) or not len(known):
+        return False
+    distance, _ = cKDTree(known).query(there, distance_upper_bound=SAME_M)
+    return bool(np.isfinite(distance).mean() >= SAME_SHARE)
+
+
+def _answers(like: Float64Array, known: Float64Array, seen: Float64Array) -> Float64Array:
+    """Return motions (A, 4), yaw and translation in the level frame, that two pairs of like objects tell."""
+    best = np.argsort(-like, axis=1, kind="stable")[:, :CANDIDATES]
+    i = np.repeat(np.arange(len(seen)), best.shape[1])
+    j = best.reshape(-1)
+    alike_enough = like[i, j] >= SURE
+    i, j = i[alike_enough], j[alike_enough]
+    a, b = np.triu_indices(len(i), 1)
+    there, here = known[j[b]] - known[j[a]], seen[i[b]] - seen[i[a]]
+    fits = (i[a] != i[b]) & (j[a] != j[b]) & (np.linalg.norm(here[:, :2], axis=1) >= LEAST_APART_M)
+    fits &= np.abs(np.linalg.norm(there[:, :2], axis=1) - np.linalg.norm(here[:, :2], axis=1)) < APART_M
+    fits &= np.abs(there[:, 2] - here[:, 2]) < APART_M
+    fits[fits] = _most(like[i[a[fits]], j[a[fits]]] * like[i[b[fits]], j[b[fits]]])
+    a, b, there, here = a[fits], b[fits], there[fits], here[fits]
+    yaw = np.arctan2(there[:, 1], there[:, 0]) - np.arctan2(here[:, 1], here[:, 0])
+    turned = _moved(np.column_stack([yaw, np.zeros((len(yaw), 3))]), seen)
+    rows = np.arange(len(yaw))
+    shift = 0.5 * (known[j[a]] + known[j[b]] - turned[rows, i[a]] - turned[rows, i[b]])
+    return np.column_stack([yaw, shift])
+
+
+def _most(values: Float64Array) -> npt.NDArray[np.bool_]:
+    chosen = np.zeros(len(values), bool)
+    chosen[np.argsort(-values, kind="stable")[:ANSWERS]] = True
+    return chosen
+
+
+def _moved(motions: Float64Array, points: Float64Array) -> Float64Array:
+    """Return points (N, 3) after each motion (A, N, 3)."""
+    c, s = np.cos(motions[:, :1]), np.sin(motions[:, :1])
+    x, y, z = points.T
+    return np.stack([c * x - s * y + motions[:, 1:2], s * x + c * y + motions[:, 2:3], z + motions[:, 3:4]], -1)
+
+
+def _scores(motions: Float64Array, like: Float64Array, known: Float64Array, seen: Float64Array) -> Float64Array:
+    """Return how well each motion lets like objects meet, (A,)."""
+    distance, nearest = _nearest(known, _moved(motions, seen))
+    meets = np.isfinite(distance)
+    found = np.where(meets, like[np.arange(len(seen)), np.where(meets, nearest, 0)], 0.0)
+    return np.asarray(np.where(found < SURE, 0.0, found).sum(1))
+
+
+def _met(motion: Float64Array, like: Float64Array, known: Float64Array, seen: Float64Array) -> tuple[Numbers, Numbers]:
+    """Return which objects meet like known ones under a motion, and these."""
+    distance, nearest = _nearest(known, _moved(motion[None], seen)[0])
+    met = np.flatnonzero(np.isfinite(distance))
+    met = met[like[met, nearest[met]] >= SURE]
+    return met, nearest[met]
+
+
+def _nearest(known: Float64Array, points: Float64Array) -> tuple[Float64Array, Numbers]:
+    """Return how far the nearest known place is from points (..., 3), infinite where none is near, and which it is."""
+    distance, nearest = cKDTree(known).query(points, distance_upper_bound=MEET_M)
+    return np.asarray(distance, np.float64), np.asarray(nearest, np.int64)
+
+
+def _fitted(known: Float64Array, seen: Float64Array) -> Float64Array:
+    """Return the motion (4, 4) about the third axis that carries points (N, 3) best to known ones."""
+    x, y = known - known.mean(0), seen - seen.mean(0)
+    yaw = np.arctan2((y[:, 0] * x[:, 1] - y[:, 1] * x[:, 0]).sum(), (x[:, :2] * y[:, :2]).sum())
+    T = np.eye(4)
+    T[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+    T[:3, 3] = known.mean(0) - T[:3, :3] @ seen.mean(0)
+    return T
