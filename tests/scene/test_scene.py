@@ -169,11 +169,8 @@ def test_every_byte_of_the_map_is_under_a_check_sum(path: Path, tmp_path: Path) 
         connection.execute("UPDATE blocks SET data = ? WHERE number = 1", (bytes(data),))
     connection.close()
     assert problems(path) == ["block 1 of the map is damaged: its check sum is wrong"]
-    shown = Shown()
-    with Scene.open(path) as scene:
-        tracker = scene.tracker(CAMERA, proposals=shown.proposals)
-        with pytest.raises(InputError, match="'cuboid scene check --rescue NEW' saves"):  # when it is looked at
-            [tracker.update(frame) for frame in shown.frames]
+    with pytest.raises(InputError, match="'cuboid scene check --rescue NEW' saves"), Scene.open(path) as scene:
+        scene.tracker(CAMERA)
     lost = rescue(path, tmp_path / "new.cuboid")
     assert len(lost) == 1
     assert "block 1 of the map" in lost[0]
@@ -181,7 +178,7 @@ def test_every_byte_of_the_map_is_under_a_check_sum(path: Path, tmp_path: Path) 
     record(tmp_path / "new.cuboid", Shown(), "again")
     with Scene.open(tmp_path / "new.cuboid") as scene:
         assert [item.label for item in scene.objects] == [1, 2]
-        assert [one.complete for one in scene.recordings] == [True, True, True]
+        assert [one.complete for one in scene.recordings] == [True, True]
 
 
 @pytest.mark.parametrize("seed", range(12))

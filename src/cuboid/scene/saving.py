@@ -139,15 +139,15 @@ class StateFile:
         blocks = voxels.take_changed()
         if self._begin:
             blocks, self._begin = np.arange(1, voxels.blocks), False
-        if self._shelf is not None:
-            self._shelf.awaited = blocks
-            if self._shelf.voxels is not voxels:
-                voxels.put_on(self._shelf)
-                self._shelf.voxels = voxels
         changed = {}
         for number in blocks.tolist():
             key, visit, rows = voxels.block(number)
             changed[number] = key, visit, rows.copy()
+        if self._shelf is not None:  # only now: what was put aside before is on another one
+            self._shelf.awaited = blocks
+            if self._shelf.voxels is not voxels:
+                voxels.put_on(self._shelf)
+                self._shelf.voxels = voxels
         return Snapshot(parts, voxels.blocks, changed)
 
     def write(self, connection: sqlite3.Connection, state: Snapshot, *, ended: bool = True) -> None:
