@@ -14,7 +14,7 @@ from targets import TARGETS
 import cuboid.run
 from cuboid.cli import main
 from fakes import FakeTracker
-from scenes import SCENES
+from scene_files import SCENES
 
 COMMANDS = (
     "track", "evaluate", "evaluate trajectory", "render", "report", "export", "slam", "calibrate", "synth", "bench",

@@ -12,7 +12,7 @@ from engine import Outcome, Target, as_before, fault_of, fuzz, quiet_libraries, 
 from targets import TARGETS
 
 from cuboid.errors import InputError
-from scenes import SCENES
+from scene_files import SCENES
 
 HERE = Path(__file__).resolve().parent
 # 2,000 in all, under a minute; one call each, drawn at random.
