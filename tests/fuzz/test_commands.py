@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from engine import alarm, quiet_libraries
 from mutations import WORDS
+from scene_files import SCENES
 from targets import TARGETS
 
 import cuboid.run
 from cuboid.cli import main
 from fakes import FakeTracker
-from scene_files import SCENES
 
 COMMANDS = (
     "track", "evaluate", "evaluate trajectory", "render", "report", "export", "slam", "calibrate", "synth", "bench",

@@ -9,10 +9,10 @@ import pytest
 from changes import Change, kept
 from containers import CONTAINERS, NEEDS
 from engine import Outcome, Target, as_before, fault_of, fuzz, quiet_libraries, try_changes
+from scene_files import SCENES
 from targets import TARGETS
 
 from cuboid.errors import InputError
-from scene_files import SCENES
 
 HERE = Path(__file__).resolve().parent
 # 2,000 in all, under a minute; one call each, drawn at random.
