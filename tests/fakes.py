@@ -74,7 +74,9 @@ def box(x: float = 0.0) -> Box:
 class FakeTracker:
     """One object from the second frame on."""
 
-    def __init__(self, intrinsics: Intrinsics, config: object = None, proposals: object = None) -> None:
+    def __init__(
+        self, intrinsics: Intrinsics, config: object = None, proposals: object = None, *, memory_mb: float = 0.0
+    ) -> None:
         self.intrinsics = intrinsics
         self.frames: list[int] = []
         self.sizes: list[tuple[int, ...]] = []
