@@ -117,6 +117,6 @@ def test_objects_are_tracked_without_given_poses(tmp_path: Path, pictures: list[
         rows = read_trajectory(tmp_path / "out" / name)
         assert ate_m([row.T_world_camera for row in rows], [PATH[k] for k in there]) < 0.008, name
     # the boxes stand in the world of the first camera
-    box = min((o.box for o in outcome.objects), key=lambda b: abs(b.size.prod() - 0.4 * 0.3 * 0.3))
+    box = min((o.box for o in outcome.objects), key=lambda b: np.abs(b.size - [0.4, 0.3, 0.3]).sum())
     center = se3.transform(PATH[0], box.center)
     assert np.linalg.norm(center - [-0.6, 0.5, 0.15]) < 0.06
