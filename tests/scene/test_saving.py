@@ -100,7 +100,10 @@ def test_goes_on_from_any_cut(seed: int, tmp_path: Path) -> None:
 def test_parts_of_the_map_leave_memory_and_come_back(scene: bool, tmp_path: Path) -> None:
     """No result depends on how much memory there is."""
     show = Show(1)
-    whole, poor = show.tracker(), Tracker(CAMERA, proposals=lambda frame, _: show.proposals[frame.index], memory_mb=1.0)
+    whole, poor = (
+        Tracker(CAMERA, proposals=lambda frame, _: show.proposals[frame.index], memory_mb=most_mb)
+        for most_mb in (float("inf"), 1.0)
+    )
     file = open_to_write(tmp_path / "a.cuboid", create=True)
     reader = open_to_read(tmp_path / "a.cuboid")
     shelf = SceneShelf(reader, tmp_path / "a.cuboid")
