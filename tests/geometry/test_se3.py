@@ -37,6 +37,16 @@ def test_half_turns_have_their_axis(axis):
     np.testing.assert_allclose(np.abs(se3.quat_wxyz_from_rotation(R)), expected, atol=1e-15)
 
 
+def test_quaternions_of_many_rotations_are_those_of_each() -> None:
+    rng = np.random.default_rng(3)
+    quats = rng.normal(size=(200, 4))
+    quats[::4, 0] = 0.0  # half turns
+    R = np.array([se3.rotation_from_quat_wxyz(quat) for quat in (*quats, *np.eye(4))])
+    many = se3.quats_wxyz_from_rotations(R)
+    np.testing.assert_allclose(many, [se3.quat_wxyz_from_rotation(one) for one in R], atol=1e-15)
+    assert se3.quats_wxyz_from_rotations(np.empty((0, 3, 3))).shape == (0, 4)
+
+
 def test_a_quarter_turn_about_z_takes_x_to_y():
     T = se3.compose((np.sqrt(0.5), 0, 0, np.sqrt(0.5)), (10, 20, 30))
     np.testing.assert_allclose(se3.transform(T, (1, 0, 0)), (10, 21, 30), atol=1e-12)

@@ -22,6 +22,9 @@ from cuboid.store.snapshot import key_of, snapshot
 # After so many recordings their files are gathered: as many small files are read in a second or two.
 GATHER_EVERY = 512
 
+# A worker looks at the files of so many recordings at once: a task a recording would take longer than the look.
+LOOK_AT = 16
+
 
 @dataclass(frozen=True, slots=True)
 class Order:
@@ -79,7 +82,9 @@ def plan(client: Client, sources: Iterable[Source], order: Order) -> Plan:
         The store cannot be read.
     """
     sources = list(sources)
-    heads = client.gather(client.map(identify, sources, settings=order.settings, version=order.version, pure=False))
+    some = [sources[k : k + LOOK_AT] for k in range(0, len(sources), LOOK_AT)]
+    looks = client.map(identify, some, settings=order.settings, version=order.version, pure=False)
+    heads = [head for heads in client.gather(looks) for head in heads]
     known = snapshot(Place(order.store), every_key=True).keys
     tasks: list[Task] = []
     broken: dict[Source, str] = {}

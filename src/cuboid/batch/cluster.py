@@ -80,6 +80,7 @@ class Workers:
                 threads_per_worker=1,
                 memory_limit=self.memory_limit,
                 dashboard_address="127.0.0.1:0",
+                scheduler_sync_interval="1 minute",  # what a display in a notebook would ask for each second
                 silence_logs=logging.CRITICAL,
             )
         except (RuntimeError, OSError) as error:  # no port, no process, no place for the workers' files

@@ -60,12 +60,13 @@ def _local(path: str) -> Iterator[_File]:
         if not os.path.isdir(path):
             yield _stated("", os.stat(path))
             return
+        start = len(os.path.join(path, ""))
         for folder, folders, names in os.walk(path):
             folders[:] = [name for name in folders if not name.startswith(".")]
             for name in names:
                 if not name.startswith("."):
                     whole = os.path.join(folder, name)
-                    yield _stated(os.path.relpath(whole, path), os.lstat(whole))
+                    yield _stated(whole[start:], os.lstat(whole))
     except OSError as error:
         raise InputError(f"{error.filename or path} cannot be read: {error.strerror}") from None
 

@@ -75,8 +75,12 @@ class Ended:
     objects: int = 0
 
 
-def identify(source: Source, settings: dict[str, Any], version: str) -> RunHead | str:
-    """Return what a task is of, or in one line why nobody can tell."""
+def identify(sources: list[Source], settings: dict[str, Any], version: str) -> list[RunHead | str]:
+    """Return what the task of each source is of, or in one line why nobody can tell."""
+    return [_identified(source, settings, version) for source in sources]
+
+
+def _identified(source: Source, settings: dict[str, Any], version: str) -> RunHead | str:
     try:
         return head_of(source, settings, version)
     except InputError as error:

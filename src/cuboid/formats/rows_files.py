@@ -116,6 +116,12 @@ class ProposalEntry(Row, frozen=True):
         _refuse_inverted(self.x0, self.y0, self.x1, self.y1)
 
 
+class ProposalLabel(Row, frozen=True):
+    """The label alone of a line of `proposals.csv`."""
+
+    label: LabelOrNone
+
+
 class PoseEntry(Row, frozen=True):
     """A camera pose (camera to world) and its time, the TUM form: `trajectory.txt`."""
 

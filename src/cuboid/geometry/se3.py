@@ -84,6 +84,25 @@ def quat_wxyz_from_rotation(rotation: npt.ArrayLike) -> Float64Array:
     return -quat if quat[0] < 0 else quat
 
 
+def quats_wxyz_from_rotations(rotations: npt.ArrayLike) -> Float64Array:
+    """Return the unit quaternions (N, 4) of rotation matrices (N, 3, 3), as `quat_wxyz_from_rotation` does of one."""
+    R = np.asarray(rotations, np.float64).reshape(-1, 3, 3)
+    (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(R, 0, -1)
+    trace = a + e + i
+    x, y, z = h - f, c - g, d - b
+    products = np.array(
+        [
+            [1 + trace, x, y, z],
+            [x, 1 + 2 * a - trace, d + b, g + c],
+            [y, d + b, 1 + 2 * e - trace, h + f],
+            [z, g + c, h + f, 1 + 2 * i - trace],
+        ]
+    )  # four times the product of each component, first axis, with each of the others
+    quats = products[np.argmax((trace, a, e, i), axis=0), :, np.arange(len(R))]
+    quats /= np.linalg.norm(quats, axis=1, keepdims=True)
+    return np.where(quats[:, :1] < 0, -quats, quats)
+
+
 def compose(quat_wxyz: npt.ArrayLike, translation: npt.ArrayLike) -> Float64Array:
     """Return the (4, 4) matrix of a quaternion (w, x, y, z) and a translation (3,) in metres.
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.formats.rows_files import PoseEntry, ProposalEntry, TrackEntry
+from cuboid.formats.rows_files import PoseEntry, ProposalEntry, ProposalLabel, TrackEntry
 from cuboid.formats.table_door import header_of, read_lines, read_table
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
@@ -141,7 +141,7 @@ def read_proposals(path: Path) -> list[ProposalRow]:
 
 def read_proposal_labels(path: Path) -> list[int]:
     """Read the labels alone of `proposals.csv`; parameters and errors are those of `read_tracks`."""
-    return [row.label for _, row in read_table(path, ProposalEntry)]
+    return [row.label for _, row in read_table(path, ProposalLabel, any_order=True)]
 
 
 def read_trajectory(path: Path) -> list[PoseRow]:

@@ -9,10 +9,13 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import PurePosixPath
 
+import duckdb
 import msgspec
 import pyarrow as pa
 
+from cuboid.errors import InputError, one_line
 from cuboid.store.place import Place
+from cuboid.store.query import connected, listed
 from cuboid.store.schema import TABLES
 from cuboid.store.snapshot import Manifest, Part, Snapshot, manifest_name, manifests, name_of, snapshot
 
@@ -92,7 +95,7 @@ def _gather(place: Place, before: Snapshot) -> tuple[dict[str, list[str]], list[
             else:
                 kept.append(name)
         for day, names in sorted(days.items()):
-            rows = pa.concat_tables([place.read_table(name).cast(kind.schema) for name in names])
+            rows = _rows(place, names).cast(kind.schema)
             digest = hashlib.sha256("\n".join(sorted(names)).encode()).hexdigest()[:20]
             name = name_of(table, day, f"gathered-{digest}")
             place.put_table(name, kind.sorted(rows), kind.group_rows)
@@ -100,6 +103,20 @@ def _gather(place: Place, before: Snapshot) -> tuple[dict[str, list[str]], list[
             kept.append(name)
         files[table] = sorted(kept)
     return files, written
+
+
+def _rows(place: Place, names: list[str]) -> pa.Table:
+    """Return the rows of all files, small ones, which DuckDB opens quickly; FileNotFoundError where one is gone."""
+    with connected(place, {"threads": 1}) as connection:
+        try:
+            return connection.sql(
+                f"select * from read_parquet({listed(place, names)}, hive_partitioning = false)"
+            ).to_arrow_table()
+        except duckdb.Error as error:
+            gone = next((name for name in names if not place.fs.exists(place.path(name))), None)
+            if gone is not None:
+                raise FileNotFoundError(gone) from None
+            raise InputError(f"{place.url}: cannot be gathered: {one_line(str(error))}") from None
 
 
 def _by_day(parts: Iterable[Part], table: str) -> dict[str, list[str]]:

@@ -20,6 +20,9 @@ from cuboid.outputs.pending import PendingFile
 # Whose errors are refusals of an object store.
 CLOUD_PACKAGES = ("botocore", "aiobotocore", "gcsfs", "azure", "aiohttp")
 
+# With fewer rows dictionaries of values take as long to make as everything else, and spare nothing.
+DICTIONARY_ROWS = 10_000
+
 
 class Place:
     """A folder that is written file by file.
@@ -70,6 +73,11 @@ class Place:
     def path(self, name: str) -> str:
         """Return what the file system calls a file of the folder."""
         return f"{self.root.rstrip('/')}/{name}"
+
+    def address(self, name: str) -> str:
+        """Return what DuckDB calls a file of the folder: a path, or a URL of the file system."""
+        path = self.path(name)
+        return path if self.local is not None else str(self.fs.unstrip_protocol(path))
 
     def names(self, folder: str) -> list[str]:
         """Return all files below a folder, relative to the store, sorted; none where there is no such folder."""
@@ -138,7 +146,8 @@ class Place:
     def put_table(self, name: str, table: pa.Table, group_rows: int) -> None:
         """Write a table as a file of Parquet, in groups of so many rows."""
         content = io.BytesIO()
-        pq.write_table(table, content, compression="zstd", row_group_size=group_rows)
+        many = len(table) >= DICTIONARY_ROWS
+        pq.write_table(table, content, compression="zstd", row_group_size=group_rows, use_dictionary=many)
         self.put(name, content.getvalue())
 
     def read_table(self, name: str, columns: list[str] | None = None) -> pa.Table:

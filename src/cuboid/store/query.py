@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 import duckdb
@@ -46,9 +46,7 @@ class Tables:
         self._files = snapshot(self._place)
         if self._files.empty:
             raise InputError(f"{self.url}: expected a store that 'cuboid batch' wrote, found no runs in it")
-        self._connection = duckdb.connect(config={"threads": self._threads, "memory_limit": MEMORY_LIMIT})
-        if self._place.local is None:
-            self._connection.register_filesystem(self._place.fs)
+        self._connection = connected(self._place, {"threads": self._threads, "memory_limit": MEMORY_LIMIT})
         for table in TABLES:
             self._connection.execute(f"create view {table} as {self._select(table, self._files)}")
         self._connection.execute("set parquet_metadata_cache = true")
@@ -58,16 +56,11 @@ class Tables:
         )
 
     def _select(self, table: str, files: Snapshot) -> str:
-        names = [self._address(name) for name in files.files(table)]
+        names = files.files(table)
         if not names:  # every recording failed
             self._connection.register(f"_{table}", pa.Table.from_pylist([], schema=TABLES[table].schema))
             return f"select *, null::date as day from _{table}"
-        listed = ", ".join("'" + name.replace("'", "''") + "'" for name in names)
-        return f"select * from read_parquet([{listed}], hive_partitioning = true)"
-
-    def _address(self, name: str) -> str:
-        path = self._place.path(name)
-        return path if self._place.local is not None else str(self._place.fs.unstrip_protocol(path))
+        return f"select * from read_parquet({listed(self._place, names)}, hive_partitioning = true)"
 
     def refresh(self) -> None:
         """Take the tables as they are now."""
@@ -102,6 +95,20 @@ class Tables:
                     raise InputError(_first_line(error)) from None
                 self._open()  # the files were gathered into others meanwhile
         return answer()
+
+
+def connected(place: Place, config: dict[str, Any]) -> duckdb.DuckDBPyConnection:
+    """Return a DuckDB in memory that can read the files of a place."""
+    connection = duckdb.connect(config=config)
+    if place.local is None:
+        connection.register_filesystem(place.fs)
+    return connection
+
+
+def listed(place: Place, names: Iterable[str]) -> str:
+    """Return files of a place as a list in SQL."""
+    addresses = (place.address(name).replace("'", "''") for name in names)
+    return "[" + ", ".join(f"'{address}'" for address in addresses) + "]"
 
 
 def _first_line(error: Exception) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from cuboid.frame import Intrinsics
 from cuboid.geometry.box import Box
-from cuboid.geometry.se3 import quat_wxyz_from_rotation
+from cuboid.geometry.se3 import quats_wxyz_from_rotations
 from cuboid.outputs import FinishedResults, RunReport
 from cuboid.posing import LOST
 from cuboid.results import TrackedObject
@@ -191,10 +191,14 @@ def _recording(head: RunHead, results: FinishedResults, read_as: ReadAs, begin: 
     }
 
 
-def _box(box: Box) -> dict[str, float]:
-    values = (*box.center, *box.size, *quat_wxyz_from_rotation(box.rotation))
+def _boxes(boxes: Sequence[Box]) -> list[dict[str, float]]:
+    """Return the columns of boxes, a dict a box."""
+    if not boxes:
+        return []
+    quats = quats_wxyz_from_rotations([box.rotation for box in boxes])
+    values = np.hstack(([box.center for box in boxes], [box.size for box in boxes], quats))
     names = ("center_x_m", "center_y_m", "center_z_m", "length_m", "width_m", "height_m", "qw", "qx", "qy", "qz")
-    return dict(zip(names, map(float, values), strict=True))
+    return [dict(zip(names, row, strict=True)) for row in values.tolist()]
 
 
 def _objects(results: FinishedResults, pictures: Mapping[int, Picture], begin: datetime) -> list[dict[str, Any]]:
@@ -206,12 +210,13 @@ def _objects(results: FinishedResults, pictures: Mapping[int, Picture], begin: d
         return datetime.fromtimestamp(begin.timestamp() + after_s, UTC)
 
     rows = []
-    for item in results.found.objects:
+    objects = results.found.objects
+    for item, box in zip(objects, _boxes([item.box for item in objects]), strict=True):
         longest, middle, shortest = sorted(map(float, item.box.size), reverse=True)
         rows.append(
             {
                 "label": item.label,
-                **_box(item.box),
+                **box,
                 "longest_m": longest,
                 "middle_m": middle,
                 "shortest_m": shortest,
@@ -266,10 +271,10 @@ def _sightings(results: FinishedResults) -> list[dict[str, Any]]:
             "frame": row.frame,
             "timestamp_s": row.timestamp_s,
             "label": row.label,
-            **_box(row.box),
+            **box,
             "iou": row.iou,
             "visible": row.visible,
-            **dict(zip(("x0_px", "y0_px", "x1_px", "y1_px"), map(float, row.rect_xyxy), strict=True)),
+            **dict(zip(("x0_px", "y0_px", "x1_px", "y1_px"), row.rect_xyxy.tolist(), strict=True)),
         }
-        for row in results.tracks
+        for row, box in zip(results.tracks, _boxes([row.box for row in results.tracks]), strict=True)
     ]
