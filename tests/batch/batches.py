@@ -17,6 +17,10 @@ from fakes import write_recording
 
 HERE = Path(__file__).resolve().parent
 
+# What hangs ends after so long. It says nothing about how quick anything is: a busy machine takes minutes where a
+# quiet one takes seconds, for each worker that is started, or started again, loads all packages.
+LIMIT_S = 600
+
 
 def surroundings(frame_s: float = 0.0) -> dict[str, str]:
     """The environment in which workers load the quick tracker."""
@@ -25,6 +29,8 @@ def surroundings(frame_s: float = 0.0) -> dict[str, str]:
         "PYTHONPATH": os.pathsep.join((str(HERE), str(HERE.parent))),
         "DASK_DISTRIBUTED__WORKER__PRELOAD": '["quick_workers"]',
         "CUBOID_TEST_FRAME_S": str(frame_s),
+        # As on a machine so busy that a worker takes long to come again: Dask must not give it up.
+        "DASK_DISTRIBUTED__DEPLOY__LOST_WORKER_TIMEOUT": "100ms",
     }
 
 
@@ -36,7 +42,7 @@ def call(*words: object) -> list[str]:
 def run(*words: object, frame_s: float = 0.0) -> subprocess.CompletedProcess[str]:
     """Run a command to its end."""
     return subprocess.run(
-        call(*words), capture_output=True, text=True, timeout=180, check=False, env=surroundings(frame_s)
+        call(*words), capture_output=True, text=True, timeout=LIMIT_S, check=False, env=surroundings(frame_s)
     )
 
 

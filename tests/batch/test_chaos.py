@@ -11,7 +11,7 @@ from pathlib import Path
 
 import psutil
 
-from batches import call, content, recordings, run, states, surroundings
+from batches import LIMIT_S, call, content, recordings, run, states, surroundings
 
 # More with CUBOID_CHAOS=200.
 COUNT = int(os.environ.get("CUBOID_CHAOS", "12"))
@@ -61,12 +61,12 @@ def test_killed_workers_and_clients_lose_nothing_and_double_nothing(tmp_path: Pa
         if not last:
             children = psutil.Process(process.pid).children(recursive=True) if process.poll() is None else []
             process.send_signal(signal.SIGKILL)
-            _, alive = psutil.wait_procs(children, timeout=20)
+            _, alive = psutil.wait_procs(children, timeout=LIMIT_S)
             assert not alive, "workers end when their client is gone"
             process.communicate()
             continue
         try:
-            _, said = process.communicate(timeout=120)
+            _, said = process.communicate(timeout=LIMIT_S)
         except subprocess.TimeoutExpired:
             process.kill()
             raise
@@ -91,7 +91,7 @@ def test_two_batches_on_one_store_do_all_once(tmp_path: Path) -> None:
         for _ in range(2)
     ]
     for process in both:
-        _, said = process.communicate(timeout=120)
+        _, said = process.communicate(timeout=LIMIT_S)
         assert process.returncode == 0, said
     assert len(states(tmp_path / "store")) == 6
     alone = run("batch", source, "--output", tmp_path / "alone", "--workers", 2)

@@ -12,9 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from batches import content, paint, recordings, run, states, surroundings
-
-START_S = 60
+from batches import LIMIT_S, content, paint, recordings, run, states, surroundings
 
 
 @contextmanager
@@ -31,7 +29,7 @@ def dask(*words: object) -> Iterator[subprocess.Popen[bytes]]:
             yield process
         finally:
             process.terminate()
-            process.wait(START_S)
+            process.wait(LIMIT_S)
 
 
 @pytest.fixture(scope="module")
@@ -41,9 +39,10 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     file = folder / "scheduler.json"
     here = ("--host", "127.0.0.1", "--scheduler-file", file)
     worker = ("worker", "--scheduler-file", file, "--nworkers", 2, "--nthreads", 1, "--memory-limit", "2GiB")
-    with dask("scheduler", *here, "--port", 0, "--no-dashboard"):
-        until = time.monotonic() + START_S
+    with dask("scheduler", *here, "--port", 0, "--no-dashboard") as scheduler:
+        until = time.monotonic() + LIMIT_S
         while not file.is_file():
+            assert scheduler.poll() is None, "the scheduler ended"
             assert time.monotonic() < until, "no scheduler came up"
             time.sleep(0.1)
         with dask(*worker, "--no-dashboard", "--local-directory", folder):

@@ -102,6 +102,8 @@ class Workers:
             "distributed.admin.system-monitor.interval": "5s",
             "distributed.scheduler.active-memory-manager.start": False,
             "distributed.scheduler.work-stealing-interval": "1s",
+            # A worker that is gone for long is being started again, by its nanny; Dask would give both up after 15 s.
+            "distributed.deploy.lost-worker-timeout": "1000 days",
             "distributed.nanny.pre-spawn-environ": {**dict.fromkeys(POOLS, "1"), "MALLOC_TRIM_THRESHOLD_": "65536"},
         }
 
