@@ -17,7 +17,7 @@ from cuboid.geometry.se3 import inverse
 from cuboid.heatmap.carrying import moved_with
 from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.kernels.claims import BOTTOM, LEFT, RIGHT, TOP
+from cuboid.kernels.outlines import BOTTOM, LEFT, RIGHT, TOP
 from cuboid.kernels.pixels import stand_on
 from cuboid.limits import MEMORY_MB, MOST_PROPOSALS
 from cuboid.object_table import ObjectTable

@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cuboid.kernels.claims import (
+from cuboid.kernels.claims import common, share_out, shared, vote
+from cuboid.kernels.outlines import (
     BORDER,
     BOTTOM,
     CONTACT,
@@ -21,11 +22,7 @@ from cuboid.kernels.claims import (
     SUPPORT,
     TOP,
     UNSURE,
-    common,
     outlines,
-    share_out,
-    shared,
-    vote,
 )
 
 HEIGHT, WIDTH = 16, 24

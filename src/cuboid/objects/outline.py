@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float64Array
-from cuboid.kernels.claims import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, LEFT, RIGHT, SUPPORT, TOP, UNSURE
+from cuboid.kernels.outlines import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, LEFT, RIGHT, SUPPORT, TOP, UNSURE
 
 # Log-odds that a sighting adds which shows all of an outline, all of it free: two or three make an object sure.
 CLEAR = log(99.0) / 2.0
@@ -32,7 +32,7 @@ def told_by(outlines: Outline) -> Float64Array:
     Parameters
     ----------
     outlines : (N, 4, KINDS)
-        Pixels by side and kind; see `kernels.claims.outlines`.
+        Pixels by side and kind; see `kernels.outlines.outlines`.
     """
     kinds = outlines.sum(1)
     # Everything stands on something, known or not.
