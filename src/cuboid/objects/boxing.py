@@ -12,7 +12,8 @@ from cuboid.boxes.hidden import clear_of, with_foot, with_hidden
 from cuboid.boxes.revolved import revolved
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
-from cuboid.heatmap.voxel_map import Rows, VoxelMap
+from cuboid.heatmap.stored_points import Rows
+from cuboid.heatmap.voxel_map import VoxelMap
 
 # Share of an object's trust that lies outside its surface at each side: the tails of the sensor's noise.
 STRAY_SHARE = 0.008

@@ -6,7 +6,8 @@ import numpy as np
 
 from cuboid.frame import UInt8Array
 from cuboid.geometry.box import Box
-from cuboid.heatmap.voxel_map import Rows, VoxelMap
+from cuboid.heatmap.stored_points import Rows
+from cuboid.heatmap.voxel_map import VoxelMap
 
 # What lies this near a side of the box, voxels, makes that side; it goes on where there are points so far beyond it,
 # voxels.
