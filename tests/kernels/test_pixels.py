@@ -5,7 +5,8 @@ import pytest
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from cuboid.kernels.pixels import drop_mixed, gather_regions, join_surfaces, label_regions, stand_on, sum_regions
+from cuboid.kernels.pieces import gather_regions, join_surfaces, label_regions, sum_regions
+from cuboid.kernels.pixels import drop_mixed, stand_on
 
 CAMERA = np.array([50.0, 50.0, 31.5, 23.5])
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.kernels import patches, regions, segments
+from cuboid.kernels import holes, patches, regions, segments, unions
 from cuboid.kernels.cells import CELL_COLUMNS, fit_cells
 
 PINHOLE = np.array([265.0, 265.0, 79.5, 59.5])
@@ -124,7 +124,7 @@ def fill(kind: np.ndarray, labels: np.ndarray, color: np.ndarray, reach_px: floa
     labels, cost = labels.copy(), np.empty(kind.shape, np.float32)
     queue = np.empty(kind.size, np.int32)
     on = np.where(kind == segments.PLANE, 0, -1).astype(np.int8)
-    regions.fill_holes(kind, on, color, 1, 12.0, reach_px / 100.0, 100.0, labels, inverse, cost, queue)
+    holes.fill_holes(kind, on, color, 1, 12.0, reach_px / 100.0, 100.0, labels, inverse, cost, queue)
     return labels
 
 
@@ -234,7 +234,7 @@ def test_joining_takes_the_weakest_outline_first_and_keeps_every_union() -> None
         weight[a, b] = weight[b, a] = strength * 10.0
     members, found = np.empty((10, 5), np.uint8), np.empty((10, regions.COLUMNS))
     parts = np.empty((10, 2), np.int32)
-    n = regions.join(table, contact, weight, 4, 100.0, 1.0, members, found, parts)
+    n = unions.join(table, contact, weight, 4, 100.0, 1.0, members, found, parts)
     assert members[:n, 1:].tolist() == [
         [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [1, 1, 0, 0], [1, 1, 1, 0]
     ]  # fmt: skip
@@ -259,9 +259,9 @@ def test_pairs_are_the_neighbours_that_joining_never_took_alone() -> None:
         weight[a, b] = weight[b, a] = strength * 10.0
     members, found = np.empty((20, 5), np.uint8), np.empty((20, regions.COLUMNS))
     parts = np.empty((20, 2), np.int32)
-    n = regions.join(table.copy(), contact.copy(), weight.copy(), 4, 100.0, 1.0, members, found, parts)
+    n = unions.join(table.copy(), contact.copy(), weight.copy(), 4, 100.0, 1.0, members, found, parts)
     assert members[4:n, 1:].tolist() == [[0, 1, 1, 0], [1, 1, 1, 0]]
-    m = regions.pair(table, contact, weight, 4, 100.0, 1.0, n, members, found, parts)
+    m = unions.pair(table, contact, weight, 4, 100.0, 1.0, n, members, found, parts)
     assert members[n:m, 1:].tolist() == [[1, 1, 0, 0]]
     assert parts[n].tolist() == [0, 1]
     assert found[n, regions.PIXELS] == 200
@@ -340,5 +340,5 @@ def test_of_regions_that_are_nearly_the_same_the_best_one_is_kept() -> None:
     assert len(kept) < 50, "some are the same"
     for most in (60, 10):
         chosen = np.empty(most, np.int64)
-        number = regions.distinct(order, members, pixels, weight, 0.8, chosen)
+        number = unions.distinct(order, members, pixels, weight, 0.8, chosen)
         assert chosen[:number].tolist() == kept[:most]

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, UInt8Array
 from cuboid.kernels import votes as kernel
-from cuboid.kernels.pixels import label_regions
+from cuboid.kernels.pieces import label_regions
 from cuboid.proposals.types import Proposals
 from cuboid.working import WorkingImage
 

@@ -12,7 +12,7 @@ from cuboid.geometry.se3 import inverse
 from cuboid.heatmap.carrying import average, keys_of, moved_with, oldest
 from cuboid.heatmap.stored_points import Rows, StoredPoints
 from cuboid.kernels import claims as kernel_claims
-from cuboid.kernels import cubes as kernel_cubes
+from cuboid.kernels import lookup
 from cuboid.kernels import voxels as kernel
 from cuboid.kernels.cubes import HEATS, LEVELS, PLACES, ROW
 from cuboid.working import WorkingImage
@@ -54,7 +54,7 @@ class VoxelMap(StoredPoints):
 
     def _in_view(self, image: WorkingImage, T_camera_world: Float64Array) -> Rows:
         """Return the cubes that a frame may see, or see through."""
-        count = kernel_cubes.in_view(
+        count = lookup.in_view(
             np.ascontiguousarray(T_camera_world), _pinhole(image), image.camera.width, image.camera.height,
             float(image.depth_m.max(initial=0.0)), self.voxel_m, self._cubes, self._seen,
         )  # fmt: skip
@@ -194,7 +194,7 @@ class VoxelMap(StoredPoints):
         points = np.ascontiguousarray(points)
         rows, missing = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
         asked = self.voxel_m, self._cubes, self._points.voxel, self._points.weight, rows, missing
-        while absent := kernel_cubes.rows_at(points, *asked):
+        while absent := lookup.rows_at(points, *asked):
             self._bring(missing[:absent])
         return rows
 
@@ -210,7 +210,7 @@ class VoxelMap(StoredPoints):
     def xyz(self, rows: Rows) -> Float32Array:
         """Return world points (N, 3) of these rows."""
         xyz = np.empty((len(rows), 3), np.float32)
-        kernel_cubes.places(rows, self.voxel_m, self._cubes, self._points, xyz)
+        lookup.places(rows, self.voxel_m, self._cubes, self._points, xyz)
         return xyz
 
     def rgb(self, rows: Rows) -> UInt8Array:

@@ -17,9 +17,10 @@ import numpy.typing as npt
 from cuboid.config import TrackerConfig
 from cuboid.errors import InputError
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
-from cuboid.kernels import patches, regions, segments
+from cuboid.kernels import patches, regions, segments, unions
 from cuboid.kernels.blocks import halve_depth
 from cuboid.kernels.cells import CELL_COLUMNS, fit_cells
+from cuboid.kernels.holes import fill_holes
 from cuboid.kernels.pixels import drop_mixed
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource
@@ -138,7 +139,7 @@ def _regions(
     sizes = np.empty(SEGMENTS + 1, np.int32)
     segments.mark(inverse, kind, camera.fx, noise, JUMP_M, ARM_M, BEND, smooth, marks)
     last = segments.label_surfaces(inverse, kind, marks, LEAST_PIXELS, labels, queue, sizes)
-    regions.fill_holes(
+    fill_holes(
         kind, on, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse, cost, queue
     )
     table = np.empty((last + 1, regions.COLUMNS))
@@ -150,8 +151,8 @@ def _regions(
     measures = np.empty((room + planes, regions.COLUMNS))
     parts = np.full((room + planes, 2), -1, np.int32)
     neighbours = contact, weight, last, camera.fx, config.max_size_m
-    n = regions.join(table.copy(), contact.copy(), weight.copy(), *neighbours[2:], members, measures, parts)
-    n = regions.pair(table, *neighbours, n, members[:room], measures, parts)
+    n = unions.join(table.copy(), contact.copy(), weight.copy(), *neighbours[2:], members, measures, parts)
+    n = unions.pair(table, *neighbours, n, members[:room], measures, parts)
     # Planes come after: they bound the segments, and are proposed each for itself.
     members[n + np.arange(planes), -1 - np.arange(planes)] = 1
     whole = measures[n : n + planes]
@@ -210,7 +211,7 @@ def _best(scores: Float32Array, found: _Regions) -> npt.NDArray[np.int64]:
     single = found.parts[:, 0] < 0
     weight, kept = np.zeros(found.members.shape[1], np.int64), np.empty(MOST, np.int64)
     weight[found.members[single].argmax(1)] = pixels[single]
-    return kept[: regions.distinct(order, found.members, pixels, weight, SAME_REGION, kept)]
+    return kept[: unions.distinct(order, found.members, pixels, weight, SAME_REGION, kept)]
 
 
 def _as_proposals(found: _Regions, scores: Float32Array, order: npt.NDArray[np.int64], step: int) -> Proposals:

@@ -13,7 +13,7 @@ from cuboid.frame import Float32Array, Float64Array
 from cuboid.heatmap.pixel_heat import JUMP_M, WeighedProposals
 from cuboid.kernels.claims import share_out
 from cuboid.kernels.outlines import KINDS, outlines
-from cuboid.kernels.pixels import gather_regions, join_surfaces, label_regions, sum_regions
+from cuboid.kernels.pieces import gather_regions, join_surfaces, label_regions, sum_regions
 from cuboid.limits import MOST_CLUSTERS
 from cuboid.working import WorkingImage
 
