@@ -24,6 +24,7 @@ from cuboid.kernels.outlines import (
     UNSURE,
     outlines,
 )
+from cuboid.tolerances import JUMP_SIGMAS
 
 HEIGHT, WIDTH = 16, 24
 SIDES = np.array([BOTTOM, TOP, RIGHT, LEFT])  # of a camera held upright: below, above, right, left
@@ -153,7 +154,7 @@ def slow_outlines(
                 outline[a, side, BORDER if len(inside) < len(ray) else FREE if edge else UNSURE] += 1
                 continue
             b, beyond = int(claim[hit]), float(np.float32(readings[hit])) - float(z)
-            limit = JUMP_M + 4 * NOISE * float(z) ** 2
+            limit = JUMP_M + JUMP_SIGMAS * NOISE * float(z) ** 2
             if b >= 0:
                 contact[a, b] += 1
             if on_plane[hit] >= 0 and on_plane[hit] == plane_of[a]:

@@ -5,6 +5,7 @@ import pytest
 
 from cuboid.kernels import holes, patches, regions, segments, unions
 from cuboid.kernels.cells import CELL_COLUMNS, fit_cells
+from cuboid.tolerances import JUMP_SIGMAS
 
 PINHOLE = np.array([265.0, 265.0, 79.5, 59.5])
 SHAPE = (120, 160)
@@ -280,7 +281,7 @@ def plain_jumps(inverse: np.ndarray, kind: np.ndarray, jump: float) -> tuple[np.
 
     for v, u in zip(*np.nonzero(inverse), strict=True):
         w = at(v, u)
-        limit = jump * w * w + 4.0 * NOISE
+        limit = jump * w * w + JUMP_SIGMAS * NOISE
         for bit, dv, du in ((segments.RIGHT, 0, 1), (segments.DOWN, 1, 0)):
             before, there, after = at(v - dv, u - du), at(v + dv, u + du), at(v + 2 * dv, u + 2 * du)
             goes_on = before > 0 and abs(2 * w - before - there) < limit and abs(w - before) < 2 * abs(w - there)
@@ -316,7 +317,7 @@ def test_masks_are_those_pixels_whose_segment_is_in(step: int) -> None:
     boxes = np.array([[0, 0, 20, 12], [3, 2, 9, 7], [19, 11, 20, 12]], np.int32)
     sizes = (boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1]) * step * step
     masks = np.full(sizes.sum(), 9, np.uint8)
-    segments.cut_masks(labels, members, chosen, boxes, step, masks)
+    unions.cut_masks(labels, members, chosen, boxes, step, masks)
     ends = np.cumsum(sizes)
     for k, (x0, y0, x1, y1) in enumerate(boxes):
         # Label -1 is the entry behind all others, and plane p the one p + 1 before that.

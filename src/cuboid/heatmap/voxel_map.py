@@ -15,14 +15,13 @@ from cuboid.kernels import claims as kernel_claims
 from cuboid.kernels import lookup
 from cuboid.kernels import voxels as kernel
 from cuboid.kernels.cubes import HEATS, LEVELS, PLACES, ROW
+from cuboid.tolerances import LEAST_READINGS
 from cuboid.working import WorkingImage
 
 # Points that a frame looks through: all in view where these are few, else a part of them in turn.
 LOOK_POINTS = 40_000
-# A reading this far behind a voxel passes through it, metres (two voxels of 1 cm: pose error and edges).
-PASS_MARGIN_M = 0.02
 # Votes that a voxel keeps for its owner: so many frames of another opinion change it.
-MOST_VOTES = 8
+MOST_VOTES = LEAST_READINGS
 # A voxel is its owner's when the votes are one in so many of the frames that saw it.
 VOTES_SHARE = 3
 # Points hang on keyframes up to this one: hours of video.
@@ -136,7 +135,7 @@ class VoxelMap(StoredPoints):
         self._next_look = int(now[-1]) + 1 if len(now) < len(in_turn) else 0
         kernel.see_through(
             now, image.depth_m, _pinhole(image),
-            np.ascontiguousarray(T_camera_world), self.noise_per_m, max(PASS_MARGIN_M, 2 * self.voxel_m), turns,
+            np.ascontiguousarray(T_camera_world), self.noise_per_m, 2 * self.voxel_m, turns,
             self.voxel_m, self._cubes, self._points,
         )  # fmt: skip
         self._looks += 1

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from cuboid.tolerances import JUMP_SIGMAS
+
 # What lies across a piece of outline: columns of `outline`.
 FREE, SUPPORT, UNSURE, CONTACT, HIDDEN, BORDER = range(6)
 KINDS = 6
@@ -135,7 +137,7 @@ def outlines(
             if a < 0:
                 continue
             z = depth[v, u]
-            limit = jump + 4.0 * noise * z * z
+            limit = jump + JUMP_SIGMAS * noise * z * z
             reach = max(2, int(gap_m * focal / z))
             for k in range(4):
                 dv, du = (k == 0) - (k == 1), (k == 2) - (k == 3)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from cuboid.tolerances import JUMP_SIGMAS
+
 
 @njit(cache=True, nogil=True, inline="always")
 def find_root(parent, a):
@@ -19,7 +21,7 @@ def find_root(parent, a):
 def label_regions(depth, share, noise, jump, parent, labels):
     """Number the 8-connected regions of pixels of one share whose depth is continuous.
 
-    Neighbours belong together when their depths differ by less than `jump` (metres) plus four standard deviations.
+    Neighbours belong together when their depths differ by less than `jump` (metres) plus the noise of two readings.
 
     Parameters
     ----------
@@ -45,7 +47,7 @@ def label_regions(depth, share, noise, jump, parent, labels):
                 continue
             parent[here] = root = here
             z, mine = depth[v, u], share[v, u]
-            limit = jump + 4.0 * noise * z * z
+            limit = jump + JUMP_SIGMAS * noise * z * z
             for k in range(4):
                 vv = v - 1 if k < 3 else v
                 uu = u + k - 1 if k < 3 else u - 1

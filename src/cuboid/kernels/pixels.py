@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from cuboid.tolerances import JUMP_M, SIGMAS
+
 
 @njit(cache=True, nogil=True)
 def drop_mixed(depth, jump, out):
     """Copy depth without mixed pixels: readings that hang between a nearer and a farther neighbour.
 
     A reading goes when, along a row or a column, one neighbour is nearer and the other farther by more than
-    `jump` times z squared, plus 1 cm.
+    `jump` times z squared, plus `JUMP_M`.
     """
     height, width = depth.shape
     out[:] = depth
@@ -20,7 +22,7 @@ def drop_mixed(depth, jump, out):
         # Without a branch: so one instruction takes several pixels.
         for u in range(1, width - 1):
             z = row[u]
-            limit = 0.01 + jump * z * z
+            limit = JUMP_M + jump * z * z
             mixed = hangs(row[u - 1], z, row[u + 1], limit) | hangs(above[u], z, below[u], limit)
             clean[u] = np.float32(0.0) if mixed else z
 
@@ -105,14 +107,14 @@ def stand_on(
             on = patches[pr, pc] if pr < patches.shape[0] and pc < patches.shape[1] else -1
             best = np.inf
             # No limit below is larger: what is farther from a plane than this is not on it.
-            most = max(floor, bias + 3.01 * noise * z * z * (abs(rx) + abs(ry) + 1.0))
+            most = max(floor, bias + (SIGMAS + 0.01) * noise * z * z * (abs(rx) + abs(ry) + 1.0))
             for p in range(count):
                 n0, n1, n2 = planes_camera[p, 0], planes_camera[p, 1], planes_camera[p, 2]
                 h = n0 * x + n1 * y + n2 * z + planes_camera[p, 3]
                 if h < -most or (h > most and h >= best):
                     continue
                 spread = noise * z * z * abs(n0 * rx + n1 * ry + n2)
-                limit = max(floor, bias + 3.0 * spread)
+                limit = max(floor, bias + SIGMAS * spread)
                 if abs(h) < limit:
                     if on == numbers[p]:
                         seen[p, ix, iy] += 1

@@ -5,13 +5,34 @@ from __future__ import annotations
 from numba import njit
 
 from cuboid.kernels.segments import NONE
+from cuboid.tolerances import JUMP_SIGMAS, LITTLE, SOME
 
 # Columns of a segment's row: pixels, readings, sum of 1/z, rectangle (end inclusive), length of the outline, the
 # sum of its strengths, and how much of it is cut off by the image's border.
 PIXELS, READINGS, INVERSE, LEFT, TOP, RIGHTMOST, BOTTOM, OUTLINE, STRENGTH, BORDER = range(10)
 COLUMNS = 10
+# How strongly a piece of outline parts a segment from what is around it, 0..1: at least before what lies behind, where
+# it grows to 1 with the jump; at a hole or a crease, which may part the two or not. Towards what hides it or stands on
+# it: some; at a gap in a crease: little.
+BEFORE, HALF = 0.3, 0.4
 # Label of pixels that are too far away; plane p has BACKGROUND - 1 - p.
 BACKGROUND = -1
+
+
+@njit(cache=True, nogil=True, inline="always")
+def take_in(row, v, u, height, width, read, inverse):
+    """Add a pixel to the measures of a segment."""
+    row[PIXELS] += 1
+    if read:
+        row[READINGS] += 1
+        row[INVERSE] += inverse
+    row[LEFT] = min(row[LEFT], u)
+    row[RIGHTMOST] = max(row[RIGHTMOST], u)
+    row[TOP] = min(row[TOP], v)
+    row[BOTTOM] = max(row[BOTTOM], v)
+    at_border = (u == 0) + (v == 0) + (u == width - 1) + (v == height - 1)
+    row[OUTLINE] += at_border
+    row[BORDER] += at_border
 
 
 @njit(cache=True, nogil=True, error_model="numpy")  # a reading without end has 1/z = 0
@@ -47,18 +68,7 @@ def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, 
         for u in range(width):
             a = labels[v, u]
             if a > 0:
-                row = segments[a]
-                row[PIXELS] += 1
-                if kind[v, u] != NONE:
-                    row[READINGS] += 1
-                    row[INVERSE] += inverse[v, u]
-                row[LEFT] = min(row[LEFT], u)
-                row[RIGHTMOST] = max(row[RIGHTMOST], u)
-                row[TOP] = min(row[TOP], v)
-                row[BOTTOM] = max(row[BOTTOM], v)
-                at_border = (u == 0) + (v == 0) + (u == width - 1) + (v == height - 1)
-                row[OUTLINE] += at_border
-                row[BORDER] += at_border
+                take_in(segments[a], v, u, height, width, kind[v, u] != NONE, inverse[v, u])
             for k in range(2):
                 vv, uu = v + k, u + 1 - k
                 if vv >= height or uu >= width:
@@ -71,25 +81,25 @@ def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, 
                 if b > 0:
                     segments[b, OUTLINE] += 1
                 if a == 0 or b == 0:
-                    segments[max(a, b), STRENGTH] += 0.4
+                    segments[max(a, b), STRENGTH] += HALF
                     continue
                 wa, wb = inverse[v, u], inverse[vv, uu]
                 low = min(wa, wb)
-                limit = jump * low * low + 4.0 * noise
+                limit = jump * low * low + JUMP_SIGMAS * noise
                 gap = abs(wa - wb)
                 # A jump in metres, from the nearer of the two to the farther.
                 step = abs(1.0 / wa - 1.0 / wb)
-                strength_a = strength_b = 0.1
+                strength_a = strength_b = LITTLE
                 if gap > limit:
-                    behind = 0.3 + 0.7 * min(1.0, step / sure)
-                    strength_a = behind if wa > wb else 0.2
-                    strength_b = behind if wb > wa else 0.2
+                    behind = BEFORE + (1.0 - BEFORE) * min(1.0, step / sure)
+                    strength_a = behind if wa > wb else SOME
+                    strength_b = behind if wb > wa else SOME
                 elif (marks[v, u] | marks[vv, uu]) & 4:
-                    strength_a = strength_b = 0.4
+                    strength_a = strength_b = HALF
                 if a < 0:
-                    segments[b, STRENGTH] += 1.0 if gap <= limit or wb > wa else 0.2
+                    segments[b, STRENGTH] += 1.0 if gap <= limit or wb > wa else SOME
                 elif b < 0:
-                    segments[a, STRENGTH] += 1.0 if gap <= limit or wa > wb else 0.2
+                    segments[a, STRENGTH] += 1.0 if gap <= limit or wa > wb else SOME
                 else:
                     segments[a, STRENGTH] += strength_a
                     segments[b, STRENGTH] += strength_b
@@ -119,17 +129,7 @@ def measure_planes(labels, inverse, noise, jump, sure, rows):
         for u in range(width):
             a = labels[v, u]
             if a < BACKGROUND:
-                row = rows[BACKGROUND - 1 - a]
-                row[PIXELS] += 1
-                row[READINGS] += 1
-                row[INVERSE] += inverse[v, u]
-                row[LEFT] = min(row[LEFT], u)
-                row[RIGHTMOST] = max(row[RIGHTMOST], u)
-                row[TOP] = min(row[TOP], v)
-                row[BOTTOM] = max(row[BOTTOM], v)
-                at_border = (u == 0) + (v == 0) + (u == width - 1) + (v == height - 1)
-                row[OUTLINE] += at_border
-                row[BORDER] += at_border
+                take_in(rows[BACKGROUND - 1 - a], v, u, height, width, True, inverse[v, u])
             for k in range(2):
                 vv, uu = v + k, u + 1 - k
                 if vv >= height or uu >= width or labels[vv, uu] == a:
@@ -143,15 +143,15 @@ def measure_planes(labels, inverse, noise, jump, sure, rows):
                     row = rows[BACKGROUND - 1 - own]
                     row[OUTLINE] += 1
                     if other == 0:
-                        row[STRENGTH] += 0.4
+                        row[STRENGTH] += HALF
                         continue
                     ahead = inverse[v, u] - inverse[vv, uu]
                     if side == 1:
                         ahead = -ahead
-                    if abs(ahead) <= jump * low * low + 4.0 * noise:
-                        row[STRENGTH] += 0.6 if other < BACKGROUND else 0.2
+                    if abs(ahead) <= jump * low * low + JUMP_SIGMAS * noise:
+                        row[STRENGTH] += 1.0 - HALF if other < BACKGROUND else SOME
                     elif ahead > 0.0:
                         # From the nearer to the farther, in metres.
-                        row[STRENGTH] += 0.3 + 0.7 * min(1.0, (1.0 / low - 1.0 / (low + ahead)) / sure)
+                        row[STRENGTH] += BEFORE + (1.0 - BEFORE) * min(1.0, (1.0 / low - 1.0 / (low + ahead)) / sure)
                     else:
-                        row[STRENGTH] += 0.2
+                        row[STRENGTH] += SOME

@@ -1,4 +1,4 @@
-"""Hot loops that join the segments of a depth image step by step, and choose among the unions."""
+"""Hot loops that join the segments of a depth image step by step, choose among the unions, and write their masks."""
 
 from __future__ import annotations
 
@@ -209,3 +209,44 @@ def can_join(one, other, focal, largest):
     across = max(one[RIGHTMOST], other[RIGHTMOST]) - min(one[LEFT], other[LEFT])
     down = max(one[BOTTOM], other[BOTTOM]) - min(one[TOP], other[TOP])
     return (max(across, down) + 1.0) * 0.5 * (z1 + z2) / focal <= largest
+
+
+@njit(cache=True, nogil=True)
+def cut_masks(labels, members, chosen, boxes, step, masks):
+    """Write the masks of regions, each cropped to its rectangle, one after the other.
+
+    Parameters
+    ----------
+    labels : (h, w) int16
+        Segment of each pixel, -1 none, -2 - p on plane p.
+    members : (N, S) uint8
+        1 for each segment that a region is made of; the planes count from the end.
+    chosen : (K,) int64
+        Regions.
+    boxes : (K, 4) int32
+        x0, y0, x1, y1 of each in pixels of `labels`, end exclusive.
+    step : int
+        Pixels of a mask, a side, that one of `labels` becomes.
+    masks : (L,) uint8, output
+    """
+    at, last = 0, members.shape[1]
+    # Of each label, counted from the last plane's on, whether it is in.
+    inside = np.zeros(2 * last + 1, np.uint8)
+    for row in range(chosen.size):
+        inside[:last] = inside[last + 1 :] = members[chosen[row]]
+        x0, y0, x1, y1 = boxes[row]
+        wide = (x1 - x0) * step
+        for v in range(y0, y1):
+            line, seen = masks[at : at + wide], labels[v, x0:x1]
+            if step == 1:
+                for u in range(seen.size):
+                    line[u] = inside[seen[u] + last + 1]
+            elif step == 2:
+                for u in range(seen.size):
+                    line[2 * u] = line[2 * u + 1] = inside[seen[u] + last + 1]
+            else:
+                for u in range(seen.size):
+                    line[u * step : (u + 1) * step] = inside[seen[u] + last + 1]
+            for k in range(1, step):
+                masks[at + k * wide : at + (k + 1) * wide] = line
+            at += step * wide

@@ -59,7 +59,7 @@ class Boxing:
         if plane is None:
             return fit_box(points, up, None, STRAY_SHARE, trust)
         box = fit_box(points, *plane, STRAY_SHARE, trust)
-        round_box = revolved(box, points, trust, *plane, noise_m, STRAY_SHARE)
+        round_box = revolved(box, points, trust, *plane, noise_m, self._voxels.voxel_m, STRAY_SHARE)
         if round_box is not None and clear_of(round_box, others):
             return with_foot(to_faces(round_box, points, trust, noise_m, top_alone=True), *plane, others, self._voxels)
         box = to_faces(box, points, trust, noise_m, top_alone=False)

@@ -14,17 +14,14 @@ from cuboid.objects.entry import MapObject
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object, too_large
 from cuboid.surfaces.planes import PlaneTracker
+from cuboid.tolerances import LEAST_READINGS, SIGMAS
 
 # A box is fitted anew when the sightings have grown by this share.
 GROWN = 0.15
 # Labelled objects, and candidates, whose boxes are fitted anew in a frame, at most: the rest has its turn next.
 FITS = 4
-# What is thinner or flatter than so many deviations of its own points may be the noise of a surface.
-SIGMAS = 3.0
 # What an object loses at a fit that finds it going on into structure, or no more than noise.
 STRUCTURE = 2.0
-# Fewer voxels are no object.
-LEAST_VOXELS = 8
 
 
 class Fitting:
@@ -59,7 +56,7 @@ class Fitting:
         voxels = self._voxels
         rows = voxels.solid_rows_of(entry.number, self._config.hot, min(2, entry.sightings))
         entry.fitted = entry.sightings
-        if len(rows) < LEAST_VOXELS:
+        if len(rows) < LEAST_READINGS:
             if entry.confirmed:
                 self._store.retire(entry)
             return
@@ -78,6 +75,7 @@ class Fitting:
         self._store.place(entry, box)
         owned = np.zeros(self._store.numbers, np.uint8)
         owned[[entry.number, *(o.number for o in self._store.neighbours(entry) if o.confirmed)]] = 1
+        # What is thinner or flatter may be the noise of a surface.
         thin = box.size.min() < SIGMAS * self._boxing.noise_m(rows)
         entry.structure = thin or not fits_object(box, self._config) or is_structure(box, rows, voxels, owned)
         if entry.structure:

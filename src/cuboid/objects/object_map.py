@@ -16,8 +16,7 @@ from cuboid.geometry.se3 import transform
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.outlines import KINDS
 from cuboid.limits import MOST_CANDIDATES
-from cuboid.objects.affinity import SURE
-from cuboid.objects.association import IN_SIGHT, MOST, Association, associate
+from cuboid.objects.association import IN_SIGHT, Association, associate
 from cuboid.objects.entry import MapObject, State
 from cuboid.objects.fitting import Fitting
 from cuboid.objects.outline import told_by
@@ -27,23 +26,17 @@ from cuboid.objects.visibility import in_view
 from cuboid.objects.wholeness import is_whole
 from cuboid.surfaces.clusters import FrameCluster, FrameClusters
 from cuboid.surfaces.planes import PlaneTracker
+from cuboid.tolerances import LITTLE, MOST, SURE
 from cuboid.working import WorkingImage
 
 # Beyond this no more is counted, so that a mistake can be mended.
 MOST_SURE = 3.0 * SURE
-# A thing this much like its object is all of it, or shows more of it.
-SURE_MATCH = 0.5
 # What a candidate loses in a frame that shows its place and has no proposal for it.
 MISSED = 0.3
-# A labelled object is no more when less than this share of the voxels of its last fit is left: a rim at its foot stays,
-# for what passes that near to a table is not told from what lies on it.
-LOST_SHARE = 0.1
 # Objects beyond so many times the range of depth are not looked for: too far to tell even their colors.
 FAR = 2.0
 # At another visit all that was seen before counts as at most so many sightings: what has changed is soon believed.
 REMEMBERED = 4
-# Two objects are likely one when their boxes share this much of the smaller one.
-TWIN_OVERLAP = 0.5
 
 
 class ObjectMap:
@@ -173,7 +166,7 @@ class ObjectMap:
         place = np.full(self.store.numbers, -1, np.int64)
         place[0] = 0
         place[[o.number for o in found.objects]] = np.arange(1, len(found.objects) + 1)
-        sure = (found.match < 0) | (found.likeness >= SURE_MATCH)
+        sure = (found.match < 0) | (found.likeness >= MOST)
         allowed = np.zeros((len(number_of), len(found.objects) + 1), np.uint8)
         allowed[sure] = [1, *(not o.confirmed for o in found.objects)]
         for i in np.flatnonzero(sure).tolist():
@@ -202,7 +195,7 @@ class ObjectMap:
             return
         labelled = [o for o in entries if o.confirmed]
         inside = overlap_min_matrix(pack([o.box for o in entries]), pack([o.box for o in labelled]))
-        for i, j in zip(*np.nonzero(inside >= TWIN_OVERLAP), strict=True):
+        for i, j in zip(*np.nonzero(inside >= MOST), strict=True):
             if entries[i] is not labelled[j]:
                 self.store.affinity.tell(entries[i].number, labelled[j].number, one=True, news=news)
 
@@ -219,7 +212,8 @@ class ObjectMap:
         for j, entry in enumerate(found.objects):
             if j in matched or not entry.confirmed:
                 continue
-            if len(self._voxels.rows_of(entry.number)) < LOST_SHARE * len(entry.points):
+            # A rim at its foot stays: what passes that near to a table is not told from what lies on it.
+            if len(self._voxels.rows_of(entry.number)) < LITTLE * len(entry.points):
                 self.store.retire(entry)
 
     def stand_anew(self) -> None:

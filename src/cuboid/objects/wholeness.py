@@ -13,9 +13,10 @@ from cuboid.objects.outline import enclosed
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object
 from cuboid.surfaces.planes import PlaneTracker
+from cuboid.tolerances import DRIFT_M
 
-# Frames do not agree on two objects that touch, metres, while the log-odds that they are two are below this.
-UNSURE, TOUCH_M = 1.1, 0.03
+# Frames do not agree on two objects that touch while the log-odds that they are two are below this.
+UNSURE = 1.1
 
 
 def is_whole(entry: MapObject, store: ObjectStore, planes: PlaneTracker, config: TrackerConfig) -> bool:
@@ -56,7 +57,7 @@ def _may_be_part(entry: MapObject, store: ObjectStore) -> bool:
     """Tell whether frames do not agree yet that an object is another one than a labelled one that it touches."""
     unsure = set(store.affinity.partners(entry.number, least=-UNSURE))
     return bool(unsure) and any(
-        other.confirmed and other.number in unsure and gap_m(entry.points, other.points, TOUCH_M) <= TOUCH_M
+        other.confirmed and other.number in unsure and gap_m(entry.points, other.points, DRIFT_M) <= DRIFT_M
         for other in store.neighbours(entry)
     )
 

@@ -10,23 +10,22 @@ import numpy.typing as npt
 
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, Float64Array
-from cuboid.heatmap.pixel_heat import JUMP_M, WeighedProposals
+from cuboid.heatmap.pixel_heat import WeighedProposals
 from cuboid.kernels.claims import share_out
 from cuboid.kernels.outlines import KINDS, outlines
 from cuboid.kernels.pieces import gather_regions, join_surfaces, label_regions, sum_regions
 from cuboid.limits import MOST_CLUSTERS
+from cuboid.tolerances import JUMP_M, LEAST_READINGS, MOST
 from cuboid.working import WorkingImage
 
 # A share of fewer working pixels is noise: a 3 cm object at 2 m covers about this many.
 LEAST_PIXELS = 24
-# Of these so many are readings: less says nothing of where it is. The others are holes, filled.
-LEAST_READINGS = 8
 # A proposal is left out when less than this of it is free of stronger ones.
 FREE_SHARE = 0.7
 # Surfaces of one proposal that a jump in depth parts, as the inside and the outside of a mug, are one thing when each
 # is at least this share of the largest one, and no deeper away from it than this share of its length. Smaller ones are
 # slivers of what is behind, farther ones that itself.
-MAJOR_SHARE, DEEP_SHARE = 0.4, 0.5
+MAJOR_SHARE, DEEP_SHARE = 0.4, MOST
 # What is beyond a hole in the depth image is looked for over so much, metres: the shadow at an outline is as wide.
 GAP_M = 0.08
 
