@@ -32,7 +32,7 @@ import cuboid.tracker
 from cuboid import Frame, FrameResult, Tracker, open_recording
 from cuboid.annotation import Annotator, KeyframesFile, make_server
 from cuboid.evaluation import read_truth
-from cuboid.kernels.claims import CONTACT, FREE, SUPPORT, UNKNOWN, UNSURE
+from cuboid.kernels.outlines import CONTACT, FREE, HIDDEN, SUPPORT, UNSURE
 from cuboid.proposals import make_source
 from cuboid.views.drawing import DARK, WHITE, draw_frame
 from cuboid.views.overlays import heat_over
@@ -54,7 +54,7 @@ BOUNDS = (
     (SUPPORT, "support", (64, 132, 255)),
     (FREE, "free", (58, 200, 104)),
     (UNSURE, "unsure", (236, 190, 60)),
-    (UNKNOWN, "unknown", (150, 154, 160)),
+    (HIDDEN, "hidden", (150, 154, 160)),
 )
 # The README is fetched by everybody who looks: 256 colors, spread by error diffusion, look the same here.
 PALETTE = ("palettegen", "max_colors=256:stats_mode=full:reserve_transparent=0"), ("paletteuse", "dither=sierra2_4a")
@@ -84,7 +84,7 @@ def method_picture(demo: Path) -> np.ndarray:
         if frame.index < SHOWN:
             tracker.update(frame)
             continue
-        with watching(cuboid.tracker, "frame_clusters") as shared, watching(clusters.kernel, "outlines") as outlined:
+        with watching(cuboid.tracker, "frame_clusters") as shared, watching(clusters, "outlines") as outlined:
             result = tracker.update(frame)
         seen = {s.label for s in result.sightings}
         hidden = [o for o in tracker.objects if o.label not in seen]

@@ -7,8 +7,10 @@ import numpy as np
 from cuboid.frame import Float32Array, Intrinsics
 from cuboid.kernels.cells import AREA, CELL_COLUMNS, RMS, fit_cells
 
+# Edge of a cell of a picture that is 320 pixels wide, to which planes are fitted, pixels: 3 cm at 1 m.
+CELL_PIXELS = 8
 # Edge of the cells whose flatness tells the noise, pixels: as wide as the noise's own blobs.
-CELL_PIXELS = 16
+BLOB_PIXELS = 2 * CELL_PIXELS
 # A quarter of a picture's cells, at least, lie on one flat surface each; they show this share of the noise.
 FLAT_SHARE, SHOWN = 0.25, 0.8
 # Fewer cells tell nothing; and no more than this is believed, as a multiple of the nominal noise: clutter is no noise.
@@ -35,10 +37,10 @@ def excess_noise(depth_m: Float32Array, camera: Intrinsics, nominal_per_m: float
         1/metre.
     max_depth_m : float
     """
-    rows, columns = depth_m.shape[0] // CELL_PIXELS, depth_m.shape[1] // CELL_PIXELS
+    rows, columns = depth_m.shape[0] // BLOB_PIXELS, depth_m.shape[1] // BLOB_PIXELS
     cells = np.empty((rows * columns, CELL_COLUMNS))
     pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
-    fit_cells(np.ascontiguousarray(depth_m), pinhole, CELL_PIXELS, max_depth_m, cells)
+    fit_cells(np.ascontiguousarray(depth_m), pinhole, BLOB_PIXELS, max_depth_m, cells)
     rms = cells[cells[:, AREA] > 0, RMS]
     if len(rms) < LEAST_CELLS:
         return 1.0

@@ -17,7 +17,7 @@ from cuboid.geometry.se3 import inverse
 from cuboid.heatmap.carrying import moved_with
 from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.kernels.claims import BOTTOM, LEFT, RIGHT, TOP
+from cuboid.kernels.outlines import BOTTOM, LEFT, RIGHT, TOP
 from cuboid.kernels.pixels import stand_on
 from cuboid.limits import MEMORY_MB, MOST_PROPOSALS
 from cuboid.object_table import ObjectTable
@@ -35,17 +35,12 @@ from cuboid.surfaces.cells import PATCH_PIXELS, VOTING_PIXELS, find_cells, with_
 from cuboid.surfaces.clusters import FrameCluster, FrameClusters, frame_clusters
 from cuboid.surfaces.grid import CELL_M
 from cuboid.surfaces.planes import PlaneTracker
+from cuboid.tolerances import BIAS_M, LITTLE, SAMPLE, STRAYS
 from cuboid.working import WorkingImage, filled, thin
 
-# Systematic error of depth near a plane (lens, baseline), metres; noise comes on top of it.
-DEPTH_BIAS_M = 0.005
 # A frame is all news of how things stand to each other when the camera has gone round them by this since the last one,
 # radians; a frame from the same place is a little.
-ANOTHER_SIDE_RAD, LEAST_NEWS = 0.05, 0.1
-# Share of a frame's points that may stick out of its box at each side: strays of a single frame.
-FRAME_STRAYS = 0.01
-# Points of a frame's cluster that its box is fitted to, at most; more do not change it.
-FRAME_POINTS = 200
+ANOTHER_SIDE_RAD = 0.05
 
 
 class Stopwatch:
@@ -238,7 +233,7 @@ class Tracker:
             stand_on(
                 solid.depth_m, np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera,
                 view.in_frame(cells, owner, planes.T_plan_world, T_world_camera), view.numbers, view.ground,
-                view.origin, CELL_M, owner, PATCH_PIXELS, c.depth_noise_per_m, c.min_height_m, DEPTH_BIAS_M,
+                view.origin, CELL_M, owner, PATCH_PIXELS, c.depth_noise_per_m, c.min_height_m, BIAS_M,
                 c.max_depth_m, heights, support, view.seen,
             )  # fmt: skip
             planes.take_in(view)
@@ -264,14 +259,14 @@ class Tracker:
         if last is None or distance_m == 0.0:
             return 1.0
         turn = float(np.linalg.norm(self._place - last)) / distance_m
-        return min(1.0, max(LEAST_NEWS, turn / ANOTHER_SIDE_RAD))
+        return min(1.0, max(LITTLE, turn / ANOTHER_SIDE_RAD))
 
     def _boxes(self, clusters: Sequence[FrameCluster]) -> list[Box]:
-        clouds = [c.points[:: 1 + len(c.points) // FRAME_POINTS] for c in clusters]
+        clouds = [c.points[:: 1 + len(c.points) // (SAMPLE // 2)] for c in clusters]
         found = {identity: self._planes.find(identity) for identity in {k for c in clusters for k in c.supports}}
         rests = {identity: self._planes.in_world(plane) for identity, plane in found.items() if plane is not None}
         unknown = self._planes.likely_up, None
-        return fit_boxes(clouds, [_most_beneath(c.supports, rests) or unknown for c in clusters], FRAME_STRAYS)
+        return fit_boxes(clouds, [_most_beneath(c.supports, rests) or unknown for c in clusters], STRAYS)
 
     def _sightings(
         self,

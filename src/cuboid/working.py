@@ -8,8 +8,8 @@ import numpy as np
 
 from cuboid.frame import Float32Array, Frame, Intrinsics, UInt8Array
 from cuboid.kernels.blocks import take_one
+from cuboid.kernels.holes import fill_holes
 from cuboid.kernels.pixels import drop_mixed
-from cuboid.kernels.regions import fill_holes
 from cuboid.kernels.segments import NONE, SURFACE
 from cuboid.sensor import MIXED_PER_M
 

@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cuboid.kernels.claims import (
+from cuboid.kernels.claims import common, share_out, shared, vote
+from cuboid.kernels.outlines import (
     BORDER,
     BOTTOM,
     CONTACT,
@@ -21,12 +22,9 @@ from cuboid.kernels.claims import (
     SUPPORT,
     TOP,
     UNSURE,
-    common,
     outlines,
-    share_out,
-    shared,
-    vote,
 )
+from cuboid.tolerances import JUMP_SIGMAS
 
 HEIGHT, WIDTH = 16, 24
 SIDES = np.array([BOTTOM, TOP, RIGHT, LEFT])  # of a camera held upright: below, above, right, left
@@ -156,7 +154,7 @@ def slow_outlines(
                 outline[a, side, BORDER if len(inside) < len(ray) else FREE if edge else UNSURE] += 1
                 continue
             b, beyond = int(claim[hit]), float(np.float32(readings[hit])) - float(z)
-            limit = JUMP_M + 4 * NOISE * float(z) ** 2
+            limit = JUMP_M + JUMP_SIGMAS * NOISE * float(z) ** 2
             if b >= 0:
                 contact[a, b] += 1
             if on_plane[hit] >= 0 and on_plane[hit] == plane_of[a]:

@@ -5,7 +5,9 @@ import pytest
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from cuboid.kernels.pixels import drop_mixed, gather_regions, join_surfaces, label_regions, stand_on, sum_regions
+from cuboid.kernels.pieces import gather_regions, join_surfaces, label_regions, sum_regions
+from cuboid.kernels.pixels import drop_mixed, stand_on
+from cuboid.tolerances import JUMP_SIGMAS
 
 CAMERA = np.array([50.0, 50.0, 31.5, 23.5])
 
@@ -38,7 +40,7 @@ def regions_by_scipy(depth: np.ndarray, share: np.ndarray, noise: float, jump: f
                 y, x = v + dv, u + du
                 if y >= 0 and 0 <= x < w and share[v, u] >= 0 and share[v, u] == share[y, x]:
                     z = float(depth[v, u])
-                    if abs(float(depth[y, x]) - z) < jump + 4 * noise * z * z:
+                    if abs(float(depth[y, x]) - z) < jump + JUMP_SIGMAS * noise * z * z:
                         pairs.append((v * w + u, y * w + x))
     i, j = np.array(pairs).T
     graph = coo_matrix((np.ones(len(i)), (i, j)), (h * w, h * w))

@@ -3,8 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.kernels import patches, regions, segments
+from cuboid.kernels import holes, patches, regions, segments, unions
 from cuboid.kernels.cells import CELL_COLUMNS, fit_cells
+from cuboid.tolerances import JUMP_SIGMAS
 
 PINHOLE = np.array([265.0, 265.0, 79.5, 59.5])
 SHAPE = (120, 160)
@@ -124,7 +125,7 @@ def fill(kind: np.ndarray, labels: np.ndarray, color: np.ndarray, reach_px: floa
     labels, cost = labels.copy(), np.empty(kind.shape, np.float32)
     queue = np.empty(kind.size, np.int32)
     on = np.where(kind == segments.PLANE, 0, -1).astype(np.int8)
-    regions.fill_holes(kind, on, color, 1, 12.0, reach_px / 100.0, 100.0, labels, inverse, cost, queue)
+    holes.fill_holes(kind, on, color, 1, 12.0, reach_px / 100.0, 100.0, labels, inverse, cost, queue)
     return labels
 
 
@@ -234,7 +235,7 @@ def test_joining_takes_the_weakest_outline_first_and_keeps_every_union() -> None
         weight[a, b] = weight[b, a] = strength * 10.0
     members, found = np.empty((10, 5), np.uint8), np.empty((10, regions.COLUMNS))
     parts = np.empty((10, 2), np.int32)
-    n = regions.join(table, contact, weight, 4, 100.0, 1.0, members, found, parts)
+    n = unions.join(table, contact, weight, 4, 100.0, 1.0, members, found, parts)
     assert members[:n, 1:].tolist() == [
         [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [1, 1, 0, 0], [1, 1, 1, 0]
     ]  # fmt: skip
@@ -259,9 +260,9 @@ def test_pairs_are_the_neighbours_that_joining_never_took_alone() -> None:
         weight[a, b] = weight[b, a] = strength * 10.0
     members, found = np.empty((20, 5), np.uint8), np.empty((20, regions.COLUMNS))
     parts = np.empty((20, 2), np.int32)
-    n = regions.join(table.copy(), contact.copy(), weight.copy(), 4, 100.0, 1.0, members, found, parts)
+    n = unions.join(table.copy(), contact.copy(), weight.copy(), 4, 100.0, 1.0, members, found, parts)
     assert members[4:n, 1:].tolist() == [[0, 1, 1, 0], [1, 1, 1, 0]]
-    m = regions.pair(table, contact, weight, 4, 100.0, 1.0, n, members, found, parts)
+    m = unions.pair(table, contact, weight, 4, 100.0, 1.0, n, members, found, parts)
     assert members[n:m, 1:].tolist() == [[1, 1, 0, 0]]
     assert parts[n].tolist() == [0, 1]
     assert found[n, regions.PIXELS] == 200
@@ -280,7 +281,7 @@ def plain_jumps(inverse: np.ndarray, kind: np.ndarray, jump: float) -> tuple[np.
 
     for v, u in zip(*np.nonzero(inverse), strict=True):
         w = at(v, u)
-        limit = jump * w * w + 4.0 * NOISE
+        limit = jump * w * w + JUMP_SIGMAS * NOISE
         for bit, dv, du in ((segments.RIGHT, 0, 1), (segments.DOWN, 1, 0)):
             before, there, after = at(v - dv, u - du), at(v + dv, u + du), at(v + 2 * dv, u + 2 * du)
             goes_on = before > 0 and abs(2 * w - before - there) < limit and abs(w - before) < 2 * abs(w - there)
@@ -316,7 +317,7 @@ def test_masks_are_those_pixels_whose_segment_is_in(step: int) -> None:
     boxes = np.array([[0, 0, 20, 12], [3, 2, 9, 7], [19, 11, 20, 12]], np.int32)
     sizes = (boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1]) * step * step
     masks = np.full(sizes.sum(), 9, np.uint8)
-    segments.cut_masks(labels, members, chosen, boxes, step, masks)
+    unions.cut_masks(labels, members, chosen, boxes, step, masks)
     ends = np.cumsum(sizes)
     for k, (x0, y0, x1, y1) in enumerate(boxes):
         # Label -1 is the entry behind all others, and plane p the one p + 1 before that.
@@ -340,5 +341,5 @@ def test_of_regions_that_are_nearly_the_same_the_best_one_is_kept() -> None:
     assert len(kept) < 50, "some are the same"
     for most in (60, 10):
         chosen = np.empty(most, np.int64)
-        number = regions.distinct(order, members, pixels, weight, 0.8, chosen)
+        number = unions.distinct(order, members, pixels, weight, 0.8, chosen)
         assert chosen[:number].tolist() == kept[:most]

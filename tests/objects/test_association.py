@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.geometry.box import Box
-from cuboid.kernels.claims import KINDS
+from cuboid.kernels.outlines import KINDS
 from cuboid.objects.association import Association, associate
 from cuboid.objects.entry import MapObject
 from cuboid.surfaces.clusters import FrameCluster, FrameClusters

@@ -7,7 +7,7 @@ from math import log
 import numpy as np
 import pytest
 
-from cuboid.kernels.claims import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, KINDS, LEFT, RIGHT, SUPPORT, TOP, UNSURE
+from cuboid.kernels.outlines import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, KINDS, LEFT, RIGHT, SUPPORT, TOP, UNSURE
 from cuboid.objects.affinity import SURE
 from cuboid.objects.outline import enclosed
 from cuboid.objects.outline import told_by as told_by_each

@@ -7,7 +7,7 @@ import numpy as np
 from cuboid.config import TrackerConfig
 from cuboid.frame import Intrinsics
 from cuboid.heatmap.pixel_heat import WeighedProposals
-from cuboid.kernels.claims import BOTTOM, FREE, LEFT, RIGHT, SUPPORT, TOP
+from cuboid.kernels.outlines import BOTTOM, FREE, LEFT, RIGHT, SUPPORT, TOP
 from cuboid.surfaces.clusters import LEAST_PIXELS, FrameClusters, frame_clusters
 from cuboid.working import WorkingImage
 

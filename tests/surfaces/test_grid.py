@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.surfaces.grid import CELL_M, CELL_READINGS, GroundPlan, cells_of
+from cuboid.surfaces.grid import CELL_M, GroundPlan, cells_of
+from cuboid.tolerances import LEAST_READINGS
 
 
 def patch(plan: GroundPlan, low: tuple[int, int], high: tuple[int, int], hole: tuple[int, int] | None = None) -> None:
     """Readings in all cells from low to high, but one of 3 x 3 cells."""
-    readings = np.full(np.subtract(high, low) + 1, CELL_READINGS, np.int32)
+    readings = np.full(np.subtract(high, low) + 1, LEAST_READINGS, np.int32)
     if hole is not None:
         readings[hole[0] : hole[0] + 3, hole[1] : hole[1] + 3] = 0
     plan.add(readings, np.array(low))

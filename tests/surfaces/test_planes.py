@@ -8,8 +8,9 @@ import pytest
 from cuboid.config import TrackerConfig
 from cuboid.results import FrameResult
 from cuboid.surfaces.cells import Cells
-from cuboid.surfaces.grid import CELL_READINGS, cells_of
+from cuboid.surfaces.grid import cells_of
 from cuboid.surfaces.planes import PlaneTracker
+from cuboid.tolerances import LEAST_READINGS
 from cuboid.tracker import Tracker
 from made_scenes import CAMERA, frame_of, look_at, upright
 
@@ -101,7 +102,7 @@ def test_two_planes_that_prove_to_be_one_are_merged_and_others_keep_their_places
     view = planes.in_view(CAMERA, 3.0, look_at((1.7, -1.0, 1.2), (1.7, 0.6, 0.0)))
     assert view.numbers.tolist() == [0, 2]
     cells = cells_of(planes.to_plan(level_cells(1.1, 0.0).center)) - view.window[:2]
-    view.seen[0, cells[:, 0], cells[:, 1]] = CELL_READINGS
+    view.seen[0, cells[:, 0], cells[:, 1]] = LEAST_READINGS
     planes.take_in(view)
     weight = first.weight + gone.weight
     for frame in range(4, 20):
@@ -137,7 +138,7 @@ def test_identities_are_never_given_twice_and_lead_to_the_plane_that_took_one_in
     view = planes.in_view(CAMERA, 3.0, look_at((1.7, -1.0, 1.2), (1.7, 0.6, 0.0)))
     assert view.identities.tolist() == [first.identity, gone.identity]
     cells = cells_of(planes.to_plan(level_cells(1.1, 0.0).center)) - view.window[:2]
-    view.seen[0, cells[:, 0], cells[:, 1]] = CELL_READINGS
+    view.seen[0, cells[:, 0], cells[:, 1]] = LEAST_READINGS
     planes.take_in(view)
     for frame in range(3, 20):
         planes.update(frame, level_cells(20.0, 0.0))

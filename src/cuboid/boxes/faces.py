@@ -7,11 +7,7 @@ import numpy as np
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.kernels.extents import side_layers
-
-# The points of a face lie in a layer so many standard deviations thick, or at least this, metres.
-FACE_SIGMAS, LEAST_LAYER_M = 4.0, 0.004
-# A side is moved by no more than this share of the box.
-MOST_SHARE = 0.2
+from cuboid.tolerances import JUMP_SIGMAS, LEAST_SIGMA_M, SOME
 
 
 def to_faces(box: Box, points: Float64Array, trust: Float64Array, noise_m: float, top_alone: bool) -> Box:
@@ -34,14 +30,14 @@ def to_faces(box: Box, points: Float64Array, trust: Float64Array, noise_m: float
     """
     layers = np.empty((5, 3))
     half = box.size / 2.0
-    band = max(FACE_SIGMAS * noise_m, LEAST_LAYER_M)
+    band = JUMP_SIGMAS * max(noise_m, LEAST_SIGMA_M)
     side_layers(points, trust, box.center, np.ascontiguousarray(box.rotation), half, band, layers)
     outer, depth, inner = layers.T
     some = np.maximum(outer, 1e-12)
     moved = depth / some * np.maximum(0.0, 1.0 - inner / some)
     if top_alone:
         moved[:4] = 0.0
-    moved = np.minimum(moved, MOST_SHARE * box.size[[0, 0, 1, 1, 2]])
+    moved = np.minimum(moved, SOME * box.size[[0, 0, 1, 1, 2]])
     high = half - moved[[0, 2, 4]]
     low = half - np.array([moved[1], moved[3], 0.0])
     size, center = high + low, box.center + box.rotation @ ((high - low) / 2.0)

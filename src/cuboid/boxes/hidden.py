@@ -12,18 +12,14 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.tolerances import LITTLE, STRAYS
 
-# The top layer whose middle is taken as the axis of an object: this share of its height, and at least so many metres.
-TOP_SHARE, TOP_M = 0.1, 0.01
-# Twins that reach farthest out, as a share of all points, are left out: what sticks out on one side (a handle, a
-# spout) need not on the other.
-LONE_SHARE = 0.1
-# A place was seen when so many of the nine voxels of the ground around it were.
-SEEN_OF_NINE = 2
 # The far side that an object is given takes no more than this share of a neighbour, or of the object.
 FAR_SIDE_OVERLAP = 0.15
 # A foot is hidden when at most this share of the ground beneath was seen.
 HIDDEN_SHARE = 0.3
+# A place was seen when so many of the nine voxels of the ground around it were.
+SEEN_OF_NINE = 2
 # A box this near its plane, metres, rests on it.
 LEAST_GAP_M = 1e-6
 # Places of the ground beneath that are looked up, a side.
@@ -87,15 +83,16 @@ def twins(
     (M, 3) float64
     """
     height = points @ normal + offset
-    top = float(np.quantile(height, 0.98))
-    layer = points[height >= top - max(TOP_SHARE * top, TOP_M)]
+    top = float(np.quantile(height, 1.0 - 2.0 * STRAYS))
+    layer = points[height >= top - max(LITTLE * top, voxels.voxel_m)]
     axis = (layer.min(0) + layer.max(0)) / 2.0
     # Half a turn about the normal.
     away = points - axis
     twin = axis - away + 2.0 * np.outer(away @ normal, normal)
     beyond = _beyond(twin, box)
     out = np.flatnonzero(beyond > voxels.voxel_m)
-    allowed = round(LONE_SHARE * len(points))
+    # What sticks out farthest on one side (a handle, a spout) need not on the other.
+    allowed = round(LITTLE * len(points))
     if len(out) <= allowed:
         return np.zeros((0, 3))
     out = out[np.argsort(beyond[out], kind="stable")][: len(out) - allowed]

@@ -16,27 +16,23 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.kernels import revolve as kernel
 from cuboid.kernels.extents import side_spread
+from cuboid.kernels.resting import LID_M, ROUND_RADIUS
+from cuboid.tolerances import DRIFT_M, JUMP_SIGMAS, LEAST_SIGMA_M, SIGMAS, STRAYS
 
-# Points this near the top, metres, are no side: a lid is filled. Layers are as thick as a voxel, metres.
-TOP_M, LAYER_M = 0.012, 0.01
-# Share of the height that is the top; the fit takes so many steps, and asks for so many points of the side.
-TOP_QUANTILE, STEPS, LEAST_POINTS = 0.98, 6, 30
+# The fit takes so many steps, and asks for so many points of the side.
+STEPS, LEAST_POINTS = 6, 30
 # A side that covers less of the turn, degrees, fixes no axis in noise: counted in sectors of 10 degrees. How far it
 # departs from itself is looked at in sectors of 30 degrees, each with at least so many points.
 LEAST_ARC, FINE_SECTORS, SECTORS, SECTOR_POINTS = 150.0, 36, 12, 5
-# A radius is at most this share of what was seen in length, which half a disc shows whole but for its edges.
-MOST_RADIUS = 0.6
-# A layer with less than this share of all trust does not count; of a filled layer the rim begins at this share.
-LEAST_LAYER, RIM = 0.02, 0.85
+# Of a filled layer the rim begins at this share.
+RIM = 0.85
 # Such a body departs from itself from sector to sector by no more than this share of its radius: a mug's handle or a
 # cap's brim does. And it fits by so much better than the best rectangle: cartons do not.
 LEAST_TURN, BETTER = 0.11, 0.95
-# Residuals beyond this, metres, count no more: parts, strays.
-MOST_RESIDUAL_M = 0.03
-# A surface is rough (leaves) from this residual on: so many times the noise, and metres besides.
-ROUGH_NOISE, ROUGH_M = 1.9, 0.003
-# What sticks out by more than so many residuals, and metres, is a part of its own.
-PART_RESIDUALS, PART_M = 2.5, 0.004
+# A surface is rough (leaves) from this residual on: so many times the noise, besides that of the truest readings.
+ROUGH_NOISE = 1.9
+# What sticks out by more than so many residuals is a part of its own.
+PART_RESIDUALS = 2.5
 # Of what sticks out strays are at most this share: of less there is no part.
 MOST_STRAYS = 0.3
 # A seen side at least so wide, as a share of its length, may be that of a round body.
@@ -50,6 +46,7 @@ def revolved(
     normal: Float64Array,
     offset: float,
     noise_m: float,
+    layer_m: float,
     share: float,
 ) -> Box | None:
     """Return the box of a body of revolution of which a part was seen; None where it is none, or that is not sure.
@@ -67,6 +64,8 @@ def revolved(
         The plane is normal.p + offset = 0.
     noise_m : float
         Standard deviation of the points of a surface, metres.
+    layer_m : float
+        Thickness of a layer, metres: a voxel.
     share : float
         Share of the trust that are strays, at each side.
     """
@@ -75,8 +74,8 @@ def revolved(
     height = points @ normal + offset
     first, second = plane_axes(normal)
     plan = points @ np.array([first, second]).T
-    layer = np.floor((height - height.min()) / LAYER_M).astype(np.int64)
-    side = np.flatnonzero(height < np.quantile(height, TOP_QUANTILE) - TOP_M)
+    layer = np.floor((height - height.min()) / layer_m).astype(np.int64)
+    side = np.flatnonzero(height < np.quantile(height, 1.0 - 2.0 * STRAYS) - LID_M)
     if len(side) < LEAST_POINTS or not trust[side].sum() > 0.0:
         return None
     axis = _axis(plan[side], layer[side], trust[side], _footprint(box, first, second), noise_m)
@@ -85,11 +84,11 @@ def revolved(
     center, spread_m = axis
     distance = np.hypot(*(plan - center).T)
     weight = float(trust.sum())
-    radius = kernel.widest_layer(distance, layer, trust, int(layer.max()) + 1, LEAST_LAYER * weight, RIM)
+    radius = kernel.widest_layer(distance, layer, trust, int(layer.max()) + 1, 2.0 * STRAYS * weight, RIM)
     along = DIRECTIONS @ center
     low, high = along - radius, along + radius
-    rough = spread_m > ROUGH_NOISE * noise_m + ROUGH_M
-    part = rough | (distance > radius + max(PART_M, PART_RESIDUALS * spread_m))
+    rough = spread_m > ROUGH_NOISE * noise_m + SIGMAS * LEAST_SIGMA_M
+    part = rough | (distance > radius + max(JUMP_SIGMAS * LEAST_SIGMA_M, PART_RESIDUALS * spread_m))
     strays = share * weight / max(float(trust[part].sum()), 1e-12)
     if strays < MOST_STRAYS:
         least, most = reach_of(plan[part], trust[part], DIRECTIONS, strays)
@@ -113,7 +112,7 @@ def _axis(
     if max(spread_m**2 - noise_m**2, 0.0) >= BETTER**2 * (against**2 - noise_m**2):
         return None
     # A nearly straight side has its axis far away.
-    if usual > MOST_RADIUS * float(rectangle[4:].max()) + TOP_M:
+    if usual > ROUND_RADIUS * float(rectangle[4:].max()) + LID_M:
         return None
     angle = np.arctan2(*(plan - center).T[::-1])
     near = np.abs(residual) < PART_RESIDUALS * spread_m
@@ -143,4 +142,4 @@ def _footprint(box: Box, first: Float64Array, second: Float64Array) -> Float64Ar
 
 
 def _spread(residual: Float64Array, trust: Float64Array) -> float:
-    return float(np.sqrt(np.average(np.minimum(np.abs(residual), MOST_RESIDUAL_M) ** 2, weights=trust)))
+    return float(np.sqrt(np.average(np.minimum(np.abs(residual), DRIFT_M) ** 2, weights=trust)))

@@ -10,19 +10,13 @@ import numpy.typing as npt
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, UInt8Array
 from cuboid.kernels import votes as kernel
-from cuboid.kernels.pixels import label_regions
+from cuboid.kernels.pieces import label_regions
 from cuboid.proposals.types import Proposals
+from cuboid.tolerances import JUMP_M, LITTLE, MOST
 from cuboid.working import WorkingImage
 
 # The strongest proposals that say how much weight counts as sure.
 STRONGEST = 10
-# A frame whose best proposals are weaker than this has nothing sure in it (scores are 0..1).
-LEAST_SURE = 0.1
-# Neighbouring readings of one surface differ by less than this plus four standard deviations, metres: 2.5 mm apart
-# at 1 m, a surface that is tilted by up to 75 degrees.
-JUMP_M = 0.01
-# A box without a mask means the surfaces that lie in it to this share.
-MEANT = 0.5
 
 
 class WeighedProposals(NamedTuple):
@@ -96,7 +90,7 @@ def pixel_heat(image: WorkingImage, weighed: WeighedProposals) -> Float32Array:
     if len(weighed.weights) == 0:
         return heat
     kernel.vote(weighed.rectangles, weighed.starts, weighed.covered, weighed.weights, heat)
-    sure = max(LEAST_SURE, float(np.sort(weighed.weights)[::-1][:STRONGEST].mean()))
+    sure = max(LITTLE, float(np.sort(weighed.weights)[::-1][:STRONGEST].mean()))
     return np.asarray(1.0 - np.exp(-heat / np.float32(sure)), dtype=np.float32)
 
 
@@ -114,7 +108,7 @@ def _surfaces_in(
         rows = np.clip((np.arange(y0, y1) - py) // step, 0, labels.shape[0] - 1)
         columns = np.clip((np.arange(x0, x1) - px) // step, 0, labels.shape[1] - 1)
         inside = labels[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-        meant = np.bincount(inside.ravel(), minlength=len(sizes)) >= MEANT * sizes
+        meant = np.bincount(inside.ravel(), minlength=len(sizes)) >= MOST * sizes
         meant[0] = False
         masks.append(meant[labels[rows[:, None], columns[None]]].astype(np.uint8))
     return tuple(masks)

@@ -9,20 +9,22 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from cuboid.tolerances import LEAST_SIGMA_M, SIGMAS
+
 # Columns of a cell's row.
 NX, NY, NZ, CX, CY, CZ, AREA, RMS = range(8)
 CELL_COLUMNS = 8
 
-# A level surface is looked for where it is seen from higher than this (sine): 3 degrees, as for `fit_cells`.
+# A surface is looked for where it is seen from higher than this (sine, 3 degrees).
 LOWEST = 0.05
-# What a level surface may rise between two readings besides noise, metres.
-LEVEL_M = 0.001
 # The second reading is at most so many pixels beyond the first.
 FARTHEST = 8
 # ... or the next that there is, so many more pixels on: surfaces seen low are full of gaps.
 MISSING = 3
-# Readings of a patch that lie level: at least so many, and this share.
-LEAST_READINGS, LEAST_LEVEL = 3, 0.6
+# Readings of a patch that lie level: at least so many.
+LEAST_LEVEL = 3
+# Of a cell, or a patch, at least this share has readings that tell of its plane.
+FILLED = 0.6
 
 
 @njit(cache=True, nogil=True)
@@ -46,7 +48,7 @@ def fit_cells(depth, camera, size, max_depth, cells):
     rows, columns = depth.shape[0] // size, depth.shape[1] // size
     fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
     half = (size - 1) * 0.5
-    needed = 0.6 * size * size
+    needed = FILLED * size * size
     for r in range(rows):
         for c in range(columns):
             out = cells[r * columns + c]
@@ -89,7 +91,7 @@ def fit_cells(depth, camera, size, max_depth, cells):
             z = 1.0 / mw
             rx, ry = (u0 - cx) / fx, (v0 - cy) / fy
             facing = (nx * rx + ny * ry + nz) / norm
-            if facing < 0.05 * np.sqrt(rx * rx + ry * ry + 1.0):  # grazing: the fit says nothing
+            if facing < LOWEST * np.sqrt(rx * rx + ry * ry + 1.0):  # grazing: the fit says nothing
                 continue
             out[NX], out[NY], out[NZ] = -nx / norm, -ny / norm, -nz / norm
             out[CX], out[CY], out[CZ] = rx * z, ry * z, z
@@ -155,7 +157,7 @@ def level_patches(depth, camera, up, size, noise, min_depth, max_depth, skip, pa
                     here = depth[v, u]
                     if not (min_depth <= here <= max_depth):
                         continue
-                    gate = 3.0 * 1.42 * noise * here * here * steep + LEVEL_M
+                    gate = SIGMAS * 1.42 * noise * here * here * steep + LEAST_SIGMA_M
                     # So many pixels on, an upright surface has risen by more than twice the gate.
                     k = int(np.ceil(2.0 * gate * longest / here))
                     if k > FARTHEST:
@@ -178,7 +180,7 @@ def level_patches(depth, camera, up, size, noise, min_depth, max_depth, skip, pa
                     if abs(rise) <= gate:
                         n += 1
                         x, y, z = x + px * here, y + py * here, z + here
-            if n < LEAST_READINGS or n < LEAST_LEVEL * known:
+            if n < LEAST_LEVEL or n < FILLED * known:
                 continue
             z /= n
             out = patches[found]

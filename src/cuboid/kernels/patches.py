@@ -7,6 +7,10 @@ from numba import njit
 
 from cuboid.kernels.cells import AREA, CX, CY, CZ, NX, NY, NZ, RMS
 from cuboid.kernels.segments import FAR, NONE, PLANE, SURFACE
+from cuboid.tolerances import SIGMAS
+
+# Fewer cells fix no plane that others are joined to.
+LEAST_CELLS = 9
 
 
 @njit(cache=True, nogil=True)
@@ -80,7 +84,7 @@ def grow_planes(cells, shape, camera, size, noise, bias, flat, least_area, plane
             m[6] += u * w
             m[7] += v * w
             m[8] += w
-            if head >= 9 and head >= 1.5 * fitted:
+            if head >= LEAST_CELLS and head >= 1.5 * fitted:
                 fitted = head
                 ok, a2, b2, c2 = solve3(m)
                 if ok:
@@ -105,7 +109,7 @@ def grow_planes(cells, shape, camera, size, noise, bias, flat, least_area, plane
                 tried[rr, qq] = attempt
                 queue[tail] = rr * columns + qq
                 tail += 1
-        if area < least_area or tail < 9:
+        if area < least_area or tail < LEAST_CELLS:
             continue
         ok, a2, b2, c2 = solve3(m)
         if ok:
@@ -235,7 +239,7 @@ def classify(
                         facing = abs(normals[p, 0] * rx + normals[p, 1] * ry + normals[p, 2])
                         # dz = z^2 dw, and at right angles to the plane dz times n.ray
                         across = abs(expected - w) * z * z * facing
-                        if across < max(floor, bias + 3.0 * noise * z * z * facing):
+                        if across < max(floor, bias + SIGMAS * noise * z * z * facing):
                             kind[v, u] = PLANE
                             on[v, u] = p
                             break

@@ -6,10 +6,11 @@ import numpy as np
 from numba import njit
 
 from cuboid.kernels.extents import best_turn, reach
+from cuboid.tolerances import DRIFT_M
 
 # A cluster whose lowest point is within this of the plane rests on it, metres: the foot of an object is lost to the
 # noise floor of the plane, and the part below a bowl's belly is seldom seen.
-REST_M = 0.06
+REST_M = 2.0 * DRIFT_M
 # A box whose footprint is larger by no more than this, and which is turned by at least so many steps of two degrees, is
 # taken instead of the smallest one where the points of the sides, those this far below the top (metres), lie so much
 # nearer to its sides. So many such boxes are looked at.
@@ -19,7 +20,7 @@ RIVAL_AREA, APART, LID_M, BETTER_SIDES, MOST_RIVALS = 1.15, 5, 0.012, 0.7, 3
 ROUND_RESIDUAL, ROUND_RADIUS = 0.03, 0.6
 # A disc of which no more than this is missing, metres, is whole: drift and noise widen what was seen all round by a
 # centimetre in one direction.
-MISSING_M = 0.012
+MISSING_M = LID_M
 # Length and width are alike within this, metres: of a round footprint the first direction counts, and not what the
 # last bit of a sum favours.
 ALIKE_M = 1e-9

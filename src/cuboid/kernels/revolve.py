@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from cuboid.tolerances import LEAST_SIGMA_M
+
 # A residual so many times the usual one counts half.
 ROBUST = 2.0
-# The usual residual is never taken for less than this, metres: readings are not better.
-LEAST_SPREAD_M = 0.002
 
 
 @njit(cache=True, nogil=True)
@@ -83,7 +83,7 @@ def fit_axis(plan, layer, weights, rounds, center, radius, residual):
             whole += robust[i]
         if step == rounds or not whole > 0.0:
             break
-        usual = ROBUST * max(LEAST_SPREAD_M, 1.25 * spread / whole)
+        usual = ROBUST * max(2.0 * LEAST_SIGMA_M, 1.25 * spread / whole)
         aa = ab = bb = ac = bc = 0.0
         for i in range(count):
             w = robust[i]

@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from cuboid.tolerances import JUMP_SIGMAS
+
 # Kinds of pixels: no reading, on a large plane, on another surface, too far away.
 NONE, PLANE, SURFACE, FAR = 0, 1, 2, 3
 # Bits of the marks of a pixel: depth jumps to its right, below it; a concave crease runs through it.
@@ -97,7 +99,7 @@ def mark_jumps(inverse, kind, noise, jump, smooth, marks):
         for u in range(width):
             w = row[u + 1]
             # A jump dz is dw = dz w^2.
-            limit = jump * w * w + 4.0 * noise
+            limit = jump * w * w + JUMP_SIGMAS * noise
             total = n = 0.0
             for k in range(3):
                 total, n = with_near(above[u + k], w, limit, total, n)
@@ -113,7 +115,7 @@ def mark_jumps(inverse, kind, noise, jump, smooth, marks):
             if marks[v, u] == 0:
                 continue
             w = row[u + 1]
-            limit = jump * w * w + 4.0 * noise
+            limit = jump * w * w + JUMP_SIGMAS * noise
             if marks[v, u] & RIGHT:
                 after = row[u + 3] if u + 2 < width else np.float32(0.0)
                 if continues(row[u], w, row[u + 2], after, limit):
@@ -168,6 +170,30 @@ def label_surfaces(inverse, kind, marks, least, labels, queue, sizes):
     height, width = kind.shape
     labels[:] = 0
     sizes[:] = 0
+    core = cores(kind, marks)
+    last = label_cores(kind, marks, core, least, labels, queue, sizes.size - 1)
+    grow_back(kind, marks, labels, queue)
+    for v in range(height):
+        for u in range(width):
+            if kind[v, u] != SURFACE or labels[v, u] != 0:
+                continue
+            n = flood(kind, marks, core, False, v, u, last + 1, labels, queue)
+            if n >= least and last < sizes.size - 1:
+                last += 1
+            else:
+                for i in range(n):
+                    labels[queue[i] >> PLACE_BITS, queue[i] & COLUMN_MASK] = 0
+                    kind[queue[i] >> PLACE_BITS, queue[i] & COLUMN_MASK] = NONE
+    for v in range(height):
+        for u in range(width):
+            sizes[labels[v, u]] += 1
+    return last
+
+
+@njit(cache=True, nogil=True)
+def cores(kind, marks):
+    """Return the pixels (H, W) of surfaces that neither a jump nor a crease touches, 1 or 0."""
+    height, width = kind.shape
     core = np.zeros((height, width), np.uint8)
     for v in range(1, height - 1):
         for u in range(1, width - 1):
@@ -182,8 +208,14 @@ def label_surfaces(inverse, kind, marks, least, labels, queue, sizes):
                         break
             if ok:
                 core[v, u] = 1
+    return core
+
+
+@njit(cache=True, nogil=True)
+def label_cores(kind, marks, core, least, labels, queue, limit):
+    """Number the cores of surfaces, at most so many; return the last number. What is no core of one is none anymore."""
+    height, width = kind.shape
     last = 0
-    limit = sizes.size - 1
     for v in range(height):
         for u in range(width):
             if core[v, u] == 0 or labels[v, u] != 0 or last == limit:
@@ -195,7 +227,13 @@ def label_surfaces(inverse, kind, marks, least, labels, queue, sizes):
                 for i in range(n):
                     labels[queue[i] >> PLACE_BITS, queue[i] & COLUMN_MASK] = 0
                     core[queue[i] >> PLACE_BITS, queue[i] & COLUMN_MASK] = 0
-    # Grow back from all cores at once.
+    return last
+
+
+@njit(cache=True, nogil=True)
+def grow_back(kind, marks, labels, queue):
+    """Let all cores grow at once into what is linked to them."""
+    height, width = kind.shape
     tail = 0
     for v in range(height):
         for u in range(width):
@@ -214,21 +252,6 @@ def label_surfaces(inverse, kind, marks, least, labels, queue, sizes):
                 labels[vv, uu] = labels[v, u]
                 queue[tail] = (vv << PLACE_BITS) | uu
                 tail += 1
-    for v in range(height):
-        for u in range(width):
-            if kind[v, u] != SURFACE or labels[v, u] != 0:
-                continue
-            n = flood(kind, marks, core, False, v, u, last + 1, labels, queue)
-            if n >= least and last < limit:
-                last += 1
-            else:
-                for i in range(n):
-                    labels[queue[i] >> PLACE_BITS, queue[i] & COLUMN_MASK] = 0
-                    kind[queue[i] >> PLACE_BITS, queue[i] & COLUMN_MASK] = NONE
-    for v in range(height):
-        for u in range(width):
-            sizes[labels[v, u]] += 1
-    return last
 
 
 @njit(cache=True, nogil=True)
@@ -252,44 +275,3 @@ def flood(kind, marks, core, cores_only, v0, u0, label, labels, queue):
                 queue[tail] = (vv << PLACE_BITS) | uu
                 tail += 1
     return tail
-
-
-@njit(cache=True, nogil=True)
-def cut_masks(labels, members, chosen, boxes, step, masks):
-    """Write the masks of regions, each cropped to its rectangle, one after the other.
-
-    Parameters
-    ----------
-    labels : (h, w) int16
-        Segment of each pixel, -1 none, -2 - p on plane p.
-    members : (N, S) uint8
-        1 for each segment that a region is made of; the planes count from the end.
-    chosen : (K,) int64
-        Regions.
-    boxes : (K, 4) int32
-        x0, y0, x1, y1 of each in pixels of `labels`, end exclusive.
-    step : int
-        Pixels of a mask, a side, that one of `labels` becomes.
-    masks : (L,) uint8, output
-    """
-    at, last = 0, members.shape[1]
-    # Of each label, counted from the last plane's on, whether it is in.
-    inside = np.zeros(2 * last + 1, np.uint8)
-    for row in range(chosen.size):
-        inside[:last] = inside[last + 1 :] = members[chosen[row]]
-        x0, y0, x1, y1 = boxes[row]
-        wide = (x1 - x0) * step
-        for v in range(y0, y1):
-            line, seen = masks[at : at + wide], labels[v, x0:x1]
-            if step == 1:
-                for u in range(seen.size):
-                    line[u] = inside[seen[u] + last + 1]
-            elif step == 2:
-                for u in range(seen.size):
-                    line[2 * u] = line[2 * u + 1] = inside[seen[u] + last + 1]
-            else:
-                for u in range(seen.size):
-                    line[u * step : (u + 1) * step] = inside[seen[u] + last + 1]
-            for k in range(1, step):
-                masks[at + k * wide : at + (k + 1) * wide] = line
-            at += step * wide

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from cuboid.tolerances import SIGMAS
+
 # Points nearer than this to the camera's plane are not in its picture, metres.
 NEAREST_M = 0.05
 
@@ -67,7 +69,7 @@ def count_seen(points, colors, ends, numbers, depth, color, owner, camera, T, no
                     reading, mine, same = depth[y, x], owner[y, x] == numbers[k], True
                     for c in range(3):
                         same &= abs(np.int64(color[y, x, c]) - np.int64(colors[i, c])) <= alike
-            within = max(agree, 3.0 * noise * z * z)
+            within = max(agree, SIGMAS * noise * z * z)
             if abs(reading - z) <= within if reading > 0.0 else same:
                 seen += 1
                 left, right, top, bottom = min(left, u), max(right, u), min(top, v), max(bottom, v)

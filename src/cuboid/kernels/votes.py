@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from cuboid.tolerances import LEAST_READINGS
+
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def weigh(
@@ -75,7 +77,7 @@ def weigh(
             if last >= 0:
                 left, right, top, bottom = min(left, first), max(right, last), min(top, v), v
         mask += wide * (boxes[k, 3] - boxes[k, 1])
-        if fit < 8 or readings < 0.3 * pixels:
+        if fit < LEAST_READINGS or readings < 0.3 * pixels:
             continue
         mean = total / fit
         spread = np.sqrt(max(0.0, square / fit - mean * mean))

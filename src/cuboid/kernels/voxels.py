@@ -22,13 +22,11 @@ from cuboid.kernels.cubes import (
     row_of,
     voxel_in,
 )
-
-# A pixel colder than this is no news.
-COLD = 0.1
+from cuboid.kernels.sightings import NEAREST_M
+from cuboid.tolerances import JUMP_SIGMAS, LEAST_FRAMES, LITTLE
 
 # Beyond this noise passes half a voxel, metres: cold points there are walls and floors.
 FAR_M = 2.0
-
 # More frames than this are not counted: what there is is halved.
 MOST_HITS = 65535
 
@@ -38,6 +36,22 @@ def nearer(part, parts, share, to):
     """Return a mean that is kept in so many parts of 1, after a sighting that has a share in it."""
     old = part + 0.5
     return np.uint16(min(np.int64(old + share * (to * parts - old)), 65535))
+
+
+@njit(cache=True, nogil=True, inline="always")
+def speaks_for(v, u, frame, warm, z):
+    """Return for how many pixels one speaks in a frame; 0 where another one, in turn, speaks for it."""
+    if warm < LITTLE:
+        # Of what is cold one pixel in four speaks for all; of what is cold and far one in sixteen.
+        if (u & 1) + 2 * (v & 1) != frame & 3:
+            return 0.0
+        if z <= FAR_M:
+            return 4.0
+        return 16.0 if ((u >> 1) & 1) + 2 * ((v >> 1) & 1) == (frame >> 2) & 3 else 0.0
+    if z > FAR_M:
+        # There a voxel is hardly wider than a pixel, and its noise wider than both: every other one will do.
+        return 0.0 if (u + v + frame) & 1 else 2.0
+    return 1.0
 
 
 @njit(cache=True, nogil=True)
@@ -81,22 +95,10 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, cubes, points
             slots[v, u] = -1
             if not (0.0 < z <= max_depth):
                 continue
-            share = 1.0
             warm = heat[v, u]
-            if warm < COLD:
-                # Of what is cold one pixel in four speaks for all, in turn; of what is cold and far one in sixteen.
-                if (u & 1) + 2 * (v & 1) != frame & 3:
-                    continue
-                share = 4.0
-                if z > FAR_M:
-                    if ((u >> 1) & 1) + 2 * ((v >> 1) & 1) != (frame >> 2) & 3:
-                        continue
-                    share = 16.0
-            elif z > FAR_M:
-                # There a voxel is hardly wider than a pixel, and its noise wider than both: every other one will do.
-                if (u + v + frame) & 1:
-                    continue
-                share = 2.0
+            share = speaks_for(v, u, frame, warm, z)
+            if share == 0.0:
+                continue
             x = (u - cx) * fx * z
             y = (v - cy) * fy * z
             wx = (xx * x + xy * y + xz * z + x0) * inverse
@@ -151,7 +153,7 @@ def see_through(which, depth, camera, T_camera_world, noise, margin, step, voxel
     """Count, for the points of some cubes, sightings that pass through them; remove those passed more often than hit.
 
     A voxel is passed when the reading at its pixel and at the eight around it all lie behind it by more than the
-    margin and four standard deviations of depth. `step` is how many frames one such look stands for.
+    margin and by the noise of depth. `step` is how many frames one such look stands for.
     """
     height, width = depth.shape
     T = T_camera_world
@@ -168,13 +170,13 @@ def see_through(which, depth, camera, T_camera_world, noise, margin, step, voxel
             py = (y0 + ((voxel >> CUBE_BITS) & mask) + (place[row, 1] + 0.5) / PLACES) * voxel_m
             pz = (z0 + (voxel & mask) + (place[row, 2] + 0.5) / PLACES) * voxel_m
             z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
-            if z < 0.1:
+            if z < NEAREST_M:
                 continue
             u = int(np.rint((T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]) / z * camera[0] + camera[2]))
             v = int(np.rint((T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]) / z * camera[1] + camera[3]))
             if u < 1 or v < 1 or u >= width - 1 or v >= height - 1:
                 continue
-            behind = z + max(margin, 4.0 * noise * z * z)
+            behind = z + max(margin, JUMP_SIGMAS * noise * z * z)
             passed = depth[v, u] > behind
             if not passed:
                 continue
@@ -185,7 +187,7 @@ def see_through(which, depth, camera, T_camera_world, noise, margin, step, voxel
             if passed:
                 cubes.changed[row >> BLOCK_BITS] = True
                 passes[row] = min(MOST_HITS, passes[row] + step)
-                if passes[row] >= 3 and passes[row] > hits[row]:
+                if passes[row] >= LEAST_FRAMES and passes[row] > hits[row]:
                     weight[row] = 0.0
                     hits[row] = 0
                     passes[row] = 0

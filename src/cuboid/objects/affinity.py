@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from math import log
 
+from cuboid.tolerances import SURE
+
 Pair = tuple[int, int]
 
 # Frames take one thing apart more often (here, once in three) than two things for one (once in seven): what a frame
 # adds to the log-odds that two are one, or takes off.
 SPLIT_RATE, JOIN_RATE = 0.35, 0.15
 ONE, TWO = log((1.0 - SPLIT_RATE) / JOIN_RATE), log(SPLIT_RATE / (1.0 - JOIN_RATE))
-# Two are one when that is so in 99 of 100 such cases, and hardly ever are when it is so in one of 100.
-SURE = log(99.0)
 # Beyond this no more is counted, so that a mistake of long ago can be mended.
 MOST = 2.0 * SURE
 

@@ -15,15 +15,12 @@ from cuboid.kernels.claims import shared
 from cuboid.objects.entry import MapObject
 from cuboid.objects.matching import assign
 from cuboid.surfaces.clusters import FrameClusters
+from cuboid.tolerances import MOST, SOME
 
-# A thing is an object when their overlap, in space or of what is seen, is at least this.
-SAME = 0.25
-# A thing lies in an object, or holds what is seen of one, when this share of it does.
-MOST = 0.5
-# Of a thing at least this share counts as known before: of what is all but new its known part tells little.
-KNOWN = 0.2
 # An object is in sight when it shows so many working pixels.
 IN_SIGHT = 12
+# A thing is an object when their overlap, in space or of what is seen, is at least this.
+SAME = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +85,9 @@ def associate(
         return Association(objects, nobody, nobody, np.zeros((n, m)), np.zeros(n), common[:n], common[-1])
     iou = iou_matrix(pack(boxes), pack([o.box for o in objects]))
     mine, sight = common[:n], common.sum(0)
+    # Of a thing at least some counts as known before: of what is all but new its known part tells little.
     whole = np.array([len(cluster.pixels) for cluster in frame.clusters])
-    seen = mine / np.maximum(np.maximum(size, KNOWN * whole)[:, None] + sight[None] - mine, 1)
+    seen = mine / np.maximum(np.maximum(size, SOME * whole)[:, None] + sight[None] - mine, 1)
     match, part = nobody.copy(), nobody.copy()
     like, likeness = np.maximum(iou, seen), np.zeros(n)
     for i, j in assign(like, SAME):

@@ -12,7 +12,8 @@ from cuboid.boxes.hidden import clear_of, with_foot, with_hidden
 from cuboid.boxes.revolved import revolved
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
-from cuboid.heatmap.voxel_map import Rows, VoxelMap
+from cuboid.heatmap.stored_points import Rows
+from cuboid.heatmap.voxel_map import VoxelMap
 
 # Share of an object's trust that lies outside its surface at each side: the tails of the sensor's noise.
 STRAY_SHARE = 0.008
@@ -58,7 +59,7 @@ class Boxing:
         if plane is None:
             return fit_box(points, up, None, STRAY_SHARE, trust)
         box = fit_box(points, *plane, STRAY_SHARE, trust)
-        round_box = revolved(box, points, trust, *plane, noise_m, STRAY_SHARE)
+        round_box = revolved(box, points, trust, *plane, noise_m, self._voxels.voxel_m, STRAY_SHARE)
         if round_box is not None and clear_of(round_box, others):
             return with_foot(to_faces(round_box, points, trust, noise_m, top_alone=True), *plane, others, self._voxels)
         box = to_faces(box, points, trust, noise_m, top_alone=False)

@@ -6,17 +6,14 @@ import numpy as np
 
 from cuboid.frame import UInt8Array
 from cuboid.geometry.box import Box
-from cuboid.heatmap.voxel_map import Rows, VoxelMap
+from cuboid.heatmap.stored_points import Rows
+from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.tolerances import DRIFT_M, MOST, SAMPLE
 
 # What lies this near a side of the box, voxels, makes that side; it goes on where there are points so far beyond it,
 # voxels.
-SIDE_VOXELS, BEYOND_VOXELS = 2.0, (2.0, 3.0, 4.0)
-# A side goes on when this share of it does.
-SIDE_SHARE = 0.5
-# What is lower than this above the foot of a box, metres, is beside what it stands on.
-FOOT_M = 0.03
-# Points of an object that are asked, at most about.
-ASKED = 400
+SIDE_VOXELS = 2.0
+BEYOND_VOXELS = SIDE_VOXELS + np.arange(3)
 
 
 def continues(box: Box, rows: Rows, voxels: VoxelMap, owned: UInt8Array) -> tuple[bool, int]:
@@ -31,9 +28,10 @@ def continues(box: Box, rows: Rows, voxels: VoxelMap, owned: UInt8Array) -> tupl
     owned : (M,) uint8
         1 for each object, by number, that is no structure.
     """
-    rows = rows[:: 1 + len(rows) // ASKED]
+    rows = rows[:: 1 + len(rows) // SAMPLE]
     own = (voxels.xyz(rows).astype(np.float64) - box.center) @ box.rotation
-    own = own[own[:, 2] > FOOT_M - box.size[2] / 2]
+    # What is lower is beside what it stands on.
+    own = own[own[:, 2] > DRIFT_M - box.size[2] / 2]
     if len(own) == 0:
         return False, 0
     low, high = own.min(0), own.max(0)
@@ -43,12 +41,12 @@ def continues(box: Box, rows: Rows, voxels: VoxelMap, owned: UInt8Array) -> tupl
         side = own[edge <= SIDE_VOXELS * voxels.voxel_m]
         step = np.zeros(3)
         step[axis] = sign * voxels.voxel_m
-        beyond.append((side[:, None] + np.array(BEYOND_VOXELS)[:, None] * step).reshape(-1, 3))
+        beyond.append((side[:, None] + BEYOND_VOXELS[:, None] * step).reshape(-1, 3))
     owner = voxels.owner_at(np.concatenate(beyond) @ box.rotation.T + box.center)
     foreign = (owner >= 0) & ~owned[np.maximum(owner, 0)].astype(bool)
     goes_on = foreign.reshape(-1, len(BEYOND_VOXELS)).any(1).astype(np.float64)
     ends = np.cumsum([len(places) // len(BEYOND_VOXELS) for places in beyond])
-    top, *sides = (float(side.mean()) >= SIDE_SHARE for side in np.split(goes_on, ends[:-1]))
+    top, *sides = (float(side.mean()) >= MOST for side in np.split(goes_on, ends[:-1]))
     return top, sum(sides)
 
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
-from cuboid.kernels.claims import KINDS
+from cuboid.kernels.outlines import KINDS
 
 
 class State(Enum):
@@ -50,7 +50,7 @@ class MapObject:
     log_odds : float
         That it is an object: what its sightings have told so far.
     outline : (4, KINDS) float64
-        What bounded it in its sightings, by side and kind; see `kernels.claims.outlines`.
+        What bounded it in its sightings, by side and kind; see `kernels.outlines.outlines`.
     supports : dict of int to int
         Pixels of it seen above each plane, by the plane's identity.
     merged_labels : list of int

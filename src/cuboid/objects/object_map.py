@@ -7,7 +7,6 @@ from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float64Array, UInt8Array
@@ -15,48 +14,29 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.geometry.se3 import transform
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.kernels.claims import BOTTOM, CONTACT, FREE, KINDS, SUPPORT
+from cuboid.kernels.outlines import KINDS
 from cuboid.limits import MOST_CANDIDATES
-from cuboid.objects.affinity import SURE
-from cuboid.objects.association import IN_SIGHT, MOST, Association, associate
-from cuboid.objects.boxing import Boxing
-from cuboid.objects.continuation import is_structure
+from cuboid.objects.association import IN_SIGHT, Association, associate
 from cuboid.objects.entry import MapObject, State
-from cuboid.objects.outline import enclosed, told_by
+from cuboid.objects.fitting import Fitting
+from cuboid.objects.outline import told_by
 from cuboid.objects.store import ObjectStore
-from cuboid.objects.validity import fits_object, too_large
+from cuboid.objects.validity import fits_object
 from cuboid.objects.visibility import in_view
+from cuboid.objects.wholeness import is_whole
 from cuboid.surfaces.clusters import FrameCluster, FrameClusters
 from cuboid.surfaces.planes import PlaneTracker
+from cuboid.tolerances import LITTLE, MOST, SURE
 from cuboid.working import WorkingImage
 
 # Beyond this no more is counted, so that a mistake can be mended.
 MOST_SURE = 3.0 * SURE
-# A box is fitted anew when the sightings have grown by this share.
-GROWN = 0.15
-# Labelled objects, and candidates, whose boxes are fitted anew in a frame, at most: the rest has its turn next.
-FITS = 4
-# A thing this much like its object is all of it, or shows more of it.
-SURE_MATCH = 0.5
-# What is thinner or flatter than so many deviations of its own points may be the noise of a surface.
-SIGMAS = 3.0
-# What an object loses at a fit that finds it going on into structure, or no more than noise.
-STRUCTURE = 2.0
 # What a candidate loses in a frame that shows its place and has no proposal for it.
 MISSED = 0.3
-# Frames do not agree on two objects that touch, metres, while the log-odds that they are two are below this.
-UNSURE, TOUCH_M = 1.1, 0.03
-# A labelled object is no more when less than this share of the voxels of its last fit is left: a rim at its foot stays,
-# for what passes that near to a table is not told from what lies on it.
-LOST_SHARE = 0.1
-# Fewer voxels are no object.
-LEAST_VOXELS = 8
 # Objects beyond so many times the range of depth are not looked for: too far to tell even their colors.
 FAR = 2.0
 # At another visit all that was seen before counts as at most so many sightings: what has changed is soon believed.
 REMEMBERED = 4
-# Two objects are likely one when their boxes share this much of the smaller one.
-TWIN_OVERLAP = 0.5
 
 
 class ObjectMap:
@@ -73,8 +53,8 @@ class ObjectMap:
         self._config = config
         self._voxels = voxels
         self._planes = planes
-        self._boxing = Boxing(voxels)
         self.store = ObjectStore(voxels)
+        self._fitting = Fitting(config, voxels, planes, self.store)
 
     def in_view(self, image: WorkingImage, T_camera_world: Float64Array) -> list[MapObject]:
         """Return the objects, confirmed or not, whose boxes reach into the picture, none too far to see, by number."""
@@ -133,7 +113,7 @@ class ObjectMap:
         self._share_room([o.number for o in objects], news)
         self._missed(found)
         touched = [o.number for o in objects] + [int(n) for n in number_of if n]
-        self._fit(touched)
+        self._fitting.fit_grown(touched)
         self._lost(found)
         self._merge(touched)
         self._decide(touched)
@@ -186,7 +166,7 @@ class ObjectMap:
         place = np.full(self.store.numbers, -1, np.int64)
         place[0] = 0
         place[[o.number for o in found.objects]] = np.arange(1, len(found.objects) + 1)
-        sure = (found.match < 0) | (found.likeness >= SURE_MATCH)
+        sure = (found.match < 0) | (found.likeness >= MOST)
         allowed = np.zeros((len(number_of), len(found.objects) + 1), np.uint8)
         allowed[sure] = [1, *(not o.confirmed for o in found.objects)]
         for i in np.flatnonzero(sure).tolist():
@@ -215,7 +195,7 @@ class ObjectMap:
             return
         labelled = [o for o in entries if o.confirmed]
         inside = overlap_min_matrix(pack([o.box for o in entries]), pack([o.box for o in labelled]))
-        for i, j in zip(*np.nonzero(inside >= TWIN_OVERLAP), strict=True):
+        for i, j in zip(*np.nonzero(inside >= MOST), strict=True):
             if entries[i] is not labelled[j]:
                 self.store.affinity.tell(entries[i].number, labelled[j].number, one=True, news=news)
 
@@ -226,52 +206,15 @@ class ObjectMap:
             if entry.state is State.CANDIDATE and j not in matched:
                 entry.log_odds -= MISSED
 
-    def _fit(self, numbers: Sequence[int]) -> None:
-        """Fit the boxes of objects of which more was seen than at the last fit."""
-        waiting = [o for o in self.store.all_of(numbers) if o.sightings >= (1 + GROWN) * o.fitted and o.sightings > 0]
-        waiting.sort(key=lambda o: ((o.fitted + 1) / (o.sightings + 1), o.number))
-        confirmed = [o for o in waiting if o.confirmed][:FITS]
-        sure = [o for o in waiting if not o.confirmed and o.log_odds > 0][:FITS]
-        for entry in confirmed + sure:
-            self._describe(entry)
-
     def _lost(self, found: Association) -> None:
         """Retire labelled objects that the frame has nothing of, and that frames see through: taken away, mostly."""
         matched = set(found.match.tolist())
         for j, entry in enumerate(found.objects):
             if j in matched or not entry.confirmed:
                 continue
-            if len(self._voxels.rows_of(entry.number)) < LOST_SHARE * len(entry.points):
+            # A rim at its foot stays: what passes that near to a table is not told from what lies on it.
+            if len(self._voxels.rows_of(entry.number)) < LITTLE * len(entry.points):
                 self.store.retire(entry)
-
-    def _describe(self, entry: MapObject) -> None:
-        voxels = self._voxels
-        rows = voxels.solid_rows_of(entry.number, self._config.hot, min(2, entry.sightings))
-        entry.fitted = entry.sightings
-        if len(rows) < LEAST_VOXELS:
-            if entry.confirmed:
-                self.store.retire(entry)
-            return
-        identity = max(entry.supports.items(), key=lambda s: (s[1], -s[0]), default=(None, 0))[0]
-        plane = None if identity is None else self._planes.find(identity)
-        entry.plane = None if plane is None else plane.identity
-        box = self._boxing.fit(
-            rows,
-            None if plane is None else self._planes.in_world(plane),
-            self._planes.likely_up,
-            [o.box for o in self._neighbours(entry) if o.confirmed],
-        )
-        entry.points, entry.colors = voxels.xyz(rows), voxels.rgb(rows)
-        entry.heat = float(voxels.heat(rows).mean())
-        self.store.place(entry, box)
-        owned = np.zeros(self.store.numbers, np.uint8)
-        owned[[entry.number, *(o.number for o in self._neighbours(entry) if o.confirmed)]] = 1
-        thin = box.size.min() < SIGMAS * self._boxing.noise_m(rows)
-        entry.structure = thin or not fits_object(box, self._config) or is_structure(box, rows, voxels, owned)
-        if entry.structure:
-            entry.log_odds -= STRUCTURE
-        if too_large(box, self._config):
-            self.store.retire(entry)
 
     def stand_anew(self) -> None:
         """Let all objects find their planes anew: up is not what it was."""
@@ -306,9 +249,6 @@ class ObjectMap:
             entry.sightings = min(entry.sightings, REMEMBERED)
             entry.fitted = min(entry.fitted, REMEMBERED)
 
-    def _neighbours(self, entry: MapObject) -> list[MapObject]:
-        return [o for o in self.store.near(entry.box, 0.0) if o is not entry]
-
     def _merge(self, numbers: Sequence[int]) -> None:
         """Make one of objects that have proved to be one."""
         for number in sorted(set(numbers)):
@@ -327,7 +267,7 @@ class ObjectMap:
     def merge(self, one: MapObject, two: MapObject) -> MapObject:
         """Make one of two objects, and return it."""
         kept, _ = self.store.merge(one, two)
-        self._describe(kept)
+        self._fitting.fit(kept)
         return kept
 
     def _decide(self, numbers: Sequence[int]) -> None:
@@ -335,47 +275,9 @@ class ObjectMap:
         for entry in self.store.all_of(numbers):
             if entry.log_odds <= (-SURE if entry.confirmed else -SURE / 2.0):
                 self.store.retire(entry)
-            elif entry.state is State.CANDIDATE and entry.log_odds >= SURE and self._is_whole(entry):
+            elif (
+                entry.state is State.CANDIDATE
+                and entry.log_odds >= SURE
+                and is_whole(entry, self.store, self._planes, self._config)
+            ):
                 self.store.confirm(entry)
-
-    def _is_whole(self, entry: MapObject) -> bool:
-        """Tell whether a candidate has a box, and is a whole object: no structure, of its size, no part of another."""
-        return (
-            len(entry.points) > 0
-            and not entry.structure
-            and enclosed(entry.outline)
-            and not self._floats(entry)
-            and fits_object(entry.box, self._config)
-            and not self._may_be_part(entry)
-        )
-
-    def _floats(self, entry: MapObject) -> bool:
-        """Tell whether an object hangs in the air: higher above its plane than it is long, air beneath."""
-        plane = None if entry.plane is None else self._planes.find(entry.plane)
-        if plane is None:
-            return False
-        normal, offset = self._planes.in_world(plane)
-        gap_m = float(normal @ entry.box.center) + offset - entry.box.size[2] / 2
-        beneath = entry.outline[BOTTOM]
-        return bool(gap_m > entry.box.size.max() and beneath[FREE] > beneath[SUPPORT] + beneath[CONTACT])
-
-    def _may_be_part(self, entry: MapObject) -> bool:
-        """Tell whether frames do not agree yet that an object is another one than a labelled one that it touches."""
-        unsure = set(self.store.affinity.partners(entry.number, least=-UNSURE))
-        return bool(unsure) and any(
-            other.confirmed and other.number in unsure and gap_m(entry.points, other.points, TOUCH_M) <= TOUCH_M
-            for other in self._neighbours(entry)
-        )
-
-
-def gap_m(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32], limit_m: float) -> float:
-    """Return the distance of two sets of points, infinite beyond a limit."""
-    # Only what lies in the other's surroundings can be that near.
-    for _ in range(2):
-        if len(a) == 0 or len(b) == 0:
-            return float("inf")
-        a, b = b[((b > a.min(0) - limit_m) & (b < a.max(0) + limit_m)).all(1)], a
-    if len(a) == 0:
-        return float("inf")
-    distance, _ = cKDTree(b).query(a, distance_upper_bound=limit_m)
-    return float(np.min(distance))

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from math import log
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float64Array
-from cuboid.kernels.claims import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, LEFT, RIGHT, SUPPORT, TOP, UNSURE
+from cuboid.kernels.outlines import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, LEFT, RIGHT, SUPPORT, TOP, UNSURE
+from cuboid.tolerances import MOST, SOME, SURE
 
 # Log-odds that a sighting adds which shows all of an outline, all of it free: two or three make an object sure.
-CLEAR = log(99.0) / 2.0
+CLEAR = SURE / 2.0
 # Of an object at least this share of the outline that can be judged is free or rests on its support.
 OWN_SHARE = 0.6
-# What another thing bounds, or a hole without an edge of color, is an object's own outline half of the time.
-UNSURE_SHARE = 0.5
-# A side is known when this share of it can be judged, of the top a third: what always goes up behind something is a
-# leg, or a post. A side goes on into structure when more than this share of what can be judged does.
-KNOWN_SHARE, KNOWN_TOP_SHARE, STRUCTURE_SHARE = 0.2, 0.35, 0.5
-# A side is cut off by the picture when more than this share of it lies at its border.
-CUT_SHARE = 0.5
+# A side is known when some of it can be judged, of the top this share: what always goes up behind something is a leg,
+# or a post.
+KNOWN_TOP_SHARE = 0.35
 
 Outline = npt.NDArray[Any]
 
@@ -32,14 +28,15 @@ def told_by(outlines: Outline) -> Float64Array:
     Parameters
     ----------
     outlines : (N, 4, KINDS)
-        Pixels by side and kind; see `kernels.claims.outlines`.
+        Pixels by side and kind; see `kernels.outlines.outlines`.
     """
     kinds = outlines.sum(1)
     # Everything stands on something, known or not.
     kinds[:, SUPPORT] += outlines[:, BOTTOM, CONTACT]
     kinds[:, CONTACT] -= outlines[:, BOTTOM, CONTACT]
     judged = kinds[:, :HIDDEN].sum(1).astype(np.float64)
-    own = kinds[:, FREE] + kinds[:, SUPPORT] + UNSURE_SHARE * kinds[:, UNSURE]
+    # What another thing bounds, or a hole without an edge of color, is its own outline half of the time.
+    own = kinds[:, FREE] + kinds[:, SUPPORT] + 0.5 * kinds[:, UNSURE]
     share = own / np.maximum(judged, 1.0)
     told = CLEAR * judged / np.maximum(kinds.sum(1), 1.0) * (share - OWN_SHARE) / (1.0 - OWN_SHARE)
     return np.asarray(told, dtype=np.float64)
@@ -58,11 +55,11 @@ def enclosed(outline: Outline) -> bool:
     """
     judged = outline[:, :HIDDEN].sum(1)
     whole = outline.sum(1)
-    least = np.full(4, KNOWN_SHARE)
+    least = np.full(4, SOME)
     least[TOP] = KNOWN_TOP_SHARE
     known = judged >= least * whole
-    structure = outline[:, CONTACT] > STRUCTURE_SHARE * judged
-    cut = ~known & (outline[:, BORDER] > CUT_SHARE * whole)
+    structure = outline[:, CONTACT] > MOST * judged
+    cut = ~known & (outline[:, BORDER] > MOST * whole)
     ends = known & ~structure
     sides = (ends | (cut & ~structure))[[LEFT, RIGHT]]
     return bool(ends[TOP] and sides.all() and ends[[LEFT, RIGHT]].any())

@@ -13,9 +13,6 @@ from cuboid.kernels.claims import common
 from cuboid.objects.association import places_of
 from cuboid.objects.entry import MapObject
 
-# What a proposal that is exactly what is seen of a sure object gains, as a share of its weight.
-EXPECTED = 1.0
-
 
 def prior_of(
     objects: Sequence[MapObject], pixel_owner: npt.NDArray[np.int32], weighed: WeighedProposals
@@ -40,4 +37,4 @@ def prior_of(
     common(pixel_owner, place, weighed.rectangles, weighed.starts, weighed.covered, column, table, sight)
     mine = table[:, :m]
     iou = mine / np.maximum(table.sum(1)[:, None] + sight[:m] - mine, 1)
-    return np.asarray(1.0 + EXPECTED * (iou * np.array([o.score for o in labelled])).max(1))
+    return np.asarray(1.0 + (iou * np.array([o.score for o in labelled])).max(1))

@@ -159,6 +159,10 @@ class ObjectStore:
         count = near(boxes, box.center, 0.5 * float(np.linalg.norm(box.size)), gap_m, found)
         return [self._objects[k] for k in found[:count].tolist()]
 
+    def neighbours(self, entry: MapObject) -> list[MapObject]:
+        """Return the other living objects whose bounding spheres meet an object's, by number."""
+        return [o for o in self.near(entry.box, 0.0) if o is not entry]
+
     def all_of(self, numbers: Iterable[int]) -> list[MapObject]:
         """Return those of some objects that still live, by number."""
         found = (self._objects.get(n) for n in sorted(set(numbers)))

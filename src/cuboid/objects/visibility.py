@@ -10,18 +10,16 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.kernels import sightings as kernel
+from cuboid.kernels.outlines import EDGE_LEVELS
 from cuboid.objects.entry import MapObject
+from cuboid.tolerances import DRIFT_M, LITTLE, SAMPLE
 from cuboid.working import WorkingImage
 
-# Points of an object that are looked up in a frame; more tell no more.
-LOOKED_UP = 400
-# A reading agrees with a point when it is within this, metres, or three standard deviations: pose error included.
-AGREE_M = 0.03
+# An object is seen when so many of its points are.
+SEEN_POINTS = 6
 # A color agrees with a point's when no channel is farther off than this, of 255: noise, exposure, texture finer than
 # a voxel.
-ALIKE = 30
-# An object is seen when this share of its near side is, and so many of its points.
-SEEN_SHARE, SEEN_POINTS = 0.1, 6
+ALIKE = EDGE_LEVELS // 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +73,7 @@ def look(
     """
     if not objects:
         return []
-    steps = [max(1, len(o.points) // LOOKED_UP) for o in objects]
+    steps = [max(1, len(o.points) // SAMPLE) for o in objects]
     picks = [o.points[::step] for o, step in zip(objects, steps, strict=True)]
     colors = [o.colors[::step] for o, step in zip(objects, steps, strict=True)]
     n, c = len(objects), image.camera
@@ -83,12 +81,12 @@ def look(
     kernel.count_seen(
         np.concatenate(picks), np.concatenate(colors), np.cumsum([len(p) for p in picks]),
         np.array([o.number for o in objects]), image.depth_m, image.color, pixel_owner,
-        np.array([c.fx, c.fy, c.cx, c.cy]), np.ascontiguousarray(T_camera_world), noise_per_m, AGREE_M, ALIKE, counts,
+        np.array([c.fx, c.fy, c.cx, c.cy]), np.ascontiguousarray(T_camera_world), noise_per_m, DRIFT_M, ALIKE, counts,
         corners,
     )  # fmt: skip
     seen, hidden, unknown = counts.T
     visible = seen / np.maximum(1.0, seen + hidden + 0.5 * unknown)
-    seen_enough = (visible >= SEEN_SHARE) & (seen >= SEEN_POINTS)
+    seen_enough = (visible >= LITTLE) & (seen >= SEEN_POINTS)
     rectangles = _rectangles(corners, image)
     return [View(float(visible[k]), rectangles[k], bool(seen_enough[k])) for k in range(n)]
 

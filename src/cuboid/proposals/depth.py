@@ -17,13 +17,15 @@ import numpy.typing as npt
 from cuboid.config import TrackerConfig
 from cuboid.errors import InputError
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
-from cuboid.kernels import patches, regions, segments
+from cuboid.kernels import patches, regions, segments, unions
 from cuboid.kernels.blocks import halve_depth
 from cuboid.kernels.cells import CELL_COLUMNS, fit_cells
+from cuboid.kernels.holes import fill_holes
 from cuboid.kernels.pixels import drop_mixed
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource
-from cuboid.sensor import MIXED_PER_M
+from cuboid.sensor import CELL_PIXELS, MIXED_PER_M
+from cuboid.tolerances import BIAS_M, JUMP_SIGMAS, SOME
 from cuboid.working import COLOR_LEVELS, HOLE_M
 
 # Images wider than this are halved until they are not, pixels, unless the user says otherwise: at 1.5 m a pixel of 320
@@ -37,10 +39,6 @@ SAME_SURFACE = 0.01
 REGION_NOISE = 2.2 / 1.425
 # Readings are looked at up to this times the range: what stands at its end is bounded by what lies behind.
 BEYOND = 4.0 / 3.5
-# Edge of the cells that planes are grown from, pixels: 3 cm at 1 m.
-CELL_PIXELS = 8
-# Residual of 1/z over a cell that is still flat, in deviations: real table tops show up to 3, the foot of an object 5.
-FLAT_RESIDUAL = 4.0
 # A plane this large is a table, a floor or a wall, not the side of an object, square metres: a cereal box has 0.06.
 PLANE_AREA_M2 = 0.1
 PLANES = 12
@@ -48,15 +46,10 @@ PLANES = 12
 PLANE_BOW_M = 0.008
 # How far, in cells, a plane reaches beyond the cells that it was found in.
 PLANE_REACH = 2
-# What rises less than this above its plane is the plane, metres; and the error that noise comes on top of.
-FLOOR_M = 0.005
-BIAS_M = 0.002
+# The error that noise comes on top of, along a plane that the frame itself shows, metres.
+LEAST_BIAS_M = 0.002
 # Steps in depth below this, and below four deviations, do not part surfaces, metres.
 JUMP_M = 0.012
-# A step this large is surely another object's outline, metres.
-SURE_JUMP_M = 0.06
-# Creases are judged over this much surface to either side, metres: less than the smallest object's half.
-ARM_M = 0.015
 # How far a crease lies behind the chord over it, in arms: 0.4 is a bend of 44 degrees; the inside of a bowl of 7 cm
 # radius has 0.11.
 BEND = 0.4
@@ -74,8 +67,6 @@ MOST = 140
 SOLID_PIXELS = 120
 # Regions with this IoU are the same proposal.
 SAME_REGION = 0.8
-# Proposals below this are left out: less than a fifth of their outline is anything's.
-LEAST_SCORE = 0.2
 
 Int16Array = npt.NDArray[np.int16]
 
@@ -136,26 +127,28 @@ def _regions(
     marks = np.empty(shape, np.uint8)
     labels, queue = np.empty(shape, np.int16), np.empty(depth_m.size, np.int32)
     sizes = np.empty(SEGMENTS + 1, np.int32)
-    segments.mark(inverse, kind, camera.fx, noise, JUMP_M, ARM_M, BEND, smooth, marks)
+    # Creases are judged over less surface to either side than the smallest object's half; a step of twice its size is
+    # surely another object's outline.
+    segments.mark(inverse, kind, camera.fx, noise, JUMP_M, config.min_size_m / 2.0, BEND, smooth, marks)
     last = segments.label_surfaces(inverse, kind, marks, LEAST_PIXELS, labels, queue, sizes)
-    regions.fill_holes(
+    fill_holes(
         kind, on, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse, cost, queue
     )
     table = np.empty((last + 1, regions.COLUMNS))
     contact = np.empty((last + 1, last + 1), np.float32)
     weight = np.empty((last + 1, last + 1), np.float32)
-    regions.measure(kind, labels, inverse, marks, noise, JUMP_M, SURE_JUMP_M, table, contact, weight)
+    regions.measure(kind, labels, inverse, marks, noise, JUMP_M, 2.0 * config.min_size_m, table, contact, weight)
     room = 2 * last + 1 + NEIGHBOURS * last
     members = np.zeros((room + planes, last + 1 + planes), np.uint8)
     measures = np.empty((room + planes, regions.COLUMNS))
     parts = np.full((room + planes, 2), -1, np.int32)
     neighbours = contact, weight, last, camera.fx, config.max_size_m
-    n = regions.join(table.copy(), contact.copy(), weight.copy(), *neighbours[2:], members, measures, parts)
-    n = regions.pair(table, *neighbours, n, members[:room], measures, parts)
+    n = unions.join(table.copy(), contact.copy(), weight.copy(), *neighbours[2:], members, measures, parts)
+    n = unions.pair(table, *neighbours, n, members[:room], measures, parts)
     # Planes come after: they bound the segments, and are proposed each for itself.
     members[n + np.arange(planes), -1 - np.arange(planes)] = 1
     whole = measures[n : n + planes]
-    regions.measure_planes(labels, inverse, noise, JUMP_M, SURE_JUMP_M, whole)
+    regions.measure_planes(labels, inverse, noise, JUMP_M, 2.0 * config.min_size_m, whole)
     n += planes
     return _Regions(labels, members[:n], measures[:n], parts[:n])
 
@@ -170,13 +163,13 @@ def _set_planes_apart(
     fit_cells(depth_m, pinhole, CELL_PIXELS, max_depth_m, cells)
     planes, member = np.empty((PLANES, 3)), np.empty((rows, columns), np.int16)
     count = patches.grow_planes(
-        cells, (rows, columns), pinhole, CELL_PIXELS, noise, PLANE_BOW_M, FLAT_RESIDUAL * noise,
+        cells, (rows, columns), pinhole, CELL_PIXELS, noise, PLANE_BOW_M, JUMP_SIGMAS * noise,
         PLANE_AREA_M2, planes, member,
     )  # fmt: skip
     inverse, kind = np.empty(depth_m.shape, np.float32), np.empty(depth_m.shape, np.uint8)
     on = np.empty(depth_m.shape, np.int8)
     patches.classify(
-        depth_m, cells, planes, count, member, pinhole, CELL_PIXELS, PLANE_REACH, noise, FLOOR_M, BIAS_M,
+        depth_m, cells, planes, count, member, pinhole, CELL_PIXELS, PLANE_REACH, noise, BIAS_M, LEAST_BIAS_M,
         max_depth_m, inverse, kind, on,
     )  # fmt: skip
     return inverse, kind, on, count
@@ -204,13 +197,14 @@ def _scores(measures: Float64Array, focal_px: float, config: TrackerConfig) -> F
 def _best(scores: Float32Array, found: _Regions) -> npt.NDArray[np.int64]:
     """Return the regions worth proposing, the best first, without those that are nearly the same as a better one."""
     order = np.argsort(-scores, kind="stable")
-    order = order[scores[order] >= LEAST_SCORE]
+    # Of the others less than a fifth of the outline is anything's.
+    order = order[scores[order] >= SOME]
     pixels = found.measures[:, regions.PIXELS].astype(np.int64)
     # Pixels of each segment: the regions that are one alone tell them.
     single = found.parts[:, 0] < 0
     weight, kept = np.zeros(found.members.shape[1], np.int64), np.empty(MOST, np.int64)
     weight[found.members[single].argmax(1)] = pixels[single]
-    return kept[: regions.distinct(order, found.members, pixels, weight, SAME_REGION, kept)]
+    return kept[: unions.distinct(order, found.members, pixels, weight, SAME_REGION, kept)]
 
 
 def _as_proposals(found: _Regions, scores: Float32Array, order: npt.NDArray[np.int64], step: int) -> Proposals:
@@ -219,7 +213,7 @@ def _as_proposals(found: _Regions, scores: Float32Array, order: npt.NDArray[np.i
     sizes = (boxes[:, 2:] - boxes[:, :2]) * step
     ends = np.cumsum(sizes.prod(1)).tolist()
     flat = np.empty(ends[-1] if ends else 0, np.uint8)
-    segments.cut_masks(found.labels, found.members, order, boxes, step, flat)
+    unions.cut_masks(found.labels, found.members, order, boxes, step, flat)
     masks = tuple(
         flat[end - wide * high : end].reshape(high, wide)
         for end, (wide, high) in zip(ends, sizes.tolist(), strict=True)

@@ -9,17 +9,18 @@ import numpy.typing as npt
 
 from cuboid.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.kernels import cells as kernel
+from cuboid.sensor import CELL_PIXELS
+from cuboid.tolerances import ARM_LENGTH_M, JUMP_SIGMAS, LEAST_SIGMA_M
 
-# Edge of a cell in pixels of the 320-pixel wide working image: about 3 cm at 1 m.
-CELL_PIXELS = 8
 # Edge of the cells that vote for up: four times as true, in noise, as those of half the edge.
-VOTING_PIXELS = 16
-# Edge of a patch in pixels, and from where on, metres, patches that lie level are looked for besides: of a shelf that
-# is seen from far and low no cell shows the board alone.
-PATCH_PIXELS, PATCHES_FROM_M = 4, 1.2
-# Residual of 1/z over a cell that is still flat, in units of the sensor's nominal noise of 1/z. Dark and shiny
-# table tops show 1.5 to 3 of it, a cell over an object's foot more than 5.
-FLAT_RESIDUAL = 4.0
+VOTING_PIXELS = 2 * CELL_PIXELS
+# Edge of a patch in pixels. Beyond an arm's length patches that lie level are looked for besides: of a shelf that is
+# seen from far and low no cell shows the board alone.
+PATCH_PIXELS = CELL_PIXELS // 2
+# So many cells are a surface.
+LEAST_CELLS = 6
+# A cell is flat whose residual of 1/z is within JUMP_SIGMAS of the sensor's noise: dark and shiny table tops show 1.5
+# to 3 deviations, a cell over an object's foot more than 5.
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +76,7 @@ def find_cells(
     rows, columns = depth_m.shape[0] // cell_pixels, depth_m.shape[1] // cell_pixels
     raw = np.empty((rows * columns, kernel.CELL_COLUMNS))
     kernel.fit_cells(depth_m, _pinhole(camera), cell_pixels, max_depth_m, raw)
-    flat = np.flatnonzero((raw[:, kernel.AREA] > 0) & (raw[:, kernel.RMS] < FLAT_RESIDUAL * noise_per_m))
+    flat = np.flatnonzero((raw[:, kernel.AREA] > 0) & (raw[:, kernel.RMS] < JUMP_SIGMAS * noise_per_m))
     found = raw[flat]
     R, t = T_world_camera[:3, :3], T_world_camera[:3, 3]
     shape = depth_m.shape[0] // PATCH_PIXELS, depth_m.shape[1] // PATCH_PIXELS
@@ -85,7 +86,7 @@ def find_cells(
         normal=found[:, kernel.NX : kernel.NZ + 1] @ R.T,
         center=found[:, kernel.CX : kernel.CZ + 1] @ R.T + t,
         area_m2=found[:, kernel.AREA],
-        sigma_m=np.maximum(0.001, noise_per_m * found[:, kernel.CZ] ** 2),
+        sigma_m=np.maximum(LEAST_SIGMA_M, noise_per_m * found[:, kernel.CZ] ** 2),
         image_shape=shape,
     )
 
@@ -115,7 +116,7 @@ def with_level_patches(
     patches = np.empty((rows * columns, 5))
     R, t = T_world_camera[:3, :3], T_world_camera[:3, 3]
     number = kernel.level_patches(
-        depth_m, _pinhole(camera), up @ R, PATCH_PIXELS, noise_per_m, PATCHES_FROM_M, max_depth_m, skip, patches
+        depth_m, _pinhole(camera), up @ R, PATCH_PIXELS, noise_per_m, ARM_LENGTH_M, max_depth_m, skip, patches
     )
     level = patches[:number]
     return Cells(
@@ -123,7 +124,7 @@ def with_level_patches(
         normal=np.concatenate([cells.normal, np.tile(up, (number, 1))]),
         center=np.concatenate([cells.center, level[:, :3] @ R.T + t]),
         area_m2=np.concatenate([cells.area_m2, level[:, 3]]),
-        sigma_m=np.concatenate([cells.sigma_m, np.maximum(0.001, noise_per_m * level[:, 2] ** 2)]),
+        sigma_m=np.concatenate([cells.sigma_m, np.maximum(LEAST_SIGMA_M, noise_per_m * level[:, 2] ** 2)]),
         image_shape=cells.image_shape,
     )
 

@@ -10,22 +10,22 @@ import numpy.typing as npt
 
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, Float64Array
-from cuboid.heatmap.pixel_heat import JUMP_M, WeighedProposals
-from cuboid.kernels import claims as kernel
-from cuboid.kernels.pixels import gather_regions, join_surfaces, label_regions, sum_regions
+from cuboid.heatmap.pixel_heat import WeighedProposals
+from cuboid.kernels.claims import share_out
+from cuboid.kernels.outlines import KINDS, outlines
+from cuboid.kernels.pieces import gather_regions, join_surfaces, label_regions, sum_regions
 from cuboid.limits import MOST_CLUSTERS
+from cuboid.tolerances import JUMP_M, LEAST_READINGS, MOST
 from cuboid.working import WorkingImage
 
 # A share of fewer working pixels is noise: a 3 cm object at 2 m covers about this many.
 LEAST_PIXELS = 24
-# Of these so many are readings: less says nothing of where it is. The others are holes, filled.
-LEAST_READINGS = 8
 # A proposal is left out when less than this of it is free of stronger ones.
 FREE_SHARE = 0.7
 # Surfaces of one proposal that a jump in depth parts, as the inside and the outside of a mug, are one thing when each
 # is at least this share of the largest one, and no deeper away from it than this share of its length. Smaller ones are
 # slivers of what is behind, farther ones that itself.
-MAJOR_SHARE, DEEP_SHARE = 0.4, 0.5
+MAJOR_SHARE, DEEP_SHARE = 0.4, MOST
 # What is beyond a hole in the depth image is looked for over so much, metres: the shadow at an outline is as wide.
 GAP_M = 0.08
 
@@ -49,7 +49,7 @@ class FrameCluster:
     rect_xyxy : (4,) float64
         In pixels of the full image, end exclusive.
     outline : (4, KINDS) int64
-        Pixels of its outline by side and by what is beyond them; see `kernels.claims.outlines`.
+        Pixels of its outline by side and by what is beyond them; see `kernels.outlines.outlines`.
     """
 
     pixels: npt.NDArray[np.int64]
@@ -116,7 +116,7 @@ def frame_clusters(
     identities : (P,) int64
         Of the planes, ascending.
     side_of : (4,) int64
-        See `kernels.claims.outlines`.
+        See `kernels.outlines.outlines`.
     T_world_camera : (4, 4) float64
     config : TrackerConfig
     """
@@ -124,7 +124,7 @@ def frame_clusters(
     order = np.argsort(-strength, kind="stable")
     order = order[strength[order] > 0]
     claim = np.empty(heat.shape, np.int32)
-    kernel.share_out(order, weighed.rectangles, weighed.starts, weighed.covered, LEAST_PIXELS, FREE_SHARE, claim)
+    share_out(order, weighed.rectangles, weighed.starts, weighed.covered, LEAST_PIXELS, FREE_SHARE, claim)
     regions, parent = np.empty(claim.shape, np.int32), np.empty(claim.size, np.int32)
     number = label_regions(solid.depth_m, claim, config.depth_noise_per_m, JUMP_M, parent, regions)
     join_surfaces(regions, number, claim, solid.depth_m, image.camera.fx, MAJOR_SHARE, DEEP_SHARE)
@@ -145,8 +145,8 @@ def frame_clusters(
     sum_regions(first, pixels, heat, support, warmth, beneath)
     # Of planes that are beneath as much the oldest.
     plane_of = np.where(beneath.any(1), beneath.argmax(1), -1) if len(identities) else np.full(kept, -1)
-    outline, contact = np.empty((kept, 4, kernel.KINDS), np.int64), np.empty((kept, kept), np.int64)
-    kernel.outlines(
+    outline, contact = np.empty((kept, 4, KINDS), np.int64), np.empty((kept, kept), np.int64)
+    outlines(
         solid.depth_m, image.depth_m, image.color, things, np.where(heights == 0, support, np.int32(-1)), corners,
         plane_of, side_of, c.fx, config.depth_noise_per_m, JUMP_M, GAP_M, outline, contact,
     )  # fmt: skip

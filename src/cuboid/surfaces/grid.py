@@ -11,17 +11,16 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float64Array, UInt8Array
+from cuboid.tolerances import LEAST_READINGS
 
 # Edge of a cell of the ground plan, metres: finer than any table, coarser than depth noise.
 CELL_M = 0.05
 # Holes up to twice this are filled, metres: what stands on a plane hides it.
 CLOSE_M = 0.2
 # What is seen of a plane reaches this much further, metres: its rim is lost to mixed pixels.
-RIM_M = 0.05
+RIM_M = CELL_M
 # A plane may go on this far beyond what is covered, metres.
-NEARBY_M = 0.4
-# Readings that a cell needs before it counts.
-CELL_READINGS = 8
+NEARBY_M = 2.0 * CLOSE_M
 # A window is never wider than this many cells (200 m).
 LIMIT_CELLS = 4000
 # A window that has to grow grows by so many cells more, or by this share of it, so that growing is rare.
@@ -109,7 +108,7 @@ class GroundPlan:
         half = np.rint(np.sqrt(area_m2) / 2 / CELL_M).astype(np.int64)
         self.reach((cells - half[:, None]).min(0), (cells + half[:, None]).max(0))
         for (i, j), k in zip(cells - self.corner, half, strict=True):
-            self.seen[max(0, i - k) : max(0, i + k + 1), max(0, j - k) : max(0, j + k + 1)] = CELL_READINGS
+            self.seen[max(0, i - k) : max(0, i + k + 1), max(0, j - k) : max(0, j + k + 1)] = LEAST_READINGS
         self._all_changed()
 
     def add(self, readings: npt.NDArray[np.int32], corner: Places) -> None:
@@ -120,9 +119,9 @@ class GroundPlan:
         self.reach(corner + np.array([i[0], j[0]]), corner + np.array([i[-1], j[-1]]))
         window = np.concatenate([corner, corner + readings.shape])
         mine, theirs = common(self.window, window)
-        before = int(np.count_nonzero(self.seen[mine] >= CELL_READINGS))
+        before = int(np.count_nonzero(self.seen[mine] >= LEAST_READINGS))
         self.seen[mine] += readings[theirs]
-        self._known += int(np.count_nonzero(self.seen[mine] >= CELL_READINGS)) - before
+        self._known += int(np.count_nonzero(self.seen[mine] >= LEAST_READINGS)) - before
         self._changed = _around(self._changed, window) if self.stale else window
         self.stale = True
 
@@ -139,11 +138,11 @@ class GroundPlan:
         i, j = cells[((cells >= 0) & (cells < self.seen.shape)).all(1)].T
         here = np.zeros(self.seen.shape, np.int32)
         np.add.at(here, (i, j), 1)
-        self.seen = np.where(here > 0, np.where(here > 1, np.maximum(self.seen, CELL_READINGS), self.seen), 0)
+        self.seen = np.where(here > 0, np.where(here > 1, np.maximum(self.seen, LEAST_READINGS), self.seen), 0)
         self._all_changed()
 
     def _all_changed(self) -> None:
-        self._known = int(np.count_nonzero(self.seen >= CELL_READINGS))
+        self._known = int(np.count_nonzero(self.seen >= LEAST_READINGS))
         self._changed = self.window
         self.stale = True
         self.refresh()
@@ -200,7 +199,7 @@ class GroundPlan:
 def _covered(seen: npt.NDArray[np.int32]) -> UInt8Array:
     """Return what readings (N, M) cover: gaps closed, holes filled, and a rim around."""
     n = _CLOSE.shape[0]
-    known = np.pad((seen >= CELL_READINGS).astype(np.uint8), n)
+    known = np.pad((seen >= LEAST_READINGS).astype(np.uint8), n)
     closed = cv2.morphologyEx(known, cv2.MORPH_CLOSE, _CLOSE)
     contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     filled = np.zeros_like(closed)

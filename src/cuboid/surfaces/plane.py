@@ -8,9 +8,11 @@ import numpy as np
 
 from cuboid.frame import Float64Array
 from cuboid.surfaces.grid import GroundPlan
+from cuboid.tolerances import DRIFT_M, DRIFT_RAD, JUMP_M, LEAST_SIGMA_M, LITTLE, SIGMAS
 
-# Prior spread of how far a frame sees a plane from where the map has it: poses drift by centimetres and degrees.
-DRIFT_M, DRIFT_RAD = 0.03, 0.02
+# A horizontal cell belongs to a plane when it is within this of it, metres, or three standard deviations.
+ON_PLANE_M = 0.02
+# How far a frame sees a plane from where the map has it.
 _PRIOR = np.diag([DRIFT_RAD**-2, DRIFT_RAD**-2, DRIFT_M**-2])
 
 
@@ -79,8 +81,8 @@ class Plane:
         that a narrow or noisy plane cannot overcome.
         """
         s = self.scatter / max(self.weight, 1e-12)
-        spread = 0.01**2 / 0.035**2  # a residual of 1 cm against a slope of 2 degrees
-        slope = np.linalg.solve(s[:2, :2] + spread * np.eye(2) * 0.01, s[:2, 2])
+        spread = JUMP_M**2 / 0.035**2  # a residual of 1 cm against a slope of 2 degrees
+        slope = np.linalg.solve(s[:2, :2] + spread * np.eye(2) * JUMP_M, s[:2, 2])
         normal = np.array([-slope[0], -slope[1], 1.0])
         self.normal = normal / np.linalg.norm(normal)
         self.offset = -float(self.normal @ self.mean)
@@ -106,11 +108,12 @@ class Plane:
         design = points - middle
         design[:, 2] = 1.0
         residual = self.height(points)
-        weights = 1.0 / (sigma_m**2 + 0.003**2)
+        finest_m = SIGMAS * LEAST_SIGMA_M
+        weights = 1.0 / (sigma_m**2 + finest_m**2)
         solution: Float64Array = np.zeros(3)
         for _ in range(2):
             # Neighbouring cells err alike: a frame's cells count as a tenth of their number.
-            w = 0.1 * weights / (1.0 + ((residual - design @ solution) / (3 * sigma_m + 0.003)) ** 2)
+            w = LITTLE * weights / (1.0 + ((residual - design @ solution) / (SIGMAS * sigma_m + finest_m)) ** 2)
             solution = np.asarray(np.linalg.solve(design.T @ (design * w[:, None]) + _PRIOR, design.T @ (w * residual)))
         normal = self.normal - np.array([solution[0], solution[1], 0.0])
         offset = self.offset - solution[2] + float(solution[:2] @ middle[:2])

@@ -18,19 +18,16 @@ from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.geometry.se3 import transform
 from cuboid.surfaces import furniture
-from cuboid.surfaces.cells import Cells
+from cuboid.surfaces.cells import LEAST_CELLS, Cells
 from cuboid.surfaces.in_view import PlanesInView, cut_out, frustum
-from cuboid.surfaces.plane import Plane
+from cuboid.surfaces.plane import ON_PLANE_M, Plane
 from cuboid.surfaces.twins import merge_twins
 from cuboid.surfaces.up import UpVote
 from cuboid.surfaces.windows import Tiles, Windows, window_of
+from cuboid.tolerances import LEAST_FRAMES, SIGMAS
 
 # A cell whose normal is within this of up is horizontal.
 HORIZONTAL_COS = float(np.cos(np.radians(12.0)))
-# A horizontal cell belongs to a plane when it is within this of it, metres, or three standard deviations.
-ON_PLANE_M = 0.02
-# A plane is used after it was seen in this many frames, or at once when this many times the least area is seen.
-USE_AFTER_FRAMES, USE_AT_ONCE = 3, 3.0
 # A plane that is not used yet is forgotten after so many frames without a sighting.
 FORGET_FRAMES = 60
 # What a plane covers is found anew every so many frames, and in its first ones each time.
@@ -149,7 +146,7 @@ class PlaneTracker:
         for k in self._windows.at(centers):
             plane = self.planes[k]
             off = np.abs(plane.height(centers))
-            fits = (off < np.maximum(ON_PLANE_M, 3 * sigma_m)) & (off < best)
+            fits = (off < np.maximum(ON_PLANE_M, SIGMAS * sigma_m)) & (off < best)
             if not fits.any():
                 continue
             fits &= plane.plan.near(centers)
@@ -184,7 +181,7 @@ class PlaneTracker:
         """Start a plane at the height that collects the most unmatched area."""
         for _ in range(3):
             free = np.flatnonzero(matched < 0)
-            if len(free) < 6:
+            if len(free) < LEAST_CELLS:
                 return
             order = free[np.argsort(centers[free, 2], kind="stable")]
             heights = centers[order, 2]
@@ -193,7 +190,7 @@ class PlaneTracker:
             gain = total[end] - total[:-1]
             first = int(np.argmax(gain))
             members = order[first : end[first]]
-            if gain[first] < 0.5 * self._config.min_plane_area_m2 or len(members) < 6:
+            if gain[first] < 0.5 * self._config.min_plane_area_m2 or len(members) < LEAST_CELLS:
                 return
             plane = Plane(len(self.planes), self._next_identity, frames=1, last_frame=frame)
             self._of[plane.identity] = plane
@@ -218,7 +215,8 @@ class PlaneTracker:
                 if furniture.is_lid(plane, area, partial(self._at, plane.mean[None])):
                     plane.in_use = False
                 elif not plane.in_use:
-                    plane.in_use = plane.frames >= USE_AFTER_FRAMES or area >= USE_AT_ONCE * least
+                    # Seen often enough, or at once as much as would be.
+                    plane.in_use = plane.frames >= LEAST_FRAMES or area >= LEAST_FRAMES * least
             self._windows.note(plane)
         self._changed |= near
         gone = self._windows.over(frame)

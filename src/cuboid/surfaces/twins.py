@@ -6,9 +6,7 @@ from heapq import heappop, heappush
 
 from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.windows import Windows
-
-# Two planes are one when the middle of each is within this of the other, metres, and both cover a place.
-APART_M = 0.03
+from cuboid.tolerances import DRIFT_M
 
 
 def merge_twins(planes: list[Plane], windows: Windows, changed: set[Plane]) -> tuple[list[int], set[Plane]]:
@@ -40,9 +38,10 @@ def merge_twins(planes: list[Plane], windows: Windows, changed: set[Plane]) -> t
 
 
 def _level_with(plane: Plane, windows: Windows) -> list[int]:
-    return windows.level_with(plane, APART_M + 1e-6)
+    return windows.level_with(plane, DRIFT_M + 1e-6)
 
 
 def _are_twins(one: Plane, two: Plane) -> bool:
+    """Tell whether the middle of each of two planes is as near the other as poses drift, and both cover a place."""
     apart = max(abs(float(one.height(two.mean[None])[0])), abs(float(two.height(one.mean[None])[0])))
-    return apart <= APART_M and one.plan.shares_ground(two.plan)
+    return apart <= DRIFT_M and one.plan.shares_ground(two.plan)

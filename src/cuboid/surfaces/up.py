@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float64Array
-from cuboid.surfaces.cells import Cells
+from cuboid.surfaces.cells import LEAST_CELLS, Cells
+from cuboid.tolerances import ARM_LENGTH_M, DRIFT_RAD, LITTLE, MOST
 
 # Normals within this of each other are one direction.
 SAME_COS = float(np.cos(np.radians(10.0)))
@@ -14,15 +15,14 @@ SAME_COS = float(np.cos(np.radians(10.0)))
 NOISE_COS = float(np.cos(np.radians(40.0)))
 # The camera turns about an axis that stays this long, on average, while the others get no longer than that: hands and
 # robots turn cameras about the vertical. That axis is as likely up as a level surface that is half seen as such.
-FIXED, TURNED, FIXED_LIKELY = 0.97, 0.92, 0.5
+FIXED, TURNED, FIXED_LIKELY = 0.97, 0.92, MOST
 # A surface that only an odd camera would take for level is a wall sooner than a table, unless it is within arm's reach,
-# metres, or the camera, fixed to something, has not moved by this share of its distance in so many votes.
-REACH_M, STILL, STILL_VOTES = 1.2, 0.02, 10
+# or the camera, fixed to something, has not moved beyond drift in so many votes.
+STILL_VOTES = 10
 # Directions followed at a time.
 MOST_DIRECTIONS = 8
-# A direction counts in a frame that shows so much flat area of it, square metres: less is the side of a thing.
-LEAST_AREA_M2 = 0.02
-# Area, over all frames, with which a direction is as good as sure to be of the room, square metres.
+# Area, over all frames, with which a direction is as good as sure to be of the room, square metres. A direction counts
+# in a frame that shows a little of that: less is the side of a thing.
 ENOUGH_M2 = 0.2
 # Another direction becomes up when it is so many times as likely.
 OVERTAKE = 2.0
@@ -101,9 +101,9 @@ class UpVote:
         directions, area_m2 = self._directions[mode], self._area_m2[mode]
         likely = self._upright_m2[mode] / area_m2 * -np.expm1(-area_m2 / ENOUGH_M2)
         distance_m = self._volume_m3[mode] / area_m2
-        still = (self._moved_m < STILL * distance_m) & (self._votes >= STILL_VOTES)
+        still = (self._moved_m < DRIFT_RAD * distance_m) & (self._votes >= STILL_VOTES)
         odd = self._upright_m2[mode] < 2.0 * ODD * area_m2
-        known = (area_m2 >= ENOUGH_M2) & (~odd | (distance_m < REACH_M) | still)
+        known = (area_m2 >= ENOUGH_M2) & (~odd | (distance_m < ARM_LENGTH_M) | still)
         length = np.linalg.norm(self._axes, axis=0) / self._votes
         axis = int(np.argmax(length))
         if axis > 0 and length[axis] >= FIXED and np.delete(length, axis).max() <= TURNED:
@@ -119,14 +119,14 @@ class UpVote:
         upright = _upright(cells.normal @ T_world_camera[:3, 1])
         for _ in range(MOST_DIRECTIONS):
             members = np.flatnonzero(left)
-            if len(members) < 6:
+            if len(members) < LEAST_CELLS:
                 return
             normals, area = cells.normal[members], cells.area_m2[members]
             gain = (normals @ normals.T > SAME_COS) @ area
             near = normals @ normals[int(np.argmax(gain))] > SAME_COS
             w = area[near]
             left[members[near]] = False
-            if w.sum() < LEAST_AREA_M2:
+            if w.sum() < LITTLE * ENOUGH_M2:
                 continue
             mean = w @ normals[near]
             # No frame counts for more than a square metre: a near wall does not outvote a table seen for long.

@@ -1,0 +1,84 @@
+"""When the box of an object is fitted anew, and what that tells of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cuboid.config import TrackerConfig
+from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.objects.boxing import Boxing
+from cuboid.objects.continuation import is_structure
+from cuboid.objects.entry import MapObject
+from cuboid.objects.store import ObjectStore
+from cuboid.objects.validity import fits_object, too_large
+from cuboid.surfaces.planes import PlaneTracker
+from cuboid.tolerances import LEAST_READINGS, SIGMAS
+
+# A box is fitted anew when the sightings have grown by this share.
+GROWN = 0.15
+# Labelled objects, and candidates, whose boxes are fitted anew in a frame, at most: the rest has its turn next.
+FITS = 4
+# What an object loses at a fit that finds it going on into structure, or no more than noise.
+STRUCTURE = 2.0
+
+
+class Fitting:
+    """Fits the boxes of objects to their voxels, and ends those that turn out to be none.
+
+    Parameters
+    ----------
+    config : TrackerConfig
+    voxels : VoxelMap
+    planes : PlaneTracker
+    store : ObjectStore
+    """
+
+    def __init__(self, config: TrackerConfig, voxels: VoxelMap, planes: PlaneTracker, store: ObjectStore) -> None:
+        self._config = config
+        self._voxels = voxels
+        self._planes = planes
+        self._store = store
+        self._boxing = Boxing(voxels)
+
+    def fit_grown(self, numbers: Sequence[int]) -> None:
+        """Fit the boxes of those objects of which more was seen than at the last fit."""
+        waiting = [o for o in self._store.all_of(numbers) if o.sightings >= (1 + GROWN) * o.fitted and o.sightings > 0]
+        waiting.sort(key=lambda o: ((o.fitted + 1) / (o.sightings + 1), o.number))
+        confirmed = [o for o in waiting if o.confirmed][:FITS]
+        sure = [o for o in waiting if not o.confirmed and o.log_odds > 0][:FITS]
+        for entry in confirmed + sure:
+            self.fit(entry)
+
+    def fit(self, entry: MapObject) -> None:
+        """Fit the box of an object; retire it where there is nothing to fit one to, or where it has grown too large."""
+        voxels = self._voxels
+        rows = voxels.solid_rows_of(entry.number, self._config.hot, min(2, entry.sightings))
+        entry.fitted = entry.sightings
+        if len(rows) < LEAST_READINGS:
+            if entry.confirmed:
+                self._store.retire(entry)
+            return
+        identity = max(entry.supports.items(), key=lambda s: (s[1], -s[0]), default=(None, 0))[0]
+        plane = None if identity is None else self._planes.find(identity)
+        entry.plane = None if plane is None else plane.identity
+        labelled = [o for o in self._store.neighbours(entry) if o.confirmed]
+        box = self._boxing.fit(
+            rows,
+            None if plane is None else self._planes.in_world(plane),
+            self._planes.likely_up,
+            [o.box for o in labelled],
+        )
+        entry.points, entry.colors = voxels.xyz(rows), voxels.rgb(rows)
+        entry.heat = float(voxels.heat(rows).mean())
+        self._store.place(entry, box)
+        owned = np.zeros(self._store.numbers, np.uint8)
+        owned[[entry.number, *(o.number for o in self._store.neighbours(entry) if o.confirmed)]] = 1
+        # What is thinner or flatter may be the noise of a surface.
+        thin = box.size.min() < SIGMAS * self._boxing.noise_m(rows)
+        entry.structure = thin or not fits_object(box, self._config) or is_structure(box, rows, voxels, owned)
+        if entry.structure:
+            entry.log_odds -= STRUCTURE
+        if too_large(box, self._config):
+            self._store.retire(entry)

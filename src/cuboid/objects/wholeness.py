@@ -1,0 +1,75 @@
+"""Is a candidate a whole object: no structure, no part of another, with a box of an object's size."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from cuboid.config import TrackerConfig
+from cuboid.kernels.outlines import BOTTOM, CONTACT, FREE, SUPPORT
+from cuboid.objects.entry import MapObject
+from cuboid.objects.outline import enclosed
+from cuboid.objects.store import ObjectStore
+from cuboid.objects.validity import fits_object
+from cuboid.surfaces.planes import PlaneTracker
+from cuboid.tolerances import DRIFT_M
+
+# Frames do not agree on two objects that touch while the log-odds that they are two are below this.
+UNSURE = 1.1
+
+
+def is_whole(entry: MapObject, store: ObjectStore, planes: PlaneTracker, config: TrackerConfig) -> bool:
+    """Tell whether a candidate has a box, and is a whole object: no structure, of its size, no part of another.
+
+    Parameters
+    ----------
+    entry : MapObject
+    store : ObjectStore
+        Where it is one of many.
+    planes : PlaneTracker
+        What it may stand on.
+    config : TrackerConfig
+        Sizes of objects.
+    """
+    return (
+        len(entry.points) > 0
+        and not entry.structure
+        and enclosed(entry.outline)
+        and not _floats(entry, planes)
+        and fits_object(entry.box, config)
+        and not _may_be_part(entry, store)
+    )
+
+
+def _floats(entry: MapObject, planes: PlaneTracker) -> bool:
+    """Tell whether an object hangs in the air: higher above its plane than it is long, air beneath."""
+    plane = None if entry.plane is None else planes.find(entry.plane)
+    if plane is None:
+        return False
+    normal, offset = planes.in_world(plane)
+    gap_m = float(normal @ entry.box.center) + offset - entry.box.size[2] / 2
+    beneath = entry.outline[BOTTOM]
+    return bool(gap_m > entry.box.size.max() and beneath[FREE] > beneath[SUPPORT] + beneath[CONTACT])
+
+
+def _may_be_part(entry: MapObject, store: ObjectStore) -> bool:
+    """Tell whether frames do not agree yet that an object is another one than a labelled one that it touches."""
+    unsure = set(store.affinity.partners(entry.number, least=-UNSURE))
+    return bool(unsure) and any(
+        other.confirmed and other.number in unsure and gap_m(entry.points, other.points, DRIFT_M) <= DRIFT_M
+        for other in store.neighbours(entry)
+    )
+
+
+def gap_m(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32], limit_m: float) -> float:
+    """Return the distance of two sets of points, infinite beyond a limit."""
+    # Only what lies in the other's surroundings can be that near.
+    for _ in range(2):
+        if len(a) == 0 or len(b) == 0:
+            return float("inf")
+        a, b = b[((b > a.min(0) - limit_m) & (b < a.max(0) + limit_m)).all(1)], a
+    if len(a) == 0:
+        return float("inf")
+    distance, _ = cKDTree(b).query(a, distance_upper_bound=limit_m)
+    return float(np.min(distance))
