@@ -9,7 +9,7 @@ import pytest
 
 from cuboid.kernels.claims import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, KINDS, LEFT, RIGHT, SUPPORT, TOP, UNSURE
 from cuboid.objects.affinity import SURE
-from cuboid.objects.outline import enclosed
+from cuboid.objects.outline import READ_SHARE, enclosed
 from cuboid.objects.outline import told_by as told_by_each
 
 
@@ -21,9 +21,9 @@ def outline(top: int, bottom: int, left: int, right: int, pixels: int = 20) -> n
     return kinds
 
 
-def told_by(kinds: np.ndarray) -> float:
+def told_by(kinds: np.ndarray, read: float = 1.0) -> float:
     """What one sighting tells, among others."""
-    told = told_by_each(np.stack([outline(UNSURE, UNSURE, UNSURE, UNSURE), kinds]))
+    told = told_by_each(np.stack([outline(UNSURE, UNSURE, UNSURE, UNSURE), kinds]), np.array([1.0, read]))
     return float(told[1])
 
 
@@ -76,6 +76,14 @@ def test_among_others_a_thing_takes_longer_than_alone() -> None:
     crowded = told_by(outline(FREE, SUPPORT, UNSURE, UNSURE))
     assert 0 < crowded < told_by(outline(FREE, SUPPORT, FREE, FREE))
     assert told_by(outline(UNSURE, UNSURE, UNSURE, UNSURE)) < 0
+
+
+def test_what_was_filled_tells_nothing() -> None:
+    free, wall = outline(FREE, SUPPORT, FREE, FREE), outline(CONTACT, CONTACT, CONTACT, CONTACT)
+    assert told_by(free, READ_SHARE) == told_by(free), "a thing with holes is seen well enough"
+    assert told_by(free, READ_SHARE / 10) == pytest.approx(told_by(free) / 10)
+    assert told_by(wall, READ_SHARE / 10) == pytest.approx(told_by(wall) / 10), "it tells nothing against it, either"
+    assert told_by(free, 0.0) == 0.0
 
 
 def test_the_outline_is_left_as_it_was() -> None:

@@ -17,6 +17,8 @@ CLEAR = log(99.0) / 2.0
 OWN_SHARE = 0.6
 # What another thing bounds, or a hole without an edge of color, is an object's own outline half of the time.
 UNSURE_SHARE = 0.5
+# What is filled is a guess: a sighting counts in full when this share of the thing is readings, else by so much less.
+READ_SHARE = 0.5
 # A side is known when this share of it can be judged, of the top a third: what always goes up behind something is a
 # leg, or a post. A side goes on into structure when more than this share of what can be judged does.
 KNOWN_SHARE, KNOWN_TOP_SHARE, STRUCTURE_SHARE = 0.2, 0.35, 0.5
@@ -26,13 +28,15 @@ CUT_SHARE = 0.5
 Outline = npt.NDArray[Any]
 
 
-def told_by(outlines: Outline) -> Float64Array:
+def told_by(outlines: Outline, read: Float64Array) -> Float64Array:
     """Return the log-odds (N,) that sightings add that each shows an object.
 
     Parameters
     ----------
     outlines : (N, 4, KINDS)
         Pixels by side and kind; see `kernels.claims.outlines`.
+    read : (N,) float64
+        Share of each thing that is readings, and no holes that were filled.
     """
     kinds = outlines.sum(1)
     # Everything stands on something, known or not.
@@ -42,7 +46,7 @@ def told_by(outlines: Outline) -> Float64Array:
     own = kinds[:, FREE] + kinds[:, SUPPORT] + UNSURE_SHARE * kinds[:, UNSURE]
     share = own / np.maximum(judged, 1.0)
     told = CLEAR * judged / np.maximum(kinds.sum(1), 1.0) * (share - OWN_SHARE) / (1.0 - OWN_SHARE)
-    return np.asarray(told, dtype=np.float64)
+    return np.asarray(told * np.minimum(1.0, read / READ_SHARE), dtype=np.float64)
 
 
 def enclosed(outline: Outline) -> bool:
