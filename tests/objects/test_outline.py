@@ -55,6 +55,14 @@ def test_a_side_that_goes_on_keeps_a_thing_from_being_enclosed() -> None:
     assert enclosed(outline(UNSURE, SUPPORT, FREE, UNSURE)), "another thing ends it as air does"
 
 
+def test_a_leg_whose_top_is_hidden_or_touches_what_it_bears_does_not_end() -> None:
+    leg = outline(HIDDEN, SUPPORT, FREE, FREE, pixels=40)
+    leg[TOP] = np.array([8, 0, 0, 8, 24, 0])  # FREE, SUPPORT, UNSURE, CONTACT, HIDDEN, BORDER
+    assert not enclosed(leg), "what goes on was not seen to end, nor was what is hidden"
+    leg[TOP, [FREE, CONTACT]] = 16, 0
+    assert enclosed(leg)
+
+
 def test_the_border_of_the_picture_may_cut_off_the_left_or_the_right() -> None:
     assert enclosed(outline(FREE, SUPPORT, FREE, BORDER))
     assert enclosed(outline(FREE, SUPPORT, BORDER, FREE))

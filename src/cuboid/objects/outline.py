@@ -19,8 +19,8 @@ OWN_SHARE = 0.6
 UNSURE_SHARE = 0.5
 # What is filled is a guess: a sighting counts in full when this share of the thing is readings, else by so much less.
 READ_SHARE = 0.5
-# A side is known when this share of it can be judged, of the top a third: what always goes up behind something is a
-# leg, or a post. A side goes on into structure when more than this share of what can be judged does.
+# A side ends when this share of it was seen to end, of the top a third: what always goes up behind something, or into
+# it, is a leg, or a post. A side goes on into structure when more than this share of what can be judged does.
 KNOWN_SHARE, KNOWN_TOP_SHARE, STRUCTURE_SHARE = 0.2, 0.35, 0.5
 # A side is cut off by the picture when more than this share of it lies at its border.
 CUT_SHARE = 0.5
@@ -64,7 +64,7 @@ def enclosed(outline: Outline) -> bool:
     whole = outline.sum(1)
     least = np.full(4, KNOWN_SHARE)
     least[TOP] = KNOWN_TOP_SHARE
-    known = judged >= least * whole
+    known = outline[:, :CONTACT].sum(1) >= least * whole
     structure = outline[:, CONTACT] > STRUCTURE_SHARE * judged
     cut = ~known & (outline[:, BORDER] > CUT_SHARE * whole)
     ends = known & ~structure
