@@ -27,7 +27,7 @@ def frame_of(claim: np.ndarray) -> FrameClusters:
     for k in range(count):
         pixels = np.flatnonzero(claim.ravel() == k)
         outline = np.zeros((4, KINDS), np.int64)
-        clusters.append(FrameCluster(pixels, np.zeros((len(pixels), 3)), {}, 1.0, 1.0, np.zeros(4), outline))
+        clusters.append(FrameCluster(pixels, np.zeros((len(pixels), 3)), {}, 1.0, 1.0, np.zeros(4), outline, 1.0))
     return FrameClusters(clusters, claim.astype(np.int32), np.zeros((count, count), np.int64), np.arange(count))
 
 

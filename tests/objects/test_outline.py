@@ -9,7 +9,7 @@ import pytest
 
 from cuboid.kernels.outlines import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, KINDS, LEFT, RIGHT, SUPPORT, TOP, UNSURE
 from cuboid.objects.affinity import SURE
-from cuboid.objects.outline import enclosed
+from cuboid.objects.outline import READ_SHARE, enclosed
 from cuboid.objects.outline import told_by as told_by_each
 
 
@@ -21,9 +21,9 @@ def outline(top: int, bottom: int, left: int, right: int, pixels: int = 20) -> n
     return kinds
 
 
-def told_by(kinds: np.ndarray) -> float:
+def told_by(kinds: np.ndarray, read: float = 1.0) -> float:
     """What one sighting tells, among others."""
-    told = told_by_each(np.stack([outline(UNSURE, UNSURE, UNSURE, UNSURE), kinds]))
+    told = told_by_each(np.stack([outline(UNSURE, UNSURE, UNSURE, UNSURE), kinds]), np.array([1.0, read]))
     return float(told[1])
 
 
@@ -55,6 +55,14 @@ def test_a_side_that_goes_on_keeps_a_thing_from_being_enclosed() -> None:
     assert enclosed(outline(UNSURE, SUPPORT, FREE, UNSURE)), "another thing ends it as air does"
 
 
+def test_a_leg_whose_top_is_hidden_or_touches_what_it_bears_does_not_end() -> None:
+    leg = outline(HIDDEN, SUPPORT, FREE, FREE, pixels=40)
+    leg[TOP] = np.array([8, 0, 0, 8, 24, 0])  # FREE, SUPPORT, UNSURE, CONTACT, HIDDEN, BORDER
+    assert not enclosed(leg), "what goes on was not seen to end, nor was what is hidden"
+    leg[TOP, [FREE, CONTACT]] = 16, 0
+    assert enclosed(leg)
+
+
 def test_the_border_of_the_picture_may_cut_off_the_left_or_the_right() -> None:
     assert enclosed(outline(FREE, SUPPORT, FREE, BORDER))
     assert enclosed(outline(FREE, SUPPORT, BORDER, FREE))
@@ -76,6 +84,14 @@ def test_among_others_a_thing_takes_longer_than_alone() -> None:
     crowded = told_by(outline(FREE, SUPPORT, UNSURE, UNSURE))
     assert 0 < crowded < told_by(outline(FREE, SUPPORT, FREE, FREE))
     assert told_by(outline(UNSURE, UNSURE, UNSURE, UNSURE)) < 0
+
+
+def test_what_was_filled_tells_nothing() -> None:
+    free, wall = outline(FREE, SUPPORT, FREE, FREE), outline(CONTACT, CONTACT, CONTACT, CONTACT)
+    assert told_by(free, READ_SHARE) == told_by(free), "a thing with holes is seen well enough"
+    assert told_by(free, READ_SHARE / 10) == pytest.approx(told_by(free) / 10)
+    assert told_by(wall, READ_SHARE / 10) == pytest.approx(told_by(wall) / 10), "it tells nothing against it, either"
+    assert told_by(free, 0.0) == 0.0
 
 
 def test_the_outline_is_left_as_it_was() -> None:

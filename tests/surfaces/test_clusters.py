@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cuboid.config import TrackerConfig
@@ -19,10 +21,11 @@ SIDES = np.array([BOTTOM, TOP, RIGHT, LEFT])
 
 def found(
     depth: np.ndarray, support: np.ndarray, heights: np.ndarray, boxes: list[tuple[int, int, int, int]],
-    weights: list[float], prior: list[float] | None = None,
+    weights: list[float], prior: list[float] | None = None, filled: np.ndarray | None = None,
 ) -> FrameClusters:  # fmt: skip
-    """The things of a frame whose proposals are whole boxes."""
+    """The things of a frame whose proposals are whole boxes; `filled` are holes that were given their depth."""
     image = WorkingImage(depth.astype(np.float32), np.zeros((*depth.shape, 3), np.uint8), CAMERA, 1, (0, 0))
+    read = image if filled is None else replace(image, depth_m=np.where(filled, np.float32(0), image.depth_m))
     candidate = ((depth > 0) & (heights != 0)).astype(np.uint8)
     covered = [candidate[y0:y1, x0:x1].ravel() for x0, y0, x1, y1 in boxes]
     weighed = WeighedProposals(
@@ -32,7 +35,7 @@ def found(
         np.array(weights, np.float32),
     )
     return frame_clusters(
-        image, image, np.full(depth.shape, 0.5, np.float32), weighed, np.array(prior or [1.0] * len(boxes)),
+        read, image, np.full(depth.shape, 0.5, np.float32), weighed, np.array(prior or [1.0] * len(boxes)),
         heights.astype(np.float32), support.astype(np.int32), PLANES, SIDES, T_WORLD_CAMERA, TrackerConfig(),
     )  # fmt: skip
 
@@ -68,6 +71,14 @@ def test_surfaces_of_one_proposal_that_are_about_as_large_and_near_are_one_thing
     (thing,) = found(depth, support, heights, [(15, 10, 45, 30)], [0.8]).clusters
     assert thing.rect_xyxy.tolist() == [15, 10, 45, 30]
     assert len(found(depth, support, heights, [(15, 10, 30, 30), (30, 10, 45, 30)], [0.8, 0.7]).clusters) == 2
+
+
+def test_a_thing_knows_how_much_of_it_was_read() -> None:
+    filled = np.zeros((40, 60), bool)
+    filled[10:25, 15:30] = True
+    left, right = found(*scene(), [(15, 10, 30, 30), (30, 10, 45, 30)], [0.8, 0.7], filled=filled).clusters
+    assert (left.read, right.read) == (0.25, 1.0)
+    assert len(left.pixels) == len(left.points) == 75
 
 
 def test_points_are_in_the_world() -> None:

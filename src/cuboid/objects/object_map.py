@@ -126,7 +126,8 @@ class ObjectMap:
         number_of = np.zeros(len(things.clusters), np.int32)
         match, part = found.match.tolist(), found.part.tolist()
         partner = {j: i for i, j in enumerate(match) if j >= 0}
-        told = told_by(np.array([c.outline for c in things.clusters]).reshape(-1, 4, KINDS)).tolist()
+        outlines = np.array([c.outline for c in things.clusters]).reshape(-1, 4, KINDS)
+        told = told_by(outlines, np.array([c.read for c in things.clusters])).tolist()
         for i, cluster in enumerate(things.clusters):
             if match[i] >= 0:
                 entry = found.objects[match[i]]

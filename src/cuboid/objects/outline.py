@@ -15,20 +15,22 @@ from cuboid.tolerances import MOST, SOME, SURE
 CLEAR = SURE / 2.0
 # Of an object at least this share of the outline that can be judged is free or rests on its support.
 OWN_SHARE = 0.6
-# A side is known when some of it can be judged, of the top this share: what always goes up behind something is a leg,
-# or a post.
+# A side ends when some of it was seen to end, of the top this share: what always goes up behind something, or into it,
+# is a leg, or a post.
 KNOWN_TOP_SHARE = 0.35
 
 Outline = npt.NDArray[Any]
 
 
-def told_by(outlines: Outline) -> Float64Array:
+def told_by(outlines: Outline, read: Float64Array) -> Float64Array:
     """Return the log-odds (N,) that sightings add that each shows an object.
 
     Parameters
     ----------
     outlines : (N, 4, KINDS)
         Pixels by side and kind; see `kernels.outlines.outlines`.
+    read : (N,) float64
+        Share of each thing that is readings, and no holes that were filled.
     """
     kinds = outlines.sum(1)
     # Everything stands on something, known or not.
@@ -39,7 +41,8 @@ def told_by(outlines: Outline) -> Float64Array:
     own = kinds[:, FREE] + kinds[:, SUPPORT] + 0.5 * kinds[:, UNSURE]
     share = own / np.maximum(judged, 1.0)
     told = CLEAR * judged / np.maximum(kinds.sum(1), 1.0) * (share - OWN_SHARE) / (1.0 - OWN_SHARE)
-    return np.asarray(told, dtype=np.float64)
+    # What was filled is a guess: a sighting counts in full when most of the thing is readings, else by so much less.
+    return np.asarray(told * np.minimum(1.0, read / MOST), dtype=np.float64)
 
 
 def enclosed(outline: Outline) -> bool:
@@ -57,7 +60,7 @@ def enclosed(outline: Outline) -> bool:
     whole = outline.sum(1)
     least = np.full(4, SOME)
     least[TOP] = KNOWN_TOP_SHARE
-    known = judged >= least * whole
+    known = outline[:, :CONTACT].sum(1) >= least * whole
     structure = outline[:, CONTACT] > MOST * judged
     cut = ~known & (outline[:, BORDER] > MOST * whole)
     ends = known & ~structure

@@ -50,6 +50,8 @@ class FrameCluster:
         In pixels of the full image, end exclusive.
     outline : (4, KINDS) int64
         Pixels of its outline by side and by what is beyond them; see `kernels.outlines.outlines`.
+    read : float
+        Share of its pixels that are readings, 0..1; the others are holes, filled.
     """
 
     pixels: npt.NDArray[np.int64]
@@ -59,6 +61,7 @@ class FrameCluster:
     score: float
     rect_xyxy: Float64Array
     outline: npt.NDArray[np.int64]
+    read: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +161,10 @@ def frame_clusters(
     for k, (begin, end) in enumerate(pairwise(first.tolist())):
         supports = {int(identities[p]): int(beneath[k, p]) for p in np.flatnonzero(beneath[k])}
         own = begin + np.flatnonzero(read[pixels[begin:end]])
-        clusters.append(FrameCluster(pixels[own], points[own], supports, warm[k], scores[k], rects[k], outline[k]))
+        share = len(own) / (end - begin)
+        clusters.append(
+            FrameCluster(pixels[own], points[own], supports, warm[k], scores[k], rects[k], outline[k], share)
+        )
     return FrameClusters(clusters, things, contact, shares.astype(np.int64), left_out)
 
 
