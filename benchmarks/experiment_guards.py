@@ -19,8 +19,12 @@ import cv2
 import numpy as np
 
 from cuboid.evaluation import evaluate
-from cuboid.evaluation.result import read_result
-from cuboid.evaluation.truth import read_truth
+from cuboid.formats.json_door import read_json
+from cuboid.formats.objects_file import ObjectsDocument
+from cuboid.formats.rows_files import ProposalEntry, TrackEntry
+from cuboid.formats.run_file import RunDocument
+from cuboid.formats.table_door import read_table
+from cuboid.formats.truth_file import TruthDocument
 from cuboid.readers.images import IMAGE_ENDINGS, decode_color, decode_depth
 from scenes import cases
 from scoring import run_and_score
@@ -28,7 +32,8 @@ from tables import cell, dump, show
 
 # Images that are read in one turn, and turns.
 IMAGES, TURNS = 40, 15
-JSON, TABLES = ("objects.json", "run.json"), ("tracks.csv", "proposals.csv")
+JSON = {"objects.json": ObjectsDocument, "run.json": RunDocument}
+TABLES = {"tracks.csv": TrackEntry, "proposals.csv": ProposalEntry}
 HEADER = ("what is read", "with doors ms", "without ms", "before", "that takes ms", "doors, % of both")
 
 
@@ -41,27 +46,22 @@ def run(args: argparse.Namespace) -> None:
     for what, door, plain in (("color", decode_color, _color), ("depth", decode_depth, _depth)):
         images = _images(case.recording, what)
         tracking_ms = ran["ms_frame"] - ran["ms_stages"]["decode"]
-        rows.append(
-            _row(
-                f"a {what} image",
-                *_by_turns(
-                    _each(lambda path, door=door: door(path, path.name), images), _each(plain, images), len(images)
-                ),
-                "tracking a frame",
-                tracking_ms,
-            )
-        )
-    both = _by_turns(lambda: (read_result(folder), read_truth(case.truth)), lambda: _plain(folder, case.truth), 1)
+        checked = _each(lambda path, door=door: door(path, path.name), images)
+        both = _by_turns(checked, _each(plain, images), len(images))
+        rows.append(_row(f"a {what} image", *both, "tracking a frame", tracking_ms))
+    both = _by_turns(lambda: _checked(folder, case.truth), lambda: _plain(folder, case.truth), 1)
     whole_ms = float(np.median([_ms(lambda: evaluate(folder, case.truth)) for _ in range(5)]))
     rows.append(_row("a result and its truth", *both, "evaluating it", whole_ms - both[0]))
     if args.json:
         dump(rows)
         return
     lines = [
-        [row["what"], cell(row["doors_ms"], 2), cell(row["plain_ms"], 2), row["before"], cell(row["then_ms"], 1)]
-        + [cell(row["share_percent"], 2)]
+        [
+            row["what"], *(cell(row[name], 2) for name in ("doors_ms", "plain_ms")), row["before"],
+            cell(row["then_ms"], 1), cell(row["share_percent"], 2),
+        ]
         for row in rows
-    ]
+    ]  # fmt: skip
     show(f"Doors, on {case.name}: median of {TURNS} turns, processor time", HEADER, lines)
 
 
@@ -103,6 +103,15 @@ def _color(path: Path) -> Any:
 
 def _depth(path: Path) -> Any:
     return cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+
+
+def _checked(folder: Path, truth: Path) -> Any:
+    documents = [read_json(folder / name, kind) for name, kind in JSON.items()]
+    return (
+        documents,
+        read_json(truth, TruthDocument),
+        [list(read_table(folder / n, kind)) for n, kind in TABLES.items()],
+    )
 
 
 def _plain(folder: Path, truth: Path) -> Any:

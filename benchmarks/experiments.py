@@ -44,9 +44,7 @@ def main() -> int:
     parser.add_argument("--seeds", nargs="+", type=int, default=[2], metavar="N")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="use each n-th frame")
     parser.add_argument("--limit", type=int, default=None, metavar="N", help="use at most so many frames")
-    parser.add_argument(
-        "--laps", type=int, default=60, metavar="N", help="of growth and corrections; 1250 make 10,000 objects"
-    )
+    parser.add_argument("--laps", type=int, default=60, metavar="N", help="of growth; 1250 make 10,000 objects")
     parser.add_argument(
         "--objects", nargs="+", type=int, default=[10, 100, 1000], metavar="N", help="of descriptors and memory"
     )

@@ -92,7 +92,7 @@ def _gather(place: Place, before: Snapshot) -> tuple[dict[str, list[str]], list[
             else:
                 kept.append(name)
         for day, names in sorted(days.items()):
-            rows = pa.concat_tables([place.read_table(name).cast(kind.schema) for name in names])
+            rows = pa.concat_tables([place.read_table(name, kind.schema) for name in names])
             digest = hashlib.sha256("\n".join(sorted(names)).encode()).hexdigest()[:20]
             name = name_of(table, day, f"gathered-{digest}")
             place.put_table(name, kind.sorted(rows), kind.group_rows)

@@ -14,7 +14,8 @@ import fsspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from cuboid.errors import InputError, OutputError
+from cuboid.errors import InputError, OutputError, one_line
+from cuboid.formats.reading import MOST_BINARY_BYTES, UnreadableError, read_bytes
 from cuboid.outputs.pending import PendingFile
 
 # Whose errors are refusals of an object store.
@@ -84,7 +85,20 @@ class Place:
         return sorted(str(name)[start:] for name in found if not Path(str(name)).name.startswith("."))
 
     def read(self, name: str) -> bytes:
-        """Return what a file holds; FileNotFoundError where there is none."""
+        """Return what a file holds; FileNotFoundError where there is none.
+
+        Raises
+        ------
+        InputError
+            It cannot be read: it is none, or the place refuses.
+        """
+        if self.local is not None:
+            try:
+                return read_bytes(self.local / name, MOST_BINARY_BYTES)
+            except UnreadableError as error:
+                if error.missing:
+                    raise FileNotFoundError(str(error)) from None
+                raise
         with _refusals(f"{self.url}/{name}", "read"):
             return bytes(self.fs.cat_file(self.path(name)))
 
@@ -143,9 +157,25 @@ class Place:
         pq.write_table(table, content, compression="zstd", row_group_size=group_rows)
         self.put(name, content.getvalue())
 
-    def read_table(self, name: str, columns: list[str] | None = None) -> pa.Table:
-        """Return the table in a file of Parquet; FileNotFoundError where there is none."""
-        return pq.read_table(io.BytesIO(self.read(name)), columns=columns, partitioning=None)
+    def read_table(self, name: str, schema: pa.Schema) -> pa.Table:
+        """Return columns of the table in a file of Parquet; FileNotFoundError where there is none.
+
+        Parameters
+        ----------
+        name : str
+        schema : pyarrow.Schema
+            Of the columns.
+
+        Raises
+        ------
+        InputError
+            The file is damaged, or holds another table.
+        """
+        content = self.read(name)
+        try:
+            return pq.read_table(io.BytesIO(content), columns=schema.names, partitioning=None).cast(schema)
+        except (pa.ArrowException, OSError, ValueError, KeyError) as error:
+            raise InputError(f"{self.url}/{name}: is no table of a store, or damaged: {one_line(str(error))}") from None
 
     def put_folder(self, folder: Path, name: str, last: str) -> None:
         """Copy the files of a local folder, the one that makes them whole last."""
