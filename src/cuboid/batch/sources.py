@@ -10,11 +10,11 @@ from pathlib import Path
 
 import fsspec
 
-from cuboid.errors import InputError
+from cuboid.errors import InputError, one_line
 from cuboid.formats.stored import ARCHIVE_ENDINGS, located
 from cuboid.readers import READERS
 from cuboid.readers.locate import LEVELS
-from cuboid.store.place import is_remote
+from cuboid.store.place import is_remote, refusals
 
 WILD = frozenset("*?[")
 LIST_ENDINGS = (".txt", ".list")
@@ -126,10 +126,11 @@ def _remote(url: str) -> list[Source]:
     if not WILD & set(url):
         return [Source(_base(url), url.rstrip("/"))]
     try:
-        fs, path = fsspec.core.url_to_fs(url, use_listings_cache=False)
-        found = sorted(map(str, fs.glob(path)))
-    except (OSError, ImportError, ValueError) as error:
-        raise InputError(f"{url}: cannot be listed: {error}") from None
+        with refusals(url, "listed"):
+            fs, path = fsspec.core.url_to_fs(url, use_listings_cache=False)
+            found = sorted(map(str, fs.glob(path)))
+    except (OSError, ImportError, TypeError) as error:
+        raise InputError(f"{url}: cannot be listed: {one_line(str(error))}") from None
     return [Source(source.name, str(fs.unstrip_protocol(source.url))) for source in _beneath(_fixed(path), found, url)]
 
 

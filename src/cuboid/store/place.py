@@ -14,7 +14,7 @@ import fsspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from cuboid.errors import InputError, OutputError, one_line
+from cuboid.errors import CuboidError, InputError, OutputError, one_line
 from cuboid.formats.reading import MOST_BINARY_BYTES, UnreadableError, read_bytes
 from cuboid.outputs.pending import PendingFile
 
@@ -35,10 +35,12 @@ class Place:
     Raises
     ------
     InputError
-        Nobody knows this kind of URL, or a package for it is missing.
+        Nobody knows this kind of URL, a package for it is missing, or it names no place.
     """
 
     def __init__(self, url: str) -> None:
+        if url.endswith("://"):
+            raise InputError(f"{url}: expected a folder or URL of a store")
         self.url = url.rstrip("/") or "/"
         _ = self.fs
 
@@ -52,8 +54,8 @@ class Place:
                 return fsspec.filesystem("file"), os.path.abspath(self.url.removeprefix("file://"))
             fs, root = fsspec.core.url_to_fs(self.url, use_listings_cache=False)
             return fs, str(root)
-        except (ImportError, ValueError) as error:
-            raise InputError(f"{self.url}: cannot be opened: {error}") from None
+        except (ImportError, ValueError, TypeError, OSError) as error:
+            raise InputError(f"{self.url}: cannot be opened: {one_line(str(error))}") from None
 
     @property
     def fs(self) -> Any:
@@ -77,7 +79,7 @@ class Place:
     def names(self, folder: str) -> list[str]:
         """Return all files below a folder, relative to the store, sorted; none where there is no such folder."""
         start = len(self.path(""))
-        with _refusals(self.url, "read"):
+        with refusals(self.url, "read"):
             try:
                 found = self.fs.find(self.path(folder))
             except FileNotFoundError:
@@ -99,7 +101,7 @@ class Place:
                 if error.missing:
                     raise FileNotFoundError(str(error)) from None
                 raise
-        with _refusals(f"{self.url}/{name}", "read"):
+        with refusals(f"{self.url}/{name}", "read"):
             return bytes(self.fs.cat_file(self.path(name)))
 
     def put(self, name: str, content: bytes) -> None:
@@ -111,7 +113,7 @@ class Place:
             It cannot be written.
         """
         if self.local is None:
-            with _refusals(f"{self.url}/{name}", "written"):
+            with refusals(f"{self.url}/{name}", "written"):
                 self.fs.pipe_file(self.path(name), content)
             return
         file = PendingFile(self.local / name)
@@ -123,7 +125,7 @@ class Place:
     def create(self, name: str, content: bytes) -> bool:
         """Write a file that appears whole; False, and nothing is written, where there is one of this name already."""
         if self.local is None:
-            with _refusals(f"{self.url}/{name}", "written"):
+            with refusals(f"{self.url}/{name}", "written"):
                 try:
                     self.fs.pipe_file(self.path(name), content, mode="create")
                 except FileExistsError:
@@ -189,14 +191,15 @@ def is_remote(url: str) -> bool:
 
 
 @contextmanager
-def _refusals(what: str, verb: str) -> Iterator[None]:
+def refusals(what: str, verb: str) -> Iterator[None]:
     """Turn what a file system refuses into one line; FileNotFoundError and FileExistsError pass."""
     try:
         yield
     except (FileNotFoundError, FileExistsError):
         raise
     except Exception as error:
-        if not isinstance(error, OSError) and not type(error).__module__.startswith(CLOUD_PACKAGES):
+        known = isinstance(error, (OSError, ValueError)) or type(error).__module__.startswith(CLOUD_PACKAGES)
+        if not known or isinstance(error, CuboidError):
             raise
-        fault = InputError if verb == "read" else OutputError
-        raise fault(f"{what}: cannot be {verb}: {error}") from error
+        fault = OutputError if verb == "written" else InputError
+        raise fault(f"{what}: cannot be {verb}: {one_line(str(error) or type(error).__name__)}") from error
