@@ -7,12 +7,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from made_stores import put_run, thing
 
 from cuboid.cli import main
 from cuboid.errors import InputError
 from cuboid.store.compact import compact
+from cuboid.store.find import Filters, find
 from cuboid.store.place import Place
 from cuboid.store.query import Tables
 from cuboid.store.schema import OBJECTS, RUNS, SIGHTINGS
@@ -72,7 +75,37 @@ def no_manifest(store: Path) -> None:
 
 
 GOOD = f"objects/day=2026-03-01/gathered-{'0' * 20}.parquet"
-SPOILT = [emptied, cut, noise, of_another_table, missing, device, device_as_manifest, no_manifest]
+
+
+def dangling_manifest(store: Path) -> None:
+    place = store / manifest_name(1)
+    place.unlink()
+    place.symlink_to("nowhere")
+
+
+def no_runs(store: Path) -> None:
+    file_of(store, RUNS).unlink()
+
+
+def rows_of_nothing(store: Path) -> None:
+    path = file_of(store, OBJECTS)
+    table = pq.read_table(path, partitioning=None)
+    k = table.column_names.index("longest_m")
+    pq.write_table(table.set_column(k, "longest_m", pa.nulls(len(table), pa.float64())), path)
+
+
+SPOILT = [
+    emptied,
+    cut,
+    noise,
+    of_another_table,
+    missing,
+    device,
+    device_as_manifest,
+    no_manifest,
+    dangling_manifest,
+    no_runs,
+]
 
 
 @pytest.mark.parametrize("spoil", SPOILT)
@@ -108,6 +141,12 @@ def test_a_manifest_cannot_name_what_is_none_of_the_stores_files(store: Path, na
     with pytest.raises(InputError, match="files"):
         compact(Place(str(store)))
     assert secret.read_text() == "mine"
+
+
+def test_an_object_without_a_size_is_told(store: Path) -> None:
+    rows_of_nothing(store)
+    with pytest.raises(InputError, match="an object has no longest_m"):
+        find(Tables(str(store)), Filters())
 
 
 def test_what_is_whole_is_read_as_before(store: Path) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import fsspec
 
 from cuboid.errors import InputError, one_line
+from cuboid.formats.reading import real_path
 from cuboid.formats.stored import ARCHIVE_ENDINGS, located
 from cuboid.readers import READERS
 from cuboid.readers.locate import LEVELS
@@ -117,7 +118,7 @@ def _listed(path: Path) -> list[Source]:
     words = [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")]
     if not words:
         raise InputError(f"{path}: expected a recording a line, found none")
-    urls = [word if is_remote(word) else str((path.parent / word).resolve()) for word in words]
+    urls = [word if is_remote(word) else str(real_path(path.parent / word)) for word in words]
     start = os.path.commonpath(urls) if len(urls) > 1 and not any(map(is_remote, urls)) else ""
     return [Source(os.path.relpath(url, start) if start else _base(url), url) for url in urls]
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cuboid.errors import InputError, OutputError
-from cuboid.formats.reading import kind_of
+from cuboid.formats.reading import kind_of, real_path
 from cuboid.outputs.pending import PendingFile
 from cuboid.scene.door import DamagedError
 from cuboid.scene.schema import APPLICATION_ID, MIGRATIONS, VERSION
@@ -191,7 +191,7 @@ def open_to_write(path: Path, *, create: bool = False) -> Writing:
 
 def _connect(path: Path, mode: str, *, immutable: bool = False) -> sqlite3.Connection:
     quiet = "&immutable=1" if immutable else ""
-    uri = f"{path.resolve().as_uri()}?mode={mode}{quiet}"
+    uri = f"{real_path(path).as_uri()}?mode={mode}{quiet}"
     connection = sqlite3.connect(
         uri, uri=True, timeout=PATIENCE_S, isolation_level=None, check_same_thread=False, factory=_Connection
     )
@@ -204,7 +204,7 @@ def _refuse_other(path: Path) -> None:
     with suppress(OSError):
         if path.is_file() and 0 < path.stat().st_size < 100:
             raise InputError(f"{path}: is no scene file of Cuboid")
-    whole = path.resolve()
+    whole = real_path(path)
     for ending in BESIDE:
         place = whole.with_name(whole.name + ending)
         with suppress(OSError):

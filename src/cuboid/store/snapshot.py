@@ -16,6 +16,7 @@ from typing import Annotated, Literal
 import msgspec
 import pyarrow as pa
 
+from cuboid.errors import InputError
 from cuboid.formats.json_door import checked
 from cuboid.store.place import Place
 from cuboid.store.schema import DONE, RUNS, TABLES
@@ -118,12 +119,12 @@ def snapshot(place: Place, *, every_key: bool = False) -> Snapshot:
     InputError
         It cannot be read, or it is of another version.
     """
-    for _ in range(ATTEMPTS - 1):
+    for _ in range(ATTEMPTS):
         try:
             return _snapshot(place, every_key)
-        except FileNotFoundError:  # gathered into another file meanwhile
-            continue
-    return _snapshot(place, every_key)
+        except FileNotFoundError as error:  # gathered into another file meanwhile
+            missing = error
+    raise InputError(f"{place.url}: is damaged: {missing}") from None
 
 
 def _snapshot(place: Place, every_key: bool) -> Snapshot:
@@ -152,11 +153,9 @@ def manifests(place: Place) -> list[int]:
 
 
 def _newest(place: Place) -> tuple[int, Manifest]:
-    """Return the newest manifest and its number; one may be replaced and removed while it is asked for."""
-    while numbers := manifests(place):
-        try:
-            content = place.read(manifest_name(numbers[-1]))
-        except FileNotFoundError:
-            continue
-        return numbers[-1], checked(Path(place.path(manifest_name(numbers[-1]))), content, Manifest)
-    return 0, Manifest()
+    """Return the newest manifest and its number; FileNotFoundError where it was replaced meanwhile."""
+    numbers = manifests(place)
+    if not numbers:
+        return 0, Manifest()
+    name = manifest_name(numbers[-1])
+    return numbers[-1], checked(Path(place.path(name)), place.read(name), Manifest)
