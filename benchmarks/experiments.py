@@ -11,6 +11,8 @@ NAME is one of
   poses        fragments and identities against noise of the poses, with merging and without
   growth       time of each stage, memory, as the map grows by a new table each lap (--laps), and as time goes on
   memory       memory and time past ever more objects, with as much memory as --memory says
+  corrections  time of a correction of poses, as the map grows by a new table each lap (--laps)
+  guards       what it costs that files are checked as they are read, beside tracking a frame and evaluating a result
   proposals    boxes in the map of each scene of the suite
   peers        a pipeline made of Open3D (--peers-python), AB3DMOT's association, and this tracker, on the same frames
 
@@ -27,7 +29,10 @@ from cuboid import CuboidError
 from cuboid.cli.synth import KINDS
 from cuboid.cli.threads import limit_threads
 
-NAMES = ("descriptors", "resolution", "sources", "frames", "poses", "growth", "memory", "proposals", "peers")
+NAMES = (
+    "descriptors", "resolution", "sources", "frames", "poses", "growth", "memory", "corrections", "guards", "proposals",
+    "peers",
+)  # fmt: skip
 
 
 def main() -> int:

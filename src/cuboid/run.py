@@ -13,6 +13,7 @@ from cuboid import __version__
 from cuboid.config import TrackerConfig
 from cuboid.decoding import Decoded, decode
 from cuboid.errors import InputError, OutputError
+from cuboid.formats.reading import real_path
 from cuboid.frame import Intrinsics
 from cuboid.limits import MEMORY_MB
 from cuboid.measuring import FrameLog, peak_memory_mb
@@ -238,7 +239,7 @@ def _writer(
 ) -> ResultWriter | None:
     if output is None:
         return None
-    if output.resolve() == Path(recording.path).resolve():
+    if real_path(output) == real_path(Path(recording.path)):
         raise OutputError(f"{output}: is the recording itself; name another output folder")
     return results.enter_context(ResultWriter(output, force=force, corrected=corrected))
 

@@ -14,7 +14,7 @@ from cuboid.errors import FrameError
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse
-from cuboid.heatmap.carrying import moved_with
+from cuboid.heatmap.carrying import motions_of
 from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.outlines import BOTTOM, LEFT, RIGHT, TOP
@@ -179,8 +179,8 @@ class Tracker:
             T_new_old in the world, of each keyframe that moved.
         """
         rows = self._voxels.living()
-        before = self._voxels.xyz(rows)
-        self._planes.carry(before, moved_with(before, self._voxels.anchor[rows], moved))
+        anchor = self._voxels.anchor[rows]
+        self._planes.carry(self._voxels.xyz(rows), anchor, motions_of(moved, anchor))
         self._map.carry(moved)
 
     def _know_sensor(self, image: WorkingImage) -> None:

@@ -83,7 +83,7 @@ def _bag_with_imu(folder: Path) -> None:
 # Packages that the making of a target needs, and that need not be installed.
 NEEDS = {
     "record3d-file": "liblzfse", "ros1": "rosbags", "mcap": "rosbags", "db3": "rosbags", "realsense": "rosbags",
-    "gravity": "rosbags",
+    "gravity": "rosbags", "stores": "duckdb",
 }  # fmt: skip
 
 CONTAINERS: dict[str, Target] = {

@@ -28,6 +28,8 @@ KINDS = (
 )  # fmt: skip
 SIZES = ((160, 120), (160, 120), (320, 240), (640, 480), (64, 48), (1, 1), (3, 200), (200, 3), (7, 5), (1280, 720))
 LONGEST_STRETCH = 25
+# Readings of 256 that there are none of.
+MISSING = 8
 TABLE_M, FLOOR_M, WALL_M = 0.0, -0.75, 2.5
 
 
@@ -139,16 +141,16 @@ class Hostile:
         K = self.intrinsics
         room = np.array([[-WALL_M, -WALL_M, FLOOR_M, WALL_M, WALL_M, 3.0]])
         table = np.array([[-0.7, -0.5, -0.03, 0.7, 0.5, TABLE_M]])
-        depth, number = np.empty((K.height, K.width), np.float32), np.empty((K.height, K.width), np.int64)
+        depth, number = np.empty((K.height, K.width), np.float32), np.empty((K.height, K.width), np.uint8)
         _cast(np.concatenate((room, table, self.boxes)), T, np.array([K.fx, K.fy, K.cx, K.cy]), depth, number)
-        palette = np.random.default_rng(self.seed).integers(0, 256, (64, 3))
-        return palette[number % 64].astype(np.uint8), depth
+        palette = np.random.default_rng(self.seed).integers(0, 256, (256, 3), np.uint8)
+        return palette.take(number, axis=0), depth
 
     def _readings(self, seen: tuple[Array, Array], kind: str) -> tuple[Array, Array]:
         """Return what the sensor makes of it."""
         (color, depth), rng = seen, self.rng
-        depth = depth + rng.normal(0, 0.002, depth.shape).astype(np.float32) * depth
-        depth[rng.random(depth.shape) < 0.03] = 0
+        depth = depth + np.float32(0.002) * rng.standard_normal(depth.shape, np.float32) * depth
+        depth[rng.integers(0, 256, depth.shape, np.uint8) < MISSING] = 0
         match kind:
             case "noise":
                 depth = rng.uniform(0, 5, depth.shape).astype(np.float32)
@@ -183,16 +185,19 @@ class Hostile:
 @njit(cache=True)
 def _cast(boxes: Array, T: Array, pinhole: Array, depth: Array, number: Array) -> None:  # pragma: no cover
     """Write depth and number (H, W) of the first box (N, 6) that each pixel's ray meets; 50 m where none is."""
+    along = np.empty(3)
     for v in range(depth.shape[0]):
         for u in range(depth.shape[1]):
             x, y = (u - pinhole[2]) / pinhole[0], (v - pinhole[3]) / pinhole[1]
+            for axis in range(3):
+                ray = T[axis, 0] * x + T[axis, 1] * y + T[axis, 2]
+                along[axis] = 1.0 / (ray if abs(ray) > 1e-9 else 1e-9)
             depth[v, u], number[v, u] = 50.0, 0
             for k in range(len(boxes)):
                 near, far = -np.inf, np.inf
                 for axis in range(3):
-                    ray = T[axis, 0] * x + T[axis, 1] * y + T[axis, 2]
-                    ray = ray if abs(ray) > 1e-9 else 1e-9
-                    one, other = (boxes[k, axis] - T[axis, 3]) / ray, (boxes[k, axis + 3] - T[axis, 3]) / ray
+                    one = (boxes[k, axis] - T[axis, 3]) * along[axis]
+                    other = (boxes[k, axis + 3] - T[axis, 3]) * along[axis]
                     near, far = max(near, min(one, other)), min(far, max(one, other))
                 hit = near if near > 0 else far
                 if near <= far and 0 < hit < depth[v, u]:

@@ -19,9 +19,10 @@ sys.path.insert(0, str(HERE))
 from containers import CONTAINERS, NEEDS  # noqa: E402
 from engine import fuzz, keep_faults, quiet_libraries  # noqa: E402
 from scene_files import SCENES  # noqa: E402
+from store_files import STORES  # noqa: E402
 from targets import TARGETS as OWN  # noqa: E402
 
-TARGETS = {**OWN, **SCENES, **CONTAINERS}
+TARGETS = {**OWN, **SCENES, **STORES, **CONTAINERS}
 
 
 def main() -> int:

@@ -10,6 +10,7 @@ from changes import Change, kept
 from containers import CONTAINERS, NEEDS
 from engine import Outcome, Target, as_before, fault_of, fuzz, quiet_libraries, try_changes
 from scene_files import SCENES
+from store_files import STORES
 from targets import TARGETS
 
 from cuboid.errors import InputError
@@ -24,9 +25,11 @@ INPUTS = {
 CONTAINER_INPUTS = {
     "sens": 20, "open3d": 10, "nerfstudio": 10, "3rscan": 20, "infinitam": 30, "sun3d": 8, "arkitscenes": 8,
     "icl-nuim": 4, "bonn": 4, "record3d-file": 40, "zip": 40, "tar": 40, "ros1": 10, "mcap": 8, "gravity": 10,
+    "stores": 25,
 }  # fmt: skip
 SEED = 20_261_122
-ALL = TARGETS | SCENES | CONTAINERS
+OTHERS = CONTAINERS | STORES
+ALL = TARGETS | SCENES | OTHERS
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -45,7 +48,7 @@ def test_bad_files_are_refused_in_one_line(tmp_path: Path, name: str) -> None:
 def test_bad_containers_are_refused_in_one_line(tmp_path: Path, name: str) -> None:
     if name in NEEDS:
         pytest.importorskip(NEEDS[name])
-    outcome = fuzz(CONTAINERS[name], tmp_path, CONTAINER_INPUTS[name], SEED)
+    outcome = fuzz(OTHERS[name], tmp_path, CONTAINER_INPUTS[name], SEED)
     assert outcome.faults == {}
 
 

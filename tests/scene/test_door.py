@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sqlite3
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -157,3 +160,43 @@ def test_a_part_is_not_carried_over_a_row_that_makes_no_sense(path: Path) -> Non
     with pytest.raises(DamagedError, match="a row of boxes is damaged: the quaternion"):
         carry_rows(connection, [Joined(np.zeros(3), np.eye(4))])
     connection.close()
+
+
+def test_a_file_whose_tables_have_no_names_is_damaged(path: Path, tmp_path: Path) -> None:
+    """SQLite's own words about it are no text then."""
+    content = path.read_bytes()
+    at = content.index(b"CREATE TABLE objects") + len("CREATE TABLE ")
+    path.write_bytes(content[:at] + b"\x94\xff(" + content[at + 3 :])
+    with pytest.raises(InputError, match="is damaged"):
+        ask(path)
+    assert [line for line in problems(path) if "is damaged" in line]
+    with pytest.raises(InputError, match="nothing in it can be read"):
+        rescue(path, tmp_path / "new.cuboid")
+
+
+# In a process of its own: SQLite that waits cannot be interrupted.
+ALL_WAYS = """
+import sys
+from pathlib import Path
+from cuboid.errors import InputError
+from cuboid.scene.checking import problems, rescue
+from cuboid.scene.database import open_to_read, open_to_write
+path = Path(sys.argv[1])
+for way in (open_to_read, open_to_write, problems, lambda scene: rescue(scene, path.with_name("new.cuboid"))):
+    try:
+        way(path)
+    except InputError as error:
+        print(error)
+"""
+
+
+@pytest.mark.parametrize("ending", ["-journal", "-wal"])
+def test_nothing_waits_for_a_device_that_lies_where_a_log_belongs(path: Path, ending: str) -> None:
+    place = path.with_name(path.name + ending)
+    place.unlink(missing_ok=True)
+    os.mkfifo(place)
+    call = [sys.executable, "-c", ALL_WAYS, str(path)]
+    done = subprocess.run(call, capture_output=True, text=True, check=True, timeout=100)
+    said = f"{place}: is a FIFO, a regular file was expected: it belongs to the scene"
+    assert done.stdout.splitlines() == [said] * 4
+    assert place.is_fifo()

@@ -1,26 +1,11 @@
-"""Tables of planes and tiles of points against a search through all."""
+"""The table of planes against a search through all."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from cuboid.surfaces.grid import cells_of
 from cuboid.surfaces.plane import Plane
-from cuboid.surfaces.windows import TILE_CELLS, Tiles, Windows
-
-
-def test_the_points_of_a_window_are_among_those_of_its_tiles() -> None:
-    rng = np.random.default_rng(2)
-    points = rng.uniform(-30, 30, (4000, 3))
-    tiles, cells = Tiles(points), cells_of(points)
-    for low in rng.integers(-800, 700, (40, 2)):
-        window = np.concatenate([low, low + rng.integers(1, 200, 2)])
-        found = tiles.within(window)
-        inside = np.flatnonzero(((cells >= window[:2]) & (cells < window[2:])).all(1))
-        assert (np.diff(found) > 0).all()
-        assert np.isin(inside, found).all()
-        assert ((cells[found] > window[:2] - TILE_CELLS) & (cells[found] < window[2:] + TILE_CELLS)).all()
-    assert len(Tiles(points[:0]).within(np.array([0, 0, 9, 9]))) == 0
+from cuboid.surfaces.windows import Windows
 
 
 def test_what_is_asked_of_all_planes_is_what_each_one_says() -> None:

@@ -14,8 +14,8 @@ import fsspec
 import msgspec
 
 from cuboid.batch.sources import Source
-from cuboid.errors import InputError
-from cuboid.store.place import is_remote
+from cuboid.errors import InputError, one_line
+from cuboid.store.place import is_remote, refusals
 from cuboid.store.rows import RunHead, settings_text
 
 # What object stores call the digest, or else the time, of a file's content.
@@ -78,10 +78,11 @@ def _stated(name: str, found: os.stat_result) -> _File:
 
 def _remote(url: str) -> Iterator[_File]:
     try:
-        fs, path = fsspec.core.url_to_fs(url, use_listings_cache=False)
-        found = fs.find(path, detail=True)
-    except (OSError, ImportError, ValueError) as error:
-        raise InputError(f"{url}: cannot be listed: {error}") from None
+        with refusals(url, "listed"):
+            fs, path = fsspec.core.url_to_fs(url, use_listings_cache=False)
+            found = fs.find(path, detail=True)
+    except (OSError, ImportError, TypeError) as error:
+        raise InputError(f"{url}: cannot be listed: {one_line(str(error))}") from None
     for name, info in found.items():
         mark = next((str(info[key]) for key in MARKS if info.get(key)), "")
         yield _File(str(name).removeprefix(path), int(info.get("size") or 0), mark, _moment(info))

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import fsspec
 
-from cuboid.errors import InputError
+from cuboid.errors import InputError, one_line
+from cuboid.formats.reading import real_path
 from cuboid.formats.stored import ARCHIVE_ENDINGS, located
 from cuboid.readers import READERS
 from cuboid.readers.locate import LEVELS
-from cuboid.store.place import is_remote
+from cuboid.store.place import is_remote, refusals
 
 WILD = frozenset("*?[")
 LIST_ENDINGS = (".txt", ".list")
@@ -117,7 +118,7 @@ def _listed(path: Path) -> list[Source]:
     words = [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")]
     if not words:
         raise InputError(f"{path}: expected a recording a line, found none")
-    urls = [word if is_remote(word) else str((path.parent / word).resolve()) for word in words]
+    urls = [word if is_remote(word) else str(real_path(path.parent / word)) for word in words]
     start = os.path.commonpath(urls) if len(urls) > 1 and not any(map(is_remote, urls)) else ""
     return [Source(os.path.relpath(url, start) if start else _base(url), url) for url in urls]
 
@@ -126,10 +127,11 @@ def _remote(url: str) -> list[Source]:
     if not WILD & set(url):
         return [Source(_base(url), url.rstrip("/"))]
     try:
-        fs, path = fsspec.core.url_to_fs(url, use_listings_cache=False)
-        found = sorted(map(str, fs.glob(path)))
-    except (OSError, ImportError, ValueError) as error:
-        raise InputError(f"{url}: cannot be listed: {error}") from None
+        with refusals(url, "listed"):
+            fs, path = fsspec.core.url_to_fs(url, use_listings_cache=False)
+            found = sorted(map(str, fs.glob(path)))
+    except (OSError, ImportError, TypeError) as error:
+        raise InputError(f"{url}: cannot be listed: {one_line(str(error))}") from None
     return [Source(source.name, str(fs.unstrip_protocol(source.url))) for source in _beneath(_fixed(path), found, url)]
 
 

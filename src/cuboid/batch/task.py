@@ -17,7 +17,7 @@ from cuboid.batch.identity import head_of
 from cuboid.batch.sources import Source
 from cuboid.errors import InputError, MissingExtraError, one_line
 from cuboid.outputs.folder import RUN
-from cuboid.store.place import RESULTS, Place, is_remote
+from cuboid.store.place import RESULTS, Place, is_remote, refusals
 from cuboid.store.rows import ReadAs, RunHead, day_of, failure, recorded, tables_of
 from cuboid.store.schema import DONE, FAILED, RUNS, TABLES
 from cuboid.store.snapshot import Part, key_of
@@ -166,10 +166,11 @@ def _fetched(task: Task, scratch: str) -> Iterator[Path]:
     if not is_remote(task.source.url):
         yield Path(task.source.url)
         return
-    fs, path = fsspec.core.url_to_fs(task.source.url, use_listings_cache=False)
-    here = Path(scratch) / "recording" / os.path.basename(path)
-    here.parent.mkdir()
-    fs.get(path, str(here), recursive=fs.isdir(path))
+    with refusals(task.source.url, "read"):
+        fs, path = fsspec.core.url_to_fs(task.source.url, use_listings_cache=False)
+        here = Path(scratch) / "recording" / os.path.basename(path)
+        here.parent.mkdir()
+        fs.get(path, str(here), recursive=fs.isdir(path))
     try:
         yield here
     finally:

@@ -34,10 +34,11 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.cli.threads import limit_threads
     from cuboid.converting import convert_recording
     from cuboid.errors import InputError, OutputError
+    from cuboid.formats.reading import real_path
 
     limit_threads(1)
     recording = open_from(args)
-    if args.output.resolve() == recording.path.resolve():
+    if real_path(args.output) == recording.path.resolve():
         raise OutputError(f"{args.output}: is the recording itself; name another output folder")
     last = len(recording) - 1 if args.last is None else args.last
     frames = range(args.first, min(last + 1, len(recording)), args.every)

@@ -8,6 +8,7 @@ from cuboid.errors import OutputError
 from cuboid.exports import coco, csv_table, kitti, mcap, plain_json, ply, rerun_file
 from cuboid.exports.finished import FinishedRun
 from cuboid.exports.registry import EXPORTS, Export
+from cuboid.formats.reading import real_path
 from cuboid.outputs import OUTPUT_NAMES
 from cuboid.outputs.pending import new_file, new_folder
 
@@ -69,6 +70,6 @@ def _refuse(run: FinishedRun, name: str, form: Export, path: Path) -> None:
         raise OutputError(f"{path}: the name must end with {form.suffix} for '{name}'")
     if not form.suffix and path.suffix:
         raise OutputError(f"{path}: '{name}' makes a folder of files, whose name has no '{path.suffix}'")
-    real, results = path.resolve(), run.folder.resolve()
+    real, results = real_path(path), real_path(run.folder)
     if real == results or (real.parent == results and real.name in OUTPUT_NAMES):
         raise OutputError(f"{path}: belongs to the results themselves; name another output")

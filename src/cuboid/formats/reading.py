@@ -115,6 +115,11 @@ def text_lines(path: Path) -> Iterator[str]:
             raise UnreadableError(path, f"is not a text file (UTF-8), about line {number + 1}") from None
 
 
+def real_path(path: Path) -> Path:
+    """Return where a path leads through all links; one in a circle of links leads to itself."""
+    return Path(os.path.realpath(path))
+
+
 def kind_of(found: os.stat_result) -> str:
     """Return what is at a place that is no regular file, with its article."""
     return _KINDS.get(stat.S_IFMT(found.st_mode), "no file")

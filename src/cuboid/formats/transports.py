@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import inspect
 import io
 import os
 import threading
@@ -176,9 +177,14 @@ def _filesystem(scheme: str, name: str) -> Any:
             options["client_kwargs"] = {"timeout": timeout}
         elif scheme == "s3":
             options["config_kwargs"] = {"connect_timeout": CONNECT_S, "read_timeout": ANSWER_S}
+        _, *asked = inspect.signature(fsspec.get_filesystem_class(scheme).__init__).parameters.values()
+        if any(one.default is one.empty and one.kind is one.POSITIONAL_OR_KEYWORD for one in asked):
+            raise ValueError(f"{scheme} needs to know a server")
         return fsspec.filesystem(scheme, **options)
     except ImportError:
         raise OSError(errno.ENOSYS, "URLs are read with fsspec: pip install 'cuboid[remote]'", name) from None
     except ValueError:
         kinds = "https://, s3://, gs:// and what else fsspec knows"
         raise OSError(errno.EINVAL, f"no such kind of URL; there are {kinds}", name) from None
+    except Exception as error:  # some look for their server at once
+        raise OSError(errno.EIO, f"the server fails: {_line(error)}", name) from None

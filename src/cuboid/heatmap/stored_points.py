@@ -109,6 +109,10 @@ class StoredPoints:
             cubes.used[1] = block + 1
             self._ready[block] = visit
 
+    def _begin_anew(self) -> None:
+        self._begin(self._shelf if not isinstance(self._shelf, TemporaryShelf) else TemporaryShelf())
+        self._blocks = RowBlocks()
+
     def put_on(self, shelf: Shelf) -> None:
         """Put what leaves memory from now on elsewhere; all is in memory yet."""
         self._shelf = shelf
@@ -123,7 +127,7 @@ class StoredPoints:
         rows : (N,) of type ROW
             Their points; `voxel` is not read.
         """
-        self._begin(self._shelf if not isinstance(self._shelf, TemporaryShelf) else TemporaryShelf())
+        self._begin_anew()
         cube, within = voxels >> CUBE_BITS, voxels & ((1 << CUBE_BITS) - 1)
         inside = (within[:, 0] << (2 * CUBE_BITS)) | (within[:, 1] << CUBE_BITS) | within[:, 2]
         place = np.empty(len(voxels), np.int64)
@@ -133,7 +137,6 @@ class StoredPoints:
         self._room.rows[place[there]] = rows[there]
         self._cubes.changed[1 : self.blocks] = True
         self._ready[:] = self._visit
-        self._blocks = RowBlocks()
         self._blocks.give_rows(rows["owner"][there], place[there] >> BLOCK_BITS)
 
     def begin_visit(self, most_hits: int) -> None:

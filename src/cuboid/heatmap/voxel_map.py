@@ -9,12 +9,13 @@ import numpy.typing as npt
 
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.geometry.se3 import inverse
-from cuboid.heatmap.carrying import average, keys_of, moved_with, oldest
+from cuboid.heatmap.carrying import motions_of
 from cuboid.heatmap.stored_points import Rows, StoredPoints
+from cuboid.kernels import carrying as kernel_carrying
 from cuboid.kernels import claims as kernel_claims
 from cuboid.kernels import lookup
 from cuboid.kernels import voxels as kernel
-from cuboid.kernels.cubes import HEATS, LEVELS, PLACES, ROW
+from cuboid.kernels.cubes import BLOCK_BITS, HEATS, LEVELS, columns_of
 from cuboid.tolerances import LEAST_READINGS
 from cuboid.working import WorkingImage
 
@@ -83,11 +84,12 @@ class VoxelMap(StoredPoints):
         self.relieve(seen)
         self._bring(seen)
         self._pack(seen)
-        slots = np.empty(heat.shape, np.int32)
+        begun, slots = self.blocks, np.empty(heat.shape, np.int32)
         kernel.fuse(
             image.depth_m, image.color, heat, _pinhole(image), np.ascontiguousarray(T_world_camera), self.voxel_m,
             self._max_depth_m, frame, self._cubes, self._points, slots,
         )  # fmt: skip
+        self._ready[begun : self.blocks] = self._visit
         if anchor:
             self.anchor[slots[slots >= 0]] = anchor if anchor <= LAST_ANCHOR else 0
         return slots
@@ -103,26 +105,28 @@ class VoxelMap(StoredPoints):
             T_new_old of each keyframe whose surroundings move.
         """
         alive = self.living()
-        if not len(alive):
+        motions = motions_of(moved, self.anchor[alive])
+        going = alive[motions.moves[self.anchor[alive]]]
+        if not len(going):
             return
-        rows = self._room.rows[alive]
-        xyz = moved_with(self.xyz(alive), rows["anchor"], moved) / self.voxel_m
-        voxels = np.floor(xyz).astype(np.int64)
-        order = np.argsort(keys_of(voxels), kind="stable")
-        rows, voxels = rows[order], voxels[order]
-        keys = keys_of(voxels)
-        first = np.flatnonzero(np.diff(keys, prepend=keys[0] - 1) > 0)
-        values = np.column_stack([xyz[order] - voxels, rows["color"], rows["heat"], rows["weight"].astype(np.float64)])
-        means = average(values, first)
-        met = np.zeros(len(first), ROW)
-        met["place"] = np.clip(means[:, :3] * PLACES, 0, PLACES - 1)
-        met["color"], met["heat"], met["weight"] = np.rint(means[:, 3:6]), np.rint(means[:, 6]), means[:, 7]
-        for name in ("hits", "passes"):
-            met[name] = np.minimum(np.add.reduceat(rows[name].astype(np.int64), first), kernel.MOST_HITS)
-        met["owner"] = oldest(rows["owner"], first)
-        for name in ("confidence", "anchor", "last_frame"):
-            met[name] = np.maximum.reduceat(rows[name], first)
-        self.refill(voxels[first], met)
+        # Where much moves, and where past moves left much behind, all is put down anew, without what is dead.
+        anew = 2 * len(going) > len(alive) or 2 * self._deserted() > self._cubes.used[0]
+        going = alive if anew else going
+        taken, keys = self._room.rows[going], self._cubes.key[self._cubes.cube_of[going >> BLOCK_BITS]]
+        if anew:
+            self._begin_anew()
+        else:
+            kernel_carrying.leave(going, self._cubes, self._points)
+        begun, rows = self.blocks, np.empty(len(going), np.int64)
+        kernel_carrying.settle(keys, columns_of(taken), *motions, self.voxel_m, self._cubes, self._points, rows)
+        self._ready[begun : self.blocks] = self._visit
+        rows = rows[rows >= 0]
+        self._blocks.give_rows(self.owner[rows], rows >> BLOCK_BITS)
+
+    def _deserted(self) -> int:
+        """Return how many cubes have no living row."""
+        used = self._cubes.used[0]
+        return int(np.count_nonzero(self._cubes.rows[:used] == self._cubes.dead[:used]))
 
     def look_through(self, image: WorkingImage, T_camera_world: Float64Array) -> None:
         """Count the points that this frame sees through, and remove those that are passed more often than hit."""

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from cuboid.errors import OutputError
-from cuboid.formats.reading import kind_of
+from cuboid.formats.reading import kind_of, real_path
 from cuboid.outputs.folder import writing
 
 DEVICES = Path("/dev")
@@ -69,7 +69,7 @@ class PendingFile:
 
 
 def _refuse_special(path: Path) -> None:
-    if path.parent.resolve() == DEVICES:  # there a link such as stdout may lead to a file
+    if real_path(path.parent) == DEVICES:  # there a link such as stdout may lead to a file
         raise OutputError(f"{path}: is a device; the output must be a file")
     with contextlib.suppress(OSError, ValueError):  # who writes there is told
         found = path.stat()

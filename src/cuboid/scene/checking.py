@@ -11,7 +11,7 @@ import numpy as np
 from cuboid.errors import InputError, OutputError, one_line
 from cuboid.kernels.cubes import voxels_of
 from cuboid.scene import changes
-from cuboid.scene.database import complaining, open_to_read, open_to_write, transaction
+from cuboid.scene.database import complaining, open_damaged, open_to_read, open_to_write, transaction
 from cuboid.scene.door import TABLES, DamagedError, Row, columns_of, refuse_no_row
 from cuboid.scene.earlier import Rows, Voxels, earlier_block, refill, take_earlier
 from cuboid.scene.editing import _CAMERA
@@ -108,9 +108,7 @@ def rescue(path: Path, new: Path) -> list[str]:
     """
     if new.exists():
         raise OutputError(f"{new}: exists; name another file")
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such scene file")
-    old = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)
+    old = open_damaged(path)
     file = open_to_write(new, create=True)
     lost: list[str] = []
     try:

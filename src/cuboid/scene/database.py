@@ -5,11 +5,14 @@ from __future__ import annotations
 import fcntl
 import os
 import sqlite3
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from cuboid.errors import InputError, OutputError
+from cuboid.formats.reading import kind_of, real_path
 from cuboid.outputs.pending import PendingFile
 from cuboid.scene.door import DamagedError
 from cuboid.scene.schema import APPLICATION_ID, MIGRATIONS, VERSION
@@ -17,6 +20,8 @@ from cuboid.scene.schema import APPLICATION_ID, MIGRATIONS, VERSION
 SUFFIX = ".cuboid"
 # Who writes holds a lock on the file of this name beside the scene.
 LOCK = "-writer"
+# SQLite keeps files of these names there.
+BESIDE = ("-journal", "-wal", "-shm")
 # How long one waits for another that has the file for a moment, seconds.
 PATIENCE_S = 10.0
 # A page of the file, bytes: the map's blocks are much larger.
@@ -57,6 +62,16 @@ def complaining(path: Path) -> Iterator[None]:
         raise InputError(f"{path}: the scene file is damaged ({error}); {RESCUE}") from error
 
 
+class _Connection(sqlite3.Connection):
+    """A connection that says of a damaged file that it is, also where the damage is no text."""
+
+    def execute(self, *given: Any) -> sqlite3.Cursor:
+        try:
+            return super().execute(*given)
+        except UnicodeDecodeError as error:
+            raise sqlite3.DatabaseError("what it says of its tables is no text") from error
+
+
 @contextmanager
 def transaction(connection: sqlite3.Connection) -> Iterator[None]:
     """Let all that is written inside be there afterwards, or nothing of it."""
@@ -94,6 +109,21 @@ def open_to_read(path: Path) -> sqlite3.Connection:
         open_to_write(path).close()
         return open_to_read(path)
     return connection
+
+
+def open_damaged(path: Path) -> sqlite3.Connection:
+    """Open what is left of a scene, whatever it holds, for reading.
+
+    Raises
+    ------
+    InputError
+        There is no file, or it is no database.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such scene file")
+    _refuse_other(path)
+    with complaining(path):
+        return _connect(path, "ro")
 
 
 class Writing:
@@ -161,17 +191,26 @@ def open_to_write(path: Path, *, create: bool = False) -> Writing:
 
 def _connect(path: Path, mode: str, *, immutable: bool = False) -> sqlite3.Connection:
     quiet = "&immutable=1" if immutable else ""
-    uri = f"{path.resolve().as_uri()}?mode={mode}{quiet}"
-    connection = sqlite3.connect(uri, uri=True, timeout=PATIENCE_S, isolation_level=None, check_same_thread=False)
+    uri = f"{real_path(path).as_uri()}?mode={mode}{quiet}"
+    connection = sqlite3.connect(
+        uri, uri=True, timeout=PATIENCE_S, isolation_level=None, check_same_thread=False, factory=_Connection
+    )
     connection.execute("PRAGMA foreign_keys = ON")
     return connection
 
 
 def _refuse_other(path: Path) -> None:
-    """Raise InputError where a file is no database at all, before SQLite takes it for an empty one."""
+    """Raise InputError where SQLite would take a file that is no database for an empty one, or wait for a device."""
     with suppress(OSError):
         if path.is_file() and 0 < path.stat().st_size < 100:
             raise InputError(f"{path}: is no scene file of Cuboid")
+    whole = real_path(path)
+    for ending in BESIDE:
+        place = whole.with_name(whole.name + ending)
+        with suppress(OSError):
+            found = place.stat()
+            if not stat.S_ISREG(found.st_mode):
+                raise InputError(f"{place}: is {kind_of(found)}, a regular file was expected: it belongs to the scene")
 
 
 def _version(connection: sqlite3.Connection, path: Path) -> int:

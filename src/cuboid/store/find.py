@@ -16,6 +16,12 @@ SHOWN = (
     "score", "frames_seen", "first_frame", "last_frame", "last_seen", "run",
 )  # fmt: skip
 
+# What is said of every object.
+NEVER_NULL = (
+    "recording", "label", "longest_m", "middle_m", "shortest_m", "center_x_m", "center_y_m", "center_z_m",
+    "frames_seen",
+)  # fmt: skip
+
 NEWEST = f"run not in (select run from {SUPERSEDED})"
 
 # An object is of a color where so many of its points are: of two colors, both find it.
@@ -88,7 +94,7 @@ def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[di
     Raises
     ------
     InputError
-        The object that others are to be like is not there, or there are several.
+        The object that others are to be like is not there, or there are several; or the store is damaged.
     """
     where, values = _conditions(filters)
     extra, order = [], ["last_seen desc"]
@@ -106,7 +112,12 @@ def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[di
         f"select {chosen} from {OBJECTS} where {' and '.join([*where, NEWEST])} "
         f"order by {', '.join([*order, 'recording', 'label'])} limit {filters.limit}"
     )
-    return tables.rows(question, front + values)
+    found = tables.rows(question, front + values)
+    for row in found:
+        for column in NEVER_NULL:
+            if row[column] is None:
+                raise InputError(f"{tables.url}: the store is damaged: an object has no {column}")
+    return found
 
 
 def _conditions(filters: Filters) -> tuple[list[str], list[Any]]:

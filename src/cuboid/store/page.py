@@ -80,7 +80,7 @@ def _recordings(rows: Iterable[Mapping[str, Any]]) -> str:
     names = ("recording", "frames used", "proposals", "with a label", "sightings", "labels", "objects", *INDICATORS)
     lines = []
     for row in rows:
-        name = escape(row["recording"])
+        name = escape(str(row["recording"]))
         if row["results"]:
             name = f'<a href="{quote(row["results"])}/report.html">{name}</a>'
         counts = (

@@ -14,7 +14,8 @@ import fsspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from cuboid.errors import InputError, OutputError
+from cuboid.errors import CuboidError, InputError, OutputError, one_line
+from cuboid.formats.reading import MOST_BINARY_BYTES, UnreadableError, read_bytes
 from cuboid.outputs.pending import PendingFile
 
 # Whose errors are refusals of an object store.
@@ -37,10 +38,12 @@ class Place:
     Raises
     ------
     InputError
-        Nobody knows this kind of URL, or a package for it is missing.
+        Nobody knows this kind of URL, a package for it is missing, or it names no place.
     """
 
     def __init__(self, url: str) -> None:
+        if url.endswith("://"):
+            raise InputError(f"{url}: expected a folder or URL of a store")
         self.url = url.rstrip("/") or "/"
         _ = self.fs
 
@@ -54,8 +57,8 @@ class Place:
                 return fsspec.filesystem("file"), os.path.abspath(self.url.removeprefix("file://"))
             fs, root = fsspec.core.url_to_fs(self.url, use_listings_cache=False)
             return fs, str(root)
-        except (ImportError, ValueError) as error:
-            raise InputError(f"{self.url}: cannot be opened: {error}") from None
+        except (ImportError, ValueError, TypeError, OSError) as error:
+            raise InputError(f"{self.url}: cannot be opened: {one_line(str(error))}") from None
 
     @property
     def fs(self) -> Any:
@@ -84,7 +87,7 @@ class Place:
     def names(self, folder: str) -> list[str]:
         """Return all files below a folder, relative to the store, sorted; none where there is no such folder."""
         start = len(self.path(""))
-        with _refusals(self.url, "read"):
+        with refusals(self.url, "read"):
             try:
                 found = self.fs.find(self.path(folder))
             except FileNotFoundError:
@@ -92,8 +95,21 @@ class Place:
         return sorted(str(name)[start:] for name in found if not Path(str(name)).name.startswith("."))
 
     def read(self, name: str) -> bytes:
-        """Return what a file holds; FileNotFoundError where there is none."""
-        with _refusals(f"{self.url}/{name}", "read"):
+        """Return what a file holds; FileNotFoundError where there is none.
+
+        Raises
+        ------
+        InputError
+            It cannot be read: it is none, or the place refuses.
+        """
+        if self.local is not None:
+            try:
+                return read_bytes(self.local / name, MOST_BINARY_BYTES)
+            except UnreadableError as error:
+                if error.missing:
+                    raise FileNotFoundError(str(error)) from None
+                raise
+        with refusals(f"{self.url}/{name}", "read"):
             return bytes(self.fs.cat_file(self.path(name)))
 
     def put(self, name: str, content: bytes) -> None:
@@ -105,7 +121,7 @@ class Place:
             It cannot be written.
         """
         if self.local is None:
-            with _refusals(f"{self.url}/{name}", "written"):
+            with refusals(f"{self.url}/{name}", "written"):
                 self.fs.pipe_file(self.path(name), content)
             return
         file = PendingFile(self.local / name)
@@ -117,7 +133,7 @@ class Place:
     def create(self, name: str, content: bytes) -> bool:
         """Write a file that appears whole; False, and nothing is written, where there is one of this name already."""
         if self.local is None:
-            with _refusals(f"{self.url}/{name}", "written"):
+            with refusals(f"{self.url}/{name}", "written"):
                 try:
                     self.fs.pipe_file(self.path(name), content, mode="create")
                 except FileExistsError:
@@ -152,9 +168,25 @@ class Place:
         pq.write_table(table, content, compression="zstd", row_group_size=group_rows, use_dictionary=many)
         self.put(name, content.getvalue())
 
-    def read_table(self, name: str, columns: list[str] | None = None) -> pa.Table:
-        """Return the table in a file of Parquet; FileNotFoundError where there is none."""
-        return pq.read_table(io.BytesIO(self.read(name)), columns=columns, partitioning=None)
+    def read_table(self, name: str, schema: pa.Schema) -> pa.Table:
+        """Return columns of the table in a file of Parquet; FileNotFoundError where there is none.
+
+        Parameters
+        ----------
+        name : str
+        schema : pyarrow.Schema
+            Of the columns.
+
+        Raises
+        ------
+        InputError
+            The file is damaged, or holds another table.
+        """
+        content = self.read(name)
+        try:
+            return pq.read_table(io.BytesIO(content), columns=schema.names, partitioning=None).cast(schema)
+        except (pa.ArrowException, OSError, ValueError, KeyError) as error:
+            raise InputError(f"{self.url}/{name}: is no table of a store, or damaged: {one_line(str(error))}") from None
 
     def put_folder(self, folder: Path, name: str, last: str) -> None:
         """Copy the files of a local folder, the one that makes them whole last."""
@@ -168,14 +200,15 @@ def is_remote(url: str) -> bool:
 
 
 @contextmanager
-def _refusals(what: str, verb: str) -> Iterator[None]:
+def refusals(what: str, verb: str) -> Iterator[None]:
     """Turn what a file system refuses into one line; FileNotFoundError and FileExistsError pass."""
     try:
         yield
     except (FileNotFoundError, FileExistsError):
         raise
     except Exception as error:
-        if not isinstance(error, OSError) and not type(error).__module__.startswith(CLOUD_PACKAGES):
+        known = isinstance(error, (OSError, ValueError)) or type(error).__module__.startswith(CLOUD_PACKAGES)
+        if not known or isinstance(error, CuboidError):
             raise
-        fault = InputError if verb == "read" else OutputError
-        raise fault(f"{what}: cannot be {verb}: {error}") from error
+        fault = OutputError if verb == "written" else InputError
+        raise fault(f"{what}: cannot be {verb}: {one_line(str(error) or type(error).__name__)}") from error

@@ -9,6 +9,7 @@ import duckdb
 import pyarrow as pa
 
 from cuboid.errors import InputError, one_line
+from cuboid.formats.reading import MOST_BINARY_BYTES, UnreadableError, opened
 from cuboid.store.place import Place
 from cuboid.store.schema import DONE, RUNS, TABLES
 from cuboid.store.snapshot import ATTEMPTS, Snapshot, snapshot
@@ -33,7 +34,7 @@ class Tables:
     Raises
     ------
     InputError
-        There is no store.
+        There is no store, or it is damaged.
     """
 
     def __init__(self, url: str, threads: int = 1) -> None:
@@ -43,17 +44,36 @@ class Tables:
         self._open()
 
     def _open(self) -> None:
-        self._files = snapshot(self._place)
-        if self._files.empty:
-            raise InputError(f"{self.url}: expected a store that 'cuboid batch' wrote, found no runs in it")
+        for attempt in range(ATTEMPTS):
+            self._files = snapshot(self._place)
+            if self._files.empty:
+                raise InputError(f"{self.url}: expected a store that 'cuboid batch' wrote, found no runs in it")
+            try:
+                self._connect()
+                return
+            except (duckdb.Error, UnreadableError) as error:
+                if attempt == ATTEMPTS - 1 or snapshot(self._place) == self._files:
+                    raise InputError(f"{self.url}: is damaged: {_first_line(error)}") from None
+                # else the files were gathered into others meanwhile
+
+    def _connect(self) -> None:
         self._connection = connected(self._place, {"threads": self._threads, "memory_limit": MEMORY_LIMIT})
-        for table in TABLES:
+        for table, kind in TABLES.items():
             self._connection.execute(f"create view {table} as {self._select(table, self._files)}")
+            self._refuse_other(table, kind.schema)
         self._connection.execute("set parquet_metadata_cache = true")
         self._connection.execute(
             f"create temp table {SUPERSEDED} as select run from {RUNS} where state = '{DONE}' "
             "qualify row_number() over (partition by source order by finished desc, run) > 1"
         )
+
+    def _refuse_other(self, table: str, schema: pa.Schema) -> None:
+        """Raise InputError where a table has not the columns that it must have."""
+        found = self._answer(f"select * from {table} limit 0", None)
+        try:
+            found.select(schema.names).cast(schema)
+        except (pa.ArrowException, KeyError, ValueError) as error:
+            raise InputError(f"{self.url}: the table {table} is not as it must be: {one_line(str(error))}") from None
 
     def _select(self, table: str, files: Snapshot) -> str:
         names = files.files(table)
@@ -106,7 +126,12 @@ def connected(place: Place, config: dict[str, Any]) -> duckdb.DuckDBPyConnection
 
 
 def listed(place: Place, names: Iterable[str]) -> str:
-    """Return files of a place as a list in SQL."""
+    """Return files of a place as a list in SQL; UnreadableError where one is no file, for which DuckDB would wait."""
+    names = list(names)
+    if place.local is not None:
+        for name in names:
+            with opened(place.local / name, MOST_BINARY_BYTES):
+                pass
     addresses = (place.address(name).replace("'", "''") for name in names)
     return "[" + ", ".join(f"'{address}'" for address in addresses) + "]"
 

@@ -11,10 +11,12 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
+import pyarrow as pa
 
+from cuboid.errors import InputError
 from cuboid.formats.json_door import checked
 from cuboid.store.place import Place
 from cuboid.store.schema import DONE, RUNS, TABLES
@@ -23,6 +25,10 @@ MANIFESTS = "_manifests"
 # So often what is being compacted is looked at anew.
 ATTEMPTS = 5
 _PART = re.compile(r"(?P<table>\w+)/(?P<day>day=[\d-]{10})/(?P<key>(?:part|fail)-[0-9a-f]{20})\.parquet")
+# A file that was gathered lies in the folder of a table and day: no other is opened, or removed.
+_Gathered = Annotated[str, msgspec.Meta(pattern=r"^\w+/day=[\d-]{10}/gathered-[0-9a-f]{20}\.parquet\Z")]
+# What tells which runs a file names.
+_KEYS = pa.schema([TABLES[RUNS].schema.field(name) for name in ("run", "state")])
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):
@@ -30,7 +36,7 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
 
     format: Literal["cuboid-store"] = "cuboid-store"
     version: Literal[1] = 1
-    files: dict[str, list[str]] = {}
+    files: dict[str, list[_Gathered]] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,12 +119,12 @@ def snapshot(place: Place, *, every_key: bool = False) -> Snapshot:
     InputError
         It cannot be read, or it is of another version.
     """
-    for _ in range(ATTEMPTS - 1):
+    for _ in range(ATTEMPTS):
         try:
             return _snapshot(place, every_key)
-        except FileNotFoundError:  # gathered into another file meanwhile
-            continue
-    return _snapshot(place, every_key)
+        except FileNotFoundError as error:  # gathered into another file meanwhile
+            missing = error
+    raise InputError(f"{place.url}: is damaged: {missing}") from None
 
 
 def _snapshot(place: Place, every_key: bool) -> Snapshot:
@@ -127,7 +133,7 @@ def _snapshot(place: Place, every_key: bool) -> Snapshot:
     number, manifest = _newest(place)
     gathered: set[str] = set()
     for name in manifest.files.get(RUNS, ()) if parts or every_key else ():
-        rows = place.read_table(name, ["run", "state"])
+        rows = place.read_table(name, _KEYS)
         pairs = zip(rows["run"].to_pylist(), rows["state"].to_pylist(), strict=True)
         gathered.update(key_of(run, state) for run, state in pairs)
     fresh = tuple(part for part in parts if part.key not in gathered)
@@ -147,11 +153,9 @@ def manifests(place: Place) -> list[int]:
 
 
 def _newest(place: Place) -> tuple[int, Manifest]:
-    """Return the newest manifest and its number; one may be replaced and removed while it is asked for."""
-    while numbers := manifests(place):
-        try:
-            content = place.read(manifest_name(numbers[-1]))
-        except FileNotFoundError:
-            continue
-        return numbers[-1], checked(Path(place.path(manifest_name(numbers[-1]))), content, Manifest)
-    return 0, Manifest()
+    """Return the newest manifest and its number; FileNotFoundError where it was replaced meanwhile."""
+    numbers = manifests(place)
+    if not numbers:
+        return 0, Manifest()
+    name = manifest_name(numbers[-1])
+    return numbers[-1], checked(Path(place.path(name)), place.read(name), Manifest)

@@ -136,8 +136,7 @@ class GroundPlan:
         self.reach(cells.min(0), cells.max(0))
         cells = cells - self.corner
         i, j = cells[((cells >= 0) & (cells < self.seen.shape)).all(1)].T
-        here = np.zeros(self.seen.shape, np.int32)
-        np.add.at(here, (i, j), 1)
+        here = np.bincount(i * self.seen.shape[1] + j, minlength=self.seen.size).reshape(self.seen.shape)
         self.seen = np.where(here > 0, np.where(here > 1, np.maximum(self.seen, LEAST_READINGS), self.seen), 0)
         self._all_changed()
 

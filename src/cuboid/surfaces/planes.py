@@ -17,13 +17,15 @@ import numpy.typing as npt
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.geometry.se3 import transform
+from cuboid.heatmap.carrying import Motions, moved_with
 from cuboid.surfaces import furniture
 from cuboid.surfaces.cells import LEAST_CELLS, Cells
 from cuboid.surfaces.in_view import PlanesInView, cut_out, frustum
+from cuboid.surfaces.lying import points_on
 from cuboid.surfaces.plane import ON_PLANE_M, Plane
 from cuboid.surfaces.twins import merge_twins
 from cuboid.surfaces.up import UpVote
-from cuboid.surfaces.windows import Tiles, Windows, window_of
+from cuboid.surfaces.windows import Windows, window_of
 from cuboid.tolerances import LEAST_FRAMES, SIGMAS
 
 # A cell whose normal is within this of up is horizontal.
@@ -119,24 +121,22 @@ class PlaneTracker:
                 self._stale.add(plane)
                 self._windows.note(plane)
 
-    def carry(self, before: Float32Array, after: Float64Array) -> None:
-        """Move the planes with the map.
+    def carry(self, points: Float32Array, anchor: npt.NDArray[np.uint16], motions: Motions) -> None:
+        """Move the planes with the map: those on which any point moves.
 
         Parameters
         ----------
-        before, after : (N, 3)
-            The map's points in the world before and after.
+        points : (N, 3) float32
+            The map's, in the world, before they move; those that come one after another lie close together.
+        anchor : (N,) uint16
+            Keyframe of each.
+        motions : Motions
         """
         if self.T_plan_world is None:
             return
-        old, new = self.to_plan(before), self.to_plan(after)
-        tiles = Tiles(old)
-        for plane in self.planes:
-            on = tiles.within(plane.plan.window)
-            on = on[np.abs(plane.height(old[on])) < ON_PLANE_M]
-            on = on[plane.plan.covers(old[on])]
-            if len(on) >= LEAST_CARRIED:
-                plane.move(new[on])
+        for plane, on in zip(self.planes, points_on(self.planes, points, self.T_plan_world, ON_PLANE_M), strict=True):
+            if len(on) >= LEAST_CARRIED and motions.moves[anchor[on]].any():
+                plane.move(self.to_plan(moved_with(points[on], anchor[on], motions)))
                 self._changed.add(plane)
                 self._windows.note(plane)
 

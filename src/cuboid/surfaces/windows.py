@@ -8,8 +8,6 @@ from cuboid.frame import Float64Array
 from cuboid.surfaces.grid import Places, cells_of
 from cuboid.surfaces.plane import Plane
 
-# Edge of a tile of ground, cells: 3.2 m.
-TILE_CELLS = 64
 # A plane that is in use is never forgotten.
 NEVER = np.iinfo(np.int64).max
 
@@ -75,23 +73,3 @@ def window_of(points: Float64Array) -> Places:
     """Return the first cell and the one past the last (4,) of plan coordinates (N, 2 or 3)."""
     cells = cells_of(np.stack([points.min(0), points.max(0)]))
     return np.concatenate([cells[0], cells[1] + 1])
-
-
-class Tiles:
-    """Points of the plan frame (N, 3) in order of the tiles of ground that they lie on."""
-
-    def __init__(self, points: Float64Array) -> None:
-        tiles = cells_of(points) // TILE_CELLS
-        self._low = tiles.min(0) if len(tiles) else np.zeros(2, np.int64)
-        self._span = (tiles.max(0) if len(tiles) else self._low) - self._low + 1
-        codes = (tiles - self._low) @ np.array([self._span[1], 1])
-        self._order = np.argsort(codes, kind="stable")
-        self._codes = codes[self._order]
-
-    def within(self, window: Places) -> Places:
-        """Return the points (M,) of all tiles that a window (4,) reaches into, ascending."""
-        first = np.clip(window[:2] // TILE_CELLS - self._low, 0, self._span)
-        last = np.clip((window[2:] - 1) // TILE_CELLS - self._low + 1, 0, self._span)
-        rows = np.arange(first[0], last[0]) * self._span[1]
-        ends = np.searchsorted(self._codes, np.stack([rows + first[1], rows + last[1]]))
-        return np.sort(np.concatenate([self._order[a:b] for a, b in ends.T] or [self._order[:0]]))

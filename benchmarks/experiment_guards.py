@@ -1,0 +1,124 @@
+"""What it costs that files are looked at before they are believed: reading with the doors and without, by turns.
+
+Without: an image is read and decoded and nothing is asked, JSON is parsed, the cells of tables become numbers, and no
+field is checked. What the doors add stands beside the time of what follows: tracking a frame, evaluating a result.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from cuboid.evaluation import evaluate
+from cuboid.formats.json_door import read_json
+from cuboid.formats.objects_file import ObjectsDocument
+from cuboid.formats.rows_files import ProposalEntry, TrackEntry
+from cuboid.formats.run_file import RunDocument
+from cuboid.formats.table_door import read_table
+from cuboid.formats.truth_file import TruthDocument
+from cuboid.readers.images import IMAGE_ENDINGS, decode_color, decode_depth
+from scenes import cases
+from scoring import run_and_score
+from tables import cell, dump, show
+
+# Images that are read in one turn, and turns.
+IMAGES, TURNS = 40, 15
+JSON = {"objects.json": ObjectsDocument, "run.json": RunDocument}
+TABLES = {"tracks.csv": TrackEntry, "proposals.csv": ProposalEntry}
+HEADER = ("what is read", "with doors ms", "without ms", "before", "that takes ms", "doors, % of both")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Print the table, or all figures."""
+    case = cases(args.kinds, args.seeds, args.work, args.data)[-1]
+    folder = args.work / "runs" / "guards" / case.name
+    ran = run_and_score(case, folder, every=args.every, limit=args.limit)
+    rows = []
+    for what, door, plain in (("color", decode_color, _color), ("depth", decode_depth, _depth)):
+        images = _images(case.recording, what)
+        tracking_ms = ran["ms_frame"] - ran["ms_stages"]["decode"]
+        checked = _each(lambda path, door=door: door(path, path.name), images)
+        both = _by_turns(checked, _each(plain, images), len(images))
+        rows.append(_row(f"a {what} image", *both, "tracking a frame", tracking_ms))
+    both = _by_turns(lambda: _checked(folder, case.truth), lambda: _plain(folder, case.truth), 1)
+    whole_ms = float(np.median([_ms(lambda: evaluate(folder, case.truth)) for _ in range(5)]))
+    rows.append(_row("a result and its truth", *both, "evaluating it", whole_ms - both[0]))
+    if args.json:
+        dump(rows)
+        return
+    lines = [
+        [
+            row["what"], *(cell(row[name], 2) for name in ("doors_ms", "plain_ms")), row["before"],
+            cell(row["then_ms"], 1), cell(row["share_percent"], 2),
+        ]
+        for row in rows
+    ]  # fmt: skip
+    show(f"Doors, on {case.name}: median of {TURNS} turns, processor time", HEADER, lines)
+
+
+def _row(what: str, doors_ms: float, plain_ms: float, before: str, then_ms: float) -> dict[str, Any]:
+    share = 100 * (doors_ms - plain_ms) / (doors_ms + then_ms)
+    return {
+        "what": what, "doors_ms": doors_ms, "plain_ms": plain_ms, "before": before, "then_ms": then_ms,
+        "share_percent": share,
+    }  # fmt: skip
+
+
+def _each(read: Callable[[Path], Any], paths: list[Path]) -> Callable[[], Any]:
+    return lambda: [read(path) for path in paths]
+
+
+def _by_turns(one: Callable[[], Any], other: Callable[[], Any], count: int) -> tuple[float, float]:
+    """Return the medians of both, for each of so many, milliseconds; after a turn that fills caches."""
+    times = [(_ms(one), _ms(other)) for _ in range(TURNS + 1)][1:]
+    return float(np.median([a for a, _ in times])) / count, float(np.median([b for _, b in times])) / count
+
+
+def _ms(call: Callable[[], Any]) -> float:
+    begun_s = time.process_time()
+    call()
+    return 1e3 * (time.process_time() - begun_s)
+
+
+def _images(recording: Path, what: str) -> list[Path]:
+    named = (path for path in recording.rglob(f"*{what}*") if path.is_dir() or path.suffix in IMAGE_ENDINGS)
+    files = [file for path in named for file in ([path] if path.is_file() else path.iterdir())]
+    return sorted(files)[:IMAGES]
+
+
+def _color(path: Path) -> Any:
+    return cv2.imdecode(
+        np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
+    )
+
+
+def _depth(path: Path) -> Any:
+    return cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+
+
+def _checked(folder: Path, truth: Path) -> Any:
+    documents = [read_json(folder / name, kind) for name, kind in JSON.items()]
+    return (
+        documents,
+        read_json(truth, TruthDocument),
+        [list(read_table(folder / n, kind)) for n, kind in TABLES.items()],
+    )
+
+
+def _plain(folder: Path, truth: Path) -> Any:
+    documents = [json.loads(path.read_bytes()) for path in (*(folder / name for name in JSON), truth)]
+    tables = []
+    for name in TABLES:
+        with (folder / name).open(encoding="utf-8", newline="") as file:
+            rows = list(csv.reader(file))[1:]
+        tables.append(np.array([[float(cell) if cell else math.nan for cell in row] for row in rows]))
+    return documents, tables

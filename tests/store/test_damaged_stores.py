@@ -1,0 +1,155 @@
+"""Stores that somebody spoilt: who reads one says so in a line, waits for nothing, and touches nothing beside it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from made_stores import put_run, thing
+
+from cuboid.cli import main
+from cuboid.errors import InputError
+from cuboid.store.compact import compact
+from cuboid.store.find import Filters, find
+from cuboid.store.place import Place
+from cuboid.store.query import Tables
+from cuboid.store.schema import OBJECTS, RUNS, SIGHTINGS
+from cuboid.store.snapshot import Manifest, manifest_name, snapshot
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Path:
+    """One run that was gathered, and one that was not."""
+    place = Place(str(tmp_path / "store"))
+    put_run(place, 1, [thing(1)])
+    compact(place)
+    put_run(place, 2, [thing(2)])
+    return tmp_path / "store"
+
+
+def file_of(store: Path, table: str, kind: str = "gathered") -> Path:
+    return next((store / table).glob(f"*/{kind}-*.parquet"))
+
+
+def emptied(store: Path) -> None:
+    file_of(store, OBJECTS).write_bytes(b"")
+
+
+def cut(store: Path) -> None:
+    path = file_of(store, OBJECTS)
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+def noise(store: Path) -> None:
+    file_of(store, RUNS).write_bytes(bytes(range(256)) * 99)
+
+
+def of_another_table(store: Path) -> None:
+    file_of(store, RUNS).write_bytes(file_of(store, OBJECTS).read_bytes())
+
+
+def missing(store: Path) -> None:
+    file_of(store, SIGHTINGS).unlink()
+
+
+def device(store: Path) -> None:
+    file_of(store, OBJECTS, "part").unlink()
+    os.mkfifo(store / OBJECTS / "x")
+    part = next(iter(snapshot(Place(str(store))).parts))
+    os.replace(store / OBJECTS / "x", store / part.names()[OBJECTS])
+
+
+def device_as_manifest(store: Path) -> None:
+    place = store / manifest_name(1)
+    place.unlink()
+    os.mkfifo(place)
+
+
+def no_manifest(store: Path) -> None:
+    (store / manifest_name(1)).write_bytes(b"[" * 100_000)
+
+
+GOOD = f"objects/day=2026-03-01/gathered-{'0' * 20}.parquet"
+
+
+def dangling_manifest(store: Path) -> None:
+    place = store / manifest_name(1)
+    place.unlink()
+    place.symlink_to("nowhere")
+
+
+def no_runs(store: Path) -> None:
+    file_of(store, RUNS).unlink()
+
+
+def rows_of_nothing(store: Path) -> None:
+    path = file_of(store, OBJECTS)
+    table = pq.read_table(path, partitioning=None)
+    k = table.column_names.index("longest_m")
+    pq.write_table(table.set_column(k, "longest_m", pa.nulls(len(table), pa.float64())), path)
+
+
+SPOILT = [
+    emptied,
+    cut,
+    noise,
+    of_another_table,
+    missing,
+    device,
+    device_as_manifest,
+    no_manifest,
+    dangling_manifest,
+    no_runs,
+]
+
+
+@pytest.mark.parametrize("spoil", SPOILT)
+def test_a_damaged_store_is_told_in_one_line(
+    store: Path, spoil: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    spoil(store)
+    for words in (["find", str(store)], ["sql", str(store), "select 1"], ["store", "compact", str(store)]):
+        assert main(words) == 2, words
+        said = capsys.readouterr().err
+        assert said.startswith("cuboid: error: ")
+        assert said.count("\n") == 1
+        assert str(store) in said
+
+
+@pytest.mark.parametrize("spoil", [noise, of_another_table, device_as_manifest, no_manifest])
+def test_no_recording_is_tracked_into_a_store_whose_runs_cannot_be_read(
+    store: Path, spoil: Callable[[Path], None]
+) -> None:
+    spoil(store)
+    with pytest.raises(InputError, match="store"):
+        snapshot(Place(str(store)), every_key=True)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../../secret", "/etc/passwd", "objects/../../../secret", f"{GOOD}\n"],
+)
+def test_a_manifest_cannot_name_what_is_none_of_the_stores_files(store: Path, name: str) -> None:
+    secret = store.parent.parent / "secret"
+    secret.write_text("mine")
+    (store / manifest_name(2)).write_bytes(msgspec.json.encode(Manifest(files={OBJECTS: [name]})))
+    with pytest.raises(InputError, match="files"):
+        compact(Place(str(store)))
+    assert secret.read_text() == "mine"
+
+
+def test_an_object_without_a_size_is_told(store: Path) -> None:
+    rows_of_nothing(store)
+    with pytest.raises(InputError, match="an object has no longest_m"):
+        find(Tables(str(store)), Filters())
+
+
+def test_what_is_whole_is_read_as_before(store: Path) -> None:
+    assert Tables(str(store)).rows("select label from objects order by label") == [{"label": 1}, {"label": 2}]
+    compact(Place(str(store)))
+    assert Tables(str(store)).rows("select label from objects order by label") == [{"label": 1}, {"label": 2}]
