@@ -261,11 +261,12 @@ class VoxelMap:
         self.relieve(seen)
         self._bring(seen)
         self._pack(seen)
-        slots = np.empty(heat.shape, np.int32)
+        slots, before = np.empty(heat.shape, np.int32), self.blocks
         kernel.fuse(
             image.depth_m, image.color, heat, _pinhole(image), np.ascontiguousarray(T_world_camera), self.voxel_m,
             self._max_depth_m, frame, self._cubes, self._points, slots,
         )  # fmt: skip
+        self._ready[before : self.blocks] = self._visit
         if anchor:
             self.anchor[slots[slots >= 0]] = anchor if anchor <= LAST_ANCHOR else 0
         return slots
