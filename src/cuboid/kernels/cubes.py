@@ -138,6 +138,13 @@ def find_cube(key, cubes):
 
 
 @njit(cache=True, nogil=True)
+def cubes_at(keys, cubes, found):
+    """Write the cube of each key (N,), -1 where there is none, to `found` (N,) int64."""
+    for i in range(keys.size):
+        found[i], _ = find_cube(keys[i], cubes)
+
+
+@njit(cache=True, nogil=True)
 def make_cube(key, cubes):
     """Return the cube of a key, a new one where there is none; -1 where there is no room for one more."""
     cube, place = find_cube(key, cubes)

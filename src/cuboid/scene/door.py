@@ -90,7 +90,7 @@ TABLES: dict[str, dict[str, Any]] = {
     "parts": {"key": Name, "kind": Name, "check_sum": CheckSum, "fields": bytes},
     "arrays": {"part": Name, "path": Name, "form": Name, "check_sum": CheckSum, "data": bytes},
     "pending": {"id": Label, "recording": Label, "file": Name, "text": str},
-    "known": {"label": Label, **_BOX, "look": bytes, "points": bytes, "picture": bytes | None},
+    "known": {"label": Label, **_BOX, "look": bytes, "points": bytes, "picture": bytes | None, "number": Count},
     "ground": {
         "plane": Whole, **dict.fromkeys(("first_row", "first_column"), Whole), "rows": Count, "columns": Count,
         "seen": bytes,
