@@ -184,16 +184,17 @@ class VoxelMap:
         self._ready_for_visit(np.flatnonzero(self._cubes.bits[: self._cubes.used[0]]))
 
     def _ready_for_visit(self, cubes: Rows) -> None:
-        blocks = [block for cube in cubes for block in self._room.blocks_of(cube) if self._ready[block] != self._visit]
+        all_of = (block for cube in cubes.tolist() for block in self._room.blocks_of(cube))
+        blocks = [block for block in all_of if self._ready[block] != self._visit]
         if blocks and self.before_visit is not None:
             rows = (np.array(blocks)[:, None] * BLOCK_ROWS + np.arange(BLOCK_ROWS)).ravel()
             self.before_visit(rows[self._points.weight[rows] > 0])
         for block in blocks:
-            rows = self._room.block(block)
-            hits = rows["hits"]
-            rows["weight"] *= (np.minimum(hits, self._most_hits) / np.maximum(hits, 1)).astype(np.float32)
+            part = self._room.block(block)
+            hits = part["hits"]
+            part["weight"] *= (np.minimum(hits, self._most_hits) / np.maximum(hits, 1)).astype(np.float32)
             np.minimum(hits, self._most_hits, out=hits)
-            rows["passes"] = 0
+            part["passes"] = 0
             self._ready[block] = self._visit
 
     def looked_at(self, keys: npt.NDArray[np.int64], since: int) -> npt.NDArray[np.bool_]:

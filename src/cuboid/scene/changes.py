@@ -11,13 +11,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from cuboid.frame import Float32Array, Float64Array
+from cuboid.frame import Float64Array
 from cuboid.objects.entry import MapObject
 from cuboid.scene.before import Before, Known
 from cuboid.scene.likeness import alike, look_of
 from cuboid.scene.placing import Joined
+from cuboid.scene.standing import Standing, fraction_near, standing
 from cuboid.tracker import Tracker
 
 # An object that lies still has half its old points within this of its new ones, metres, or its middle there.
@@ -27,10 +27,14 @@ SURE, CLEARER = 0.2, 1.5
 # An object is gone when this share of its old points is seen through, less than that of them is seen again, and less
 # than so much of it is seen anywhere: a rim at its foot, which is not told from what it stood on.
 CARVED, SEEN_AGAIN, LEFT = 0.5, 0.15, 0.3
-# What stands in an object's place is another one when it is no more like it than this, and less than so much of what
-# was there is seen again, or so much of it is seen through. On made visits, what did not move is more like itself than
-# 0.85, nine tenths of it are seen again, and less than a tenth is seen through.
-UNLIKE, SAME_PLACE, CHANGED = 0.15, 0.6, 0.15
+# What stands in an object's place is another one when it is no more like it than this, and what was there is not.
+UNLIKE = 0.15
+# What is there still but is no object any more, two by now or a part of another, goes on as the new one that has most of
+# it, and so much.
+MOST_OF_IT = 0.25
+# What is new to the map, and lies so much of it and so near, metres, to what was there before and is there still, is a
+# piece of that.
+PIECE, PIECE_M = 0.5, 0.02
 # Objects that were moved are looked for every so many frames.
 EVERY_FRAMES = 10
 
@@ -88,7 +92,7 @@ class Changes:
             seen = entry.last_frame >= max(self._since_frame, self._first_frame)
             if old is not None and entry.confirmed and (seen or entry.label in looked_at):
                 self._hold_against(tracker, entry, old)
-        self._find_moved(tracker)
+        self._find_again(tracker)
         self._since, self._since_frame = tracker.voxels.looks, frame + 1
 
     def carry(self, joined: Sequence[Joined]) -> None:
@@ -108,22 +112,39 @@ class Changes:
             return
         rows = voxels.rows_of(entry.number)
         again = voxels.xyz(rows[voxels.seen_since(rows, self._first_frame)])
-        seen_again = _share_near(old.points, again)
+        seen_again = fraction_near(old.points, again, STILL_M)
         if seen_again < SEEN_AGAIN and carved >= CARVED and len(again) < LEFT * len(entry.points):
             tracker.retire(entry)
-        elif replaced and len(again) and (seen_again < SAME_PLACE or carved >= CHANGED):
+        elif replaced and len(again) and not self._standing(tracker, old).still:
             was = MapObject(0, old.box, entry.first_frame, self._first_frame - 1, points=old.points)
             was.colors = np.zeros((len(old.points), 3), np.uint8)
             tracker.split(entry, was, self._first_frame)
 
-    def _find_moved(self, tracker: Tracker) -> None:
-        """Let objects that are new here and like some that are gone there be those."""
+    def _standing(self, tracker: Tracker, old: Known) -> Standing:
+        return standing(tracker.voxels, old, self._first_frame)
+
+    def _find_again(self, tracker: Tracker) -> None:
+        """Let objects that are new go on under the labels of what they are: of what is there still, or was moved."""
+        known = self._before.known
         entries = tracker.ever_labelled()
-        gone = [o for o in entries if o.label in self._before.known and not o.confirmed]
-        new = [o for o in entries if o.confirmed and o.label not in self._before.known and len(o.points)]
+        ended = [o for o in entries if o.label in known and not o.confirmed]
+        new = [o for o in entries if o.confirmed and o.label not in known and len(o.points)]
         new = [o for o in new if o.first_frame >= self._first_frame]
-        if not gone or not new:
+        if not ended or not new:
             return
+        gone = []
+        for old in ended:
+            found = self._standing(tracker, known[old.label])
+            if not found.still:
+                gone.append(old)
+            elif new:
+                has = [float((found.owners == o.number).mean()) for o in new]
+                if max(has) >= MOST_OF_IT:
+                    tracker.adopt(new.pop(int(np.argmax(has))), old)
+        if gone and new:
+            self._find_moved(tracker, gone, new)
+
+    def _find_moved(self, tracker: Tracker, gone: Sequence[MapObject], new: Sequence[MapObject]) -> None:
         alike = np.array([[self._alike(o, self._before.known[old.label]) for o in new] for old in gone])
         taken: set[int] = set()
         for k in np.argsort(-alike.max(1), kind="stable"):
@@ -143,25 +164,32 @@ class Changes:
         seen : mapping of int to anything
             Labels that the visit saw.
         """
-        changes: list[Change] = []
-        for entry in tracker.ever_labelled():
-            old = self._before.known.get(entry.label)
-            if old is not None:
+        known, entries = self._before.known, tracker.ever_labelled()
+        told = {}
+        for entry in entries:
+            if entry.label in known:
                 labels = {entry.label, *entry.merged_labels}
-                changes.append(self._became(entry, old, any(label in seen for label in labels)))
-            elif entry.confirmed and entry.first_frame >= self._first_frame:
-                new = self._before.was_seen(tracker, entry) and not self._before.stood(tracker, entry)
-                kind = "new" if new else "found"
-                changes.append(Change(entry.label, kind, None, entry.box.center))
-        return changes
+                told[entry.label] = self._became(tracker, entry, any(label in seen for label in labels))
+        here = [known[k].points for k, one in told.items() if one.change not in ("gone", "moved")]
+        there = np.concatenate([np.zeros((0, 3), np.float32), *here])
+        for entry in entries:
+            if entry.label not in known and entry.confirmed and entry.first_frame >= self._first_frame:
+                came = self._before.was_seen(tracker, entry) and not self._before.stood(tracker, entry)
+                came = came and fraction_near(entry.points, there, PIECE_M) < PIECE
+                told[entry.label] = Change(entry.label, "new" if came else "found", None, entry.box.center)
+        return [told[label] for label in sorted(told)]
 
-    def _became(self, entry: MapObject, old: Known, seen: bool) -> Change:
+    def _became(self, tracker: Tracker, entry: MapObject, seen: bool) -> Change:
+        old = self._before.known[entry.label]
         if not entry.confirmed:
+            if self._standing(tracker, old).still:
+                return Change(entry.label, "unchanged", old.box.center, old.box.center)
             return Change(entry.label, "gone", old.box.center, None)
         if not seen:
             return Change(entry.label, "not looked at", old.box.center, None)
         metres = float(np.linalg.norm(entry.box.center - old.box.center))
-        if metres <= STILL_MIDDLE_M or _still(old.points, entry.points):
+        near = metres <= STILL_MIDDLE_M or fraction_near(old.points, entry.points, STILL_M) >= STILL_SHARE
+        if near or self._standing(tracker, old).still:
             return Change(entry.label, "unchanged", old.box.center, entry.box.center)
         return Change(entry.label, "moved", old.box.center, entry.box.center, metres, self._alike(entry, old))
 
@@ -187,16 +215,3 @@ def write(connection: sqlite3.Connection, recording: int, changes: list[Change])
         "WHERE recording = ? AND change NOT IN ('unchanged', 'not looked at')",
         (recording,),
     )
-
-
-def _still(old: Float32Array, new: Float32Array) -> bool:
-    """Tell whether points are still where they were."""
-    return _share_near(old, new) >= STILL_SHARE
-
-
-def _share_near(points: Float32Array, others: Float32Array) -> float:
-    """Return the share of points that have others near by."""
-    if len(points) == 0 or len(others) == 0:
-        return 0.0
-    distance, _ = cKDTree(others).query(points, distance_upper_bound=STILL_M)
-    return float(np.isfinite(distance).mean())

@@ -139,14 +139,13 @@ class Part:
 
 def attributes(item: object) -> Sequence[str]:
     """Return the names of all attributes that an object has, in order."""
-    if dataclasses.is_dataclass(item):
-        return _fields(type(item))
-    return list(vars(item))
+    cls: Any = type(item)
+    return _fields(cls) or list(vars(item))
 
 
 @cache
 def _fields(cls: Any) -> tuple[str, ...]:
-    return tuple(one.name for one in dataclasses.fields(cls))
+    return tuple(one.name for one in dataclasses.fields(cls)) if dataclasses.is_dataclass(cls) else ()
 
 
 def freeze(root: object) -> dict[str, Part]:
