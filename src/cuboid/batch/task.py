@@ -17,7 +17,7 @@ from cuboid.batch.identity import head_of
 from cuboid.batch.sources import Source
 from cuboid.errors import InputError, MissingExtraError, one_line
 from cuboid.outputs.folder import RUN
-from cuboid.store.place import Place, is_remote
+from cuboid.store.place import RESULTS, Place, is_remote
 from cuboid.store.rows import ReadAs, RunHead, day_of, failure, recorded, tables_of
 from cuboid.store.schema import DONE, FAILED, RUNS, TABLES
 from cuboid.store.snapshot import Part, key_of
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from cuboid.readers import Recording
     from cuboid.views.report.pictures import Picture
 
-RESULTS = "results"
-
 
 @dataclass(frozen=True, slots=True)
 class Task:
@@ -41,7 +39,7 @@ class Task:
     source : Source
     head : RunHead
     settings : dict
-        As of `track_options`.
+        How the recording is read, the configuration of the tracker, and the rest of `track_recording`.
     store : str
         URL.
     tables_only : bool

@@ -172,34 +172,27 @@ def intrinsics(text: str) -> tuple[float, float, float, float] | Path:
 
 def depth_scale(text: str) -> float:
     """Read a number of depth units a metre from the command line."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"expected depth units a metre, above 0, got '{text}'")
-    return value
+    return _above_zero(text, "depth units a metre")
 
 
 def seconds(text: str) -> float:
     """Read a time above 0 from the command line."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"expected seconds, above 0, got '{text}'")
-    return value
+    return _above_zero(text, "seconds")
 
 
 def megabytes(text: str) -> float:
     """Read an amount of memory above 0, in units of 2**20 bytes, from the command line."""
+    return _above_zero(text, "megabytes")
+
+
+def _above_zero(text: str, what: str) -> float:
+    """Read a finite number above 0 from the command line."""
     try:
         value = float(text)
     except ValueError:
         value = 0.0
     if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"expected megabytes, above 0, got '{text}'")
+        raise argparse.ArgumentTypeError(f"expected {what}, above 0, got '{text}'")
     return value
 
 

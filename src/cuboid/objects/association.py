@@ -109,9 +109,14 @@ def _common_pixels(
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return pixels by thing and object (n + 1, m), the last row for those of no thing, and each thing's known ones."""
     n, m = len(frame.clusters), len(objects)
-    place = np.full(int(max(pixel_owner.max(), max((o.number for o in objects), default=0))) + 1, m)
-    place[[o.number for o in objects]] = np.arange(m)
-    place[0] = m
+    place = places_of([o.number for o in objects], int(pixel_owner.max()))
     table, size = np.empty((n + 1, m + 1), np.int64), np.empty(n + 1, np.int64)
     shared(frame.claim, pixel_owner, known, place, table, size)
     return table[:, :m], size[:n]
+
+
+def places_of(numbers: Sequence[int], highest: int) -> npt.NDArray[np.int64]:
+    """Return for each number up to at least the highest where it is in `numbers`, their count where it is not."""
+    place = np.full(max([highest, *numbers]) + 1, len(numbers))
+    place[list(numbers)] = np.arange(len(numbers))
+    return place

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from cuboid.frame import Float64Array
 from cuboid.heatmap.pixel_heat import WeighedProposals
 from cuboid.kernels.claims import common
+from cuboid.objects.association import places_of
 from cuboid.objects.entry import MapObject
 
 # What a proposal that is exactly what is seen of a sure object gains, as a share of its weight.
@@ -33,9 +34,7 @@ def prior_of(
     n, m = len(weighed.weights), len(labelled)
     if n == 0 or m == 0:
         return np.ones(n)
-    numbers = [o.number for o in labelled]
-    place = np.full(max(int(pixel_owner.max()), *numbers) + 1, m)
-    place[numbers] = np.arange(m)
+    place = places_of([o.number for o in labelled], int(pixel_owner.max()))
     table, sight = np.empty((n, m + 1), np.int64), np.empty(m + 1, np.int64)
     column = np.empty(pixel_owner.shape, np.int32)
     common(pixel_owner, place, weighed.rectangles, weighed.starts, weighed.covered, column, table, sight)

@@ -25,6 +25,7 @@ from cuboid.outputs.folder import OUTPUT_NAMES
 from cuboid.store.find import Filters, find
 from cuboid.store.likeness import COLOR_WORDS
 from cuboid.store.page import MORE, WORST, found_page, summary_page
+from cuboid.store.place import RESULTS, Place
 from cuboid.store.query import Tables
 from cuboid.store.summary import summarise_store
 from cuboid.views.serving import HEADERS, LOCAL_NAMES
@@ -129,7 +130,7 @@ def application(url: str, *, token: str | None, hosts: tuple[str, ...] = LOCAL_N
             Route("/api/objects", objects),
             Route("/api/recordings", recordings),
             Route("/api/failures", failures),
-            Route("/results/{path:path}", file),
+            Route(f"/{RESULTS}/{{path:path}}", file),
             Route("/openapi.json", described),
         ],
         middleware=[
@@ -261,13 +262,11 @@ def _rows(name: str, rows: list[dict[str, Any]]) -> Response:
 
 def _file(url: str, path: str) -> Response:
     """Return a file of a result folder; nothing else of the store, and nothing beside it."""
-    from cuboid.store.place import Place
-
     parts = path.split("/")
     if parts[-1] not in OUTPUT_NAMES or any(part in ("", ".", "..") or part.startswith(".") for part in parts):
         return PlainTextResponse("not there", 404)
     try:
-        content = Place(url).read(f"results/{path}")
+        content = Place(url).read(f"{RESULTS}/{path}")
     except (FileNotFoundError, InputError):
         return PlainTextResponse("not there", 404)
     return Response(content, media_type=TYPES.get(Path(path).suffix, "application/octet-stream"))

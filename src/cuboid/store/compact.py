@@ -12,7 +12,7 @@ from pathlib import PurePosixPath
 import msgspec
 import pyarrow as pa
 
-from cuboid.store.place import Place
+from cuboid.store.place import RESULTS, Place
 from cuboid.store.schema import TABLES
 from cuboid.store.snapshot import Manifest, Part, Snapshot, manifest_name, manifests, name_of, snapshot
 
@@ -128,7 +128,7 @@ def _tidy_results(place: Place, young: datetime) -> int:
     """Remove partial folders of results; say how many."""
     if place.local is None:
         return 0
-    partial = [path for path in place.local.glob("results/**/.*.partial") if path.is_dir()]
+    partial = [path for path in place.local.glob(f"{RESULTS}/**/.*.partial") if path.is_dir()]
     old = [path for path in partial if datetime.fromtimestamp(path.stat().st_mtime, UTC) < young]
     for path in old:
         shutil.rmtree(path, ignore_errors=True)

@@ -19,6 +19,8 @@ from cuboid.outputs.pending import PendingFile
 
 # Whose errors are refusals of an object store.
 CLOUD_PACKAGES = ("botocore", "aiobotocore", "gcsfs", "azure", "aiohttp")
+# The folder of a store that holds the result folders.
+RESULTS = "results"
 
 
 class Place:
