@@ -26,6 +26,9 @@ MOST_BLOCKS = 1 << (3 * CUBE_BITS - BLOCK_BITS)
 TABLE_BITS = 3 * CUBE_BITS + 1
 # A table begins with so many places: a page of memory.
 LEAST_BITS = 11
+# Cubes that came after each other lie near each other: so many of them are looked at only where the bounds of all of
+# them are met.
+BATCH = 64
 # Parts of a voxel's edge, of a color's level and of heat that are told apart: more than any sensor tells.
 PLACES, LEVELS, HEATS = 65536.0, 256.0, 65536.0
 
@@ -68,6 +71,8 @@ class Cubes(NamedTuple):
     # Cubes by their place: (2 C,) 0 empty, k + 1 is cube k; and the place of each (C,).
     table: npt.NDArray[np.int32]
     key: npt.NDArray[np.int64]
+    # Least and greatest x, y, z (C / BATCH, 6) of the first voxels of each batch of cubes.
+    bounds: npt.NDArray[np.int64]
     # Blocks of each (C, MOST_BLOCKS), ascending, 0 for none; rows in use, and dead ones among them.
     blocks: npt.NDArray[np.int32]
     rows: npt.NDArray[np.int32]
@@ -154,6 +159,11 @@ def make_cube(key, cubes):
         cubes.table[place] = cube + 1
         cubes.key[cube] = key
         cubes.bits[cube] = LEAST_BITS
+        bounds, (x, y, z) = cubes.bounds[cube // BATCH], corner(key)
+        if cube % BATCH == 0:
+            bounds[0], bounds[1], bounds[2], bounds[3], bounds[4], bounds[5] = x, y, z, x, y, z
+        bounds[0], bounds[1], bounds[2] = min(bounds[0], x), min(bounds[1], y), min(bounds[2], z)
+        bounds[3], bounds[4], bounds[5] = max(bounds[3], x), max(bounds[4], y), max(bounds[5], z)
     return cube
 
 
@@ -291,21 +301,31 @@ def in_view(T_camera_world, camera, width, height, far_m, voxel_m, cubes, seen):
     along_left, along_right = np.sqrt(fx * fx + left * left), np.sqrt(fx * fx + right * right)
     along_top, along_bottom = np.sqrt(fy * fy + top * top), np.sqrt(fy * fy + bottom * bottom)
     half = 0.5 * CUBE_SIDE * voxel_m
-    radius = 1.74 * half
-    for cube in range(cubes.used[0]):
-        ix, iy, iz = corner(cubes.key[cube])
-        px, py, pz = ix * voxel_m + half, iy * voxel_m + half, iz * voxel_m + half
-        z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
-        if z < -radius or z > far_m + radius:
-            continue
-        x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]
-        if fx * x + left * z < -radius * along_left or right * z - fx * x < -radius * along_right:
-            continue
-        y = T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]
-        if fy * y + top * z < -radius * along_top or bottom * z - fy * y < -radius * along_bottom:
-            continue
-        seen[count] = cube
-        count += 1
+    used = cubes.used[0]
+    for batch in range((used + BATCH - 1) // BATCH):
+        # First the sphere around a batch of cubes, then each of them.
+        for one in range(-1, min(BATCH, used - batch * BATCH)):
+            cube = batch * BATCH + one
+            if one < 0:
+                b = cubes.bounds[batch]
+                dx, dy, dz = np.float64(b[3] - b[0]), np.float64(b[4] - b[1]), np.float64(b[5] - b[2])
+                radius = 1.74 * half + 0.501 * voxel_m * np.sqrt(dx * dx + dy * dy + dz * dz)
+                px, py, pz = 0.5 * voxel_m * (b[0] + b[3]), 0.5 * voxel_m * (b[1] + b[4]), 0.5 * voxel_m * (b[2] + b[5])
+            else:
+                ix, iy, iz = corner(cubes.key[cube])
+                px, py, pz, radius = ix * voxel_m, iy * voxel_m, iz * voxel_m, 1.74 * half
+            px, py, pz = px + half, py + half, pz + half
+            z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
+            x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]
+            y = T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]
+            outside = z < -radius or z > far_m + radius
+            outside |= fx * x + left * z < -radius * along_left or right * z - fx * x < -radius * along_right
+            outside |= fy * y + top * z < -radius * along_top or bottom * z - fy * y < -radius * along_bottom
+            if one < 0 and outside:
+                break
+            if one >= 0 and not outside:
+                seen[count] = cube
+                count += 1
     return count
 
 
@@ -314,6 +334,7 @@ def empty_cubes(most: int, tables: npt.NDArray[np.uint16]) -> Cubes:
     return Cubes(
         table=np.zeros(2 * most, np.int32),
         key=np.zeros(most, np.int64),
+        bounds=np.zeros((-(-most // BATCH), 6), np.int64),
         blocks=np.zeros((most, MOST_BLOCKS), np.int32),
         rows=np.zeros(most, np.int32),
         dead=np.zeros(most, np.int32),

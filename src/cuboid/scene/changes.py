@@ -29,8 +29,8 @@ SURE, CLEARER = 0.2, 1.5
 CARVED, SEEN_AGAIN, LEFT = 0.5, 0.15, 0.3
 # What stands in an object's place is another one when it is no more like it than this, and what was there is not.
 UNLIKE = 0.15
-# What is there still but is no object any more, two by now or a part of another, goes on as the new one that has most of
-# it, and so much.
+# What is there still but is no object any more, two by now or a part of another, goes on as the new one that has most
+# of it, and so much.
 MOST_OF_IT = 0.25
 # What is new to the map, and lies so much of it and so near, metres, to what was there before and is there still, is a
 # piece of that.

@@ -95,7 +95,7 @@ KINDS = {
         Kind(RowBlocks),
         Kind(ObjectMap),
         Kind(Boxing),
-        Kind(ObjectStore),
+        Kind(ObjectStore, kept_apart=frozenset({"_bounds"})),
         Kind(Affinity),
         Kind(MapObject, key=lambda entry: entry.number, replaced=frozenset({"points", "colors"}), many=True),
         Kind(ScenePoses, kept_apart=frozenset({"intrinsics"})),
