@@ -11,6 +11,7 @@ NAME is one of
   poses        fragments and identities against noise of the poses, with merging and without
   growth       time of each stage, memory, as the map grows by a new table each lap (--laps), and as time goes on
   memory       memory and time past ever more objects, with as much memory as --memory says
+  scene        time until a large scene is opened again, and what a scene adds to the frames of scene 01
   proposals    boxes in the map of each scene of the suite
   peers        a pipeline made of Open3D (--peers-python), AB3DMOT's association, and this tracker, on the same frames
 
@@ -27,7 +28,7 @@ from cuboid import CuboidError
 from cuboid.cli.synth import KINDS
 from cuboid.cli.threads import limit_threads
 
-NAMES = ("descriptors", "resolution", "sources", "frames", "poses", "growth", "memory", "proposals", "peers")
+NAMES = ("descriptors", "resolution", "sources", "frames", "poses", "growth", "memory", "scene", "proposals", "peers")
 
 
 def main() -> int:

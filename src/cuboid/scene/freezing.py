@@ -316,6 +316,7 @@ class _Thawer:
         self._roots = [type(root).__name__ for root in roots]
         self._live: dict[str, Any] = {}
         self._fresh: dict[str, Any] = {"GroundPlan": GroundPlan()}
+        self._begun: dict[type, dict[str, Any]] = {}
         for root in roots:
             self._collect(root)
 
@@ -341,10 +342,12 @@ class _Thawer:
         return found
 
     def _fill(self, item: Any, fields: Mapping[str, Any], part: Part) -> None:
-        for name, beginning in self._beginnings(type(item)).items():
+        cls: Any = type(item)
+        data = bool(_fields(cls))
+        for name, beginning in self._beginnings(cls).items():
             if name in fields:
                 value = self._live_value(fields[name], part)
-                if dataclasses.is_dataclass(item) and _other_shape(beginning, value):
+                if data and _other_shape(beginning, value):
                     raise _strange(f"{type(item).__name__}.{name}")
             elif beginning is _UNKNOWN:
                 raise _strange(f"{type(item).__name__}.{name}")
@@ -355,6 +358,11 @@ class _Thawer:
 
     def _beginnings(self, cls: type) -> dict[str, Any]:
         """Return what each attribute of a class begins as."""
+        if cls not in self._begun:
+            self._begun[cls] = self._begin(cls)
+        return self._begun[cls]
+
+    def _begin(self, cls: type) -> dict[str, Any]:
         if not dataclasses.is_dataclass(cls):
             if cls.__name__ not in self._fresh:
                 raise _strange(cls.__name__)

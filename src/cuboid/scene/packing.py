@@ -81,6 +81,7 @@ def from_bytes(form: str, data: bytes) -> AnyArray:
     return from_form(form, np.frombuffer(data, dtype).reshape(shape).copy())
 
 
+@lru_cache(10_000)
 def _parts_of(form: str) -> tuple[np.dtype[Any], tuple[int, ...], tuple[int, ...] | None]:
     """Return type, shape, and strides where there are any; DamagedError where the form tells none of an array."""
     try:
