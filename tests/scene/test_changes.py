@@ -178,6 +178,22 @@ def test_a_visit_that_is_gone_on_with_tells_the_same(first: Path, moved: Path, t
             np.testing.assert_array_equal(one.to_m, other.to_m)
 
 
+def test_what_was_hidden_is_not_new(tmp_path: Path) -> None:
+    """What stands behind another thing is found from the other side; it did not come."""
+    tall, behind = (
+        upright((0.0, 0.15), (0.1, 0.34, 0.3), 0.0, z=0.48),
+        upright((-0.22, 0.15), (0.1, 0.1, 0.1), 0.0, z=0.48),
+    )
+    record(tmp_path / "s.cuboid", Shown((tall, behind), frames=9, begin=-0.24))
+    with Scene.open(tmp_path / "s.cuboid") as scene:
+        assert len(scene.objects) == 1
+    record(tmp_path / "s.cuboid", Shown((tall, behind), frames=40, begin=2.5), "again")
+    with Scene.open(tmp_path / "s.cuboid") as scene:
+        told = {change.label: change.change for change in scene.changes()}
+        assert told[label_at(scene, (-0.22, 0.15))] == "found"
+        assert "new" not in told.values()
+
+
 class Passed(Shown):
     """Frames whose last thing has no proposals."""
 

@@ -24,7 +24,7 @@ from cuboid.scene.door import BOX, DamagedError, box_of, columns_of, floats_of, 
 from cuboid.scene.likeness import LAYERS, Look, look_of
 from cuboid.scene.packing import check_sum, deflated, inflated
 from cuboid.scene.placing import Joined
-from cuboid.surfaces.grid import cells_of
+from cuboid.surfaces.grid import CELL_READINGS, cells_of
 from cuboid.tracker import Tracker
 
 # Of an object so many points are remembered, to tell whether they are still there.
@@ -66,7 +66,7 @@ class Before:
     known : mapping of int to Known
         By label.
     ground : mapping of int to (corner, (N, M) bool)
-        Where each plane had been seen by then, by its identity.
+        Where each plane had been seen by then, by its identity; not where something hid it.
     occupied : sequence of (N,) int64
         Cells in which something stood by then that had no label, of the cubes that were noted so far.
     """
@@ -114,15 +114,22 @@ class Before:
         if support.T_plan_world is None:
             return False
         corners = support.to_plan(entry.box.corners())
-        low, high = corners[:, :2].min(0), corners[:, :2].max(0)
-        grid = np.stack(np.meshgrid(*(np.linspace(a, b, 6) for a, b in zip(low, high, strict=True))), -1).reshape(-1, 2)
+        low, high = corners.min(0), corners.max(0)
+        grid = [np.linspace(a, b, 6) for a, b in zip(low[:2], high[:2], strict=True)]
+        cells = cells_of(np.stack(np.meshgrid(*grid), -1).reshape(-1, 2))
         plane = None if entry.plane is None else support.find(entry.plane)
         if plane is None or plane.identity not in self._ground:
             return False
         corner, known = self._ground[plane.identity]
-        i, j = (cells_of(grid) - corner).T
+        i, j = (cells - corner).T
         inside = (i >= 0) & (j >= 0) & (i < known.shape[0]) & (j < known.shape[1])
-        return float((inside & known[np.where(inside, i, 0), np.where(inside, j, 0)]).mean()) >= KNOWN_GROUND
+        seen = inside & known[np.where(inside, i, 0), np.where(inside, j, 0)]
+        # What stood on ground hid it.
+        points = np.concatenate([np.zeros((0, 3), np.float32), *(one.points for one in self.known.values())])
+        stood = support.to_plan(points)
+        stood = stood[(stood[:, 2] > low[2]) & (stood[:, 2] < high[2])]
+        seen |= np.isin(_cell_keys(cells), _cell_keys(cells_of(stood)))
+        return float(seen.mean()) >= KNOWN_GROUND
 
     def stood(self, tracker: Tracker, entry: MapObject) -> bool:
         """Tell whether what is an object now was there before the visit, without a label."""
@@ -156,7 +163,7 @@ def begin(connection: sqlite3.Connection, tracker: Tracker) -> None:
             connection.execute(f"INSERT INTO known VALUES ({places})", row)
     connection.execute("UPDATE objects SET picture_share = 0")  # each visit takes pictures of its own
     for plane in tracker.support.planes:
-        seen = plane.plan.covered > 0
+        seen = plane.plan.seen >= CELL_READINGS
         corner = plane.plan.corner.tolist()
         row = (plane.identity, *corner, *seen.shape, np.packbits(seen).tobytes())
         connection.execute("INSERT INTO ground VALUES (?, ?, ?, ?, ?, ?)", row)
@@ -212,6 +219,11 @@ def _together(cells: Sequence[Cells]) -> Cells:
 def _numbers_of(points: Float32Array) -> Cells:
     """Return a number for the cell of each point (N, 3)."""
     return keys_of(np.floor(points.astype(np.float64) / CELL_M).astype(np.int64))
+
+
+def _cell_keys(cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return a number for each cell (N, 2) of the ground."""
+    return np.asarray((cells[:, 0] << 32) + cells[:, 1])
 
 
 def _cube_of(points: Float32Array, voxel_m: float) -> npt.NDArray[np.int64]:
