@@ -2,6 +2,9 @@
 
 A camera looks down on a floor with boxes on it, and goes from place to place; each has other boxes, 2 m from the last
 ones. Pictures are small, and 2D proposals are the true outlines, so that 10,000 objects take minutes.
+
+Then two trackers go the same short way, frame by frame by turns, one of which is told of as many objects, as many
+candidates that ended, and cubes of the map, far away: what else the machine does is the same for both.
 """
 
 from __future__ import annotations
@@ -16,6 +19,8 @@ import numpy.typing as npt
 
 from cuboid import Tracker
 from cuboid.frame import Float64Array, Frame, Intrinsics
+from cuboid.geometry.box import Box
+from cuboid.kernels.cubes import make_cube, pack_key
 from cuboid.measuring import peak_memory_mb
 from cuboid.proposals import Proposals
 from tables import cell, dump, show
@@ -24,6 +29,8 @@ CAMERA = Intrinsics(125.0, 125.0, 79.5, 59.5, 160, 120)
 # Boxes of a place along and across, metres apart; looks at a place; places in a row, metres apart.
 ALONG, ACROSS, GAP_M, LOOKS, ROW, APART_M = 6, 4, 0.27, 5, 20, 2.0
 NOISE_PER_M = 1.4e-3
+# Places that two trackers see; where other objects are, metres, and how many cubes of the map each of them has.
+PLACES, FAR_M, CUBES = 32, 100.0, 9
 # Frames over which the median is taken.
 WINDOW = 400
 
@@ -104,12 +111,53 @@ def walk(objects: int, memory_mb: float, checkpoints: list[int]) -> list[dict[st
     return rows
 
 
+def elsewhere(objects: int) -> dict[str, float]:
+    """Return the median frame, ms, of a tracker with few objects and of one that has so many more elsewhere."""
+    now: list[Proposals] = []
+    trackers = [Tracker(CAMERA, proposals=lambda frame, camera: now[-1]) for _ in range(2)]
+    times: list[list[float]] = [[], []]
+    for number in range(PLACES):
+        place = Place(number)
+        if number == PLACES // 3:
+            _tell_of(trackers[1], objects)
+        for k in range(LOOKS):
+            depth, color, proposals, T = place.look(0.12 * (k - LOOKS / 2))
+            now[:] = [proposals]
+            T[0, 3] += APART_M * number
+            frame = Frame(number * LOOKS + k, number / 6, color, depth, T)
+            for tracker, ms in zip(trackers, times, strict=True):
+                begun_s = time.process_time()
+                tracker.update(frame)
+                ms.append((time.process_time() - begun_s) * 1e3)
+    few, many = (float(np.median(ms[-PLACES // 2 * LOOKS :])) for ms in times)
+    return {"few_ms": few, "many_ms": many, "ratio": many / few}
+
+
+def _tell_of(tracker: Tracker, objects: int) -> None:
+    """Let a tracker have objects far away, and cubes of the map that are not in memory."""
+    store, rng = tracker._map.store, np.random.default_rng(0)
+    for k in range(2 * objects):
+        spot = FAR_M + APART_M * np.array([k // 48 % ROW, k // (48 * ROW), 0]) + rng.uniform(-0.8, 0.8, 3)
+        entry = store.add(Box(spot, np.array([0.1, 0.1, 0.12]), np.eye(3)), 0)
+        if k % 2:
+            store.retire(entry)
+        else:
+            store.confirm(entry)
+    cubes = tracker.voxels._cubes
+    for k in range(CUBES * objects):
+        place, (x, y, z) = k // 216, np.unravel_index(k % 216, (6, 6, 6))
+        make_cube(np.int64(pack_key(400 + 6 * (place % ROW) + x, 400 + 6 * (place // ROW) + y, z)), cubes)
+    cubes.bits[cubes.rows == 0] = 0
+
+
 def run(args: argparse.Namespace) -> None:
     """Print the table, or all figures."""
+    beside = elsewhere(max(args.objects))
     found = walk(max(args.objects), args.memory, [100, 300, 1000, 3000])
     if args.json:
-        dump(found)
+        dump({"elsewhere": beside, "walk": found})
         return
+    show("Median frame with few objects, and with many elsewhere", list(beside), [list(beside.values())])
     header = ("objects", "frames", "points", "ms a frame", "worst", "map MB in memory", "peak memory MB")
     names = ("frame_ms", "frame_max_ms", "map_mb", "memory_mb")
     lines = [[row["objects"], row["frames"], row["points"], *(cell(row[name], 1) for name in names)] for row in found]

@@ -12,6 +12,7 @@ NAME is one of
   growth       time of each stage, memory, as the map grows by a new table each lap (--laps), and as time goes on
   memory       memory and time past ever more objects, with as much memory as --memory says
   corrections  time of a correction of poses, as the map grows by a new table each lap (--laps)
+  scene        time until a large scene is opened again, and what a scene adds to the frames of scene 01
   guards       what it costs that files are checked as they are read, beside tracking a frame and evaluating a result
   proposals    boxes in the map of each scene of the suite
   peers        a pipeline made of Open3D (--peers-python), AB3DMOT's association, and this tracker, on the same frames
@@ -30,8 +31,8 @@ from cuboid.cli.synth import KINDS
 from cuboid.cli.threads import limit_threads
 
 NAMES = (
-    "descriptors", "resolution", "sources", "frames", "poses", "growth", "memory", "corrections", "guards", "proposals",
-    "peers",
+    "descriptors", "resolution", "sources", "frames", "poses", "growth", "memory", "corrections", "scene", "guards",
+    "proposals", "peers",
 )  # fmt: skip
 
 

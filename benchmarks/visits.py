@@ -98,7 +98,8 @@ def _visits(kind: str, seed: int, args: argparse.Namespace) -> Path:
 
 def _fresh(scene: Path) -> Path:
     scene.parent.mkdir(parents=True, exist_ok=True)
-    scene.unlink(missing_ok=True)
+    for left in scene.parent.glob(f"{scene.name}*"):  # the log of a run that was broken off, too
+        left.unlink()
     return scene
 
 

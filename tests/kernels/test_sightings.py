@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cuboid.kernels.overlap import BATCH, bound
 from cuboid.kernels.sightings import NEAREST_M, count_seen, in_view
 
 CAMERA = np.array([30.0, 32.0, 19.5, 14.5])
@@ -69,7 +70,11 @@ def test_boxes_in_view_are_those_whose_spheres_reach_into_the_picture() -> None:
     rng = np.random.default_rng(8)
     boxes = rng.uniform(-2.0, 2.0, (400, 15))
     boxes[:, 3:6] = rng.uniform(0.02, 0.8, (400, 3))
-    boxes[::7] = np.nan
+    boxes = boxes[np.argsort(boxes[:, 0])]  # those of a batch near each other
+    boxes[::7] = boxes[: BATCH // 2] = boxes[2 * BATCH : 3 * BATCH] = np.nan
+    bounds = np.zeros((-(-400 // BATCH), 7))
+    for batch in range(len(bounds)):
+        bound(boxes, batch, bounds)
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.uniform(-0.5, 0.5, 3)
     x, y, z = (boxes[:, :3] @ T[:3, :3].T + T[:3, 3]).T
@@ -80,6 +85,8 @@ def test_boxes_in_view_are_those_whose_spheres_reach_into_the_picture() -> None:
             expected &= (place + radius) / z * focal + center > 0
             expected &= (place - radius) / z * focal + center < size
     found = np.empty(400, np.int64)
-    number = in_view(boxes, T, CAMERA, 40, 30, 1.5, found)
+    number = in_view(boxes, bounds, T, CAMERA, 40, 30, 1.5, found)
     assert found[:number].tolist() == np.flatnonzero(expected).tolist()
     assert 20 < number < 300
+    bounds[:, :6] += 50.0
+    assert in_view(boxes, bounds, T, CAMERA, 40, 30, 1.5, found) == 0, "what is out of view is passed over at once"

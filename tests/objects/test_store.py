@@ -8,6 +8,7 @@ from made_maps import grid, map_of
 
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
+from cuboid.kernels.overlap import BATCH
 from cuboid.objects.entry import State
 from cuboid.objects.store import ObjectStore
 
@@ -124,3 +125,12 @@ def test_neighbours_are_those_whose_spheres_come_near() -> None:
     expected = [e.number for e in entries if gap(e.box) <= 0.1]
     assert [e.number for e in store.near(here, 0.1)] == expected
     assert 5 < len(expected) < 145
+    # The bounds of their batches follow those that move, and those that are no more.
+    for k, entry in enumerate(entries):
+        if entry.number in expected and entry.box is not here:
+            store.place(entry, Box(entry.box.center + 10.0, entry.box.size, np.eye(3))) if k % 2 else store.retire(
+                entry
+            )
+    assert [e.number for e in store.near(here, 0.1)] == [entries[17].number]
+    assert len(store.near(Box(here.center + 10.0, here.size, np.eye(3)), 1.0)) > 1
+    assert len(store.bounds) * BATCH == len(store.boxes)

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_scene import Shown, record
+from made_scene import CAMERA, Shown, record
 
 from browser import Watched, browser
 from cuboid.errors import InputError
 from cuboid.frame import Frame
 from cuboid.outputs import FinishedResults
 from cuboid.proposals.types import Proposals
-from cuboid.scene import Scene
+from cuboid.scene import Scene, Source
 from cuboid.views.report import summarise, write_report
 from made_scenes import upright
 
@@ -142,11 +142,56 @@ def test_what_stood_there_without_a_label_is_not_new(tmp_path: Path) -> None:
     record(tmp_path / "s.cuboid", passed_over)
     with Scene.open(tmp_path / "s.cuboid") as scene:
         assert len(scene.objects) == 2
+    shutil.copy(tmp_path / "s.cuboid", tmp_path / "broken-off.cuboid")
     record(tmp_path / "s.cuboid", shown, "again")
+    in_two(tmp_path / "broken-off.cuboid", shown, 20)
+    for path in (tmp_path / "s.cuboid", tmp_path / "broken-off.cuboid"):
+        with Scene.open(path) as scene:
+            told = {change.label: change.change for change in scene.changes()}
+            assert told[label_at(scene, THREE[0])] == "found", path
+            assert sorted(told.values()) == ["found", "unchanged", "unchanged"]
+
+
+def in_two(path: Path, shown: Shown, cut: int) -> None:
+    """Let a recording go into a scene that is broken off, and gone on with from the last commit."""
+    source = Source("/again", "made", "given", len(shown.frames), CAMERA, {"every": 1})
+    for resume in (False, True):
+        with Scene.open(path) as scene:
+            tracker = scene.tracker(
+                CAMERA, proposals=shown.proposals, source=source, resume=resume, commit_every_s=1.0 if resume else 0.0
+            )
+            assert (tracker.visit.next_frame > 0) == resume
+            for frame in shown.frames[tracker.visit.next_frame : None if resume else cut]:
+                tracker.update(frame)
+            if not resume:
+                tracker.drop()
+
+
+def test_a_visit_that_is_gone_on_with_tells_the_same(first: Path, moved: Path, tmp_path: Path) -> None:
+    path = Path(shutil.copy(first, tmp_path / "s.cuboid"))
+    tall = upright((-0.3, 0.4), (0.07, 0.07, 0.3), 0.0, z=0.48)
+    in_two(path, Shown((thing(ONE, (0.45, -0.1)), tall, thing(THREE)), frames=60, begin=0.4), 33)
+    with Scene.open(path) as scene, Scene.open(moved) as whole:
+        told, expected = scene.changes(), whole.changes()
+        assert [(one.label, one.change) for one in told] == [(one.label, one.change) for one in expected]
+        for one, other in zip(told, expected, strict=True):
+            np.testing.assert_array_equal(one.to_m, other.to_m)
+
+
+def test_what_was_hidden_is_not_new(tmp_path: Path) -> None:
+    """What stands behind another thing is found from the other side; it did not come."""
+    tall, behind = (
+        upright((0.0, 0.15), (0.1, 0.34, 0.3), 0.0, z=0.48),
+        upright((-0.22, 0.15), (0.1, 0.1, 0.1), 0.0, z=0.48),
+    )
+    record(tmp_path / "s.cuboid", Shown((tall, behind), frames=9, begin=-0.24))
+    with Scene.open(tmp_path / "s.cuboid") as scene:
+        assert len(scene.objects) == 1
+    record(tmp_path / "s.cuboid", Shown((tall, behind), frames=40, begin=2.5), "again")
     with Scene.open(tmp_path / "s.cuboid") as scene:
         told = {change.label: change.change for change in scene.changes()}
-        assert told[label_at(scene, THREE[0])] == "found"
-        assert sorted(told.values()) == ["found", "unchanged", "unchanged"]
+        assert told[label_at(scene, (-0.22, 0.15))] == "found"
+        assert "new" not in told.values()
 
 
 class Passed(Shown):

@@ -14,7 +14,7 @@ import pytest
 from made_scene import CAMERA, Shown, record
 
 from cuboid.errors import InputError
-from cuboid.scene import Scene, changes
+from cuboid.scene import Scene, before
 from cuboid.scene.checking import problems, rescue
 from cuboid.scene.door import TABLES, DamagedError
 from cuboid.scene.parts import carry_rows
@@ -150,7 +150,7 @@ def test_how_things_stood_is_checked(path: Path, table: str, values: str) -> Non
     assert any(table in line for line in problems(path))
     connection = sqlite3.connect(path)
     with pytest.raises(DamagedError, match=table):
-        changes.load(connection, 0)
+        before.load(connection)
     connection.close()
 
 

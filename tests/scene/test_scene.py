@@ -16,6 +16,7 @@ from made_scene import CAMERA, THINGS, Shown, record
 from cuboid.config import TrackerConfig
 from cuboid.errors import CuboidError, FrameError, InputError, OutputError
 from cuboid.frame import Frame
+from cuboid.geometry import se3
 from cuboid.outputs import FinishedResults
 from cuboid.posing import GivenPoses
 from cuboid.scene import Scene, Source
@@ -23,6 +24,9 @@ from cuboid.scene.checking import problems, rescue
 from cuboid.scene.schema import MIGRATIONS, VERSION
 from cuboid.synthetic import make_scene
 from cuboid.synthetic.view import SceneView
+
+# To another place, out of view from here.
+AWAY = se3.compose((1, 0, 0, 0), (20.0, 0, 0))
 
 
 @pytest.fixture(scope="module")
@@ -169,8 +173,8 @@ def test_every_byte_of_the_map_is_under_a_check_sum(path: Path, tmp_path: Path) 
         connection.execute("UPDATE blocks SET data = ? WHERE number = 1", (bytes(data),))
     connection.close()
     assert problems(path) == ["block 1 of the map is damaged: its check sum is wrong"]
-    with pytest.raises(InputError, match="'cuboid scene check --rescue NEW' saves"), Scene.open(path) as scene:
-        scene.tracker(CAMERA)
+    with pytest.raises(InputError, match="'cuboid scene check --rescue NEW' saves"):
+        record(path, Shown(), "again")
     lost = rescue(path, tmp_path / "new.cuboid")
     assert len(lost) == 1
     assert "block 1 of the map" in lost[0]
@@ -178,7 +182,23 @@ def test_every_byte_of_the_map_is_under_a_check_sum(path: Path, tmp_path: Path) 
     record(tmp_path / "new.cuboid", Shown(), "again")
     with Scene.open(tmp_path / "new.cuboid") as scene:
         assert [item.label for item in scene.objects] == [1, 2]
-        assert [one.complete for one in scene.recordings] == [True, True]
+        assert [one.complete for one in scene.recordings] == [True, False, True], "the damage broke one off"
+
+
+def test_a_recording_begins_without_the_map(path: Path) -> None:
+    """Opening takes as long as the objects take: of the map, only what is looked at is read."""
+    with sqlite3.connect(path) as connection:
+        connection.execute("UPDATE blocks SET data = x'00'")
+    connection.close()
+    shown = Shown()
+    away = [dataclasses.replace(f, T_world_camera=AWAY @ f.T_world_camera) for f in shown.frames]
+    with Scene.open(path) as scene:
+        tracker = scene.tracker(CAMERA, proposals=shown.proposals)
+        for frame in away[:-1]:
+            tracker.update(frame)
+        with pytest.raises(InputError, match="'cuboid scene check --rescue NEW' saves"):
+            tracker.update(shown.frames[-1])
+        tracker.drop()
 
 
 @pytest.mark.parametrize("seed", range(12))

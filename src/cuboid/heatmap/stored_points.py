@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -35,10 +35,16 @@ class StoredPoints:
     ----------
     memory_mb : float
         Memory of the process, in units of 2**20 bytes, beyond which cubes that are out of view are put aside.
+
+    Attributes
+    ----------
+    before_visit : callable or None
+        Called with rows of points that are as they were before the visit, when these are to be made ready for it.
     """
 
     def __init__(self, memory_mb: float) -> None:
         self.memory_mb = memory_mb
+        self.before_visit: Callable[[Rows], None] | None = None
         self._visit, self._most_hits = 0, 0
         self._blocks = RowBlocks()
         self._begin(TemporaryShelf())
@@ -81,11 +87,15 @@ class StoredPoints:
         """Tell which blocks (N,) have changed since `take_changed`."""
         return self._cubes.changed[blocks]
 
-    def block(self, block: int) -> tuple[int, int, npt.NDArray[Any]]:
-        """Return the key of a block's cube, the visit that it is ready for, and its rows: a view."""
-        cube = int(self._cubes.cube_of[block])
-        self._bring(np.array([cube]))
-        return int(self._cubes.key[cube]), int(self._ready[block]), self._room.block(block)
+    def copies(self, blocks: Rows) -> list[tuple[int, int, npt.NDArray[Any]]]:
+        """Return of each block (N,) the key of its cube, the visit that it is ready for, and a copy of its rows."""
+        cubes = self._cubes.cube_of[blocks].astype(np.int64)
+        self._bring(cubes)
+        keys, visits = self._cubes.key[cubes].tolist(), self._ready[blocks].tolist()
+        # As bytes: NumPy copies records field by field.
+        copied = self._room.rows.view(np.uint8).reshape(-1, BLOCK_ROWS * ROW.itemsize)[blocks].view(ROW)
+        rows = [copied[k, : self._room.rows_in(block)] for k, block in enumerate(blocks.tolist())]
+        return list(zip(keys, visits, rows, strict=True))
 
     def restore(self, blocks: Iterable[tuple[int, int, int, int, int]], shelf: Shelf) -> None:
         """Take the place of a map whose blocks lie on a shelf; `RowBlocks` and the like are not touched.
@@ -149,15 +159,32 @@ class StoredPoints:
         self._ready_for_visit(np.flatnonzero(self._cubes.bits[: self._cubes.used[0]]))
 
     def _ready_for_visit(self, cubes: Rows) -> None:
-        for cube in cubes:
-            for block in self._room.blocks_of(cube):
-                if self._ready[block] != self._visit:
-                    rows = self._room.block(block)
-                    hits = rows["hits"]
-                    rows["weight"] *= (np.minimum(hits, self._most_hits) / np.maximum(hits, 1)).astype(np.float32)
-                    np.minimum(hits, self._most_hits, out=hits)
-                    rows["passes"] = 0
-                    self._ready[block] = self._visit
+        all_of = (block for cube in cubes.tolist() for block in self._room.blocks_of(cube))
+        blocks = [block for block in all_of if self._ready[block] != self._visit]
+        if blocks and self.before_visit is not None:
+            rows = (np.array(blocks)[:, None] * BLOCK_ROWS + np.arange(BLOCK_ROWS)).ravel()
+            self.before_visit(rows[self._points.weight[rows] > 0])
+        for block in blocks:
+            part = self._room.block(block)
+            hits = part["hits"]
+            part["weight"] *= (np.minimum(hits, self._most_hits) / np.maximum(hits, 1)).astype(np.float32)
+            np.minimum(hits, self._most_hits, out=hits)
+            part["passes"] = 0
+            self._ready[block] = self._visit
+
+    def looked_at(self, keys: npt.NDArray[np.int64], since: int) -> npt.NDArray[np.bool_]:
+        """Tell which cubes (N,), by their keys, were in view from a look on.
+
+        With 0, those of which this visit may have changed anything, in earlier processes too.
+        """
+        used = int(self._cubes.used[0])
+        seen = self._last_look[:used] >= since
+        if since == 0:
+            seen = np.zeros(used, bool)
+            seen[self._cubes.cube_of[np.flatnonzero(self._ready[: self.blocks] == self._visit)]] = True
+        cubes = np.empty(len(keys), np.int64)
+        kernel_cubes.cubes_at(keys, self._cubes, cubes)
+        return np.asarray((cubes >= 0) & seen[np.maximum(cubes, 0)]) if used else np.zeros(len(keys), bool)
 
     def _bring(self, cubes: Rows) -> None:
         """Have cubes (N,) in memory."""
@@ -237,6 +264,10 @@ class StoredPoints:
         """Return the rows of each object, by number, ascending."""
         found = ((number, self.rows_of(number)) for number in self._blocks.numbers())
         return {number: rows for number, rows in found if len(rows)}
+
+    def owns(self, number: int) -> bool:
+        """Tell whether an object may have rows: it has none in the whole map where not."""
+        return len(self._blocks.of(number)) > 0
 
     def rows_of(self, number: int) -> Rows:
         """Return the rows of an object, ascending."""

@@ -42,6 +42,11 @@ class VoxelMap(StoredPoints):
     max_depth_m : float
     memory_mb : float
         Memory of the process, in units of 2**20 bytes, beyond which cubes that are out of view are put aside.
+
+    Attributes
+    ----------
+    before_visit : callable or None
+        Called with rows of points that are as they were before the visit, when these are to be made ready for it.
     """
 
     def __init__(self, voxel_m: float, noise_per_m: float, max_depth_m: float, memory_mb: float = float("inf")) -> None:
@@ -51,6 +56,11 @@ class VoxelMap(StoredPoints):
         self._max_depth_m = max_depth_m
         # How many looks there were, and the cube that the next one begins with.
         self._looks = self._next_look = 0
+
+    @property
+    def looks(self) -> int:
+        """How many frames have looked through the map."""
+        return self._looks
 
     def _in_view(self, image: WorkingImage, T_camera_world: Float64Array) -> Rows:
         """Return the cubes that a frame may see, or see through."""

@@ -26,6 +26,9 @@ MOST_BLOCKS = 1 << (3 * CUBE_BITS - BLOCK_BITS)
 TABLE_BITS = 3 * CUBE_BITS + 1
 # A table begins with so many places: a page of memory.
 LEAST_BITS = 11
+# Cubes that came after each other lie near each other: so many of them are looked at only where the bounds of all of
+# them are met.
+BATCH = 64
 # Parts of a voxel's edge, of a color's level and of heat that are told apart: more than any sensor tells.
 PLACES, LEVELS, HEATS = 65536.0, 256.0, 65536.0
 
@@ -68,6 +71,8 @@ class Cubes(NamedTuple):
     # Cubes by their place: (2 C,) 0 empty, k + 1 is cube k; and the place of each (C,).
     table: npt.NDArray[np.int32]
     key: npt.NDArray[np.int64]
+    # Least and greatest x, y, z (C / BATCH, 6) of the first voxels of each batch of cubes.
+    bounds: npt.NDArray[np.int64]
     # Blocks of each (C, MOST_BLOCKS), ascending, 0 for none; rows in use, and dead ones among them.
     blocks: npt.NDArray[np.int32]
     rows: npt.NDArray[np.int32]
@@ -138,6 +143,13 @@ def find_cube(key, cubes):
 
 
 @njit(cache=True, nogil=True)
+def cubes_at(keys, cubes, found):
+    """Write the cube of each key (N,), -1 where there is none, to `found` (N,) int64."""
+    for i in range(keys.size):
+        found[i], _ = find_cube(keys[i], cubes)
+
+
+@njit(cache=True, nogil=True)
 def make_cube(key, cubes):
     """Return the cube of a key, a new one where there is none; -1 where there is no room for one more."""
     cube, place = find_cube(key, cubes)
@@ -147,6 +159,11 @@ def make_cube(key, cubes):
         cubes.table[place] = cube + 1
         cubes.key[cube] = key
         cubes.bits[cube] = LEAST_BITS
+        bounds, (x, y, z) = cubes.bounds[cube // BATCH], corner(key)
+        if cube % BATCH == 0:
+            bounds[0], bounds[1], bounds[2], bounds[3], bounds[4], bounds[5] = x, y, z, x, y, z
+        bounds[0], bounds[1], bounds[2] = min(bounds[0], x), min(bounds[1], y), min(bounds[2], z)
+        bounds[3], bounds[4], bounds[5] = max(bounds[3], x), max(bounds[4], y), max(bounds[5], z)
     return cube
 
 
@@ -224,6 +241,7 @@ def empty_cubes(most: int, tables: npt.NDArray[np.uint16]) -> Cubes:
     return Cubes(
         table=np.zeros(2 * most, np.int32),
         key=np.zeros(most, np.int64),
+        bounds=np.zeros((-(-most // BATCH), 6), np.int64),
         blocks=np.zeros((most, MOST_BLOCKS), np.int32),
         rows=np.zeros(most, np.int32),
         dead=np.zeros(most, np.int32),

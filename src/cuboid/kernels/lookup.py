@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from cuboid.kernels.cubes import (
+    BATCH,
     BLOCK_BITS,
     CUBE_BITS,
     CUBE_SIDE,
@@ -83,19 +84,29 @@ def in_view(T_camera_world, camera, width, height, far_m, voxel_m, cubes, seen):
     along_left, along_right = np.sqrt(fx * fx + left * left), np.sqrt(fx * fx + right * right)
     along_top, along_bottom = np.sqrt(fy * fy + top * top), np.sqrt(fy * fy + bottom * bottom)
     half = 0.5 * CUBE_SIDE * voxel_m
-    radius = 1.74 * half
-    for cube in range(cubes.used[0]):
-        ix, iy, iz = corner(cubes.key[cube])
-        px, py, pz = ix * voxel_m + half, iy * voxel_m + half, iz * voxel_m + half
-        z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
-        if z < -radius or z > far_m + radius:
-            continue
-        x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]
-        if fx * x + left * z < -radius * along_left or right * z - fx * x < -radius * along_right:
-            continue
-        y = T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]
-        if fy * y + top * z < -radius * along_top or bottom * z - fy * y < -radius * along_bottom:
-            continue
-        seen[count] = cube
-        count += 1
+    used = cubes.used[0]
+    for batch in range((used + BATCH - 1) // BATCH):
+        # First the sphere around a batch of cubes, then each of them.
+        for one in range(-1, min(BATCH, used - batch * BATCH)):
+            cube = batch * BATCH + one
+            if one < 0:
+                b = cubes.bounds[batch]
+                dx, dy, dz = np.float64(b[3] - b[0]), np.float64(b[4] - b[1]), np.float64(b[5] - b[2])
+                radius = 1.74 * half + 0.501 * voxel_m * np.sqrt(dx * dx + dy * dy + dz * dz)
+                px, py, pz = 0.5 * voxel_m * (b[0] + b[3]), 0.5 * voxel_m * (b[1] + b[4]), 0.5 * voxel_m * (b[2] + b[5])
+            else:
+                ix, iy, iz = corner(cubes.key[cube])
+                px, py, pz, radius = ix * voxel_m, iy * voxel_m, iz * voxel_m, 1.74 * half
+            px, py, pz = px + half, py + half, pz + half
+            z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
+            x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]
+            y = T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]
+            outside = z < -radius or z > far_m + radius
+            outside |= fx * x + left * z < -radius * along_left or right * z - fx * x < -radius * along_right
+            outside |= fy * y + top * z < -radius * along_top or bottom * z - fy * y < -radius * along_bottom
+            if one < 0 and outside:
+                break
+            if one >= 0 and not outside:
+                seen[count] = cube
+                count += 1
     return count

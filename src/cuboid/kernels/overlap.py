@@ -14,6 +14,11 @@ from numba import njit
 COINCIDE_M = 1e-10
 MOST_CORNERS = 16
 
+# Boxes that came after each other stand near each other, most of them: so many of them are looked at only where the
+# bounds of all of them are met. What rounding may cost, metres.
+BATCH = 64
+SLACK_M = 1e-6
+
 
 @njit(cache=True, nogil=True, inline="always")
 def clip(polygon, count, axis, bound, sign, out):
@@ -132,13 +137,38 @@ def intersections(A, B, out):
 
 
 @njit(cache=True, nogil=True)
-def near(boxes, center, radius, gap, found):
+def bound(boxes, batch, bounds):
+    """Find the bounds of the boxes of a batch: least and greatest centre, and greatest radius of a bounding sphere.
+
+    Parameters
+    ----------
+    boxes : (N, 15) float64
+        See `intersections`; a row of NaN is no box.
+    batch : int
+        Rows from `BATCH` times this on.
+    bounds : (M, 7) float64, output
+        Its row of this number.
+    """
+    row = bounds[batch]
+    row[:3], row[3:6], row[6] = np.inf, -np.inf, 0.0
+    for k in range(batch * BATCH, min((batch + 1) * BATCH, boxes.shape[0])):
+        if not np.isnan(boxes[k, 0]):
+            for c in range(3):
+                row[c], row[3 + c] = min(row[c], boxes[k, c]), max(row[3 + c], boxes[k, c])
+            long, wide, high = boxes[k, 3], boxes[k, 4], boxes[k, 5]
+            row[6] = max(row[6], 0.5 * np.sqrt(long * long + wide * wide + high * high))
+
+
+@njit(cache=True, nogil=True)
+def near(boxes, bounds, center, radius, gap, found):
     """Find the boxes whose bounding spheres come near another sphere.
 
     Parameters
     ----------
     boxes : (N, 15) float64
         See `intersections`; a row of NaN is near nothing.
+    bounds : (M, 7) float64
+        See `bound`.
     center : (3,) float64
     radius : float
         Of that sphere, metres.
@@ -152,12 +182,19 @@ def near(boxes, center, radius, gap, found):
     int
         How many there are.
     """
-    n = 0
-    for k in range(boxes.shape[0]):
-        x, y, z = boxes[k, 0] - center[0], boxes[k, 1] - center[1], boxes[k, 2] - center[2]
-        long, wide, high = boxes[k, 3], boxes[k, 4], boxes[k, 5]
-        reach = 0.5 * np.sqrt(long * long + wide * wide + high * high) + radius + gap
-        if np.sqrt(x * x + y * y + z * z) <= reach:
-            found[n] = k
-            n += 1
+    n, rows = 0, boxes.shape[0]
+    for batch in range((rows + BATCH - 1) // BATCH):
+        away = 0.0
+        for c in range(3):
+            off = max(bounds[batch, c] - center[c], center[c] - bounds[batch, 3 + c], 0.0)
+            away += off * off
+        if not (np.sqrt(away) <= bounds[batch, 6] + radius + gap + SLACK_M):
+            continue
+        for k in range(batch * BATCH, min((batch + 1) * BATCH, rows)):
+            x, y, z = boxes[k, 0] - center[0], boxes[k, 1] - center[1], boxes[k, 2] - center[2]
+            long, wide, high = boxes[k, 3], boxes[k, 4], boxes[k, 5]
+            reach = 0.5 * np.sqrt(long * long + wide * wide + high * high) + radius + gap
+            if np.sqrt(x * x + y * y + z * z) <= reach:
+                found[n] = k
+                n += 1
     return n

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from cuboid.kernels.overlap import BATCH, SLACK_M
 from cuboid.tolerances import SIGMAS
 
 # Points nearer than this to the camera's plane are not in its picture, metres.
@@ -83,13 +84,36 @@ def count_seen(points, colors, ends, numbers, depth, color, owner, camera, T, no
 
 
 @njit(cache=True, nogil=True)
-def in_view(boxes, T_camera_world, camera, width, height, far, found):
+def may_be_in_view(bounds, T, camera, width, height, far):
+    """Tell whether any box within bounds (7,), see `overlap.bound`, may reach into a picture; see `in_view`."""
+    if bounds[0] > bounds[3]:
+        return False
+    # All centres lie within a sphere; what `in_view` asks of them is linear once it is multiplied by their depth.
+    x, y, z = 0.5 * (bounds[0] + bounds[3]), 0.5 * (bounds[1] + bounds[4]), 0.5 * (bounds[2] + bounds[5])
+    dx, dy, dz = bounds[3] - bounds[0], bounds[4] - bounds[1], bounds[5] - bounds[2]
+    within, radius = 0.5 * np.sqrt(dx * dx + dy * dy + dz * dz) + SLACK_M, bounds[6]
+    ahead = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+    if ahead + within <= NEAREST_M or ahead - within - radius >= far:
+        return False
+    across = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
+    down = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
+    for side, f, c, end in ((across, camera[0], camera[2], width), (down, camera[1], camera[3], height)):
+        low, high = f * (side + radius) + c * ahead, f * (radius - side) + (end - c) * ahead
+        if low <= -within * np.sqrt(f * f + c * c) or high <= -within * np.sqrt(f * f + (end - c) * (end - c)):
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def in_view(boxes, bounds, T_camera_world, camera, width, height, far, found):
     """Find the boxes that reach into a picture with their bounding spheres.
 
     Parameters
     ----------
     boxes : (N, 15) float64
         See `overlap.intersections`; a row of NaN is in no picture.
+    bounds : (M, 7) float64
+        See `overlap.bound`.
     T_camera_world : (4, 4) float64
     camera : (4,) float64
         fx, fy, cx, cy.
@@ -106,17 +130,21 @@ def in_view(boxes, T_camera_world, camera, width, height, far, found):
         How many there are.
     """
     T, n = T_camera_world, 0
-    for k in range(boxes.shape[0]):
-        px, py, pz = boxes[k, 0], boxes[k, 1], boxes[k, 2]
-        z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
-        long, wide, high = boxes[k, 3], boxes[k, 4], boxes[k, 5]
-        radius = 0.5 * np.sqrt(long * long + wide * wide + high * high)
-        if not (z > NEAREST_M and z - radius < far):
+    rows = boxes.shape[0]
+    for batch in range((rows + BATCH - 1) // BATCH):
+        if not may_be_in_view(bounds[batch], T, camera, width, height, far):
             continue
-        u = (T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]) / z * camera[0] + camera[2]
-        v = (T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]) / z * camera[1] + camera[3]
-        reach_u, reach_v = radius / z * camera[0], radius / z * camera[1]
-        if u + reach_u > 0 and u - reach_u < width and v + reach_v > 0 and v - reach_v < height:
-            found[n] = k
-            n += 1
+        for k in range(batch * BATCH, min((batch + 1) * BATCH, rows)):
+            px, py, pz = boxes[k, 0], boxes[k, 1], boxes[k, 2]
+            z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
+            long, wide, high = boxes[k, 3], boxes[k, 4], boxes[k, 5]
+            radius = 0.5 * np.sqrt(long * long + wide * wide + high * high)
+            if not (z > NEAREST_M and z - radius < far):
+                continue
+            u = (T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]) / z * camera[0] + camera[2]
+            v = (T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]) / z * camera[1] + camera[3]
+            reach_u, reach_v = radius / z * camera[0], radius / z * camera[1]
+            if u + reach_u > 0 and u - reach_u < width and v + reach_v > 0 and v - reach_v < height:
+                found[n] = k
+                n += 1
     return n

@@ -59,9 +59,9 @@ class ObjectMap:
     def in_view(self, image: WorkingImage, T_camera_world: Float64Array) -> list[MapObject]:
         """Return the objects, confirmed or not, whose boxes reach into the picture, none too far to see, by number."""
         far_m = FAR * self._config.max_depth_m
-        return [
-            self.store[int(n)] for n in in_view(self.store.boxes[: self.store.numbers], image, T_camera_world, far_m)
-        ]
+        store = self.store
+        found = in_view(store.boxes[: store.numbers], store.bounds, image, T_camera_world, far_m)
+        return [store[n] for n in found.tolist()]
 
     def limited(self, objects: Sequence[MapObject]) -> list[MapObject]:
         """Return objects in view without the least likely of more candidates than a frame may have: these are over."""

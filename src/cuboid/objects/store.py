@@ -10,7 +10,7 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.kernels.overlap import near
+from cuboid.kernels.overlap import BATCH, bound, near
 from cuboid.objects.affinity import Affinity
 from cuboid.objects.entry import MapObject, State
 
@@ -36,7 +36,8 @@ class ObjectStore:
         self._confirmed: dict[int, MapObject] = {}
         self._next_number = self._next_label = 1
         self.affinity = Affinity()
-        self.boxes: Float64Array = np.full((64, 15), np.nan)
+        self.boxes: Float64Array = np.full((BATCH, 15), np.nan)
+        self._bounds: Float64Array | None = None
 
     def __getitem__(self, number: int) -> MapObject:
         return self._objects[number]
@@ -48,6 +49,20 @@ class ObjectStore:
     def numbers(self) -> int:
         """One more than the highest number given so far."""
         return self._next_number
+
+    @property
+    def bounds(self) -> Float64Array:
+        """Where the boxes of each batch are, (M, 7): see `kernels.overlap.bound`."""
+        batches = len(self.boxes) // BATCH
+        if self._bounds is None or len(self._bounds) != batches:
+            self._bounds = np.zeros((batches, 7))
+            for batch in range(batches):
+                bound(self.boxes, batch, self._bounds)
+        return self._bounds
+
+    def _bound(self, number: int) -> None:
+        """Find the bounds of an object's batch anew."""
+        bound(self.boxes, number // BATCH, self.bounds)
 
     @property
     def labelled(self) -> int:
@@ -85,6 +100,7 @@ class ObjectStore:
         entry.box = box
         if entry.state is not State.RETIRED:
             self.boxes[entry.number] = pack([box])[0]
+            self._bound(entry.number)
 
     def confirm(self, entry: MapObject) -> None:
         """Give an object its label."""
@@ -150,13 +166,14 @@ class ObjectStore:
     def _end(self, entry: MapObject) -> None:
         entry.state = State.RETIRED
         self.boxes[entry.number] = np.nan
+        self._bound(entry.number)
         self._confirmed.pop(entry.number, None)
         self.affinity.forget(entry.number)
 
     def near(self, box: Box, gap_m: float) -> list[MapObject]:
         """Return the living objects whose bounding spheres come that near a box's, by number."""
         boxes, found = self.boxes[: self.numbers], np.empty(self.numbers, np.int64)
-        count = near(boxes, box.center, 0.5 * float(np.linalg.norm(box.size)), gap_m, found)
+        count = near(boxes, self.bounds, box.center, 0.5 * float(np.linalg.norm(box.size)), gap_m, found)
         return [self._objects[k] for k in found[:count].tolist()]
 
     def neighbours(self, entry: MapObject) -> list[MapObject]:

@@ -41,15 +41,15 @@ class View:
 
 
 def in_view(
-    boxes: Float64Array, image: WorkingImage, T_camera_world: Float64Array, far_m: float
+    boxes: Float64Array, bounds: Float64Array, image: WorkingImage, T_camera_world: Float64Array, far_m: float
 ) -> npt.NDArray[np.int64]:
     """Return which boxes (N, 15), see `pack`, reach into the picture, and so near, with their spheres, ascending.
 
-    A row of NaN is in no picture.
+    A row of NaN is in no picture; `bounds` are those of batches of boxes, see `kernels.overlap.bound`.
     """
     c, found = image.camera, np.empty(len(boxes), np.int64)
     pinhole, T = np.array([c.fx, c.fy, c.cx, c.cy]), np.ascontiguousarray(T_camera_world)
-    return found[: kernel.in_view(boxes, T, pinhole, c.width, c.height, far_m, found)]
+    return found[: kernel.in_view(boxes, bounds, T, pinhole, c.width, c.height, far_m, found)]
 
 
 def look(

@@ -10,7 +10,7 @@ import numpy as np
 
 from cuboid.errors import InputError, OutputError, one_line
 from cuboid.kernels.cubes import voxels_of
-from cuboid.scene import changes
+from cuboid.scene import before
 from cuboid.scene.database import complaining, open_damaged, open_to_read, open_to_write, transaction
 from cuboid.scene.door import TABLES, DamagedError, Row, columns_of, refuse_no_row
 from cuboid.scene.earlier import Rows, Voxels, earlier_block, refill, take_earlier
@@ -76,7 +76,7 @@ def _state_problems(connection: sqlite3.Connection) -> list[str]:
     if connection.execute("SELECT 1 FROM parts LIMIT 1").fetchone() is None:
         return []
     try:
-        changes.load(connection, 0)
+        before.load(connection)
         with strange_is_damaged():
             tracker = thaw(load_parts(connection), *roots(Tracker(_CAMERA)))[0]
         if tracker is None:
@@ -199,6 +199,10 @@ def _rescue_state(old: sqlite3.Connection, new: sqlite3.Connection, lost: list[s
         return 0
     blocks = list(_readable_blocks(old, tracker.voxels.voxel_m, lost))
     refill(tracker.voxels, blocks)
+    for entry in tracker.ever_labelled():
+        there = tracker.voxels.rows_at(entry.points.astype(np.float64)) >= 0
+        if there.any():  # what no point is left of is known by that
+            entry.points, entry.colors = entry.points[there], entry.colors[there]
     state = StateFile(tracker, new, () if poses is None else (poses,))
     with transaction(new):
         state.write(new, state.snapshot())

@@ -90,7 +90,7 @@ TABLES: dict[str, dict[str, Any]] = {
     "parts": {"key": Name, "kind": Name, "check_sum": CheckSum, "fields": bytes},
     "arrays": {"part": Name, "path": Name, "form": Name, "check_sum": CheckSum, "data": bytes},
     "pending": {"id": Label, "recording": Label, "file": Name, "text": str},
-    "known": {"label": Label, **_BOX, "look": bytes, "points": bytes, "picture": bytes | None},
+    "known": {"label": Label, **_BOX, "look": bytes, "points": bytes, "picture": bytes | None, "number": Count},
     "ground": {
         "plane": Whole, **dict.fromkeys(("first_row", "first_column"), Whole), "rows": Count, "columns": Count,
         "seen": bytes,
@@ -104,6 +104,8 @@ TABLES: dict[str, dict[str, Any]] = {
     },
 }  # fmt: skip
 BOX = tuple(_BOX)
+# Rows of a large table that are read and checked at a time.
+ROWS_A_TIME = 64
 
 
 class CameraColumn(msgspec.Struct, frozen=True):
@@ -157,8 +159,9 @@ def told(connection: sqlite3.Connection, columns: Iterable[str], rest: str, valu
 def told_each(connection: sqlite3.Connection, table: str) -> Iterator[Row]:
     """Iterate over the rows of a whole table, which may be large; raises as `told`."""
     columns = columns_of(table)
-    for row in connection.execute(f"SELECT {', '.join(columns)} FROM {table}"):
-        yield checked([row], columns)[0]
+    cursor = connection.execute(f"SELECT {', '.join(columns)} FROM {table}")
+    while rows := cursor.fetchmany(ROWS_A_TIME):
+        yield from checked(rows, columns)
 
 
 def checked(rows: list[Row], columns: Sequence[str]) -> list[Row]:

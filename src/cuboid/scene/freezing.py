@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -66,16 +67,21 @@ class Kind:
         Attributes that are saved elsewhere, are given anew, or follow from others.
     replaced : frozenset of str
         Arrays that are never changed, only replaced: the same one needs no copy, and is not written again.
+    many : bool
+        There may be so many, of which few change, that those that are as they were are not frozen anew.
     """
 
     cls: type
     key: Callable[[Any], object] = lambda item: ""
     kept_apart: frozenset[str] = frozenset()
     replaced: frozenset[str] = frozenset()
+    many: bool = False
 
 
 # Rows of the map are saved in blocks: see `saving`.
-_ROWS = frozenset({"memory_mb", "_room", "_shelf", "_points", "_cubes", "_seen", "_last_look", "_ready"})
+_ROWS = frozenset(
+    {"memory_mb", "_room", "_shelf", "_points", "_cubes", "_seen", "_last_look", "_ready", "before_visit"}
+)
 
 KINDS = {
     kind.cls: kind
@@ -89,9 +95,9 @@ KINDS = {
         Kind(RowBlocks),
         Kind(ObjectMap),
         Kind(Boxing),
-        Kind(ObjectStore),
+        Kind(ObjectStore, kept_apart=frozenset({"_bounds"})),
         Kind(Affinity),
-        Kind(MapObject, key=lambda entry: entry.number, replaced=frozenset({"points", "colors"})),
+        Kind(MapObject, key=lambda entry: entry.number, replaced=frozenset({"points", "colors"}), many=True),
         Kind(ScenePoses, kept_apart=frozenset({"intrinsics"})),
         Kind(EstimatedPoses),  # of files from before there were parts
         Kind(PoseEstimator, kept_apart=frozenset({"intrinsics"})),
@@ -131,11 +137,15 @@ class Part:
     arrays: dict[str, tuple[str, AnyArray]] = field(default_factory=dict)
 
 
-def attributes(item: object) -> list[str]:
+def attributes(item: object) -> Sequence[str]:
     """Return the names of all attributes that an object has, in order."""
-    if dataclasses.is_dataclass(item):
-        return [one.name for one in dataclasses.fields(item)]
-    return list(vars(item))
+    cls: Any = type(item)
+    return _fields(cls) or list(vars(item))
+
+
+@cache
+def _fields(cls: Any) -> tuple[str, ...]:
+    return tuple(one.name for one in dataclasses.fields(cls)) if dataclasses.is_dataclass(cls) else ()
 
 
 def freeze(root: object) -> dict[str, Part]:
@@ -146,30 +156,55 @@ def freeze(root: object) -> dict[str, Part]:
     TypeError
         Something is of a type that cannot be saved: a fault of the program.
     """
-    return _Freezer().freeze(root)
+    return Freezer().freeze(root)
 
 
-class _Freezer:
+class Freezer:
+    """Freezes the same objects again and again: of those of which there are many, only what changed.
+
+    An object that is as it was last time is the same part.
+    """
+
     def __init__(self) -> None:
         self._waiting: deque[tuple[str, Any]] = deque()
         self._keys: dict[int, str] = {}
         self._copied = True
+        # Of objects of a kind of which there are many, by key: how each was last time, and its part.
+        self._last: dict[str, tuple[tuple[Any, ...], Part]] = {}
 
     def freeze(self, root: object) -> dict[str, Part]:
+        """Return the parts of all that can be reached from an object, by key; large arrays are copies.
+
+        Raises
+        ------
+        TypeError
+            Something is of a type that cannot be saved: a fault of the program.
+        """
+        self._keys = {}
         self._refer(root)
         parts: dict[str, Part] = {}
+        last, self._last = self._last, {}
         while self._waiting:
             key, item = self._waiting.popleft()
             if key in parts:
                 raise TypeError(f"two objects have the key {key}")
             kind = KINDS[type(item)]
-            part = Part(kind.cls.__name__, {})
-            for name in attributes(item):
-                if name not in kind.kept_apart:
-                    self._copied = name not in kind.replaced
-                    part.fields[name] = self._plain(getattr(item, name), name, part)
-            parts[key] = part
+            now = _state_of(item, kind) if kind.many else None
+            if now is None:
+                parts[key] = self._part(item, kind)
+            else:
+                before = last.get(key)
+                parts[key] = before[1] if before and before[0] == now else self._part(item, kind)
+                self._last[key] = now, parts[key]
         return parts
+
+    def _part(self, item: Any, kind: Kind) -> Part:
+        part = Part(kind.cls.__name__, {})
+        for name in attributes(item):
+            if name not in kind.kept_apart:
+                self._copied = name not in kind.replaced
+                part.fields[name] = self._plain(getattr(item, name), name, part)
+        return part
 
     def _refer(self, item: Any) -> str:
         known = self._keys.get(id(item))
@@ -216,6 +251,38 @@ class _Freezer:
         return ["large", path]
 
 
+def _state_of(item: Any, kind: Kind) -> tuple[Any, ...] | None:
+    """Return how an object is now, to be compared with how it is later; None where that cannot be told so."""
+    now: list[Any] = []
+    for name in attributes(item):
+        value = getattr(item, name)
+        if isinstance(value, np.ndarray):
+            whole = name in kind.replaced
+            now.append(_Same(value) if whole else (value.dtype.str, value.shape, value.strides, value.tobytes()))
+        elif isinstance(value, Box):
+            now.append(_Same(value))  # never changed, only replaced
+        elif isinstance(value, (float, dict, list)):
+            now.append(repr(value))  # also tells 0 from -0
+        elif value is None or isinstance(value, (bool, int, str, Enum)):
+            now.append(value)
+        else:
+            return None
+    return tuple(now)
+
+
+class _Same:
+    """Is equal to what stands for the same object."""
+
+    def __init__(self, item: object) -> None:
+        self._item = item
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self._item is other._item
+
+    def __hash__(self) -> int:
+        return id(self._item)
+
+
 def roots(fresh: Tracker) -> tuple[Tracker, ScenePoses, EstimatedPoses]:
     """Return new ones of all that a scene's state may hold, beginning with a tracker."""
     return fresh, ScenePoses(fresh.intrinsics, fresh.config), EstimatedPoses(fresh.intrinsics, 0.0)
@@ -249,6 +316,7 @@ class _Thawer:
         self._roots = [type(root).__name__ for root in roots]
         self._live: dict[str, Any] = {}
         self._fresh: dict[str, Any] = {"GroundPlan": GroundPlan()}
+        self._begun: dict[type, dict[str, Any]] = {}
         for root in roots:
             self._collect(root)
 
@@ -274,10 +342,12 @@ class _Thawer:
         return found
 
     def _fill(self, item: Any, fields: Mapping[str, Any], part: Part) -> None:
-        for name, beginning in self._beginnings(type(item)).items():
+        cls: Any = type(item)
+        data = bool(_fields(cls))
+        for name, beginning in self._beginnings(cls).items():
             if name in fields:
                 value = self._live_value(fields[name], part)
-                if dataclasses.is_dataclass(item) and _other_shape(beginning, value):
+                if data and _other_shape(beginning, value):
                     raise _strange(f"{type(item).__name__}.{name}")
             elif beginning is _UNKNOWN:
                 raise _strange(f"{type(item).__name__}.{name}")
@@ -288,6 +358,11 @@ class _Thawer:
 
     def _beginnings(self, cls: type) -> dict[str, Any]:
         """Return what each attribute of a class begins as."""
+        if cls not in self._begun:
+            self._begun[cls] = self._begin(cls)
+        return self._begun[cls]
+
+    def _begin(self, cls: type) -> dict[str, Any]:
         if not dataclasses.is_dataclass(cls):
             if cls.__name__ not in self._fresh:
                 raise _strange(cls.__name__)

@@ -16,7 +16,8 @@ from scipy.spatial import cKDTree
 from cuboid.frame import Float32Array, Float64Array
 from cuboid.geometry.se3 import inverse, transform
 from cuboid.objects.entry import MapObject
-from cuboid.scene.changes import SURE, alike, look_of
+from cuboid.scene.changes import SURE
+from cuboid.scene.likeness import alike, look_of
 
 # Objects of the part that are looked for, those seen most often, and known ones that each is held against.
 LOOKED_FOR, CANDIDATES = 16, 20

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import zlib
+from functools import lru_cache
 from typing import Annotated, Any, NamedTuple
 
 import cv2
@@ -55,10 +56,12 @@ def check_sum(data: bytes, beside: tuple[int, ...] = ()) -> int:
 
 def form_of(array: AnyArray) -> str:
     """Return what an array is besides its bytes: type, shape, and strides where its items do not lie in order."""
-    form: list[Any] = [array.dtype.str, list(array.shape)]
-    if not array.flags.c_contiguous:
-        form.append(list(array.strides))
-    return json.dumps(form)
+    return _form(array.dtype.str, array.shape, None if array.flags.c_contiguous else array.strides)
+
+
+@lru_cache(10_000)
+def _form(dtype: str, shape: tuple[int, ...], strides: tuple[int, ...] | None) -> str:
+    return json.dumps([dtype, shape] if strides is None else [dtype, shape, strides])
 
 
 def from_form(form: str, plain: AnyArray) -> AnyArray:
@@ -78,6 +81,7 @@ def from_bytes(form: str, data: bytes) -> AnyArray:
     return from_form(form, np.frombuffer(data, dtype).reshape(shape).copy())
 
 
+@lru_cache(10_000)
 def _parts_of(form: str) -> tuple[np.dtype[Any], tuple[int, ...], tuple[int, ...] | None]:
     """Return type, shape, and strides where there are any; DamagedError where the form tells none of an array."""
     try:

@@ -20,7 +20,7 @@ from cuboid.kernels.cubes import ROW
 from cuboid.scene.database import complaining
 from cuboid.scene.door import DamagedError, columns_of, told, told_each
 from cuboid.scene.earlier import take_earlier
-from cuboid.scene.freezing import Part, freeze, thaw
+from cuboid.scene.freezing import Freezer, Part, thaw
 from cuboid.scene.packing import (
     BlockRow,
     check_sum,
@@ -119,12 +119,14 @@ class StateFile:
         others: Iterable[object] = (),
         shelf: SceneShelf | None = None,
     ) -> None:
-        self._tracker, self._others, self._shelf = tracker, tuple(others), shelf
+        self._tracker, self._shelf = tracker, shelf
+        self._freezers = [(root, Freezer()) for root in (tracker, *others)]
         # Digests of what the file holds by part and path, the part itself under ""; b"" where that is not known.
         self._written: dict[tuple[str, str], bytes] = {}
         for query in ("SELECT key, '' FROM parts", "SELECT part, path FROM arrays"):
             self._written |= dict.fromkeys(connection.execute(query), b"")
         self._same: dict[tuple[str, str], tuple[npt.NDArray[Any], bytes]] = {}
+        self._parts: dict[str, Part] = {}
         self._begin = connection.execute("SELECT 1 FROM blocks LIMIT 1").fetchone() is None
         # Blocks that are not compressed yet.
         query = "SELECT number FROM blocks WHERE rows > 0 AND length(data) = rows * ?"
@@ -133,16 +135,13 @@ class StateFile:
     def snapshot(self) -> Snapshot:
         """Take the state of now."""
         parts: dict[str, Part] = {}
-        for root in (self._tracker, *self._others):
-            parts |= freeze(root)
+        for root, freezer in self._freezers:
+            parts |= freezer.freeze(root)
         voxels = self._tracker.voxels
         blocks = voxels.take_changed()
         if self._begin:
             blocks, self._begin = np.arange(1, voxels.blocks), False
-        changed = {}
-        for number in blocks.tolist():
-            key, visit, rows = voxels.block(number)
-            changed[number] = key, visit, rows.copy()
+        changed = dict(zip(blocks.tolist(), voxels.copies(blocks), strict=True))
         if self._shelf is not None:  # only now: what was put aside before is on another one
             self._shelf.awaited = blocks
             if self._shelf.voxels is not voxels:
@@ -183,6 +182,9 @@ class StateFile:
     def _write_parts(self, connection: sqlite3.Connection, state: Snapshot) -> None:
         now: dict[tuple[str, str], bytes] = {}
         for key, part in state.parts.items():
+            if self._parts.get(key) is part:
+                now |= {name: self._written[name] for name in ((key, ""), *((key, path) for path in part.arrays))}
+                continue
             fields = msgspec.msgpack.encode(part.fields)
             if self._is_new(now, (key, ""), fields):
                 values = (key, part.kind, check_sum(fields), fields)
@@ -198,6 +200,7 @@ class StateFile:
                     connection.execute("INSERT OR REPLACE INTO arrays VALUES (?, ?, ?, ?, ?)", row)
                 self._same[name] = plain, now[name]
         self._same = {name: self._same[name] for name in now if name in self._same}
+        self._parts = state.parts
         for key, path in self._written.keys() - now.keys():
             if path:
                 connection.execute("DELETE FROM arrays WHERE part = ? AND path = ?", (key, path))

@@ -21,7 +21,7 @@ from cuboid.geometry.box import Box
 from cuboid.limits import MEMORY_MB
 from cuboid.proposals import make_source
 from cuboid.proposals.types import ProposalSource
-from cuboid.scene import editing
+from cuboid.scene import before, editing
 from cuboid.scene import visit as visits
 from cuboid.scene.database import Writing, complaining, open_to_read, open_to_write, transaction
 from cuboid.scene.door import BOX, Row, box_of, columns_of, rotation_of, told
@@ -318,6 +318,8 @@ class Scene:
                         "recording's poses are in the scene's world"
                     )
                 visit = visits.begin(connection, source, np.eye(4), tracker)
+            stood = before.load(connection)
+            stood.watch(tracker.voxels)
             if visit.next_frame == 0:
                 poses.begin(mode, first=visit.number == 1)
                 if visit.number > 1:
@@ -325,7 +327,7 @@ class Scene:
             own.first_frame = visit.first_frame
             columns = columns_of("objects", ("label", "name"))
             names: dict[int, str] = dict(told(connection, columns, "objects WHERE name IS NOT NULL"))
-        self._tracker = SceneTracker(self.path, file, tracker, poses, visit, names, commit_every_s, shelf)
+        self._tracker = SceneTracker(self.path, file, tracker, poses, visit, names, commit_every_s, shelf, stood)
         return self._tracker
 
     def _going_on(

@@ -177,6 +177,12 @@ CREATE TABLE blocks (
 DELETE FROM scene WHERE key IN ('capacity', 'seal');
 """
 
+# What was occupied is noted cube by cube, and by the numbers that objects had; a visit of an earlier version that was
+# broken off goes on without.
+_NUMBERS = """
+ALTER TABLE known ADD COLUMN number INTEGER NOT NULL DEFAULT 0;
+"""
+
 # What makes a file of version k + 1 of one of version k, from 0: an empty one.
-MIGRATIONS: tuple[str, ...] = (_FIRST, _CHANGES, _OCCUPIED, _CUBES)
+MIGRATIONS: tuple[str, ...] = (_FIRST, _CHANGES, _OCCUPIED, _CUBES, _NUMBERS)
 VERSION = len(MIGRATIONS)

@@ -15,6 +15,7 @@ from cuboid.posing import Posed, Poses
 from cuboid.proposals.types import Proposals, ProposalSource
 from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
 from cuboid.scene import changes, layout, parts
+from cuboid.scene.before import Before, write_noted
 from cuboid.scene.database import Writing, complaining, transaction
 from cuboid.scene.placing import ESTIMATED, SAME_WORLD, Joined, ScenePoses
 from cuboid.scene.records import Records
@@ -26,8 +27,9 @@ from cuboid.tracker import Tracker
 COMMIT_EVERY_S = 1.0
 # Every so many points of the map are held against the others.
 SPARSE = 7
-# Taking a snapshot stops the tracker: it has no larger share of the time than this, however large the scene.
-SNAPSHOT_SHARE = 0.05
+# Commits have no larger share of the processor's time than this, however large the scene, and however few frames a
+# second there are; for that they wait at most so many times as long as they should.
+COMMIT_SHARE, LONGEST_WAIT = 0.1, 5.0
 
 
 class SceneTracker:
@@ -50,6 +52,8 @@ class SceneTracker:
     commit_every_s : float
     shelf : SceneShelf
         Where parts of the map are that are not in memory.
+    before : Before
+        How things stood when the recording began.
 
     Attributes
     ----------
@@ -67,19 +71,21 @@ class SceneTracker:
         names: Mapping[int, str],
         commit_every_s: float,
         shelf: SceneShelf,
+        before: Before,
     ) -> None:
         self._path, self._file, self._tracker, self._visit = path, file, tracker, visit
         self._names, self._every_s, self._poses = names, commit_every_s, poses
         self._records = Records(file.connection, visit.number, visit.pixels)
         self._state = StateFile(tracker, file.connection, (poses,), shelf)
-        self._changes = changes.load(file.connection, visit.first_frame)
+        self._before, self._changes = before, changes.Changes(visit.first_frame, before)
         self._joined: list[Joined] = []
         self._pending: list[tuple[str, str]] = []
         self._next_frame = visit.next_frame
         self._thread = ThreadPoolExecutor(1, "cuboid-scene")
         self._writing: Future[None] | None = None
-        self._committed_s = time.monotonic()
-        self._pause_s = commit_every_s
+        self._committed_s, self._processor_s = time.monotonic(), time.process_time()
+        # Processor time that the last commit took.
+        self._cost_s = 0.0
         self._open = True
         self.commits_itself = True
 
@@ -109,7 +115,7 @@ class SceneTracker:
             self._poses.take(shifted)
         self._records.add(frame, found)
         if shifted.index % changes.EVERY_FRAMES == 0 and self._visit.number > 1:
-            self._changes.recognise(self._tracker)
+            self._changes.recognise(self._tracker, shifted.index)
         self._next_frame = frame.index + 1
         return found
 
@@ -192,7 +198,9 @@ class SceneTracker:
         """Write what is new, where the last time is long enough ago; between two frames."""
         if self._writing is not None and self._writing.done():
             self._settle()
-        if self._writing is None and time.monotonic() - self._committed_s >= self._pause_s:
+        waited_s, worked_s = time.monotonic() - self._committed_s, time.process_time() - self._processor_s
+        cheap = worked_s >= self._cost_s / COMMIT_SHARE or waited_s >= LONGEST_WAIT * self._every_s
+        if self._writing is None and waited_s >= self._every_s and cheap:
             self._commit()
 
     def close(self, *, complete: bool = True) -> None:
@@ -214,7 +222,7 @@ class SceneTracker:
         try:
             self._settle()
             if self._visit.number > 1:
-                self._changes.recognise(self._tracker)
+                self._changes.recognise(self._tracker, self._visit.first_frame + self._next_frame)
             self._commit(complete=complete, ended=True)
             self._settle()
         finally:
@@ -227,28 +235,31 @@ class SceneTracker:
             self._thread.shutdown()
 
     def _commit(self, *, complete: bool = False, ended: bool = False) -> None:
-        begun_s = time.monotonic()
+        begun_s = time.thread_time()
         state, rows = self._state.snapshot(), self._records.take(self._tracker)
         pending, self._pending = self._pending, []
         joined, self._joined = self._joined, []
         T_world_recording = self._poses.T_world_recording.astype("<f8").tobytes()
         visit, next_frame = self._visit, self._next_frame
         told = self._changes.tell(self._tracker, self._records.seen) if ended and visit.number > 1 else []
+        noted = self._before.take_noted()
 
         def write() -> None:
-            connection = self._file.connection
+            begun_s, connection = time.thread_time(), self._file.connection
             with transaction(connection):
                 self._state.write(connection, state, ended=ended)
                 rows.write(connection)
                 parts.carry_rows(connection, joined)
+                write_noted(connection, noted)
                 changes.write(connection, visit.number, told)
                 visit.write(connection, next_frame, pending, complete=complete, ended=ended)
                 values = T_world_recording, visit.number
                 connection.execute("UPDATE recordings SET T_world_recording = ? WHERE id = ?", values)
+            self._cost_s += time.thread_time() - begun_s
 
+        self._committed_s, self._processor_s = time.monotonic(), time.process_time()
+        self._cost_s = time.thread_time() - begun_s
         self._writing = self._thread.submit(write)
-        self._committed_s = time.monotonic()
-        self._pause_s = max(self._every_s, (self._committed_s - begun_s) / SNAPSHOT_SHARE)
 
     def _settle(self) -> None:
         """Wait for what is being written; raises OutputError where it could not be."""

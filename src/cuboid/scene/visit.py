@@ -13,7 +13,7 @@ import numpy as np
 
 from cuboid.errors import InputError, shown
 from cuboid.frame import Float64Array, Intrinsics
-from cuboid.scene import changes
+from cuboid.scene import before
 from cuboid.scene.database import transaction
 from cuboid.scene.door import columns_of, document, told
 from cuboid.scene.freezing import roots
@@ -105,7 +105,7 @@ def begin(connection: sqlite3.Connection, source: Source, T_world_recording: Flo
     first = connection.execute("SELECT coalesce(max(first_frame + frames), 0) FROM recordings").fetchone()[0]
     with transaction(connection):
         connection.execute("DELETE FROM pending")
-        changes.begin(connection, tracker)
+        before.begin(connection, tracker)
         cursor = connection.execute(
             "INSERT INTO recordings "
             "(path, format, poses, begun, first_frame, frames, camera, settings, T_world_recording) "

@@ -1,0 +1,118 @@
+"""What a scene file costs: to open a large one again, and to write one while a recording is tracked.
+
+The large one is made: a camera goes past boxes on a floor, as in `memory`, until there are a million points and 500
+objects. It is opened as `cuboid track --scene` does for another recording, up to where the first frame is taken.
+With `--data`, frames of scene 01 are tracked with and without a scene, by turns.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cuboid import Tracker, open_recording
+from cuboid.frame import Frame
+from cuboid.proposals import Proposals
+from cuboid.scene import Scene, Source
+from experiment_memory import APART_M, CAMERA, LOOKS, ROW, Place
+from scenes import scene_01
+from tables import cell, dump, show
+
+POINTS, OBJECTS = 1_000_000, 500
+TIMES = 5
+# Frames of scene 01, unless `--limit` says otherwise.
+FRAMES = 300
+
+
+def make(path: Path) -> None:
+    """Make the large scene."""
+    now: list[Proposals] = []
+    with Scene.open(path) as scene:
+        tracker = scene.tracker(CAMERA, proposals=lambda frame, camera: now[-1], commit_every_s=30.0)
+        number = 0
+        while tracker.points_known < POINTS or len(tracker.objects) < OBJECTS:
+            along, across = divmod(number // LOOKS, ROW)
+            place = Place(number // LOOKS)
+            for k in range(LOOKS):
+                depth, color, proposals, T = place.look(0.12 * (k - LOOKS / 2))
+                now[:] = [proposals]
+                T[:3, 3] += APART_M * np.array([across if along % 2 == 0 else ROW - 1 - across, along, 0.0])
+                tracker.update(Frame(number, number / 30, color, depth, T))
+                number += 1
+
+
+def reopened(path: Path) -> dict[str, Any]:
+    """Return how long the large scene takes to be opened for another recording, seconds, and the best of all."""
+    wall_s, processor_s = [], []
+    for _ in range(TIMES):
+        begun = time.perf_counter(), time.process_time()
+        scene = Scene.open(path)
+        tracker = scene.tracker(CAMERA)
+        wall_s.append(time.perf_counter() - begun[0])
+        processor_s.append(time.process_time() - begun[1])
+        found = {"points": tracker.points_known, "objects": len(tracker.tracker.ever_labelled())}
+        tracker.drop()
+        scene.close()
+    sides = {"wall_s": wall_s, "processor_s": processor_s}
+    return {
+        **found, "file_mb": path.stat().st_size / 2**20,
+        **{f"{name}_median": float(np.median(times)) for name, times in sides.items()},
+        **{f"{name}_least": min(times) for name, times in sides.items()},
+    }  # fmt: skip
+
+
+def beside(args: argparse.Namespace) -> list[dict[str, Any]]:
+    """Return processor time a frame of scene 01, with a scene and without: that of the tracker's thread, and of all."""
+    recording = open_recording(scene_01(args.data).recording)
+    frames = [recording.read(k) for k in range(min(args.limit or FRAMES, len(recording)))]
+    path = _fresh(args.work / "scenes" / "beside.cuboid")
+    with Scene.open(path) as scene:
+        source = Source("/scene-01", "made", "given", len(frames), recording.intrinsics, {})
+        plain, kept = Tracker(recording.intrinsics), scene.tracker(recording.intrinsics, source=source)
+        times: dict[str, list[tuple[float, float]]] = {"without a scene": [], "with a scene": []}
+        for frame in frames:  # by turns: what else the machine does is the same for both
+            for name, tracker in zip(times, (plain, kept), strict=True):
+                begun = time.thread_time(), time.process_time()
+                tracker.update(frame)
+                times[name].append((time.thread_time() - begun[0], time.process_time() - begun[1]))
+    return [_times(name, np.array(of_frames) * 1e3) for name, of_frames in times.items()]
+
+
+def _times(name: str, ms: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> dict[str, Any]:
+    own, everyone = ms[10:].T  # the first frames compile
+    return {
+        "scene 01": name, "median": float(np.median(own)), "p99": float(np.percentile(own, 99)),
+        "mean": float(own.mean()), "mean of all threads": float(everyone.mean()),
+    }  # fmt: skip
+
+
+def _fresh(path: Path) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    for left in path.parent.glob(f"{path.name}*"):
+        left.unlink()
+    return path
+
+
+def run(args: argparse.Namespace) -> None:
+    """Print the tables, or all figures."""
+    path = args.work / "scenes" / "large.cuboid"
+    if not path.exists():
+        make(_fresh(path.with_suffix(".partial")))
+        path.with_suffix(".partial").rename(path)
+    found = {"reopened": reopened(path), "beside": beside(args) if args.data else []}
+    if args.json:
+        dump(found)
+        return
+    one = found["reopened"]
+    show("A large scene until the first frame is taken", list(one), [[cell(value, 2) for value in one.values()]])
+    if args.data:
+        rows = found["beside"]
+        show(
+            "Milliseconds a frame",
+            list(rows[0]),
+            [[r["scene 01"], *(cell(r[k], 1) for k in list(r)[1:])] for r in rows],
+        )

@@ -1,0 +1,235 @@
+"""How things stood when a visit began: the objects, where each plane had been seen, and what stood without a label.
+
+Beginning a visit reads no part of the map. What stood in a cube of it is noted when the cube first comes into memory
+in the visit: until then nothing of it has changed.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.frame import Float32Array, Float64Array
+from cuboid.geometry.box import Box
+from cuboid.geometry.se3 import quat_wxyz_from_rotation, transform
+from cuboid.heatmap.carrying import keys_of
+from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.kernels.cubes import CUBE_BITS
+from cuboid.objects.entry import MapObject
+from cuboid.scene.door import BOX, DamagedError, box_of, columns_of, floats_of, told
+from cuboid.scene.likeness import LAYERS, Look, look_of
+from cuboid.scene.packing import check_sum, deflated, inflated
+from cuboid.scene.placing import Joined
+from cuboid.surfaces.grid import CELL_READINGS, cells_of
+from cuboid.tracker import Tracker
+
+# Of an object so many points are remembered, to tell whether they are still there.
+POINTS = 300
+# A place was seen before when this share of its ground was. It was empty unless this share of what stands there now, so
+# far above its ground, metres, lies in cells of the map, of such a side, that were no object's: what was not told from
+# the room before is not new.
+KNOWN_GROUND, STOOD, ABOVE_M, CELL_M = 0.5, 0.5, 0.02, 0.02
+
+Cells = npt.NDArray[np.int64]
+Ground = tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """An object as it was when a visit began.
+
+    Attributes
+    ----------
+    label, number : int
+    box : Box
+    look : (LAYERS, 3) float64
+        L*, a*, b* of the parts of its height, the lowest first.
+    points : (N, 3) float32
+    """
+
+    label: int
+    number: int
+    box: Box
+    look: Look
+    points: Float32Array
+
+
+class Before:
+    """How things stood when a visit began.
+
+    Parameters
+    ----------
+    known : mapping of int to Known
+        By label.
+    ground : mapping of int to (corner, (N, M) bool)
+        Where each plane had been seen by then, by its identity; not where something hid it.
+    occupied : sequence of (N,) int64
+        Cells in which something stood by then that had no label, of the cubes that were noted so far.
+    """
+
+    def __init__(self, known: Mapping[int, Known], ground: Mapping[int, Ground], occupied: Sequence[Cells]) -> None:
+        self.known, self._ground, self._occupied = dict(known), ground, list(occupied)
+        self._numbers = np.array(sorted({one.number for one in known.values()}), np.int64)
+        # What was noted since the last commit.
+        self._noted: list[Cells] = []
+        self._cubes: tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]] | None = None
+
+    def watch(self, voxels: VoxelMap) -> None:
+        """Note what stands in each cube of a map before the visit changes it; to be called before the visit begins."""
+        voxels.before_visit = lambda rows: self._note(voxels, rows)
+
+    def _note(self, voxels: VoxelMap, rows: npt.NDArray[np.int64]) -> None:
+        cells = np.unique(_numbers_of(voxels.xyz(rows[~np.isin(voxels.owner[rows], self._numbers)])))
+        self._occupied.append(cells)
+        self._noted.append(cells)
+
+    def take_noted(self) -> Cells:
+        """Return the cells that were noted since the last time, in order: the next commit writes them."""
+        noted, self._noted = self._noted, []
+        return _together(noted)
+
+    def carry(self, joined: Sequence[Joined]) -> None:
+        """Let what stood in parts of the scene that were unconnected be known where these belong."""
+        for part in joined:
+            inside = {label: part.holds(one.box.center[None])[0] for label, one in self.known.items()}
+            self.known = {k: _moved(one, part.T_new_old) if inside[k] else one for k, one in self.known.items()}
+            self._cubes = None
+
+    def looked_at(self, voxels: VoxelMap, since: int) -> set[int]:
+        """Return the labels of what stood in cubes that were in view from a look on; see `VoxelMap.looked_at`."""
+        if self._cubes is None:
+            cubes = [np.unique(keys_of(_cube_of(one.points, voxels.voxel_m))) for one in self.known.values()]
+            labels = np.repeat(np.fromiter(self.known, np.int64), [len(keys) for keys in cubes])
+            self._cubes = labels, np.concatenate([np.zeros(0, np.int64), *cubes])
+        labels, keys = self._cubes
+        return set(labels[voxels.looked_at(keys, since)].tolist())
+
+    def was_seen(self, tracker: Tracker, entry: MapObject) -> bool:
+        """Tell whether the ground that an object stands on had been seen before the visit."""
+        support = tracker.support
+        if support.T_plan_world is None:
+            return False
+        corners = support.to_plan(entry.box.corners())
+        low, high = corners.min(0), corners.max(0)
+        grid = [np.linspace(a, b, 6) for a, b in zip(low[:2], high[:2], strict=True)]
+        cells = cells_of(np.stack(np.meshgrid(*grid), -1).reshape(-1, 2))
+        plane = None if entry.plane is None else support.find(entry.plane)
+        if plane is None or plane.identity not in self._ground:
+            return False
+        corner, known = self._ground[plane.identity]
+        i, j = (cells - corner).T
+        inside = (i >= 0) & (j >= 0) & (i < known.shape[0]) & (j < known.shape[1])
+        seen = inside & known[np.where(inside, i, 0), np.where(inside, j, 0)]
+        # What stood on ground hid it.
+        points = np.concatenate([np.zeros((0, 3), np.float32), *(one.points for one in self.known.values())])
+        stood = support.to_plan(points)
+        stood = stood[(stood[:, 2] > low[2]) & (stood[:, 2] < high[2])]
+        seen |= np.isin(_cell_keys(cells), _cell_keys(cells_of(stood)))
+        return float(seen.mean()) >= KNOWN_GROUND
+
+    def stood(self, tracker: Tracker, entry: MapObject) -> bool:
+        """Tell whether what is an object now was there before the visit, without a label."""
+        plane = None if entry.plane is None else tracker.support.find(entry.plane)
+        points = entry.points
+        if plane is not None:
+            normal, offset = tracker.support.in_world(plane)
+            points = points[points @ normal + offset > ABOVE_M]
+        self._occupied = [_together(self._occupied)]
+        (occupied,) = self._occupied
+        if not len(points) or not len(occupied):
+            return False
+        cells = _numbers_of(points)
+        at = np.minimum(np.searchsorted(occupied, cells), len(occupied) - 1)
+        return bool((occupied[at] == cells).mean() >= STOOD)
+
+
+def begin(connection: sqlite3.Connection, tracker: Tracker) -> None:
+    """Write down how things stand when a visit begins, within the caller's transaction."""
+    for table in ("known", "ground", "occupied"):
+        connection.execute(f"DELETE FROM {table}")
+    # What was lost with a damaged file has no rows of the map.
+    for entry in tracker.ever_labelled():
+        if entry.confirmed and len(entry.points) and tracker.voxels.owns(entry.number):
+            points = np.ascontiguousarray(entry.points[:: 1 + len(entry.points) // POINTS], "<f4")
+            box = entry.box
+            nine = (*box.center.tolist(), *box.size.tolist(), *quat_wxyz_from_rotation(box.rotation).tolist())
+            look = look_of(entry).astype("<f8").tobytes()
+            row = (entry.label, *nine, look, points.tobytes(), entry.label, entry.number)
+            places = f"{', '.join('?' * 13)}, (SELECT picture FROM objects WHERE label = ?), ?"
+            connection.execute(f"INSERT INTO known VALUES ({places})", row)
+    connection.execute("UPDATE objects SET picture_share = 0")  # each visit takes pictures of its own
+    for plane in tracker.support.planes:
+        seen = plane.plan.seen >= CELL_READINGS
+        corner = plane.plan.corner.tolist()
+        row = (plane.identity, *corner, *seen.shape, np.packbits(seen).tobytes())
+        connection.execute("INSERT INTO ground VALUES (?, ?, ?, ?, ?, ?)", row)
+
+
+def load(connection: sqlite3.Connection) -> Before:
+    """Return how things stood when the last visit began, as far as it was noted.
+
+    Raises
+    ------
+    DamagedError
+        A row makes no sense.
+    """
+    known = {}
+    columns = columns_of("known", ("label", *BOX, "look", "points", "number"))
+    for label, *row in told(connection, columns, "known"):
+        look, points = floats_of(row[10], "<f8", "known.look"), floats_of(row[11], "<f4", "known.points")
+        if look.size != LAYERS * 3 or points.size % 3:
+            raise DamagedError(f"a row of known is damaged: {look.size} and {points.size} numbers")
+        box = box_of(row[:10], "known")
+        known[label] = Known(label, row[12], box, look.reshape(LAYERS, 3), points.reshape(-1, 3))
+    ground: dict[int, Ground] = {}
+    for plane, i, j, rows, columns_, seen in told(connection, columns_of("ground"), "ground"):
+        if len(seen) != -(-rows * columns_ // 8):
+            raise DamagedError(f"a row of ground is damaged: {len(seen)} bytes are not {rows} x {columns_} cells")
+        bits = np.unpackbits(np.frombuffer(seen, np.uint8), count=rows * columns_).reshape(rows, columns_)
+        ground[plane] = np.array([i, j]), bits.astype(bool)
+    noted = told(connection, columns_of("occupied"), "occupied")
+    return Before(known, ground, [_cells_in(inflated(data, check, "occupied.cells")) for check, data in noted])
+
+
+def write_noted(connection: sqlite3.Connection, cells: Cells) -> None:
+    """Write cells from `Before.take_noted`, within the caller's transaction."""
+    if len(cells):
+        data = deflated(np.diff(cells, prepend=0).astype("<i8").tobytes())
+        connection.execute("INSERT INTO occupied VALUES (?, ?)", (check_sum(data), data))
+
+
+def _cells_in(data: bytes) -> Cells:
+    """Return the cells whose steps from one to the next bytes are; DamagedError where they are none."""
+    steps = np.frombuffer(data, "<i8") if len(data) % 8 == 0 else np.zeros(1, np.int64)
+    cells = np.cumsum(steps)
+    if (steps <= 0).any() or (cells <= 0).any():
+        raise DamagedError("occupied.cells is damaged: expected numbers in order")
+    return cells
+
+
+def _together(cells: Sequence[Cells]) -> Cells:
+    """Return the cells of all, in order, each once."""
+    return cells[0] if len(cells) == 1 else np.unique(np.concatenate([np.zeros(0, np.int64), *cells]))
+
+
+def _numbers_of(points: Float32Array) -> Cells:
+    """Return a number for the cell of each point (N, 3)."""
+    return keys_of(np.floor(points.astype(np.float64) / CELL_M).astype(np.int64))
+
+
+def _cell_keys(cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return a number for each cell (N, 2) of the ground."""
+    return np.asarray((cells[:, 0] << 32) + cells[:, 1])
+
+
+def _cube_of(points: Float32Array, voxel_m: float) -> npt.NDArray[np.int64]:
+    return np.floor(points.astype(np.float64) / voxel_m).astype(np.int64) >> CUBE_BITS
+
+
+def _moved(known: Known, T: Float64Array) -> Known:
+    box = Box(transform(T, known.box.center), known.box.size, T[:3, :3] @ known.box.rotation)
+    return replace(known, box=box, points=transform(T, known.points).astype(np.float32))

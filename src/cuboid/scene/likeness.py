@@ -1,0 +1,48 @@
+"""How like two objects are, over days and under other lights: in size, and in colors from foot to top."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.frame import Float64Array, UInt8Array
+from cuboid.geometry.box import Box
+from cuboid.objects.entry import MapObject
+
+# Parts of an object's height whose colors are told apart.
+LAYERS = 3
+# Deviations of one object between two visits: of the logarithm of a side, of lightness (the light may be another one),
+# and of a and b (CIE L*a*b*).
+SIZE_SIGMA, LIGHT_SIGMA, COLOR_SIGMA = 0.2, 20.0, 7.0
+
+Look = npt.NDArray[np.float64]
+
+
+def alike(look: Look, box: Box, other_look: Look, other_box: Box) -> float:
+    """Return how like two objects are, 0..1: in size and in colors from foot to top."""
+    sides = np.log(_sides(box) / _sides(other_box)) / SIZE_SIGMA
+    off = (look - other_look) / np.array([LIGHT_SIGMA, COLOR_SIGMA, COLOR_SIGMA])
+    return float(np.exp(-0.5 * ((sides**2).mean() + (off**2).mean())))
+
+
+def look_of(entry: MapObject) -> Look:
+    """Return the colors (LAYERS, 3) of an object from foot to top, as L*, a*, b*."""
+    lab = _lab(entry.colors)
+    height = (entry.points.astype(np.float64) - entry.box.center) @ entry.box.rotation[:, 2]
+    share = height / max(float(entry.box.size[2]), 1e-6) + 0.5
+    layer = np.clip((share * LAYERS).astype(int), 0, LAYERS - 1)
+    whole = lab.mean(0) if len(lab) else np.zeros(3)
+    return np.array([lab[layer == k].mean(0) if (layer == k).any() else whole for k in range(LAYERS)])
+
+
+def _lab(rgb: UInt8Array) -> Float64Array:
+    lab: Float64Array = np.zeros((len(rgb), 3))
+    if len(rgb):
+        lab[:] = cv2.cvtColor(np.ascontiguousarray(rgb[None], np.float32) / np.float32(255), cv2.COLOR_RGB2LAB)[0]
+    return lab
+
+
+def _sides(box: Box) -> Float64Array:
+    """Return the sides of a box: the longer and the shorter one of its footprint, its height."""
+    return np.asarray(np.maximum([box.size[:2].max(), box.size[:2].min(), box.size[2]], 0.005), np.float64)
