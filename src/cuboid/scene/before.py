@@ -24,7 +24,8 @@ from cuboid.scene.door import BOX, DamagedError, box_of, columns_of, floats_of, 
 from cuboid.scene.likeness import LAYERS, Look, look_of
 from cuboid.scene.packing import check_sum, deflated, inflated
 from cuboid.scene.placing import Joined
-from cuboid.surfaces.grid import CELL_READINGS, cells_of
+from cuboid.surfaces.grid import cells_of
+from cuboid.tolerances import LEAST_READINGS
 from cuboid.tracker import Tracker
 
 # Of an object so many points are remembered, to tell whether they are still there.
@@ -163,7 +164,7 @@ def begin(connection: sqlite3.Connection, tracker: Tracker) -> None:
             connection.execute(f"INSERT INTO known VALUES ({places})", row)
     connection.execute("UPDATE objects SET picture_share = 0")  # each visit takes pictures of its own
     for plane in tracker.support.planes:
-        seen = plane.plan.seen >= CELL_READINGS
+        seen = plane.plan.seen >= LEAST_READINGS
         corner = plane.plan.corner.tolist()
         row = (plane.identity, *corner, *seen.shape, np.packbits(seen).tobytes())
         connection.execute("INSERT INTO ground VALUES (?, ?, ?, ?, ?, ?)", row)
