@@ -9,8 +9,9 @@ import pytest
 
 from cuboid.kernels.outlines import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, KINDS, LEFT, RIGHT, SUPPORT, TOP, UNSURE
 from cuboid.objects.affinity import SURE
-from cuboid.objects.outline import READ_SHARE, enclosed
+from cuboid.objects.outline import enclosed
 from cuboid.objects.outline import told_by as told_by_each
+from cuboid.tolerances import MOST
 
 
 def outline(top: int, bottom: int, left: int, right: int, pixels: int = 20) -> np.ndarray:
@@ -88,9 +89,9 @@ def test_among_others_a_thing_takes_longer_than_alone() -> None:
 
 def test_what_was_filled_tells_nothing() -> None:
     free, wall = outline(FREE, SUPPORT, FREE, FREE), outline(CONTACT, CONTACT, CONTACT, CONTACT)
-    assert told_by(free, READ_SHARE) == told_by(free), "a thing with holes is seen well enough"
-    assert told_by(free, READ_SHARE / 10) == pytest.approx(told_by(free) / 10)
-    assert told_by(wall, READ_SHARE / 10) == pytest.approx(told_by(wall) / 10), "it tells nothing against it, either"
+    assert told_by(free, MOST) == told_by(free), "a thing with holes is seen well enough"
+    assert told_by(free, MOST / 10) == pytest.approx(told_by(free) / 10)
+    assert told_by(wall, MOST / 10) == pytest.approx(told_by(wall) / 10), "it tells nothing against it, either"
     assert told_by(free, 0.0) == 0.0
 
 

@@ -33,14 +33,17 @@ class Fitting:
     voxels : VoxelMap
     planes : PlaneTracker
     store : ObjectStore
+    boxing : Boxing
     """
 
-    def __init__(self, config: TrackerConfig, voxels: VoxelMap, planes: PlaneTracker, store: ObjectStore) -> None:
+    def __init__(
+        self, config: TrackerConfig, voxels: VoxelMap, planes: PlaneTracker, store: ObjectStore, boxing: Boxing
+    ) -> None:
         self._config = config
         self._voxels = voxels
         self._planes = planes
         self._store = store
-        self._boxing = Boxing(voxels)
+        self._boxing = boxing
 
     def fit_grown(self, numbers: Sequence[int]) -> None:
         """Fit the boxes of those objects of which more was seen than at the last fit."""

@@ -17,6 +17,7 @@ from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.outlines import KINDS
 from cuboid.limits import MOST_CANDIDATES
 from cuboid.objects.association import IN_SIGHT, Association, associate
+from cuboid.objects.boxing import Boxing
 from cuboid.objects.entry import MapObject, State
 from cuboid.objects.fitting import Fitting
 from cuboid.objects.outline import told_by
@@ -53,8 +54,12 @@ class ObjectMap:
         self._config = config
         self._voxels = voxels
         self._planes = planes
+        self._boxing = Boxing(voxels)
         self.store = ObjectStore(voxels)
-        self._fitting = Fitting(config, voxels, planes, self.store)
+
+    @property
+    def _fitting(self) -> Fitting:
+        return Fitting(self._config, self._voxels, self._planes, self.store, self._boxing)
 
     def in_view(self, image: WorkingImage, T_camera_world: Float64Array) -> list[MapObject]:
         """Return the objects, confirmed or not, whose boxes reach into the picture, none too far to see, by number."""
