@@ -74,6 +74,14 @@ def test_the_border_of_the_picture_may_cut_off_the_left_or_the_right() -> None:
     assert told_by(outline(FREE, SUPPORT, FREE, BORDER)) < told_by(outline(FREE, SUPPORT, FREE, FREE))
 
 
+def test_what_the_picture_cut_off_at_the_top_was_seen_at_other_times() -> None:
+    box = outline(FREE, SUPPORT, FREE, FREE, pixels=80)
+    box[TOP] = np.array([28, 0, 0, 0, 4, 56])  # FREE, SUPPORT, UNSURE, CONTACT, HIDDEN, BORDER
+    assert enclosed(box), "the camera came near, and saw it whole before"
+    box[TOP, [FREE, BORDER]] = 4, 240
+    assert not enclosed(box), "of a post hardly more than the middle was ever seen"
+
+
 def test_what_cannot_be_judged_tells_nothing_either_way() -> None:
     assert told_by(outline(HIDDEN, HIDDEN, HIDDEN, HIDDEN)) == 0.0
     assert told_by(np.zeros((4, KINDS))) == 0.0

@@ -60,7 +60,10 @@ def enclosed(outline: Outline) -> bool:
     whole = outline.sum(1)
     least = np.full(4, SOME)
     least[TOP] = KNOWN_TOP_SHARE
-    known = outline[:, :CONTACT].sum(1) >= least * whole
+    # What the picture cuts off at the top tells nothing of it, where some of it was seen at other times.
+    uncut = whole.copy()
+    uncut[TOP] -= outline[TOP, BORDER]
+    known = (outline[:, :CONTACT].sum(1) >= least * uncut) & (uncut >= SOME * whole)
     structure = outline[:, CONTACT] > MOST * judged
     cut = ~known & (outline[:, BORDER] > MOST * whole)
     ends = known & ~structure
