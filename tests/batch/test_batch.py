@@ -67,6 +67,14 @@ def test_what_is_done_is_not_done_again_and_what_changed_is(store: Path, source:
     assert "10 to do, 0 done" in other.stdout
 
 
+def test_workers_without_memory_for_anything_are_told_in_a_line(source: Path, tmp_path: Path) -> None:
+    done = run("batch", source, "--output", tmp_path / "store", "--workers", 1, "--memory-limit", "100MiB")
+    assert done.returncode == 2
+    assert "too little memory (--memory-limit)" in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "store").exists()
+
+
 def test_the_tables_say_what_the_folders_say(store: Path) -> None:
     tables = Tables(str(store))
     (one,) = tables.rows("select * from runs where recording = 'rec-07'")

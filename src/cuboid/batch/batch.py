@@ -79,12 +79,17 @@ def plan(client: Client, sources: Iterable[Source], order: Order) -> Plan:
     Raises
     ------
     InputError
-        The store cannot be read.
+        The store cannot be read, or the workers have too little memory to do anything.
     """
     sources = list(sources)
     some = [sources[k : k + LOOK_AT] for k in range(0, len(sources), LOOK_AT)]
     looks = client.map(identify, some, settings=order.settings, version=order.version, pure=False)
-    heads = [head for heads in client.gather(looks) for head in heads]
+    try:
+        heads = [head for heads in client.gather(looks) for head in heads]
+    except KilledWorker:
+        raise InputError(
+            "the workers were killed before the first recording: too little memory (--memory-limit), or no room for it"
+        ) from None
     known = snapshot(Place(order.store), every_key=True).keys
     tasks: list[Task] = []
     broken: dict[Source, str] = {}
