@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import statistics
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
@@ -13,10 +15,8 @@ from cuboid.results import FrameResult, TrackedObject, names_of
 from cuboid.views.drawing import Status, draw_frame
 from cuboid.views.encoding import Mp4Writer
 
-# Weight of a new frame in the mean time of a frame that the strip shows: about the last second.
-NEW_FRAME_WEIGHT = 1 / 30
-
-
+# The rate that the strip shows is that of so many frames: about the last second.
+RATE_FRAMES = 30
 # Depth cameras of this kind run at 30 frames/s. Where only every n-th frame is used the video keeps the pace
 # of the scene, down to a rate at which motion can still be followed.
 FRAMES_PER_SECOND = 30.0
@@ -64,7 +64,7 @@ class VideoView:
     def __init__(self, path: Path, intrinsics: Intrinsics, fps: float) -> None:
         self._intrinsics = intrinsics
         self._writer = Mp4Writer(path, fps)
-        self._rate = MeanRate()
+        self._rate = RecentRate()
 
     def show(self, frame: Frame, result: FrameResult, objects: Sequence[TrackedObject]) -> None:
         """Append a frame.
@@ -105,18 +105,17 @@ class VideoView:
             self._writer.close()
 
 
-class MeanRate:
-    """Frames a second over about the last second."""
+class RecentRate:
+    """Frames a second, by the median of about the last second: one frame that compiles says little."""
 
     def __init__(self) -> None:
-        self._mean_ms = 0.0
+        self._last_ms: deque[float] = deque(maxlen=RATE_FRAMES)
 
     def after(self, frame_ms: float) -> float | None:
         """Take in the time of a frame and return the rate; None where no time was measured."""
         if frame_ms > 0:
-            first = self._mean_ms == 0
-            self._mean_ms += (frame_ms - self._mean_ms) * (1.0 if first else NEW_FRAME_WEIGHT)
-        return 1e3 / self._mean_ms if self._mean_ms > 0 else None
+            self._last_ms.append(frame_ms)
+        return 1e3 / statistics.median(self._last_ms) if self._last_ms else None
 
 
 def hidden_objects(result: FrameResult, objects: Sequence[TrackedObject]) -> list[TrackedObject]:
