@@ -38,7 +38,7 @@ NO_CHOICE = {
     "heatmap/voxel_map.py": {"LAST_ANCHOR": "the largest of its type", "VoxelMap: 255": "the largest of its type"},
     "kernels/cells.py": {"CELL_COLUMNS": "of a table", "level_patches: 1.42": "of two readings"},
     "kernels/extents.py": {"BINS": "finer changes nothing", "best_turn: 9": "rounds off the last bits"},
-    "kernels/holes.py": {"fill_holes: 1.4": "a diagonal step"},
+    "kernels/holes.py": {"spread: 1.4": "a diagonal step"},
     "kernels/outlines.py": {"KINDS": "of an enumeration"},
     "kernels/patches.py": {"solve3: 0.001": "guards a division, in pixels squared"},
     "kernels/pixels.py": {"stand_on: 0.01": "a bound that is no less"},

@@ -188,9 +188,9 @@ class StoredPoints:
 
     def _bring(self, cubes: Rows) -> None:
         """Have cubes (N,) in memory."""
-        away = np.unique(cubes[self._cubes.bits[cubes] == 0])
-        if not len(away):
+        if self._cubes.bits[cubes].all():
             return
+        away = np.unique(cubes[self._cubes.bits[cubes] == 0])
         blocks = [(block, self._room.rows_in(block)) for cube in away for block in self._room.blocks_of(cube)]
         blocks = [(block, count) for block, count in blocks if count]
         found = self._shelf.get([block for block, _ in blocks], [count for _, count in blocks])

@@ -6,6 +6,8 @@ import numpy as np
 from numba import njit
 
 BINS = 256
+# Directions that are looked at side by side.
+LANES = 8
 
 
 @njit(cache=True, nogil=True)
@@ -31,17 +33,24 @@ def reach(points, weights, directions, share, low, high):
     total = 0.0
     for i in range(points.shape[0]):
         total += weights[i]
-    bins = np.empty(BINS)
-    for d in range(directions.shape[0]):
-        first, last = low[d], high[d]
-        if last <= first:
-            continue
+    bins, place = np.empty((LANES, BINS)), np.empty(LANES, np.int64)
+    x, y, first, scale = np.empty(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    for begin in range(0, directions.shape[0], LANES):
+        # Several directions side by side: so one instruction takes several of them, and none waits for the last sum.
+        for k in range(LANES):
+            d = min(begin + k, directions.shape[0] - 1)
+            x[k], y[k], first[k] = directions[d, 0], directions[d, 1], low[d]
+            scale[k] = BINS / (high[d] - low[d]) if high[d] > low[d] else 0.0
         bins[:] = 0.0
-        scale, x, y = BINS / (last - first), directions[d, 0], directions[d, 1]
         for i in range(points.shape[0]):
-            along = points[i, 0] * x + points[i, 1] * y
-            bins[min(BINS - 1, int((along - first) * scale))] += weights[i]
-        low[d], high[d] = trimmed(bins, share * total, first, scale)
+            for k in range(LANES):
+                along = points[i, 0] * x[k] + points[i, 1] * y[k]
+                place[k] = min(BINS - 1, int((along - first[k]) * scale[k]))
+            for k in range(LANES):
+                bins[k, place[k]] += weights[i]
+        for k in range(min(LANES, directions.shape[0] - begin)):
+            if scale[k] > 0.0:
+                low[begin + k], high[begin + k] = trimmed(bins[k], share * total, first[k], scale[k])
 
 
 @njit(cache=True, nogil=True)

@@ -125,6 +125,37 @@ def join_surfaces(labels, number, share, depth, focal, major, deep):
 
 
 @njit(cache=True, nogil=True)
+def drop_unread(labels, readings, least, sizes):
+    """Clear the regions with too few readings, and count the pixels of all.
+
+    Parameters
+    ----------
+    labels : (H, W) int32, in and out
+        Number of the region, from 1; 0 none.
+    readings : (H, W) float32
+        Metres, 0 where a hole was filled.
+    least : int
+        A region of fewer readings is none.
+    sizes : (number + 1,) int64, output
+        Pixels of each region, 0 of those that are cleared.
+    """
+    read = np.zeros(sizes.size, np.int64)
+    sizes[:] = 0
+    for v in range(labels.shape[0]):
+        for u in range(labels.shape[1]):
+            sizes[labels[v, u]] += 1
+            read[labels[v, u]] += readings[v, u] > 0.0
+    few = np.zeros(sizes.size, np.bool_)
+    for k in range(1, sizes.size):
+        few[k] = 0 < sizes[k] and read[k] < least
+    if few.any():
+        for v in range(labels.shape[0]):
+            for u in range(labels.shape[1]):
+                labels[v, u] = 0 if few[labels[v, u]] else labels[v, u]
+    sizes[few] = 0
+
+
+@njit(cache=True, nogil=True)
 def gather_regions(labels, number, least, depth, camera, T_world_camera, first, pixels, points, corners, claim):
     """Gather the pixels of each region that is not too small, in the order of their numbers.
 
@@ -224,3 +255,29 @@ def sum_regions(first, pixels, heat, support, warmth, beneath):
             p = planes[pixels[i]]
             if p >= 0:
                 beneath[k, p] += 1
+
+
+@njit(cache=True, nogil=True)
+def keep_readings(first, pixels, points, readings, own):
+    """Move the readings of each region to the front of all its pixels; what was filled goes.
+
+    Parameters
+    ----------
+    first : (kept + 1,) int64
+        Where the pixels of each region begin; see `gather_regions`.
+    pixels : (N,) int64, in and out
+    points : (N, 3) float64, in and out
+    readings : (H, W) float32
+        Metres, 0 where a hole was filled.
+    own : (kept,) int64, output
+        Where the readings of each region end.
+    """
+    depth = readings.ravel()
+    for k in range(own.size):
+        n = first[k]
+        for i in range(first[k], first[k + 1]):
+            if depth[pixels[i]] > 0.0:
+                pixels[n] = pixels[i]
+                points[n, 0], points[n, 1], points[n, 2] = points[i, 0], points[i, 1], points[i, 2]
+                n += 1
+        own[k] = n
