@@ -135,7 +135,7 @@ class Tracker:
         watch.lap("fuse")
         in_view = self._map.in_view(image, T_camera_world)
         objects = self._map.limited(in_view)
-        pixel_owner = self._voxels.owner_of(slots)
+        pixel_owner, known = self._voxels.owner_of(slots)
         prior = prior_of(objects, pixel_owner, weighed)
         things = frame_clusters(
             image, solid, heat, weighed, prior, on_plane, support, planes, self._sides(T_world_camera),
@@ -144,8 +144,9 @@ class Tracker:
         boxes = self._boxes(things.clusters)
         watch.lap("boxes")
         found = self._map.update(
-            frame.index, things, boxes, objects, slots, pixel_owner, candidate, self._news(image, T_world_camera)
-        )
+            frame.index, things, boxes, objects, slots, pixel_owner, known, candidate,
+            self._news(image, T_world_camera),
+        )  # fmt: skip
         watch.lap("map")
         sightings = self._sightings(frame.index, image, slots, found, T_camera_world)
         own = self._own_boxes(things, boxes, found)
@@ -278,8 +279,7 @@ class Tracker:
     ) -> tuple[Sighting, ...]:
         """Tell which of the map's objects the frame sees."""
         objects = [o for o in self._map.in_view(image, T_camera_world) if len(o.points)]
-        pixel_owner = self._voxels.owner_of(slots)
-        views = look(objects, image, pixel_owner, T_camera_world, self.config.depth_noise_per_m)
+        views = look(objects, image, slots, self._voxels.owner, T_camera_world, self.config.depth_noise_per_m)
         iou = {found.objects[j].whole.number: float(found.iou[i, j]) for i, j in enumerate(found.match) if j >= 0}
         sightings = []
         for entry, view in zip(objects, views, strict=True):

@@ -5,7 +5,14 @@ import pytest
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from cuboid.kernels.pieces import gather_regions, join_surfaces, label_regions, sum_regions
+from cuboid.kernels.pieces import (
+    drop_unread,
+    gather_regions,
+    join_surfaces,
+    keep_readings,
+    label_regions,
+    sum_regions,
+)
 from cuboid.kernels.pixels import drop_mixed, stand_on
 from cuboid.tolerances import JUMP_SIGMAS
 
@@ -140,3 +147,22 @@ def test_what_is_beneath_is_the_highest_plane() -> None:
     np.testing.assert_array_equal(support, np.repeat([0, 1], 32)[None].repeat(48, 0))
     assert seen[0].sum() == on_floor.sum()
     assert seen[1].sum() == on_table.sum()
+
+
+def test_regions_with_too_few_readings_go_and_readings_come_first() -> None:
+    rng = np.random.default_rng(7)
+    labels = rng.integers(0, 5, (12, 20)).astype(np.int32)
+    readings = np.where(rng.random(labels.shape) < 0.5, 1.0, 0.0).astype(np.float32)
+    readings[labels == 2] = 0.0
+    before, sizes = labels.copy(), np.empty(6, np.int64)
+    drop_unread(labels, readings, 8, sizes)
+    np.testing.assert_array_equal(labels, np.where(before == 2, 0, before))
+    assert sizes.tolist() == [(before == 0).sum(), *((labels == k).sum() for k in range(1, 6))]
+    pixels = np.concatenate([np.flatnonzero(labels == k) for k in (1, 3, 4)])
+    first, points = np.cumsum([0, *sizes[[1, 3, 4]]]), np.repeat(pixels[:, None], 3, axis=1).astype(float)
+    own = np.empty(3, np.int64)
+    keep_readings(first, pixels, points, readings, own)
+    for k, number in enumerate((1, 3, 4)):
+        kept = np.flatnonzero((labels == number) & (readings > 0))
+        np.testing.assert_array_equal(pixels[first[k] : own[k]], kept)
+        np.testing.assert_array_equal(points[first[k] : own[k], 2], kept)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
 
@@ -161,6 +162,7 @@ def vote(claim, number_of, place, allowed, candidate, slots, hits, most, owner, 
         Zeros.
     """
     height, width = claim.shape
+    those, count = np.empty(claim.size, np.int32), 0
     for v in range(height):
         for u in range(width):
             row = slots[v, u]
@@ -188,7 +190,7 @@ def vote(claim, number_of, place, allowed, candidate, slots, hits, most, owner, 
             else:
                 confidence[row] -= 1
             voted[row] = 1
-    for v in range(height):
-        for u in range(width):
-            if slots[v, u] >= 0:
-                voted[slots[v, u]] = 0
+            those[count] = row
+            count += 1
+    for row in those[:count]:
+        voted[row] = 0

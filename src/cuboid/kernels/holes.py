@@ -56,14 +56,6 @@ def fill_holes(kind, on, color, step, edge, reach, focal, labels, inverse, cost,
     spread(holes, color, step, per_level, reach * focal, labels, inverse, cost, queue)
 
 
-@njit(cache=True, nogil=True, inline="always")
-def crossing(color, v, u, vv, uu):
-    """Return by how many levels, over all three channels, two pixels differ."""
-    change = abs(np.int32(color[v, u, 0]) - np.int32(color[vv, uu, 0]))
-    change += abs(np.int32(color[v, u, 1]) - np.int32(color[vv, uu, 1]))
-    return change + abs(np.int32(color[v, u, 2]) - np.int32(color[vv, uu, 2]))
-
-
 @njit(cache=True, nogil=True)
 def spread(holes, color, step, per_level, reach_px, labels, inverse, cost, queue):
     """Sweep over the holes, the first of the queue, there and back; see `fill_holes`."""
@@ -73,23 +65,25 @@ def spread(holes, color, step, per_level, reach_px, labels, inverse, cost, queue
         for i in range(holes):
             here = queue[i if s < 0 else holes - 1 - i]
             v, u = here >> PLACE_BITS, here & COLUMN_MASK
-            old = best = np.float64(cost[v, u])
-            from_v, from_u = v, u
-            # Without branches, which none could foretell: all neighbours are asked, one without a value is never less.
+            best = cost[v, u]
             for k in range(4):
                 vv = v if k == 0 else v + s
-                # Beyond a side there is nothing; what is asked in its stead is the pixel itself, or a nearer neighbour.
-                uu = min(max(u + s if k == 0 else u + k - 2, 0), width - 1)
-                if k == 1 and (vv < 0 or vv >= height):
-                    break
+                uu = u + s if k == 0 else u + k - 2
+                if vv < 0 or uu < 0 or vv >= height or uu >= width or cost[vv, uu] + 1.0 >= best:
+                    continue
+                limit = min(best, reach_px * inverse[vv, uu])
                 total = cost[vv, uu] + (1.4 if k == 1 or k == 3 else 1.0)
-                total += crossing(color, v * step, u * step, vv * step, uu * step) * per_level
-                less = (total < best) & (total <= reach_px * inverse[vv, uu])
-                best, from_v, from_u = (total, vv, uu) if less else (best, from_v, from_u)
-            if best < old:
-                labels[v, u] = labels[from_v, from_u]
-                inverse[v, u] = inverse[from_v, from_u]
-                cost[v, u] = best
+                if total > limit:
+                    continue
+                change = abs(np.int32(color[v * step, u * step, 0]) - np.int32(color[vv * step, uu * step, 0]))
+                change += abs(np.int32(color[v * step, u * step, 1]) - np.int32(color[vv * step, uu * step, 1]))
+                change += abs(np.int32(color[v * step, u * step, 2]) - np.int32(color[vv * step, uu * step, 2]))
+                total += change * per_level
+                if total < best and total <= limit:
+                    best = total
+                    labels[v, u] = labels[vv, uu]
+                    inverse[v, u] = inverse[vv, uu]
+            cost[v, u] = best
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -136,9 +136,6 @@ def outlines(
             a = claim[v, u]
             if a < 0:
                 continue
-            z = depth[v, u]
-            limit = jump + JUMP_SIGMAS * noise * z * z
-            reach = max(2, int(gap_m * focal / z))
             for k in range(4):
                 dv, du = (k == 0) - (k == 1), (k == 2) - (k == 3)
                 if 0 <= v + dv < height and 0 <= u + du < width and claim[v + dv, u + du] == a:
@@ -150,6 +147,9 @@ def outlines(
                     far = high - here if dv + du > 0 else here - low
                     if far > max(1.0, END_SHARE * (high - low)):
                         continue
+                z = depth[v, u]
+                limit = jump + JUMP_SIGMAS * noise * z * z
+                reach = max(2, int(gap_m * focal / z))
                 kind, b = across(
                     depth, readings, color, claim, on_plane, plane_of[a], v, u, dv, du, limit, reach
                 )  # fmt: skip

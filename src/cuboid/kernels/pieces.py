@@ -147,7 +147,7 @@ def drop_unread(labels, readings, least, sizes):
             read[labels[v, u]] += readings[v, u] > 0.0
     few = np.zeros(sizes.size, np.bool_)
     for k in range(1, sizes.size):
-        few[k] = 0 < sizes[k] and read[k] < least
+        few[k] = sizes[k] > 0 and read[k] < least
     if few.any():
         for v in range(labels.shape[0]):
             for u in range(labels.shape[1]):

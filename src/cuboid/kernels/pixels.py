@@ -80,7 +80,7 @@ def stand_on(
     """
     rows, columns = depth.shape
     count, wide, high = ground.shape
-    across = (np.arange(columns) - camera[2]) / camera[0]
+    across, patch_of = (np.arange(columns) - camera[2]) / camera[0], np.arange(columns) // patch
     # Of one row of the image: which cell each pixel is over, how high it is above the lowest plane that is beneath,
     # what a plane is to it, and how high it is above that.
     place, best = np.empty(columns, np.int64), np.empty(columns)
@@ -98,7 +98,8 @@ def stand_on(
                 if relation[u] == BELOW or place[u] < 0 or on_plane[v, u] >= 0:
                     continue
                 if relation[u] == ON:
-                    if pr < patches.shape[0] and u // patch < patches.shape[1] and patches[pr, u // patch] == numbers[p]:
+                    pc = patch_of[u]
+                    if pr < patches.shape[0] and pc < patches.shape[1] and patches[pr, pc] == numbers[p]:
                         counts[p, place[u]] += 1
                     if grounds[p, place[u]]:
                         on_plane[v, u] = support[v, u] = p

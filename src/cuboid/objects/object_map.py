@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
+from math import ceil
 
 import numpy as np
 import numpy.typing as npt
@@ -84,6 +85,7 @@ class ObjectMap:
         objects: Sequence[MapObject],
         slots: npt.NDArray[np.int32],
         pixel_owner: npt.NDArray[np.int32],
+        known: npt.NDArray[np.bool_],
         candidate: UInt8Array,
         news: float,
     ) -> Association:
@@ -101,6 +103,8 @@ class ObjectMap:
             Voxel of each working pixel, -1 none.
         pixel_owner : (h, w) int32
             Number of the object that each of these belongs to, 0 none.
+        known : (h, w) bool
+            Where the map knew something before this frame.
         candidate : (h, w) uint8
             Pixels off every supporting plane.
         news : float
@@ -110,7 +114,6 @@ class ObjectMap:
         -------
         Association
         """
-        known = (slots >= 0) & (self._voxels.hits[slots] > 1)
         found = associate(things, boxes, objects, pixel_owner, known)
         number_of = self._sightings(frame, things, boxes, found)
         self._voxels.vote(things.claim, number_of, *self._may_take(number_of, found), candidate, slots)
@@ -219,7 +222,7 @@ class ObjectMap:
             if j in matched or not entry.confirmed:
                 continue
             # A rim at its foot stays: what passes that near to a table is not told from what lies on it.
-            if len(self._voxels.rows_of(entry.number)) < LITTLE * len(entry.points):
+            if not self._voxels.has_rows(entry.number, ceil(LITTLE * len(entry.points))):
                 self.store.retire(entry)
 
     def stand_anew(self) -> None:
