@@ -40,21 +40,25 @@ def label_regions(depth, share, noise, jump, parent, labels):
     """
     rows, columns = depth.shape
     for v in range(rows):
+        own, above, near, far = share[v], share[max(v - 1, 0)], depth[v], depth[max(v - 1, 0)]
         for u in range(columns):
             here = v * columns + u
-            if share[v, u] < 0:
+            if own[u] < 0:
                 parent[here] = -1
                 continue
             parent[here] = root = here
-            z, mine = depth[v, u], share[v, u]
+            z, mine = near[u], own[u]
             limit = jump + JUMP_SIGMAS * noise * z * z
             for k in range(4):
-                vv = v - 1 if k < 3 else v
                 uu = u + k - 1 if k < 3 else u - 1
-                if vv < 0 or uu < 0 or uu >= columns or share[vv, uu] != mine:
+                if uu < 0 or uu >= columns or (v == 0 and k < 3):
                     continue
-                if abs(depth[vv, uu] - z) < limit:
-                    other = find_root(parent, vv * columns + uu)
+                if (above[uu] if k < 3 else own[uu]) == mine and abs((far[uu] if k < 3 else near[uu]) - z) < limit:
+                    there = here - columns + k - 1 if k < 3 else here - 1
+                    # Most neighbours are of one region by now.
+                    if parent[there] == root:
+                        continue
+                    other = find_root(parent, there)
                     if root < other:
                         parent[other] = root
                     elif other < root:
@@ -141,10 +145,18 @@ def drop_unread(labels, readings, least, sizes):
     """
     read = np.zeros(sizes.size, np.int64)
     sizes[:] = 0
+    # What belongs to one region comes in runs: a sum in hand is faster than one in memory.
+    last, run, known = 0, 0, 0
     for v in range(labels.shape[0]):
         for u in range(labels.shape[1]):
-            sizes[labels[v, u]] += 1
-            read[labels[v, u]] += readings[v, u] > 0.0
+            if labels[v, u] != last:
+                sizes[last] += run
+                read[last] += known
+                last, run, known = labels[v, u], 0, 0
+            run += 1
+            known += readings[v, u] > 0.0
+    sizes[last] += run
+    read[last] += known
     few = np.zeros(sizes.size, np.bool_)
     for k in range(1, sizes.size):
         few[k] = sizes[k] > 0 and read[k] < least

@@ -94,22 +94,29 @@ def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, 
         rows[:, TOP] = height
     for v in range(height):
         take_in_row(v, kind, labels, inverse, segments, planes)
+        row, below = labels[v], labels[min(v + 1, height - 1)]
         for u in range(width):
-            a = labels[v, u]
             for k in range(2):
-                vv, uu = v + k, u + 1 - k
-                if vv >= height or uu >= width or labels[vv, uu] == a:
+                a, b = row[u], row[min(u + 1, width - 1)] if k == 0 else below[u]
+                if a == b:
                     continue
-                b, wa, wb = labels[vv, uu], inverse[v, u], inverse[vv, uu]
-                low = min(wa, wb)
-                limit = jump * low * low + JUMP_SIGMAS * noise
+                vv, uu = v + k, u + 1 - k
+                wa, wb = inverse[v, u], inverse[vv, uu]
+                limit = jump * min(wa, wb) * min(wa, wb) + JUMP_SIGMAS * noise
                 if a > 0 or b > 0:
                     creased = ((marks[v, u] | marks[vv, uu]) & CREASE) != 0
                     between(a, b, wa, wb, limit, creased, sure, segments, contact, weight)
-                if a < BACKGROUND:
-                    along_plane(planes[BACKGROUND - 1 - a], b, wa - wb, low, limit, sure)
-                if b < BACKGROUND:
-                    along_plane(planes[BACKGROUND - 1 - b], a, wb - wa, low, limit, sure)
+                if a < BACKGROUND or b < BACKGROUND:
+                    along_planes(a, b, wa, wb, limit, sure, planes)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def along_planes(a, b, wa, wb, limit, sure, planes):
+    """Add a piece of outline between two labels, one of them a large plane's, with 1/z on either side."""
+    if a < BACKGROUND:
+        along_plane(planes[BACKGROUND - 1 - a], b, wa - wb, min(wa, wb), limit, sure)
+    if b < BACKGROUND:
+        along_plane(planes[BACKGROUND - 1 - b], a, wb - wa, min(wa, wb), limit, sure)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
