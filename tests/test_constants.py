@@ -41,7 +41,6 @@ NO_CHOICE = {
     "kernels/holes.py": {"spread: 1.4": "a diagonal step"},
     "kernels/outlines.py": {"KINDS": "of an enumeration"},
     "kernels/patches.py": {"solve3: 0.001": "guards a division, in pixels squared"},
-    "kernels/pixels.py": {"stand_on: 0.01": "a bound that is no less"},
     "kernels/regions.py": {"COLUMNS": "of a table", "BACKGROUND": "a mark"},
     "kernels/resting.py": {"ALIKE_M": "rounds off the last bits", "LEAST_M": "no box is empty"},
     "kernels/revolve.py": {"fit_axis: 1.25": "a deviation by the mean of absolute residuals"},

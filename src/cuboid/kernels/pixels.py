@@ -8,7 +8,7 @@ from numba import njit
 from cuboid.tolerances import JUMP_M, SIGMAS
 
 # What a plane is to a reading.
-BELOW, ON, ABOVE = 0, 1, 2
+BELOW, ON, ABOVE = range(3)
 
 
 @njit(cache=True, nogil=True)
