@@ -20,7 +20,7 @@ from cuboid import Tracker, open_recording
 from cuboid.frame import Frame, Intrinsics
 from cuboid.proposals import Proposals
 from cuboid.scene import Scene, Source
-from experiment_memory import APART_M, CAMERA, LOOKS, ROW, Place
+from experiment_memory import CAMERA, places_in_rows
 from scenes import scene_01
 from tables import cell, dump, show
 
@@ -34,19 +34,14 @@ WARM = 10
 
 def make(path: Path) -> None:
     """Make the large scene."""
-    now: list[Proposals] = []
+    shown: list[Proposals] = []
     with Scene.open(path) as scene:
-        tracker = scene.tracker(CAMERA, proposals=lambda frame, camera: now[-1], commit_every_s=30.0)
-        number = 0
-        while tracker.points_known < POINTS or len(tracker.objects) < OBJECTS:
-            along, across = divmod(number // LOOKS, ROW)
-            place = Place(number // LOOKS)
-            for k in range(LOOKS):
-                depth, color, proposals, T = place.look(0.12 * (k - LOOKS / 2))
-                now[:] = [proposals]
-                T[:3, 3] += APART_M * np.array([across if along % 2 == 0 else ROW - 1 - across, along, 0.0])
-                tracker.update(Frame(number, number / 30, color, depth, T))
-                number += 1
+        tracker = scene.tracker(CAMERA, proposals=lambda frame, camera: shown[-1], commit_every_s=30.0)
+        for frames in places_in_rows(shown):
+            for frame in frames:
+                tracker.update(frame)
+            if tracker.points_known >= POINTS and len(tracker.objects) >= OBJECTS:
+                break
 
 
 def reopened(path: Path) -> dict[str, Any]:
