@@ -234,7 +234,7 @@ def near_some(points, normals, offsets, windows, off_m, cell_m, likely):
 
 
 @njit(cache=True, nogil=True)
-def keep_readings(cells, before, offset, least, after):
+def keep_readings(cells, before, offset, least, after, window):
     """Keep the readings of the cells that points lie in; those with several points have as many as need be.
 
     Parameters
@@ -249,6 +249,8 @@ def keep_readings(cells, before, offset, least, after):
         Readings that several points stand for.
     after : (H, W) int32, output
         Zeros.
+    window : (4,) int64, output
+        Around the cells that have so many readings: the first one, and the one past the last.
 
     Returns
     -------
@@ -257,6 +259,7 @@ def keep_readings(cells, before, offset, least, after):
     """
     height, width = after.shape
     known = 0
+    window[0], window[1], window[2], window[3] = height, width, 0, 0
     for turn in range(3):
         for n in range(cells.shape[0]):
             i, j = cells[n]
@@ -269,7 +272,10 @@ def keep_readings(cells, before, offset, least, after):
                 inside = 0 <= x < before.shape[0] and 0 <= y < before.shape[1]
                 readings = np.int64(before[x, y]) if inside else 0
                 readings = max(readings, least) if after[i, j] > 1 else readings
-                known += readings >= least
+                if readings >= least:
+                    known += 1
+                    window[0], window[1] = min(window[0], i), min(window[1], j)
+                    window[2], window[3] = max(window[2], i + 1), max(window[3], j + 1)
                 after[i, j] = -1 - readings
             elif turn == 2 and after[i, j] < 0:
                 after[i, j] = -1 - after[i, j]

@@ -31,9 +31,9 @@ SPARSE = 7
 # Commits have no larger share of the processor's time than this, however large the scene, and however few frames a
 # second there are; for that they wait at most so many times as long as they should.
 COMMIT_SHARE, LONGEST_WAIT = 0.05, 5.0
-# What is committed is written bit by bit beside the frames that follow, with such a share of what these work, within
-# so many times as long as commits should wait.
-WRITING_SHARE, WRITTEN_WITHIN = 0.06, 2.0
+# What is committed is written bit by bit beside the frames that follow, with such a share of what these work; within as
+# long as a commit waits at most.
+WRITING_SHARE = 0.06
 
 
 class SceneTracker:
@@ -249,7 +249,7 @@ class SceneTracker:
         visit, next_frame = self._visit, self._next_frame
         told = self._changes.tell(self._tracker, self._records.seen) if ended and visit.number > 1 else []
         noted = self._before.take_noted()
-        pace = self._pace = Pace() if ended else Pace(WRITING_SHARE, WRITTEN_WITHIN * self._every_s)
+        pace = self._pace = Pace() if ended else Pace(WRITING_SHARE, LONGEST_WAIT * self._every_s)
 
         def write() -> None:
             begun_s, connection = time.thread_time(), self._file.connection

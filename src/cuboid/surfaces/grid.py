@@ -138,16 +138,15 @@ class GroundPlan:
     def move(self, points: Float64Array) -> None:
         """Let the plane be where its points (N, 2 or 3), plan coordinates, now are: left cells lose their readings."""
         cells = cells_of(points)
-        low, high = cells.min(0), cells.max(0)
-        window, before = self._grown(low, high), self.seen
+        window, before = self._grown(cells.min(0), cells.max(0)), self.seen
         # All else of the window is empty afterwards: nobody looks at it, however large it is.
         self.seen = np.zeros(window[2:] - window[:2], np.int32)
         self.covered, self.nearby = (np.zeros(self.seen.shape, np.uint8) for _ in range(2))
-        offset = window[:2] - self.corner
-        self._known = kernel.keep_readings(cells - window[:2], before, offset, LEAST_READINGS, self.seen)
+        offset, known = window[:2] - self.corner, np.empty(4, np.int64)
+        self._known = kernel.keep_readings(cells - window[:2], before, offset, LEAST_READINGS, self.seen, known)
         self.corner = window[:2]
-        self._changed = np.concatenate([low, high + 1])
-        self.stale = True
+        self._changed = known + np.tile(self.corner, 2)
+        self.stale = self._known > 0
         self.refresh()
 
     def _all_changed(self) -> None:
