@@ -19,7 +19,7 @@ from cuboid.kernels.outlines import KINDS
 from cuboid.limits import MOST_CANDIDATES
 from cuboid.objects.association import IN_SIGHT, Association, associate
 from cuboid.objects.boxing import Boxing
-from cuboid.objects.entry import MapObject, State
+from cuboid.objects.entry import MapObject, State, together
 from cuboid.objects.fitting import Fitting
 from cuboid.objects.outline import told_by
 from cuboid.objects.store import ObjectStore
@@ -159,10 +159,10 @@ class ObjectMap:
     @staticmethod
     def _sighting(entry: MapObject, cluster: FrameCluster, told: float) -> None:
         entry.log_odds = min(MOST_SURE, max(-MOST_SURE, entry.log_odds + told))
-        entry.outline += cluster.outline
+        entry.outline = entry.outline + cluster.outline
         entry.sightings += 1
-        for plane, pixels in cluster.supports.items():
-            entry.supports[plane] = entry.supports.get(plane, 0) + pixels
+        if cluster.supports:
+            entry.supports = together(entry.supports, cluster.supports)
 
     def _may_take(
         self, number_of: npt.NDArray[np.int32], found: Association

@@ -12,7 +12,7 @@ from cuboid.geometry.overlap import pack
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.overlap import BATCH, bound, near
 from cuboid.objects.affinity import Affinity
-from cuboid.objects.entry import MapObject, State
+from cuboid.objects.entry import MapObject, State, together
 
 
 class ObjectStore:
@@ -153,8 +153,7 @@ class ObjectStore:
         kept.sightings = max(kept.sightings, gone.sightings)
         kept.log_odds = max(kept.log_odds, gone.log_odds)
         kept.outline = kept.outline + gone.outline
-        for plane, pixels in gone.supports.items():
-            kept.supports[plane] = kept.supports.get(plane, 0) + pixels
+        kept.supports = together(kept.supports, gone.supports)
         kept.fitted = 0
         self._voxels.pass_on(gone.number, kept.number)
         self.affinity.pass_on(gone.number, kept.number)

@@ -590,6 +590,8 @@ class Scene:
         return self._read
 
     def _writing(self) -> Writing:
+        if self._tracker is not None:
+            self._tracker.settle()
         if self._write is None:
             self._write = open_to_write(self.path, create=True)
         return self._write
