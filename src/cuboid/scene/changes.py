@@ -95,7 +95,8 @@ class Changes:
             if old is not None and entry.confirmed and (seen or entry.label in looked_at):
                 self._hold_against(tracker, entry, old)
         self._find_again(tracker)
-        self._join_what_went_together(tracker)
+        while self._join_what_went_together(tracker):
+            pass
         self._since, self._since_frame = tracker.voxels.looks, frame + 1
 
     def carry(self, joined: Sequence[Joined]) -> None:
@@ -156,8 +157,8 @@ class Changes:
                 tracker.adopt(new[j], gone[k])
                 taken.add(j)
 
-    def _join_what_went_together(self, tracker: Tracker) -> None:
-        """Make one of two that lay side by side and do so elsewhere: pieces of one thing, which was moved."""
+    def _join_what_went_together(self, tracker: Tracker) -> bool:
+        """Make one of two that lay side by side and do so elsewhere: pieces of one thing that was moved."""
         known = self._before.known
         moved = [o for o in tracker.ever_labelled() if o.confirmed and o.label in known]
         moved = [o for o in moved if not _in_place(o.box, known[o.label].box)]
@@ -172,7 +173,8 @@ class Changes:
                 and all(self._became(tracker, o, True).change == "moved" for o in (one, two))
             ):
                 tracker.merge(one, two)
-                return self._join_what_went_together(tracker)
+                return True
+        return False
 
     def tell(self, tracker: Tracker, seen: Mapping[int, object]) -> list[Change]:
         """Return what became of each object, by label.
