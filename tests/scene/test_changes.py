@@ -231,6 +231,18 @@ def test_what_was_hidden_is_not_new(tmp_path: Path) -> None:
         assert "new" not in told.values()
 
 
+def test_what_is_thinner_than_the_ground_is_known_is_not_new(first: Path, tmp_path: Path) -> None:
+    """A post may have stood where only the ground beside it was seen; a can that came stood nowhere before."""
+    post, can = (
+        upright(at, (side, side, 0.3), 0.0, z=0.48) for at, side in (((0.35, -0.1), 0.04), ((-0.3, 0.4), 0.08))
+    )
+    shown = Shown((thing(ONE), thing(TWO), thing(THREE), post, can), frames=40, begin=0.4)
+    with visited(first, tmp_path / "s.cuboid", shown) as scene:
+        told = {change.label: change.change for change in scene.changes()}
+        assert told[label_at(scene, (-0.3, 0.4))] == "new"
+        assert told[label_at(scene, (0.35, -0.1))] == "found"
+
+
 class Passed(Shown):
     """Frames whose last thing has no proposals."""
 
