@@ -355,17 +355,13 @@ class Tracker:
         return self._map.merge(one, two)
 
     def retire(self, entry: MapObject) -> None:
-        """End an object that is none, as somebody says; its label is never given again."""
+        """End an object: it is none, as somebody says, or stands there no more. Its label is never given again."""
         self._map.store.retire(entry)
 
     def begin_visit(self) -> None:
         """Expect the place at another time: things may have been moved, taken and brought."""
         self._map.begin_visit()
         self._place = None
-
-    def split(self, entry: MapObject, was: MapObject, first_frame: int) -> None:
-        """Give a labelled object another label: it stands where another one stood, which keeps the old one."""
-        self._map.store.split(entry, was, first_frame)
 
     def adopt(self, entry: MapObject, old: MapObject) -> None:
         """Let a labelled object be one that was retired: it was moved, and its older label stays."""
