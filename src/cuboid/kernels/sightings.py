@@ -14,7 +14,7 @@ NEAREST_M = 0.05
 
 @njit(cache=True, nogil=True)
 def count_seen(
-    points, colors, ends, numbers, depth, color, slots, owner, camera, T, noise, agree, alike, counts, corners
+    points, colors, counted, ends, numbers, depth, color, slots, owner, camera, T, noise, agree, alike, counts, corners
 ):  # fmt: skip
     """Count, for each object, its points that a frame sees, those that it hides, and those it says nothing of.
 
@@ -27,6 +27,8 @@ def count_seen(
     points : (N, 3) float32
         World, metres; those of the objects one after the other.
     colors : (N, 3) uint8
+    counted : (N,) uint8
+        0 for points that count for the rectangle alone.
     ends : (n,) int64
         Where each object's points end.
     numbers : (n,) int64
@@ -51,8 +53,8 @@ def count_seen(
     counts : (n, 3) int64, output
         Points seen, hidden, and unknown.
     corners : (n, 4) float64, output
-        Rectangle around the points seen, in pixels: left, top, right, bottom; infinite, the left beyond the right,
-        where there are none.
+        Rectangle around the points ahead that nothing nearer hides, in pixels, within the picture or not: left, top,
+        right, bottom; infinite, the left beyond the right, where there are none.
     """
     height, width = depth.shape
     i = 0
@@ -68,7 +70,6 @@ def count_seen(
             v = (px * T[1, 0] + py * T[1, 1] + pz * T[1, 2] + T[1, 3]) / z * camera[1] + camera[3]
             reading, same, mine = 0.0, False, False
             if ahead > NEAREST_M:
-                left, top, right, bottom = min(left, u), min(top, v), max(right, u), max(bottom, v)
                 x, y = int(np.rint(u)), int(np.rint(v))
                 if 0 <= x < width and 0 <= y < height:
                     reading, row, same = depth[y, x], slots[y, x], True
@@ -76,9 +77,12 @@ def count_seen(
                     for c in range(3):
                         same &= abs(np.int64(color[y, x, c]) - np.int64(colors[i, c])) <= alike
             within = max(agree, SIGMAS * noise * z * z)
-            if abs(reading - z) <= within if reading > 0.0 else same:
+            if ahead > NEAREST_M and (mine or not 0.0 < reading < z - within):
+                left, top, right, bottom = min(left, u), min(top, v), max(right, u), max(bottom, v)
+            if not counted[i]:
+                pass
+            elif abs(reading - z) <= within if reading > 0.0 else same:
                 seen += 1
-                left, right, top, bottom = min(left, u), max(right, u), min(top, v), max(bottom, v)
             elif reading <= 0.0:
                 unknown += 1
             elif not (mine and reading < z - within):

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array
+from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.kernels import sightings as kernel
 from cuboid.kernels.outlines import EDGE_LEVELS
 from cuboid.objects.entry import MapObject
-from cuboid.tolerances import DRIFT_M, LITTLE, SAMPLE
+from cuboid.tolerances import DRIFT_M, LITTLE, SAMPLE, STRAYS
 from cuboid.working import WorkingImage
 
 # An object is seen when so many of its points are.
@@ -31,7 +31,7 @@ class View:
     visible : float
         Share of its near side that is seen, 0..1.
     rect_xyxy : (4,) float64
-        Rectangle of what is seen of it, in pixels of the full image, clipped to it.
+        Rectangle of what nothing hides of it, down to its foot, in pixels of the full image, clipped to it.
     seen : bool
     """
 
@@ -76,13 +76,11 @@ def look(
     """
     if not objects:
         return []
-    steps = [max(1, len(o.points) // SAMPLE) for o in objects]
-    picks = [o.points[::step] for o, step in zip(objects, steps, strict=True)]
-    colors = [o.colors[::step] for o, step in zip(objects, steps, strict=True)]
+    picks, colors, counted = zip(*map(_points_of, objects), strict=True)
     n, c = len(objects), image.camera
     counts, corners = np.empty((n, 3), np.int64), np.empty((n, 4))
     kernel.count_seen(
-        np.concatenate(picks), np.concatenate(colors), np.cumsum([len(p) for p in picks]),
+        np.concatenate(picks), np.concatenate(colors), np.concatenate(counted), np.cumsum([len(p) for p in picks]),
         np.array([o.number for o in objects]), image.depth_m, image.color, slots, owner,
         np.array([c.fx, c.fy, c.cx, c.cy]), np.ascontiguousarray(T_camera_world), noise_per_m, DRIFT_M, ALIKE, counts,
         corners,
@@ -92,6 +90,23 @@ def look(
     seen_enough = (visible >= LITTLE) & (seen >= SEEN_POINTS)
     rectangles = _rectangles(corners, image)
     return [View(float(visible[k]), rectangles[k], bool(seen_enough[k])) for k in range(n)]
+
+
+def _points_of(entry: MapObject) -> tuple[Float32Array, UInt8Array, UInt8Array]:
+    """Return some of an object's points, their colors, and which count; those of its foot only mark where it is.
+
+    A box rests on its plane. Where the points end above it, as where the lower part of a thing is dark or shines, the
+    thing goes on below each of them.
+    """
+    step = max(1, len(entry.points) // SAMPLE)
+    points, colors = entry.points[::step], entry.colors[::step]
+    counted = np.ones(len(points), np.uint8)
+    up, box = entry.box.rotation[:, 2], entry.box
+    above_m = (points - box.center) @ up + box.size[2] / 2
+    if len(points) == 0 or np.partition(above_m, lowest := int(STRAYS * len(points)))[lowest] <= DRIFT_M:
+        return points, colors, counted
+    foot = (points - above_m[:, None] * up).astype(np.float32)
+    return np.concatenate([points, foot]), np.tile(colors, (2, 1)), np.concatenate([counted, np.zeros_like(counted)])
 
 
 def _rectangles(corners: Float64Array, image: WorkingImage) -> Float64Array:
