@@ -12,14 +12,12 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.tolerances import LITTLE, STRAYS
+from cuboid.tolerances import LITTLE, SOME, STRAYS
 
 # The far side that an object is given takes no more than this share of a neighbour, or of the object.
 FAR_SIDE_OVERLAP = 0.15
 # A foot is hidden when at most this share of the ground beneath was seen.
 HIDDEN_SHARE = 0.3
-# A place was seen when so many of the nine voxels of the ground around it were.
-SEEN_OF_NINE = 2
 # A box this near its plane, metres, rests on it.
 LEAST_GAP_M = 1e-6
 # Places of the ground beneath that are looked up, a side.
@@ -101,7 +99,7 @@ def twins(
         free &= _beyond(twin[out], other) > 0.0
     out = out[free]
     ground = twin[out] - np.outer(twin[out] @ normal + offset, normal)
-    return np.asarray(twin[out][seen_of_nine(ground, normal, voxels) < SEEN_OF_NINE], dtype=np.float64)
+    return np.asarray(twin[out][~was_seen(ground, normal, voxels)], dtype=np.float64)
 
 
 def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequence[Box], voxels: VoxelMap) -> bool:
@@ -114,17 +112,17 @@ def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequen
     for other in others:
         if (_beyond(ground + 0.5 * np.outer(height - box.size[2] / 2, normal), other) <= 0.0).any():
             return False
-    return bool((seen_of_nine(ground, normal, voxels) >= SEEN_OF_NINE).mean() <= HIDDEN_SHARE)
+    return bool(was_seen(ground, normal, voxels).mean() <= HIDDEN_SHARE)
 
 
-def seen_of_nine(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.int64]:
-    """Return for places (N, 3) on a plane how many of the nine voxels around each, one up or down, hold a point."""
+def was_seen(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:
+    """Tell of which places (N, 3) on a plane some of the nine voxels around, one up or down, hold a point."""
     first, second = plane_axes(normal)
     steps = np.array([-1.0, 0.0, 1.0]) * voxels.voxel_m
     a, b, c = (m.ravel()[:, None] for m in np.meshgrid(steps, steps, steps, indexing="ij"))
     around = a * first + b * second + c * normal
     held = voxels.holds((ground[:, None] + around).reshape(-1, 3)).reshape(len(ground), 9, 3)
-    return np.asarray(held.any(2).sum(1), dtype=np.int64)
+    return np.asarray(held.any(2).mean(1) >= SOME)
 
 
 def _beyond(points: Float64Array, box: Box) -> Float64Array:

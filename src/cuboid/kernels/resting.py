@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from cuboid.kernels.extents import best_turn, reach
-from cuboid.tolerances import DRIFT_M
+from cuboid.tolerances import DRIFT_M, LITTLE, MOST
 
 # A cluster whose lowest point is within this of the plane rests on it, metres: the foot of an object is lost to the
 # noise floor of the plane, and the part below a bowl's belly is seldom seen.
@@ -17,7 +17,7 @@ REST_M = 2.0 * DRIFT_M
 RIVAL_AREA, APART, LID_M, BETTER_SIDES, MOST_RIVALS = 1.15, 5, 0.012, 0.7, 3
 # A round footprint follows the law of the disc to this share of its radius, and is at most this share of what was
 # seen of it wide, per side: half a disc shows its whole width, but for what is lost at its edges.
-ROUND_RESIDUAL, ROUND_RADIUS = 0.03, 0.6
+ROUND_RESIDUAL, ROUND_RADIUS = 0.03, MOST + LITTLE
 # A disc of which no more than this is missing, metres, is whole: drift and noise widen what was seen all round by a
 # centimetre in one direction.
 MISSING_M = LID_M
