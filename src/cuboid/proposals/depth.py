@@ -130,7 +130,7 @@ def _regions(
     # Creases are judged over less surface to either side than the smallest object's half; a step of twice its size is
     # surely another object's outline.
     segments.mark(inverse, kind, camera.fx, noise, JUMP_M, config.min_size_m / 2.0, BEND, smooth, marks)
-    last = segments.label_surfaces(inverse, kind, marks, LEAST_PIXELS, labels, queue, sizes)
+    last = segments.label_surfaces(kind, marks, LEAST_PIXELS, labels, queue, sizes)
     fill_holes(
         kind, on, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse, cost, queue
     )
@@ -163,7 +163,7 @@ def _set_planes_apart(
     fit_cells(depth_m, pinhole, CELL_PIXELS, max_depth_m, cells)
     planes, member = np.empty((PLANES, 3)), np.empty((rows, columns), np.int16)
     count = patches.grow_planes(
-        cells, (rows, columns), pinhole, CELL_PIXELS, noise, PLANE_BOW_M, JUMP_SIGMAS * noise,
+        cells, (rows, columns), pinhole, noise, PLANE_BOW_M, JUMP_SIGMAS * noise,
         PLANE_AREA_M2, planes, member,
     )  # fmt: skip
     inverse, kind = np.empty(depth_m.shape, np.float32), np.empty(depth_m.shape, np.uint8)
