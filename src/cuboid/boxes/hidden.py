@@ -12,16 +12,12 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.tolerances import LITTLE, SOME, STRAYS
+from cuboid.tolerances import LEAST_READINGS, LITTLE, SOME, STRAYS
 
-# The far side that an object is given takes no more than this share of a neighbour, or of the object.
-FAR_SIDE_OVERLAP = 0.15
-# A foot is hidden when at most this share of the ground beneath was seen.
-HIDDEN_SHARE = 0.3
 # A box this near its plane, metres, rests on it.
 LEAST_GAP_M = 1e-6
 # Places of the ground beneath that are looked up, a side.
-BENEATH = 6
+BENEATH = LEAST_READINGS
 
 
 def with_hidden(
@@ -42,7 +38,7 @@ def with_hidden(
 
 def clear_of(box: Box, near: Sequence[Box]) -> bool:
     """Tell whether a box takes no more of its neighbours than boxes do that stand side by side."""
-    return not near or bool(overlap_min_matrix(pack([box]), pack(near)).max() <= FAR_SIDE_OVERLAP)
+    return not near or bool(overlap_min_matrix(pack([box]), pack(near)).max() <= SOME)
 
 
 def with_foot(box: Box, normal: Float64Array, offset: float, near: Sequence[Box], voxels: VoxelMap) -> Box:
@@ -112,7 +108,7 @@ def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequen
     for other in others:
         if (_beyond(ground + 0.5 * np.outer(height - box.size[2] / 2, normal), other) <= 0.0).any():
             return False
-    return bool(was_seen(ground, normal, voxels).mean() <= HIDDEN_SHARE)
+    return bool(was_seen(ground, normal, voxels).mean() <= SOME)
 
 
 def was_seen(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:

@@ -16,8 +16,8 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.kernels import revolve as kernel
 from cuboid.kernels.extents import side_spread
-from cuboid.kernels.resting import LID_M, ROUND_RADIUS
-from cuboid.tolerances import DRIFT_M, JUMP_SIGMAS, LEAST_READINGS, LEAST_SIGMA_M, LITTLE, MOST, SIGMAS, STRAYS
+from cuboid.kernels.resting import ROUND_RADIUS
+from cuboid.tolerances import DRIFT_M, JUMP_M, JUMP_SIGMAS, LEAST_READINGS, LEAST_SIGMA_M, LITTLE, MOST, SIGMAS, STRAYS
 
 # The fit takes so many steps.
 STEPS = 6
@@ -60,7 +60,7 @@ def revolved(
     first, second = plane_axes(normal)
     plan = points @ np.array([first, second]).T
     layer = np.floor((height - height.min()) / layer_m).astype(np.int64)
-    side = np.flatnonzero(height < np.quantile(height, 1.0 - 2.0 * STRAYS) - LID_M)
+    side = np.flatnonzero(height < np.quantile(height, 1.0 - 2.0 * STRAYS) - JUMP_M)
     if len(side) < LEAST_READINGS or not trust[side].sum() > 0.0:
         return None
     axis = _axis(plan[side], layer[side], trust[side], _footprint(box, first, second), noise_m)
@@ -98,7 +98,7 @@ def _axis(
     if max(spread_m, noise_m) >= against:
         return None
     # A nearly straight side has its axis far away.
-    if usual > ROUND_RADIUS * float(rectangle[4:].max()) + LID_M:
+    if usual > ROUND_RADIUS * float(rectangle[4:].max()) + JUMP_M:
         return None
     angle = np.arctan2(*(plan - center).T[::-1])
     sector = np.floor(angle * (SECTORS / (2.0 * math.pi))).astype(np.int64) + SECTORS // 2

@@ -154,12 +154,14 @@ def level_patches(depth, camera, up, size, noise, min_depth, max_depth, skip, pa
                     if not (min_depth <= here <= max_depth):
                         continue
                     gate = SIGMAS * 1.42 * noise * here * here * steep + LEAST_SIGMA_M
-                    # So many pixels on, an upright surface has risen by more than twice the gate. There, or where the
-                    # next reading is, up to two patches on: surfaces seen low are full of gaps.
+                    # So many pixels on, at most two patches, an upright surface has risen by more than twice the gate.
+                    # The first reading from there on, within a patch, tells: surfaces seen low are full of gaps.
                     k = int(np.ceil(2.0 * gate * longest / here))
+                    if k > 2 * size:
+                        continue
                     there = 0.0
                     vv = uu = 0
-                    for step in range(k, 2 * size + 1):
+                    for step in range(k, k + size):
                         vv, uu = int(np.rint(v + step * sv)), int(np.rint(u + step * su))
                         if vv < 0 or uu < 0 or vv >= height or uu >= width:
                             break
