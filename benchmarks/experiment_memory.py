@@ -12,6 +12,8 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections.abc import Iterator
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -78,53 +80,62 @@ def _proposals(hit: npt.NDArray[np.int64]) -> Proposals:
     return Proposals(np.array(boxes, np.int32).reshape(-1, 4), np.full(len(boxes), 0.9, np.float32), tuple(masks))
 
 
+def places_in_rows(shown: list[Proposals]) -> Iterator[Iterator[Frame]]:
+    """Give the frames of one place after another, in rows there and back; `shown` is made the proposals of each."""
+    for number in count():
+        along, across = divmod(number, ROW)
+        shift = APART_M * np.array([across if along % 2 == 0 else ROW - 1 - across, along, 0.0])
+        yield looks(Place(number), number, shift, shown)
+
+
+def looks(place: Place, number: int, shift: npt.NDArray[np.float64], shown: list[Proposals]) -> Iterator[Frame]:
+    """Give the frames of a place that lies so far away, metres; `shown` is made the proposals of each."""
+    for k in range(LOOKS):
+        depth, color, proposals, T = place.look(0.12 * (k - LOOKS / 2))
+        shown[:] = [proposals]
+        T[:3, 3] += shift
+        index = number * LOOKS + k
+        yield Frame(index, index / 30, color, depth, T)
+
+
 def walk(objects: int, memory_mb: float, checkpoints: list[int]) -> list[dict[str, Any]]:
     """Walk until there are so many objects; return how things stand when there are as many as at each checkpoint."""
-    now: list[Proposals] = []
-    tracker = Tracker(CAMERA, proposals=lambda frame, camera: now[-1], memory_mb=memory_mb)
+    shown: list[Proposals] = []
+    tracker = Tracker(CAMERA, proposals=lambda frame, camera: shown[-1], memory_mb=memory_mb)
     times: list[float] = []
-    rows, known, number, worst = [], 0, 0, 0.0
+    rows, known, worst = [], 0, 0.0
     waiting = sorted({*checkpoints, objects})
-    while waiting:
-        along, across = divmod(number // LOOKS, ROW)
-        place = Place(number // LOOKS)
-        for k in range(LOOKS):
-            depth, color, proposals, T = place.look(0.12 * (k - LOOKS / 2))
-            now[:] = [proposals]
-            T[:3, 3] += APART_M * np.array([across if along % 2 == 0 else ROW - 1 - across, along, 0.0])
+    for frames in places_in_rows(shown):
+        for frame in frames:
             begun_s = time.process_time()
-            known = tracker.update(Frame(number, number / 30, color, depth, T)).objects_known
+            known = tracker.update(frame).objects_known
             times.append((time.process_time() - begun_s) * 1e3)
-            worst = max(worst, times[-1]) if number > WINDOW // 4 else 0.0
-            number += 1
+            worst = max(worst, times[-1]) if frame.index > WINDOW // 4 else 0.0
         if known >= waiting[0]:
             waiting.pop(0)
             median = float(np.median(times[-WINDOW:]))
             rows.append(
                 {
-                    "objects": known, "frames": number, "points": tracker.points_known, "frame_ms": median,
+                    "objects": known, "frames": len(times), "points": tracker.points_known, "frame_ms": median,
                     "frame_max_ms": worst, "map_mb": tracker.map_bytes / 2**20, "memory_mb": peak_memory_mb(),
                 }
             )  # fmt: skip
             worst = 0.0
             print(rows[-1], file=sys.stderr, flush=True)
+            if not waiting:
+                break
     return rows
 
 
 def elsewhere(objects: int) -> dict[str, float]:
     """Return the median frame, ms, of a tracker with few objects and of one that has so many more elsewhere."""
-    now: list[Proposals] = []
-    trackers = [Tracker(CAMERA, proposals=lambda frame, camera: now[-1]) for _ in range(2)]
+    shown: list[Proposals] = []
+    trackers = [Tracker(CAMERA, proposals=lambda frame, camera: shown[-1]) for _ in range(2)]
     times: list[list[float]] = [[], []]
     for number in range(PLACES):
-        place = Place(number)
         if number == PLACES // 3:
             _tell_of(trackers[1], objects)
-        for k in range(LOOKS):
-            depth, color, proposals, T = place.look(0.12 * (k - LOOKS / 2))
-            now[:] = [proposals]
-            T[0, 3] += APART_M * number
-            frame = Frame(number * LOOKS + k, number / 6, color, depth, T)
+        for frame in looks(Place(number), number, np.array([APART_M * number, 0.0, 0.0]), shown):
             for tracker, ms in zip(trackers, times, strict=True):
                 begun_s = time.process_time()
                 tracker.update(frame)

@@ -9,16 +9,18 @@ from __future__ import annotations
 
 import argparse
 import time
+from multiprocessing import Pipe, get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cuboid import Tracker, open_recording
-from cuboid.frame import Frame
+from cuboid.frame import Frame, Intrinsics
 from cuboid.proposals import Proposals
 from cuboid.scene import Scene, Source
-from experiment_memory import APART_M, CAMERA, LOOKS, ROW, Place
+from experiment_memory import CAMERA, places_in_rows
 from scenes import scene_01
 from tables import cell, dump, show
 
@@ -26,23 +28,20 @@ POINTS, OBJECTS = 1_000_000, 500
 TIMES = 5
 # Frames of scene 01, unless `--limit` says otherwise.
 FRAMES = 300
+# The first frames load and compile.
+WARM = 10
 
 
 def make(path: Path) -> None:
     """Make the large scene."""
-    now: list[Proposals] = []
+    shown: list[Proposals] = []
     with Scene.open(path) as scene:
-        tracker = scene.tracker(CAMERA, proposals=lambda frame, camera: now[-1], commit_every_s=30.0)
-        number = 0
-        while tracker.points_known < POINTS or len(tracker.objects) < OBJECTS:
-            along, across = divmod(number // LOOKS, ROW)
-            place = Place(number // LOOKS)
-            for k in range(LOOKS):
-                depth, color, proposals, T = place.look(0.12 * (k - LOOKS / 2))
-                now[:] = [proposals]
-                T[:3, 3] += APART_M * np.array([across if along % 2 == 0 else ROW - 1 - across, along, 0.0])
-                tracker.update(Frame(number, number / 30, color, depth, T))
-                number += 1
+        tracker = scene.tracker(CAMERA, proposals=lambda frame, camera: shown[-1], commit_every_s=30.0)
+        for frames in places_in_rows(shown):
+            for frame in frames:
+                tracker.update(frame)
+            if tracker.points_known >= POINTS and len(tracker.objects) >= OBJECTS:
+                break
 
 
 def reopened(path: Path) -> dict[str, Any]:
@@ -66,28 +65,51 @@ def reopened(path: Path) -> dict[str, Any]:
 
 
 def beside(args: argparse.Namespace) -> list[dict[str, Any]]:
-    """Return processor time a frame of scene 01, with a scene and without: that of the tracker's thread, and of all."""
+    """Return processor time a frame of scene 01, with a scene and without: that of the tracker's thread, and of all.
+
+    By turns, each in a process of its own: what else the machine does is the same for both. What is written while it is
+    the other one's turn counts for the frame that comes.
+    """
     recording = open_recording(scene_01(args.data).recording)
     frames = [recording.read(k) for k in range(min(args.limit or FRAMES, len(recording)))]
     path = _fresh(args.work / "scenes" / "beside.cuboid")
+    here, there = Pipe()
+    other = get_context("fork").Process(target=_without, args=(there, recording.intrinsics, frames), daemon=True)
+    other.start()
+    times: dict[str, list[tuple[float, float]]] = {"without a scene": [], "with a scene": []}
     with Scene.open(path) as scene:
         source = Source("/scene-01", "made", "given", len(frames), recording.intrinsics, {})
-        plain, kept = Tracker(recording.intrinsics), scene.tracker(recording.intrinsics, source=source)
-        times: dict[str, list[tuple[float, float]]] = {"without a scene": [], "with a scene": []}
-        for frame in frames:  # by turns: what else the machine does is the same for both
-            for name, tracker in zip(times, (plain, kept), strict=True):
-                begun = time.thread_time(), time.process_time()
-                tracker.update(frame)
-                times[name].append((time.thread_time() - begun[0], time.process_time() - begun[1]))
+        tracker = scene.tracker(recording.intrinsics, source=source)
+        before_s = time.process_time()
+        for frame in frames:
+            here.send(None)
+            times["without a scene"].append(here.recv())
+            begun_s = time.thread_time()
+            tracker.update(frame)
+            times["with a scene"].append((time.thread_time() - begun_s, time.process_time() - before_s))
+            before_s = time.process_time()
+    other.join()
     return [_times(name, np.array(of_frames) * 1e3) for name, of_frames in times.items()]
 
 
+def _without(turns: Connection, intrinsics: Intrinsics, frames: list[Frame]) -> None:
+    """Track frames without a scene, one at each turn, and tell how long each took."""
+    tracker = Tracker(intrinsics)
+    for frame in frames:
+        turns.recv()
+        begun = time.thread_time(), time.process_time()
+        tracker.update(frame)
+        turns.send((time.thread_time() - begun[0], time.process_time() - begun[1]))
+
+
 def _times(name: str, ms: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> dict[str, Any]:
-    own, everyone = ms[10:].T  # the first frames compile
-    return {
-        "scene 01": name, "median": float(np.median(own)), "p99": float(np.percentile(own, 99)),
-        "mean": float(own.mean()), "mean of all threads": float(everyone.mean()),
-    }  # fmt: skip
+    found: dict[str, Any] = {"scene 01": name}
+    for threads, column in zip(("", " of all threads"), ms[WARM:].T, strict=True):
+        found |= {
+            f"median{threads}": float(np.median(column)), f"p99{threads}": float(np.percentile(column, 99)),
+            f"mean{threads}": float(column.mean()),
+        }  # fmt: skip
+    return found
 
 
 def _fresh(path: Path) -> Path:

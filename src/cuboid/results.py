@@ -193,3 +193,41 @@ class MapPoints:
     rgb: UInt8Array
     heat: Float32Array
     label: npt.NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+
+
+@dataclass(frozen=True, slots=True)
+class SceneChange:
+    """What became of an object of a scene by a visit.
+
+    Attributes
+    ----------
+    recording : int
+        The visit.
+    label : int
+    name : str
+        That people gave it, or empty.
+    change : str
+        "unchanged", "moved", "gone", "new", "found" (it stands where nothing was seen before) or "not looked at".
+    box : Box
+        As known last; turned as it last stood.
+    from_m, to_m : (3,) float64 or None
+        Where its middle was, and is.
+    metres : float or None
+        How far it was moved.
+    sure : float
+        How sure it is that what was moved is the same, 0..1.
+    before, after : bytes or None
+        Its pictures, JPEG.
+    """
+
+    recording: int
+    label: int
+    name: str
+    change: str
+    box: Box
+    from_m: Float64Array | None
+    to_m: Float64Array | None
+    metres: float | None
+    sure: float
+    before: bytes | None
+    after: bytes | None

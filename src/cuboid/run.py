@@ -27,8 +27,8 @@ from cuboid.streaming import FrameSource, Stream
 
 if TYPE_CHECKING:
     from cuboid.proposals.types import ProposalSource
+    from cuboid.results import SceneChange
     from cuboid.scene.running import IntoScene, SceneRun
-    from cuboid.views.report import ShownChange
     from cuboid.views.report.pictures import Picture
     from cuboid.views.video import View
 
@@ -149,7 +149,7 @@ def track_recording(
 
 
 def write_page(
-    results: FinishedResults, recording: RecordingLike, changes: Sequence[ShownChange] = ()
+    results: FinishedResults, recording: RecordingLike, changes: Sequence[SceneChange] = ()
 ) -> Mapping[int, Picture]:
     """Write the 3D page of results beside them; return its pictures of objects, by label."""
     from cuboid.views.report import summarise, write_report

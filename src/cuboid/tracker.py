@@ -123,9 +123,9 @@ class Tracker:
         proposals = every.best(MOST_PROPOSALS)
         watch.lap("proposals")
         solid = filled(image)
-        heights, support, planes = self._find_planes(image, solid, T_world_camera)
+        on_plane, support, planes = self._find_planes(image, solid, T_world_camera)
         watch.lap("planes")
-        candidate = self._candidates(solid, heights)
+        candidate = self._candidates(solid, on_plane)
         c = self.config
         weighed = weigh(solid, candidate, proposals, self.intrinsics.fx, c)
         heat = pixel_heat(solid, weighed)
@@ -135,17 +135,18 @@ class Tracker:
         watch.lap("fuse")
         in_view = self._map.in_view(image, T_camera_world)
         objects = self._map.limited(in_view)
-        pixel_owner = self._voxels.owner_of(slots)
+        pixel_owner, known = self._voxels.owner_of(slots)
         prior = prior_of(objects, pixel_owner, weighed)
         things = frame_clusters(
-            image, solid, heat, weighed, prior, heights, support, planes, self._sides(T_world_camera),
+            image, solid, heat, weighed, prior, on_plane, support, planes, self._sides(T_world_camera),
             T_world_camera, c,
         )  # fmt: skip
         boxes = self._boxes(things.clusters)
         watch.lap("boxes")
         found = self._map.update(
-            frame.index, things, boxes, objects, slots, pixel_owner, candidate, self._news(image, T_world_camera)
-        )
+            frame.index, things, boxes, objects, slots, pixel_owner, known, candidate,
+            self._news(image, T_world_camera),
+        )  # fmt: skip
         watch.lap("map")
         sightings = self._sightings(frame.index, image, slots, found, T_camera_world)
         own = self._own_boxes(things, boxes, found)
@@ -210,11 +211,11 @@ class Tracker:
 
     def _find_planes(
         self, image: WorkingImage, solid: WorkingImage, T_world_camera: Float64Array
-    ) -> tuple[Float32Array, npt.NDArray[np.int32], npt.NDArray[np.int64]]:
-        """Track the supporting planes; return pixels' heights above those beneath, their places, all identities."""
+    ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int64]]:
+        """Track the supporting planes; return the ones that pixels lie on, those beneath them, all identities."""
         c, planes = self.config, self._planes
-        heights = np.full(image.depth_m.shape, np.nan, np.float32)
-        support, identities = np.full(image.depth_m.shape, -1, np.int32), np.zeros(0, np.int64)
+        on_plane, support = (np.full(image.depth_m.shape, -1, np.int32) for _ in range(2))
+        identities = np.zeros(0, np.int64)
         cells = find_cells(image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m)
         if planes.vote_is_due():
             wide = find_cells(
@@ -234,16 +235,16 @@ class Tracker:
                 solid.depth_m, np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera,
                 view.in_frame(cells, owner, planes.T_plan_world, T_world_camera), view.numbers, view.ground,
                 view.origin, CELL_M, owner, PATCH_PIXELS, c.depth_noise_per_m, c.min_height_m, BIAS_M,
-                c.max_depth_m, heights, support, view.seen,
+                c.max_depth_m, on_plane, support, view.seen,
             )  # fmt: skip
             planes.take_in(view)
             identities = view.identities
-        return heights, support, identities
+        return on_plane, support, identities
 
-    def _candidates(self, image: WorkingImage, heights: Float32Array) -> UInt8Array:
+    def _candidates(self, image: WorkingImage, on_plane: npt.NDArray[np.int32]) -> UInt8Array:
         """Return which readings may belong to an object: all within range but those on a supporting plane."""
         within = (image.depth_m > 0) & (image.depth_m <= self.config.max_depth_m)
-        return np.asarray(within & (heights != 0), dtype=np.uint8)
+        return np.asarray(within & (on_plane < 0), dtype=np.uint8)
 
     def _sides(self, T_world_camera: Float64Array) -> npt.NDArray[np.int64]:
         """Return which side of a thing lies below, above, right and left of it in the image: up may point anywhere."""
@@ -278,8 +279,7 @@ class Tracker:
     ) -> tuple[Sighting, ...]:
         """Tell which of the map's objects the frame sees."""
         objects = [o for o in self._map.in_view(image, T_camera_world) if len(o.points)]
-        pixel_owner = self._voxels.owner_of(slots)
-        views = look(objects, image, pixel_owner, T_camera_world, self.config.depth_noise_per_m)
+        views = look(objects, image, slots, self._voxels.owner, T_camera_world, self.config.depth_noise_per_m)
         iou = {found.objects[j].whole.number: float(found.iou[i, j]) for i, j in enumerate(found.match) if j >= 0}
         sightings = []
         for entry, view in zip(objects, views, strict=True):
@@ -355,17 +355,13 @@ class Tracker:
         return self._map.merge(one, two)
 
     def retire(self, entry: MapObject) -> None:
-        """End an object that is none, as somebody says; its label is never given again."""
+        """End an object: it is none, as somebody says, or stands there no more. Its label is never given again."""
         self._map.store.retire(entry)
 
     def begin_visit(self) -> None:
         """Expect the place at another time: things may have been moved, taken and brought."""
         self._map.begin_visit()
         self._place = None
-
-    def split(self, entry: MapObject, was: MapObject, first_frame: int) -> None:
-        """Give a labelled object another label: it stands where another one stood, which keeps the old one."""
-        self._map.store.split(entry, was, first_frame)
 
     def adopt(self, entry: MapObject, old: MapObject) -> None:
         """Let a labelled object be one that was retired: it was moved, and its older label stays."""

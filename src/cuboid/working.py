@@ -8,9 +8,8 @@ import numpy as np
 
 from cuboid.frame import Float32Array, Frame, Intrinsics, UInt8Array
 from cuboid.kernels.blocks import take_one
-from cuboid.kernels.holes import fill_holes
+from cuboid.kernels.holes import fill_depth
 from cuboid.kernels.pixels import drop_mixed
-from cuboid.kernels.segments import NONE, SURFACE
 from cuboid.sensor import MIXED_PER_M
 
 # Offsets of the thinned grid: over four frames every pixel of a grid of step 2 is used.
@@ -71,15 +70,6 @@ def thin(frame: Frame, intrinsics: Intrinsics, width_px: int, count: int) -> Wor
 
 def filled(image: WorkingImage) -> WorkingImage:
     """Return an image whose holes have the depth of what they lie nearest to, in place and in color: a guess."""
-    shape, known = image.depth_m.shape, image.depth_m > 0
-    inverse, cost = np.zeros(shape, np.float32), np.empty(shape, np.float32)
-    inverse[known] = 1.0 / image.depth_m[known]
-    kind = np.where(known, SURFACE, NONE).astype(np.uint8)
-    fill_holes(
-        kind, np.full(shape, -1, np.int8), image.color, 1, COLOR_LEVELS, HOLE_M, image.camera.fx,
-        np.zeros(shape, np.int16), inverse, cost, np.empty(inverse.size, np.int32),
-    )  # fmt: skip
-    depth = image.depth_m.copy()
-    guessed = ~known & (inverse > 0)
-    depth[guessed] = 1.0 / inverse[guessed]
+    depth = np.empty_like(image.depth_m)
+    fill_depth(image.depth_m, image.color, COLOR_LEVELS, HOLE_M, image.camera.fx, depth)
     return replace(image, depth_m=depth)

@@ -82,3 +82,15 @@ def test_a_foot_behind_another_object_is_hidden_until_it_is_seen() -> None:
     assert not foot_is_hidden(floating, UP, 0.0, [screen], walked_round)
     beneath = upright((0.0, 0.0), (0.1, 0.1, 0.085))
     assert not foot_is_hidden(floating, UP, 0.0, [screen, beneath], in_front)
+
+
+def test_a_place_is_seen_when_enough_of_the_voxels_around_it_are() -> None:
+    voxels = seen_from([(0.0, -1.2, 0.5)], [upright((0.0, 0.0), (0.3, 0.2, 0.1))])
+    rng = np.random.default_rng(5)
+    ground = np.column_stack([rng.uniform(-0.6, 0.6, (300, 2)), np.zeros(300)])
+    steps = np.array([-1.0, 0.0, 1.0]) * voxels.voxel_m
+    around = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
+    held = voxels.holds((ground[:, None] + around).reshape(-1, 3)).reshape(-1, 9, 3).any(2).sum(1)
+    for least in (1, 2, 9):
+        np.testing.assert_array_equal(voxels.holds_around(ground, np.eye(3), least), held >= least)
+    assert 0 < (held >= 2).sum() < len(held)

@@ -4,7 +4,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cuboid.kernels.extents import BINS, reach
+from cuboid.kernels.extents import BINS, beyond_sides, reach
+
+# How far beyond its sides places are put, metres.
+STEPS = np.array([0.02, 0.03, 0.04])
 
 
 def numpy_reach(points: np.ndarray, weights: np.ndarray, direction: np.ndarray, share: float) -> tuple[float, float]:
@@ -44,3 +47,26 @@ def test_a_single_point_has_no_extent() -> None:
     low, high = np.empty(1), np.empty(1)
     reach(np.array([[0.5, 2.0]]), np.ones(1), np.array([[1.0, 0.0]]), 0.05, low, high)
     assert (low[0], high[0]) == (0.5, 0.5)
+
+
+def numpy_beyond(points: np.ndarray, center: np.ndarray, R: np.ndarray) -> list[np.ndarray]:
+    own = (points - center) @ R
+    own = own[own[:, 2] > -0.1]
+    sides = []
+    for axis, sign in ((2, 1), (0, 1), (0, -1), (1, 1), (1, -1)):
+        edge = own[:, axis].max() - own[:, axis] if sign > 0 else own[:, axis] - own[:, axis].min()
+        steps = sign * STEPS[:, None] * np.eye(3)[axis]
+        sides.append(((own[edge <= 0.03][:, None] + steps) @ R.T + center).reshape(-1, 3))
+    return sides
+
+
+def test_what_lies_beyond_the_sides_is_what_array_operations_put_there() -> None:
+    rng = np.random.default_rng(4)
+    points, center = rng.uniform(-0.3, 0.3, (80, 3)).astype(np.float32), np.array([0.02, -0.05, 0.01])
+    R = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    places, counts = np.empty((5 * len(STEPS) * len(points), 3)), np.empty(5, np.int64)
+    found = beyond_sides(points, center, R, -0.1, 0.03, STEPS, places, counts)
+    expected = numpy_beyond(points.astype(float), center, R)
+    assert counts.tolist() == [len(side) // len(STEPS) for side in expected]
+    np.testing.assert_allclose(places[:found], np.concatenate(expected), atol=1e-12)
+    assert beyond_sides(points, center, R, 1.0, 0.03, STEPS, places, counts) == counts.sum() == 0

@@ -5,7 +5,14 @@ import pytest
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from cuboid.kernels.pieces import gather_regions, join_surfaces, label_regions, sum_regions
+from cuboid.kernels.pieces import (
+    drop_unread,
+    gather_regions,
+    join_surfaces,
+    keep_readings,
+    label_regions,
+    sum_regions,
+)
 from cuboid.kernels.pixels import drop_mixed, stand_on
 from cuboid.tolerances import JUMP_SIGMAS
 
@@ -116,7 +123,7 @@ def test_regions_are_gathered_as_array_operations_do_it() -> None:
         assert beneath[k].tolist() == [(support[own] == p).sum() for p in range(3)]
 
 
-def test_height_is_taken_above_the_highest_plane_beneath() -> None:
+def test_what_is_beneath_is_the_highest_plane() -> None:
     """A camera looks straight down from 2 m: floor at 0, a table top at 0.7 m in one half, a box of 0.2 m on each."""
     depth = np.full((48, 64), 2.0, np.float32)
     depth[:, 32:] = 1.3
@@ -126,23 +133,36 @@ def test_height_is_taken_above_the_highest_plane_beneath() -> None:
     planes = np.array([[0, 0, -1.0, 2.0], [0, 0, -1.0, 1.3]])
     ground = np.ones((2, 80, 80), np.uint8)
     ground[1, :40] = 0  # plan x < 0 is beyond the table's rim
-    heights, support = np.empty(depth.shape, np.float32), np.empty(depth.shape, np.int32)
+    on_plane, support = np.empty(depth.shape, np.int32), np.empty(depth.shape, np.int32)
     seen = np.zeros((2, 80, 80), np.int32)
     numbers = np.array([200, 40000], np.int32)
     patches = np.full((6, 8), 200, np.int32)
     patches[:, 4:] = 40000
     stand_on(
         depth, CAMERA, T_plan_camera, planes, numbers, ground, np.array([-2.0, -2.0]), 0.05, patches, 8,
-        1.4e-3, 0.01, 0.005, 4.0, heights, support, seen,
+        1.4e-3, 0.01, 0.005, 4.0, on_plane, support, seen,
     )  # fmt: skip
-    assert heights[0, 0] == 0
-    assert support[0, 0] == 0
-    np.testing.assert_allclose(heights[12, 8], 0.2, atol=1e-6)
-    assert support[12, 8] == 0
-    assert heights[0, 60] == 0
-    assert support[0, 60] == 1
-    np.testing.assert_allclose(heights[12, 50], 0.2, atol=1e-6)
-    assert support[12, 50] == 1
     on_floor, on_table = depth == 2.0, depth == np.float32(1.3)
+    np.testing.assert_array_equal(on_plane, np.where(on_floor, 0, np.where(on_table, 1, -1)))
+    np.testing.assert_array_equal(support, np.repeat([0, 1], 32)[None].repeat(48, 0))
     assert seen[0].sum() == on_floor.sum()
     assert seen[1].sum() == on_table.sum()
+
+
+def test_regions_with_too_few_readings_go_and_readings_come_first() -> None:
+    rng = np.random.default_rng(7)
+    labels = rng.integers(0, 5, (12, 20)).astype(np.int32)
+    readings = np.where(rng.random(labels.shape) < 0.5, 1.0, 0.0).astype(np.float32)
+    readings[labels == 2] = 0.0
+    before, sizes = labels.copy(), np.empty(6, np.int64)
+    drop_unread(labels, readings, 8, sizes)
+    np.testing.assert_array_equal(labels, np.where(before == 2, 0, before))
+    assert sizes.tolist() == [(before == 0).sum(), *((labels == k).sum() for k in range(1, 6))]
+    pixels = np.concatenate([np.flatnonzero(labels == k) for k in (1, 3, 4)])
+    first, points = np.cumsum([0, *sizes[[1, 3, 4]]]), np.repeat(pixels[:, None], 3, axis=1).astype(float)
+    own = np.empty(3, np.int64)
+    keep_readings(first, pixels, points, readings, own)
+    for k, number in enumerate((1, 3, 4)):
+        kept = np.flatnonzero((labels == number) & (readings > 0))
+        np.testing.assert_array_equal(pixels[first[k] : own[k]], kept)
+        np.testing.assert_array_equal(points[first[k] : own[k], 2], kept)

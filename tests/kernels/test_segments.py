@@ -100,11 +100,10 @@ def test_a_gap_of_two_pixels_in_a_crease_does_not_join_its_sides() -> None:
     marks[:, 80] = segments.CREASE
     marks[60:62, 80] = 0
     labels, queue = np.empty(SHAPE, np.int16), np.empty(SHAPE[0] * SHAPE[1], np.int32)
-    sizes = np.empty(11, np.int32)
-    assert segments.label_surfaces(kind, marks, 10, labels, queue, sizes) == 2
+    assert segments.label_surfaces(kind, marks, 10, 10, labels, queue) == 2
     assert (labels[:, :80] == 1).all()
     assert (labels[:, 81:] == 2).all()
-    assert sizes[1] + sizes[2] == labels.size
+    assert (labels > 0).all()
 
 
 def test_small_patches_become_nothing() -> None:
@@ -112,8 +111,8 @@ def test_small_patches_become_nothing() -> None:
     kind[5:8, 5:8] = segments.SURFACE
     kind[20:30, 20:30] = segments.SURFACE
     labels, queue = np.empty(SHAPE, np.int16), np.empty(SHAPE[0] * SHAPE[1], np.int32)
-    marks, sizes = np.zeros(SHAPE, np.uint8), np.empty(11, np.int32)
-    assert segments.label_surfaces(kind, marks, 10, labels, queue, sizes) == 1
+    marks = np.zeros(SHAPE, np.uint8)
+    assert segments.label_surfaces(kind, marks, 10, 10, labels, queue) == 1
     assert (labels[20:30, 20:30] == 1).all()
     assert (labels > 0).sum() == 100
     assert (kind[5:8, 5:8] == segments.NONE).all()
@@ -166,7 +165,8 @@ def test_segments_are_measured_as_numpy_counts_them() -> None:
     kind, marks = np.full(labels.shape, segments.SURFACE, np.uint8), np.zeros(labels.shape, np.uint8)
     table, contact = np.empty((4, regions.COLUMNS)), np.empty((4, 4), np.float32)
     weight = np.empty((4, 4), np.float32)
-    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, contact, weight)
+    planes = np.empty((0, regions.COLUMNS))
+    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, contact, weight, planes)
     framed = np.pad(labels, 1)
     pairs = np.vstack(
         [
@@ -198,8 +198,10 @@ def test_a_plane_is_measured_by_what_lies_along_its_outline() -> None:
     labels[5:15, 5:15], inverse[5:15, 5:15] = regions.BACKGROUND - 2, 1.0
     labels[15:, :], inverse[15:, :] = regions.BACKGROUND - 1, 1.0
     labels[8:10, 8:10] = 1
-    rows = np.empty((2, regions.COLUMNS))
-    regions.measure_planes(labels, inverse, NOISE, 0.012, 0.06, rows)
+    rows, table = np.empty((2, regions.COLUMNS)), np.empty((2, regions.COLUMNS))
+    kind, marks = np.full(labels.shape, segments.PLANE, np.uint8), np.zeros(labels.shape, np.uint8)
+    contact, weight = np.empty((2, 2), np.float32), np.empty((2, 2), np.float32)
+    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, contact, weight, rows)
     lower, plane = rows
     assert plane[regions.PIXELS] == 96
     assert [plane[k] for k in (regions.LEFT, regions.TOP, regions.RIGHTMOST, regions.BOTTOM)] == [5, 5, 14, 14]
@@ -215,7 +217,8 @@ def test_two_planes_that_touch_change_no_segment() -> None:
     table, contact = np.empty((2, regions.COLUMNS)), np.empty((2, 2), np.float32)
     kind, marks = np.full(labels.shape, segments.PLANE, np.uint8), np.zeros(labels.shape, np.uint8)
     inverse, weight = np.ones(labels.shape, np.float32), np.empty((2, 2), np.float32)
-    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, contact, weight)
+    planes = np.empty((2, regions.COLUMNS))
+    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, contact, weight, planes)
     assert table[1, regions.OUTLINE] == 8
     assert table[1, regions.STRENGTH] == 8
     assert not contact.any()
@@ -342,3 +345,22 @@ def test_of_regions_that_are_nearly_the_same_the_best_one_is_kept() -> None:
         chosen = np.empty(most, np.int64)
         number = unions.distinct(order, members, pixels, weight, 0.8, chosen)
         assert chosen[:number].tolist() == kept[:most]
+
+
+def test_depth_is_filled_as_the_holes_of_surfaces_are() -> None:
+    rng = np.random.default_rng(9)
+    depth = rng.choice([0.0, 0.0, 0.8, 1.5], (30, 40)).astype(np.float32)
+    depth[5:25, 10:30] = 0.0
+    color = rng.integers(0, 40, (*depth.shape, 3)).astype(np.uint8)
+    inverse = np.where(depth > 0, 1 / np.maximum(depth, np.float32(0.1)), 0).astype(np.float32)
+    kind = np.where(depth > 0, segments.SURFACE, segments.NONE).astype(np.uint8)
+    on, cost, out = np.full(depth.shape, -1, np.int8), np.empty(depth.shape, np.float32), np.empty_like(depth)
+    holes.fill_holes(
+        kind, on, color, 1, 12.0, 0.05, 100.0, np.zeros(depth.shape, np.int16), inverse, cost,
+        np.empty(depth.size, np.int32),
+    )  # fmt: skip
+    holes.fill_depth(depth, color, 12.0, 0.05, 100.0, out)
+    np.testing.assert_array_equal(out[depth > 0], depth[depth > 0])
+    np.testing.assert_array_equal(out > 0, inverse > 0)
+    np.testing.assert_allclose(out[out > 0], 1 / inverse[out > 0], rtol=1e-6)
+    assert 0 < (out == 0).sum() < (depth == 0).sum()

@@ -57,7 +57,8 @@ def test_points_are_counted_as_array_operations_do_it(seed: int) -> None:
     ends = np.cumsum(sizes)
     counts, corners = np.empty((3, 3), np.int64), np.empty((3, 4))
     count_seen(
-        points, colors, ends, numbers, depth, color, owner, CAMERA, T, NOISE, AGREE_M, ALIKE, counts, corners
+        points, colors, ends, numbers, depth, color, np.arange(owner.size, dtype=np.int32).reshape(owner.shape),
+        owner.ravel(), CAMERA, T, NOISE, AGREE_M, ALIKE, counts, corners,
     )  # fmt: skip
     for k, end in enumerate(ends):
         own = slice(end - sizes[k], end)

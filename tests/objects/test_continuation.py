@@ -66,3 +66,13 @@ def test_what_lies_flat_has_no_sides_to_go_on() -> None:
 def test_what_was_seen_but_once_proves_nothing() -> None:
     leg, top = shell((-0.03, 0.03), (-0.03, 0.03), (0.0, 0.7)), grid((-0.4, 0.4), (-0.4, 0.4), (0.7, 0.73))
     assert not structure(map_of((FLOOR, 0), (leg, THING), (top, 0), hits=1))
+
+
+def test_an_object_has_as_many_rows_as_are_asked_for_or_not() -> None:
+    voxels = map_of((FLOOR, 0), (shell((-0.1, 0.1), (-0.08, 0.08), (0.0, 0.2)), THING))
+    count = len(voxels.rows_of(THING))
+    assert count > 100
+    assert voxels.has_rows(THING, count)
+    assert not voxels.has_rows(THING, count + 1)
+    assert voxels.has_rows(OTHER, 0)
+    assert not voxels.has_rows(OTHER, 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -31,6 +32,9 @@ cuboid.run._tracker = Quick
 sys.exit(main(sys.argv[1:]))
 """
 
+# What a process may take, seconds: of the processor, and, since others may have that, much more by the clock.
+MOST_PROCESSOR_S, MOST_S = 120, 900
+
 # Root may write everywhere; without this it is bound by permissions as others are.
 BOUND = ("setpriv", "--bounding-set=-dac_override,-dac_read_search,-fowner", "--inh-caps=-dac_override")
 
@@ -50,9 +54,17 @@ def bound(words: Sequence[str]) -> list[str]:
 
 
 def run(words: Sequence[str], **options: Any) -> subprocess.CompletedProcess[str]:
-    """Run a call to its end."""
+    """Run a call to its end: one that works for too long, or hangs, is killed."""
     streams = {name: options.pop(name, subprocess.PIPE) for name in ("stdout", "stderr")}
-    return subprocess.run(words, **streams, text=True, timeout=120, check=False, **options)
+    with subprocess.Popen(words, **streams, text=True, **options) as process:
+        if sys.platform == "linux":
+            resource.prlimit(process.pid, resource.RLIMIT_CPU, (MOST_PROCESSOR_S, MOST_PROCESSOR_S))
+        try:
+            out, err = process.communicate(timeout=MOST_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise
+    return subprocess.CompletedProcess(words, process.returncode, out, err)
 
 
 def refused(done: subprocess.CompletedProcess[str]) -> str:

@@ -134,6 +134,43 @@ def test_another_thing_in_its_place_is_another(first: Path, tmp_path: Path) -> N
         assert {change.label: change.change for change in scene.changes()}[one] == "gone"
 
 
+def test_what_is_laid_where_another_stood_is_not_one_with_it(first: Path, tmp_path: Path) -> None:
+    """One is pushed aside, three is laid between: both were moved, to where they are."""
+    with Scene.open(first) as scene:
+        one, two, three = (label_at(scene, place[0]) for place in (ONE, TWO, THREE))
+    shown = Shown((thing(ONE, (-0.3, 0.21)), thing(TWO), thing(THREE, (-0.25, 0.06))), frames=60, begin=0.3)
+    with visited(first, tmp_path / "s.cuboid", shown) as scene:
+        assert {change.label: change.change for change in scene.changes()} == {
+            one: "moved",
+            two: "unchanged",
+            three: "moved",
+        }
+        for label, place in ((one, (-0.3, 0.21)), (three, (-0.25, 0.06))):
+            (item,) = (item for item in scene.objects if item.label == label)
+            assert np.linalg.norm(item.box.center[:2] - place) < 0.02
+
+
+def test_pieces_that_went_together_are_one(tmp_path: Path) -> None:
+    """What lies beside another thing before and after both were moved belongs to it."""
+
+    def pieces(x: float, y: float) -> tuple[object, ...]:
+        return upright((x, y), (0.14, 0.12, 0.14), z=0.48), upright((x + 0.1, y), (0.06, 0.12, 0.05), z=0.48)
+
+    path = tmp_path / "s.cuboid"
+    record(path, Shown((*pieces(-0.3, 0.05), thing(TWO)), frames=40))
+    with Scene.open(path) as scene:
+        assert len(scene.objects) == 3
+        two = label_at(scene, TWO[0])
+    record(path, Shown((*pieces(0.35, -0.05), thing(TWO)), frames=60, begin=0.3), "again")
+    with Scene.open(path) as scene:
+        told = {change.label: change.change for change in scene.changes()}
+        assert told.pop(two) == "unchanged"
+        ((label, change),) = told.items()
+        assert change == "moved"
+        ended = {item.label: item.merged_into for item in scene.all_objects}
+        assert [ended[other] for other in (1, 2, 3) if other not in (label, two)] == [label]
+
+
 def test_what_stood_there_without_a_label_is_not_new(tmp_path: Path) -> None:
     """A thing that proposals passed over in the first visit is found in the second one; it did not come."""
     things = (thing(ONE), thing(TWO), thing(THREE))
@@ -192,6 +229,18 @@ def test_what_was_hidden_is_not_new(tmp_path: Path) -> None:
         told = {change.label: change.change for change in scene.changes()}
         assert told[label_at(scene, (-0.22, 0.15))] == "found"
         assert "new" not in told.values()
+
+
+def test_what_is_thinner_than_the_ground_is_known_is_not_new(first: Path, tmp_path: Path) -> None:
+    """A post may have stood where only the ground beside it was seen; a can that came stood nowhere before."""
+    post, can = (
+        upright(at, (side, side, 0.3), 0.0, z=0.48) for at, side in (((0.35, -0.1), 0.04), ((-0.3, 0.4), 0.08))
+    )
+    shown = Shown((thing(ONE), thing(TWO), thing(THREE), post, can), frames=40, begin=0.4)
+    with visited(first, tmp_path / "s.cuboid", shown) as scene:
+        told = {change.label: change.change for change in scene.changes()}
+        assert told[label_at(scene, (-0.3, 0.4))] == "new"
+        assert told[label_at(scene, (0.35, -0.1))] == "found"
 
 
 class Passed(Shown):

@@ -36,7 +36,8 @@ def found(
     )
     return frame_clusters(
         read, image, np.full(depth.shape, 0.5, np.float32), weighed, np.array(prior or [1.0] * len(boxes)),
-        heights.astype(np.float32), support.astype(np.int32), PLANES, SIDES, T_WORLD_CAMERA, TrackerConfig(),
+        np.where(heights == 0, support, -1).astype(np.int32), support.astype(np.int32), PLANES, SIDES, T_WORLD_CAMERA,
+        TrackerConfig(),
     )  # fmt: skip
 
 

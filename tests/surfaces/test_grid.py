@@ -90,3 +90,35 @@ def test_a_plane_that_moved_is_where_its_points_are() -> None:
     assert plan.covers(points).all()
     assert not plan.covers(np.array([[0.2, 0.2]]))[0]
     assert {tuple(c) for c in cells_of(points).tolist()} <= covered(plan)
+
+
+@pytest.mark.parametrize("side", [8, 60, 700])
+def test_readings_that_move_are_those_of_the_cells_that_points_lie_in(side: int) -> None:
+    """Whether the window is found anew whole or in part, and wherever it has to grow to."""
+    rng = np.random.default_rng(side)
+    for _ in range(8):
+        plan = GroundPlan()
+        points = (rng.uniform(0, side, (200, 2)) + rng.integers(-side, side, 2)) * CELL_M
+        plan.begin(points, rng.uniform(0, 0.05, len(points)))
+        plan.add(rng.integers(0, 4, (20, 30)).astype(np.int32), plan.corner + 20)
+        before = {tuple(cell): plan.seen[tuple(cell)] for cell in np.argwhere(plan.seen > 0)}, plan.corner
+        moved = points[rng.integers(0, len(points), 500)] + rng.normal(0, CELL_M, (500, 2)) + side / 4 * CELL_M
+        plan.move(moved)
+        expected = np.zeros_like(plan.seen)
+        for cell, count in zip(*np.unique(cells_of(moved), axis=0, return_counts=True), strict=True):
+            readings = before[0].get(tuple(cell - before[1]), 0)
+            expected[tuple(cell - plan.corner)] = max(readings, LEAST_READINGS) if count > 1 else readings
+        np.testing.assert_array_equal(plan.seen, expected)
+        fresh = GroundPlan()
+        fresh.add(plan.seen, plan.corner)
+        fresh.refresh()
+        assert covered(plan) == covered(fresh)
+        assert plan.area_m2() == fresh.area_m2()
+
+
+def test_points_beyond_the_widest_window_are_lost_and_no_fault() -> None:
+    plan = GroundPlan()
+    patch(plan, (0, 0), (9, 9))
+    plan.move(np.array([[1e4, 1e4], [1e4, 1e4]]))
+    assert not plan.covered.any()
+    assert plan.area_m2() == 0.0

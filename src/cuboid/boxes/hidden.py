@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.boxes.fit import fit_box, plane_axes
+from cuboid.boxes.quantiles import quantile
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
@@ -16,6 +18,8 @@ from cuboid.tolerances import LEAST_READINGS, LITTLE, SOME, STRAYS
 
 # A box this near its plane, metres, rests on it.
 LEAST_GAP_M = 1e-6
+# A place was seen when so many of the nine voxels of the ground around it were.
+SOME_OF_NINE = math.ceil(9 * SOME)
 # Places of the ground beneath that are looked up, a side.
 BENEATH = LEAST_READINGS
 
@@ -77,7 +81,7 @@ def twins(
     (M, 3) float64
     """
     height = points @ normal + offset
-    top = float(np.quantile(height, 1.0 - 2.0 * STRAYS))
+    top = quantile(height, 1.0 - 2.0 * STRAYS)
     layer = points[height >= top - max(LITTLE * top, voxels.voxel_m)]
     axis = (layer.min(0) + layer.max(0)) / 2.0
     # Half a turn about the normal.
@@ -95,7 +99,7 @@ def twins(
         free &= _beyond(twin[out], other) > 0.0
     out = out[free]
     ground = twin[out] - np.outer(twin[out] @ normal + offset, normal)
-    return np.asarray(twin[out][~was_seen(ground, normal, voxels)], dtype=np.float64)
+    return np.asarray(twin[out][~_seen(ground, normal, voxels)], dtype=np.float64)
 
 
 def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequence[Box], voxels: VoxelMap) -> bool:
@@ -108,17 +112,12 @@ def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequen
     for other in others:
         if (_beyond(ground + 0.5 * np.outer(height - box.size[2] / 2, normal), other) <= 0.0).any():
             return False
-    return bool(was_seen(ground, normal, voxels).mean() <= SOME)
+    return bool(_seen(ground, normal, voxels).mean() <= SOME)
 
 
-def was_seen(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:
-    """Tell of which places (N, 3) on a plane some of the nine voxels around, one up or down, hold a point."""
-    first, second = plane_axes(normal)
-    steps = np.array([-1.0, 0.0, 1.0]) * voxels.voxel_m
-    a, b, c = (m.ravel()[:, None] for m in np.meshgrid(steps, steps, steps, indexing="ij"))
-    around = a * first + b * second + c * normal
-    held = voxels.holds((ground[:, None] + around).reshape(-1, 3)).reshape(len(ground), 9, 3)
-    return np.asarray(held.any(2).mean(1) >= SOME)
+def _seen(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:
+    """Tell which places (N, 3) on a plane were seen: some of the nine voxels around hold a point, one up or down."""
+    return voxels.holds_around(ground, np.array([*plane_axes(normal), normal]), SOME_OF_NINE)
 
 
 def _beyond(points: Float64Array, box: Box) -> Float64Array:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.boxes.fit import DIRECTIONS, box_within, plane_axes, reach_of
+from cuboid.boxes.quantiles import quantile
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.kernels import revolve as kernel
@@ -60,7 +61,7 @@ def revolved(
     first, second = plane_axes(normal)
     plan = points @ np.array([first, second]).T
     layer = np.floor((height - height.min()) / layer_m).astype(np.int64)
-    side = np.flatnonzero(height < np.quantile(height, 1.0 - 2.0 * STRAYS) - JUMP_M)
+    side = np.flatnonzero(height < quantile(height, 1.0 - 2.0 * STRAYS) - JUMP_M)
     if len(side) < LEAST_READINGS or not trust[side].sum() > 0.0:
         return None
     axis = _axis(plan[side], layer[side], trust[side], _footprint(box, first, second), noise_m)

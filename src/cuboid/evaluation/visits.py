@@ -21,7 +21,8 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou_matrix, pack
 from cuboid.geometry.se3 import mean_motion, transform
 from cuboid.readers.posetext import Trajectory
-from cuboid.scene import Scene, SceneChange
+from cuboid.results import SceneChange
+from cuboid.scene import Scene
 
 VISITS = "visits.json"
 # A label is a thing's when their boxes overlap by this.

@@ -13,7 +13,7 @@ from cuboid.heatmap.carrying import motions_of
 from cuboid.heatmap.stored_points import Rows, StoredPoints
 from cuboid.kernels import carrying as kernel_carrying
 from cuboid.kernels import claims as kernel_claims
-from cuboid.kernels import lookup
+from cuboid.kernels import lookup, owners
 from cuboid.kernels import voxels as kernel
 from cuboid.kernels.cubes import BLOCK_BITS, HEATS, LEVELS, columns_of
 from cuboid.tolerances import LEAST_READINGS
@@ -186,17 +186,17 @@ class VoxelMap(StoredPoints):
         )  # fmt: skip
         # Blocks of an object's rows: a row that the vote did not give it does no harm there.
         pairs = np.empty(claim.size, np.int64)
-        pairs = np.unique(pairs[: kernel.blocks_touched(claim, slots, pairs)])
+        pairs = np.unique(pairs[: owners.blocks_touched(claim, len(number_of), slots, pairs)])
         number, block = number_of[pairs >> 32].astype(np.int64), pairs & 0xFFFFFFFF
         order = np.argsort(number, kind="stable")
         order = order[number[order] > 0]
         self._blocks.give(number[order], block[order])
 
-    def owner_of(self, slots: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-        """Return the number of the object (h, w) that each pixel's voxel belongs to, 0 none."""
-        owner = np.empty(slots.shape, np.int32)
-        kernel.owner_of(slots, self.owner, owner)
-        return owner
+    def owner_of(self, slots: npt.NDArray[np.int32]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
+        """Return the number of the object (h, w) that each pixel's voxel belongs to, 0 none; and which were known."""
+        owner, known = np.empty(slots.shape, np.int32), np.empty(slots.shape, np.bool_)
+        owners.owner_of(slots, self.owner, self.hits, owner, known)
+        return owner, known
 
     def seen_since(self, rows: Rows, frame: int) -> npt.NDArray[np.bool_]:
         """Tell of which rows (N,) a frame from some number on saw the point."""
@@ -214,6 +214,18 @@ class VoxelMap(StoredPoints):
     def holds(self, points: Float64Array) -> npt.NDArray[np.bool_]:
         """Tell which places (N, 3) of the world lie in a voxel that holds a point."""
         return self.rows_at(points) >= 0
+
+    def holds_around(self, ground: Float64Array, axes: Float64Array, least: int) -> npt.NDArray[np.bool_]:
+        """Tell of places (N, 3) on a plane whether so many of the nine voxels around each hold a point, one up or down.
+
+        `axes` (3, 3) are, row by row, two axes of the plane and its normal.
+        """
+        ground, missing = np.ascontiguousarray(ground), np.empty(27 * len(ground), np.int64)
+        seen = np.empty(len(ground), np.bool_)
+        asked = self.voxel_m, self._cubes, self._points.voxel, self._points.weight, seen, missing
+        while absent := lookup.seen_around(ground, axes, self.voxel_m, least, *asked):
+            self._bring(missing[:absent])
+        return seen
 
     def owner_at(self, points: Float64Array) -> npt.NDArray[np.int32]:
         """Return the owner of what was seen more than once at places (N, 3) of the world, -1 where nothing was."""

@@ -231,3 +231,52 @@ def near_some(points, normals, offsets, windows, off_m, cell_m, likely):
             likely[count] = k
             count += 1
     return count
+
+
+@njit(cache=True, nogil=True)
+def keep_readings(cells, before, offset, least, after, window):
+    """Keep the readings of the cells that points lie in; those with several points have as many as need be.
+
+    Parameters
+    ----------
+    cells : (N, 2) int64
+        Of the points, in the window; those outside of it count for nothing.
+    before : (h, w) int32
+        Readings by cell, in a window that is no larger.
+    offset : (2,) int64
+        The window's first cell in that one.
+    least : int
+        Readings that several points stand for.
+    after : (H, W) int32, output
+        Zeros.
+    window : (4,) int64, output
+        Around the cells that have so many readings: the first one, and the one past the last.
+
+    Returns
+    -------
+    int
+        How many cells have so many readings.
+    """
+    height, width = after.shape
+    known = 0
+    window[0], window[1], window[2], window[3] = height, width, 0, 0
+    for turn in range(3):
+        for n in range(cells.shape[0]):
+            i, j = cells[n]
+            if not (0 <= i < height and 0 <= j < width):
+                continue
+            if turn == 0:  # count
+                after[i, j] += 1
+            elif turn == 1 and after[i, j] > 0:  # below 0: done
+                x, y = i + offset[0], j + offset[1]
+                inside = 0 <= x < before.shape[0] and 0 <= y < before.shape[1]
+                readings = np.int64(before[x, y]) if inside else 0
+                readings = max(readings, least) if after[i, j] > 1 else readings
+                if readings >= least:
+                    known += 1
+                    window[0], window[1] = min(window[0], i), min(window[1], j)
+                    window[2], window[3] = max(window[2], i + 1), max(window[3], j + 1)
+                after[i, j] = -1 - readings
+            elif turn == 2 and after[i, j] < 0:
+                after[i, j] = -1 - after[i, j]
+    return known

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
 
@@ -41,12 +42,13 @@ def common(owner, place, rectangles, starts, covered, column, table, sight):
         x0, y0, x1, y1 = rectangles[k]
         at, last, run = starts[k], 0, 0
         for v in range(y0, y1):
-            for u in range(x0, x1):
-                at += 1
-                if covered[at - 1]:
-                    if column[v, u] != last:
+            mine, theirs = covered[at : at + x1 - x0], column[v, x0:x1]
+            at += mine.size
+            for u in range(mine.size):
+                if mine[u]:
+                    if theirs[u] != last:
                         table[k, last] += run
-                        last, run = column[v, u], 0
+                        last, run = theirs[u], 0
                     run += 1
         table[k, last] += run
 
@@ -161,6 +163,7 @@ def vote(claim, number_of, place, allowed, candidate, slots, hits, most, owner, 
         Zeros.
     """
     height, width = claim.shape
+    those, count = np.empty(claim.size, np.int32), 0
     for v in range(height):
         for u in range(width):
             row = slots[v, u]
@@ -188,7 +191,7 @@ def vote(claim, number_of, place, allowed, candidate, slots, hits, most, owner, 
             else:
                 confidence[row] -= 1
             voted[row] = 1
-    for v in range(height):
-        for u in range(width):
-            if slots[v, u] >= 0:
-                voted[slots[v, u]] = 0
+            those[count] = row
+            count += 1
+    for row in those[:count]:
+        voted[row] = 0

@@ -31,16 +31,19 @@ def reach(points, weights, directions, share, low, high):
     total = 0.0
     for i in range(points.shape[0]):
         total += weights[i]
-    bins = np.empty(BINS)
+    # First the bins of all points, then their weights: so one instruction finds several bins.
+    across, along = points[:, 0].copy(), points[:, 1].copy()
+    bins, place = np.empty(BINS), np.empty(points.shape[0], np.int32)
     for d in range(directions.shape[0]):
         first, last = low[d], high[d]
         if last <= first:
             continue
-        bins[:] = 0.0
         scale, x, y = BINS / (last - first), directions[d, 0], directions[d, 1]
         for i in range(points.shape[0]):
-            along = points[i, 0] * x + points[i, 1] * y
-            bins[min(BINS - 1, int((along - first) * scale))] += weights[i]
+            place[i] = np.int32((across[i] * x + along[i] * y - first) * scale)
+        bins[:] = 0.0
+        for i in range(points.shape[0]):
+            bins[min(BINS - 1, place[i])] += weights[i]
         low[d], high[d] = trimmed(bins, share * total, first, scale)
 
 
@@ -178,3 +181,57 @@ def side_layers(points, weights, center, rotation, half, band, out):
                 out[k, 1] += w * max(depth, 0.0)
             elif depth < 2.0 * band:
                 out[k, 2] += w
+
+
+@njit(cache=True, nogil=True)
+def beyond_sides(points, center, rotation, bottom, near, steps, places, counts):
+    """Put points beyond the sides of a cloud, opposite to those that make each side: its top and four upright sides.
+
+    Parameters
+    ----------
+    points : (N, 3) float32
+        World, metres.
+    center : (3,) float64
+    rotation : (3, 3) float64
+        The axes of its box are the columns, the third up.
+    bottom : float
+        Points lower than this above the centre do not count, metres.
+    near : float
+        Points make a side that are no farther from the outermost one, metres.
+    steps : (K,) float64
+        How far beyond each of these places are put, metres.
+    places : (5 K N, 3) float64, output
+        World, side by side in the order +z, +x, -x, +y, -y, point by point.
+    counts : (5,) int64, output
+        Points that make each side; all 0 where none counts.
+
+    Returns
+    -------
+    int
+        How many places there are.
+    """
+    own, n = np.empty((points.shape[0], 3)), 0
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for i in range(points.shape[0]):
+        dx, dy, dz = points[i, 0] - center[0], points[i, 1] - center[1], points[i, 2] - center[2]
+        for k in range(3):
+            own[n, k] = dx * rotation[0, k] + dy * rotation[1, k] + dz * rotation[2, k]
+        if own[n, 2] > bottom:
+            for k in range(3):
+                low[k], high[k] = min(low[k], own[n, k]), max(high[k], own[n, k])
+            n += 1
+    total = 0
+    for side in range(5):
+        axis, sign = (2, 1.0) if side == 0 else ((side - 1) // 2, 1.0 if side % 2 == 1 else -1.0)
+        counts[side] = 0
+        for i in range(n):
+            if (high[axis] - own[i, axis] if sign > 0.0 else own[i, axis] - low[axis]) > near:
+                continue
+            counts[side] += 1
+            for step in steps:
+                out = places[total]
+                for k in range(3):
+                    out[k] = center[k] + sign * step * rotation[k, axis]
+                    out[k] += own[i, 0] * rotation[k, 0] + own[i, 1] * rotation[k, 1] + own[i, 2] * rotation[k, 2]
+                total += 1
+    return total

@@ -53,6 +53,13 @@ def fill_holes(kind, on, color, step, edge, reach, focal, labels, inverse, cost,
                 cost[v, u] = 0.0
                 if kind[v, u] == PLANE or kind[v, u] == FAR:
                     labels[v, u] = BACKGROUND - 1 - on[v, u]
+    spread(holes, color, step, per_level, reach * focal, labels, inverse, cost, queue)
+
+
+@njit(cache=True, nogil=True)
+def spread(holes, color, step, per_level, reach_px, labels, inverse, cost, queue):
+    """Sweep over the holes, the first of the queue, there and back; see `fill_holes`."""
+    height, width = cost.shape
     for sweep in range(2):
         s = -1 if sweep % 2 == 0 else 1
         for i in range(holes):
@@ -64,7 +71,7 @@ def fill_holes(kind, on, color, step, edge, reach, focal, labels, inverse, cost,
                 uu = u + s if k == 0 else u + k - 2
                 if vv < 0 or uu < 0 or vv >= height or uu >= width or cost[vv, uu] + 1.0 >= best:
                     continue
-                limit = min(best, reach * focal * inverse[vv, uu])
+                limit = min(best, reach_px * inverse[vv, uu])
                 total = cost[vv, uu] + (1.4 if k == 1 or k == 3 else 1.0)
                 if total > limit:
                     continue
@@ -77,3 +84,36 @@ def fill_holes(kind, on, color, step, edge, reach, focal, labels, inverse, cost,
                     labels[v, u] = labels[vv, uu]
                     inverse[v, u] = inverse[vv, uu]
             cost[v, u] = best
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fill_depth(depth, color, edge, reach, focal, out):
+    """Copy depth, its holes filled with the depth of what they lie nearest to; see `fill_holes`.
+
+    Parameters
+    ----------
+    depth : (H, W) float32
+        Metres, 0 none.
+    color : (H, W, 3) uint8
+    edge, reach, focal : float
+    out : (H, W) float32, output
+    """
+    height, width = depth.shape
+    one = np.float32(1.0)
+    cost, inverse = np.empty(depth.shape, np.float32), np.empty(depth.shape, np.float32)
+    labels, queue = np.zeros(depth.shape, np.int16), np.empty(depth.size, np.int32)
+    holes = 0
+    for v in range(height):
+        for u in range(width):
+            z = depth[v, u]
+            out[v, u] = z
+            read = z > 0.0
+            cost[v, u] = np.float32(0.0) if read else np.float32(np.inf)
+            inverse[v, u] = one / z if read else np.float32(0.0)
+            queue[holes] = (v << PLACE_BITS) | u
+            holes += not read
+    spread(holes, color, 1, np.float32(one / edge), np.float32(reach) * np.float32(focal), labels, inverse, cost, queue)
+    for i in range(holes):
+        v, u = queue[i] >> PLACE_BITS, queue[i] & COLUMN_MASK
+        if inverse[v, u] > 0.0:
+            out[v, u] = one / inverse[v, u]

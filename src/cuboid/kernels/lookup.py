@@ -45,6 +45,46 @@ def rows_at(points, voxel_m, cubes, voxels, weights, rows, missing):
 
 
 @njit(cache=True, nogil=True)
+def seen_around(ground, axes, reach, least, voxel_m, cubes, voxels, weights, seen, missing):
+    """Tell of places (N, 3) on a plane whether enough of the nine voxels around each hold a point, one up or down.
+
+    Parameters
+    ----------
+    ground : (N, 3) float64
+    axes : (3, 3) float64
+        Row by row: two axes of the plane, and its normal.
+    reach : float
+        From a place to the next one that is asked, metres.
+    least : int
+        So many of the nine are enough.
+    voxel_m, cubes, voxels, weights, missing
+        See `rows_at`; `missing` has room for 27 N.
+    seen : (N,) bool, output
+
+    Returns
+    -------
+    int
+        How many asked places lie in cubes that are not in memory; see `rows_at`.
+    """
+    steps = np.array([-reach, 0.0, reach])
+    column, rows, absent = np.empty((3, 3)), np.empty(3, np.int64), 0
+    for i in range(ground.shape[0]):
+        held = 0
+        for a in range(3):
+            for b in range(3):
+                if held >= least:
+                    continue
+                for c in range(3):
+                    for k in range(3):
+                        off = steps[a] * axes[0, k] + steps[b] * axes[1, k] + steps[c] * axes[2, k]
+                        column[c, k] = ground[i, k] + off
+                absent += rows_at(column, voxel_m, cubes, voxels, weights, rows, missing[absent:])
+                held += (rows >= 0).any()
+        seen[i] = held >= least
+    return absent
+
+
+@njit(cache=True, nogil=True)
 def places(rows, voxel_m, cubes, points, xyz):
     """Write where in the world the points of rows (N,) are to `xyz` (N, 3) float32."""
     mask = CUBE_SIDE - 1

@@ -20,6 +20,14 @@ EDGE_LEVELS, INNER_PIXELS = 90, 2
 
 
 @njit(cache=True, nogil=True, inline="always")
+def surrounded(claim, v, u):
+    """Tell whether all four neighbours of a pixel, none beyond the border, are of its share."""
+    a = claim[v, u]
+    beside = (claim[v, u - 1] == a) & (claim[v, u + 1] == a)
+    return beside & (claim[v - 1, u] == a) & (claim[v + 1, u] == a)
+
+
+@njit(cache=True, nogil=True, inline="always")
 def inwards(readings, claim, v, u, dv, du, reach):
     """Return how many steps inwards of a share's outline its first reading is; `reach` where it is no nearer."""
     height, width = readings.shape
@@ -134,11 +142,8 @@ def outlines(
     for v in range(height):
         for u in range(width):
             a = claim[v, u]
-            if a < 0:
+            if a < 0 or (0 < v < height - 1 and 0 < u < width - 1 and surrounded(claim, v, u)):
                 continue
-            z = depth[v, u]
-            limit = jump + JUMP_SIGMAS * noise * z * z
-            reach = max(2, int(gap_m * focal / z))
             for k in range(4):
                 dv, du = (k == 0) - (k == 1), (k == 2) - (k == 3)
                 if 0 <= v + dv < height and 0 <= u + du < width and claim[v + dv, u + du] == a:
@@ -150,6 +155,9 @@ def outlines(
                     far = high - here if dv + du > 0 else here - low
                     if far > max(1.0, END_SHARE * (high - low)):
                         continue
+                z = depth[v, u]
+                limit = jump + JUMP_SIGMAS * noise * z * z
+                reach = max(2, int(gap_m * focal / z))
                 kind, b = across(
                     depth, readings, color, claim, on_plane, plane_of[a], v, u, dv, du, limit, reach
                 )  # fmt: skip

@@ -40,21 +40,25 @@ def label_regions(depth, share, noise, jump, parent, labels):
     """
     rows, columns = depth.shape
     for v in range(rows):
+        own, above, near, far = share[v], share[max(v - 1, 0)], depth[v], depth[max(v - 1, 0)]
         for u in range(columns):
             here = v * columns + u
-            if share[v, u] < 0:
+            if own[u] < 0:
                 parent[here] = -1
                 continue
             parent[here] = root = here
-            z, mine = depth[v, u], share[v, u]
+            z, mine = near[u], own[u]
             limit = jump + JUMP_SIGMAS * noise * z * z
             for k in range(4):
-                vv = v - 1 if k < 3 else v
                 uu = u + k - 1 if k < 3 else u - 1
-                if vv < 0 or uu < 0 or uu >= columns or share[vv, uu] != mine:
+                if uu < 0 or uu >= columns or (v == 0 and k < 3):
                     continue
-                if abs(depth[vv, uu] - z) < limit:
-                    other = find_root(parent, vv * columns + uu)
+                if (above[uu] if k < 3 else own[uu]) == mine and abs((far[uu] if k < 3 else near[uu]) - z) < limit:
+                    there = here - columns + k - 1 if k < 3 else here - 1
+                    # Most neighbours are of one region by now.
+                    if parent[there] == root:
+                        continue
+                    other = find_root(parent, there)
                     if root < other:
                         parent[other] = root
                     elif other < root:
@@ -122,6 +126,45 @@ def join_surfaces(labels, number, share, depth, focal, major, deep):
     for v in range(rows):
         for u in range(columns):
             labels[v, u] = become[labels[v, u]]
+
+
+@njit(cache=True, nogil=True)
+def drop_unread(labels, readings, least, sizes):
+    """Clear the regions with too few readings, and count the pixels of all.
+
+    Parameters
+    ----------
+    labels : (H, W) int32, in and out
+        Number of the region, from 1; 0 none.
+    readings : (H, W) float32
+        Metres, 0 where a hole was filled.
+    least : int
+        A region of fewer readings is none.
+    sizes : (number + 1,) int64, output
+        Pixels of each region, 0 of those that are cleared.
+    """
+    read = np.zeros(sizes.size, np.int64)
+    sizes[:] = 0
+    # What belongs to one region comes in runs: a sum in hand is faster than one in memory.
+    last, run, known = 0, 0, 0
+    for v in range(labels.shape[0]):
+        for u in range(labels.shape[1]):
+            if labels[v, u] != last:
+                sizes[last] += run
+                read[last] += known
+                last, run, known = labels[v, u], 0, 0
+            run += 1
+            known += readings[v, u] > 0.0
+    sizes[last] += run
+    read[last] += known
+    few = np.zeros(sizes.size, np.bool_)
+    for k in range(1, sizes.size):
+        few[k] = sizes[k] > 0 and read[k] < least
+    if few.any():
+        for v in range(labels.shape[0]):
+            for u in range(labels.shape[1]):
+                labels[v, u] = 0 if few[labels[v, u]] else labels[v, u]
+    sizes[few] = 0
 
 
 @njit(cache=True, nogil=True)
@@ -224,3 +267,29 @@ def sum_regions(first, pixels, heat, support, warmth, beneath):
             p = planes[pixels[i]]
             if p >= 0:
                 beneath[k, p] += 1
+
+
+@njit(cache=True, nogil=True)
+def keep_readings(first, pixels, points, readings, own):
+    """Move the readings of each region to the front of all its pixels; what was filled goes.
+
+    Parameters
+    ----------
+    first : (kept + 1,) int64
+        Where the pixels of each region begin; see `gather_regions`.
+    pixels : (N,) int64, in and out
+    points : (N, 3) float64, in and out
+    readings : (H, W) float32
+        Metres, 0 where a hole was filled.
+    own : (kept,) int64, output
+        Where the readings of each region end.
+    """
+    depth = readings.ravel()
+    for k in range(own.size):
+        n = first[k]
+        for i in range(first[k], first[k + 1]):
+            if depth[pixels[i]] > 0.0:
+                pixels[n] = pixels[i]
+                points[n, 0], points[n, 1], points[n, 2] = points[i, 0], points[i, 1], points[i, 2]
+                n += 1
+        own[k] = n

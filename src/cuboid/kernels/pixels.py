@@ -1,4 +1,4 @@
-"""Hot loops over the pixels of one frame: height above the plane beneath, mixed pixels."""
+"""Hot loops over the pixels of one frame: the plane beneath, mixed pixels."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ import numpy as np
 from numba import njit
 
 from cuboid.tolerances import JUMP_M, SIGMAS
+
+# What a plane is to a reading.
+BELOW, ON, ABOVE = range(3)
 
 
 @njit(cache=True, nogil=True)
@@ -38,9 +41,9 @@ def hangs(before, z, after, limit):
 @njit(cache=True, nogil=True, error_model="numpy")
 def stand_on(
     depth, camera, T_grid_camera, planes_camera, numbers, ground, origin, cell, patches, patch, noise, floor, bias,
-    max_depth, heights, support, seen,
+    max_depth, on_plane, support, seen,
 ):  # fmt: skip
-    """Find for each pixel the supporting plane beneath it and its height above that plane.
+    """Find for each pixel the supporting plane that it lies on, and the one beneath it.
 
     Parameters
     ----------
@@ -68,62 +71,65 @@ def stand_on(
     floor, bias : float
         A reading is off its plane from max(floor, bias + 3 standard deviations of its height), metres.
     max_depth : float
-    heights : (H, W) float32, output
-        Metres above the plane beneath, NaN without one.
+    on_plane : (H, W) int32, output
+        Plane that a reading lies on, 0..P-1, -1 none.
     support : (H, W) int32, output
-        Plane beneath, 0..P-1, -1 none.
+        Plane beneath, or that it lies on; -1 none.
     seen : (P, N, M) int32, in and out
         Readings that lie on each plane, by cell; only those of patches that lie on it as a whole.
-
-    Notes
-    -----
-    A reading on a plane gets height 0.
     """
     rows, columns = depth.shape
-    count = planes_camera.shape[0]
-    nx_cells, ny_cells = ground.shape[1], ground.shape[2]
-    # Local copies: what is written below could lie in these arrays, for all the compiler knows.
-    xx, xy, xz, x0 = T_grid_camera[0]
-    yx, yy, yz, y0 = T_grid_camera[1]
-    left, top = origin[0], origin[1]
+    count, wide, high = ground.shape
     across, patch_of = (np.arange(columns) - camera[2]) / camera[0], np.arange(columns) // patch
+    # Of one row of the image: which cell each pixel is over, how high it is above the lowest plane that is beneath,
+    # what a plane is to it, and how high it is above that.
+    place, best = np.empty(columns, np.int64), np.empty(columns)
+    relation, height = np.empty(columns, np.uint8), np.empty(columns)
+    counts, grounds = seen.reshape(count, wide * high), ground.reshape(count, wide * high)
     for v in range(rows):
         ry, pr = (v - camera[3]) / camera[1], v // patch
-        for u in range(columns):
-            support[v, u] = -1
-            heights[v, u] = np.nan
-            z = depth[v, u]
-            if not (0.0 < z <= max_depth):
-                continue
-            rx = across[u]
-            x, y = rx * z, ry * z
-            gx = xx * x + xy * y + xz * z + x0
-            gy = yx * x + yy * y + yz * z + y0
-            ix = int(np.floor((gx - left) / cell))
-            iy = int(np.floor((gy - top) / cell))
-            if ix < 0 or iy < 0 or ix >= nx_cells or iy >= ny_cells:
-                continue
-            pc = patch_of[u]
-            on = patches[pr, pc] if pr < patches.shape[0] and pc < patches.shape[1] else -1
-            best = np.inf
-            # No limit below is larger: what is farther from a plane than this is not on it.
-            most = max(floor, bias + (SIGMAS + 0.01) * noise * z * z * (abs(rx) + abs(ry) + 1.0))
-            for p in range(count):
-                n0, n1, n2 = planes_camera[p, 0], planes_camera[p, 1], planes_camera[p, 2]
-                h = n0 * x + n1 * y + n2 * z + planes_camera[p, 3]
-                if h < -most or (h > most and h >= best):
+        over_cells(depth[v], across, ry, T_grid_camera, origin, cell, wide, high, max_depth, place)
+        best[:] = np.inf
+        on_plane[v] = -1
+        support[v] = -1
+        for p in range(count):
+            relate(depth[v], across, ry, planes_camera[p], noise, floor, bias, relation, height)
+            for u in range(columns):
+                if relation[u] == BELOW or place[u] < 0 or on_plane[v, u] >= 0:
                     continue
-                spread = noise * z * z * abs(n0 * rx + n1 * ry + n2)
-                limit = max(floor, bias + SIGMAS * spread)
-                if abs(h) < limit:
-                    if on == numbers[p]:
-                        seen[p, ix, iy] += 1
-                    if ground[p, ix, iy]:
-                        best = 0.0
-                        support[v, u] = p
-                        break
-                elif limit <= h < best and ground[p, ix, iy]:
-                    best = h
+                if relation[u] == ON:
+                    pc = patch_of[u]
+                    if pr < patches.shape[0] and pc < patches.shape[1] and patches[pr, pc] == numbers[p]:
+                        counts[p, place[u]] += 1
+                    if grounds[p, place[u]]:
+                        on_plane[v, u] = support[v, u] = p
+                elif height[u] < best[u] and grounds[p, place[u]]:
+                    best[u] = height[u]
                     support[v, u] = p
-            if best < np.inf:
-                heights[v, u] = best
+
+
+@njit(cache=True, nogil=True, inline="always")
+def over_cells(depth, across, ry, T_grid_camera, origin, cell, wide, high, max_depth, place):
+    """Tell over which cell, of wide x high, each reading of a row of the image is; -1 none. See `stand_on`."""
+    xx, xy, xz, x0 = T_grid_camera[0]
+    yx, yy, yz, y0 = T_grid_camera[1]
+    # Without a branch: so one instruction takes several pixels.
+    for u in range(depth.size):
+        z = np.float64(depth[u])
+        x, y = across[u] * z, ry * z
+        ix = np.floor((xx * x + xy * y + xz * z + x0 - origin[0]) / cell)
+        iy = np.floor((yx * x + yy * y + yz * z + y0 - origin[1]) / cell)
+        inside = (z > 0.0) & (z <= max_depth) & (ix >= 0.0) & (iy >= 0.0) & (ix < wide) & (iy < high)
+        place[u] = np.int64(ix * high + iy) if inside else -1
+
+
+@njit(cache=True, nogil=True, inline="always")
+def relate(depth, across, ry, plane, noise, floor, bias, relation, height):
+    """Tell of each reading of a row of the image whether it lies below, on or above a plane; see `stand_on`."""
+    n0, n1, n2, d = plane
+    for u in range(depth.size):
+        z = np.float64(depth[u])
+        h = n0 * (across[u] * z) + n1 * (ry * z) + n2 * z + d
+        limit = max(floor, bias + SIGMAS * (noise * z * z * abs(n0 * across[u] + n1 * ry + n2)))
+        height[u] = h
+        relation[u] = (ON if abs(h) < limit else ABOVE) if h > -limit else BELOW

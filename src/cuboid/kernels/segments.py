@@ -145,7 +145,7 @@ def linked(kind, marks, v, u, vv, uu):
 
 
 @njit(cache=True, nogil=True)
-def label_surfaces(kind, marks, least, labels, queue, sizes):
+def label_surfaces(kind, marks, least, most, labels, queue):
     """Number the segments: surface patches between jumps and creases.
 
     Their cores, one pixel away from any jump or crease, are numbered first and then grow back, the nearest first, so
@@ -156,11 +156,11 @@ def label_surfaces(kind, marks, least, labels, queue, sizes):
     kind, marks : see `mark`
         The kind of patches below `least` pixels becomes NONE.
     least : int
+    most : int
+        Patches beyond so many are left out.
     labels : (H, W) int16, output
         From 1; 0 elsewhere.
     queue : (H * W,) int32, scratch
-    sizes : (S,) int32, output
-        Pixels of each label; those beyond S - 1 patches are left out.
 
     Returns
     -------
@@ -169,24 +169,20 @@ def label_surfaces(kind, marks, least, labels, queue, sizes):
     """
     height, width = kind.shape
     labels[:] = 0
-    sizes[:] = 0
     core = cores(kind, marks)
-    last = label_cores(kind, marks, core, least, labels, queue, sizes.size - 1)
+    last = label_cores(kind, marks, core, least, labels, queue, most)
     grow_back(kind, marks, labels, queue)
     for v in range(height):
         for u in range(width):
             if kind[v, u] != SURFACE or labels[v, u] != 0:
                 continue
             n = flood(kind, marks, core, False, v, u, last + 1, labels, queue)
-            if n >= least and last < sizes.size - 1:
+            if n >= least and last < most:
                 last += 1
             else:
                 for i in range(n):
                     labels[queue[i] >> PLACE_BITS, queue[i] & COLUMN_MASK] = 0
                     kind[queue[i] >> PLACE_BITS, queue[i] & COLUMN_MASK] = NONE
-    for v in range(height):
-        for u in range(width):
-            sizes[labels[v, u]] += 1
     return last
 
 

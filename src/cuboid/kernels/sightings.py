@@ -13,7 +13,9 @@ NEAREST_M = 0.05
 
 
 @njit(cache=True, nogil=True)
-def count_seen(points, colors, ends, numbers, depth, color, owner, camera, T, noise, agree, alike, counts, corners):
+def count_seen(
+    points, colors, ends, numbers, depth, color, slots, owner, camera, T, noise, agree, alike, counts, corners
+):  # fmt: skip
     """Count, for each object, its points that a frame sees, those that it hides, and those it says nothing of.
 
     A point is seen when the reading at its pixel agrees with it; where there is none, when the color does. One behind
@@ -32,8 +34,10 @@ def count_seen(points, colors, ends, numbers, depth, color, owner, camera, T, no
     depth : (h, w) float32
         Metres, 0 none.
     color : (h, w, 3) uint8
-    owner : (h, w) int32
-        Number of the object that each pixel belongs to.
+    slots : (h, w) int32
+        Voxel of each pixel, -1 none.
+    owner : (N,) int32
+        Number of the object that each voxel belongs to.
     camera : (4,) float64
         fx, fy, cx, cy.
     T : (4, 4) float64
@@ -67,7 +71,8 @@ def count_seen(points, colors, ends, numbers, depth, color, owner, camera, T, no
                 left, top, right, bottom = min(left, u), min(top, v), max(right, u), max(bottom, v)
                 x, y = int(np.rint(u)), int(np.rint(v))
                 if 0 <= x < width and 0 <= y < height:
-                    reading, mine, same = depth[y, x], owner[y, x] == numbers[k], True
+                    reading, row, same = depth[y, x], slots[y, x], True
+                    mine = row >= 0 and owner[row] == numbers[k]
                     for c in range(3):
                         same &= abs(np.int64(color[y, x, c]) - np.int64(colors[i, c])) <= alike
             within = max(agree, SIGMAS * noise * z * z)

@@ -1,4 +1,4 @@
-"""Hot loops of the voxel map: fuse a frame's points, see through stray ones, find the rows of an object."""
+"""Hot loops of the voxel map: fuse a frame's points, see through stray ones, pack what is left."""
 
 from __future__ import annotations
 
@@ -223,78 +223,3 @@ def pack(cube, cubes, rows, points):
     cubes.rows[cube] = kept
     cubes.dead[cube] = 0
     fill_index(cube, cubes, points.voxel)
-
-
-@njit(cache=True, nogil=True)
-def rows_of(number, blocks, size, owner, rows):
-    """Gather the rows of an object from the blocks that may hold some.
-
-    Parameters
-    ----------
-    number : int
-    blocks : (B,) int64
-        Ascending.
-    size : int
-        Rows of a block.
-    owner : (N,) int32
-    rows : (B * size,) int64, output
-        Ascending.
-
-    Returns
-    -------
-    int
-        How many there are.
-    """
-    n = 0
-    for block in blocks:
-        for row in range(block * size, min((block + 1) * size, owner.size)):
-            if owner[row] == number:
-                rows[n] = row
-                n += 1
-    return n
-
-
-@njit(cache=True, nogil=True)
-def blocks_touched(claim, slots, pairs):
-    """Collect in which blocks of rows each share of a frame has voxels.
-
-    Parameters
-    ----------
-    claim : (h, w) int32
-        Share of each pixel, -1 none.
-    slots : (h, w) int32
-        Row of each pixel, -1 none.
-    pairs : (h * w,) int64, output
-        Begins with share << 32 | block, many of them more than once.
-
-    Returns
-    -------
-    int
-        How many there are.
-    """
-    count, last = 0, np.int64(-1)
-    for v in range(claim.shape[0]):
-        for u in range(claim.shape[1]):
-            if claim[v, u] >= 0 and slots[v, u] >= 0:
-                pair = (np.int64(claim[v, u]) << 32) | (slots[v, u] >> BLOCK_BITS)
-                if pair != last:
-                    pairs[count] = last = pair
-                    count += 1
-    return count
-
-
-@njit(cache=True, nogil=True)
-def owner_of(slots, owner, pixel_owner):
-    """Look up whom the voxel of each pixel belongs to.
-
-    Parameters
-    ----------
-    slots : (h, w) int32
-        Row of each pixel, -1 none.
-    owner : (N,) int32
-    pixel_owner : (h, w) int32, output
-        0 where there is none.
-    """
-    for v in range(slots.shape[0]):
-        for u in range(slots.shape[1]):
-            pixel_owner[v, u] = owner[slots[v, u]] if slots[v, u] >= 0 else 0

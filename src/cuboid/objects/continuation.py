@@ -8,6 +8,7 @@ from cuboid.frame import UInt8Array
 from cuboid.geometry.box import Box
 from cuboid.heatmap.stored_points import Rows
 from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.kernels.extents import beyond_sides
 from cuboid.tolerances import DRIFT_M, MOST, SAMPLE
 
 # What lies this near a side of the box, voxels, makes that side; it goes on where there are points so far beyond it,
@@ -29,25 +30,19 @@ def continues(box: Box, rows: Rows, voxels: VoxelMap, owned: UInt8Array) -> tupl
         1 for each object, by number, that is no structure.
     """
     rows = rows[:: 1 + len(rows) // SAMPLE]
-    own = (voxels.xyz(rows).astype(np.float64) - box.center) @ box.rotation
+    beyond_m = BEYOND_VOXELS * voxels.voxel_m
+    places, counts = np.empty((5 * len(beyond_m) * len(rows), 3)), np.empty(5, np.int64)
     # What is lower is beside what it stands on.
-    own = own[own[:, 2] > DRIFT_M - box.size[2] / 2]
-    if len(own) == 0:
+    bottom_m, side_m = DRIFT_M - box.size[2] / 2, SIDE_VOXELS * voxels.voxel_m
+    rotation = np.ascontiguousarray(box.rotation)
+    found = beyond_sides(voxels.xyz(rows), box.center, rotation, bottom_m, side_m, beyond_m, places, counts)
+    if found == 0:
         return False, 0
-    low, high = own.min(0), own.max(0)
-    beyond = []
-    for axis, sign in ((2, 1), (0, 1), (0, -1), (1, 1), (1, -1)):
-        edge = high[axis] - own[:, axis] if sign > 0 else own[:, axis] - low[axis]
-        side = own[edge <= SIDE_VOXELS * voxels.voxel_m]
-        step = np.zeros(3)
-        step[axis] = sign * voxels.voxel_m
-        beyond.append((side[:, None] + BEYOND_VOXELS[:, None] * step).reshape(-1, 3))
-    owner = voxels.owner_at(np.concatenate(beyond) @ box.rotation.T + box.center)
+    owner = voxels.owner_at(places[:found])
     foreign = (owner >= 0) & ~owned[np.maximum(owner, 0)].astype(bool)
-    goes_on = foreign.reshape(-1, len(BEYOND_VOXELS)).any(1).astype(np.float64)
-    ends = np.cumsum([len(places) // len(BEYOND_VOXELS) for places in beyond])
-    top, *sides = (float(side.mean()) >= MOST for side in np.split(goes_on, ends[:-1]))
-    return top, sum(sides)
+    goes_on = foreign.reshape(-1, len(beyond_m)).any(1)
+    top, *sides = np.add.reduceat(goes_on, np.cumsum(counts) - counts, dtype=np.int64) >= MOST * counts
+    return bool(top), int(sum(sides))
 
 
 def is_structure(box: Box, rows: Rows, voxels: VoxelMap, owned: UInt8Array) -> bool:

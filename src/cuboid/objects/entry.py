@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -24,6 +25,8 @@ class State(Enum):
 @dataclass(slots=True, eq=False)
 class MapObject:
     """An object of the map, with a label or not yet.
+
+    What an attribute holds is replaced, never changed: arrays, dicts and lists too.
 
     Attributes
     ----------
@@ -104,3 +107,8 @@ class MapObject:
     def score(self) -> float:
         """Confidence that it is an object, 0..1."""
         return float(1.0 / (1.0 + np.exp(-self.log_odds)))
+
+
+def together(one: Mapping[int, int], other: Mapping[int, int]) -> dict[int, int]:
+    """Return the sums of two counts, by key."""
+    return {**one, **{key: one.get(key, 0) + count for key, count in other.items()}}

@@ -80,8 +80,11 @@ class Fitting:
         owned = np.zeros(self._store.numbers, np.uint8)
         owned[[entry.number, *(o.number for o in self._store.neighbours(entry) if o.confirmed)]] = 1
         # What is thinner or flatter may be the noise of a surface.
-        thin = box.size.min() < SIGMAS * self._boxing.noise_m(rows)
-        entry.structure = thin or not fits_object(box, self._config) or is_structure(box, rows, voxels, owned)
+        entry.structure = (
+            not fits_object(box, self._config)
+            or box.size.min() < SIGMAS * self._boxing.noise_m(rows)
+            or is_structure(box, rows, voxels, owned)
+        )
         if entry.structure:
             entry.log_odds -= STRUCTURE
         if too_large(box, self._config):

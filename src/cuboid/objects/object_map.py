@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
+from math import ceil
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +19,7 @@ from cuboid.kernels.outlines import KINDS
 from cuboid.limits import MOST_CANDIDATES
 from cuboid.objects.association import Association, associate
 from cuboid.objects.boxing import Boxing
-from cuboid.objects.entry import MapObject, State
+from cuboid.objects.entry import MapObject, State, together
 from cuboid.objects.fitting import Fitting
 from cuboid.objects.outline import told_by
 from cuboid.objects.store import ObjectStore
@@ -84,6 +85,7 @@ class ObjectMap:
         objects: Sequence[MapObject],
         slots: npt.NDArray[np.int32],
         pixel_owner: npt.NDArray[np.int32],
+        known: npt.NDArray[np.bool_],
         candidate: UInt8Array,
         news: float,
     ) -> Association:
@@ -101,6 +103,8 @@ class ObjectMap:
             Voxel of each working pixel, -1 none.
         pixel_owner : (h, w) int32
             Number of the object that each of these belongs to, 0 none.
+        known : (h, w) bool
+            Where the map knew something before this frame.
         candidate : (h, w) uint8
             Pixels off every supporting plane.
         news : float
@@ -110,7 +114,6 @@ class ObjectMap:
         -------
         Association
         """
-        known = (slots >= 0) & (self._voxels.hits[slots] > 1)
         found = associate(things, boxes, objects, pixel_owner, known)
         number_of = self._sightings(frame, things, boxes, found)
         self._voxels.vote(things.claim, number_of, *self._may_take(number_of, found), candidate, slots)
@@ -156,10 +159,10 @@ class ObjectMap:
     @staticmethod
     def _sighting(entry: MapObject, cluster: FrameCluster, told: float) -> None:
         entry.log_odds = min(MOST_SURE, max(-MOST_SURE, entry.log_odds + told))
-        entry.outline += cluster.outline
+        entry.outline = entry.outline + cluster.outline
         entry.sightings += 1
-        for plane, pixels in cluster.supports.items():
-            entry.supports[plane] = entry.supports.get(plane, 0) + pixels
+        if cluster.supports:
+            entry.supports = together(entry.supports, cluster.supports)
 
     def _may_take(
         self, number_of: npt.NDArray[np.int32], found: Association
@@ -219,7 +222,7 @@ class ObjectMap:
             if j in matched or not entry.confirmed:
                 continue
             # A rim at its foot stays: what passes that near to a table is not told from what lies on it.
-            if len(self._voxels.rows_of(entry.number)) < LITTLE * len(entry.points):
+            if not self._voxels.has_rows(entry.number, ceil(LITTLE * len(entry.points))):
                 self.store.retire(entry)
 
     def stand_anew(self) -> None:

@@ -12,7 +12,7 @@ from cuboid.geometry.overlap import pack
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.overlap import BATCH, bound, near
 from cuboid.objects.affinity import Affinity
-from cuboid.objects.entry import MapObject, State
+from cuboid.objects.entry import MapObject, State, together
 
 
 class ObjectStore:
@@ -123,26 +123,6 @@ class ObjectStore:
         entry.frames_seen += old.frames_seen
         del self._objects[old.number]
 
-    def split(self, entry: MapObject, was: MapObject, first_frame: int) -> None:
-        """Give a labelled object another label: it stands where another one stood, which keeps the old one.
-
-        Parameters
-        ----------
-        entry : MapObject
-        was : MapObject
-            The other one as it was: it gets the old label, a number of its own, and is retired.
-        first_frame : int
-            When the one that stands there now may have come.
-        """
-        was.number, was.label, was.state = self._next_number, entry.label, State.RETIRED
-        was.merged_labels, entry.merged_labels = entry.merged_labels, []
-        self._next_number += 1
-        self._objects[was.number] = was
-        if was.number >= len(self.boxes):
-            self.boxes = np.concatenate([self.boxes, np.full_like(self.boxes, np.nan)])
-        entry.first_frame = first_frame
-        self.confirm(entry)
-
     def merge(self, first: MapObject, second: MapObject) -> tuple[MapObject, MapObject]:
         """Make two objects one: the older label stays, the younger is recorded. Returns (kept, gone)."""
         kept, gone = sorted((first, second), key=lambda o: (o.label or np.inf, o.number))
@@ -153,8 +133,7 @@ class ObjectStore:
         kept.sightings = max(kept.sightings, gone.sightings)
         kept.log_odds = max(kept.log_odds, gone.log_odds)
         kept.outline = kept.outline + gone.outline
-        for plane, pixels in gone.supports.items():
-            kept.supports[plane] = kept.supports.get(plane, 0) + pixels
+        kept.supports = together(kept.supports, gone.supports)
         kept.fitted = 0
         self._voxels.pass_on(gone.number, kept.number)
         self.affinity.pass_on(gone.number, kept.number)

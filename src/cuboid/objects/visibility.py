@@ -53,7 +53,8 @@ def in_view(
 def look(
     objects: Sequence[MapObject],
     image: WorkingImage,
-    pixel_owner: npt.NDArray[np.int32],
+    slots: npt.NDArray[np.int32],
+    owner: npt.NDArray[np.int32],
     T_camera_world: Float64Array,
     noise_per_m: float,
 ) -> list[View]:
@@ -66,8 +67,10 @@ def look(
 
     Parameters
     ----------
-    pixel_owner : (h, w) int32
-        Number of the object that each working pixel belongs to, 0 none.
+    slots : (h, w) int32
+        Voxel of each working pixel, -1 none.
+    owner : (N,) int32
+        Number of the object that each voxel belongs to, 0 none.
     """
     if not objects:
         return []
@@ -78,7 +81,7 @@ def look(
     counts, corners = np.empty((n, 3), np.int64), np.empty((n, 4))
     kernel.count_seen(
         np.concatenate(picks), np.concatenate(colors), np.cumsum([len(p) for p in picks]),
-        np.array([o.number for o in objects]), image.depth_m, image.color, pixel_owner,
+        np.array([o.number for o in objects]), image.depth_m, image.color, slots, owner,
         np.array([c.fx, c.fy, c.cx, c.cy]), np.ascontiguousarray(T_camera_world), noise_per_m, DRIFT_M, ALIKE, counts,
         corners,
     )  # fmt: skip

@@ -126,18 +126,19 @@ def _regions(
     smooth, cost = np.empty(shape, np.float32), np.empty(shape, np.float32)
     marks = np.empty(shape, np.uint8)
     labels, queue = np.empty(shape, np.int16), np.empty(depth_m.size, np.int32)
-    sizes = np.empty(SEGMENTS + 1, np.int32)
     # Creases are judged over less surface to either side than the smallest object's half; a step of twice its size is
     # surely another object's outline.
     segments.mark(inverse, kind, camera.fx, noise, JUMP_M, config.min_size_m / 2.0, BEND, smooth, marks)
-    last = segments.label_surfaces(kind, marks, LEAST_PIXELS, labels, queue, sizes)
+    last = segments.label_surfaces(kind, marks, LEAST_PIXELS, SEGMENTS, labels, queue)
     fill_holes(
         kind, on, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse, cost, queue
     )
     table = np.empty((last + 1, regions.COLUMNS))
     contact = np.empty((last + 1, last + 1), np.float32)
     weight = np.empty((last + 1, last + 1), np.float32)
-    regions.measure(kind, labels, inverse, marks, noise, JUMP_M, 2.0 * config.min_size_m, table, contact, weight)
+    whole = np.empty((planes, regions.COLUMNS))
+    sure_m = 2.0 * config.min_size_m
+    regions.measure(kind, labels, inverse, marks, noise, JUMP_M, sure_m, table, contact, weight, whole)
     room = 2 * last + 1 + NEIGHBOURS * last
     members = np.zeros((room + planes, last + 1 + planes), np.uint8)
     measures = np.empty((room + planes, regions.COLUMNS))
@@ -147,8 +148,7 @@ def _regions(
     n = unions.pair(table, *neighbours, n, members[:room], measures, parts)
     # Planes come after: they bound the segments, and are proposed each for itself.
     members[n + np.arange(planes), -1 - np.arange(planes)] = 1
-    whole = measures[n : n + planes]
-    regions.measure_planes(labels, inverse, noise, JUMP_M, 2.0 * config.min_size_m, whole)
+    measures[n : n + planes] = whole
     n += planes
     return _Regions(labels, members[:n], measures[:n], parts[:n])
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from cuboid.scene.scene import Scene, SceneChange, SceneObject, ScenePast, SceneRecording
+from cuboid.results import SceneChange
+from cuboid.scene.scene import Scene, SceneObject, ScenePast, SceneRecording
 from cuboid.scene.session import SceneTracker
 from cuboid.scene.visit import Source
 

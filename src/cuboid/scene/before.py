@@ -24,6 +24,7 @@ from cuboid.scene.door import BOX, DamagedError, box_of, columns_of, floats_of, 
 from cuboid.scene.likeness import LAYERS, Look, look_of
 from cuboid.scene.packing import check_sum, deflated, inflated
 from cuboid.scene.placing import Joined
+from cuboid.surfaces.grid import CELL_M as GROUND_CELL_M
 from cuboid.surfaces.grid import cells_of
 from cuboid.tolerances import LEAST_READINGS
 from cuboid.tracker import Tracker
@@ -31,8 +32,8 @@ from cuboid.tracker import Tracker
 # Of an object so many points are remembered, to tell whether they are still there.
 POINTS = 300
 # A place was seen before when this share of its ground was. It was empty unless this share of what stands there now, so
-# far above its ground, metres, lies in cells of the map, of such a side, that were no object's: what was not told from
-# the room before is not new.
+# far above its ground, metres, lies in cells of the map, of such a side, that were no object's, or no such share of it
+# rises so far: what was not told from the room before, or from its ground, is not new.
 KNOWN_GROUND, STOOD, ABOVE_M, CELL_M = 0.5, 0.5, 0.02, 0.02
 
 Cells = npt.NDArray[np.int64]
@@ -110,9 +111,12 @@ class Before:
         return set(labels[voxels.looked_at(keys, since)].tolist())
 
     def was_seen(self, tracker: Tracker, entry: MapObject) -> bool:
-        """Tell whether the ground that an object stands on had been seen before the visit."""
+        """Tell whether the ground that an object stands on had been seen before the visit.
+
+        What is narrower than a cell of the ground plan may have stood in one that was seen beside it: nobody knows.
+        """
         support = tracker.support
-        if support.T_plan_world is None:
+        if support.T_plan_world is None or entry.box.size[:2].min() < GROUND_CELL_M:
             return False
         corners = support.to_plan(entry.box.corners())
         low, high = corners.min(0), corners.max(0)
@@ -133,12 +137,14 @@ class Before:
         return float(seen.mean()) >= KNOWN_GROUND
 
     def stood(self, tracker: Tracker, entry: MapObject) -> bool:
-        """Tell whether what is an object now was there before the visit, without a label."""
+        """Tell whether what is an object now was there before the visit, or may have been, without a label."""
         plane = None if entry.plane is None else tracker.support.find(entry.plane)
         points = entry.points
         if plane is not None:
             normal, offset = tracker.support.in_world(plane)
             points = points[points @ normal + offset > ABOVE_M]
+        if len(points) < STOOD * len(entry.points):
+            return True  # so low that it was not told from the ground
         self._occupied = [_together(self._occupied)]
         (occupied,) = self._occupied
         if not len(points) or not len(occupied):

@@ -9,10 +9,12 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from cuboid.frame import Float64Array
+from cuboid.geometry.box import Box
 from cuboid.objects.entry import MapObject
 from cuboid.scene.before import Before, Known
 from cuboid.scene.likeness import alike, look_of
@@ -32,8 +34,8 @@ UNLIKE = 0.15
 # What is there still but is no object any more, two by now or a part of another, goes on as the new one that has most
 # of it, and so much.
 MOST_OF_IT = 0.25
-# What is new to the map, and lies so much of it and so near, metres, to what was there before and is there still, is a
-# piece of that.
+# What is new to the map, and lies so much of it and so near, metres, to what was there before and is there still, to
+# what was moved, or to something larger that is new, is a piece of that.
 PIECE, PIECE_M = 0.5, 0.02
 # Objects that were moved are looked for every so many frames.
 EVERY_FRAMES = 10
@@ -93,6 +95,8 @@ class Changes:
             if old is not None and entry.confirmed and (seen or entry.label in looked_at):
                 self._hold_against(tracker, entry, old)
         self._find_again(tracker)
+        while self._join_what_went_together(tracker):
+            pass
         self._since, self._since_frame = tracker.voxels.looks, frame + 1
 
     def carry(self, joined: Sequence[Joined]) -> None:
@@ -101,24 +105,22 @@ class Changes:
         self._since = self._since_frame = 0
 
     def _hold_against(self, tracker: Tracker, entry: MapObject, old: Known) -> None:
-        """End an object that frames see through, and part one from another that stands in its place."""
+        """End an object that frames see through, or in whose place others stand."""
         voxels = tracker.voxels
         carved = float((voxels.rows_at(old.points.astype(np.float64)) < 0).mean())
         fitted_anew = entry.box is not old.box and entry.last_frame >= self._first_frame
-        away_m = float(np.linalg.norm(entry.box.center - old.box.center))
-        in_place = away_m < 0.5 * max(old.box.size.max(), entry.box.size.max())
+        in_place = _apart_m(entry.box, old.box) < 0.5 * max(old.box.size.max(), entry.box.size.max())
         replaced = fitted_anew and in_place and self._alike(entry, old) < UNLIKE
         if carved < CARVED and not replaced:
             return
         rows = voxels.rows_of(entry.number)
         again = voxels.xyz(rows[voxels.seen_since(rows, self._first_frame)])
         seen_again = fraction_near(old.points, again, STILL_M)
-        if seen_again < SEEN_AGAIN and carved >= CARVED and len(again) < LEFT * len(entry.points):
+        gone = seen_again < SEEN_AGAIN and carved >= CARVED and len(again) < LEFT * len(entry.points)
+        if gone or (replaced and len(again) and not self._standing(tracker, old).still):
+            # What stands there now is found from what frames show from here on, not from both.
             tracker.retire(entry)
-        elif replaced and len(again) and not self._standing(tracker, old).still:
-            was = MapObject(0, old.box, entry.first_frame, self._first_frame - 1, points=old.points)
-            was.colors = np.zeros((len(old.points), 3), np.uint8)
-            tracker.split(entry, was, self._first_frame)
+            entry.box = old.box
 
     def _standing(self, tracker: Tracker, old: Known) -> Standing:
         return standing(tracker.voxels, old, self._first_frame)
@@ -155,6 +157,25 @@ class Changes:
                 tracker.adopt(new[j], gone[k])
                 taken.add(j)
 
+    def _join_what_went_together(self, tracker: Tracker) -> bool:
+        """Make one of two that lay side by side and do so elsewhere: pieces of one thing that was moved."""
+        known = self._before.known
+        moved = [o for o in tracker.ever_labelled() if o.confirmed and o.label in known]
+        moved = [o for o in moved if not _in_place(o.box, known[o.label].box)]
+        for one, two in combinations(moved, 2):
+            old, other = known[one.label], known[two.label]
+            apart_m, apart_before_m = _apart_m(one.box, two.box), _apart_m(old.box, other.box)
+            beside = abs(apart_m - apart_before_m) <= STILL_MIDDLE_M and _level(tracker, one, two)
+            if (
+                beside
+                and fraction_near(one.points, two.points, PIECE_M) > 0
+                and fraction_near(old.points, other.points, PIECE_M) > 0
+                and all(self._became(tracker, o, True).change == "moved" for o in (one, two))
+            ):
+                tracker.merge(one, two)
+                return True
+        return False
+
     def tell(self, tracker: Tracker, seen: Mapping[int, object]) -> list[Change]:
         """Return what became of each object, by label.
 
@@ -170,13 +191,17 @@ class Changes:
             if entry.label in known:
                 labels = {entry.label, *entry.merged_labels}
                 told[entry.label] = self._became(tracker, entry, any(label in seen for label in labels))
-        here = [known[k].points for k, one in told.items() if one.change not in ("gone", "moved")]
+        place_of = {entry.label: entry.points for entry in entries}
+        here = [
+            place_of[k] if one.change == "moved" else known[k].points for k, one in told.items() if one.change != "gone"
+        ]
         there = np.concatenate([np.zeros((0, 3), np.float32), *here])
-        for entry in entries:
+        for entry in sorted(entries, key=lambda o: (-float(o.box.size.prod()), o.label)):
             if entry.label not in known and entry.confirmed and entry.first_frame >= self._first_frame:
                 came = self._before.was_seen(tracker, entry) and not self._before.stood(tracker, entry)
                 came = came and fraction_near(entry.points, there, PIECE_M) < PIECE
                 told[entry.label] = Change(entry.label, "new" if came else "found", None, entry.box.center)
+                there = np.concatenate([there, entry.points])
         return [told[label] for label in sorted(told)]
 
     def _became(self, tracker: Tracker, entry: MapObject, seen: bool) -> Change:
@@ -187,8 +212,8 @@ class Changes:
             return Change(entry.label, "gone", old.box.center, None)
         if not seen:
             return Change(entry.label, "not looked at", old.box.center, None)
-        metres = float(np.linalg.norm(entry.box.center - old.box.center))
-        near = metres <= STILL_MIDDLE_M or fraction_near(old.points, entry.points, STILL_M) >= STILL_SHARE
+        metres = _apart_m(entry.box, old.box)
+        near = _in_place(entry.box, old.box) or fraction_near(old.points, entry.points, STILL_M) >= STILL_SHARE
         if near or self._standing(tracker, old).still:
             return Change(entry.label, "unchanged", old.box.center, entry.box.center)
         return Change(entry.label, "moved", old.box.center, entry.box.center, metres, self._alike(entry, old))
@@ -196,6 +221,21 @@ class Changes:
     def _alike(self, entry: MapObject, old: Known) -> float:
         """Return how like an object is to one that was there, 0..1: in size and in colors from foot to top."""
         return alike(look_of(entry), entry.box, old.look, old.box)
+
+
+def _apart_m(box: Box, other: Box) -> float:
+    return float(np.linalg.norm(box.center - other.center))
+
+
+def _in_place(box: Box, other: Box) -> bool:
+    return _apart_m(box, other) <= STILL_MIDDLE_M
+
+
+def _level(tracker: Tracker, one: MapObject, two: MapObject) -> bool:
+    """Tell whether two objects stand at the same height, neither of them on the other."""
+    up = tracker.support.likely_up
+    feet = [float(up @ o.box.center) - o.box.size[2] / 2 for o in (one, two)]
+    return bool(abs(feet[0] - feet[1]) <= PIECE_M)
 
 
 def write(connection: sqlite3.Connection, recording: int, changes: list[Change]) -> None:

@@ -26,6 +26,9 @@ BESIDE = ("-journal", "-wal", "-shm")
 PATIENCE_S = 10.0
 # A page of the file, bytes: the map's blocks are much larger.
 PAGE_BYTES = 4096
+# Pages of the log after which they are put where they belong, 64 MB: several commits, most of which write the same
+# blocks. And memory for pages, KiB: with little, they go into the log as they are written, and not all in the end.
+LOG_PAGES, CACHE_KB = 16384, 400
 
 
 # What is said of a damaged file.
@@ -245,6 +248,8 @@ def _prepare(connection: sqlite3.Connection, path: Path) -> None:
     if connection.execute("PRAGMA journal_mode = WAL").fetchone()[0] != "wal":
         raise OutputError(f"{path}: cannot be written: this place allows no write-ahead log")
     connection.execute("PRAGMA synchronous = NORMAL")
+    connection.execute(f"PRAGMA wal_autocheckpoint = {LOG_PAGES}")
+    connection.execute(f"PRAGMA cache_size = -{CACHE_KB}")
     _migrate(connection, version)
 
 

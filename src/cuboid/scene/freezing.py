@@ -14,6 +14,7 @@ from copy import deepcopy
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cache
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -65,16 +66,14 @@ class Kind:
         Returns what tells an object from others of its class; none where there is only one.
     kept_apart : frozenset of str
         Attributes that are saved elsewhere, are given anew, or follow from others.
-    replaced : frozenset of str
-        Arrays that are never changed, only replaced: the same one needs no copy, and is not written again.
     many : bool
-        There may be so many, of which few change, that those that are as they were are not frozen anew.
+        There may be many, of which few change. What their attributes hold is only replaced, never changed: those that
+        hold the same things as before are as they were, and nothing of them needs a copy.
     """
 
     cls: type
     key: Callable[[Any], object] = lambda item: ""
     kept_apart: frozenset[str] = frozenset()
-    replaced: frozenset[str] = frozenset()
     many: bool = False
 
 
@@ -97,7 +96,7 @@ KINDS = {
         Kind(Boxing),
         Kind(ObjectStore, kept_apart=frozenset({"_bounds"})),
         Kind(Affinity),
-        Kind(MapObject, key=lambda entry: entry.number, replaced=frozenset({"points", "colors"}), many=True),
+        Kind(MapObject, key=lambda entry: entry.number, many=True),
         Kind(ScenePoses, kept_apart=frozenset({"intrinsics"})),
         Kind(EstimatedPoses),  # of files from before there were parts
         Kind(PoseEstimator, kept_apart=frozenset({"intrinsics"})),
@@ -159,6 +158,19 @@ def freeze(root: object) -> dict[str, Part]:
     return Freezer().freeze(root)
 
 
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """How objects were at one moment: nothing in it changes any more.
+
+    Attributes
+    ----------
+    parts : dict of str to Part or (Kind, tuple)
+        By key; of a kind of which there are many, what the attributes of the object hold.
+    """
+
+    parts: dict[str, Part | tuple[Kind, tuple[Any, ...]]]
+
+
 class Freezer:
     """Freezes the same objects again and again: of those of which there are many, only what changed.
 
@@ -169,7 +181,7 @@ class Freezer:
         self._waiting: deque[tuple[str, Any]] = deque()
         self._keys: dict[int, str] = {}
         self._copied = True
-        # Of objects of a kind of which there are many, by key: how each was last time, and its part.
+        # Of objects of a kind of which there are many, by key: what each held last time, and its part.
         self._last: dict[str, tuple[tuple[Any, ...], Part]] = {}
 
     def freeze(self, root: object) -> dict[str, Part]:
@@ -180,30 +192,68 @@ class Freezer:
         TypeError
             Something is of a type that cannot be saved: a fault of the program.
         """
+        return self.parts(self.take(root))
+
+    def take(self, root: object) -> Taken:
+        """Take how all that can be reached from an object is now; the live objects may change as soon as this returns.
+
+        Raises
+        ------
+        TypeError
+            Something is of a type that cannot be saved: a fault of the program.
+        """
         self._keys = {}
         self._refer(root)
-        parts: dict[str, Part] = {}
-        last, self._last = self._last, {}
+        parts: dict[str, Part | tuple[Kind, tuple[Any, ...]]] = {}
         while self._waiting:
             key, item = self._waiting.popleft()
             if key in parts:
                 raise TypeError(f"two objects have the key {key}")
             kind = KINDS[type(item)]
-            now = _state_of(item, kind) if kind.many else None
-            if now is None:
-                parts[key] = self._part(item, kind)
+            if kind.many:
+                held = _getter(kind.cls)(item)
+                for value in held:
+                    if type(value) in KINDS:
+                        self._refer(value)
+                parts[key] = kind, held
             else:
-                before = last.get(key)
-                parts[key] = before[1] if before and before[0] == now else self._part(item, kind)
-                self._last[key] = now, parts[key]
+                parts[key] = self._part(kind, [getattr(item, name) for name in attributes(item)], attributes(item))
+        return Taken(parts)
+
+    def parts(self, taken: Taken, rest: Callable[[], None] = lambda: None) -> dict[str, Part]:
+        """Return the parts of what was taken last, by key; may be done in another thread.
+
+        Parameters
+        ----------
+        taken : Taken
+        rest : callable
+            Called now and then.
+
+        Raises
+        ------
+        TypeError
+            Something is of a type that cannot be saved: a fault of the program.
+        """
+        parts: dict[str, Part] = {}
+        last, self._last = self._last, {}
+        for key, item in taken.parts.items():
+            if isinstance(item, Part):
+                parts[key] = item
+                continue
+            kind, held = item
+            before = last.get(key)
+            same = before is not None and all(a is b for a, b in zip(before[0], held, strict=True))
+            parts[key] = before[1] if before and same else self._part(kind, held, _fields(kind.cls))
+            self._last[key] = held, parts[key]
+            rest()
         return parts
 
-    def _part(self, item: Any, kind: Kind) -> Part:
+    def _part(self, kind: Kind, values: Sequence[Any], names: Sequence[str]) -> Part:
         part = Part(kind.cls.__name__, {})
-        for name in attributes(item):
+        self._copied = not kind.many
+        for name, value in zip(names, values, strict=True):
             if name not in kind.kept_apart:
-                self._copied = name not in kind.replaced
-                part.fields[name] = self._plain(getattr(item, name), name, part)
+                part.fields[name] = self._plain(value, name, part)
         return part
 
     def _refer(self, item: Any) -> str:
@@ -223,7 +273,8 @@ class Freezer:
         if kind in (list, tuple, deque):
             return [kind.__name__, *(self._plain(item, f"{path}.{k}", part) for k, item in enumerate(value))]
         if kind is set:
-            return ["set", *sorted((self._plain(item, path, part) for item in value), key=str)]
+            items = [self._plain(item, path, part) for item in value]
+            return ["set", *sorted(items, key=None if all(type(item) is int for item in items) else str)]
         if kind is dict:
             flat: list[Any] = ["dict"]
             for name, item in value.items():
@@ -251,36 +302,10 @@ class Freezer:
         return ["large", path]
 
 
-def _state_of(item: Any, kind: Kind) -> tuple[Any, ...] | None:
-    """Return how an object is now, to be compared with how it is later; None where that cannot be told so."""
-    now: list[Any] = []
-    for name in attributes(item):
-        value = getattr(item, name)
-        if isinstance(value, np.ndarray):
-            whole = name in kind.replaced
-            now.append(_Same(value) if whole else (value.dtype.str, value.shape, value.strides, value.tobytes()))
-        elif isinstance(value, Box):
-            now.append(_Same(value))  # never changed, only replaced
-        elif isinstance(value, (float, dict, list)):
-            now.append(repr(value))  # also tells 0 from -0
-        elif value is None or isinstance(value, (bool, int, str, Enum)):
-            now.append(value)
-        else:
-            return None
-    return tuple(now)
-
-
-class _Same:
-    """Is equal to what stands for the same object."""
-
-    def __init__(self, item: object) -> None:
-        self._item = item
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and self._item is other._item
-
-    def __hash__(self) -> int:
-        return id(self._item)
+@cache
+def _getter(cls: Any) -> attrgetter[tuple[Any, ...]]:
+    """Return what gets all attributes of an object at once."""
+    return attrgetter(*_fields(cls))
 
 
 def roots(fresh: Tracker) -> tuple[Tracker, ScenePoses, EstimatedPoses]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Iterable
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -43,8 +44,10 @@ class Rows:
 
     Attributes
     ----------
-    frames, sightings, boxes, planes, objects : list of tuple
+    frames, sightings, boxes, planes : list of tuple
         In the order of their tables' columns.
+    objects : list of (MapObject, int)
+        As they were; and a label of their own, or 0, of those that they took in.
     merged : list of (int, int)
         Labels that ended in others, and these.
     pictures : dict of int to (float, bytes)
@@ -55,7 +58,7 @@ class Rows:
     sightings: list[Row] = field(default_factory=list)
     boxes: list[Row] = field(default_factory=list)
     planes: list[Row] | None = None
-    objects: list[Row] = field(default_factory=list)
+    objects: list[tuple[MapObject, int]] = field(default_factory=list)
     merged: list[tuple[int, int]] = field(default_factory=list)
     pictures: dict[int, tuple[float, bytes]] = field(default_factory=dict)
 
@@ -68,7 +71,7 @@ class Rows:
         if self.planes is not None:
             connection.execute("DELETE FROM planes")
             many("INSERT INTO planes VALUES (?, ?, ?, ?, ?, ?)", self.planes)
-        many(_UPSERT, self.objects)
+        many(_UPSERT, (_object_row(entry, label) for entry, label in self.objects))
         many("UPDATE objects SET state = 'merged', merged_into = ? WHERE label = ?", [(b, a) for a, b in self.merged])
         many(
             "UPDATE objects SET picture_share = ?, picture = ? WHERE label = ?",
@@ -143,8 +146,8 @@ class Records:
         for entry in tracker.ever_labelled():
             now = (entry.box, entry.points, entry.state, entry.frames_seen, entry.last_frame, len(entry.merged_labels))
             if not _same(self._told.get(entry.label), now):
-                rows.objects.append(_object_row(entry))
-                rows.objects += [_object_row(entry, k) for k in entry.merged_labels if k not in self._merged]
+                was = copy(entry)  # what its attributes hold is never changed
+                rows.objects += [(was, 0), *((was, k) for k in entry.merged_labels if k not in self._merged)]
                 rows.merged += [(k, entry.label) for k in entry.merged_labels]
                 self._merged |= {*entry.merged_labels}
                 self._told[entry.label] = now

@@ -6,19 +6,16 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.outputs import ResultWriter
 from cuboid.posing import Poses
 from cuboid.proposals.types import ProposalSource
+from cuboid.results import SceneChange
 from cuboid.scene.scene import Scene
 from cuboid.scene.session import COMMIT_EVERY_S, SceneTracker
 from cuboid.scene.visit import Source
-
-if TYPE_CHECKING:
-    from cuboid.views.report import ShownChange
 
 # Where the frames that were skipped are kept until the run ends, beside the files of its results.
 SKIPPED = "skipped"
@@ -76,7 +73,7 @@ class IntoScene:
         with Scene.open(self.path) as scene:
             return len(scene.recordings) > int(self.resume)
 
-    def shown_changes(self) -> list[ShownChange]:
+    def shown_changes(self) -> list[SceneChange]:
         """Return what the last recording changed, as the 3D page shows it."""
         with Scene.open(self.path) as scene:
             return scene.shown_changes(len(scene.recordings))

@@ -20,7 +20,8 @@ from cuboid.kernels.cubes import ROW
 from cuboid.scene.database import complaining
 from cuboid.scene.door import DamagedError, columns_of, told, told_each
 from cuboid.scene.earlier import take_earlier
-from cuboid.scene.freezing import Freezer, Part, thaw
+from cuboid.scene.freezing import Freezer, Part, Taken, thaw
+from cuboid.scene.pace import Pace
 from cuboid.scene.packing import (
     BlockRow,
     check_sum,
@@ -42,14 +43,15 @@ class Snapshot:
 
     Attributes
     ----------
-    parts : dict of str to Part
+    taken : tuple of Taken
+        Of the tracker, and of what else is saved with it.
     blocks : int
         One more than the highest number of the map's blocks.
     changed : dict of int to (int, int, (N,) of type ROW)
         The map's blocks that have changed since the last snapshot: key of the cube, visit, rows.
     """
 
-    parts: dict[str, Part]
+    taken: tuple[Taken, ...]
     blocks: int
     changed: dict[int, tuple[int, int, npt.NDArray[Any]]]
 
@@ -134,9 +136,7 @@ class StateFile:
 
     def snapshot(self) -> Snapshot:
         """Take the state of now."""
-        parts: dict[str, Part] = {}
-        for root, freezer in self._freezers:
-            parts |= freezer.freeze(root)
+        taken = tuple(freezer.take(root) for root, freezer in self._freezers)
         voxels = self._tracker.voxels
         blocks = voxels.take_changed()
         if self._begin:
@@ -147,24 +147,28 @@ class StateFile:
             if self._shelf.voxels is not voxels:
                 voxels.put_on(self._shelf)
                 self._shelf.voxels = voxels
-        return Snapshot(parts, voxels.blocks, changed)
+        return Snapshot(taken, voxels.blocks, changed)
 
-    def write(self, connection: sqlite3.Connection, state: Snapshot, *, ended: bool = True) -> None:
+    def write(
+        self, connection: sqlite3.Connection, state: Snapshot, pace: Pace | None = None, *, ended: bool = True
+    ) -> None:
         """Write a snapshot, within the caller's transaction; each must be written, in the order of their taking.
 
         With `ended`, no other follows soon: all is compressed.
         """
-        self._write_parts(connection, state)
+        pace = pace or Pace()
+        self._write_parts(connection, state, pace)
         for number, (key, visit, rows) in state.changed.items():
             data = packed_block(rows) if ended else rows.tobytes()
             living = int(np.count_nonzero(rows["weight"] > 0))
             beside = BlockRow(number, key, visit, len(rows), living)
             row = (*beside, check_sum(data, beside), data)
             connection.execute("INSERT OR REPLACE INTO blocks VALUES (?, ?, ?, ?, ?, ?, ?)", row)
+            pace.rest()
         connection.execute("DELETE FROM blocks WHERE number >= ?", (state.blocks,))
         connection.execute("DELETE FROM earlier_blocks")
         connection.execute("INSERT OR REPLACE INTO scene VALUES ('blocks', ?)", (str(state.blocks),))
-        connection.execute("INSERT OR REPLACE INTO scene VALUES ('seal', ?)", (_seal(connection),))
+        connection.execute("INSERT OR REPLACE INTO scene VALUES ('seal', ?)", (_seal(connection, pace),))
         rest = sorted(number for number in self._plain - state.changed.keys() if number < state.blocks)
         for number in rest if ended else rest[:PACKED_A_TIME]:
             query = f"SELECT {BESIDE}, data FROM blocks WHERE number = ?"
@@ -172,6 +176,7 @@ class StateFile:
             data = packed_block(np.frombuffer(data, ROW))
             values = check_sum(data, BlockRow(*beside)), data, number
             connection.execute("UPDATE blocks SET check_sum = ?, data = ? WHERE number = ?", values)
+            pace.rest()
         self._plain = set() if ended else {*rest[PACKED_A_TIME:], *state.changed}
 
     def settled(self) -> None:
@@ -179,9 +184,13 @@ class StateFile:
         if self._shelf is not None:
             self._shelf.awaited = np.zeros(0, np.int64)
 
-    def _write_parts(self, connection: sqlite3.Connection, state: Snapshot) -> None:
+    def _write_parts(self, connection: sqlite3.Connection, state: Snapshot, pace: Pace) -> None:
         now: dict[tuple[str, str], bytes] = {}
-        for key, part in state.parts.items():
+        parts: dict[str, Part] = {}
+        for (_, freezer), taken in zip(self._freezers, state.taken, strict=True):
+            parts |= freezer.parts(taken, pace.rest)
+        for key, part in parts.items():
+            pace.rest()
             if self._parts.get(key) is part:
                 now |= {name: self._written[name] for name in ((key, ""), *((key, path) for path in part.arrays))}
                 continue
@@ -199,8 +208,9 @@ class StateFile:
                     row = (key, path, form, check_sum(data), data)
                     connection.execute("INSERT OR REPLACE INTO arrays VALUES (?, ?, ?, ?, ?)", row)
                 self._same[name] = plain, now[name]
+                pace.rest()
         self._same = {name: self._same[name] for name in now if name in self._same}
-        self._parts = state.parts
+        self._parts = parts
         for key, path in self._written.keys() - now.keys():
             if path:
                 connection.execute("DELETE FROM arrays WHERE part = ? AND path = ?", (key, path))
@@ -288,7 +298,7 @@ def strange_is_damaged() -> Iterator[None]:
         raise DamagedError(f"the state of the tracker is damaged: {error}") from None
 
 
-def _seal(connection: sqlite3.Connection) -> str:
+def _seal(connection: sqlite3.Connection, pace: Pace | None = None) -> str:
     """Return a check sum over which parts and arrays there are, of which forms, and over their own check sums."""
     seal = 0
     for query in (
@@ -298,6 +308,8 @@ def _seal(connection: sqlite3.Connection) -> str:
     ):
         for row in connection.execute(query):
             seal = zlib.crc32(repr(row).encode(), seal)
+            if pace is not None:
+                pace.rest()
     return str(seal)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,7 @@ from cuboid.geometry.box import Box
 from cuboid.limits import MEMORY_MB
 from cuboid.proposals import make_source
 from cuboid.proposals.types import ProposalSource
+from cuboid.results import SceneChange
 from cuboid.scene import before, editing
 from cuboid.scene import visit as visits
 from cuboid.scene.database import Writing, complaining, open_to_read, open_to_write, transaction
@@ -30,9 +31,6 @@ from cuboid.scene.saving import SceneShelf, has_state
 from cuboid.scene.session import COMMIT_EVERY_S, OwnFrames, SceneTracker
 from cuboid.scene.visit import Source
 from cuboid.tracker import Tracker
-
-if TYPE_CHECKING:
-    from cuboid.views.report import ShownChange
 
 # A name that people give has at most so many characters.
 LONGEST_NAME = 100
@@ -48,6 +46,7 @@ _PAST = (
 _CHANGE = (
     "changes.recording", "changes.label", "objects.name", "changes.change",
     *columns_of("changes", ("from_x", "from_y", "from_z", "to_x", "to_y", "to_z", "metres", "sure", "before", "after")),
+    *columns_of("objects", BOX),
 )  # fmt: skip
 
 
@@ -151,40 +150,6 @@ class ScenePast:
     iou: float | None
     visible: float
     rect_xyxy: Float64Array
-
-
-@dataclass(frozen=True, slots=True)
-class SceneChange:
-    """What became of an object by a visit.
-
-    Attributes
-    ----------
-    recording : int
-        The visit.
-    label : int
-    name : str
-    change : str
-        "unchanged", "moved", "gone", "new", "found" (it stands where nothing was seen before) or "not looked at".
-    from_m, to_m : (3,) float64 or None
-        Where its middle was, and is.
-    metres : float or None
-        How far it was moved.
-    sure : float
-        How sure it is that what was moved is the same, 0..1.
-    before, after : bytes or None
-        Its pictures, JPEG.
-    """
-
-    recording: int
-    label: int
-    name: str
-    change: str
-    from_m: Float64Array | None
-    to_m: Float64Array | None
-    metres: float | None
-    sure: float
-    before: bytes | None
-    after: bytes | None
 
 
 class Scene:
@@ -440,34 +405,14 @@ class Scene:
         else:
             last = len(self.recordings)
             wanted = [one.number for one in self.recordings if one.number >= (last if since is None else since)]
-        rows = self._told(_CHANGE, "changes LEFT JOIN objects USING (label) ORDER BY recording, changes.label")
-        return [
-            SceneChange(number, label, name or "", change, _place_of(rest[:3]), _place_of(rest[3:6]), *rest[6:])
-            for number, label, name, change, *rest in rows
-            if number in wanted
-        ]
+        rows = self._told(_CHANGE, "changes JOIN objects USING (label) ORDER BY recording, changes.label")
+        with complaining(self.path):
+            return [_change_of(row) for row in rows if row[0] in wanted]
 
-    def shown_changes(self, recording: int) -> list[ShownChange]:
+    def shown_changes(self, recording: int) -> list[SceneChange]:
         """Return what was moved, is gone, is new or was found in a recording, as the 3D page shows it."""
-        from cuboid.views.report import ShownChange
-
-        boxes = {item.label: item.box for item in self.all_objects}
-        return [
-            ShownChange(
-                one.label,
-                one.name,
-                one.change,
-                boxes[one.label],
-                one.from_m,
-                one.to_m,
-                one.metres,
-                one.sure,
-                one.before,
-                one.after,
-            )
-            for one in self.changes(recording)
-            if one.recording == recording and one.change in ("moved", "gone", "new", "found") and one.label in boxes
-        ]
+        shown = ("moved", "gone", "new", "found")
+        return [one for one in self.changes(recording) if one.recording == recording and one.change in shown]
 
     def picture(self, label: int) -> bytes | None:
         """Return an object's picture as JPEG; None where there is none."""
@@ -590,6 +535,8 @@ class Scene:
         return self._read
 
     def _writing(self) -> Writing:
+        if self._tracker is not None:
+            self._tracker.settle()
         if self._write is None:
             self._write = open_to_write(self.path, create=True)
         return self._write
@@ -597,6 +544,14 @@ class Scene:
 
 def _place_of(numbers: Sequence[float | None]) -> Float64Array | None:
     return None if None in numbers else np.array(numbers, np.float64)
+
+
+def _change_of(row: Row) -> SceneChange:
+    """Return what a row of `_CHANGE` says; DamagedError where its box is none."""
+    recording, label, name, change, *rest = row
+    (metres, sure, before, after), box = rest[6:10], box_of(rest[10:], "objects")
+    places = _place_of(rest[:3]), _place_of(rest[3:6])
+    return SceneChange(recording, label, name or "", change, box, *places, metres, sure, before, after)
 
 
 def _pose(numbers: Sequence[float]) -> Float64Array:

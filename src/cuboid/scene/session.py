@@ -17,6 +17,7 @@ from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
 from cuboid.scene import changes, layout, parts
 from cuboid.scene.before import Before, write_noted
 from cuboid.scene.database import Writing, complaining, transaction
+from cuboid.scene.pace import Pace
 from cuboid.scene.placing import ESTIMATED, SAME_WORLD, Joined, ScenePoses
 from cuboid.scene.records import Records
 from cuboid.scene.saving import SceneShelf, StateFile
@@ -29,7 +30,10 @@ COMMIT_EVERY_S = 1.0
 SPARSE = 7
 # Commits have no larger share of the processor's time than this, however large the scene, and however few frames a
 # second there are; for that they wait at most so many times as long as they should.
-COMMIT_SHARE, LONGEST_WAIT = 0.1, 5.0
+COMMIT_SHARE, LONGEST_WAIT = 0.05, 5.0
+# What is committed is written bit by bit beside the frames that follow, with such a share of what these work; within as
+# long as a commit waits at most.
+WRITING_SHARE = 0.06
 
 
 class SceneTracker:
@@ -83,6 +87,7 @@ class SceneTracker:
         self._next_frame = visit.next_frame
         self._thread = ThreadPoolExecutor(1, "cuboid-scene")
         self._writing: Future[None] | None = None
+        self._pace = Pace()
         self._committed_s, self._processor_s = time.monotonic(), time.process_time()
         # Processor time that the last commit took.
         self._cost_s = 0.0
@@ -197,7 +202,7 @@ class SceneTracker:
     def commit_if_due(self) -> None:
         """Write what is new, where the last time is long enough ago; between two frames."""
         if self._writing is not None and self._writing.done():
-            self._settle()
+            self.settle()
         waited_s, worked_s = time.monotonic() - self._committed_s, time.process_time() - self._processor_s
         cheap = worked_s >= self._cost_s / COMMIT_SHARE or waited_s >= LONGEST_WAIT * self._every_s
         if self._writing is None and waited_s >= self._every_s and cheap:
@@ -220,11 +225,11 @@ class SceneTracker:
             return
         self._open = False
         try:
-            self._settle()
+            self.settle()
             if self._visit.number > 1:
                 self._changes.recognise(self._tracker, self._visit.first_frame + self._next_frame)
             self._commit(complete=complete, ended=True)
-            self._settle()
+            self.settle()
         finally:
             self._thread.shutdown()
 
@@ -232,6 +237,7 @@ class SceneTracker:
         """Let the scene go as it was committed last."""
         if self._open:
             self._open = False
+            self._pace.hurry()
             self._thread.shutdown()
 
     def _commit(self, *, complete: bool = False, ended: bool = False) -> None:
@@ -243,11 +249,12 @@ class SceneTracker:
         visit, next_frame = self._visit, self._next_frame
         told = self._changes.tell(self._tracker, self._records.seen) if ended and visit.number > 1 else []
         noted = self._before.take_noted()
+        pace = self._pace = Pace() if ended else Pace(WRITING_SHARE, LONGEST_WAIT * self._every_s)
 
         def write() -> None:
             begun_s, connection = time.thread_time(), self._file.connection
             with transaction(connection):
-                self._state.write(connection, state, ended=ended)
+                self._state.write(connection, state, pace, ended=ended)
                 rows.write(connection)
                 parts.carry_rows(connection, joined)
                 write_noted(connection, noted)
@@ -261,10 +268,11 @@ class SceneTracker:
         self._cost_s = time.thread_time() - begun_s
         self._writing = self._thread.submit(write)
 
-    def _settle(self) -> None:
-        """Wait for what is being written; raises OutputError where it could not be."""
+    def settle(self) -> None:
+        """Wait until what is being written is committed; raises OutputError where it could not be."""
         if self._writing is not None:
             writing, self._writing = self._writing, None
+            self._pace.hurry()
             with complaining(self._path):
                 writing.result()
             self._state.settled()

@@ -13,7 +13,14 @@ from cuboid.frame import Float32Array, Float64Array
 from cuboid.heatmap.pixel_heat import WeighedProposals
 from cuboid.kernels.claims import share_out
 from cuboid.kernels.outlines import KINDS, outlines
-from cuboid.kernels.pieces import gather_regions, join_surfaces, label_regions, sum_regions
+from cuboid.kernels.pieces import (
+    drop_unread,
+    gather_regions,
+    join_surfaces,
+    keep_readings,
+    label_regions,
+    sum_regions,
+)
 from cuboid.limits import MOST_CLUSTERS
 from cuboid.tolerances import JUMP_M, LEAST_READINGS, MOST
 from cuboid.working import WorkingImage
@@ -94,7 +101,7 @@ def frame_clusters(
     heat: Float32Array,
     weighed: WeighedProposals,
     prior: Float64Array,
-    heights: Float32Array,
+    on_plane: npt.NDArray[np.int32],
     support: npt.NDArray[np.int32],
     identities: npt.NDArray[np.int64],
     side_of: npt.NDArray[np.int64],
@@ -112,10 +119,10 @@ def frame_clusters(
     weighed : WeighedProposals
     prior : (N,) float64
         What a proposal's weight is multiplied by, for what the map knows already.
-    heights : (h, w) float32
-        Above the plane beneath, 0 on it, NaN without one.
+    on_plane : (h, w) int32
+        Plane that each pixel lies on, 0..P-1, -1 none.
     support : (h, w) int32
-        That plane, 0..P-1, -1 none.
+        The plane beneath it, or that it lies on.
     identities : (P,) int64
         Of the planes, ascending.
     side_of : (4,) int64
@@ -131,9 +138,9 @@ def frame_clusters(
     regions, parent = np.empty(claim.shape, np.int32), np.empty(claim.size, np.int32)
     number = label_regions(solid.depth_m, claim, config.depth_noise_per_m, JUMP_M, parent, regions)
     join_surfaces(regions, number, claim, solid.depth_m, image.camera.fx, MAJOR_SHARE, DEEP_SHARE)
-    read = (image.depth_m > 0).ravel()
-    regions[(np.bincount(regions.ravel(), read, minlength=number + 1) < LEAST_READINGS)[regions]] = 0
-    left_out = _leave_out(regions, claim, number)
+    sizes = np.empty(number + 1, np.int64)
+    drop_unread(regions, image.depth_m, LEAST_READINGS, sizes)
+    left_out = _leave_out(regions, claim, sizes)
     pixels, points = np.empty(claim.size, np.int64), np.empty((claim.size, 3))
     first, corners = np.empty(number + 1, np.int64), np.empty((number, 4), np.int64)
     c = image.camera
@@ -150,39 +157,38 @@ def frame_clusters(
     plane_of = np.where(beneath.any(1), beneath.argmax(1), -1) if len(identities) else np.full(kept, -1)
     outline, contact = np.empty((kept, 4, KINDS), np.int64), np.empty((kept, kept), np.int64)
     outlines(
-        solid.depth_m, image.depth_m, image.color, things, np.where(heights == 0, support, np.int32(-1)), corners,
+        solid.depth_m, image.depth_m, image.color, things, on_plane, corners,
         plane_of, side_of, c.fx, config.depth_noise_per_m, JUMP_M, GAP_M, outline, contact,
     )  # fmt: skip
     rects = (corners + np.array([0, 0, 1, 1])) * float(image.step) + np.array([*image.phase, *image.phase])
     rects = np.minimum(rects, np.array([c.width, c.height] * 2) * image.step)
     scores = weighed.weights[order[shares]].tolist()
     warm = (warmth / np.diff(first)).tolist()
+    ends = np.empty(kept, np.int64)
+    keep_readings(first, pixels, points, image.depth_m, ends)
+    above, names = beneath.tolist(), identities.tolist()
     clusters = []
-    for k, (begin, end) in enumerate(pairwise(first.tolist())):
-        supports = {int(identities[p]): int(beneath[k, p]) for p in np.flatnonzero(beneath[k])}
-        own = begin + np.flatnonzero(read[pixels[begin:end]])
-        share = len(own) / (end - begin)
+    for k, ((begin, end), own) in enumerate(zip(pairwise(first.tolist()), ends.tolist(), strict=True)):
+        supports = {name: count for name, count in zip(names, above[k], strict=True) if count}
+        mine, share = slice(begin, own), (own - begin) / (end - begin)
         clusters.append(
-            FrameCluster(pixels[own], points[own], supports, warm[k], scores[k], rects[k], outline[k], share)
+            FrameCluster(pixels[mine], points[mine], supports, warm[k], scores[k], rects[k], outline[k], share)
         )
     return FrameClusters(clusters, things, contact, shares.astype(np.int64), left_out)
 
 
-def _leave_out(regions: npt.NDArray[np.int32], claim: npt.NDArray[np.int32], number: int) -> int:
+def _leave_out(regions: npt.NDArray[np.int32], claim: npt.NDArray[np.int32], sizes: npt.NDArray[np.int64]) -> int:
     """Clear all regions (h, w) but the most that a frame may have: those of the strongest shares, of these the largest.
 
-    Returns how many were cleared that are large enough for a cluster.
+    Returns how many were cleared that are large enough for a cluster; `sizes` are the pixels of each region.
     """
-    if number <= MOST_CLUSTERS:
-        return 0
-    size = np.bincount(regions.ravel(), minlength=number + 1)
-    large = 1 + np.flatnonzero(size[1:] >= LEAST_PIXELS)
+    large = 1 + np.flatnonzero(sizes[1:] >= LEAST_PIXELS)
     if len(large) <= MOST_CLUSTERS:
         return 0
-    share = np.zeros(number + 1, np.int64)
+    share = np.zeros(len(sizes), np.int64)
     share[regions.ravel()] = claim.ravel()
-    kept = large[np.lexsort((-size[large], share[large]))[:MOST_CLUSTERS]]
-    stays = np.zeros(number + 1, np.bool_)
+    kept = large[np.lexsort((-sizes[large], share[large]))[:MOST_CLUSTERS]]
+    stays = np.zeros(len(sizes), np.bool_)
     stays[kept] = True
     regions[~stays[regions]] = 0
     return len(large) - MOST_CLUSTERS

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float64Array, UInt8Array
+from cuboid.kernels import carrying as kernel
 from cuboid.tolerances import LEAST_READINGS
 
 # Edge of a cell of the ground plan, metres: finer than any table, coarser than depth noise.
@@ -86,21 +87,25 @@ class GroundPlan:
 
     def reach(self, low: Places, high: Places) -> None:
         """Grow the window so that it holds readings in cells from `low` to `high`, both (2,) and included."""
-        low, high = low - _MARGIN, high + _MARGIN + 1
         if self.seen.size == 0:
-            self.corner = low
-        before = np.maximum(0, self.corner - low)
-        after = np.maximum(0, high - self.corner - self.seen.shape)
-        if not before.any() and not after.any():
-            return
+            self.corner = low - _MARGIN
+        window = self._grown(low, high)
+        pads = np.abs(window - self.window)
+        if pads.any():
+            around = ((pads[0], pads[2]), (pads[1], pads[3]))
+            self.seen = np.pad(self.seen, around)
+            self.covered, self.nearby = np.pad(self.covered, around), np.pad(self.nearby, around)
+            self.corner = window[:2]
+
+    def _grown(self, low: Places, high: Places) -> Places:
+        """Return the window (4,) that also holds cells from `low` to `high`; as it is where it would be too wide."""
+        before = np.maximum(0, self.corner - low + _MARGIN)
+        after = np.maximum(0, high + _MARGIN + 1 - self.window[2:])
         slack = np.maximum(SLACK_CELLS, (SLACK_SHARE * np.array(self.seen.shape)).astype(np.int64))
         before, after = before + (before > 0) * slack, after + (after > 0) * slack
         if (self.seen.shape + before + after).max() > LIMIT_CELLS:
-            return
-        pads = ((before[0], after[0]), (before[1], after[1]))
-        self.seen = np.pad(self.seen, pads)
-        self.covered, self.nearby = np.pad(self.covered, pads), np.pad(self.nearby, pads)
-        self.corner = self.corner - before
+            return self.window
+        return np.asarray(self.window + np.concatenate([-before, after]))
 
     def begin(self, points: Float64Array, area_m2: Float64Array) -> None:
         """Begin with what was seen at these plan coordinates (N, 2), each standing for an area."""
@@ -133,12 +138,16 @@ class GroundPlan:
     def move(self, points: Float64Array) -> None:
         """Let the plane be where its points (N, 2 or 3), plan coordinates, now are: left cells lose their readings."""
         cells = cells_of(points)
-        self.reach(cells.min(0), cells.max(0))
-        cells = cells - self.corner
-        i, j = cells[((cells >= 0) & (cells < self.seen.shape)).all(1)].T
-        here = np.bincount(i * self.seen.shape[1] + j, minlength=self.seen.size).reshape(self.seen.shape)
-        self.seen = np.where(here > 0, np.where(here > 1, np.maximum(self.seen, LEAST_READINGS), self.seen), 0)
-        self._all_changed()
+        window, before = self._grown(cells.min(0), cells.max(0)), self.seen
+        # All else of the window is empty afterwards: nobody looks at it, however large it is.
+        self.seen = np.zeros(window[2:] - window[:2], np.int32)
+        self.covered, self.nearby = (np.zeros(self.seen.shape, np.uint8) for _ in range(2))
+        offset, known = window[:2] - self.corner, np.empty(4, np.int64)
+        self._known = kernel.keep_readings(cells - window[:2], before, offset, LEAST_READINGS, self.seen, known)
+        self.corner = window[:2]
+        self._changed = known + np.tile(self.corner, 2)
+        self.stale = self._known > 0
+        self.refresh()
 
     def _all_changed(self) -> None:
         self._known = int(np.count_nonzero(self.seen >= LEAST_READINGS))
@@ -155,6 +164,8 @@ class GroundPlan:
         if max(self.seen.shape) > WHOLE_CELLS:
             wide = self._changed + AROUND_CELLS * np.array([-1, -1, 1, 1])
             part = np.concatenate([np.maximum(part[:2], wide[:2]), np.minimum(part[2:], wide[2:])])
+            if (part[2:] <= part[:2]).any():  # the window is as wide as it may be, and this is outside
+                return
         here, _ = common(self.window, part)
         covered = _covered(self.seen[here])
         nearby = cv2.dilate(covered, _NEARBY)

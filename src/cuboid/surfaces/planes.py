@@ -147,7 +147,7 @@ class PlaneTracker:
             fits = (off < np.maximum(ON_PLANE_M, SIGMAS * sigma_m)) & (off < best)
             if not fits.any():
                 continue
-            fits &= plane.plan.near(centers)
+            fits[fits] = plane.plan.near(centers[fits])
             owner[fits], best[fits] = k, off[fits]
         return owner
 

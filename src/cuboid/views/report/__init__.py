@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from cuboid.views.report.page import page_of, write_report
-from cuboid.views.report.summary import ShownChange, Summary, pictures_of, summarise
+from cuboid.views.report.summary import Summary, pictures_of, summarise
 
-__all__ = ["ShownChange", "Summary", "page_of", "pictures_of", "summarise", "write_report"]
+__all__ = ["Summary", "page_of", "pictures_of", "summarise", "write_report"]

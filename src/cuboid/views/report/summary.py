@@ -11,10 +11,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from cuboid.frame import Float64Array, Frame, Intrinsics
-from cuboid.geometry.box import Box
+from cuboid.frame import Frame, Intrinsics
 from cuboid.outputs import FinishedResults, ObjectsFile, PoseRow, RunReport, TrackRow
-from cuboid.results import TrackedObject
+from cuboid.results import SceneChange, TrackedObject
 from cuboid.views.palette import color_of, hex_of, ink_on
 from cuboid.views.report.pictures import Picture, best_sightings, cut_pictures
 from cuboid.views.report.points import PackedPoints, pack_points
@@ -22,41 +21,6 @@ from cuboid.views.report.points import PackedPoints, pack_points
 # Millimetres: what a page shows of a place.
 PLACE_DIGITS = 4
 TURN_DIGITS = 6
-
-
-@dataclass(frozen=True, slots=True)
-class ShownChange:
-    """What became of an object of a scene by this recording.
-
-    Attributes
-    ----------
-    label : int
-    name : str
-        That people gave it, or empty.
-    change : str
-        "moved", "gone", "new" or "found".
-    box : Box
-        As known last; turned as it last stood.
-    from_m, to_m : (3,) float64 or None
-        Where its middle was, and is.
-    metres : float or None
-        How far it was moved.
-    sure : float
-        How sure it is that what was moved is the same, 0..1.
-    before, after : bytes or None
-        Its pictures, JPEG.
-    """
-
-    label: int
-    name: str
-    change: str
-    box: Box
-    from_m: Float64Array | None
-    to_m: Float64Array | None
-    metres: float | None
-    sure: float
-    before: bytes | None
-    after: bytes | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +39,7 @@ class Summary:
     points : PackedPoints
     pictures : dict of int to Picture
         By label; an object without one has none.
-    changes : tuple of ShownChange
+    changes : tuple of SceneChange
         Where the recording went into a scene that had others.
     """
 
@@ -86,7 +50,7 @@ class Summary:
     tracks: tuple[TrackRow, ...]
     points: PackedPoints
     pictures: dict[int, Picture]
-    changes: tuple[ShownChange, ...] = ()
+    changes: tuple[SceneChange, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return the document that the page reads, ready for JSON."""
@@ -146,7 +110,7 @@ class Summary:
 
 
 def summarise(
-    results: FinishedResults, read: Callable[[int], Frame] | None, changes: Sequence[ShownChange] = ()
+    results: FinishedResults, read: Callable[[int], Frame] | None, changes: Sequence[SceneChange] = ()
 ) -> Summary:
     """Gather what the page tells of a run.
 
@@ -155,7 +119,7 @@ def summarise(
     results : FinishedResults
     read : callable or None
         Returns a frame of the recording, for pictures; None where the recording is not at hand.
-    changes : sequence of ShownChange
+    changes : sequence of SceneChange
         What the recording changed in its scene.
 
     Returns
@@ -212,7 +176,7 @@ def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tup
     return found
 
 
-def _change(one: ShownChange) -> dict[str, Any]:
+def _change(one: SceneChange) -> dict[str, Any]:
     places = {"from": one.from_m, "to": one.to_m}
     pictures = {"before": one.before, "after": one.after}
     return {

@@ -1,0 +1,103 @@
+"""Hot loops that tell which rows of the voxel map belong to which object, and to whom the pixels of a frame do."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from cuboid.kernels.cubes import BLOCK_BITS
+
+
+@njit(cache=True, nogil=True)
+def rows_of(number, blocks, size, owner, rows):
+    """Gather the rows of an object from the blocks that may hold some.
+
+    Parameters
+    ----------
+    number : int
+    blocks : (B,) int64
+        Ascending.
+    size : int
+        Rows of a block.
+    owner : (N,) int32
+    rows : (B * size,) int64, output
+        Ascending.
+
+    Returns
+    -------
+    int
+        How many there are.
+    """
+    n = 0
+    for block in blocks:
+        for row in range(block * size, min((block + 1) * size, owner.size)):
+            if owner[row] == number:
+                rows[n] = row
+                n += 1
+    return n
+
+
+@njit(cache=True, nogil=True)
+def has_rows(number, blocks, size, owner, weight, least):
+    """Tell whether an object has so many living rows in the blocks that may hold some; see `rows_of`."""
+    n = 0
+    for block in blocks:
+        for row in range(block * size, min((block + 1) * size, owner.size)):
+            if owner[row] == number and weight[row] > 0.0:
+                n += 1
+        if n >= least:
+            return True
+    return n >= least
+
+
+@njit(cache=True, nogil=True)
+def blocks_touched(claim, count, slots, pairs):
+    """Collect in which blocks of rows each share of a frame has voxels.
+
+    Parameters
+    ----------
+    claim : (h, w) int32
+        Share of each pixel, -1 none.
+    count : int
+        How many shares there are.
+    slots : (h, w) int32
+        Row of each pixel, -1 none.
+    pairs : (h * w,) int64, output
+        Begins with share << 32 | block, some of them more than once.
+
+    Returns
+    -------
+    int
+        How many there are.
+    """
+    found, last = 0, np.full(count, -1, np.int64)
+    for v in range(claim.shape[0]):
+        for u in range(claim.shape[1]):
+            share = claim[v, u]
+            if share >= 0 and slots[v, u] >= 0 and slots[v, u] >> BLOCK_BITS != last[share]:
+                last[share] = slots[v, u] >> BLOCK_BITS
+                pairs[found] = (np.int64(share) << 32) | last[share]
+                found += 1
+    return found
+
+
+@njit(cache=True, nogil=True)
+def owner_of(slots, owner, hits, pixel_owner, known):
+    """Look up whom the voxel of each pixel belongs to, and whether frames before this one saw it.
+
+    Parameters
+    ----------
+    slots : (h, w) int32
+        Row of each pixel, -1 none.
+    owner : (N,) int32
+    hits : (N,) uint16
+        Frames that saw each row, this one included.
+    pixel_owner : (h, w) int32, output
+        0 where there is none.
+    known : (h, w) bool, output
+    """
+    for v in range(slots.shape[0]):
+        for u in range(slots.shape[1]):
+            row = slots[v, u]
+            pixel_owner[v, u] = owner[row] if row >= 0 else 0
+            known[v, u] = row >= 0 and hits[row] > 1
