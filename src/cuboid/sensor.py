@@ -6,17 +6,14 @@ import numpy as np
 
 from cuboid.frame import Float32Array, Intrinsics
 from cuboid.kernels.cells import AREA, CELL_COLUMNS, RMS, fit_cells
+from cuboid.tolerances import LEAST_READINGS, SOME
 
 # Edge of a cell of a picture that is 320 pixels wide, to which planes are fitted, pixels: 3 cm at 1 m.
 CELL_PIXELS = 8
 # Edge of the cells whose flatness tells the noise, pixels: as wide as the noise's own blobs.
 BLOB_PIXELS = 2 * CELL_PIXELS
-# A quarter of a picture's cells, at least, lie on one flat surface each; they show this share of the noise.
-FLAT_SHARE, SHOWN = 0.25, 0.8
-# Fewer cells tell nothing; and no more than this is believed, as a multiple of the nominal noise: clutter is no noise.
-LEAST_CELLS, MOST = 20, 1.4
-
-
+# No more than this is believed, as a multiple of the nominal noise: clutter is no noise.
+MOST = 1.4
 # Depths of neighbours on one surface differ by less than this times z squared (plus 1 cm): ten deviations of the first
 # Kinect's noise. A reading that does not lies on nothing: it mixes two surfaces.
 MIXED_PER_M = 0.014
@@ -42,6 +39,7 @@ def excess_noise(depth_m: Float32Array, camera: Intrinsics, nominal_per_m: float
     pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
     fit_cells(np.ascontiguousarray(depth_m), pinhole, BLOB_PIXELS, max_depth_m, cells)
     rms = cells[cells[:, AREA] > 0, RMS]
-    if len(rms) < LEAST_CELLS:
+    if len(rms) < LEAST_READINGS:
         return 1.0
-    return float(np.clip(np.quantile(rms, FLAT_SHARE) / (SHOWN * nominal_per_m), 1.0, MOST))
+    # Some of a picture's cells, at least, lie on one flat surface each; they show all but some of the noise.
+    return float(np.clip(np.quantile(rms, SOME) / ((1.0 - SOME) * nominal_per_m), 1.0, MOST))

@@ -8,16 +8,14 @@ from cuboid.boxes.fit import ARC_DESIGNS, ARC_SOLVERS, ARCS, DIRECTIONS, plane_a
 from cuboid.geometry.box import Box
 from cuboid.kernels.resting import (
     ALIKE_M,
-    APART,
     BETTER_SIDES,
-    LID_M,
     MISSING_M,
-    MOST_RIVALS,
     REST_M,
     RIVAL_AREA,
     ROUND_RADIUS,
     ROUND_RESIDUAL,
 )
+from cuboid.tolerances import JUMP_M
 
 BINS = 256
 
@@ -36,7 +34,7 @@ def numpy_box(
     bottom, top = numpy_reach(heights, trust, share)
     if offset is not None and bottom + offset < REST_M:
         bottom = -offset
-    side = heights < top - LID_M
+    side = heights < top - JUMP_M
     turn = numpy_turn(low, high, plan[side], trust[side])
     return numpy_around(low, high, bottom, top, normal, turn)
 
@@ -48,11 +46,10 @@ def numpy_turn(low: np.ndarray, high: np.ndarray, side: np.ndarray, trust: np.nd
     best = int(area.argmin())
     if len(side) == 0:
         return best
-    off = np.abs(np.arange(quarter) - best)
-    rival = (np.minimum(off, quarter - off) >= APART) & (area <= RIVAL_AREA * area[best])
+    rival = (np.arange(quarter) != best) & (area <= RIVAL_AREA * area[best])
     rival &= (area <= np.roll(area, 1)) & (area <= np.roll(area, -1))
     chosen, least = best, BETTER_SIDES * numpy_spread(low, high, side, trust, best)
-    for k in np.flatnonzero(rival)[:MOST_RIVALS]:
+    for k in np.flatnonzero(rival):
         if (spread := numpy_spread(low, high, side, trust, k)) < least:
             chosen, least = int(k), spread
     return chosen

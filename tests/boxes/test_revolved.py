@@ -11,7 +11,7 @@ from cuboid.boxes.fit import fit_box
 from cuboid.boxes.revolved import revolved
 from cuboid.geometry.box import Box
 from cuboid.kernels import revolve as kernel
-from cuboid.tolerances import LEAST_SIGMA_M
+from cuboid.tolerances import LEAST_SIGMA_M, SIGMAS
 
 UP = np.array([0.0, 0.0, 1.0])
 NOISE_M = 0.002
@@ -97,7 +97,7 @@ def test_the_axis_is_that_of_the_least_squares_of_the_distances() -> None:
 
     def robust_cost(place: np.ndarray) -> float:
         out = np.hypot(*(plan - place).T)
-        usual = kernel.ROBUST * 2.0 * LEAST_SIGMA_M
+        usual = SIGMAS * 2.0 * LEAST_SIGMA_M
         weight = 1.0 / (1.0 + (residual / usual) ** 2)
         mean = np.bincount(layer, weight * out) / np.bincount(layer, weight)
         return float((weight * (out - mean[layer]) ** 2).sum())

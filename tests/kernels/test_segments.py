@@ -29,7 +29,7 @@ def planes_of(depth: np.ndarray, least_area: float = 0.02) -> tuple[np.ndarray, 
     cells = np.empty((rows * columns, CELL_COLUMNS))
     fit_cells(depth, PINHOLE, SIZE, 4.0, cells)
     planes, member = np.empty((6, 3)), np.empty((rows, columns), np.int16)
-    count = patches.grow_planes(cells, (rows, columns), PINHOLE, SIZE, NOISE, 0.004, 5e-3, least_area, planes, member)
+    count = patches.grow_planes(cells, (rows, columns), PINHOLE, NOISE, 0.004, 5e-3, least_area, planes, member)
     return cells, planes, member, count
 
 
@@ -95,12 +95,12 @@ def test_a_step_is_marked_on_its_pixel_and_a_slant_is_not() -> None:
 
 
 def test_a_gap_of_two_pixels_in_a_crease_does_not_join_its_sides() -> None:
-    inverse, kind = np.ones(SHAPE, np.float32), np.full(SHAPE, segments.SURFACE, np.uint8)
+    kind = np.full(SHAPE, segments.SURFACE, np.uint8)
     marks = np.zeros(SHAPE, np.uint8)
     marks[:, 80] = segments.CREASE
     marks[60:62, 80] = 0
     labels, queue = np.empty(SHAPE, np.int16), np.empty(SHAPE[0] * SHAPE[1], np.int32)
-    assert segments.label_surfaces(inverse, kind, marks, 10, 10, labels, queue) == 2
+    assert segments.label_surfaces(kind, marks, 10, 10, labels, queue) == 2
     assert (labels[:, :80] == 1).all()
     assert (labels[:, 81:] == 2).all()
     assert (labels > 0).all()
@@ -112,8 +112,7 @@ def test_small_patches_become_nothing() -> None:
     kind[20:30, 20:30] = segments.SURFACE
     labels, queue = np.empty(SHAPE, np.int16), np.empty(SHAPE[0] * SHAPE[1], np.int32)
     marks = np.zeros(SHAPE, np.uint8)
-    inverse = np.where(kind > 0, 1.0, 0.0).astype(np.float32)
-    assert segments.label_surfaces(inverse, kind, marks, 10, 10, labels, queue) == 1
+    assert segments.label_surfaces(kind, marks, 10, 10, labels, queue) == 1
     assert (labels[20:30, 20:30] == 1).all()
     assert (labels > 0).sum() == 100
     assert (kind[5:8, 5:8] == segments.NONE).all()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,18 +14,14 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.tolerances import LITTLE, STRAYS
+from cuboid.tolerances import LEAST_READINGS, LITTLE, SOME, STRAYS
 
-# The far side that an object is given takes no more than this share of a neighbour, or of the object.
-FAR_SIDE_OVERLAP = 0.15
-# A foot is hidden when at most this share of the ground beneath was seen.
-HIDDEN_SHARE = 0.3
-# A place was seen when so many of the nine voxels of the ground around it were.
-SEEN_OF_NINE = 2
 # A box this near its plane, metres, rests on it.
 LEAST_GAP_M = 1e-6
+# A place was seen when so many of the nine voxels of the ground around it were.
+SOME_OF_NINE = math.ceil(9 * SOME)
 # Places of the ground beneath that are looked up, a side.
-BENEATH = 6
+BENEATH = LEAST_READINGS
 
 
 def with_hidden(
@@ -45,7 +42,7 @@ def with_hidden(
 
 def clear_of(box: Box, near: Sequence[Box]) -> bool:
     """Tell whether a box takes no more of its neighbours than boxes do that stand side by side."""
-    return not near or bool(overlap_min_matrix(pack([box]), pack(near)).max() <= FAR_SIDE_OVERLAP)
+    return not near or bool(overlap_min_matrix(pack([box]), pack(near)).max() <= SOME)
 
 
 def with_foot(box: Box, normal: Float64Array, offset: float, near: Sequence[Box], voxels: VoxelMap) -> Box:
@@ -115,12 +112,12 @@ def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequen
     for other in others:
         if (_beyond(ground + 0.5 * np.outer(height - box.size[2] / 2, normal), other) <= 0.0).any():
             return False
-    return bool(_seen(ground, normal, voxels).mean() <= HIDDEN_SHARE)
+    return bool(_seen(ground, normal, voxels).mean() <= SOME)
 
 
 def _seen(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:
-    """Tell which places (N, 3) on a plane were seen: enough of the voxels around hold a point, one up or down."""
-    return voxels.holds_around(ground, np.array([*plane_axes(normal), normal]), SEEN_OF_NINE)
+    """Tell which places (N, 3) on a plane were seen: some of the nine voxels around hold a point, one up or down."""
+    return voxels.holds_around(ground, np.array([*plane_axes(normal), normal]), SOME_OF_NINE)
 
 
 def _beyond(points: Float64Array, box: Box) -> Float64Array:

@@ -17,27 +17,14 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.kernels import revolve as kernel
 from cuboid.kernels.extents import side_spread
-from cuboid.kernels.resting import LID_M, ROUND_RADIUS
-from cuboid.tolerances import DRIFT_M, JUMP_SIGMAS, LEAST_SIGMA_M, SIGMAS, STRAYS
+from cuboid.kernels.resting import ROUND_RADIUS
+from cuboid.tolerances import DRIFT_M, JUMP_M, JUMP_SIGMAS, LEAST_READINGS, LEAST_SIGMA_M, LITTLE, MOST, SIGMAS, STRAYS
 
-# The fit takes so many steps, and asks for so many points of the side.
-STEPS, LEAST_POINTS = 6, 30
-# A side that covers less of the turn, degrees, fixes no axis in noise: counted in sectors of 10 degrees. How far it
-# departs from itself is looked at in sectors of 30 degrees, each with at least so many points.
-LEAST_ARC, FINE_SECTORS, SECTORS, SECTOR_POINTS = 150.0, 36, 12, 5
-# Of a filled layer the rim begins at this share.
-RIM = 0.85
-# Such a body departs from itself from sector to sector by no more than this share of its radius: a mug's handle or a
-# cap's brim does. And it fits by so much better than the best rectangle: cartons do not.
-LEAST_TURN, BETTER = 0.11, 0.95
-# A surface is rough (leaves) from this residual on: so many times the noise, besides that of the truest readings.
-ROUGH_NOISE = 1.9
-# What sticks out by more than so many residuals is a part of its own.
-PART_RESIDUALS = 2.5
-# Of what sticks out strays are at most this share: of less there is no part.
-MOST_STRAYS = 0.3
-# A seen side at least so wide, as a share of its length, may be that of a round body.
-LEAST_WIDTH = 0.4
+# The fit takes so many steps.
+STEPS = 6
+# A side is looked at in so many sectors of the turn. Half of the turn is seen from one place, a little less of it in
+# depth: what covers less fixes no axis in noise.
+SECTORS, LEAST_ARC = 12, MOST - LITTLE
 
 
 def revolved(
@@ -70,14 +57,12 @@ def revolved(
     share : float
         Share of the trust that are strays, at each side.
     """
-    if box.size[1] < LEAST_WIDTH * box.size[0]:
-        return None
     height = points @ normal + offset
     first, second = plane_axes(normal)
     plan = points @ np.array([first, second]).T
     layer = np.floor((height - height.min()) / layer_m).astype(np.int64)
-    side = np.flatnonzero(height < quantile(height, 1.0 - 2.0 * STRAYS) - LID_M)
-    if len(side) < LEAST_POINTS or not trust[side].sum() > 0.0:
+    side = np.flatnonzero(height < quantile(height, 1.0 - 2.0 * STRAYS) - JUMP_M)
+    if len(side) < LEAST_READINGS or not trust[side].sum() > 0.0:
         return None
     axis = _axis(plan[side], layer[side], trust[side], _footprint(box, first, second), noise_m)
     if axis is None:
@@ -85,13 +70,13 @@ def revolved(
     center, spread_m = axis
     distance = np.hypot(*(plan - center).T)
     weight = float(trust.sum())
-    radius = kernel.widest_layer(distance, layer, trust, int(layer.max()) + 1, 2.0 * STRAYS * weight, RIM)
+    radius = kernel.widest_layer(distance, layer, trust, int(layer.max()) + 1, 2.0 * STRAYS * weight, 1.0 - LITTLE)
     along = DIRECTIONS @ center
     low, high = along - radius, along + radius
-    rough = spread_m > ROUGH_NOISE * noise_m + SIGMAS * LEAST_SIGMA_M
-    part = rough | (distance > radius + max(JUMP_SIGMAS * LEAST_SIGMA_M, PART_RESIDUALS * spread_m))
+    # What sticks out by more than noise is a part of its own, where most of it is no strays.
+    part = distance > radius + max(JUMP_SIGMAS * LEAST_SIGMA_M, SIGMAS * spread_m)
     strays = share * weight / max(float(trust[part].sum()), 1e-12)
-    if strays < MOST_STRAYS:
+    if strays < MOST:
         least, most = reach_of(plan[part], trust[part], DIRECTIONS, strays)
         low, high = np.minimum(low, least), np.maximum(high, most)
     middle = float(normal @ box.center)
@@ -110,20 +95,18 @@ def _axis(
     along, half = rectangle[2:4], rectangle[4:] / 2.0
     sides = np.array([along, [-along[1], along[0]]])
     against = side_spread(plan - rectangle[:2], trust, sides, -half, half, 0)
-    if max(spread_m**2 - noise_m**2, 0.0) >= BETTER**2 * (against**2 - noise_m**2):
+    # It fits better than the best rectangle.
+    if max(spread_m, noise_m) >= against:
         return None
     # A nearly straight side has its axis far away.
-    if usual > ROUND_RADIUS * float(rectangle[4:].max()) + LID_M:
+    if usual > ROUND_RADIUS * float(rectangle[4:].max()) + JUMP_M:
         return None
     angle = np.arctan2(*(plan - center).T[::-1])
-    near = np.abs(residual) < PART_RESIDUALS * spread_m
-    fine = np.unique(np.floor(angle[near] * (FINE_SECTORS / (2.0 * math.pi))))
-    if len(fine) * 360.0 / FINE_SECTORS < LEAST_ARC:
-        return None
     sector = np.floor(angle * (SECTORS / (2.0 * math.pi))).astype(np.int64) + SECTORS // 2
     sums = np.bincount(sector, trust * residual, SECTORS + 1), np.bincount(sector, trust, SECTORS + 1)
-    known = (np.bincount(sector, minlength=SECTORS + 1) >= SECTOR_POINTS) & (sums[1] > 0.0)
-    if not known.any() or np.ptp(sums[0][known] / sums[1][known]) > LEAST_TURN * usual:
+    known = (np.bincount(sector, minlength=SECTORS + 1) >= LEAST_READINGS) & (sums[1] > 0.0)
+    # It departs from itself from sector to sector by little of its radius: a mug's handle or a cap's brim does by more.
+    if known.sum() < LEAST_ARC * SECTORS or np.ptp(sums[0][known] / sums[1][known]) > LITTLE * usual:
         return None
     return center, spread_m
 

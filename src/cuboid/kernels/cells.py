@@ -17,10 +17,6 @@ CELL_COLUMNS = 8
 
 # A surface is looked for where it is seen from higher than this (sine, 3 degrees).
 LOWEST = 0.05
-# The second reading is at most so many pixels beyond the first.
-FARTHEST = 8
-# ... or the next that there is, so many more pixels on: surfaces seen low are full of gaps.
-MISSING = 3
 # Readings of a patch that lie level: at least so many.
 LEAST_LEVEL = 3
 # Of a cell, or a patch, at least this share has readings that tell of its plane.
@@ -158,13 +154,14 @@ def level_patches(depth, camera, up, size, noise, min_depth, max_depth, skip, pa
                     if not (min_depth <= here <= max_depth):
                         continue
                     gate = SIGMAS * 1.42 * noise * here * here * steep + LEAST_SIGMA_M
-                    # So many pixels on, an upright surface has risen by more than twice the gate.
+                    # So many pixels on, at most two patches, an upright surface has risen by more than twice the gate.
+                    # The first reading from there on, within a patch, tells: surfaces seen low are full of gaps.
                     k = int(np.ceil(2.0 * gate * longest / here))
-                    if k > FARTHEST:
+                    if k > 2 * size:
                         continue
                     there = 0.0
                     vv = uu = 0
-                    for step in range(k, k + MISSING + 1):
+                    for step in range(k, k + size):
                         vv, uu = int(np.rint(v + step * sv)), int(np.rint(u + step * su))
                         if vv < 0 or uu < 0 or vv >= height or uu >= width:
                             break

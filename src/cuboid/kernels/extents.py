@@ -76,7 +76,7 @@ def trimmed(bins, cut, first, scale):
 
 
 @njit(cache=True, nogil=True)
-def best_turn(points, weights, directions, low, high, larger, apart, better, most):
+def best_turn(points, weights, directions, low, high, larger, better):
     """Find which of the directions is that of the box: of least footprint, or hardly larger with sides that fit better.
 
     Parameters
@@ -90,12 +90,8 @@ def best_turn(points, weights, directions, low, high, larger, apart, better, mos
         How far everything reaches along them.
     larger : float
         A footprint so many times the least one may be taken.
-    apart : int
-        Such a box is turned by at least so many steps.
     better : float
         Its sides fit so many times as well: the spread of the points around the sides nearest to them.
-    most : int
-        So many such boxes are looked at.
 
     Returns
     -------
@@ -112,16 +108,15 @@ def best_turn(points, weights, directions, low, high, larger, apart, better, mos
             best = k
     if points.shape[0] == 0:
         return best
-    chosen, limit, looked = best, -1.0, 0
+    chosen, limit = best, -1.0
     for k in range(quarter):
-        off = abs(k - best)
-        if min(off, quarter - off) < apart or area[k] > larger * area[best] or looked == most:
+        if k == best or area[k] > larger * area[best]:
             continue
+        # Only the least of those that are turned about alike.
         if area[k] > area[k - 1] or area[k] > area[(k + 1) % quarter]:
             continue
         if limit < 0.0:
             limit = better * side_spread(points, weights, directions, low, high, best)
-        looked += 1
         spread = side_spread(points, weights, directions, low, high, k)
         if spread < limit:
             chosen, limit = k, spread

@@ -14,7 +14,7 @@ LEAST_CELLS = 9
 
 
 @njit(cache=True, nogil=True)
-def grow_planes(cells, shape, camera, size, noise, bias, flat, least_area, planes, member):
+def grow_planes(cells, shape, camera, noise, bias, flat, least_area, planes, member):
     """Join the flat cells of a frame to its large planes.
 
     Parameters
@@ -25,8 +25,6 @@ def grow_planes(cells, shape, camera, size, noise, bias, flat, least_area, plane
         R, C.
     camera : (4,) float64
         fx, fy, cx, cy.
-    size : int
-        Edge of a cell, pixels.
     noise : float
         Standard deviation of 1/z, 1/metre.
     bias : float

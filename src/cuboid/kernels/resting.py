@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 
 from cuboid.kernels.extents import best_turn, reach
-from cuboid.tolerances import DRIFT_M
+from cuboid.tolerances import DRIFT_M, JUMP_M, LITTLE, MOST, SOME
 
 # A cluster whose lowest point is within this of the plane rests on it, metres: the foot of an object is lost to the
 # noise floor of the plane, and the part below a bowl's belly is seldom seen.
 REST_M = 2.0 * DRIFT_M
-# A box whose footprint is larger by no more than this, and which is turned by at least so many steps of two degrees, is
-# taken instead of the smallest one where the points of the sides, those this far below the top (metres), lie so much
-# nearer to its sides. So many such boxes are looked at.
-RIVAL_AREA, APART, LID_M, BETTER_SIDES, MOST_RIVALS = 1.15, 5, 0.012, 0.7, 3
+# A box whose footprint is at most some larger is taken instead of the smallest one where that takes away most of the
+# variance by which points of the sides, a jump below the top, depart from these.
+RIVAL_AREA, BETTER_SIDES = 1.0 + SOME, math.sqrt(MOST)
 # A round footprint follows the law of the disc to this share of its radius, and is at most this share of what was
 # seen of it wide, per side: half a disc shows its whole width, but for what is lost at its edges.
-ROUND_RESIDUAL, ROUND_RADIUS = 0.03, 0.6
+ROUND_RESIDUAL, ROUND_RADIUS = 0.03, MOST + LITTLE
 # A disc of which no more than this is missing, metres, is whole: drift and noise widen what was seen all round by a
 # centimetre in one direction.
-MISSING_M = LID_M
+MISSING_M = JUMP_M
 # Length and width are alike within this, metres: of a round footprint the first direction counts, and not what the
 # last bit of a sum favours.
 ALIKE_M = 1e-9
@@ -107,7 +108,7 @@ def fit(points, weights, normal, offset, share, directions, solvers, box):
         bottom[0] = -offset
     side, trust, sides = np.empty((n, 2)), np.empty(n), 0
     for i in range(n):
-        if heights[i] < top[0] - LID_M:
+        if heights[i] < top[0] - JUMP_M:
             side[sides, 0], side[sides, 1], trust[sides] = plan[i, 0], plan[i, 1], weights[i]
             sides += 1
     around(low, high, bottom[0], top[0], axes, directions, side[:sides], trust[:sides], box)
@@ -137,7 +138,7 @@ def around(low, high, bottom, top, axes, directions, side, trust, box):
         How far each of them is to be believed.
     """
     quarter = directions.shape[0] // 2
-    a = best_turn(side, trust, directions, low, high, RIVAL_AREA, APART, BETTER_SIDES, MOST_RIVALS)
+    a = best_turn(side, trust, directions, low, high, RIVAL_AREA, BETTER_SIDES)
     b = a + quarter
     length, width = high[a] - low[a], high[b] - low[b]
     x, y = (low[a] + high[a]) / 2.0, (low[b] + high[b]) / 2.0

@@ -5,10 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from cuboid.tolerances import LEAST_SIGMA_M
-
-# A residual so many times the usual one counts half.
-ROBUST = 2.0
+from cuboid.tolerances import LEAST_SIGMA_M, SIGMAS
 
 
 @njit(cache=True, nogil=True)
@@ -83,7 +80,7 @@ def fit_axis(plan, layer, weights, rounds, center, radius, residual):
             whole += robust[i]
         if step == rounds or not whole > 0.0:
             break
-        usual = ROBUST * max(2.0 * LEAST_SIGMA_M, 1.25 * spread / whole)
+        usual = SIGMAS * max(2.0 * LEAST_SIGMA_M, 1.25 * spread / whole)
         aa = ab = bb = ac = bc = 0.0
         for i in range(count):
             w = robust[i]

@@ -145,7 +145,7 @@ def linked(kind, marks, v, u, vv, uu):
 
 
 @njit(cache=True, nogil=True)
-def label_surfaces(inverse, kind, marks, least, most, labels, queue):
+def label_surfaces(kind, marks, least, most, labels, queue):
     """Number the segments: surface patches between jumps and creases.
 
     Their cores, one pixel away from any jump or crease, are numbered first and then grow back, the nearest first, so
@@ -153,7 +153,7 @@ def label_surfaces(inverse, kind, marks, least, most, labels, queue):
 
     Parameters
     ----------
-    inverse, kind, marks : see `mark`
+    kind, marks : see `mark`
         The kind of patches below `least` pixels becomes NONE.
     least : int
     most : int

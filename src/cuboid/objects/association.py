@@ -17,8 +17,6 @@ from cuboid.objects.matching import assign
 from cuboid.surfaces.clusters import FrameClusters
 from cuboid.tolerances import MOST, SOME
 
-# An object is in sight when it shows so many working pixels.
-IN_SIGHT = 12
 # A thing is an object when their overlap, in space or of what is seen, is at least this.
 SAME = 0.25
 

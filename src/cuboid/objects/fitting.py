@@ -11,6 +11,7 @@ from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.continuation import is_structure
 from cuboid.objects.entry import MapObject
+from cuboid.objects.outline import CLEAR
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object, too_large
 from cuboid.surfaces.planes import PlaneTracker
@@ -21,7 +22,7 @@ GROWN = 0.15
 # Labelled objects, and candidates, whose boxes are fitted anew in a frame, at most: the rest has its turn next.
 FITS = 4
 # What an object loses at a fit that finds it going on into structure, or no more than noise.
-STRUCTURE = 2.0
+STRUCTURE = CLEAR
 
 
 class Fitting:

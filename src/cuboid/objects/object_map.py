@@ -17,7 +17,7 @@ from cuboid.geometry.se3 import transform
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.outlines import KINDS
 from cuboid.limits import MOST_CANDIDATES
-from cuboid.objects.association import IN_SIGHT, Association, associate
+from cuboid.objects.association import Association, associate
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.entry import MapObject, State, together
 from cuboid.objects.fitting import Fitting
@@ -28,7 +28,7 @@ from cuboid.objects.visibility import in_view
 from cuboid.objects.wholeness import is_whole
 from cuboid.surfaces.clusters import FrameCluster, FrameClusters
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import LITTLE, MOST, SURE
+from cuboid.tolerances import LEAST_READINGS, LITTLE, MOST, SURE
 from cuboid.working import WorkingImage
 
 # Beyond this no more is counted, so that a mistake can be mended.
@@ -187,7 +187,7 @@ class ObjectMap:
         """Take in which objects this frame shows as one, and which as two side by side."""
         affinity = self.store.affinity
         numbers = [o.number for o in found.objects]
-        whole = (found.sight >= IN_SIGHT) & (found.common >= MOST * found.sight)
+        whole = (found.sight >= LEAST_READINGS) & (found.common >= MOST * found.sight)
         for i in np.flatnonzero(whole.sum(1) > 1):
             for a, b in combinations(np.flatnonzero(whole[i]).tolist(), 2):
                 affinity.tell(numbers[a], numbers[b], one=True, news=news)

@@ -12,11 +12,9 @@ from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.kernels import sightings as kernel
 from cuboid.kernels.outlines import EDGE_LEVELS
 from cuboid.objects.entry import MapObject
-from cuboid.tolerances import DRIFT_M, LITTLE, SAMPLE, STRAYS
+from cuboid.tolerances import DRIFT_M, LEAST_READINGS, LITTLE, SAMPLE, STRAYS
 from cuboid.working import WorkingImage
 
-# An object is seen when so many of its points are.
-SEEN_POINTS = 6
 # A color agrees with a point's when no channel is farther off than this, of 255: noise, exposure, texture finer than
 # a voxel.
 ALIKE = EDGE_LEVELS // 3
@@ -87,7 +85,7 @@ def look(
     )  # fmt: skip
     seen, hidden, unknown = counts.T
     visible = seen / np.maximum(1.0, seen + hidden + 0.5 * unknown)
-    seen_enough = (visible >= LITTLE) & (seen >= SEEN_POINTS)
+    seen_enough = (visible >= LITTLE) & (seen >= LEAST_READINGS)
     rectangles = _rectangles(corners, image)
     return [View(float(visible[k]), rectangles[k], bool(seen_enough[k])) for k in range(n)]
 

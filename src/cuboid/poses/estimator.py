@@ -37,8 +37,8 @@ LINGER_FRAMES = 3
 TRIES = 4
 # A camera lost for so many frames starts a new submap; from there it looks for known places every so many frames.
 PATIENCE_FRAMES, SEARCH_EVERY = 30, 5
-# An image shows enough for a keyframe with so many points on the finest level, and corners.
-ENOUGH_POINTS, ENOUGH_CORNERS = 300, 50
+# An image shows enough for a keyframe with so many corners.
+ENOUGH_CORNERS = 50
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,7 @@ from cuboid.kernels.pixels import drop_mixed
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource
 from cuboid.sensor import CELL_PIXELS, MIXED_PER_M
-from cuboid.tolerances import BIAS_M, JUMP_SIGMAS, SOME
+from cuboid.tolerances import BIAS_M, JUMP_SIGMAS, LEAST_SIGMA_M, SOME
 from cuboid.working import COLOR_LEVELS, HOLE_M
 
 # Images wider than this are halved until they are not, pixels, unless the user says otherwise: at 1.5 m a pixel of 320
@@ -46,8 +46,8 @@ PLANES = 12
 PLANE_BOW_M = 0.008
 # How far, in cells, a plane reaches beyond the cells that it was found in.
 PLANE_REACH = 2
-# The error that noise comes on top of, along a plane that the frame itself shows, metres.
-LEAST_BIAS_M = 0.002
+# The error that noise comes on top of, along a plane that the frame itself shows, metres: of the reading and the plane.
+LEAST_BIAS_M = 2.0 * LEAST_SIGMA_M
 # Steps in depth below this, and below four deviations, do not part surfaces, metres.
 JUMP_M = 0.012
 # How far a crease lies behind the chord over it, in arms: 0.4 is a bend of 44 degrees; the inside of a bowl of 7 cm
@@ -65,8 +65,8 @@ LEAST_SIZE = 5.0 / 6.0
 MOST = 140
 # With so many readings a piece is no work of noise.
 SOLID_PIXELS = 120
-# Regions with this IoU are the same proposal.
-SAME_REGION = 0.8
+# Regions are the same proposal unless some of what they cover is not common to both: IoU.
+SAME_REGION = 1.0 - SOME
 
 Int16Array = npt.NDArray[np.int16]
 
@@ -129,7 +129,7 @@ def _regions(
     # Creases are judged over less surface to either side than the smallest object's half; a step of twice its size is
     # surely another object's outline.
     segments.mark(inverse, kind, camera.fx, noise, JUMP_M, config.min_size_m / 2.0, BEND, smooth, marks)
-    last = segments.label_surfaces(inverse, kind, marks, LEAST_PIXELS, SEGMENTS, labels, queue)
+    last = segments.label_surfaces(kind, marks, LEAST_PIXELS, SEGMENTS, labels, queue)
     fill_holes(
         kind, on, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse, cost, queue
     )
@@ -163,7 +163,7 @@ def _set_planes_apart(
     fit_cells(depth_m, pinhole, CELL_PIXELS, max_depth_m, cells)
     planes, member = np.empty((PLANES, 3)), np.empty((rows, columns), np.int16)
     count = patches.grow_planes(
-        cells, (rows, columns), pinhole, CELL_PIXELS, noise, PLANE_BOW_M, JUMP_SIGMAS * noise,
+        cells, (rows, columns), pinhole, noise, PLANE_BOW_M, JUMP_SIGMAS * noise,
         PLANE_AREA_M2, planes, member,
     )  # fmt: skip
     inverse, kind = np.empty(depth_m.shape, np.float32), np.empty(depth_m.shape, np.uint8)

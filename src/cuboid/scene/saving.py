@@ -228,13 +228,6 @@ def has_state(connection: sqlite3.Connection) -> bool:
     return connection.execute("SELECT 1 FROM parts LIMIT 1").fetchone() is not None
 
 
-def clear_state(connection: sqlite3.Connection) -> None:
-    """Drop the state, so that another one can be written."""
-    for table in ("blocks", "parts", "arrays"):
-        connection.execute(f"DELETE FROM {table}")
-    connection.execute("DELETE FROM scene WHERE key = 'seal'")
-
-
 def load_state(
     connection: sqlite3.Connection, fresh: Tracker, *others: object, shelf: SceneShelf | None = None
 ) -> tuple[Any, ...]:

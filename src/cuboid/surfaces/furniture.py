@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from cuboid.surfaces.plane import ON_PLANE_M, Plane
+from cuboid.tolerances import MOST
 
-# The top of a box: smaller than this, square metres, at most so high above the plane that the box stands on, metres,
-# and that plane so many times as large; it is above that plane, not on it. Seats, shelves and stools are larger
-# or higher.
-LID_AREA_M2, LID_HEIGHT_M, LID_RATIO = 0.2, 0.3, 3.0
+# The top of a box: smaller than this, square metres, and at most so high above the plane that the box stands on,
+# metres; it is not the most of that plane, and above it, not on it. Seats, shelves and stools are larger or higher.
+LID_AREA_M2, LID_HEIGHT_M = 0.2, 0.3
 
 
 def is_lid(plane: Plane, area_m2: float, others: Callable[[], Iterable[Plane]]) -> bool:
@@ -20,7 +20,7 @@ def is_lid(plane: Plane, area_m2: float, others: Callable[[], Iterable[Plane]]) 
     return any(
         other.in_use
         and ON_PLANE_M < float(other.height(center)[0]) <= LID_HEIGHT_M
-        and other.plan.area_m2() >= LID_RATIO * area_m2
+        and area_m2 <= MOST * other.plan.area_m2()
         and bool(other.plan.covers(center)[0])
         for other in others()
         if other is not plane

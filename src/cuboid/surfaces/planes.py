@@ -24,12 +24,10 @@ from cuboid.surfaces.in_view import PlanesInView, cut_out, frustum
 from cuboid.surfaces.lying import points_on
 from cuboid.surfaces.plane import ON_PLANE_M, Plane
 from cuboid.surfaces.twins import merge_twins
-from cuboid.surfaces.up import UpVote
+from cuboid.surfaces.up import SAME_COS, UpVote
 from cuboid.surfaces.windows import Windows, window_of
 from cuboid.tolerances import LEAST_FRAMES, SIGMAS
 
-# A cell whose normal is within this of up is horizontal.
-HORIZONTAL_COS = float(np.cos(np.radians(12.0)))
 # A plane that is not used yet is forgotten after so many frames without a sighting.
 FORGET_FRAMES = 60
 # What a plane covers is found anew every so many frames, and in its first ones each time.
@@ -95,7 +93,7 @@ class PlaneTracker:
         if self.T_plan_world is None:
             return owner.reshape(rows, columns)
         R = self.T_plan_world[:3, :3]
-        flat = np.flatnonzero(cells.normal @ R[2] > HORIZONTAL_COS)
+        flat = np.flatnonzero(cells.normal @ R[2] > SAME_COS)
         centers, sigma_m = cells.center[flat] @ R.T, cells.sigma_m[flat]
         matched = self._match(centers, sigma_m)
         before = len(self.planes)

@@ -2,32 +2,32 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.surfaces.cells import LEAST_CELLS, Cells
-from cuboid.tolerances import ARM_LENGTH_M, DRIFT_RAD, LITTLE, MOST
+from cuboid.tolerances import ARM_LENGTH_M, DRIFT_RAD, LEAST_READINGS, LITTLE, MOST, SOME
 
-# Normals within this of each other are one direction.
-SAME_COS = float(np.cos(np.radians(10.0)))
-# Directions nearer to one of more area are its noise: walls and floors are not that near each other.
-NOISE_COS = float(np.cos(np.radians(40.0)))
-# The camera turns about an axis that stays this long, on average, while the others get no longer than that: hands and
-# robots turn cameras about the vertical. That axis is as likely up as a level surface that is half seen as such.
-FIXED, TURNED, FIXED_LIKELY = 0.97, 0.92, MOST
+# Normals within this of each other are one direction; a surface is level whose normal is within it of up.
+SAME_COS = float(np.cos(np.radians(12.0)))
+# Directions nearer to one of more area than to what stands upright on it are its noise.
+NOISE_COS = math.sqrt(MOST)
+# Hands and robots turn cameras about the vertical: where two of the camera's axes lose a little of their length on
+# average, and the third one far less, that one is as likely up as a level surface that is half seen as such.
+FIXED_LIKELY = MOST
 # A surface that only an odd camera would take for level is a wall sooner than a table, unless it is within arm's reach,
 # or the camera, fixed to something, has not moved beyond drift in so many votes.
-STILL_VOTES = 10
-# Directions followed at a time.
-MOST_DIRECTIONS = 8
+STILL_VOTES = LEAST_READINGS
 # Area, over all frames, with which a direction is as good as sure to be of the room, square metres. A direction counts
 # in a frame that shows a little of that: less is the side of a thing.
 ENOUGH_M2 = 0.2
 # Another direction becomes up when it is so many times as likely.
 OVERTAKE = 2.0
 # How likely a flat area is level that a camera held upright would not take for level: most cameras are held upright.
-ODD = 0.05
+ODD = LITTLE
 # The vote is taken every so many frames once up is known.
 EVERY = 5
 
@@ -40,7 +40,7 @@ def _upright(normals_camera_y: Float64Array) -> Float64Array:
     sees level surfaces as `ODD` ones: these are up where nothing else is.
     """
     up = -normals_camera_y
-    return np.clip((up - 0.15) / 0.35, ODD, 1.0)
+    return np.clip((up - LITTLE) / (MOST - LITTLE), ODD, 1.0)
 
 
 class UpVote:
@@ -104,9 +104,10 @@ class UpVote:
         still = (self._moved_m < DRIFT_RAD * distance_m) & (self._votes >= STILL_VOTES)
         odd = self._upright_m2[mode] < 2.0 * ODD * area_m2
         known = (area_m2 >= ENOUGH_M2) & (~odd | (distance_m < ARM_LENGTH_M) | still)
-        length = np.linalg.norm(self._axes, axis=0) / self._votes
-        axis = int(np.argmax(length))
-        if axis > 0 and length[axis] >= FIXED and np.delete(length, axis).max() <= TURNED:
+        lost = 1.0 - np.linalg.norm(self._axes, axis=0) / self._votes
+        axis = int(np.argmin(lost))
+        turned = float(np.delete(lost, axis).min())
+        if axis > 0 and turned >= LITTLE and lost[axis] <= SOME * turned:
             # The image's up, or, where the camera turns about its own axis, back along its sight.
             fixed = -self._axes[:, axis] / np.linalg.norm(self._axes[:, axis])
             if len(directions) == 0 or not (directions @ fixed > SAME_COS).any():
@@ -117,17 +118,14 @@ class UpVote:
     def _collect(self, cells: Cells, T_world_camera: Float64Array) -> None:
         left = np.ones(len(cells.places), dtype=bool)
         upright = _upright(cells.normal @ T_world_camera[:3, 1])
-        for _ in range(MOST_DIRECTIONS):
-            members = np.flatnonzero(left)
-            if len(members) < LEAST_CELLS:
-                return
+        while len(members := np.flatnonzero(left)) >= LEAST_CELLS:
             normals, area = cells.normal[members], cells.area_m2[members]
             gain = (normals @ normals.T > SAME_COS) @ area
+            if gain.max() < LITTLE * ENOUGH_M2:
+                return
             near = normals @ normals[int(np.argmax(gain))] > SAME_COS
             w = area[near]
             left[members[near]] = False
-            if w.sum() < LITTLE * ENOUGH_M2:
-                continue
             mean = w @ normals[near]
             # No frame counts for more than a square metre: a near wall does not outvote a table seen for long.
             total = min(1.0, float(w.sum()))
@@ -151,8 +149,3 @@ class UpVote:
         self._directions = np.vstack([self._directions, direction])
         self._area_m2, self._upright_m2 = np.append(self._area_m2, area_m2), np.append(self._upright_m2, upright_m2)
         self._volume_m3 = np.append(self._volume_m3, volume_m3)
-        if len(self._area_m2) > MOST_DIRECTIONS:
-            keep = np.sort(np.argsort(-self._upright_m2, kind="stable")[:MOST_DIRECTIONS])
-            self._directions = self._directions[keep]
-            self._area_m2, self._upright_m2 = self._area_m2[keep], self._upright_m2[keep]
-            self._volume_m3 = self._volume_m3[keep]
