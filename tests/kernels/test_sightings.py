@@ -16,6 +16,7 @@ NOISE, AGREE_M, ALIKE = 1.4e-3, 0.03, 30
 def numpy_counts(
     points: np.ndarray,
     colors: np.ndarray,
+    counted: np.ndarray,
     number: int,
     depth: np.ndarray,
     color: np.ndarray,
@@ -35,8 +36,10 @@ def numpy_counts(
     seen = np.where(reading > 0, np.abs(reading - z) <= within, alike)
     unknown = (reading <= 0) & ~seen
     far_side = (reading > 0) & (reading < z - within) & (owner[y, x] == number)
-    counts = [int(which.sum()) for which in (seen, ~seen & ~unknown & ~far_side, unknown)]
-    ends = np.column_stack([u, v])[front]
+    kinds = (seen, ~seen & ~unknown & ~far_side, unknown)
+    counts = [int((which & (counted > 0)).sum()) for which in kinds]
+    behind = (reading > 0) & (reading < z - within) & (owner[y, x] != number)
+    ends = np.column_stack([u, v])[front & ~behind]
     corners = [*ends.min(0), *ends.max(0)] if len(ends) else [np.inf, np.inf, -np.inf, -np.inf]
     return counts, np.array(corners)
 
@@ -52,17 +55,19 @@ def test_points_are_counted_as_array_operations_do_it(seed: int) -> None:
     points = rng.uniform([-1.0, -0.8, -0.3], [1.0, 0.8, 1.8], (sizes.sum(), 3)).astype(np.float32)
     points[-50:, 2] = -1.0  # the last one lies behind the camera
     colors = rng.integers(0, 80, (len(points), 3)).astype(np.uint8)
+    counted = rng.integers(0, 2, len(points)).astype(np.uint8)
     T = np.eye(4)
     T[:3, 3] = rng.normal(0.0, 0.02, 3)
     ends = np.cumsum(sizes)
     counts, corners = np.empty((3, 3), np.int64), np.empty((3, 4))
     count_seen(
-        points, colors, ends, numbers, depth, color, np.arange(owner.size, dtype=np.int32).reshape(owner.shape),
-        owner.ravel(), CAMERA, T, NOISE, AGREE_M, ALIKE, counts, corners,
+        points, colors, counted, ends, numbers, depth, color,
+        np.arange(owner.size, dtype=np.int32).reshape(owner.shape), owner.ravel(), CAMERA, T, NOISE, AGREE_M,
+        ALIKE, counts, corners,
     )  # fmt: skip
     for k, end in enumerate(ends):
         own = slice(end - sizes[k], end)
-        expected = numpy_counts(points[own], colors[own], numbers[k], depth, color, owner, T)
+        expected = numpy_counts(points[own], colors[own], counted[own], numbers[k], depth, color, owner, T)
         assert counts[k].tolist() == expected[0]
         np.testing.assert_allclose(corners[k], expected[1], atol=1e-9)
 
