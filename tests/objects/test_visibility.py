@@ -1,0 +1,50 @@
+"""What a frame sees of an object: the rectangle reaches over all that nothing nearer hides, down to the foot."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cuboid.frame import Intrinsics
+from cuboid.geometry.box import Box
+from cuboid.objects.entry import MapObject
+from cuboid.objects.visibility import View, look
+from cuboid.working import WorkingImage
+
+CAMERA = Intrinsics(100.0, 100.0, 79.5, 59.5, 160, 120)
+# A box of 20 x 20 x 20 cm, 1 m ahead, seen from the side; up is against the image's second axis.
+UP = Box(np.array([0.0, 0.0, 1.0]), np.full(3, 0.2), np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]))
+ROWS = {"top": 49.5, "middle": 59.5, "bottom": 69.5}
+
+
+def seen(depth_m: np.ndarray, lowest_m: float) -> View:
+    """Return how the box is seen by a depth image when the map knows its front down to some height."""
+    x, y = np.meshgrid(np.linspace(-0.1, 0.1, 21), np.linspace(-0.1, 0.1 - lowest_m, 21))
+    points = np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)]).astype(np.float32)
+    entry = MapObject(1, UP, 0, 0, points=points, colors=np.full((len(points), 3), 200, np.uint8))
+    color = np.full((*depth_m.shape, 3), 90, np.uint8)
+    image = WorkingImage(depth_m.astype(np.float32), color, CAMERA, 1, (0, 0))
+    slots = np.full(depth_m.shape, -1, np.int32)
+    return look([entry], image, slots, np.zeros(1, np.int32), np.eye(4), 0.0014)[0]
+
+
+def test_what_stands_before_an_object_cuts_its_rectangle() -> None:
+    depth_m = np.ones((120, 160))
+    assert seen(depth_m, 0.0).rect_xyxy == pytest.approx([69.5, ROWS["top"], 90.5, ROWS["bottom"] + 1], abs=0.6)
+    depth_m[60:] = 0.6
+    hidden = seen(depth_m, 0.0)
+    assert hidden.rect_xyxy == pytest.approx([69.5, ROWS["top"], 90.5, ROWS["middle"] + 1], abs=1.1)
+    assert hidden.visible == pytest.approx(0.5, abs=0.06)
+
+
+def test_a_foot_without_depth_belongs_to_the_rectangle_unless_it_is_hidden() -> None:
+    depth_m = np.ones((120, 160))
+    depth_m[60:] = 0.0
+    assert seen(depth_m, 0.1).rect_xyxy[3] == pytest.approx(ROWS["bottom"] + 1, abs=1.1)
+    depth_m[60:] = 0.6
+    assert seen(depth_m, 0.1).rect_xyxy[3] == pytest.approx(ROWS["middle"] + 1, abs=1.1)
+
+
+def test_what_the_map_knows_down_to_the_foot_gets_no_more_of_it() -> None:
+    depth_m = np.ones((120, 160))
+    assert seen(depth_m, 0.02).rect_xyxy[3] == pytest.approx(ROWS["bottom"] - 1, abs=1.1)
