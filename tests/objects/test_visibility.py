@@ -43,8 +43,3 @@ def test_a_foot_without_depth_belongs_to_the_rectangle_unless_it_is_hidden() -> 
     assert seen(depth_m, 0.1).rect_xyxy[3] == pytest.approx(ROWS["bottom"] + 1, abs=1.1)
     depth_m[60:] = 0.6
     assert seen(depth_m, 0.1).rect_xyxy[3] == pytest.approx(ROWS["middle"] + 1, abs=1.1)
-
-
-def test_what_the_map_knows_down_to_the_foot_gets_no_more_of_it() -> None:
-    depth_m = np.ones((120, 160))
-    assert seen(depth_m, 0.02).rect_xyxy[3] == pytest.approx(ROWS["bottom"] - 1, abs=1.1)

@@ -12,7 +12,7 @@ from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.kernels import sightings as kernel
 from cuboid.kernels.outlines import EDGE_LEVELS
 from cuboid.objects.entry import MapObject
-from cuboid.tolerances import DRIFT_M, LEAST_READINGS, LITTLE, SAMPLE, STRAYS
+from cuboid.tolerances import DRIFT_M, LEAST_READINGS, LITTLE, SAMPLE
 from cuboid.working import WorkingImage
 
 # A color agrees with a point's when no channel is farther off than this, of 255: noise, exposure, texture finer than
@@ -93,18 +93,16 @@ def look(
 def _points_of(entry: MapObject) -> tuple[Float32Array, UInt8Array, UInt8Array]:
     """Return some of an object's points, their colors, and which count; those of its foot only mark where it is.
 
-    A box rests on its plane. Where the points end above it, as where the lower part of a thing is dark or shines, the
-    thing goes on below each of them.
+    An object stands on its foot, and goes on down to it below each of its points, also where that is dark or shines and
+    has no depth.
     """
     step = max(1, len(entry.points) // SAMPLE)
     points, colors = entry.points[::step], entry.colors[::step]
-    counted = np.ones(len(points), np.uint8)
     up, box = entry.box.rotation[:, 2], entry.box
-    above_m = (points - box.center) @ up + box.size[2] / 2
-    if len(points) == 0 or np.partition(above_m, lowest := int(STRAYS * len(points)))[lowest] <= DRIFT_M:
-        return points, colors, counted
-    foot = (points - above_m[:, None] * up).astype(np.float32)
-    return np.concatenate([points, foot]), np.tile(colors, (2, 1)), np.concatenate([counted, np.zeros_like(counted)])
+    above_m = (points[::2] - box.center) @ up + box.size[2] / 2
+    foot = (points[::2] - above_m[:, None] * up).astype(np.float32)
+    counted = np.repeat(np.array([1, 0], np.uint8), [len(points), len(foot)])
+    return np.concatenate([points, foot]), np.concatenate([colors, colors[::2]]), counted
 
 
 def _rectangles(corners: Float64Array, image: WorkingImage) -> Float64Array:
