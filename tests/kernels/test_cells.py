@@ -128,7 +128,7 @@ def test_level_patches_are_those_of_a_plain_count() -> None:
                 continue
             gate = 3 * 1.42 * noise * z * z * steep + LEAST_SIGMA_M
             first = int(np.ceil(2 * gate * longest / z))
-            if first > kernel.FARTHEST:
+            if first > 2 * 4:
                 continue
             beyond = [np.rint([v, u] + k * climb[::-1] / longest).astype(int) for k in range(first, first + 4)]
             beyond = [p for p in beyond if 0 <= p[0] < 120 and 0 <= p[1] < 160 and depth[tuple(p)] > 0]
