@@ -28,7 +28,7 @@ from cuboid.objects.visibility import in_view
 from cuboid.objects.wholeness import is_whole
 from cuboid.surfaces.clusters import FrameCluster, FrameClusters
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import LEAST_READINGS, LITTLE, MOST, SURE
+from cuboid.tolerances import LEAST_FRAMES, LEAST_READINGS, LITTLE, MOST, SURE
 from cuboid.working import WorkingImage
 
 # Beyond this no more is counted, so that a mistake can be mended.
@@ -37,8 +37,6 @@ MOST_SURE = 3.0 * SURE
 MISSED = 0.3
 # Objects beyond so many times the range of depth are not looked for: too far to tell even their colors.
 FAR = 2.0
-# At another visit all that was seen before counts as at most so many sightings: what has changed is soon believed.
-REMEMBERED = 4
 
 
 class ObjectMap:
@@ -252,11 +250,11 @@ class ObjectMap:
                 entry.points, entry.colors = voxels.xyz(owned[entry.number]), voxels.rgb(owned[entry.number])
 
     def begin_visit(self) -> None:
-        """Expect the place at another time: what was seen counts less, and boxes are soon fitted anew."""
-        self._voxels.begin_visit(REMEMBERED)
+        """Expect the place at another time: what was seen counts as chance would, and boxes are soon fitted anew."""
+        self._voxels.begin_visit(LEAST_FRAMES)
         for entry in self.store.living():
-            entry.sightings = min(entry.sightings, REMEMBERED)
-            entry.fitted = min(entry.fitted, REMEMBERED)
+            entry.sightings = min(entry.sightings, LEAST_FRAMES)
+            entry.fitted = min(entry.fitted, LEAST_FRAMES)
 
     def _merge(self, numbers: Sequence[int]) -> None:
         """Make one of objects that have proved to be one."""

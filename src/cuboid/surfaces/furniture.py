@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from cuboid.surfaces.plane import ON_PLANE_M, Plane
-from cuboid.tolerances import MOST
+from cuboid.tolerances import FACE_M2, MOST
 
-# The top of a box: smaller than this, square metres, and at most so high above the plane that the box stands on,
-# metres; it is not the most of that plane, and above it, not on it. Seats, shelves and stools are larger or higher.
-LID_AREA_M2, LID_HEIGHT_M = 0.2, 0.3
+# The top of a box is a face of a thing, and at most so high above the plane that the box stands on, metres; it is not
+# the most of that plane, and above it, not on it. Seats, shelves and stools are larger or higher.
+LID_HEIGHT_M = 0.3
 
 
 def is_lid(plane: Plane, area_m2: float, others: Callable[[], Iterable[Plane]]) -> bool:
     """Tell whether a plane of this area is the top of an object: small, and not high above a far larger plane."""
-    if area_m2 >= LID_AREA_M2:
+    if area_m2 >= FACE_M2:
         return False
     center = plane.mean[None]
     return any(

@@ -26,14 +26,12 @@ from cuboid.surfaces.plane import ON_PLANE_M, Plane
 from cuboid.surfaces.twins import merge_twins
 from cuboid.surfaces.up import SAME_COS, UpVote
 from cuboid.surfaces.windows import Windows, window_of
-from cuboid.tolerances import LEAST_FRAMES, SIGMAS
+from cuboid.tolerances import LEAST_FRAMES, LEAST_READINGS, SIGMAS
 
 # A plane that is not used yet is forgotten after so many frames without a sighting.
 FORGET_FRAMES = 60
 # What a plane covers is found anew every so many frames, and in its first ones each time.
 REFRESH_FRAMES = 8
-# A plane moves with the map when so many of the map's points lie on it.
-LEAST_CARRIED = 100
 
 
 class PlaneTracker:
@@ -133,7 +131,7 @@ class PlaneTracker:
         if self.T_plan_world is None:
             return
         for plane, on in zip(self.planes, points_on(self.planes, points, self.T_plan_world, ON_PLANE_M), strict=True):
-            if len(on) >= LEAST_CARRIED and motions.moves[anchor[on]].any():
+            if len(on) >= LEAST_READINGS and motions.moves[anchor[on]].any():
                 plane.move(self.to_plan(moved_with(points[on], anchor[on], motions)))
                 self._changed.add(plane)
                 self._windows.note(plane)

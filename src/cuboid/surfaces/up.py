@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.surfaces.cells import LEAST_CELLS, Cells
-from cuboid.tolerances import ARM_LENGTH_M, DRIFT_RAD, LEAST_READINGS, LITTLE, MOST, SOME
+from cuboid.tolerances import ARM_LENGTH_M, DRIFT_RAD, FACE_M2, LEAST_READINGS, LITTLE, MOST, SOME
 
 # Normals within this of each other are one direction; a surface is level whose normal is within it of up.
 SAME_COS = float(np.cos(np.radians(12.0)))
@@ -21,9 +21,6 @@ FIXED_LIKELY = MOST
 # A surface that only an odd camera would take for level is a wall sooner than a table, unless it is within arm's reach,
 # or the camera, fixed to something, has not moved beyond drift in so many votes.
 STILL_VOTES = LEAST_READINGS
-# Area, over all frames, with which a direction is as good as sure to be of the room, square metres. A direction counts
-# in a frame that shows a little of that: less is the side of a thing.
-ENOUGH_M2 = 0.2
 # Another direction becomes up when it is so many times as likely.
 OVERTAKE = 2.0
 # How likely a flat area is level that a camera held upright would not take for level: most cameras are held upright.
@@ -99,11 +96,11 @@ class UpVote:
         alike = self._directions @ self._directions.T > NOISE_COS
         mode = ~(alike & (self._area_m2[None] > self._area_m2[:, None])).any(1)
         directions, area_m2 = self._directions[mode], self._area_m2[mode]
-        likely = self._upright_m2[mode] / area_m2 * -np.expm1(-area_m2 / ENOUGH_M2)
+        likely = self._upright_m2[mode] / area_m2 * -np.expm1(-area_m2 / FACE_M2)
         distance_m = self._volume_m3[mode] / area_m2
         still = (self._moved_m < DRIFT_RAD * distance_m) & (self._votes >= STILL_VOTES)
         odd = self._upright_m2[mode] < 2.0 * ODD * area_m2
-        known = (area_m2 >= ENOUGH_M2) & (~odd | (distance_m < ARM_LENGTH_M) | still)
+        known = (area_m2 >= FACE_M2) & (~odd | (distance_m < ARM_LENGTH_M) | still)
         lost = 1.0 - np.linalg.norm(self._axes, axis=0) / self._votes
         axis = int(np.argmin(lost))
         turned = float(np.delete(lost, axis).min())
@@ -121,7 +118,7 @@ class UpVote:
         while len(members := np.flatnonzero(left)) >= LEAST_CELLS:
             normals, area = cells.normal[members], cells.area_m2[members]
             gain = (normals @ normals.T > SAME_COS) @ area
-            if gain.max() < LITTLE * ENOUGH_M2:
+            if gain.max() < LITTLE * FACE_M2:
                 return
             near = normals @ normals[int(np.argmax(gain))] > SAME_COS
             w = area[near]
