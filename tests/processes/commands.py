@@ -56,9 +56,16 @@ def bound(words: Sequence[str]) -> list[str]:
 def run(words: Sequence[str], **options: Any) -> subprocess.CompletedProcess[str]:
     """Run a call to its end: one that works for too long, or hangs, is killed."""
     streams = {name: options.pop(name, subprocess.PIPE) for name in ("stdout", "stderr")}
-    with subprocess.Popen(words, **streams, text=True, **options) as process:
+    before = options.pop("preexec_fn", None)
+
+    def begin() -> None:
+        # Here, before the call may become another user's, whom nobody may limit any more.
         if sys.platform == "linux":
-            resource.prlimit(process.pid, resource.RLIMIT_CPU, (MOST_PROCESSOR_S, MOST_PROCESSOR_S))
+            resource.setrlimit(resource.RLIMIT_CPU, (MOST_PROCESSOR_S, MOST_PROCESSOR_S))
+        if before is not None:
+            before()
+
+    with subprocess.Popen(words, **streams, text=True, preexec_fn=begin, **options) as process:
         try:
             out, err = process.communicate(timeout=MOST_S)
         except subprocess.TimeoutExpired:

@@ -9,12 +9,14 @@ import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from commands import refused, run
 
 from cuboid.cli.threads import limit_threads
+from cuboid.errors import CuboidError
 from cuboid.scene import Scene
 from cuboid.scene.database import open_to_write
 from cuboid.synthetic import make_scene, render_recording
@@ -61,6 +63,16 @@ def sound(scene: Path) -> None:
         assert connection.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
         assert connection.execute("PRAGMA foreign_key_check").fetchall() == []
     connection.close()
+
+
+def wait_until_saved(scene: Path, process: subprocess.Popen[bytes]) -> None:
+    """Wait until a commit has told of the recording, or the process has ended."""
+    while process.poll() is None:
+        # In its first moments the file is none yet.
+        with suppress(CuboidError), Scene.open(scene) as opened:
+            if opened.recordings:
+                return
+        time.sleep(0.01)
 
 
 def test_killed_at_any_moment_a_run_goes_on_to_the_same_results(
