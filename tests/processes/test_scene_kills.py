@@ -145,7 +145,8 @@ def test_a_full_disk_is_one_line_and_costs_only_what_was_not_saved(
 ) -> None:
     scene, out = tmp_path / "s.cuboid", tmp_path / "out"
     assert run(track(recording, tmp_path / "whole", tmp_path / "w.cuboid")).returncode == 0
-    limit = (tmp_path / "w.cuboid").stat().st_size // 2
+    # Small: it is met by a commit, however few of these there are on a busy machine, before the results are.
+    limit = (tmp_path / "w.cuboid").stat().st_size // 8
 
     def full() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
@@ -155,7 +156,9 @@ def test_a_full_disk_is_one_line_and_costs_only_what_was_not_saved(
     assert "the disk is full" in line
     assert not out.exists()
     sound(scene)
-    done = run([*words, "--resume"])
+    with Scene.open(scene) as opened:
+        saved = bool(opened.recordings)
+    done = run([*words, "--resume"] if saved else words)
     assert done.returncode == 0, done.stderr
     assert results(out) == whole
 
