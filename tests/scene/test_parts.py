@@ -18,8 +18,9 @@ from cuboid.geometry import se3
 from cuboid.posing import GivenPoses
 from cuboid.scene import Scene, Source
 from cuboid.scene.checking import problems
-from cuboid.scene.freezing import freeze, roots, thaw
+from cuboid.scene.freezing import freeze
 from cuboid.scene.placing import ESTIMATED, OWN_WORLD, SAME_WORLD, ScenePoses
+from cuboid.scene.thawing import roots, thaw
 from cuboid.synthetic import make_scene
 from cuboid.synthetic.view import SceneView
 from cuboid.tracker import Tracker

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from cuboid.results import SceneChange
-from cuboid.scene.scene import Scene, SceneObject, ScenePast, SceneRecording
+from cuboid.scene.answers import SceneObject, ScenePast, SceneRecording
+from cuboid.scene.scene import Scene
 from cuboid.scene.session import SceneTracker
 from cuboid.scene.visit import Source
 

@@ -17,14 +17,14 @@ from cuboid.scene.visit import load
 from cuboid.tracker import Tracker
 
 # The state is loaded to be changed, not to see with: any camera will do.
-_CAMERA = Intrinsics(1.0, 1.0, 0.0, 0.0, 1, 1)
+CAMERA = Intrinsics(1.0, 1.0, 0.0, 0.0, 1, 1)
 
 
 @contextmanager
 def edited(connection: sqlite3.Connection, path: str) -> Iterator[Tracker]:
     """Give the tracker of a scene, and save what was done with it."""
     shelf = SceneShelf(connection, Path(path))
-    tracker, poses = load(connection, Tracker(_CAMERA), shelf)
+    tracker, poses = load(connection, Tracker(CAMERA), shelf)
     state = StateFile(tracker, connection, (poses,), shelf)
     yield tracker
     records = Records(connection, 0)

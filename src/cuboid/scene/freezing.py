@@ -1,150 +1,26 @@
-"""A graph of live objects as plain parts, and back, exactly.
+"""A graph of live objects as plain parts, exactly; `thawing` is the way back.
 
 Every attribute of every object is taken, so that a new one cannot be forgotten; what is of a type that is not known
-here is refused. An attribute that a file does not have, since it was written by an earlier version, is what it is in
-a fresh object.
+here is refused.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from copy import deepcopy
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from enum import Enum
 from functools import cache
 from operator import attrgetter
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from cuboid.config import TrackerConfig
-from cuboid.errors import InputError
-from cuboid.frame import Intrinsics
-from cuboid.geometry.box import Box
-from cuboid.heatmap.row_blocks import RowBlocks
-from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.objects.affinity import Affinity
-from cuboid.objects.boxing import Boxing
-from cuboid.objects.entry import MapObject, State
-from cuboid.objects.object_map import ObjectMap
-from cuboid.objects.store import ObjectStore
-from cuboid.poses.alignment import Points, Reference
-from cuboid.poses.atlas import Atlas
-from cuboid.poses.estimator import PoseEstimator
-from cuboid.poses.graph import Edge
-from cuboid.poses.keyframes import Keyframe
-from cuboid.poses.places import Appearance
-from cuboid.poses.pyramid import SmallImage
-from cuboid.posing import EstimatedPoses
-from cuboid.scene.packing import form_of, from_bytes, from_form
-from cuboid.scene.placing import ScenePoses
-from cuboid.surfaces.grid import GroundPlan
-from cuboid.surfaces.plane import Plane
-from cuboid.surfaces.planes import PlaneTracker
-from cuboid.surfaces.up import UpVote
-from cuboid.surfaces.windows import Windows
-from cuboid.tracker import Tracker
+from cuboid.scene.kinds import ENUMS, KINDS, UNCHANGED, VALUES, AnyArray, Kind, Part, attributes, fields_of
+from cuboid.scene.packing import form_of
 
-AnyArray = npt.NDArray[Any]
-
-_UNKNOWN = object()
 # An array larger than this, bytes, is a row of its own in the file, and written only when it changes.
 LARGE_BYTES = 512
-
-
-@dataclass(frozen=True, slots=True)
-class Kind:
-    """A class whose objects are parts.
-
-    Attributes
-    ----------
-    cls : type
-    key : callable
-        Returns what tells an object from others of its class; none where there is only one.
-    kept_apart : frozenset of str
-        Attributes that are saved elsewhere, are given anew, or follow from others.
-    many : bool
-        There may be many, of which few change. What their attributes hold is only replaced, never changed: those that
-        hold the same things as before are as they were, and nothing of them needs a copy.
-    """
-
-    cls: type
-    key: Callable[[Any], object] = lambda item: ""
-    kept_apart: frozenset[str] = frozenset()
-    many: bool = False
-
-
-# Rows of the map are saved in blocks: see `saving`.
-_ROWS = frozenset(
-    {"memory_mb", "_room", "_shelf", "_points", "_cubes", "_seen", "_last_look", "_ready", "before_visit"}
-)
-
-KINDS = {
-    kind.cls: kind
-    for kind in (
-        Kind(Tracker, kept_apart=frozenset({"intrinsics", "_propose", "_memory_mb"})),
-        Kind(PlaneTracker),
-        Kind(UpVote),
-        Kind(Windows),
-        Kind(Plane, key=lambda plane: plane.identity),
-        Kind(VoxelMap, kept_apart=_ROWS),
-        Kind(RowBlocks),
-        Kind(ObjectMap),
-        Kind(Boxing),
-        Kind(ObjectStore, kept_apart=frozenset({"_bounds"})),
-        Kind(Affinity),
-        Kind(MapObject, key=lambda entry: entry.number, many=True),
-        Kind(ScenePoses, kept_apart=frozenset({"intrinsics"})),
-        Kind(EstimatedPoses),  # of files from before there were parts
-        Kind(PoseEstimator, kept_apart=frozenset({"intrinsics"})),
-        Kind(Atlas),
-        Kind(Keyframe, key=lambda keyframe: keyframe.number, kept_apart=frozenset({"_reference"})),
-    )
-}
-_BY_NAME = {kind.cls.__name__: kind for kind in KINDS.values()}
-
-# Values: they lie within the part that has them.
-VALUES: tuple[type, ...] = (
-    Box, TrackerConfig, Intrinsics, GroundPlan, SmallImage, Points, Reference, Appearance, Edge,
-)  # fmt: skip
-# Of these, also the arrays are never changed.
-UNCHANGED = frozenset({SmallImage, Points, Reference, Appearance, Edge})
-_VALUE_BY_NAME = {cls.__name__: cls for cls in VALUES}
-ENUMS = {"State": State}
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """An object as it is saved.
-
-    Attributes
-    ----------
-    kind : str
-        Its class.
-    fields : dict of str to values
-        None, truth values, numbers, texts; a list is any other thing: its first item says what.
-    arrays : dict of str to (str, array)
-        The large ones, by their path in the fields, each with its form. One that is the same object as before has not
-        changed.
-    """
-
-    kind: str
-    fields: dict[str, Any]
-    arrays: dict[str, tuple[str, AnyArray]] = field(default_factory=dict)
-
-
-def attributes(item: object) -> Sequence[str]:
-    """Return the names of all attributes that an object has, in order."""
-    cls: Any = type(item)
-    return _fields(cls) or list(vars(item))
-
-
-@cache
-def _fields(cls: Any) -> tuple[str, ...]:
-    return tuple(one.name for one in dataclasses.fields(cls)) if dataclasses.is_dataclass(cls) else ()
 
 
 def freeze(root: object) -> dict[str, Part]:
@@ -243,7 +119,7 @@ class Freezer:
             kind, held = item
             before = last.get(key)
             same = before is not None and all(a is b for a, b in zip(before[0], held, strict=True))
-            parts[key] = before[1] if before and same else self._part(kind, held, _fields(kind.cls))
+            parts[key] = before[1] if before and same else self._part(kind, held, fields_of(kind.cls))
             self._last[key] = held, parts[key]
             rest()
         return parts
@@ -282,7 +158,7 @@ class Freezer:
             return flat
         if kind in KINDS:
             return ["part", self._refer(value)]
-        if kind in _VALUE_BY_NAME.values():
+        if kind in VALUES:
             copied, self._copied = self._copied, self._copied and kind not in UNCHANGED
             own = {name: self._plain(getattr(value, name), f"{path}.{name}", part) for name in attributes(value)}
             self._copied = copied
@@ -305,137 +181,4 @@ class Freezer:
 @cache
 def _getter(cls: Any) -> attrgetter[tuple[Any, ...]]:
     """Return what gets all attributes of an object at once."""
-    return attrgetter(*_fields(cls))
-
-
-def roots(fresh: Tracker) -> tuple[Tracker, ScenePoses, EstimatedPoses]:
-    """Return new ones of all that a scene's state may hold, beginning with a tracker."""
-    return fresh, ScenePoses(fresh.intrinsics, fresh.config), EstimatedPoses(fresh.intrinsics, 0.0)
-
-
-def thaw(parts: Mapping[str, Part], *fresh: object) -> tuple[Any, ...]:
-    """Return what was frozen, as live objects.
-
-    Parameters
-    ----------
-    parts : mapping of str to Part
-    *fresh : object
-        A new one for each root: what the parts do not tell is as in it.
-
-    Returns
-    -------
-    tuple
-        The roots; None for one that was not frozen.
-
-    Raises
-    ------
-    InputError
-        The parts are not those of this version, nor of an earlier one.
-    """
-    return _Thawer(parts, fresh).thaw()
-
-
-class _Thawer:
-    def __init__(self, parts: Mapping[str, Part], roots: Sequence[object]) -> None:
-        self._parts = parts
-        self._roots = [type(root).__name__ for root in roots]
-        self._live: dict[str, Any] = {}
-        self._fresh: dict[str, Any] = {"GroundPlan": GroundPlan()}
-        self._begun: dict[type, dict[str, Any]] = {}
-        for root in roots:
-            self._collect(root)
-
-    def _collect(self, item: Any) -> None:
-        name = type(item).__name__
-        if type(item) in KINDS and name not in self._fresh and not dataclasses.is_dataclass(item):
-            self._fresh[name] = item
-            for attribute in attributes(item):
-                self._collect(getattr(item, attribute))
-
-    def thaw(self) -> tuple[Any, ...]:
-        for key, part in self._parts.items():
-            kind = _BY_NAME.get(part.kind)
-            if kind is None:
-                raise _strange(key)
-            self._live[key] = _blank(kind.cls)
-        for key, part in self._parts.items():
-            self._fill(self._live[key], part.fields, part)
-        found = tuple(self._live.get(root) for root in self._roots)
-        for root, item in zip(self._roots, found, strict=True):
-            if item is not None and type(item).__name__ != root:
-                raise _strange(root)
-        return found
-
-    def _fill(self, item: Any, fields: Mapping[str, Any], part: Part) -> None:
-        cls: Any = type(item)
-        data = bool(_fields(cls))
-        for name, beginning in self._beginnings(cls).items():
-            if name in fields:
-                value = self._live_value(fields[name], part)
-                if data and _other_shape(beginning, value):
-                    raise _strange(f"{type(item).__name__}.{name}")
-            elif beginning is _UNKNOWN:
-                raise _strange(f"{type(item).__name__}.{name}")
-            else:
-                apart = type(item) in KINDS and name in KINDS[type(item)].kept_apart
-                value = beginning if apart else deepcopy(beginning)
-            object.__setattr__(item, name, value)
-
-    def _beginnings(self, cls: type) -> dict[str, Any]:
-        """Return what each attribute of a class begins as."""
-        if cls not in self._begun:
-            self._begun[cls] = self._begin(cls)
-        return self._begun[cls]
-
-    def _begin(self, cls: type) -> dict[str, Any]:
-        if not dataclasses.is_dataclass(cls):
-            if cls.__name__ not in self._fresh:
-                raise _strange(cls.__name__)
-            fresh = self._fresh[cls.__name__]
-            return {name: getattr(fresh, name) for name in attributes(fresh)}
-        found: dict[str, Any] = {}
-        for one in dataclasses.fields(cls):
-            made = one.default_factory() if one.default_factory is not dataclasses.MISSING else one.default
-            found[one.name] = _UNKNOWN if made is dataclasses.MISSING else made
-        return found
-
-    def _live_value(self, value: Any, part: Part) -> Any:
-        if not isinstance(value, list):
-            return value
-        tag, rest = value[0], value[1:]
-        try:
-            if tag == "array":
-                return from_bytes(rest[0], rest[1])
-            if tag == "large":
-                form, plain = part.arrays[rest[0]]
-                return from_form(form, plain)
-            if tag == "part":
-                return self._live[rest[0]]
-            if tag == "enum":
-                return ENUMS[rest[0]][rest[1]]
-            if tag == "value":
-                cls = _VALUE_BY_NAME[rest[0]]
-                item = _blank(cls)
-                self._fill(item, rest[1], part)
-                return item
-            items = [self._live_value(one, part) for one in rest]
-            if tag == "dict":
-                return dict(zip(items[::2], items[1::2], strict=True))
-            return {"list": list, "tuple": tuple, "set": set, "deque": deque}[tag](items)
-        except (KeyError, ValueError, TypeError, IndexError):
-            raise _strange(part.kind) from None
-
-
-def _other_shape(beginning: Any, value: Any) -> bool:
-    """Tell whether an array of a fixed shape has had another one."""
-    both = isinstance(beginning, np.ndarray) and isinstance(value, np.ndarray)
-    return both and beginning.size > 0 and beginning.shape != value.shape
-
-
-def _blank(cls: type) -> Any:
-    """Return an object of a class without attributes."""
-    return object.__new__(cls)
-
-
-def _strange(what: str) -> InputError:
-    return InputError(f"what the tracker needs to go on was written by another version of Cuboid ({what})")
+    return attrgetter(*fields_of(cls))

@@ -15,10 +15,11 @@ from cuboid.errors import InputError
 from cuboid.frame import Intrinsics
 from cuboid.outputs import ObjectsFile, ResultWriter, RunReport
 from cuboid.results import FrameResult, Sighting, SupportPlane, TrackedObject
+from cuboid.scene.answers import SceneObject, ScenePast
 from cuboid.scene.door import CameraColumn, Outline, Settings, columns_of, document, told
-from cuboid.scene.editing import _CAMERA
+from cuboid.scene.editing import CAMERA
 from cuboid.scene.saving import SceneShelf
-from cuboid.scene.scene import Scene, SceneObject, ScenePast
+from cuboid.scene.scene import Scene
 from cuboid.scene.visit import load
 from cuboid.tracker import Tracker
 
@@ -59,7 +60,7 @@ def write_results(scene: Scene, connection: sqlite3.Connection, number: int, fol
     read = len(range(0, frames, every))
     missing = [k for k in range(0, frames, every) if k not in known]
     sightings, objects = _seen(scene, number)
-    tracker = load(connection, Tracker(_CAMERA), SceneShelf(connection, scene.path))[0]
+    tracker = load(connection, Tracker(CAMERA), SceneShelf(connection, scene.path))[0]
     planes = tuple(
         SupportPlane(
             np.array(plane[:3]), plane[3], np.array(document(plane[4], Outline, "planes.outline")).reshape(-1, 3)

@@ -20,7 +20,8 @@ from cuboid.kernels.cubes import ROW
 from cuboid.scene.database import complaining
 from cuboid.scene.door import DamagedError, columns_of, told, told_each
 from cuboid.scene.earlier import take_earlier
-from cuboid.scene.freezing import Freezer, Part, Taken, thaw
+from cuboid.scene.freezing import Freezer, Taken
+from cuboid.scene.kinds import Part
 from cuboid.scene.pace import Pace
 from cuboid.scene.packing import (
     BlockRow,
@@ -30,6 +31,7 @@ from cuboid.scene.packing import (
     unpacked,
     unpacked_block,
 )
+from cuboid.scene.thawing import thaw
 from cuboid.tracker import Tracker
 
 BESIDE = ", ".join(BlockRow._fields)

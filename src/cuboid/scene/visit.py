@@ -16,9 +16,9 @@ from cuboid.frame import Float64Array, Intrinsics
 from cuboid.scene import before
 from cuboid.scene.database import transaction
 from cuboid.scene.door import columns_of, document, told
-from cuboid.scene.freezing import roots
 from cuboid.scene.placing import ScenePoses
 from cuboid.scene.saving import SceneShelf, load_state, strange_is_damaged
+from cuboid.scene.thawing import roots
 from cuboid.tracker import Tracker
 
 

@@ -1,0 +1,210 @@
+"""A scene that is asked: what its file says of its recordings, its objects and what became of them."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.errors import InputError, shown
+from cuboid.frame import Float64Array
+from cuboid.results import SceneChange
+from cuboid.scene.answers import SceneObject, ScenePast, SceneRecording
+from cuboid.scene.database import complaining, open_to_read
+from cuboid.scene.door import BOX, Row, box_of, columns_of, rotation_of, told
+
+_COLUMNS = (
+    "label", "name", "state", "merged_into", *BOX, "score", "heat", "points", "red", "green", "blue", "first_frame",
+    "last_frame", "frames_seen",
+)  # fmt: skip
+_PAST = (
+    *columns_of("sightings", ("label", "iou", "recording", "frame")), "frames.time_s", *columns_of("boxes", BOX),
+    *columns_of("sightings", ("visible", "x0", "y0", "x1", "y1")),
+)  # fmt: skip
+_CHANGE = (
+    "changes.recording", "changes.label", "objects.name", "changes.change",
+    *columns_of("changes", ("from_x", "from_y", "from_z", "to_x", "to_y", "to_z", "metres", "sure", "before", "after")),
+    *columns_of("objects", BOX),
+)  # fmt: skip
+
+
+class SceneReader:
+    """What a scene's file says. Reading takes no lock: what another one commits meanwhile is seen.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file; where there is none, there are no recordings and no objects.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._read: sqlite3.Connection | None = None
+        if path.exists():
+            self._connection()
+
+    def poses(self, recording: int) -> dict[int, tuple[float, Float64Array]]:
+        """Return time and T_world_camera (4, 4) of each used frame of a recording, as they were told then, by frame."""
+        columns = columns_of("frames", ("frame", "time_s", "qw", "qx", "qy", "qz", "tx", "ty", "tz"))
+        rows = self._told(columns, "frames WHERE recording = ? ORDER BY frame", (recording,))
+        with complaining(self.path):
+            return {row[0]: (row[1], _pose(row[2:])) for row in rows}
+
+    @property
+    def recordings(self) -> list[SceneRecording]:
+        """The recordings, by number."""
+        columns = columns_of("recordings", ("id", "path", "format", "poses", "begun", "complete", "frames"))
+        used = dict(self._ask("SELECT recording, count(*) FROM frames GROUP BY recording"))
+        return [
+            SceneRecording(number, path, form, poses, begun, bool(complete), frames, used.get(number, 0))
+            for number, path, form, poses, begun, complete, frames in self._told(columns, "recordings ORDER BY id")
+        ]
+
+    @property
+    def objects(self) -> list[SceneObject]:
+        """The objects that are there, by label."""
+        return [item for item in self.all_objects if item.state == "present"]
+
+    @property
+    def all_objects(self) -> list[SceneObject]:
+        """All objects that ever had a label, by label."""
+        rows = self._told(columns_of("objects", _COLUMNS), "objects ORDER BY label")
+        with complaining(self.path):
+            return [self._object(row) for row in rows]
+
+    def at(self, point: npt.ArrayLike, radius: float) -> list[SceneObject]:
+        """Return the objects whose boxes come within a radius, metres, of a point (3,) of the world, nearest first."""
+        place = np.asarray(point, np.float64)
+        near = []
+        for item in self.objects:
+            beyond = np.abs((place - item.box.center) @ item.box.rotation) - item.box.size / 2
+            near.append((float(np.linalg.norm(np.maximum(beyond, 0.0))), item.label, item))
+        return [item for distance, _, item in sorted(near, key=lambda one: one[:2]) if distance <= radius]
+
+    def history(self, label: int) -> list[ScenePast]:
+        """Return the sightings of an object, in order of time; those of labels that were merged into it too.
+
+        Raises
+        ------
+        InputError
+            No object ever had the label.
+        """
+        labels = self._labels_of(label)
+        rest = (
+            "sightings JOIN boxes ON boxes.id = sightings.box JOIN frames USING (recording, frame) "
+            f"WHERE sightings.label IN ({', '.join('?' * len(labels))}) ORDER BY sightings.recording, sightings.frame"
+        )
+        with complaining(self.path):
+            return [
+                ScenePast(
+                    label, recording, frame, time_s, box_of(rest[:10], "boxes"), iou, rest[10], np.array(rest[11:])
+                )
+                for label, iou, recording, frame, time_s, *rest in self._told(_PAST, rest, labels)
+            ]
+
+    def changes(self, since: str | int | None = None) -> list[SceneChange]:
+        """Return what each recording found changed, by recording and label.
+
+        Parameters
+        ----------
+        since : str or int, optional
+            A date or time, ISO 8601, UTC: the recordings begun since then; or the number of a recording: those from it
+            on. The last one alone unless given.
+
+        Raises
+        ------
+        InputError
+            The date is none.
+        """
+        if isinstance(since, str):
+            try:
+                moment = datetime.fromisoformat(since)
+                moment = moment.astimezone(UTC) if moment.tzinfo else moment.replace(tzinfo=UTC)
+            except (ValueError, OverflowError):
+                raise InputError(
+                    f"expected a date such as 2026-01-31 or 2026-01-31T12:00, got {shown(since)}"
+                ) from None
+            # written alike, times are in the order of their texts
+            wanted = [one.number for one in self.recordings if one.begun >= moment.isoformat(timespec="seconds")]
+        else:
+            last = len(self.recordings)
+            wanted = [one.number for one in self.recordings if one.number >= (last if since is None else since)]
+        rows = self._told(_CHANGE, "changes JOIN objects USING (label) ORDER BY recording, changes.label")
+        with complaining(self.path):
+            return [_change_of(row) for row in rows if row[0] in wanted]
+
+    def shown_changes(self, recording: int) -> list[SceneChange]:
+        """Return what was moved, is gone, is new or was found in a recording, as the 3D page shows it."""
+        shown = ("moved", "gone", "new", "found")
+        return [one for one in self.changes(recording) if one.recording == recording and one.change in shown]
+
+    def picture(self, label: int) -> bytes | None:
+        """Return an object's picture as JPEG; None where there is none."""
+        rows = self._told(("objects.picture",), "objects WHERE label = ?", (label,))
+        return rows[0][0] if rows else None
+
+    def _labels_of(self, label: int) -> list[int]:
+        """Return a label and those that were merged into it."""
+        known: dict[int, int | None] = dict(self._told(("objects.label", "objects.merged_into"), "objects"))
+        if label not in known:
+            raise InputError(f"{self.path}: no object has the label {label}")
+        found = [label]
+        for one in found:
+            found += [k for k, into in known.items() if into == one and k not in found]
+        return found
+
+    def _object(self, row: Sequence[Any]) -> SceneObject:
+        label, name, state, merged_into = row[:4]
+        box, color = box_of(row[4:14], "objects"), np.array(row[17:20])
+        return SceneObject(
+            label, name or "", state, merged_into, box, row[14], row[15], row[16], color,
+            self._place(row[20]), self._place(row[21]), row[22],
+        )  # fmt: skip
+
+    def _place(self, frame: int) -> tuple[int, int]:
+        """Return recording and frame of a frame by the scene's count."""
+        columns = ("recordings.id", "recordings.first_frame")
+        rows = self._told(columns, "recordings WHERE first_frame <= ? ORDER BY id DESC LIMIT 1", (frame,))
+        number, first = rows[0] if rows else (0, 0)  # its recording was lost with a damaged file
+        return number, frame - first
+
+    def _ask(self, query: str) -> list[Any]:
+        if not self.path.exists():
+            return []
+        with complaining(self.path):
+            return self._connection().execute(query).fetchall()
+
+    def _told(self, columns: Sequence[str], rest: str, values: Iterable[Any] = ()) -> list[Row]:
+        if not self.path.exists():
+            return []
+        with complaining(self.path):
+            return told(self._connection(), columns, rest, values)
+
+    def _connection(self) -> sqlite3.Connection:
+        if self._read is None:
+            self._read = open_to_read(self.path)
+        return self._read
+
+
+def _place_of(numbers: Sequence[float | None]) -> Float64Array | None:
+    return None if None in numbers else np.array(numbers, np.float64)
+
+
+def _change_of(row: Row) -> SceneChange:
+    """Return what a row of `_CHANGE` says; DamagedError where its box is none."""
+    recording, label, name, change, *rest = row
+    (metres, sure, before, after), box = rest[6:10], box_of(rest[10:], "objects")
+    places = _place_of(rest[:3]), _place_of(rest[3:6])
+    return SceneChange(recording, label, name or "", change, box, *places, metres, sure, before, after)
+
+
+def _pose(numbers: Sequence[float]) -> Float64Array:
+    """Return the matrix (4, 4) of a quaternion (w first) and a translation."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = rotation_of(numbers[:4], "frames"), numbers[4:]
+    return T
