@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.boxes.fit import Resting, fit_boxes
+from cuboid.boxes.quantiles import quantile
 from cuboid.config import TrackerConfig
 from cuboid.errors import FrameError
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
@@ -256,7 +257,7 @@ class Tracker:
     def _news(self, image: WorkingImage, T_world_camera: Float64Array) -> float:
         """Return how far a frame shows things from another side than the last one did, 0..1."""
         last, self._place = self._place, T_world_camera[:3, 3]
-        distance_m = 0.0 if last is None else _median_of_known(image.depth_m)
+        distance_m = 0.0 if last is None else _usual_depth_m(image.depth_m)
         if last is None or distance_m == 0.0:
             return 1.0
         turn = float(np.linalg.norm(self._place - last)) / distance_m
@@ -406,15 +407,10 @@ class Tracker:
         )
 
 
-def _median_of_known(depth_m: Float32Array) -> float:
-    """Return the median of all readings, 0 where there is none; NumPy's own takes eight times as long."""
+def _usual_depth_m(depth_m: Float32Array) -> float:
+    """Return the median of all readings, 0 where there is none."""
     known = depth_m[depth_m > 0]
-    if len(known) == 0:
-        return 0.0
-    middle = len(known) // 2
-    known.partition(middle)
-    lower = known[middle] if len(known) % 2 else known[:middle].max()
-    return (float(lower) + float(known[middle])) / 2.0
+    return quantile(known, 0.5) if len(known) else 0.0
 
 
 def _most_beneath(supports: Mapping[int, int], rests: Mapping[int, Resting]) -> Resting | None:

@@ -30,12 +30,6 @@ def test_log_undoes_exp(twist) -> None:
     np.testing.assert_allclose(se3.log(se3.exp(twist)), twist, atol=1e-8)
 
 
-@given(twists, small_twists)
-def test_adjoint_carries_a_twist_through_a_motion(pose, twist) -> None:
-    T = se3.exp(pose)
-    np.testing.assert_allclose(T @ se3.exp(twist), se3.exp(se3.adjoint(T) @ twist) @ T, atol=1e-9)
-
-
 @given(twists)
 def test_the_angle_is_the_length_of_the_rotation_vector(twist) -> None:
     np.testing.assert_allclose(se3.angle(se3.exp(twist)), np.linalg.norm(twist[3:]), atol=1e-9)

@@ -9,7 +9,7 @@ from cuboid.kernels.pieces import (
     drop_unread,
     gather_regions,
     join_surfaces,
-    keep_readings,
+    drop_filled,
     label_regions,
     sum_regions,
 )
@@ -161,7 +161,7 @@ def test_regions_with_too_few_readings_go_and_readings_come_first() -> None:
     pixels = np.concatenate([np.flatnonzero(labels == k) for k in (1, 3, 4)])
     first, points = np.cumsum([0, *sizes[[1, 3, 4]]]), np.repeat(pixels[:, None], 3, axis=1).astype(float)
     own = np.empty(3, np.int64)
-    keep_readings(first, pixels, points, readings, own)
+    drop_filled(first, pixels, points, readings, own)
     for k, number in enumerate((1, 3, 4)):
         kept = np.flatnonzero((labels == number) & (readings > 0))
         np.testing.assert_array_equal(pixels[first[k] : own[k]], kept)

@@ -11,7 +11,7 @@ from cuboid.errors import OutputError
 from cuboid.frame import Frame, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.results import FrameResult, Sighting, TrackedObject
-from cuboid.views.video import NoView, RecentRate, VideoView, hidden_objects, video_rate
+from cuboid.views.video import RecentRate, VideoView, hidden_objects, video_rate
 
 INTRINSICS = Intrinsics(300.0, 300.0, 159.5, 119.5, 320, 240)
 BOX = Box(np.array([0.0, 0.0, 1.0]), np.full(3, 0.3), np.eye(3))
@@ -70,12 +70,6 @@ def test_a_video_that_cannot_be_written_says_so_unless_the_run_was_broken_off(tm
                 view.close(complete=True)
         else:
             view.close(complete=False)
-
-
-def test_a_view_that_shows_nothing_takes_everything() -> None:
-    view = NoView()
-    view.show(frame(0), result(0, ()), [])
-    view.close(complete=True)
 
 
 def test_the_rate_is_that_of_about_the_last_second() -> None:

@@ -1,17 +1,20 @@
-"""Quantiles of a few hundred values: NumPy's own takes ten times as long on so few."""
+"""Quantiles of a frame: NumPy's own takes ten times as long on a few hundred values, and eight on an image."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from cuboid.frame import Float64Array
+from cuboid.frame import Float32Array, Float64Array
 
 
-def quantile(values: Float64Array, share: float) -> float:
+def quantile(values: Float32Array | Float64Array, share: float) -> float:
     """Return below what a share (0..1) of values (N,), at least one, lies: linear between two, as NumPy has it."""
-    place = share * (len(values) - 1)
-    k = min(int(place), max(len(values) - 2, 0))
-    part = np.partition(values, (k, min(k + 1, len(values) - 1)))
-    low, high, beyond = float(part[k]), float(part[min(k + 1, len(values) - 1)]), place - k
+    last = len(values) - 1
+    place = share * last
+    above = min(int(place) + 1, last)
+    part = np.partition(values, above)
+    # What is next below is the largest of those before it: two places at once take NumPy nine times as long.
+    low, high = float(part[:above].max(initial=part[0])), float(part[above])
+    beyond = place - max(above - 1, 0)
     # From the nearer of the two, so that nothing is lost to rounding.
     return low + (high - low) * beyond if beyond < 0.5 else high - (high - low) * (1.0 - beyond)

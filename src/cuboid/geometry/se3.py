@@ -269,16 +269,6 @@ def log(T_a_b: npt.ArrayLike) -> Float64Array:
     return np.concatenate([np.linalg.solve(V, T[:3, 3]), turn])
 
 
-def adjoint(T_a_b: npt.ArrayLike) -> Float64Array:
-    """Return the (6, 6) matrix that carries twists in b to a: T exp(xi) = exp(adjoint(T) xi) T."""
-    T = np.asarray(T_a_b, np.float64)
-    R = T[:3, :3]
-    A = np.zeros((6, 6))
-    A[:3, :3] = A[3:, 3:] = R
-    A[:3, 3:] = skew(T[:3, 3]) @ R
-    return A
-
-
 def tidied(T_a_b: npt.ArrayLike) -> Float64Array:
     """Return a product of many rigid motions (4, 4) freed of its rounding errors.
 

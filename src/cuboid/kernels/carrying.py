@@ -234,7 +234,7 @@ def near_some(points, normals, offsets, windows, off_m, cell_m, likely):
 
 
 @njit(cache=True, nogil=True)
-def keep_readings(cells, before, offset, least, after, window):
+def keep_cells(cells, before, offset, least, after, window):
     """Keep the readings of the cells that points lie in; those with several points have as many as need be.
 
     Parameters

@@ -270,7 +270,7 @@ def sum_regions(first, pixels, heat, support, warmth, beneath):
 
 
 @njit(cache=True, nogil=True)
-def keep_readings(first, pixels, points, readings, own):
+def drop_filled(first, pixels, points, readings, own):
     """Move the readings of each region to the front of all its pixels; what was filled goes.
 
     Parameters

@@ -17,7 +17,6 @@ from cuboid.outputs.pending import PendingFile
 from cuboid.scene.door import DamagedError
 from cuboid.scene.schema import APPLICATION_ID, MIGRATIONS, VERSION
 
-SUFFIX = ".cuboid"
 # Who writes holds a lock on the file of this name beside the scene.
 LOCK = "-writer"
 # SQLite keeps files of these names there.

@@ -8,8 +8,6 @@ from typing import Any
 
 import pyarrow as pa
 
-VERSION = 1
-
 # The table of runs tells which recordings are done: its file is written last.
 RUNS, RECORDINGS, OBJECTS, SIGHTINGS = "runs", "recordings", "objects", "sightings"
 

@@ -14,10 +14,10 @@ from cuboid.heatmap.pixel_heat import WeighedProposals
 from cuboid.kernels.claims import share_out
 from cuboid.kernels.outlines import KINDS, outlines
 from cuboid.kernels.pieces import (
+    drop_filled,
     drop_unread,
     gather_regions,
     join_surfaces,
-    keep_readings,
     label_regions,
     sum_regions,
 )
@@ -165,7 +165,7 @@ def frame_clusters(
     scores = weighed.weights[order[shares]].tolist()
     warm = (warmth / np.diff(first)).tolist()
     ends = np.empty(kept, np.int64)
-    keep_readings(first, pixels, points, image.depth_m, ends)
+    drop_filled(first, pixels, points, image.depth_m, ends)
     above, names = beneath.tolist(), identities.tolist()
     clusters = []
     for k, ((begin, end), own) in enumerate(zip(pairwise(first.tolist()), ends.tolist(), strict=True)):

@@ -143,7 +143,7 @@ class GroundPlan:
         self.seen = np.zeros(window[2:] - window[:2], np.int32)
         self.covered, self.nearby = (np.zeros(self.seen.shape, np.uint8) for _ in range(2))
         offset, known = window[:2] - self.corner, np.empty(4, np.int64)
-        self._known = kernel.keep_readings(cells - window[:2], before, offset, LEAST_READINGS, self.seen, known)
+        self._known = kernel.keep_cells(cells - window[:2], before, offset, LEAST_READINGS, self.seen, known)
         self.corner = window[:2]
         self._changed = known + np.tile(self.corner, 2)
         self.stale = self._known > 0

@@ -38,16 +38,6 @@ class View(Protocol):
         """End; `complete` is False where the run was broken off."""
 
 
-class NoView:
-    """A view that shows nothing."""
-
-    def show(self, frame: Frame, result: FrameResult, objects: Sequence[TrackedObject]) -> None:
-        """Do nothing."""
-
-    def close(self, complete: bool) -> None:
-        """Do nothing."""
-
-
 class VideoView:
     """Writes every frame with its labelled boxes into an MP4.
 
