@@ -19,8 +19,9 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
 from cuboid.results import FrameResult
 from cuboid.run import track_recording
-from cuboid.surfaces.clusters import FrameCluster, FrameClusters, frame_clusters
+from cuboid.surfaces.clusters import FrameCluster, FrameClusters, frame_clusters, points_of
 from cuboid.tracker import Tracker
+from cuboid.working import WorkingImage
 from scenes import Case
 
 
@@ -79,10 +80,12 @@ class _Listening(Tracker):
     def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
         """Take in a frame; keep its clusters with the boxes and labels that it was given."""
         clusters: list[FrameCluster] = []
+        images: list[WorkingImage] = []
 
-        def listen(*arguments: Any) -> FrameClusters:
-            things = frame_clusters(*arguments)
+        def listen(image: WorkingImage, *arguments: Any) -> FrameClusters:
+            things = frame_clusters(image, *arguments)
             clusters.extend(things.clusters)
+            images.append(image)
             return things
 
         with patch("cuboid.tracker.frame_clusters", listen):
@@ -90,7 +93,7 @@ class _Listening(Tracker):
         if frame.index % self._every == 0:
             parts = tuple(
                 Observation(
-                    cluster.points,
+                    points_of(cluster.pixels, images[0], result.T_world_camera),
                     cluster.pixels,
                     proposal.box,
                     self._plane_of(cluster),

@@ -33,7 +33,7 @@ from cuboid.proposals.types import Proposals, ProposalSource
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
 from cuboid.sensor import excess_noise
 from cuboid.surfaces.cells import PATCH_PIXELS, VOTING_PIXELS, find_cells, with_level_patches
-from cuboid.surfaces.clusters import FrameCluster, FrameClusters, frame_clusters
+from cuboid.surfaces.clusters import FrameCluster, FrameClusters, frame_clusters, points_of
 from cuboid.surfaces.grid import CELL_M
 from cuboid.surfaces.planes import PlaneTracker
 from cuboid.tolerances import BIAS_M, LITTLE, SAMPLE, STRAYS
@@ -140,9 +140,9 @@ class Tracker:
         prior = prior_of(objects, pixel_owner, weighed)
         things = frame_clusters(
             image, solid, heat, weighed, prior, on_plane, support, planes, self._sides(T_world_camera),
-            T_world_camera, c,
+            c,
         )  # fmt: skip
-        boxes = self._boxes(things.clusters)
+        boxes = self._boxes(things.clusters, image, T_world_camera)
         watch.lap("boxes")
         found = self._map.update(
             frame.index, things, boxes, objects, slots, pixel_owner, known, candidate,
@@ -263,8 +263,12 @@ class Tracker:
         turn = float(np.linalg.norm(self._place - last)) / distance_m
         return min(1.0, max(LITTLE, turn / ANOTHER_SIDE_RAD))
 
-    def _boxes(self, clusters: Sequence[FrameCluster]) -> list[Box]:
-        clouds = [c.points[:: 1 + len(c.points) // (SAMPLE // 2)] for c in clusters]
+    def _boxes(self, clusters: Sequence[FrameCluster], image: WorkingImage, T_world_camera: Float64Array) -> list[Box]:
+        if not clusters:
+            return []
+        some = [c.pixels[:: 1 + len(c.pixels) // (SAMPLE // 2)] for c in clusters]
+        points = points_of(np.concatenate(some), image, T_world_camera)
+        clouds = np.split(points, np.cumsum([len(pixels) for pixels in some])[:-1])
         found = {identity: self._planes.find(identity) for identity in {k for c in clusters for k in c.supports}}
         rests = {identity: self._planes.in_world(plane) for identity, plane in found.items() if plane is not None}
         unknown = self._planes.likely_up, None

@@ -5,14 +5,7 @@ import pytest
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from cuboid.kernels.pieces import (
-    drop_unread,
-    gather_regions,
-    join_surfaces,
-    drop_filled,
-    label_regions,
-    sum_regions,
-)
+from cuboid.kernels.pieces import gather_regions, judge_regions, label_regions
 from cuboid.kernels.pixels import drop_mixed, stand_on
 from cuboid.tolerances import JUMP_SIGMAS
 
@@ -81,13 +74,37 @@ def test_the_inside_and_the_outside_of_a_mug_are_one_thing_and_what_is_behind_is
     assert number == 4
     inside, outside, sliver, other = labels[5, 6], labels[12, 6], labels[12, 16], labels[12, 24]
     for deep, joined in ((0.4, False), (0.6, True)):
-        after = labels.copy()
-        join_surfaces(after, number, share, depth, 100.0, 0.4, deep)
+        after, sizes, owner = judged(labels, share, depth, depth, 1, deep)
+        assert (owner[outside], owner[other]) == (0, 1)
+        assert sizes[outside] == (120 if joined else 70)
         assert after[5, 6] == (outside if joined else inside)
         assert (after[12, 6], after[12, 16], after[12, 24], after[0, 0]) == (outside, sliver, other, 0)
     none = np.zeros_like(labels)
-    join_surfaces(none, 0, np.full_like(share, -1), depth, 100.0, 0.4, 0.5)
-    assert not none.any()
+    after, sizes, _ = judged(none, np.full_like(share, -1), depth, depth, 1, 0.5)
+    assert not after.any()
+    assert sizes.tolist() == [0]
+
+
+def judged(
+    labels: np.ndarray, share: np.ndarray, depth: np.ndarray, readings: np.ndarray, least: int, deep: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What each pixel belongs to in the end, with sizes and shares of regions."""
+    count = labels.max() + 1
+    become, sizes, owner = np.empty(count, np.int32), np.empty(count, np.int64), np.empty(count, np.int64)
+    judge_regions(labels, share, depth, readings, least, 100.0, 0.4, deep, become, sizes, owner)
+    return become[labels], sizes, owner
+
+
+def test_regions_with_too_few_readings_are_none() -> None:
+    rng = np.random.default_rng(7)
+    labels = rng.integers(0, 5, (12, 20)).astype(np.int32)
+    readings = np.where(rng.random(labels.shape) < 0.5, 1.0, 0.0).astype(np.float32)
+    readings[labels == 2] = 0.0
+    depth = np.where(labels > 0, 1.0, 0.0).astype(np.float32)
+    after, sizes, owner = judged(labels, labels - 1, depth, readings, 8, 0.5)
+    np.testing.assert_array_equal(after, np.where(labels == 2, 0, labels))
+    assert sizes.tolist() == [0, (labels == 1).sum(), 0, (labels == 3).sum(), (labels == 4).sum()]
+    assert owner.tolist() == [-1, 0, 1, 2, 3]
 
 
 def test_regions_are_gathered_as_array_operations_do_it() -> None:
@@ -96,29 +113,26 @@ def test_regions_are_gathered_as_array_operations_do_it() -> None:
     labels[labels == 3] = 0
     labels[5, 7:10] = 3  # too small
     labels[20:, 20:] = 6
-    depth = rng.uniform(0.5, 2.0, labels.shape).astype(np.float32)
-    first, pixels, points = np.empty(7, np.int64), np.empty(labels.size, np.int64), np.empty((labels.size, 3))
-    corners, claim = np.empty((6, 4), np.int64), np.empty_like(labels)
-    T = np.array([[1.0, 0, 0, 5], [0, 0, 1, 6], [0, -1, 0, 7], [0, 0, 0, 1]])
-    kept = gather_regions(labels, 6, 4, depth, CAMERA, T, first, pixels, points, corners, claim)
-    numbers = [1, 2, 4, 5, 6]
-    assert kept == len(numbers)
-    np.testing.assert_array_equal(claim, np.array([-1, 0, 1, -1, 2, 3, 4])[labels])
-    assert first[kept] == (labels > 0).sum() - 3
-    for k, number in enumerate(numbers):
-        own = slice(first[k], first[k + 1])
-        v, u = np.nonzero(labels == number)
-        np.testing.assert_array_equal(pixels[own], v * 40 + u)
-        z = depth[v, u].astype(float)
-        seen = np.column_stack([(u - CAMERA[2]) / CAMERA[0] * z, (v - CAMERA[3]) / CAMERA[1] * z, z])
-        np.testing.assert_allclose(points[own], seen @ T[:3, :3].T + T[:3, 3], atol=1e-12)
-        assert corners[k].tolist() == [u.min(), v.min(), u.max(), v.max()]
+    labels[0, :9] = 7  # a part of the second
+    become = np.array([0, 1, 2, 3, 4, 5, 6, 2], np.int32)
+    whole = become[labels]
+    sizes = np.bincount(whole.ravel(), minlength=8)
+    readings = np.where(rng.random(labels.shape) < 0.7, 1.0, 0.0).astype(np.float32)
     heat = rng.random(labels.shape).astype(np.float32)
     support = rng.integers(-1, 3, labels.shape).astype(np.int32)
-    warmth, beneath = np.empty(kept), np.empty((kept, 3), np.int64)
-    sum_regions(first[: kept + 1], pixels, heat, support, warmth, beneath)
+    first, pixels, corners = np.empty((8, 2), np.int64), np.empty(labels.size, np.int64), np.empty((7, 4), np.int64)
+    claim, warmth, beneath = np.empty_like(labels), np.empty(7), np.empty((7, 3), np.int64)
+    kept = gather_regions(
+        labels, become, sizes, 4, readings, heat, support, first, pixels, corners, claim, warmth, beneath
+    )
+    numbers = [1, 2, 4, 5, 6]
+    assert kept == len(numbers)
+    np.testing.assert_array_equal(claim, np.array([-1, 0, 1, -1, 2, 3, 4])[whole])
     for k, number in enumerate(numbers):
-        own = labels == number
+        own = whole == number
+        v, u = np.nonzero(own)
+        np.testing.assert_array_equal(pixels[slice(*first[k])], np.flatnonzero(own & (readings > 0)))
+        assert corners[k].tolist() == [u.min(), v.min(), u.max(), v.max()]
         assert warmth[k] == pytest.approx(heat[own].sum(dtype=float))
         assert beneath[k].tolist() == [(support[own] == p).sum() for p in range(3)]
 
@@ -147,22 +161,3 @@ def test_what_is_beneath_is_the_highest_plane() -> None:
     np.testing.assert_array_equal(support, np.repeat([0, 1], 32)[None].repeat(48, 0))
     assert seen[0].sum() == on_floor.sum()
     assert seen[1].sum() == on_table.sum()
-
-
-def test_regions_with_too_few_readings_go_and_readings_come_first() -> None:
-    rng = np.random.default_rng(7)
-    labels = rng.integers(0, 5, (12, 20)).astype(np.int32)
-    readings = np.where(rng.random(labels.shape) < 0.5, 1.0, 0.0).astype(np.float32)
-    readings[labels == 2] = 0.0
-    before, sizes = labels.copy(), np.empty(6, np.int64)
-    drop_unread(labels, readings, 8, sizes)
-    np.testing.assert_array_equal(labels, np.where(before == 2, 0, before))
-    assert sizes.tolist() == [(before == 0).sum(), *((labels == k).sum() for k in range(1, 6))]
-    pixels = np.concatenate([np.flatnonzero(labels == k) for k in (1, 3, 4)])
-    first, points = np.cumsum([0, *sizes[[1, 3, 4]]]), np.repeat(pixels[:, None], 3, axis=1).astype(float)
-    own = np.empty(3, np.int64)
-    drop_filled(first, pixels, points, readings, own)
-    for k, number in enumerate((1, 3, 4)):
-        kept = np.flatnonzero((labels == number) & (readings > 0))
-        np.testing.assert_array_equal(pixels[first[k] : own[k]], kept)
-        np.testing.assert_array_equal(points[first[k] : own[k], 2], kept)

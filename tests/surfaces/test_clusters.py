@@ -10,7 +10,7 @@ from cuboid.config import TrackerConfig
 from cuboid.frame import Intrinsics
 from cuboid.heatmap.pixel_heat import WeighedProposals
 from cuboid.kernels.outlines import BOTTOM, FREE, LEFT, RIGHT, SUPPORT, TOP
-from cuboid.surfaces.clusters import LEAST_PIXELS, FrameClusters, frame_clusters
+from cuboid.surfaces.clusters import LEAST_PIXELS, FrameClusters, frame_clusters, points_of
 from cuboid.working import WorkingImage
 
 CAMERA = Intrinsics(60.0, 60.0, 29.5, 19.5, 60, 40)
@@ -36,7 +36,7 @@ def found(
     )
     return frame_clusters(
         read, image, np.full(depth.shape, 0.5, np.float32), weighed, np.array(prior or [1.0] * len(boxes)),
-        np.where(heights == 0, support, -1).astype(np.int32), support.astype(np.int32), PLANES, SIDES, T_WORLD_CAMERA,
+        np.where(heights == 0, support, -1).astype(np.int32), support.astype(np.int32), PLANES, SIDES,
         TrackerConfig(),
     )  # fmt: skip
 
@@ -79,14 +79,17 @@ def test_a_thing_knows_how_much_of_it_was_read() -> None:
     filled[10:25, 15:30] = True
     left, right = found(*scene(), [(15, 10, 30, 30), (30, 10, 45, 30)], [0.8, 0.7], filled=filled).clusters
     assert (left.read, right.read) == (0.25, 1.0)
-    assert len(left.pixels) == len(left.points) == 75
+    assert len(left.pixels) == 75
 
 
 def test_points_are_in_the_world() -> None:
-    thing = found(*scene(), [(15, 10, 45, 30)], [0.8]).clusters[0]
+    depth, *others = scene()
+    thing = found(depth, *others, [(15, 10, 45, 30)], [0.8]).clusters[0]
+    image = WorkingImage(depth.astype(np.float32), np.zeros((40, 60, 3), np.uint8), CAMERA, 1, (0, 0))
     v, u = np.divmod(thing.pixels, 60)
     in_camera = np.column_stack([(u - 29.5) / 60, (v - 19.5) / 60, np.ones(len(u))])
-    np.testing.assert_allclose(thing.points, in_camera @ T_WORLD_CAMERA[:3, :3].T + [5, 6, 7], atol=1e-6)
+    points = points_of(thing.pixels, image, T_WORLD_CAMERA)
+    np.testing.assert_allclose(points, in_camera @ T_WORLD_CAMERA[:3, :3].T + [5, 6, 7], atol=1e-6)
 
 
 def test_what_the_map_expects_wins_over_what_is_a_little_stronger() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -13,14 +12,7 @@ from cuboid.frame import Float32Array, Float64Array
 from cuboid.heatmap.pixel_heat import WeighedProposals
 from cuboid.kernels.claims import share_out
 from cuboid.kernels.outlines import KINDS, outlines
-from cuboid.kernels.pieces import (
-    drop_filled,
-    drop_unread,
-    gather_regions,
-    join_surfaces,
-    label_regions,
-    sum_regions,
-)
+from cuboid.kernels.pieces import gather_regions, judge_regions, label_regions
 from cuboid.limits import MOST_CLUSTERS
 from cuboid.tolerances import JUMP_M, LEAST_READINGS, MOST
 from cuboid.working import WorkingImage
@@ -45,8 +37,6 @@ class FrameCluster:
     ----------
     pixels : (N,) int64
         Numbers of its readings in the flattened working image.
-    points : (N, 3) float64
-        World, metres.
     supports : dict of int to int
         How many of its pixels, filled ones too, are above each plane, by the plane's identity.
     heat : float
@@ -62,7 +52,6 @@ class FrameCluster:
     """
 
     pixels: npt.NDArray[np.int64]
-    points: Float64Array
     supports: dict[int, int]
     heat: float
     score: float
@@ -105,7 +94,6 @@ def frame_clusters(
     support: npt.NDArray[np.int32],
     identities: npt.NDArray[np.int64],
     side_of: npt.NDArray[np.int64],
-    T_world_camera: Float64Array,
     config: TrackerConfig,
 ) -> FrameClusters:
     """Share the pixels of a frame out among its proposals, the strongest first.
@@ -127,7 +115,6 @@ def frame_clusters(
         Of the planes, ascending.
     side_of : (4,) int64
         See `kernels.outlines.outlines`.
-    T_world_camera : (4, 4) float64
     config : TrackerConfig
     """
     strength = weighed.weights * prior
@@ -135,24 +122,23 @@ def frame_clusters(
     order = order[strength[order] > 0]
     claim = np.empty(heat.shape, np.int32)
     share_out(order, weighed.rectangles, weighed.starts, weighed.covered, LEAST_PIXELS, FREE_SHARE, claim)
-    regions, parent = np.empty(claim.shape, np.int32), np.empty(claim.size, np.int32)
-    number = label_regions(solid.depth_m, claim, config.depth_noise_per_m, JUMP_M, parent, regions)
-    join_surfaces(regions, number, claim, solid.depth_m, image.camera.fx, MAJOR_SHARE, DEEP_SHARE)
-    sizes = np.empty(number + 1, np.int64)
-    drop_unread(regions, image.depth_m, LEAST_READINGS, sizes)
-    left_out = _leave_out(regions, claim, sizes)
-    pixels, points = np.empty(claim.size, np.int64), np.empty((claim.size, 3))
-    first, corners = np.empty(number + 1, np.int64), np.empty((number, 4), np.int64)
-    c = image.camera
-    pinhole, things = np.array([c.fx, c.fy, c.cx, c.cy]), np.empty_like(claim)
-    kept = gather_regions(
-        regions, number, LEAST_PIXELS, solid.depth_m, pinhole, np.ascontiguousarray(T_world_camera), first, pixels,
-        points, corners, things,
+    labels, parent = np.empty(claim.shape, np.int32), np.empty(claim.size, np.int32)
+    number = label_regions(solid.depth_m, claim, config.depth_noise_per_m, JUMP_M, parent, labels)
+    become, sizes, owner = (np.empty(number + 1, kind) for kind in (np.int32, np.int64, np.int64))
+    judge_regions(
+        labels, claim, solid.depth_m, image.depth_m, LEAST_READINGS, image.camera.fx, MAJOR_SHARE, DEEP_SHARE, become,
+        sizes, owner,
     )  # fmt: skip
-    first, corners = first[: kept + 1], corners[:kept]
-    shares = claim.ravel()[pixels[first[:-1]]]
-    warmth, beneath = np.empty(kept), np.empty((kept, len(identities)), np.int64)
-    sum_regions(first, pixels, heat, support, warmth, beneath)
+    left_out = _leave_out(sizes, owner)
+    first, pixels, things = np.empty((number + 1, 2), np.int64), np.empty(claim.size, np.int64), np.empty_like(claim)
+    corners, warmth = np.empty((number, 4), np.int64), np.empty(number)
+    beneath = np.empty((number, len(identities)), np.int64)
+    kept = gather_regions(
+        labels, become, sizes, LEAST_PIXELS, image.depth_m, heat, support, first, pixels, corners, things, warmth,
+        beneath,
+    )  # fmt: skip
+    corners, beneath, large = corners[:kept], beneath[:kept], sizes >= LEAST_PIXELS
+    shares, sizes, c = owner[large], sizes[large], image.camera
     # Of planes that are beneath as much the oldest.
     plane_of = np.where(beneath.any(1), beneath.argmax(1), -1) if len(identities) else np.full(kept, -1)
     outline, contact = np.empty((kept, 4, KINDS), np.int64), np.empty((kept, kept), np.int64)
@@ -162,33 +148,31 @@ def frame_clusters(
     )  # fmt: skip
     rects = (corners + np.array([0, 0, 1, 1])) * float(image.step) + np.array([*image.phase, *image.phase])
     rects = np.minimum(rects, np.array([c.width, c.height] * 2) * image.step)
-    scores = weighed.weights[order[shares]].tolist()
-    warm = (warmth / np.diff(first)).tolist()
-    ends = np.empty(kept, np.int64)
-    drop_filled(first, pixels, points, image.depth_m, ends)
-    above, names = beneath.tolist(), identities.tolist()
+    scores, warm = weighed.weights[order[shares]].tolist(), (warmth[:kept] / sizes).tolist()
+    above, names, read = beneath.tolist(), identities.tolist(), (np.diff(first[:kept])[:, 0] / sizes).tolist()
     clusters = []
-    for k, ((begin, end), own) in enumerate(zip(pairwise(first.tolist()), ends.tolist(), strict=True)):
+    for k, (begin, end) in enumerate(first[:kept].tolist()):
         supports = {name: count for name, count in zip(names, above[k], strict=True) if count}
-        mine, share = slice(begin, own), (own - begin) / (end - begin)
-        clusters.append(
-            FrameCluster(pixels[mine], points[mine], supports, warm[k], scores[k], rects[k], outline[k], share)
-        )
-    return FrameClusters(clusters, things, contact, shares.astype(np.int64), left_out)
+        clusters.append(FrameCluster(pixels[begin:end], supports, warm[k], scores[k], rects[k], outline[k], read[k]))
+    return FrameClusters(clusters, things, contact, shares, left_out)
 
 
-def _leave_out(regions: npt.NDArray[np.int32], claim: npt.NDArray[np.int32], sizes: npt.NDArray[np.int64]) -> int:
-    """Clear all regions (h, w) but the most that a frame may have: those of the strongest shares, of these the largest.
+def points_of(pixels: npt.NDArray[np.int64], image: WorkingImage, T_world_camera: Float64Array) -> Float64Array:
+    """Return where in the world pixels (N,) of the flattened image are that have a reading: (N, 3) float64, metres."""
+    c, z = image.camera, image.depth_m.ravel()[pixels].astype(np.float64)
+    v, u = np.divmod(pixels, c.width)
+    x, y, T = (u - c.cx) / c.fx * z, (v - c.cy) / c.fy * z, T_world_camera
+    return np.column_stack([T[k, 0] * x + T[k, 1] * y + T[k, 2] * z + T[k, 3] for k in range(3)])
 
-    Returns how many were cleared that are large enough for a cluster; `sizes` are the pixels of each region.
+
+def _leave_out(sizes: npt.NDArray[np.int64], owner: npt.NDArray[np.int64]) -> int:
+    """Let all regions but the most that a frame may have be none: those of the strongest shares, of these the largest.
+
+    Returns how many are left out that are large enough for a cluster; `sizes` (N,) are the pixels of each region,
+    `owner` (N,) its share.
     """
-    large = 1 + np.flatnonzero(sizes[1:] >= LEAST_PIXELS)
+    large = np.flatnonzero(sizes >= LEAST_PIXELS)
     if len(large) <= MOST_CLUSTERS:
         return 0
-    share = np.zeros(len(sizes), np.int64)
-    share[regions.ravel()] = claim.ravel()
-    kept = large[np.lexsort((-sizes[large], share[large]))[:MOST_CLUSTERS]]
-    stays = np.zeros(len(sizes), np.bool_)
-    stays[kept] = True
-    regions[~stays[regions]] = 0
+    sizes[large[np.lexsort((-sizes[large], owner[large]))[MOST_CLUSTERS:]]] = 0
     return len(large) - MOST_CLUSTERS
