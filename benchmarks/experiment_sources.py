@@ -87,11 +87,12 @@ def write_mcg(path: Path, proposals: Proposals, size: tuple[int, int]) -> None:
 
 def write_cpmc(path: Path, proposals: Proposals, size: tuple[int, int]) -> None:
     """Write masks as CPMC does: one after the other along the third axis."""
-    assert proposals.masks is not None
+    full = proposals.full_masks()
+    assert full is not None
     count = min(len(proposals.scores), CPMC_MASKS)
     masks = np.zeros((*size, count), bool)
     for k in range(count):
         x0, y0, x1, y1 = proposals.boxes_xyxy[k]
-        masks[y0:y1, x0:x1, k] = proposals.masks[k] > 0
+        masks[y0:y1, x0:x1, k] = full[k] > 0
     scores = proposals.scores[:count, None].astype(np.float64)
     scipy.io.savemat(path, {"masks": masks, "scores": scores}, do_compression=True)

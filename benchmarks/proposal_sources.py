@@ -93,7 +93,7 @@ def rectangle_iou(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 def mask_fits(proposals: Proposals, instance: np.ndarray) -> bool:
     """Whether some proposal's mask has IoU 0.5 with an instance's."""
     total = int(instance.sum())
-    for (x0, y0, x1, y1), mask in zip(proposals.boxes_xyxy, proposals.masks or (), strict=True):
+    for (x0, y0, x1, y1), mask in zip(proposals.boxes_xyxy, proposals.full_masks() or (), strict=True):
         both = int((instance[y0:y1, x0:x1] & (mask > 0)).sum())
         if both >= FIT * (total + int(mask.sum()) - both):
             return True
@@ -103,7 +103,7 @@ def mask_fits(proposals: Proposals, instance: np.ndarray) -> bool:
 def best(proposals: Proposals, count: int | None) -> Proposals:
     """Return the first proposals; sources give the best first."""
     masks = proposals.masks if proposals.masks is None else proposals.masks[:count]
-    return Proposals(proposals.boxes_xyxy[:count], proposals.scores[:count], masks)
+    return Proposals(proposals.boxes_xyxy[:count], proposals.scores[:count], masks, proposals.mask_step)
 
 
 def judge(source: ProposalSource, views: list[View], count: int | None) -> dict[str, float | None]:

@@ -128,7 +128,7 @@ class Tracker:
         watch.lap("planes")
         candidate = self._candidates(solid, on_plane)
         c = self.config
-        weighed = weigh(solid, candidate, proposals, self.intrinsics.fx, c)
+        weighed = weigh(solid, candidate, proposals, c)
         heat = pixel_heat(solid, weighed)
         watch.lap("heat")
         slots = self._voxels.fuse(image, heat, T_world_camera, frame.index, anchor)

@@ -310,21 +310,19 @@ def test_jumps_and_smooth_surfaces_are_those_of_the_plain_loop() -> None:
     np.testing.assert_allclose(smooth, expected[1], rtol=1e-6)
 
 
-@pytest.mark.parametrize("step", [1, 3])
-def test_masks_are_those_pixels_whose_segment_is_in(step: int) -> None:
+def test_masks_are_those_pixels_whose_segment_is_in() -> None:
     rng = np.random.default_rng(4)
     labels = rng.integers(-3, 5, (12, 20)).astype(np.int16)  # segments 0..4, none, and planes 0 and 1
     members = rng.integers(0, 2, (6, 7)).astype(np.uint8)
     chosen = np.array([4, 0, 5])
     boxes = np.array([[0, 0, 20, 12], [3, 2, 9, 7], [19, 11, 20, 12]], np.int32)
-    sizes = (boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1]) * step * step
+    sizes = (boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1])
     masks = np.full(sizes.sum(), 9, np.uint8)
-    unions.cut_masks(labels, members, chosen, boxes, step, masks)
+    unions.cut_masks(labels, members, chosen, boxes, masks)
     ends = np.cumsum(sizes)
     for k, (x0, y0, x1, y1) in enumerate(boxes):
         # Label -1 is the entry behind all others, and plane p the one p + 1 before that.
-        small = np.append(members[chosen[k]], 0)[labels[y0:y1, x0:x1]]
-        expected = small.repeat(step, axis=0).repeat(step, axis=1)
+        expected = np.append(members[chosen[k]], 0)[labels[y0:y1, x0:x1]]
         np.testing.assert_array_equal(masks[ends[k] - sizes[k] : ends[k]], expected.ravel())
 
 

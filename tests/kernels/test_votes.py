@@ -31,9 +31,9 @@ def filled(boxes_xyxy: np.ndarray, scores: list[float]) -> Proposals:
     return Proposals(boxes_xyxy, np.array(scores, np.float32), masks)
 
 
-def heat_of(img: WorkingImage, candidate: np.ndarray, proposals: Proposals, focal: float = 100.0) -> np.ndarray:
+def heat_of(img: WorkingImage, candidate: np.ndarray, proposals: Proposals) -> np.ndarray:
     readings = candidate.astype(np.uint8)
-    return pixel_heat(img, weigh(img, readings, proposals, focal, TrackerConfig()))
+    return pixel_heat(img, weigh(img, readings, proposals, TrackerConfig()))
 
 
 def test_one_sure_proposal_heats_its_candidates_and_nothing_else() -> None:
@@ -63,6 +63,25 @@ def test_a_mask_heats_its_own_pixels_in_a_thinned_image() -> None:
     proposals = Proposals(boxes((x0, y0, x1, y1)), np.ones(1, np.float32), (full[y0:y1, x0:x1].copy(),))
     heat = heat_of(img, np.ones((20, 30), bool), proposals)
     np.testing.assert_array_equal(heat > 0, full[0::2, 1::2] > 0)
+
+
+@pytest.mark.parametrize(("block", "step"), [(2, 2), (2, 4), (4, 2), (3, 2)])
+def test_coarse_masks_mean_the_same_as_full_ones(block: int, step: int) -> None:
+    rng = np.random.default_rng(2)
+    corners = boxes((12, 12, 48, 36), (0, 0, 36, 24))
+    coarse = Proposals(
+        corners,
+        np.array([0.7, 0.4], np.float32),
+        tuple(rng.integers(0, 2, ((y1 - y0) // block, (x1 - x0) // block), np.uint8) for x0, y0, x1, y1 in corners),
+        block,
+    )
+    full = Proposals(corners, coarse.scores, coarse.full_masks())
+    assert [mask.shape for mask in full.masks or ()] == [(24, 36), (24, 36)]
+    img = image(np.ones((48 // step, 60 // step)), step, (1, 0))
+    candidate = rng.random(img.depth_m.shape) < 0.9
+    heat = heat_of(img, candidate, coarse)
+    assert (heat > 0).any()
+    np.testing.assert_array_equal(heat, heat_of(img, candidate, full))
 
 
 @pytest.mark.parametrize(

@@ -19,10 +19,11 @@ NOISE = 1.425e-3
 
 
 def whole_mask(proposals: Proposals, k: int, shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    assert proposals.masks is not None
+    masks = proposals.full_masks()
+    assert masks is not None
     mask = np.zeros(shape, dtype=np.bool_)
     x0, y0, x1, y1 = proposals.boxes_xyxy[k]
-    mask[y0:y1, x0:x1] = proposals.masks[k] > 0
+    mask[y0:y1, x0:x1] = masks[k] > 0
     return mask
 
 
@@ -106,9 +107,10 @@ def test_masks_fill_their_rectangles_inside_the_image_at_any_scale(factor: int) 
     frame, _ = solids.frame(ball_box_cup(), NOISE)
     small, camera = downscale(frame, factor), solids.CAMERA.downscaled(factor)
     proposals = make_source("depth")(small, camera)
-    assert proposals.masks is not None
+    masks = proposals.full_masks()
+    assert masks is not None
     assert len(proposals) >= 3
-    for box, mask in zip(proposals.boxes_xyxy, proposals.masks, strict=True):
+    for box, mask in zip(proposals.boxes_xyxy, masks, strict=True):
         x0, y0, x1, y1 = box
         assert 0 <= x0 < x1 <= camera.width
         assert 0 <= y0 < y1 <= camera.height

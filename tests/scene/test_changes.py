@@ -249,4 +249,4 @@ class Passed(Shown):
     def proposals(self, frame: Frame, intrinsics: object) -> Proposals:
         all_of = super().proposals(frame, intrinsics)
         last = len(all_of) - 1
-        return Proposals(all_of.boxes_xyxy[:last], all_of.scores[:last], all_of.masks[:last])
+        return Proposals(all_of.boxes_xyxy[:last], all_of.scores[:last], all_of.masks[:last], all_of.mask_step)

@@ -40,9 +40,7 @@ class WeighedProposals(NamedTuple):
     weights: Float32Array
 
 
-def weigh(
-    image: WorkingImage, candidate: UInt8Array, proposals: Proposals, focal_px: float, config: TrackerConfig
-) -> WeighedProposals:
+def weigh(image: WorkingImage, candidate: UInt8Array, proposals: Proposals, config: TrackerConfig) -> WeighedProposals:
     """Weigh a frame's proposals by what depth says of them.
 
     Parameters
@@ -52,12 +50,14 @@ def weigh(
         1 where a reading may belong to an object: off every supporting plane.
     proposals : Proposals
         In pixels of the full image. Boxes without masks get masks: the surfaces that lie in them.
-    focal_px : float
-        Focal length of the full image.
     config : TrackerConfig
         Sizes of objects, and the sensor's noise.
     """
-    masks = _surfaces_in(image, candidate, proposals, config) if proposals.masks is None else proposals.masks
+    masks, block = proposals.masks, proposals.mask_step
+    if masks is None:
+        masks, block = _surfaces_in(image, candidate, proposals, config), 1
+    elif image.step % block:
+        masks, block = proposals.full_masks() or (), 1
     boxes = np.ascontiguousarray(proposals.boxes_xyxy, dtype=np.int32)
     scores = np.ascontiguousarray(proposals.scores, dtype=np.float32)
     flat = np.concatenate([np.asarray(mask, np.uint8).ravel() for mask in masks]) if masks else np.zeros(0, np.uint8)
@@ -65,8 +65,9 @@ def weigh(
     starts = np.concatenate([[0], np.cumsum((rectangles[:, 2:] - rectangles[:, :2]).prod(1))])
     covered, weights = np.empty(starts[-1], np.uint8), np.empty(len(proposals), np.float32)
     kernel.weigh(
-        image.depth_m, candidate, boxes, scores, flat, rectangles, starts, image.step,
-        np.array(image.phase, dtype=np.int64), focal_px, config.min_size_m, config.max_size_m, covered, weights,
+        image.depth_m, candidate, boxes // block, scores, flat, rectangles, starts, image.step // block,
+        np.array(image.phase, dtype=np.int64) // block, image.camera.fx, config.min_size_m, config.max_size_m,
+        covered, weights,
     )  # fmt: skip
     return WeighedProposals(rectangles, starts, covered, weights)
 

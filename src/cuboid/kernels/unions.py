@@ -212,7 +212,7 @@ def can_join(one, other, focal, largest):
 
 
 @njit(cache=True, nogil=True)
-def cut_masks(labels, members, chosen, boxes, step, masks):
+def cut_masks(labels, members, chosen, boxes, masks):
     """Write the masks of regions, each cropped to its rectangle, one after the other.
 
     Parameters
@@ -224,9 +224,7 @@ def cut_masks(labels, members, chosen, boxes, step, masks):
     chosen : (K,) int64
         Regions.
     boxes : (K, 4) int32
-        x0, y0, x1, y1 of each in pixels of `labels`, end exclusive.
-    step : int
-        Pixels of a mask, a side, that one of `labels` becomes.
+        x0, y0, x1, y1 of each, end exclusive.
     masks : (L,) uint8, output
     """
     at, last = 0, members.shape[1]
@@ -235,18 +233,8 @@ def cut_masks(labels, members, chosen, boxes, step, masks):
     for row in range(chosen.size):
         inside[:last] = inside[last + 1 :] = members[chosen[row]]
         x0, y0, x1, y1 = boxes[row]
-        wide = (x1 - x0) * step
         for v in range(y0, y1):
-            line, seen = masks[at : at + wide], labels[v, x0:x1]
-            if step == 1:
-                for u in range(seen.size):
-                    line[u] = inside[seen[u] + last + 1]
-            elif step == 2:
-                for u in range(seen.size):
-                    line[2 * u] = line[2 * u + 1] = inside[seen[u] + last + 1]
-            else:
-                for u in range(seen.size):
-                    line[u * step : (u + 1) * step] = inside[seen[u] + last + 1]
-            for k in range(1, step):
-                masks[at + k * wide : at + (k + 1) * wide] = line
-            at += step * wide
+            line, seen = masks[at : at + x1 - x0], labels[v, x0:x1]
+            for u in range(seen.size):
+                line[u] = inside[seen[u] + last + 1]
+            at += x1 - x0

@@ -21,11 +21,11 @@ def weigh(
     Parameters
     ----------
     depth : (h, w) float32
-        The working image: pixel (v, u) is pixel (phase[1] + step v, phase[0] + step u) of the full image.
+        The working image: pixel (v, u) is pixel (phase[1] + step v, phase[0] + step u) of the masks' image.
     candidate : (h, w) uint8
         1 where a reading may belong to an object.
     boxes : (N, 4) int32
-        x0, y0, x1, y1 in pixels of the full image, end exclusive.
+        x0, y0, x1, y1 in pixels of the masks' image, end exclusive.
     scores : (N,) float32
     masks : (L,) uint8
         The masks of all boxes, row by row, one after the other.
@@ -37,7 +37,7 @@ def weigh(
     phase : (2,) int64
         x and y.
     focal : float
-        Focal length of the full image, pixels.
+        Focal length of the working image, pixels.
     low_m, high_m : float
         Least and largest extent of an object, metres.
     covered : (starts[N],) uint8, output
@@ -81,7 +81,7 @@ def weigh(
             continue
         mean = total / fit
         spread = np.sqrt(max(0.0, square / fit - mean * mean))
-        extent = max(right - left + 1, bottom - top + 1) * step * mean / focal
+        extent = max(right - left + 1, bottom - top + 1) * mean / focal
         # Uniform depth over an object's length has a spread of 0.29 of it.
         if extent < 0.5 * low_m or extent > 1.5 * high_m or spread > 0.4 * high_m:
             continue

@@ -210,15 +210,15 @@ def _best(scores: Float32Array, found: _Regions) -> npt.NDArray[np.int64]:
 def _as_proposals(found: _Regions, scores: Float32Array, order: npt.NDArray[np.int64], step: int) -> Proposals:
     corners = [regions.LEFT, regions.TOP, regions.RIGHTMOST, regions.BOTTOM]
     boxes = found.measures[order][:, corners].astype(np.int32) + np.array([0, 0, 1, 1], np.int32)
-    sizes = (boxes[:, 2:] - boxes[:, :2]) * step
+    sizes = boxes[:, 2:] - boxes[:, :2]
     ends = np.cumsum(sizes.prod(1)).tolist()
     flat = np.empty(ends[-1] if ends else 0, np.uint8)
-    unions.cut_masks(found.labels, found.members, order, boxes, step, flat)
+    unions.cut_masks(found.labels, found.members, order, boxes, flat)
     masks = tuple(
         flat[end - wide * high : end].reshape(high, wide)
         for end, (wide, high) in zip(ends, sizes.tolist(), strict=True)
     )
-    return Proposals(boxes * np.int32(step), scores[order], masks)
+    return Proposals(boxes * np.int32(step), scores[order], masks, step)
 
 
 @SOURCES.register("depth")

@@ -23,11 +23,15 @@ class Proposals:
     masks : tuple of (h, w) uint8, or None
         For each rectangle, which of its pixels are meant (1) or not (0), cropped to the rectangle;
         None where the source gives boxes alone.
+    mask_step : int
+        Side in pixels of the block of the image that a pixel of a mask stands for; rectangles begin and end with whole
+        blocks.
     """
 
     boxes_xyxy: np.ndarray[tuple[int, int], np.dtype[np.int32]]
     scores: Float32Array
     masks: tuple[UInt8Array, ...] | None = None
+    mask_step: int = 1
 
     def __post_init__(self) -> None:
         n = len(self.scores)
@@ -40,10 +44,14 @@ class Proposals:
             raise ValueError("proposals need boxes of x0, y0 >= 0, x1 > x0 and y1 > y0, and finite scores")
         if self.masks is not None and len(self.masks) != n:
             raise ValueError(f"proposals need a mask for each of the {n} boxes, got {len(self.masks)}")
-        for mask, (wide, high) in zip(self.masks or (), sides.tolist(), strict=False):
+        step = self.mask_step
+        if step < 1 or (step > 1 and n and (self.boxes_xyxy % step).any()):
+            raise ValueError(f"proposals with masks of step {step} need boxes that begin and end at its multiples")
+        for mask, (wide, high) in zip(self.masks or (), (sides // step).tolist(), strict=False):
             if mask.shape != (high, wide):
                 raise ValueError(
-                    f"the mask of a box of {wide} x {high} pixels must be ({high}, {wide}), got {mask.shape}"
+                    f"the mask of a box of {wide * step} x {high * step} pixels must be ({high}, {wide}), "
+                    f"got {mask.shape}"
                 )
 
     def __len__(self) -> int:
@@ -55,7 +63,13 @@ class Proposals:
             return self
         kept = np.sort(np.argsort(-self.scores, kind="stable")[:most])
         masks = None if self.masks is None else tuple(self.masks[k] for k in kept)
-        return Proposals(self.boxes_xyxy[kept], self.scores[kept], masks)
+        return Proposals(self.boxes_xyxy[kept], self.scores[kept], masks, self.mask_step)
+
+    def full_masks(self) -> tuple[UInt8Array, ...] | None:
+        """Return the masks with a pixel for each pixel of their rectangles."""
+        if self.masks is None or self.mask_step == 1:
+            return self.masks
+        return tuple(mask.repeat(self.mask_step, 0).repeat(self.mask_step, 1) for mask in self.masks)
 
 
 class ProposalSource(Protocol):
