@@ -284,7 +284,10 @@ class Tracker:
     ) -> tuple[Sighting, ...]:
         """Tell which of the map's objects the frame sees."""
         objects = [o for o in self._map.in_view(image, T_camera_world) if len(o.points)]
-        views = look(objects, image, slots, self._voxels.owner, T_camera_world, self.config.depth_noise_per_m)
+        views = look(
+            objects, self._map.store.boxes_of(objects), image, slots, self._voxels.owner, T_camera_world,
+            self.config.depth_noise_per_m,
+        )  # fmt: skip
         iou = {found.objects[j].whole.number: float(found.iou[i, j]) for i, j in enumerate(found.match) if j >= 0}
         sightings = []
         for entry, view in zip(objects, views, strict=True):

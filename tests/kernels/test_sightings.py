@@ -16,14 +16,19 @@ NOISE, AGREE_M, ALIKE = 1.4e-3, 0.03, 30
 def numpy_counts(
     points: np.ndarray,
     colors: np.ndarray,
-    counted: np.ndarray,
+    foot: np.ndarray,
     number: int,
     depth: np.ndarray,
     color: np.ndarray,
     owner: np.ndarray,
     T: np.ndarray,
 ) -> tuple[list[int], np.ndarray]:
-    seen_from = points.astype(float) @ T[:3, :3].T + T[:3, 3]
+    counted = np.repeat([True, False], [len(points), -(-len(points) // 2)])
+    points = points.astype(float)
+    above = points[::2] @ foot[:3] - foot[3]
+    points = np.concatenate([points, points[::2] - above[:, None] * foot[:3]])
+    colors = np.concatenate([colors, colors[::2]])
+    seen_from = points @ T[:3, :3].T + T[:3, 3]
     z = np.maximum(seen_from[:, 2], NEAREST_M)
     u, v = seen_from[:, 0] / z * CAMERA[0] + CAMERA[2], seen_from[:, 1] / z * CAMERA[1] + CAMERA[3]
     x, y = np.rint(u).astype(int), np.rint(v).astype(int)
@@ -37,7 +42,7 @@ def numpy_counts(
     unknown = (reading <= 0) & ~seen
     far_side = (reading > 0) & (reading < z - within) & (owner[y, x] == number)
     kinds = (seen, ~seen & ~unknown & ~far_side, unknown)
-    counts = [int((which & (counted > 0)).sum()) for which in kinds]
+    counts = [int((which & counted).sum()) for which in kinds]
     behind = (reading > 0) & (reading < z - within) & (owner[y, x] != number)
     ends = np.column_stack([u, v])[front & ~behind]
     corners = [*ends.min(0), *ends.max(0)] if len(ends) else [np.inf, np.inf, -np.inf, -np.inf]
@@ -55,19 +60,20 @@ def test_points_are_counted_as_array_operations_do_it(seed: int) -> None:
     points = rng.uniform([-1.0, -0.8, -0.3], [1.0, 0.8, 1.8], (sizes.sum(), 3)).astype(np.float32)
     points[-50:, 2] = -1.0  # the last one lies behind the camera
     colors = rng.integers(0, 80, (len(points), 3)).astype(np.uint8)
-    counted = rng.integers(0, 2, len(points)).astype(np.uint8)
+    up = rng.normal(size=(3, 3))
+    feet = np.column_stack([up / np.linalg.norm(up, axis=1)[:, None], rng.normal(0.0, 0.3, 3)])
     T = np.eye(4)
     T[:3, 3] = rng.normal(0.0, 0.02, 3)
     ends = np.cumsum(sizes)
     counts, corners = np.empty((3, 3), np.int64), np.empty((3, 4))
     count_seen(
-        points, colors, counted, ends, numbers, depth, color,
+        points, colors, ends, feet, numbers, depth, color,
         np.arange(owner.size, dtype=np.int32).reshape(owner.shape), owner.ravel(), CAMERA, T, NOISE, AGREE_M,
         ALIKE, counts, corners,
     )  # fmt: skip
     for k, end in enumerate(ends):
         own = slice(end - sizes[k], end)
-        expected = numpy_counts(points[own], colors[own], counted[own], numbers[k], depth, color, owner, T)
+        expected = numpy_counts(points[own], colors[own], feet[k], numbers[k], depth, color, owner, T)
         assert counts[k].tolist() == expected[0]
         np.testing.assert_allclose(corners[k], expected[1], atol=1e-9)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.geometry.box import Box
+from cuboid.geometry.overlap import pack
 from cuboid.kernels.outlines import KINDS
 from cuboid.objects.association import Association, associate
 from cuboid.objects.entry import MapObject
@@ -27,7 +28,7 @@ def frame_of(claim: np.ndarray) -> FrameClusters:
     for k in range(count):
         pixels = np.flatnonzero(claim.ravel() == k)
         outline = np.zeros((4, KINDS), np.int64)
-        clusters.append(FrameCluster(pixels, np.zeros((len(pixels), 3)), {}, 1.0, 1.0, np.zeros(4), outline, 1.0))
+        clusters.append(FrameCluster(pixels, {}, 1.0, 1.0, np.zeros(4), outline, 1.0))
     return FrameClusters(clusters, claim.astype(np.int32), np.zeros((count, count), np.int64), np.arange(count))
 
 
@@ -43,7 +44,8 @@ def matched(
     claim: np.ndarray, boxes: list[Box], objects: list[MapObject], owner: np.ndarray, known: np.ndarray | None = None
 ) -> Association:
     known = np.ones(SHAPE, bool) if known is None else known
-    return associate(frame_of(claim), boxes, objects, owner.astype(np.int32), known)
+    theirs = pack([o.box for o in objects])
+    return associate(frame_of(claim), pack(boxes), objects, theirs, owner.astype(np.int32), known)
 
 
 FAR = [box(90.0), box(95.0)]  # boxes that tell nothing

@@ -7,6 +7,7 @@ import pytest
 
 from cuboid.frame import Intrinsics
 from cuboid.geometry.box import Box
+from cuboid.geometry.overlap import pack
 from cuboid.objects.entry import MapObject
 from cuboid.objects.visibility import View, look
 from cuboid.working import WorkingImage
@@ -25,7 +26,7 @@ def seen(depth_m: np.ndarray, lowest_m: float) -> View:
     color = np.full((*depth_m.shape, 3), 90, np.uint8)
     image = WorkingImage(depth_m.astype(np.float32), color, CAMERA, 1, (0, 0))
     slots = np.full(depth_m.shape, -1, np.int32)
-    return look([entry], image, slots, np.zeros(1, np.int32), np.eye(4), 0.0014)[0]
+    return look([entry], pack([entry.box]), image, slots, np.zeros(1, np.int32), np.eye(4), 0.0014)[0]
 
 
 def test_what_stands_before_an_object_cuts_its_rectangle() -> None:

@@ -14,7 +14,7 @@ NEAREST_M = 0.05
 
 @njit(cache=True, nogil=True)
 def count_seen(
-    points, colors, counted, ends, numbers, depth, color, slots, owner, camera, T, noise, agree, alike, counts, corners
+    points, colors, ends, feet, numbers, depth, color, slots, owner, camera, T, noise, agree, alike, counts, corners
 ):  # fmt: skip
     """Count, for each object, its points that a frame sees, those that it hides, and those it says nothing of.
 
@@ -22,15 +22,18 @@ def count_seen(
     a reading of its own object counts not at all; any other with a reading is hidden, and any other without, or
     outside the picture, is one of which nothing is said.
 
+    An object stands on its foot, and goes on down to it below each of its points, also where that is dark or shines and
+    has no depth: there, every other point tells where it is once more, and counts not.
+
     Parameters
     ----------
     points : (N, 3) float32
         World, metres; those of the objects one after the other.
     colors : (N, 3) uint8
-    counted : (N,) uint8
-        0 for points that count for the rectangle alone.
     ends : (n,) int64
         Where each object's points end.
+    feet : (n, 4) float64
+        The plane that each stands on: its unit normal, and normal.p of all that lies on it.
     numbers : (n,) int64
         The objects.
     depth : (h, w) float32
@@ -56,40 +59,58 @@ def count_seen(
         Rectangle around the points ahead that nothing nearer hides, in pixels, within the picture or not: left, top,
         right, bottom; infinite, the left beyond the right, where there are none.
     """
-    height, width = depth.shape
-    i = 0
+    begin = 0
     for k in range(ends.size):
         seen = hidden = unknown = 0
-        left = top = np.inf
-        right = bottom = -np.inf
-        while i < ends[k]:
+        corner = corners[k]
+        corner[0] = corner[1] = np.inf
+        corner[2] = corner[3] = -np.inf
+        for i in range(begin, ends[k]):
             px, py, pz = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
-            ahead = px * T[2, 0] + py * T[2, 1] + pz * T[2, 2] + T[2, 3]
-            z = max(ahead, NEAREST_M)
-            u = (px * T[0, 0] + py * T[0, 1] + pz * T[0, 2] + T[0, 3]) / z * camera[0] + camera[2]
-            v = (px * T[1, 0] + py * T[1, 1] + pz * T[1, 2] + T[1, 3]) / z * camera[1] + camera[3]
-            reading, same, mine = 0.0, False, False
-            if ahead > NEAREST_M:
-                x, y = int(np.rint(u)), int(np.rint(v))
-                if 0 <= x < width and 0 <= y < height:
-                    reading, row, same = depth[y, x], slots[y, x], True
-                    mine = row >= 0 and owner[row] == numbers[k]
-                    for c in range(3):
-                        same &= abs(np.int64(color[y, x, c]) - np.int64(colors[i, c])) <= alike
+            z, x, y = project(px, py, pz, T, camera, depth.shape, corner, depth, slots, owner, numbers[k], noise, agree)
+            reading, same = (depth[y, x], True) if x >= 0 else (np.float32(0.0), False)
             within = max(agree, SIGMAS * noise * z * z)
-            if ahead > NEAREST_M and (mine or not 0.0 < reading < z - within):
-                left, top, right, bottom = min(left, u), min(top, v), max(right, u), max(bottom, v)
-            if not counted[i]:
-                pass
-            elif abs(reading - z) <= within if reading > 0.0 else same:
+            for c in range(3 if x >= 0 and reading <= 0.0 else 0):
+                same &= abs(np.int64(color[y, x, c]) - np.int64(colors[i, c])) <= alike
+            if abs(reading - z) <= within if reading > 0.0 else same:
                 seen += 1
             elif reading <= 0.0:
                 unknown += 1
-            elif not (mine and reading < z - within):
+            elif not (reading < z - within and slots[y, x] >= 0 and owner[slots[y, x]] == numbers[k]):
                 hidden += 1
-            i += 1
+            if (i - begin) % 2 == 0:
+                foot = feet[k]
+                above = px * foot[0] + py * foot[1] + pz * foot[2] - foot[3]
+                px, py, pz = px - above * foot[0], py - above * foot[1], pz - above * foot[2]
+                project(px, py, pz, T, camera, depth.shape, corner, depth, slots, owner, numbers[k], noise, agree)
         counts[k, 0], counts[k, 1], counts[k, 2] = seen, hidden, unknown
-        corners[k, 0], corners[k, 1], corners[k, 2], corners[k, 3] = left, top, right, bottom
+        begin = ends[k]
+
+
+@njit(cache=True, nogil=True, inline="always")
+def project(px, py, pz, T, camera, shape, corner, depth, slots, owner, number, noise, agree):
+    """Bring a point into a picture, and widen its object's rectangle by it where nothing nearer hides it.
+
+    Returns its depth, and column and row of its pixel, -1 where it is in none; see `count_seen`.
+    """
+    ahead = px * T[2, 0] + py * T[2, 1] + pz * T[2, 2] + T[2, 3]
+    z = max(ahead, NEAREST_M)
+    u = (px * T[0, 0] + py * T[0, 1] + pz * T[0, 2] + T[0, 3]) / z * camera[0] + camera[2]
+    v = (px * T[1, 0] + py * T[1, 1] + pz * T[1, 2] + T[1, 3]) / z * camera[1] + camera[3]
+    x = y = -1
+    if ahead > NEAREST_M:
+        x, y = int(np.rint(u)), int(np.rint(v))
+        hides = False
+        if 0 <= x < shape[1] and 0 <= y < shape[0]:
+            reading, row = depth[y, x], slots[y, x]
+            nearer = 0.0 < reading < z - max(agree, SIGMAS * noise * z * z)
+            hides = nearer and not (row >= 0 and owner[row] == number)
+        else:
+            x = y = -1
+        if not hides:
+            corner[0], corner[1] = min(corner[0], u), min(corner[1], v)
+            corner[2], corner[3] = max(corner[2], u), max(corner[3], v)
+    return z, x, y
 
 
 @njit(cache=True, nogil=True)

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float64Array
-from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import iou_matrix, pack
+from cuboid.geometry.overlap import iou_matrix
 from cuboid.kernels.claims import shared
 from cuboid.objects.entry import MapObject
 from cuboid.objects.matching import assign
@@ -54,8 +53,9 @@ class Association:
 
 def associate(
     frame: FrameClusters,
-    boxes: Sequence[Box],
+    boxes: Float64Array,
     objects: Sequence[MapObject],
+    theirs: Float64Array,
     pixel_owner: npt.NDArray[np.int32],
     known: npt.NDArray[np.bool_],
 ) -> Association:
@@ -67,10 +67,12 @@ def associate(
     Parameters
     ----------
     frame : FrameClusters
-    boxes : sequence of Box
-        Of the frame's things.
+    boxes : (n, 15) float64
+        Of the frame's things, see `pack`.
     objects : sequence of MapObject
         Those that may be seen.
+    theirs : (m, 15) float64
+        Their boxes.
     pixel_owner : (h, w) int32
         Number of the object that each working pixel belongs to, 0 none.
     known : (h, w) bool
@@ -81,7 +83,7 @@ def associate(
     nobody = np.full(n, -1, np.int64)
     if n == 0 or m == 0:
         return Association(objects, nobody, nobody, np.zeros((n, m)), np.zeros(n), common[:n], common[-1])
-    iou = iou_matrix(pack(boxes), pack([o.box for o in objects]))
+    iou = iou_matrix(boxes, theirs)
     mine, sight = common[:n], common.sum(0)
     # Of a thing at least some counts as known before: of what is all but new its known part tells little.
     whole = np.array([len(cluster.pixels) for cluster in frame.clusters])

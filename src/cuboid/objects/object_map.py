@@ -112,7 +112,7 @@ class ObjectMap:
         -------
         Association
         """
-        found = associate(things, boxes, objects, pixel_owner, known)
+        found = associate(things, pack(boxes), objects, self.store.boxes_of(objects), pixel_owner, known)
         number_of = self._sightings(frame, things, boxes, found)
         self._voxels.vote(things.claim, number_of, *self._may_take(number_of, found), candidate, slots)
         self._pairs(things, found, news)
@@ -201,7 +201,7 @@ class ObjectMap:
         if not any(o.confirmed for o in entries):
             return
         labelled = [o for o in entries if o.confirmed]
-        inside = overlap_min_matrix(pack([o.box for o in entries]), pack([o.box for o in labelled]))
+        inside = overlap_min_matrix(self.store.boxes_of(entries), self.store.boxes_of(labelled))
         for i, j in zip(*np.nonzero(inside >= MOST), strict=True):
             if entries[i] is not labelled[j]:
                 self.store.affinity.tell(entries[i].number, labelled[j].number, one=True, news=news)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -49,6 +49,10 @@ class ObjectStore:
     def numbers(self) -> int:
         """One more than the highest number given so far."""
         return self._next_number
+
+    def boxes_of(self, entries: Sequence[MapObject]) -> Float64Array:
+        """Return the boxes (N, 15) of living objects, see `pack`."""
+        return self.boxes[[entry.number for entry in entries]]
 
     @property
     def bounds(self) -> Float64Array:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.frame import Float64Array
 from cuboid.kernels import sightings as kernel
 from cuboid.kernels.outlines import EDGE_LEVELS
 from cuboid.objects.entry import MapObject
@@ -52,6 +52,7 @@ def in_view(
 
 def look(
     objects: Sequence[MapObject],
+    boxes: Float64Array,
     image: WorkingImage,
     slots: npt.NDArray[np.int32],
     owner: npt.NDArray[np.int32],
@@ -67,6 +68,8 @@ def look(
 
     Parameters
     ----------
+    boxes : (n, 15) float64
+        Theirs, see `pack`.
     slots : (h, w) int32
         Voxel of each working pixel, -1 none.
     owner : (N,) int32
@@ -74,11 +77,13 @@ def look(
     """
     if not objects:
         return []
-    picks, colors, counted = zip(*map(_points_of, objects), strict=True)
+    some = [slice(None, None, max(1, len(o.points) // SAMPLE)) for o in objects]
+    points = [o.points[own] for o, own in zip(objects, some, strict=True)]
+    colors = [o.colors[own] for o, own in zip(objects, some, strict=True)]
     n, c = len(objects), image.camera
     counts, corners = np.empty((n, 3), np.int64), np.empty((n, 4))
     kernel.count_seen(
-        np.concatenate(picks), np.concatenate(colors), np.concatenate(counted), np.cumsum([len(p) for p in picks]),
+        np.concatenate(points), np.concatenate(colors), np.cumsum([len(p) for p in points]), _feet(boxes),
         np.array([o.number for o in objects]), image.depth_m, image.color, slots, owner,
         np.array([c.fx, c.fy, c.cx, c.cy]), np.ascontiguousarray(T_camera_world), noise_per_m, DRIFT_M, ALIKE, counts,
         corners,
@@ -90,19 +95,10 @@ def look(
     return [View(float(visible[k]), rectangles[k], bool(seen_enough[k])) for k in range(n)]
 
 
-def _points_of(entry: MapObject) -> tuple[Float32Array, UInt8Array, UInt8Array]:
-    """Return some of an object's points, their colors, and which count; those of its foot only mark where it is.
-
-    An object stands on its foot, and goes on down to it below each of its points, also where that is dark or shines and
-    has no depth.
-    """
-    step = max(1, len(entry.points) // SAMPLE)
-    points, colors = entry.points[::step], entry.colors[::step]
-    up, box = entry.box.rotation[:, 2], entry.box
-    above_m = (points[::2] - box.center) @ up + box.size[2] / 2
-    foot = (points[::2] - above_m[:, None] * up).astype(np.float32)
-    counted = np.repeat(np.array([1, 0], np.uint8), [len(points), len(foot)])
-    return np.concatenate([points, foot]), np.concatenate([colors, colors[::2]]), counted
+def _feet(boxes: Float64Array) -> Float64Array:
+    """Return what boxes (n, 15) stand on, (n, 4): the normal of each plane, and normal.p of all that lies on it."""
+    up = boxes[:, 8::3]
+    return np.column_stack([up, (up * boxes[:, :3]).sum(1) - boxes[:, 5] / 2])
 
 
 def _rectangles(corners: Float64Array, image: WorkingImage) -> Float64Array:
