@@ -182,6 +182,14 @@ def find_row(cube, voxel, cubes, voxels):
         place = (place + 1) & mask
 
 
+@njit(cache=True, nogil=True, inline="always")
+def likely_row(cube, voxel, cubes):
+    """Return the row where `find_row` looks first, which may be another voxel's; -1 where there is none."""
+    place = scatter(voxel) & ((1 << np.int64(cubes.bits[cube])) - 1)
+    entry = np.int64(cubes.tables[(cube << TABLE_BITS) + place])
+    return row_of(cube, entry - 1, cubes.blocks) if entry > 0 else np.int64(-1)
+
+
 @njit(cache=True, nogil=True)
 def fill_index(cube, cubes, voxels):
     """Make a cube's table anew, of the size that its rows need."""

@@ -17,6 +17,7 @@ from cuboid.kernels.cubes import (
     corner,
     fill_index,
     find_row,
+    likely_row,
     make_cube,
     pack_key,
     row_of,
@@ -87,16 +88,21 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, cubes, points
     zx, zy, zz, z0 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
     voxels, last_frame, weight, hits = points.voxel, points.last_frame, points.weight, points.hits
     place, colors, heats = points.place, points.color, points.heat
-    cube_of, changed, bits = cubes.cube_of, cubes.changed, cubes.bits
+    changed, bits = cubes.changed, cubes.bits
     last_key, cube = np.int64(-1), np.int64(-1)
+    # Of one row of the image: the pixels that are fused, for how many each speaks, where it is in voxels; its cube and
+    # voxel, and the row of the map that is likely its own. Asked for one after the other, so that memory, which is slow
+    # to answer, is asked for the next ones meanwhile.
+    columns, shares, where = np.empty(width, np.int64), np.empty(width), np.empty((width, 3))
+    cube_in, voxel_of, likely = np.empty(width, np.int64), np.empty(width, np.int64), np.empty(width, np.int64)
     for v in range(height):
+        count = 0
         for u in range(width):
             z = depth[v, u]
             slots[v, u] = -1
             if not (0.0 < z <= max_depth):
                 continue
-            warm = heat[v, u]
-            share = speaks_for(v, u, frame, warm, z)
+            share = speaks_for(v, u, frame, heat[v, u], z)
             if share == 0.0:
                 continue
             x = (u - cx) * fx * z
@@ -110,32 +116,35 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, cubes, points
                 last_key, cube = key, make_cube(key, cubes)
             if cube < 0 or bits[cube] == 0:
                 continue
-            voxel = voxel_in(ix, iy, iz)
-            # Most hot pixels share their voxel with the one to the left or above: no need to ask the table.
-            row = np.int64(slots[v, u - 1]) if u > 0 else np.int64(-1)
-            if row < 0 or voxels[row] != voxel or cube_of[row >> BLOCK_BITS] != cube:
-                row = np.int64(slots[v - 1, u]) if v > 0 else np.int64(-1)
-            if row < 0 or voxels[row] != voxel or cube_of[row >> BLOCK_BITS] != cube:
-                row, at = find_row(cube, voxel, cubes, voxels)
+            columns[count], shares[count], cube_in[count], voxel_of[count] = u, share, cube, voxel_in(ix, iy, iz)
+            where[count, 0], where[count, 1], where[count, 2] = wx - ix, wy - iy, wz - iz
+            count += 1
+        for k in range(count):
+            likely[k] = likely_row(cube_in[k], voxel_of[k], cubes)
+        for k in range(count):
+            likely[k] = likely[k] if likely[k] >= 0 and voxels[likely[k]] == voxel_of[k] else -1
+        for k in range(count):
+            u, row, at, inside = columns[k], likely[k], np.int64(0), where[k]
+            if row < 0:
+                row, at = find_row(cube_in[k], voxel_of[k], cubes, voxels)
+            if row < 0:
+                row = add_row(cube_in[k], voxel_of[k], at, cubes, voxels)
                 if row < 0:
-                    row = add_row(cube, voxel, at, cubes, voxels)
-                    if row < 0:
-                        continue
-                    last_frame[row] = -1
-                elif weight[row] <= 0.0:
-                    cubes.dead[cube] -= 1
-                    last_frame[row] = -1
+                    continue
+                last_frame[row] = -1
+            elif weight[row] <= 0.0:
+                cubes.dead[cube_in[k]] -= 1
+                last_frame[row] = -1
             slots[v, u] = row
+            z, warm = depth[v, u], heat[v, u]
             # Depth's variance grows with z^4: a near sighting says more. Half a metre and nearer weigh alike.
             near = max(z, 0.5)
-            w = share / (near * near * near * near)
+            w = shares[k] / (near * near * near * near)
             total = weight[row] + w
             a = w / total
-            place[row, 0] = nearer(place[row, 0], PLACES, a, wx - ix)
-            place[row, 1] = nearer(place[row, 1], PLACES, a, wy - iy)
-            place[row, 2] = nearer(place[row, 2], PLACES, a, wz - iz)
-            for c in range(3):
-                colors[row, c] = nearer(colors[row, c], LEVELS, a, color[v, u, c] + 0.5 / LEVELS)
+            for axis in range(3):
+                place[row, axis] = nearer(place[row, axis], PLACES, a, inside[axis])
+                colors[row, axis] = nearer(colors[row, axis], LEVELS, a, color[v, u, axis] + 0.5 / LEVELS)
             heats[row] = nearer(heats[row], HEATS, a, warm)
             weight[row] = total
             if last_frame[row] != frame:
