@@ -120,10 +120,9 @@ def test_small_patches_become_nothing() -> None:
 
 def fill(kind: np.ndarray, labels: np.ndarray, color: np.ndarray, reach_px: float) -> np.ndarray:
     inverse = np.where(kind != segments.NONE, 1.0, 0.0).astype(np.float32)
-    labels, cost = labels.copy(), np.empty(kind.shape, np.float32)
-    queue = np.empty(kind.size, np.int32)
+    labels = labels.copy()
     on = np.where(kind == segments.PLANE, 0, -1).astype(np.int8)
-    holes.fill_holes(kind, on, color, 1, 12.0, reach_px / 100.0, 100.0, labels, inverse, cost, queue)
+    holes.fill_holes(kind, on, color, 1, 12.0, reach_px / 100.0, 100.0, labels, inverse)
     return labels
 
 
@@ -352,11 +351,8 @@ def test_depth_is_filled_as_the_holes_of_surfaces_are() -> None:
     color = rng.integers(0, 40, (*depth.shape, 3)).astype(np.uint8)
     inverse = np.where(depth > 0, 1 / np.maximum(depth, np.float32(0.1)), 0).astype(np.float32)
     kind = np.where(depth > 0, segments.SURFACE, segments.NONE).astype(np.uint8)
-    on, cost, out = np.full(depth.shape, -1, np.int8), np.empty(depth.shape, np.float32), np.empty_like(depth)
-    holes.fill_holes(
-        kind, on, color, 1, 12.0, 0.05, 100.0, np.zeros(depth.shape, np.int16), inverse, cost,
-        np.empty(depth.size, np.int32),
-    )  # fmt: skip
+    on, out = np.full(depth.shape, -1, np.int8), np.empty_like(depth)
+    holes.fill_holes(kind, on, color, 1, 12.0, 0.05, 100.0, np.zeros(depth.shape, np.int16), inverse)
     holes.fill_depth(depth, color, 12.0, 0.05, 100.0, out)
     np.testing.assert_array_equal(out[depth > 0], depth[depth > 0])
     np.testing.assert_array_equal(out > 0, inverse > 0)

@@ -6,16 +6,12 @@ import numpy as np
 from numba import njit
 
 from cuboid.kernels.regions import BACKGROUND
-from cuboid.kernels.segments import COLUMN_MASK, FAR, NONE, PLACE_BITS, PLANE
+from cuboid.kernels.segments import FAR, NONE, PLANE
 
 
 @njit(cache=True, nogil=True)
-def fill_holes(kind, on, color, step, edge, reach, focal, labels, inverse, cost, queue):
-    """Give pixels without a reading the label and depth of what they lie nearest to, color edges being far to cross.
-
-    A step to a neighbour costs 1 plus its difference in color over `edge`; a sweep there and one back find the
-    cheapest way to good approximation (two more changed no recall and took as long again).
-    What costs more than `reach` at the depth that it would get stays a hole.
+def fill_holes(kind, on, color, step, edge, reach, focal, labels, inverse):
+    """Give pixels without a reading the label and depth of what they lie nearest to; see `nearest`.
 
     Parameters
     ----------
@@ -24,71 +20,31 @@ def fill_holes(kind, on, color, step, edge, reach, focal, labels, inverse, cost,
         The plane of each pixel, -1 none.
     color : (step H, step W, 3) uint8
     step : int
-    edge : float
-        Levels of color difference that count as one pixel.
-    reach : float
-        Metres.
-    focal : float
-        Pixels.
+    edge, reach, focal : float
     labels : (H, W) int16, in and out
         Planes and far readings get theirs.
     inverse : (H, W) float32, in and out
-    cost : (H, W) float32, scratch
-    queue : (H * W,) int32, scratch
     """
-    per_level = np.float32(1.0 / edge)
-    reach = np.float32(reach)
-    focal = np.float32(focal)
     height, width = kind.shape
-    holes = 0
+    known = np.empty(kind.shape, np.bool_)
     for v in range(height):
+        label, what, plane = labels[v], kind[v], on[v]
+        # Without a branch: so one instruction takes several pixels.
         for u in range(width):
-            if kind[v, u] == NONE:
-                cost[v, u] = np.inf
-                labels[v, u] = 0
-                inverse[v, u] = 0.0
-                queue[holes] = (v << PLACE_BITS) | u
-                holes += 1
-            else:
-                cost[v, u] = 0.0
-                if kind[v, u] == PLANE or kind[v, u] == FAR:
-                    labels[v, u] = BACKGROUND - 1 - on[v, u]
-    spread(holes, color, step, per_level, reach * focal, labels, inverse, cost, queue)
-
-
-@njit(cache=True, nogil=True)
-def spread(holes, color, step, per_level, reach_px, labels, inverse, cost, queue):
-    """Sweep over the holes, the first of the queue, there and back; see `fill_holes`."""
-    height, width = cost.shape
-    for sweep in range(2):
-        s = -1 if sweep % 2 == 0 else 1
-        for i in range(holes):
-            here = queue[i if s < 0 else holes - 1 - i]
-            v, u = here >> PLACE_BITS, here & COLUMN_MASK
-            best = cost[v, u]
-            for k in range(4):
-                vv = v if k == 0 else v + s
-                uu = u + s if k == 0 else u + k - 2
-                if vv < 0 or uu < 0 or vv >= height or uu >= width or cost[vv, uu] + 1.0 >= best:
-                    continue
-                limit = min(best, reach_px * inverse[vv, uu])
-                total = cost[vv, uu] + (1.4 if k == 1 or k == 3 else 1.0)
-                if total > limit:
-                    continue
-                change = abs(np.int32(color[v * step, u * step, 0]) - np.int32(color[vv * step, uu * step, 0]))
-                change += abs(np.int32(color[v * step, u * step, 1]) - np.int32(color[vv * step, uu * step, 1]))
-                change += abs(np.int32(color[v * step, u * step, 2]) - np.int32(color[vv * step, uu * step, 2]))
-                total += change * per_level
-                if total < best and total <= limit:
-                    best = total
-                    labels[v, u] = labels[vv, uu]
-                    inverse[v, u] = inverse[vv, uu]
-            cost[v, u] = best
+            apart = (what[u] == PLANE) | (what[u] == FAR)
+            label[u] = BACKGROUND - 1 - plane[u] if apart else (label[u] if what[u] != NONE else 0)
+            known[v, u] = what[u] != NONE
+            inverse[v, u] = inverse[v, u] if what[u] != NONE else np.float32(0.0)
+    holes, source = nearest(known, inverse, color, step, edge, reach, focal)
+    flat, near = labels.reshape(-1), inverse.reshape(-1)
+    for i in range(holes.size):
+        if source[i] >= 0:
+            flat[holes[i]], near[holes[i]] = flat[source[i]], near[source[i]]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_depth(depth, color, edge, reach, focal, out):
-    """Copy depth, its holes filled with the depth of what they lie nearest to; see `fill_holes`.
+    """Copy depth, its holes filled with the depth of what they lie nearest to; see `nearest`.
 
     Parameters
     ----------
@@ -98,22 +54,105 @@ def fill_depth(depth, color, edge, reach, focal, out):
     edge, reach, focal : float
     out : (H, W) float32, output
     """
-    height, width = depth.shape
     one = np.float32(1.0)
-    cost, inverse = np.empty(depth.shape, np.float32), np.empty(depth.shape, np.float32)
-    labels, queue = np.zeros(depth.shape, np.int16), np.empty(depth.size, np.int32)
-    holes = 0
-    for v in range(height):
-        for u in range(width):
+    known, inverse = np.empty(depth.shape, np.bool_), np.empty(depth.shape, np.float32)
+    for v in range(depth.shape[0]):
+        for u in range(depth.shape[1]):
             z = depth[v, u]
             out[v, u] = z
-            read = z > 0.0
-            cost[v, u] = np.float32(0.0) if read else np.float32(np.inf)
-            inverse[v, u] = one / z if read else np.float32(0.0)
-            queue[holes] = (v << PLACE_BITS) | u
-            holes += not read
-    spread(holes, color, 1, np.float32(one / edge), np.float32(reach) * np.float32(focal), labels, inverse, cost, queue)
-    for i in range(holes):
-        v, u = queue[i] >> PLACE_BITS, queue[i] & COLUMN_MASK
-        if inverse[v, u] > 0.0:
-            out[v, u] = one / inverse[v, u]
+            known[v, u] = z > 0.0
+            inverse[v, u] = one / z if z > 0.0 else np.float32(0.0)
+    holes, source = nearest(known, inverse, color, 1, edge, reach, focal)
+    flat, near = out.reshape(-1), inverse.reshape(-1)
+    for i in range(holes.size):
+        if source[i] >= 0:
+            flat[holes[i]] = one / near[source[i]]
+
+
+@njit(cache=True, nogil=True)
+def nearest(known, inverse, color, step, edge, reach, focal):
+    """Find what the holes of an image lie nearest to, color edges being far to cross.
+
+    A step to a neighbour costs 1 plus its difference in color over `edge`; a sweep there and one back find the
+    cheapest way to good approximation (two more changed no recall and took as long again).
+    What costs more than `reach` at the depth that it would get stays a hole.
+
+    Parameters
+    ----------
+    known : (H, W) bool
+    inverse : (H, W) float32
+        1/z where it is known.
+    color : (step H, step W, 3) uint8
+    step : int
+    edge : float
+        Levels of color difference that count as one pixel.
+    reach : float
+        Metres.
+    focal : float
+        Pixels.
+
+    Returns
+    -------
+    holes, source : (N,) int32
+        Places in the flattened image of the pixels that are not known, and of what each lies nearest to, -1 nothing.
+    """
+    height, width = known.shape
+    # Around the image nothing, so that no neighbour is asked whether it is in it.
+    wide = width + 2
+    shape = (height + 2) * wide
+    cost, near = np.full(shape, np.float32(np.inf)), np.zeros(shape, np.float32)
+    shade, source = np.zeros((shape, 4), np.uint8), np.full(shape, np.int32(-1))
+    holes, places, count = np.empty(known.size, np.int32), np.empty(known.size, np.int32), 0
+    for v in range(height):
+        first, read = (v + 1) * wide + 1, known[v]
+        row = slice(first, first + width)
+        costs, nears, sources, shades = cost[row], near[row], source[row], shade[row]
+        given, seen = inverse[v], color[v * step]
+        for u in range(width):
+            costs[u] = np.float32(0.0) if read[u] else np.float32(np.inf)
+            nears[u] = given[u] if read[u] else np.float32(0.0)
+            sources[u] = v * width + u if read[u] else -1
+        for u in range(width):
+            holes[count], places[count] = v * width + u, first + u
+            count += not read[u]
+        for u in range(width):
+            shades[u, 0], shades[u, 1], shades[u, 2] = seen[u * step, 0], seen[u * step, 1], seen[u * step, 2]
+    places = places[:count]
+    for ahead in (-1, 1):
+        sweep(
+            places,
+            ahead,
+            wide,
+            shade,
+            np.float32(1.0 / edge),
+            np.float32(reach) * np.float32(focal),
+            cost,
+            near,
+            source,
+        )
+    return holes[:count], source[places]
+
+
+@njit(cache=True, nogil=True)
+def sweep(places, ahead, wide, shade, per_level, reach_px, cost, near, source):
+    """Let each place (N,) of the image with its margin learn from the neighbours that come before it.
+
+    `ahead` is -1 where these have the lower places, and 1 where all goes the other way; `reach_px` is the reach in
+    pixels at a metre. See `nearest`.
+    """
+    for i in range(places.size):
+        place = np.int64(places[i if ahead < 0 else places.size - 1 - i])
+        # Unsigned: no index from the end.
+        here = np.uintp(place)
+        best, own, found = np.float64(cost[here]), near[here], source[here]
+        red, green, blue = np.int32(shade[here, 0]), np.int32(shade[here, 1]), np.int32(shade[here, 2])
+        for k in range(4):
+            there = np.uintp(place + (ahead if k == 0 else ahead * wide + k - 2))
+            total = cost[there] + (1.4 if k == 1 or k == 3 else 1.0)
+            if total >= best or total > reach_px * near[there]:
+                continue
+            change = abs(red - np.int32(shade[there, 0])) + abs(green - np.int32(shade[there, 1]))
+            total += (change + abs(blue - np.int32(shade[there, 2]))) * per_level
+            if total < best and total <= reach_px * near[there]:
+                best, own, found = total, near[there], source[there]
+        cost[here], near[here], source[here] = best, own, found

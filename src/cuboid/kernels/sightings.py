@@ -59,58 +59,46 @@ def count_seen(
         Rectangle around the points ahead that nothing nearer hides, in pixels, within the picture or not: left, top,
         right, bottom; infinite, the left beyond the right, where there are none.
     """
+    height, width = depth.shape
     begin = 0
     for k in range(ends.size):
         seen = hidden = unknown = 0
-        corner = corners[k]
-        corner[0] = corner[1] = np.inf
-        corner[2] = corner[3] = -np.inf
-        for i in range(begin, ends[k]):
+        left = top = np.inf
+        right = bottom = -np.inf
+        ux, uy, uz, low = feet[k, 0], feet[k, 1], feet[k, 2], feet[k, 3]
+        count = ends[k] - begin
+        for n in range(count + (count + 1) // 2):
+            i = begin + (n if n < count else 2 * (n - count))
             px, py, pz = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
-            z, x, y = project(px, py, pz, T, camera, depth.shape, corner, depth, slots, owner, numbers[k], noise, agree)
-            reading, same = (depth[y, x], True) if x >= 0 else (np.float32(0.0), False)
+            if n >= count:
+                above = px * ux + py * uy + pz * uz - low
+                px, py, pz = px - above * ux, py - above * uy, pz - above * uz
+            ahead = px * T[2, 0] + py * T[2, 1] + pz * T[2, 2] + T[2, 3]
+            z = max(ahead, NEAREST_M)
+            u = (px * T[0, 0] + py * T[0, 1] + pz * T[0, 2] + T[0, 3]) / z * camera[0] + camera[2]
+            v = (px * T[1, 0] + py * T[1, 1] + pz * T[1, 2] + T[1, 3]) / z * camera[1] + camera[3]
+            reading, same, mine = 0.0, False, False
+            if ahead > NEAREST_M:
+                x, y = int(np.rint(u)), int(np.rint(v))
+                if 0 <= x < width and 0 <= y < height:
+                    reading, row, same = depth[y, x], slots[y, x], True
+                    mine = row >= 0 and owner[row] == numbers[k]
+                    for c in range(3):
+                        same &= abs(np.int64(color[y, x, c]) - np.int64(colors[i, c])) <= alike
             within = max(agree, SIGMAS * noise * z * z)
-            for c in range(3 if x >= 0 and reading <= 0.0 else 0):
-                same &= abs(np.int64(color[y, x, c]) - np.int64(colors[i, c])) <= alike
+            if ahead > NEAREST_M and (mine or not 0.0 < reading < z - within):
+                left, top, right, bottom = min(left, u), min(top, v), max(right, u), max(bottom, v)
+            if n >= count:
+                continue
             if abs(reading - z) <= within if reading > 0.0 else same:
                 seen += 1
             elif reading <= 0.0:
                 unknown += 1
-            elif not (reading < z - within and slots[y, x] >= 0 and owner[slots[y, x]] == numbers[k]):
+            elif not (mine and reading < z - within):
                 hidden += 1
-            if (i - begin) % 2 == 0:
-                foot = feet[k]
-                above = px * foot[0] + py * foot[1] + pz * foot[2] - foot[3]
-                px, py, pz = px - above * foot[0], py - above * foot[1], pz - above * foot[2]
-                project(px, py, pz, T, camera, depth.shape, corner, depth, slots, owner, numbers[k], noise, agree)
         counts[k, 0], counts[k, 1], counts[k, 2] = seen, hidden, unknown
+        corners[k, 0], corners[k, 1], corners[k, 2], corners[k, 3] = left, top, right, bottom
         begin = ends[k]
-
-
-@njit(cache=True, nogil=True, inline="always")
-def project(px, py, pz, T, camera, shape, corner, depth, slots, owner, number, noise, agree):
-    """Bring a point into a picture, and widen its object's rectangle by it where nothing nearer hides it.
-
-    Returns its depth, and column and row of its pixel, -1 where it is in none; see `count_seen`.
-    """
-    ahead = px * T[2, 0] + py * T[2, 1] + pz * T[2, 2] + T[2, 3]
-    z = max(ahead, NEAREST_M)
-    u = (px * T[0, 0] + py * T[0, 1] + pz * T[0, 2] + T[0, 3]) / z * camera[0] + camera[2]
-    v = (px * T[1, 0] + py * T[1, 1] + pz * T[1, 2] + T[1, 3]) / z * camera[1] + camera[3]
-    x = y = -1
-    if ahead > NEAREST_M:
-        x, y = int(np.rint(u)), int(np.rint(v))
-        hides = False
-        if 0 <= x < shape[1] and 0 <= y < shape[0]:
-            reading, row = depth[y, x], slots[y, x]
-            nearer = 0.0 < reading < z - max(agree, SIGMAS * noise * z * z)
-            hides = nearer and not (row >= 0 and owner[row] == number)
-        else:
-            x = y = -1
-        if not hides:
-            corner[0], corner[1] = min(corner[0], u), min(corner[1], v)
-            corner[2], corner[3] = max(corner[2], u), max(corner[3], v)
-    return z, x, y
 
 
 @njit(cache=True, nogil=True)

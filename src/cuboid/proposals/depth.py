@@ -123,16 +123,13 @@ def _regions(
     shape, noise = depth_m.shape, REGION_NOISE * config.depth_noise_per_m
     inverse, kind, on, planes = _set_planes_apart(depth_m, camera, noise, BEYOND * config.max_depth_m)
     # A deviation of 1/z after halving is half of what one reading has; the first Kinect's is kept for both.
-    smooth, cost = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    marks = np.empty(shape, np.uint8)
+    smooth, marks = np.empty(shape, np.float32), np.empty(shape, np.uint8)
     labels, queue = np.empty(shape, np.int16), np.empty(depth_m.size, np.int32)
     # Creases are judged over less surface to either side than the smallest object's half; a step of twice its size is
     # surely another object's outline.
     segments.mark(inverse, kind, camera.fx, noise, JUMP_M, config.min_size_m / 2.0, BEND, smooth, marks)
     last = segments.label_surfaces(kind, marks, LEAST_PIXELS, SEGMENTS, labels, queue)
-    fill_holes(
-        kind, on, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse, cost, queue
-    )
+    fill_holes(kind, on, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse)
     table = np.empty((last + 1, regions.COLUMNS))
     contact = np.empty((last + 1, last + 1), np.float32)
     weight = np.empty((last + 1, last + 1), np.float32)
