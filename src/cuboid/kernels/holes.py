@@ -118,6 +118,7 @@ def nearest(known, inverse, color, step, edge, reach, focal):
         for u in range(width):
             shades[u, 0], shades[u, 1], shades[u, 2] = seen[u * step, 0], seen[u * step, 1], seen[u * step, 2]
     places = places[:count]
+    per_level, reach_px = np.float32(1.0 / edge), np.float32(reach) * np.float32(focal)
     for ahead in (-1, 1):
         sweep(
             places,
