@@ -120,17 +120,7 @@ def nearest(known, inverse, color, step, edge, reach, focal):
     places = places[:count]
     per_level, reach_px = np.float32(1.0 / edge), np.float32(reach) * np.float32(focal)
     for ahead in (-1, 1):
-        sweep(
-            places,
-            ahead,
-            wide,
-            shade,
-            np.float32(1.0 / edge),
-            np.float32(reach) * np.float32(focal),
-            cost,
-            near,
-            source,
-        )
+        sweep(places, ahead, wide, shade, per_level, reach_px, cost, near, source)
     return holes[:count], source[places]
 
 
