@@ -215,8 +215,6 @@ class Tracker:
     ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int64]]:
         """Track the supporting planes; return the ones that pixels lie on, those beneath them, all identities."""
         c, planes = self.config, self._planes
-        on_plane, support = (np.full(image.depth_m.shape, -1, np.int32) for _ in range(2))
-        identities = np.zeros(0, np.int64)
         cells = find_cells(image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m)
         if planes.vote_is_due():
             wide = find_cells(
@@ -228,19 +226,19 @@ class Tracker:
             level = image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m
             cells = with_level_patches(cells, planes.up, *level)
         owner = planes.update(self._count, cells)
-        if planes.T_plan_world is not None and planes.planes:
-            k = image.camera
-            farthest = min(c.max_depth_m, float(image.depth_m.max()))
-            view = planes.in_view(k, farthest, T_world_camera)
-            stand_on(
-                solid.depth_m, np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera,
-                view.in_frame(cells, owner, planes.T_plan_world, T_world_camera), view.numbers, view.ground,
-                view.origin, CELL_M, owner, PATCH_PIXELS, c.depth_noise_per_m, c.min_height_m, BIAS_M,
-                c.max_depth_m, on_plane, support, view.seen,
-            )  # fmt: skip
-            planes.take_in(view)
-            identities = view.identities
-        return on_plane, support, identities
+        if planes.T_plan_world is None or not planes.planes:
+            nowhere = np.full(image.depth_m.shape, -1, np.int32)
+            return nowhere, nowhere, np.zeros(0, np.int64)
+        k, on_plane, support = image.camera, *(np.empty(image.depth_m.shape, np.int32) for _ in range(2))
+        view = planes.in_view(k, min(c.max_depth_m, float(image.depth_m.max())), T_world_camera)
+        stand_on(
+            solid.depth_m, np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera,
+            view.in_frame(cells, owner, planes.T_plan_world, T_world_camera), view.numbers, view.ground,
+            view.origin, CELL_M, owner, PATCH_PIXELS, c.depth_noise_per_m, c.min_height_m, BIAS_M,
+            c.max_depth_m, on_plane, support, view.seen,
+        )  # fmt: skip
+        planes.take_in(view)
+        return on_plane, support, view.identities
 
     def _candidates(self, image: WorkingImage, on_plane: npt.NDArray[np.int32]) -> UInt8Array:
         """Return which readings may belong to an object: all within range but those on a supporting plane."""

@@ -92,7 +92,9 @@ def pixel_heat(image: WorkingImage, weighed: WeighedProposals) -> Float32Array:
         return heat
     kernel.vote(weighed.rectangles, weighed.starts, weighed.covered, weighed.weights, heat)
     sure = max(LITTLE, float(np.sort(weighed.weights)[::-1][:STRONGEST].mean()))
-    return np.asarray(1.0 - np.exp(-heat / np.float32(sure)), dtype=np.float32)
+    heat /= -np.float32(sure)
+    np.exp(heat, out=heat)
+    return np.subtract(np.float32(1.0), heat, out=heat)
 
 
 def _surfaces_in(

@@ -277,14 +277,18 @@ class StoredPoints:
 
     def has_rows(self, number: int, least: int) -> bool:
         """Tell whether an object has so many rows: faster than `rows_of`."""
+        blocks = self._blocks_of(number)
+        return bool(owners.has_rows(number, blocks, BLOCK_ROWS, self.owner, self._points.weight, least))
+
+    def _blocks_of(self, number: int) -> Rows:
+        """Have the blocks in memory that may hold rows of an object, and return them, ascending."""
         blocks = self._blocks.of(number)
         self._bring(self._cubes.cube_of[blocks].astype(np.int64))
-        return bool(owners.has_rows(number, blocks, BLOCK_ROWS, self.owner, self._points.weight, least))
+        return blocks
 
     def _all_of(self, number: int) -> Rows:
         """Return the rows of an object, dead ones too."""
-        blocks = self._blocks.of(number)
-        self._bring(self._cubes.cube_of[blocks].astype(np.int64))
+        blocks = self._blocks_of(number)
         rows = np.empty(len(blocks) * BLOCK_ROWS, np.int64)
         return rows[: owners.rows_of(number, blocks, BLOCK_ROWS, self.owner, rows)]
 
@@ -298,7 +302,6 @@ class StoredPoints:
     def release(self, numbers: Sequence[int]) -> None:
         """Let objects have no rows: these are no one's, and no votes hold them."""
         for number in numbers:
-            rows = self._all_of(number)
-            self.owner[rows] = self._points.confidence[rows] = 0
-            self._cubes.changed[rows >> BLOCK_BITS] = True
+            blocks = self._blocks_of(number)
+            owners.release(number, blocks, BLOCK_ROWS, self.owner, self._points.confidence, self._cubes.changed)
             self._blocks.release(number)

@@ -7,6 +7,9 @@ from numba import njit
 
 from cuboid.kernels.cubes import BLOCK_BITS
 
+# Of the blocks of a share so many are remembered while they are collected, a power of 2.
+LAST = 32
+
 
 @njit(cache=True, nogil=True)
 def rows_of(number, blocks, size, owner, rows):
@@ -51,6 +54,16 @@ def has_rows(number, blocks, size, owner, weight, least):
 
 
 @njit(cache=True, nogil=True)
+def release(number, blocks, size, owner, confidence, changed):
+    """Let an object have no rows in the blocks that may hold some, and mark the blocks (B,) that did; see `rows_of`."""
+    for block in blocks:
+        for row in range(block * size, min((block + 1) * size, owner.size)):
+            if owner[row] == number:
+                owner[row] = confidence[row] = 0
+                changed[block] = True
+
+
+@njit(cache=True, nogil=True)
 def blocks_touched(claim, count, slots, pairs):
     """Collect in which blocks of rows each share of a frame has voxels.
 
@@ -70,13 +83,17 @@ def blocks_touched(claim, count, slots, pairs):
     int
         How many there are.
     """
-    found, last = 0, np.full(count, -1, np.int64)
+    # Those told of last: few blocks are told of again then.
+    found, last = 0, np.full((count, LAST), -1, np.int64)
     for v in range(claim.shape[0]):
         for u in range(claim.shape[1]):
             share = claim[v, u]
-            if share >= 0 and slots[v, u] >= 0 and slots[v, u] >> BLOCK_BITS != last[share]:
-                last[share] = slots[v, u] >> BLOCK_BITS
-                pairs[found] = (np.int64(share) << 32) | last[share]
+            if share < 0 or slots[v, u] < 0:
+                continue
+            block = np.int64(slots[v, u] >> BLOCK_BITS)
+            if last[share, block & (LAST - 1)] != block:
+                last[share, block & (LAST - 1)] = block
+                pairs[found] = (np.int64(share) << 32) | block
                 found += 1
     return found
 

@@ -36,8 +36,10 @@ class Boxing:
     def __init__(self, voxels: VoxelMap) -> None:
         self._voxels = voxels
 
-    def fit(self, rows: Rows, plane: Plane | None, up: Float64Array, others: Sequence[Box]) -> Box:
+    def fit(self, rows: Rows, plane: Plane | None, up: Float64Array, others: Sequence[Box]) -> tuple[Box, float]:
         """Return the box of what was seen of an object, with its far side and foot as far as these may be there.
+
+        And the usual noise of the places of its voxels, metres.
 
         A voxel is believed by how often and from how near it was seen, up to the median. Beyond the median more
         sightings prove no more: else the side that the camera dwelt on would be all.
@@ -57,17 +59,14 @@ class Boxing:
         trust, noise_m = self._trust(rows)
         points = self._voxels.xyz(rows).astype(np.float64)
         if plane is None:
-            return fit_box(points, up, None, STRAY_SHARE, trust)
+            return fit_box(points, up, None, STRAY_SHARE, trust), noise_m
         box = fit_box(points, *plane, STRAY_SHARE, trust)
         round_box = revolved(box, points, trust, *plane, noise_m, self._voxels.voxel_m, STRAY_SHARE)
         if round_box is not None and clear_of(round_box, others):
-            return with_foot(to_faces(round_box, points, trust, noise_m, top_alone=True), *plane, others, self._voxels)
+            faces = to_faces(round_box, points, trust, noise_m, top_alone=True)
+            return with_foot(faces, *plane, others, self._voxels), noise_m
         box = to_faces(box, points, trust, noise_m, top_alone=False)
-        return with_hidden(box, points, *plane, others, self._voxels)
-
-    def noise_m(self, rows: Rows) -> float:
-        """Return the usual noise of the places of voxels (N,), at least one, metres."""
-        return self._trust(rows[:: 1 + len(rows) // BOX_VOXELS])[1]
+        return with_hidden(box, points, *plane, others, self._voxels), noise_m
 
     def _trust(self, rows: Rows) -> tuple[Float64Array, float]:
         """Return how far voxels (N,) are to be believed, and the usual noise of their places, metres."""

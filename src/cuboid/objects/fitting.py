@@ -68,7 +68,7 @@ class Fitting:
         plane = None if identity is None else self._planes.find(identity)
         entry.plane = None if plane is None else plane.identity
         labelled = [o for o in self._store.neighbours(entry) if o.confirmed]
-        box = self._boxing.fit(
+        box, noise_m = self._boxing.fit(
             rows,
             None if plane is None else self._planes.in_world(plane),
             self._planes.likely_up,
@@ -82,7 +82,7 @@ class Fitting:
         # What is thinner or flatter may be the noise of a surface.
         entry.structure = (
             not fits_object(box, self._config)
-            or box.size.min() < SIGMAS * self._boxing.noise_m(rows)
+            or box.size.min() < SIGMAS * noise_m
             or is_structure(box, rows, voxels, owned)
         )
         if entry.structure:

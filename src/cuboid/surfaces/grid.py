@@ -89,6 +89,8 @@ class GroundPlan:
         """Grow the window so that it holds readings in cells from `low` to `high`, both (2,) and included."""
         if self.seen.size == 0:
             self.corner = low - _MARGIN
+        elif (low - _MARGIN >= self.corner).all() and (high + _MARGIN < self.corner + self.seen.shape).all():
+            return
         window = self._grown(low, high)
         pads = np.abs(window - self.window)
         if pads.any():
