@@ -91,10 +91,11 @@ def with_near(x, w, limit, total, n):
 def mark_jumps(inverse, kind, noise, jump, smooth, marks):
     """Mark depth jumps between neighbours, and smooth surfaces; see `mark`."""
     height, width = inverse.shape
-    wide = np.zeros((height + 2, width + 2), np.float32)
-    wide[1:-1, 1:-1] = inverse
+    # Around it no reading, so that no neighbour is asked whether it is in the image.
+    wide = np.zeros((height + 3, width + 3), np.float32)
+    wide[1:-2, 1:-2] = inverse
     for v in range(height):
-        above, row, below = wide[v], wide[v + 1], wide[v + 2]
+        above, row, below, next_ = wide[v], wide[v + 1], wide[v + 2], wide[v + 3]
         # Without a branch: so one instruction takes several pixels.
         for u in range(width):
             w = row[u + 1]
@@ -108,30 +109,21 @@ def mark_jumps(inverse, kind, noise, jump, smooth, marks):
             for k in range(3):
                 total, n = with_near(below[u + k], w, limit, total, n)
             smooth[v, u] = total / n if (w > 0.0) & (kind[v, u] == SURFACE) else 0.0
-            right = (w > 0.0) & (row[u + 2] > 0.0) & (abs(row[u + 2] - w) > limit)
-            down = (w > 0.0) & (below[u + 1] > 0.0) & (abs(below[u + 1] - w) > limit)
-            marks[v, u] = (RIGHT if right else 0) | (DOWN if down else 0)
         for u in range(width):
-            if marks[v, u] == 0:
-                continue
-            w = row[u + 1]
-            limit = jump * w * w + JUMP_SIGMAS * noise
-            if marks[v, u] & RIGHT:
-                after = row[u + 3] if u + 2 < width else np.float32(0.0)
-                if continues(row[u], w, row[u + 2], after, limit):
-                    marks[v, u] ^= RIGHT
-            if marks[v, u] & DOWN:
-                after = wide[v + 3, u + 1] if v + 2 < height else np.float32(0.0)
-                if continues(above[u + 1], w, below[u + 1], after, limit):
-                    marks[v, u] ^= DOWN
+            limit = jump * row[u + 1] * row[u + 1] + JUMP_SIGMAS * noise
+            right = jumps(row[u], row[u + 1], row[u + 2], row[u + 3], limit)
+            down = jumps(above[u + 1], row[u + 1], below[u + 1], next_[u + 1], limit)
+            marks[v, u] = (RIGHT if right else 0) | (DOWN if down else 0)
 
 
 @njit(cache=True, nogil=True, inline="always")
-def continues(before, here, there, after, limit):
-    """Whether a step from here to there goes on as the surface on either side does."""
-    if before > 0.0 and abs(2.0 * here - before - there) < limit and abs(here - before) < abs(here - there) * 2.0:
-        return True
-    return after > 0.0 and abs(2.0 * there - after - here) < limit
+def jumps(before, here, there, after, limit):
+    """Whether depth jumps from here to there, and the step does not go on as the surface on either side does."""
+    step = abs(here - there)
+    far = (here > 0.0) & (there > 0.0) & (step > limit)
+    as_before = (before > 0.0) & (abs(2.0 * here - before - there) < limit) & (abs(here - before) < step * 2.0)
+    as_after = (after > 0.0) & (abs(2.0 * there - after - here) < limit)
+    return far & ~(as_before | as_after)
 
 
 @njit(cache=True, nogil=True, inline="always")
