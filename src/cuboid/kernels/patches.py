@@ -149,7 +149,7 @@ def solve3(m):
     return True, a, b, mw - a * mu - b * mv
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def classify(
     depth, cells, planes, count, member, camera, size, reach, noise, floor, bias, max_depth, inverse, kind, on
 ):  # fmt: skip
@@ -180,11 +180,9 @@ def classify(
     """
     height, width = depth.shape
     rows, columns = member.shape
-    normals = np.empty((count, 4))
+    normals = np.empty((count, 3))
     for p in range(count):
-        a, b, c = planes[p, 0], planes[p, 1], planes[p, 2]
-        nx, ny, nz = plane_normal(a, b, c, camera)
-        normals[p, 0], normals[p, 1], normals[p, 2] = nx, ny, nz
+        normals[p, 0], normals[p, 1], normals[p, 2] = plane_normal(planes[p, 0], planes[p, 1], planes[p, 2], camera)
     # How far a cell lies off its plane, and the directions in which the pixels look.
     off = np.empty((rows, columns))
     for r in range(rows):
@@ -195,49 +193,54 @@ def classify(
                 w = 1.0 / cell[CZ]
                 u, v = cell[CX] * w * camera[0] + camera[2], cell[CY] * w * camera[1] + camera[3]
                 off[r, q] = w - planes[p, 0] * u - planes[p, 1] * v - planes[p, 2]
+    tell_far(depth, max_depth, inverse, kind, on)
     across_x, across_y = (np.arange(width) - camera[2]) / camera[0], (np.arange(height) - camera[3]) / camera[1]
-    near = np.empty(count, np.int32)
-    bow, total, weight = np.empty(count), np.empty(count), np.empty(count)
+    bow, weight = np.empty(count), np.empty(count)
     for r in range((height + size - 1) // size):
         for q in range((width + size - 1) // size):
-            total[:] = 0.0
-            weight[:] = 0.0
-            for rr in range(max(0, r - reach), min(rows, r + reach + 1)):
-                for qq in range(max(0, q - reach), min(columns, q + reach + 1)):
-                    p = member[rr, qq]
-                    if p >= 0:
-                        share = 1.0 / (1.0 + (rr - r) * (rr - r) + (qq - q) * (qq - q))
-                        total[p] += share * off[rr, qq]
-                        weight[p] += share
-            n = 0
+            bow_at(r, q, reach, member, off, bow, weight)
             for p in range(count):
-                if weight[p] > 0.0:
-                    near[n] = p
-                    bow[n] = total[p] / weight[p]
-                    n += 1
-            for v in range(r * size, min(height, (r + 1) * size)):
-                for u in range(q * size, min(width, (q + 1) * size)):
-                    z = depth[v, u]
-                    on[v, u] = -1
-                    if not z > 0.0:
-                        inverse[v, u] = 0.0
-                        kind[v, u] = NONE
-                        continue
-                    w = 1.0 / z
-                    if z > max_depth:
-                        inverse[v, u] = w
-                        kind[v, u] = FAR
-                        continue
-                    inverse[v, u] = w
-                    kind[v, u] = SURFACE
-                    rx, ry = across_x[u], across_y[v]
-                    for i in range(n):
-                        p = near[i]
-                        expected = planes[p, 0] * u + planes[p, 1] * v + planes[p, 2] + bow[i]
-                        facing = abs(normals[p, 0] * rx + normals[p, 1] * ry + normals[p, 2])
+                if weight[p] <= 0.0:
+                    continue
+                a, b, c = planes[p, 0], planes[p, 1], planes[p, 2]
+                nx, ny, nz = normals[p, 0], normals[p, 1], normals[p, 2]
+                for v in range(r * size, min(height, (r + 1) * size)):
+                    # Without a branch: so one instruction takes several pixels.
+                    for u in range(q * size, min(width, (q + 1) * size)):
+                        z = depth[v, u]
+                        expected = a * u + b * v + c + bow[p]
+                        facing = abs(nx * across_x[u] + ny * across_y[v] + nz)
                         # dz = z^2 dw, and at right angles to the plane dz times n.ray
-                        across = abs(expected - w) * z * z * facing
-                        if across < max(floor, bias + SIGMAS * noise * z * z * facing):
-                            kind[v, u] = PLANE
-                            on[v, u] = p
-                            break
+                        across = abs(expected - 1.0 / z) * z * z * facing
+                        own = across < max(floor, bias + SIGMAS * noise * z * z * facing)
+                        own &= kind[v, u] == SURFACE
+                        kind[v, u] = PLANE if own else kind[v, u]
+                        on[v, u] = p if own else on[v, u]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def tell_far(depth, max_depth, inverse, kind, on):
+    """Tell pixels without a reading, and those that are too far, from surfaces, none yet on a plane; see `classify`."""
+    for v in range(depth.shape[0]):
+        for u in range(depth.shape[1]):
+            z = depth[v, u]
+            inverse[v, u] = 1.0 / z if z > 0.0 else 0.0
+            kind[v, u] = (FAR if z > max_depth else SURFACE) if z > 0.0 else NONE
+            on[v, u] = -1
+
+
+@njit(cache=True, nogil=True, inline="always")
+def bow_at(r, q, reach, member, off, bow, weight):
+    """Write how far the cells around one lie off each plane, in the mean, and what weight they have; see `classify`."""
+    rows, columns = member.shape
+    bow[:] = 0.0
+    weight[:] = 0.0
+    for rr in range(max(0, r - reach), min(rows, r + reach + 1)):
+        for qq in range(max(0, q - reach), min(columns, q + reach + 1)):
+            p = member[rr, qq]
+            if p >= 0:
+                share = 1.0 / (1.0 + (rr - r) * (rr - r) + (qq - q) * (qq - q))
+                bow[p] += share * off[rr, qq]
+                weight[p] += share
+    for p in range(bow.size):
+        bow[p] = bow[p] / weight[p] if weight[p] > 0.0 else 0.0

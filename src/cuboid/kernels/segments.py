@@ -184,18 +184,13 @@ def cores(kind, marks):
     height, width = kind.shape
     core = np.zeros((height, width), np.uint8)
     for v in range(1, height - 1):
+        # Without a branch: so one instruction takes several pixels.
         for u in range(1, width - 1):
-            if kind[v, u] != SURFACE:
-                continue
-            ok = marks[v, u] == 0 and (marks[v, u - 1] & RIGHT) == 0 and (marks[v - 1, u] & DOWN) == 0
-            if ok:
-                for k in range(4):
-                    vv, uu = v + (k == 0) - (k == 1), u + (k == 2) - (k == 3)
-                    if kind[vv, uu] != SURFACE or marks[vv, uu] & CREASE:
-                        ok = False
-                        break
-            if ok:
-                core[v, u] = 1
+            own = (marks[v, u] | (marks[v, u - 1] & RIGHT) | (marks[v - 1, u] & DOWN)) == 0
+            creased = marks[v - 1, u] | marks[v + 1, u] | marks[v, u - 1] | marks[v, u + 1]
+            around = (kind[v - 1, u] == SURFACE) & (kind[v + 1, u] == SURFACE)
+            around &= (kind[v, u - 1] == SURFACE) & (kind[v, u + 1] == SURFACE)
+            core[v, u] = own & around & (kind[v, u] == SURFACE) & ((creased & CREASE) == 0)
     return core
 
 
