@@ -75,52 +75,15 @@ def pick_points(image, camera, cell, reach, max_depth, noise, points, normals, i
     margin = reach
     for top in range(margin, height - margin, cell):
         for left in range(margin, width - margin, cell):
-            best, bu, bv = np.float32(-1.0), -1, -1
-            for v in range(top, min(top + cell, height - margin)):
-                for u in range(left, min(left + cell, width - margin)):
-                    z = image[v, u, DEPTH]
-                    if not (0.0 < z <= max_depth):
-                        continue
-                    gu, gv = image[v, u, ALONG_U], image[v, u, ALONG_V]
-                    steep = gu * gu + gv * gv
-                    if steep > best:
-                        best, bu, bv = steep, u, v
+            bu, bv = steepest(
+                image, top, left, min(top + cell, height - margin), min(left + cell, width - margin), max_depth
+            )
             if bu < 0:
                 continue
-            z = image[bv, bu, DEPTH]
-            w0 = 1.0 / z
-            limit = 6.0 * noise + 0.02 * w0  # in 1/z the noise is the same everywhere
-            n = 0.0
-            su = sv = suu = svv = suv = sw = swu = swv = 0.0
-            for i in range(-reach, reach + 1):
-                for j in range(-reach, reach + 1):
-                    d = image[bv + i, bu + j, DEPTH]
-                    if d <= 0.0:
-                        continue
-                    w = 1.0 / d - w0
-                    if abs(w) > limit:
-                        continue
-                    n += 1.0
-                    su += j
-                    sv += i
-                    suu += j * j
-                    svv += i * i
-                    suv += i * j
-                    sw += w
-                    swu += w * j
-                    swv += w * i
-            if n < needed:
-                continue
-            mu, mv, mw = su / n, sv / n, sw / n
-            vuu, vvv, vuv = suu / n - mu * mu, svv / n - mv * mv, suv / n - mu * mv
-            det = vuu * vvv - vuv * vuv
-            if det <= 1e-6:
-                continue
-            vwu, vwv = swu / n - mw * mu, swv / n - mw * mv
-            a = (vwu * vvv - vwv * vuv) / det
-            b = (vwv * vuu - vwu * vuv) / det
-            c = w0 + mw - a * mu - b * mv  # inverse depth at the pixel, on the plane
-            if c <= 0.0:
+            # In 1/z the noise is the same everywhere.
+            limit = 6.0 * noise + 0.02 * (1.0 / image[bv, bu, DEPTH])
+            fixed, a, b, c = plane_around(image, bu, bv, reach, limit, needed)
+            if not fixed or c <= 0.0:
                 continue
             rx, ry = (bu - cx) / fx, (bv - cy) / fy
             # a (fx x + (cx - u0) z) + b (fy y + (cy - v0) z) + c z = 1
@@ -135,6 +98,61 @@ def pick_points(image, camera, cell, reach, max_depth, noise, points, normals, i
             intensity[count] = image[bv, bu, INTENSITY]
             count += 1
     return count
+
+
+@njit(cache=True, nogil=True)
+def steepest(image, top, left, bottom, right, max_depth):
+    """Return column and row of the pixel of steepest intensity with a reading; -1 where no pixel has one."""
+    best, bu, bv = np.float32(-1.0), -1, -1
+    for v in range(top, bottom):
+        for u in range(left, right):
+            z = image[v, u, DEPTH]
+            if not (0.0 < z <= max_depth):
+                continue
+            gu, gv = image[v, u, ALONG_U], image[v, u, ALONG_V]
+            steep = gu * gu + gv * gv
+            if steep > best:
+                best, bu, bv = steep, u, v
+    return bu, bv
+
+
+@njit(cache=True, nogil=True)
+def plane_around(image, bu, bv, reach, limit, needed):
+    """Fit 1/z = a u + b v + c to the readings around a pixel, u and v counted from it, whose 1/z is as near as a limit.
+
+    Returns whether at least as many as are needed fix a plane, and a, b, c.
+    """
+    w0 = 1.0 / image[bv, bu, DEPTH]
+    n = 0.0
+    su = sv = suu = svv = suv = sw = swu = swv = 0.0
+    for i in range(-reach, reach + 1):
+        for j in range(-reach, reach + 1):
+            d = image[bv + i, bu + j, DEPTH]
+            if d <= 0.0:
+                continue
+            w = 1.0 / d - w0
+            if abs(w) > limit:
+                continue
+            n += 1.0
+            su += j
+            sv += i
+            suu += j * j
+            svv += i * i
+            suv += i * j
+            sw += w
+            swu += w * j
+            swv += w * i
+    if n < needed:
+        return False, 0.0, 0.0, 0.0
+    mu, mv, mw = su / n, sv / n, sw / n
+    vuu, vvv, vuv = suu / n - mu * mu, svv / n - mv * mv, suv / n - mu * mv
+    det = vuu * vvv - vuv * vuv
+    if det <= 1e-6:
+        return False, 0.0, 0.0, 0.0
+    vwu, vwv = swu / n - mw * mu, swv / n - mw * mv
+    a = (vwu * vvv - vwv * vuv) / det
+    b = (vwv * vuu - vwu * vuv) / det
+    return True, a, b, w0 + mw - a * mu - b * mv
 
 
 @njit(cache=True, nogil=True)
@@ -219,11 +237,7 @@ def accumulate(
             s = 1.0 / (deviation * sigma[1])
             J[0], J[1], J[2] = nx * s, ny * s, nz * s
             J[3], J[4], J[5] = (qy * nz - qz * ny) * s, (qz * nx - qx * nz) * s, (qx * ny - qy * nx) * s
-            for i in range(6):
-                wj = w * J[i]
-                system[6, i] += wj * r
-                for j in range(i, 6):
-                    system[i, j] += wj * J[j]
+            add_equation(system, J, w, r)
         u0, v0 = int(u), int(v)
         a, b = u - u0, v - v0
         w00, w01, w10, w11 = (1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b
@@ -248,11 +262,17 @@ def accumulate(
         jz = -(ju * qx + jv * qy) / qz
         J[0], J[1], J[2] = ju, jv, jz
         J[3], J[4], J[5] = qy * jz - qz * jv, qz * ju - qx * jz, qx * jv - qy * ju
-        for i in range(6):
-            wj = w * J[i]
-            system[6, i] += wj * r
-            for j in range(i, 6):
-                system[i, j] += wj * J[j]
+        add_equation(system, J, w, r)
     for i in range(6):
         for j in range(i):
             system[i, j] = system[j, i]
+
+
+@njit(cache=True, nogil=True, inline="always")
+def add_equation(system, J, w, r):
+    """Add a residual r with derivative J (6,) and weight w to the normal equations; see `accumulate`."""
+    for i in range(6):
+        wj = w * J[i]
+        system[6, i] += wj * r
+        for j in range(i, 6):
+            system[i, j] += wj * J[j]

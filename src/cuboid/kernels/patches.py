@@ -11,6 +11,8 @@ from cuboid.tolerances import SIGMAS
 
 # Fewer cells fix no plane that others are joined to.
 LEAST_CELLS = 9
+# A cell of a plane faces as it does, to 25 degrees.
+ALIKE_COS = 0.9
 
 
 @njit(cache=True, nogil=True)
@@ -58,65 +60,79 @@ def grow_planes(cells, shape, camera, noise, bias, flat, least_area, planes, mem
         if member[seed // columns, seed % columns] >= 0 or tried[seed // columns, seed % columns] != 0:
             continue
         attempt += 1
-        head, tail = 0, 1
-        queue[0] = seed
-        tried[seed // columns, seed % columns] = attempt
-        # Normal equations of 1/z = a u + b v + c over the cells' centres.
-        m = np.zeros(9)
-        area = 0.0
-        a, b, c = cell_plane(cells[seed], camera)
-        fitted = 1
-        while head < tail:
-            here = queue[head]
-            head += 1
-            cell = cells[here]
-            w = 1.0 / cell[CZ]
-            u, v = cell[CX] * w * camera[0] + camera[2], cell[CY] * w * camera[1] + camera[3]
-            area += cell[AREA]
-            m[0] += u * u
-            m[1] += u * v
-            m[2] += u
-            m[3] += v * v
-            m[4] += v
-            m[5] += 1.0
-            m[6] += u * w
-            m[7] += v * w
-            m[8] += w
-            if head >= LEAST_CELLS and head >= 1.5 * fitted:
-                fitted = head
-                ok, a2, b2, c2 = solve3(m)
-                if ok:
-                    a, b, c = a2, b2, c2
-            r, q = here // columns, here % columns
-            nx, ny, nz = plane_normal(a, b, c, camera)
-            for k in range(4):
-                rr, qq = r + (k == 0) - (k == 1), q + (k == 2) - (k == 3)
-                if rr < 0 or qq < 0 or rr >= rows or qq >= columns:
-                    continue
-                if member[rr, qq] >= 0 or tried[rr, qq] == attempt:
-                    continue
-                other = cells[rr * columns + qq]
-                if other[AREA] <= 0.0 or other[RMS] > flat:
-                    continue
-                ww = 1.0 / other[CZ]
-                uu, vv = other[CX] * ww * camera[0] + camera[2], other[CY] * ww * camera[1] + camera[3]
-                if abs(a * uu + b * vv + c - ww) > 2.0 * noise + bias:
-                    continue
-                if nx * other[NX] + ny * other[NY] + nz * other[NZ] < 0.9:
-                    continue
-                tried[rr, qq] = attempt
-                queue[tail] = rr * columns + qq
-                tail += 1
+        tail, area, a, b, c = grow(seed, attempt, cells, camera, 2.0 * noise + bias, flat, member, tried, queue)
         if area < least_area or tail < LEAST_CELLS:
             continue
-        ok, a2, b2, c2 = solve3(m)
-        if ok:
-            a, b, c = a2, b2, c2
         for i in range(tail):
             member[queue[i] // columns, queue[i] % columns] = count
         planes[count, 0], planes[count, 1], planes[count, 2] = a, b, c
         count += 1
     return count
+
+
+@njit(cache=True, nogil=True)
+def grow(seed, attempt, cells, camera, off, flat, member, tried, queue):
+    """Join cells to a plane, beginning with a seed, as long as they lie on it; see `grow_planes`.
+
+    Parameters
+    ----------
+    seed : int
+    attempt : int
+        Written to `tried` (R, C) int32 for each cell.
+    off : float
+        A cell lies on the plane whose 1/z is off by no more, 1/metre.
+    queue : (R * C,) int32, output
+        Begins with the cells.
+
+    Returns
+    -------
+    count : int
+        How many cells there are.
+    area : float
+        Square metres.
+    a, b, c : float
+        1/z = a u + b v + c.
+    """
+    rows, columns = member.shape
+    head, tail, fitted, area = 0, 1, 1, 0.0
+    queue[0] = seed
+    tried[seed // columns, seed % columns] = attempt
+    # Normal equations of 1/z = a u + b v + c over the cells' centres.
+    m = np.zeros(9)
+    a, b, c = cell_plane(cells[seed], camera)
+    while head < tail:
+        here = queue[head]
+        head += 1
+        u, v, w = seen_at(cells[here], camera)
+        area += cells[here, AREA]
+        m[0], m[1], m[2], m[3], m[4] = m[0] + u * u, m[1] + u * v, m[2] + u, m[3] + v * v, m[4] + v
+        m[5], m[6], m[7], m[8] = m[5] + 1.0, m[6] + u * w, m[7] + v * w, m[8] + w
+        if head >= LEAST_CELLS and head >= 1.5 * fitted:
+            fitted = head
+            a, b, c = solve3(m, a, b, c)
+        nx, ny, nz = plane_normal(a, b, c, camera)
+        for k in range(4):
+            r, q = here // columns + (k == 0) - (k == 1), here % columns + (k == 2) - (k == 3)
+            if r < 0 or q < 0 or r >= rows or q >= columns or member[r, q] >= 0 or tried[r, q] == attempt:
+                continue
+            other = cells[r * columns + q]
+            if other[AREA] <= 0.0 or other[RMS] > flat:
+                continue
+            u, v, w = seen_at(other, camera)
+            if abs(a * u + b * v + c - w) > off or nx * other[NX] + ny * other[NY] + nz * other[NZ] < ALIKE_COS:
+                continue
+            tried[r, q] = attempt
+            queue[tail] = r * columns + q
+            tail += 1
+    a, b, c = solve3(m, a, b, c)
+    return tail, area, a, b, c
+
+
+@njit(cache=True, nogil=True, inline="always")
+def seen_at(cell, camera):
+    """Return column and row of a cell's centre in the image, pixels, and its 1/z."""
+    w = 1.0 / cell[CZ]
+    return cell[CX] * w * camera[0] + camera[2], cell[CY] * w * camera[1] + camera[3], w
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -136,17 +152,20 @@ def plane_normal(a, b, c, camera):
 
 
 @njit(cache=True, nogil=True)
-def solve3(m):
-    """Solve the normal equations (uu, uv, u, vv, v, 1; uw, vw, w) of a plane by Cramer's rule on centred sums."""
+def solve3(m, a, b, c):
+    """Solve the normal equations (uu, uv, u, vv, v, 1; uw, vw, w) of a plane by Cramer's rule on centred sums.
+
+    Returns a, b, c as they are where the cells fix no plane.
+    """
     n = m[5]
     mu, mv, mw = m[2] / n, m[4] / n, m[8] / n
     uu, uv, vv = m[0] / n - mu * mu, m[1] / n - mu * mv, m[3] / n - mv * mv
     uw, vw = m[6] / n - mu * mw, m[7] / n - mv * mw
     det = uu * vv - uv * uv
     if det <= 1e-3:
-        return False, 0.0, 0.0, 0.0
+        return a, b, c
     a, b = (uw * vv - vw * uv) / det, (vw * uu - uw * uv) / det
-    return True, a, b, mw - a * mu - b * mv
+    return a, b, mw - a * mu - b * mv
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -190,8 +209,7 @@ def classify(
             p = member[r, q]
             if p >= 0:
                 cell = cells[r * columns + q]
-                w = 1.0 / cell[CZ]
-                u, v = cell[CX] * w * camera[0] + camera[2], cell[CY] * w * camera[1] + camera[3]
+                u, v, w = seen_at(cell, camera)
                 off[r, q] = w - planes[p, 0] * u - planes[p, 1] * v - planes[p, 2]
     tell_far(depth, max_depth, inverse, kind, on)
     across_x, across_y = (np.arange(width) - camera[2]) / camera[0], (np.arange(height) - camera[3]) / camera[1]
