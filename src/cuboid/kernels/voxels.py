@@ -56,55 +56,8 @@ def speaks_for(v, u, frame, warm, z):
 
 
 @njit(cache=True, nogil=True)
-def locate(v, depth, heat, camera, T, voxel_m, max_depth, frame, cubes, columns, shares, where, cube_in, voxel_of):
-    """Find in which voxels the readings of row v of an image lie that are fused; return how many these are.
-
-    Parameters
-    ----------
-    v : int
-    depth, heat : (W,) float32
-    camera, T, voxel_m, max_depth, frame, cubes
-        See `fuse`.
-    columns : (W,) int64, output
-    shares : (W,) float64, output
-        For how many pixels each speaks.
-    where : (W, 3) float64, output
-        Its place in the voxel, 0..1.
-    cube_in, voxel_of : (W,) int64, output
-    """
-    # Local copies: what is written below could lie in these arrays, for all the compiler knows.
-    fx, fy, cx, cy, inverse = 1.0 / camera[0], 1.0 / camera[1], camera[2], camera[3], 1.0 / voxel_m
-    xx, xy, xz, x0 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
-    yx, yy, yz, y0 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
-    zx, zy, zz, z0 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
-    last_key, cube, count = np.int64(-1), np.int64(-1), 0
-    for u in range(depth.size):
-        z = depth[u]
-        if not (0.0 < z <= max_depth):
-            continue
-        share = speaks_for(v, u, frame, heat[u], z)
-        if share == 0.0:
-            continue
-        x = (u - cx) * fx * z
-        y = (v - cy) * fy * z
-        wx = (xx * x + xy * y + xz * z + x0) * inverse
-        wy = (yx * x + yy * y + yz * z + y0) * inverse
-        wz = (zx * x + zy * y + zz * z + z0) * inverse
-        ix, iy, iz = np.int64(np.floor(wx)), np.int64(np.floor(wy)), np.int64(np.floor(wz))
-        key = pack_key(ix >> CUBE_BITS, iy >> CUBE_BITS, iz >> CUBE_BITS)
-        if key != last_key:
-            last_key, cube = key, make_cube(key, cubes)
-        if cube < 0 or cubes.bits[cube] == 0:
-            continue
-        columns[count], shares[count], cube_in[count], voxel_of[count] = u, share, cube, voxel_in(ix, iy, iz)
-        where[count, 0], where[count, 1], where[count, 2] = wx - ix, wy - iy, wz - iz
-        count += 1
-    return count
-
-
-@njit(cache=True, nogil=True)
 def likely_rows(count, cube_in, voxel_of, cubes, voxels, likely):
-    """Look up the row of each voxel where it is at its first place in its cube's table, else -1; see `locate`.
+    """Look up the row of each voxel where it is at its first place in its cube's table, else -1.
 
     Asked for one after the other, so that memory, which is slow to answer, is asked for the next ones meanwhile.
     """
@@ -139,17 +92,44 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, cubes, points
         Row of each pixel, -1 where there is no reading and where another cold pixel speaks for it.
     """
     height, width = depth.shape
+    inverse = 1.0 / voxel_m
+    # Local copies: what is written below could lie in these arrays, for all the compiler knows.
+    fx, fy, cx, cy = 1.0 / camera[0], 1.0 / camera[1], camera[2], camera[3]
+    xx, xy, xz, x0 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
+    yx, yy, yz, y0 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
+    zx, zy, zz, z0 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
     voxels, last_frame, weight, hits = points.voxel, points.last_frame, points.weight, points.hits
-    place, colors, heats, changed = points.place, points.color, points.heat, cubes.changed
+    place, colors, heats = points.place, points.color, points.heat
+    changed, bits = cubes.changed, cubes.bits
+    last_key, cube = np.int64(-1), np.int64(-1)
     # Of one row of the image: the pixels that are fused, for how many each speaks, where in its voxel it is; its cube
     # and voxel, and the row of the map that is likely its own.
     columns, shares, where = np.empty(width, np.int64), np.empty(width), np.empty((width, 3))
     cube_in, voxel_of, likely = np.empty(width, np.int64), np.empty(width, np.int64), np.empty(width, np.int64)
     for v in range(height):
-        slots[v] = -1
-        count = locate(
-            v, depth[v], heat[v], camera, T, voxel_m, max_depth, frame, cubes, columns, shares, where, cube_in, voxel_of
-        )
+        count = 0
+        for u in range(width):
+            z = depth[v, u]
+            slots[v, u] = -1
+            if not (0.0 < z <= max_depth):
+                continue
+            share = speaks_for(v, u, frame, heat[v, u], z)
+            if share == 0.0:
+                continue
+            x = (u - cx) * fx * z
+            y = (v - cy) * fy * z
+            wx = (xx * x + xy * y + xz * z + x0) * inverse
+            wy = (yx * x + yy * y + yz * z + y0) * inverse
+            wz = (zx * x + zy * y + zz * z + z0) * inverse
+            ix, iy, iz = np.int64(np.floor(wx)), np.int64(np.floor(wy)), np.int64(np.floor(wz))
+            key = pack_key(ix >> CUBE_BITS, iy >> CUBE_BITS, iz >> CUBE_BITS)
+            if key != last_key:
+                last_key, cube = key, make_cube(key, cubes)
+            if cube < 0 or bits[cube] == 0:
+                continue
+            columns[count], shares[count], cube_in[count], voxel_of[count] = u, share, cube, voxel_in(ix, iy, iz)
+            where[count, 0], where[count, 1], where[count, 2] = wx - ix, wy - iy, wz - iz
+            count += 1
         likely_rows(count, cube_in, voxel_of, cubes, voxels, likely)
         for k in range(count):
             u, row, at, inside = columns[k], likely[k], np.int64(0), where[k]
