@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.heatmap.carrying import keys_of
+from cuboid.frame import Float64Array
+from cuboid.heatmap.anchors import Anchors, of_each
 from cuboid.heatmap.room import Room, resident_mb
 from cuboid.heatmap.row_blocks import RowBlocks
 from cuboid.heatmap.shelf import Shelf, TemporaryShelf
+from cuboid.kernels import carrying as kernel_carrying
 from cuboid.kernels import cubes as kernel_cubes
-from cuboid.kernels import owners
+from cuboid.kernels import lookup, owners
 from cuboid.kernels import voxels as kernel
-from cuboid.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, CUBE_BITS, ROW
+from cuboid.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, CUBE_BITS, ROW, columns_of, keys_of
 
 Rows = npt.NDArray[np.int64]
 
 # A cube is packed when this share of its rows is dead, and so many.
 DEAD_SHARE, LEAST_DEAD = 0.125, 32
+# Fewer cubes than this that hold nothing are no burden.
+LEAST_DESERTED = 64
 # What is put aside beyond what memory is short of, in units of 2**20 bytes: not a little each frame.
 SPARE_MB = 8.0
 
@@ -29,11 +33,13 @@ class StoredPoints:
     """Rows of points in cubes of voxels, and the object that each belongs to.
 
     Cubes that no frame looks at are put aside where memory is short, and come back when they are looked at or asked
-    for; no result depends on it. Rows of points have the same numbers while the map is not carried and their cube is
-    not packed, which both happen between frames.
+    for; no result depends on it. Points that owe a motion of their keyframe (`Anchors`) lie where they did, until
+    somebody looks at places where they lie or belong. Rows of points have the same numbers while their cube is not
+    packed: between frames, and where something else looks at places at which points owe a motion.
 
     Parameters
     ----------
+    voxel_m : float
     memory_mb : float
         Memory of the process, in units of 2**20 bytes, beyond which cubes that are out of view are put aside.
 
@@ -43,17 +49,19 @@ class StoredPoints:
         Called with rows of points that are as they were before the visit, when these are to be made ready for it.
     """
 
-    def __init__(self, memory_mb: float) -> None:
+    def __init__(self, voxel_m: float, memory_mb: float) -> None:
+        self.voxel_m = voxel_m
         self.memory_mb = memory_mb
         self.before_visit: Callable[[Rows], None] | None = None
         self._visit, self._most_hits = 0, 0
-        self._blocks = RowBlocks()
+        self._blocks, self._anchors = RowBlocks(), Anchors()
         self._begin(TemporaryShelf())
 
     def _begin(self, shelf: Shelf) -> None:
         self._room, self._shelf = Room(), shelf
-        self._points, self._cubes = self._room.points, self._room.cubes
+        self._points, self._cubes = self._room.points, self._room.cubes._replace(owes=self._anchors.owes)
         self._seen = np.zeros(len(self._cubes.key), np.int64)
+        self._marks = np.zeros(len(self._cubes.key), bool)
         # Of each cube, the last look that had it in view; of each block, the visit that it was made ready for.
         self._last_look = np.zeros(len(self._cubes.key), np.int32)
         self._ready = np.zeros(len(self._cubes.cube_of), np.uint16)
@@ -68,10 +76,13 @@ class StoredPoints:
         """Frames that saw each row."""
         return self._points.hits
 
-    @property
-    def anchor(self) -> npt.NDArray[np.uint16]:
-        """Keyframe that the last frame to see each row hangs on, 0 none."""
-        return self._points.anchor
+    def keyframe(self, rows: Rows) -> npt.NDArray[np.uint16]:
+        """Return the keyframe that the last frame to see each row (N,) hangs on."""
+        return self._anchors.keyframes(self._points.anchor[rows])
+
+    def keyframe_of(self, rows: Rows) -> int:
+        """Return the keyframe that most of some rows (N,) hang on, of equals the first; 0 where there are none."""
+        return int(np.bincount(self.keyframe(rows), minlength=1).argmax())
 
     @property
     def blocks(self) -> int:
@@ -108,6 +119,7 @@ class StoredPoints:
         shelf : Shelf
         """
         self._begin(shelf)
+        self._anchors.remake()
         cubes = self._cubes
         for block, key, rows, living, visit in blocks:
             cube = kernel_cubes.make_cube(np.int64(key), cubes)
@@ -119,6 +131,8 @@ class StoredPoints:
             cubes.bits[cube] = 0
             cubes.used[1] = block + 1
             self._ready[block] = visit
+        # An earlier version did not tell what hangs on which keyframe where.
+        self._anchors.complete &= self._anchors.known or self.blocks == 1
 
     def _begin_anew(self) -> None:
         self._begin(self._shelf if not isinstance(self._shelf, TemporaryShelf) else TemporaryShelf())
@@ -142,13 +156,15 @@ class StoredPoints:
         cube, within = voxels >> CUBE_BITS, voxels & ((1 << CUBE_BITS) - 1)
         inside = (within[:, 0] << (2 * CUBE_BITS)) | (within[:, 1] << CUBE_BITS) | within[:, 2]
         place = np.empty(len(voxels), np.int64)
-        kernel_cubes.enter(keys_of(cube), inside, self._cubes, self._points.voxel, place)
+        kernel_cubes.enter(keys_of(cube), inside, rows["anchor"], self._cubes, self._points, place)
         there = place >= 0
         rows["voxel"] = inside
         self._room.rows[place[there]] = rows[there]
         self._cubes.changed[1 : self.blocks] = True
         self._ready[:] = self._visit
         self._blocks.give_rows(rows["owner"][there], place[there] >> BLOCK_BITS)
+        self._find_anchors()
+        self._cubes.mixed[self._anchors.owing[0]] = True
 
     def begin_visit(self, most_hits: int) -> None:
         """Let what was seen so far count as no more than so many sightings: the world may have changed since.
@@ -198,7 +214,7 @@ class StoredPoints:
         for (block, _), rows in zip(blocks, found, strict=True):
             self._room.block(block)[:] = rows
         for cube in away:
-            kernel_cubes.fill_index(cube, self._cubes, self._points.voxel)
+            kernel_cubes.fill_index(cube, self._cubes, self._points)
         self._ready_for_visit(away)
 
     def _bring_all(self) -> None:
@@ -227,15 +243,106 @@ class StoredPoints:
     def _pack(self, cubes: Rows) -> None:
         """Pack those of some cubes that have many dead rows."""
         dead = self._cubes.dead[cubes]
-        due = cubes[(dead >= LEAST_DEAD) & (dead > DEAD_SHARE * self._cubes.rows[cubes])]
-        if not len(due):
+        self._pack_all(cubes[(dead >= LEAST_DEAD) & (dead > DEAD_SHARE * self._cubes.rows[cubes])])
+
+    def _pack_all(self, cubes: Rows) -> None:
+        if not len(cubes):
             return
         plain = self._room.rows.view(np.uint8).reshape(-1, ROW.itemsize)
-        for cube in due:
+        for cube in cubes:
             kernel.pack(cube, self._cubes, plain, self._points)
             for block in self._room.blocks_of(cube):
                 owner = self._room.block(block)["owner"]
                 self._blocks.give_rows(owner, np.full(len(owner), block))
+
+    def carry(self, moved: Mapping[int, Float64Array]) -> None:
+        """Let points move with the keyframes that they hang on: as soon as somebody looks where they are.
+
+        Those that then meet in one voxel become one: of two, the oldest object's keeps the owner; hits and passes add
+        up.
+
+        Parameters
+        ----------
+        moved : mapping of int to (4, 4) float64
+            T_new_old of each keyframe whose surroundings move.
+        """
+        if not self._anchors.complete:
+            self._bring_all()
+            self._find_anchors()
+        # Past moves may have left many cubes that hold nothing: then all is put down anew, without these.
+        if self._anchors.crowded or 2 * self._deserted() > max(LEAST_DESERTED, self._cubes.used[0]):
+            self.settle_all()
+        self._cubes.mixed[self._anchors.owe(moved)] = True
+
+    def _deserted(self) -> int:
+        """Return how many cubes have no living row."""
+        used = self._cubes.used[0]
+        return int(np.count_nonzero(self._cubes.rows[:used] == self._cubes.dead[:used]))
+
+    def _find_anchors(self) -> None:
+        rows = np.flatnonzero(self._points.weight[BLOCK_ROWS : self.blocks * BLOCK_ROWS] > 0) + BLOCK_ROWS
+        self._anchors.begin_anew(self._points.anchor[rows], self._cubes.cube_of[rows >> BLOCK_BITS])
+
+    def _settle_in(self, spaces: Float64Array) -> None:
+        """Have nothing that owes a motion lie or belong in a region; see `lookup.reach`."""
+        cube, anchor = self._anchors.owing
+        if not len(cube):
+            return
+        reaches = np.empty(len(cube), bool)
+        lookup.reach(spaces, cube, anchor, self._anchors.motions, self.voxel_m, self._cubes, reaches)
+        if reaches.any():
+            self._settle(np.unique(cube[reaches]).astype(np.int64))
+
+    def _settle_around(self, points: Float64Array, beside_m: float) -> None:
+        """Have nothing that owes a motion among points (N, 3) of the world, and so far beside them."""
+        if len(points) and len(self._anchors.owing[0]):
+            low, high = points.min(0) - beside_m, points.max(0) + beside_m
+            self._settle_in(np.column_stack([np.concatenate([np.eye(3), -np.eye(3)]), np.concatenate([-low, high])]))
+
+    def _settle(self, cubes: Rows) -> None:
+        """Let all points in cubes (N,), ascending, move as they owe, and enter the cubes where they come to lie."""
+        self._bring(cubes)
+        rows = np.empty(int(self._cubes.rows[cubes].sum()), np.int64)
+        rows = rows[: kernel_carrying.owing(cubes, self._cubes, self._points, rows)]
+        taken, keys = self._room.rows[rows], self._cubes.key[self._cubes.cube_of[rows >> BLOCK_BITS]]
+        kernel_carrying.leave(cubes, self._cubes, self._points)
+        self._pack_all(cubes)
+        to = np.empty(len(keys), np.int64)
+        count = kernel_carrying.move(
+            keys, columns_of(taken), self._anchors.owes, self._anchors.motions, self.voxel_m, to
+        )
+        found = np.empty(count, np.int64)
+        kernel_cubes.cubes_at(to[:count], self._cubes, found)
+        found = np.unique(found[found >= 0])
+        self._bring(found)
+        for cube in found[self._cubes.mixed[found]]:
+            kernel_cubes.fill_index(cube, self._cubes, self._points)
+        self._enter(keys, taken)
+        self._anchors.settled(cubes)
+
+    def _enter(self, keys: npt.NDArray[np.int64], taken: npt.NDArray[Any]) -> None:
+        """Let points that have moved enter the cubes of these keys."""
+        columns = columns_of(taken)
+        now, begun, rows = self._anchors.now(columns.anchor), self.blocks, np.empty(len(keys), np.int64)
+        kernel_carrying.settle(keys, columns, now, self._cubes, self._points, rows)
+        self._ready[begun : self.blocks] = self._visit
+        rows = rows[rows >= 0]
+        self._blocks.give_rows(self.owner[rows], rows >> BLOCK_BITS)
+        for number, some in of_each(self._points.anchor[rows], self._cubes.cube_of[rows >> BLOCK_BITS]):
+            self._anchors.has_points_in(number, some)
+
+    def settle_all(self) -> None:
+        """Let all points move as they owe, and put all down anew, without cubes that hold nothing."""
+        rows = self.living()
+        taken, keys = self._room.rows[rows], self._cubes.key[self._cubes.cube_of[rows >> BLOCK_BITS]]
+        columns, to = columns_of(taken), np.empty(len(keys), np.int64)
+        kernel_carrying.move(keys, columns, self._anchors.owes, self._anchors.motions, self.voxel_m, to)
+        columns.anchor[:] = self._anchors.keyframes(columns.anchor)
+        self._anchors.begin_anew(columns.anchor[:0], rows[:0])
+        self._begin_anew()
+        for keyframe in np.unique(columns.anchor).tolist():
+            self._anchors.hang(keyframe)
+        self._enter(keys, taken)
 
     @property
     def count(self) -> int:

@@ -55,7 +55,7 @@ def speaks_for(v, u, frame, warm, z):
 
 
 @njit(cache=True, nogil=True)
-def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, cubes, points, slots):
+def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, anchor, cubes, points, slots):
     """Fuse a frame's points into the map: a weighted running mean of place, color and heat a voxel.
 
     Parameters
@@ -72,8 +72,10 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, cubes, points
         Metres.
     frame : int
         Number of this frame; a voxel counts one hit a frame.
+    anchor : int
+        What its points hang on from now on.
     cubes : Cubes
-        Those in view are in memory.
+        Those in view are in memory, and nothing in them or on its way to them owes a motion.
     points : Points
     slots : (H, W) int32, output
         Row of each pixel, -1 where there is no reading and where another cold pixel speaks for it.
@@ -87,7 +89,7 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, cubes, points
     zx, zy, zz, z0 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
     voxels, last_frame, weight, hits = points.voxel, points.last_frame, points.weight, points.hits
     place, colors, heats = points.place, points.color, points.heat
-    cube_of, changed, bits = cubes.cube_of, cubes.changed, cubes.bits
+    cube_of, changed, bits, anchors = cubes.cube_of, cubes.changed, cubes.bits, points.anchor
     last_key, cube = np.int64(-1), np.int64(-1)
     for v in range(height):
         for u in range(width):
@@ -118,14 +120,14 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, cubes, points
             if row < 0 or voxels[row] != voxel or cube_of[row >> BLOCK_BITS] != cube:
                 row, at = find_row(cube, voxel, cubes, voxels)
                 if row < 0:
-                    row = add_row(cube, voxel, at, cubes, voxels)
+                    row = add_row(cube, voxel, at, anchor, cubes, points)
                     if row < 0:
                         continue
                     last_frame[row] = -1
                 elif weight[row] <= 0.0:
                     cubes.dead[cube] -= 1
                     last_frame[row] = -1
-            slots[v, u] = row
+            slots[v, u], anchors[row] = row, anchor
             # Depth's variance grows with z^4: a near sighting says more. Half a metre and nearer weigh alike.
             near = max(z, 0.5)
             w = share / (near * near * near * near)
@@ -222,4 +224,4 @@ def pack(cube, cubes, rows, points):
         cubes.changed[cubes.blocks[cube, k >> BLOCK_BITS]] = True
     cubes.rows[cube] = kept
     cubes.dead[cube] = 0
-    fill_index(cube, cubes, points.voxel)
+    fill_index(cube, cubes, points)

@@ -6,12 +6,14 @@ its own, as large as its plane.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float64Array, UInt8Array
-from cuboid.kernels import carrying as kernel
 from cuboid.tolerances import LEAST_READINGS
 
 # Edge of a cell of the ground plan, metres: finer than any table, coarser than depth noise.
@@ -54,6 +56,12 @@ def cells_of(points: Float64Array) -> Places:
     return np.floor(points[:, :2] / CELL_M).astype(np.int64)
 
 
+def _on_plane(cells: npt.NDArray[Any], normal: Float64Array, offset: float) -> Float64Array:
+    """Return where corners of cells (N, 2), or parts of them, are on a plane: plan coordinates (N, 3)."""
+    plan = cells * CELL_M
+    return np.column_stack([plan, -(plan @ normal[:2] + offset) / normal[2]])
+
+
 class GroundPlan:
     """Counts of the readings on one plane by cell, and the outline that follows from them.
 
@@ -63,6 +71,8 @@ class GroundPlan:
         The window's first cell.
     seen : (N, M) int32
         Readings by cell.
+    keyframes : (N, M) int32
+        Keyframe from which each cell was seen last.
     covered : (N, M) uint8
         1 where the plane is, holes under objects filled.
     nearby : (N, M) uint8
@@ -74,10 +84,15 @@ class GroundPlan:
     def __init__(self) -> None:
         self.corner: Places = np.zeros(2, np.int64)
         self.seen: npt.NDArray[np.int32] = np.zeros((0, 0), np.int32)
+        self.keyframes: npt.NDArray[np.int32] = np.zeros((0, 0), np.int32)
         self.covered: UInt8Array = np.zeros((0, 0), np.uint8)
         self.nearby: UInt8Array = np.zeros((0, 0), np.uint8)
         self.stale = False
         self._changed: Places = np.zeros(4, np.int64)
+        # All cells that have readings, and how those of each keyframe have moved since cells last did (T_new_old in the
+        # plan frame): by less than half a cell.
+        self._cells: Places = np.zeros((0, 2), np.int64)
+        self._owed: dict[int, Float64Array] = {}
         self._known = 0
 
     @property
@@ -93,9 +108,13 @@ class GroundPlan:
         pads = np.abs(window - self.window)
         if pads.any():
             around = ((pads[0], pads[2]), (pads[1], pads[3]))
-            self.seen = np.pad(self.seen, around)
+            self.seen, self.keyframes = np.pad(self.seen, around), np.pad(self._hanging(), around)
             self.covered, self.nearby = np.pad(self.covered, around), np.pad(self.nearby, around)
             self.corner = window[:2]
+
+    def _hanging(self) -> npt.NDArray[np.int32]:
+        """Return the keyframe of each cell: the first, where an earlier version did not tell."""
+        return self.keyframes if self.keyframes.shape == self.seen.shape else np.zeros_like(self.seen)
 
     def _grown(self, low: Places, high: Places) -> Places:
         """Return the window (4,) that also holds cells from `low` to `high`; as it is where it would be too wide."""
@@ -107,17 +126,18 @@ class GroundPlan:
             return self.window
         return np.asarray(self.window + np.concatenate([-before, after]))
 
-    def begin(self, points: Float64Array, area_m2: Float64Array) -> None:
+    def begin(self, points: Float64Array, area_m2: Float64Array, keyframe: int = 0) -> None:
         """Begin with what was seen at these plan coordinates (N, 2), each standing for an area."""
         cells = cells_of(points)
         half = np.rint(np.sqrt(area_m2) / 2 / CELL_M).astype(np.int64)
         self.reach((cells - half[:, None]).min(0), (cells + half[:, None]).max(0))
         for (i, j), k in zip(cells - self.corner, half, strict=True):
             self.seen[max(0, i - k) : max(0, i + k + 1), max(0, j - k) : max(0, j + k + 1)] = LEAST_READINGS
+        self.keyframes[:] = keyframe
         self._all_changed()
 
-    def add(self, readings: npt.NDArray[np.int32], corner: Places) -> None:
-        """Take in readings (n, m) by cell, the first of which is `corner`."""
+    def add(self, readings: npt.NDArray[np.int32], corner: Places, keyframe: int | npt.NDArray[np.int32] = 0) -> None:
+        """Take in readings (n, m) by cell, the first of which is `corner`, from one keyframe or (n, m) of them."""
         i, j = np.flatnonzero(readings.any(1)), np.flatnonzero(readings.any(0))
         if len(i) == 0:
             return
@@ -125,31 +145,91 @@ class GroundPlan:
         window = np.concatenate([corner, corner + readings.shape])
         mine, theirs = common(self.window, window)
         before = int(np.count_nonzero(self.seen[mine] >= LEAST_READINGS))
-        self.seen[mine] += readings[theirs]
+        new, some = readings[theirs], readings[theirs] > 0
+        first = np.argwhere(some & (self.seen[mine] == 0))
+        if len(first):
+            self._cells = np.concatenate([self._cells, first + np.maximum(self.window[:2], window[:2])])
+        self.keyframes = self._hanging()
+        self.keyframes[mine][some] = keyframe if isinstance(keyframe, int) else keyframe[theirs][some]
+        self.seen[mine] += new
         self._known += int(np.count_nonzero(self.seen[mine] >= LEAST_READINGS)) - before
         self._changed = _around(self._changed, window) if self.stale else window
         self.stale = True
 
     def absorb(self, other: GroundPlan) -> None:
         """Take in the readings of another plan."""
-        self.add(other.seen, other.corner)
+        self.add(other.seen, other.corner, other._hanging())
         self.refresh()
 
-    def move(self, points: Float64Array) -> None:
-        """Let the plane be where its points (N, 2 or 3), plan coordinates, now are: left cells lose their readings."""
-        cells = cells_of(points)
-        window, before = self._grown(cells.min(0), cells.max(0)), self.seen
-        # All else of the window is empty afterwards: nobody looks at it, however large it is.
-        self.seen = np.zeros(window[2:] - window[:2], np.int32)
-        self.covered, self.nearby = (np.zeros(self.seen.shape, np.uint8) for _ in range(2))
-        offset, known = window[:2] - self.corner, np.empty(4, np.int64)
-        self._known = kernel.keep_readings(cells - window[:2], before, offset, LEAST_READINGS, self.seen, known)
+    def carry(self, moved: Mapping[int, Float64Array], normal: Float64Array, offset: float) -> None:
+        """Move with the keyframes from which the plane was seen; cells move once they have to go half their width.
+
+        Parameters
+        ----------
+        moved : mapping of int to (4, 4) float64
+            T_new_old in the plan frame, of each keyframe that moved.
+        normal : (3,) float64
+        offset : float
+            Of the plane, before it moved: normal.p + offset = 0.
+        """
+        self._owed |= {keyframe: T @ self._owed.get(keyframe, np.eye(4)) for keyframe, T in moved.items()}
+        x0, y0, x1, y1 = self.window
+        corners = _on_plane(np.array([[x0, y0], [x0, y1], [x1, y0], [x1, y1]]), normal, offset)
+        T = np.array(list(self._owed.values()))
+        after = corners @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
+        if np.linalg.norm((after - corners)[..., :2], axis=-1).max(initial=0.0) > CELL_M / 2:
+            self._move(normal, offset)
+
+    def _move(self, normal: Float64Array, offset: float) -> None:
+        """Let all cells make the motions that they owe; of those that meet the one with most readings stays."""
+        if not len(self._cells):
+            self._cells = np.argwhere(self.seen > 0) + self.corner  # an earlier version did not tell
+        old, (i, j) = self._cells, (self._cells - self.corner).T
+        readings, keyframes, owed = self.seen[i, j], self._hanging()[i, j], self._owed
+        self._owed = {}
+        names, of = np.unique(keyframes, return_inverse=True)
+        T = np.array([owed.get(name, np.eye(4)) for name in names.tolist()]).reshape(-1, 4, 4)[of]
+        cells = cells_of(np.einsum("nij,nj->ni", T[:, :3, :3], _on_plane(old + 0.5, normal, offset)) + T[:, :3, 3])
+        if not len(old) or np.array_equal(cells, old):
+            return
+        window = self._grown(cells.min(0), cells.max(0))
+        inside = ((cells >= window[:2]) & (cells < window[2:])).all(1)
+        order = np.flatnonzero(inside)[np.argsort(readings[inside], kind="stable")]
+        mine, theirs = common(window, self.window)
+        for name in ("covered", "nearby"):
+            layer = np.zeros(window[2:] - window[:2], np.uint8)
+            layer[mine] = getattr(self, name)[theirs]
+            setattr(self, name, layer)
+        # All else of the window is empty: nobody looks at it, however large it is.
+        self.seen, self.keyframes = (np.zeros(self.covered.shape, np.int32) for _ in range(2))
         self.corner = window[:2]
-        self._changed = known + np.tile(self.corner, 2)
-        self.stale = self._known > 0
-        self.refresh()
+        i, j = (cells[order] - self.corner).T
+        self.seen[i, j], self.keyframes[i, j] = readings[order], keyframes[order]
+        self._cells = self._filled(np.unique(cells[order], axis=0))
+        i, j = (self._cells - self.corner).T
+        self._known = int(np.count_nonzero(self.seen[i, j] >= LEAST_READINGS))
+        both = np.concatenate([old, self._cells])
+        self._changed = np.concatenate([both.min(0), both.max(0) + 1])
+        self.stale = True
+        if max(self.seen.shape) <= WHOLE_CELLS:  # what wider ones cover is found in its turn
+            self.refresh()
+
+    def _filled(self, cells: Places) -> Places:
+        """Let cells between two that have readings have some too, and return all: cells that turn leave such gaps."""
+        found = [cells]
+        for step in (np.array([1, 0]), np.array([0, 1])):
+            inside = (cells + 2 * step - self.corner < self.seen.shape).all(1)
+            one = (cells[inside] - self.corner).T
+            gap, other = one + step[:, None], one + 2 * step[:, None]
+            empty = (self.seen[*gap] == 0) & (self.seen[*other] > 0)
+            one, gap, other = one[:, empty], gap[:, empty], other[:, empty]
+            self.seen[*gap] = np.minimum(self.seen[*one], self.seen[*other])
+            self.keyframes[*gap] = self.keyframes[*one]
+            found.append(gap.T + self.corner)
+        return np.concatenate(found)
 
     def _all_changed(self) -> None:
+        self._cells = np.argwhere(self.seen > 0) + self.corner
         self._known = int(np.count_nonzero(self.seen >= LEAST_READINGS))
         self._changed = self.window
         self.stale = True
