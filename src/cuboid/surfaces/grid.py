@@ -7,7 +7,6 @@ its own, as large as its plane.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import cv2
 import numpy as np
@@ -56,10 +55,9 @@ def cells_of(points: Float64Array) -> Places:
     return np.floor(points[:, :2] / CELL_M).astype(np.int64)
 
 
-def _on_plane(cells: npt.NDArray[Any], normal: Float64Array, offset: float) -> Float64Array:
-    """Return where corners of cells (N, 2), or parts of them, are on a plane: plan coordinates (N, 3)."""
-    plan = cells * CELL_M
-    return np.column_stack([plan, -(plan @ normal[:2] + offset) / normal[2]])
+def _numbers(cells: Places) -> Places:
+    """Return numbers (N,), different for different cells (N, 2)."""
+    return np.asarray((cells[:, 0] << 32) + cells[:, 1])
 
 
 class GroundPlan:
@@ -89,10 +87,8 @@ class GroundPlan:
         self.nearby: UInt8Array = np.zeros((0, 0), np.uint8)
         self.stale = False
         self._changed: Places = np.zeros(4, np.int64)
-        # All cells that have readings, and how those of each keyframe have moved since cells last did (T_new_old in the
-        # plan frame): by less than half a cell.
-        self._cells: Places = np.zeros((0, 2), np.int64)
-        self._owed: dict[int, Float64Array] = {}
+        # Where all cells that have readings are: their middles, until they move.
+        self._places: Float64Array = np.zeros((0, 2))
         self._known = 0
 
     @property
@@ -148,7 +144,8 @@ class GroundPlan:
         new, some = readings[theirs], readings[theirs] > 0
         first = np.argwhere(some & (self.seen[mine] == 0))
         if len(first):
-            self._cells = np.concatenate([self._cells, first + np.maximum(self.window[:2], window[:2])])
+            first = first + np.maximum(self.window[:2], window[:2]) + 0.5
+            self._places = np.concatenate([self._places, first * CELL_M])
         self.keyframes = self._hanging()
         self.keyframes[mine][some] = keyframe if isinstance(keyframe, int) else keyframe[theirs][some]
         self.seen[mine] += new
@@ -162,7 +159,7 @@ class GroundPlan:
         self.refresh()
 
     def carry(self, moved: Mapping[int, Float64Array], normal: Float64Array, offset: float) -> None:
-        """Move with the keyframes from which the plane was seen; cells move once they have to go half their width.
+        """Move with the keyframes from which the plane was seen; of cells that meet the one with most readings stays.
 
         Parameters
         ----------
@@ -172,43 +169,44 @@ class GroundPlan:
         offset : float
             Of the plane, before it moved: normal.p + offset = 0.
         """
-        self._owed |= {keyframe: T @ self._owed.get(keyframe, np.eye(4)) for keyframe, T in moved.items()}
-        x0, y0, x1, y1 = self.window
-        corners = _on_plane(np.array([[x0, y0], [x0, y1], [x1, y0], [x1, y1]]), normal, offset)
-        T = np.array(list(self._owed.values()))
-        after = corners @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
-        if np.linalg.norm((after - corners)[..., :2], axis=-1).max(initial=0.0) > CELL_M / 2:
-            self._move(normal, offset)
-
-    def _move(self, normal: Float64Array, offset: float) -> None:
-        """Let all cells make the motions that they owe; of those that meet the one with most readings stays."""
-        if not len(self._cells):
-            self._cells = np.argwhere(self.seen > 0) + self.corner  # an earlier version did not tell
-        old, (i, j) = self._cells, (self._cells - self.corner).T
-        readings, keyframes, owed = self.seen[i, j], self._hanging()[i, j], self._owed
-        self._owed = {}
+        if not len(self._places):
+            self._all_changed()  # an earlier version did not tell
+        old = cells_of(self._places)
+        i, j = (old - self.corner).T
+        readings, keyframes = self.seen[i, j], self._hanging()[i, j]
         names, of = np.unique(keyframes, return_inverse=True)
-        T = np.array([owed.get(name, np.eye(4)) for name in names.tolist()]).reshape(-1, 4, 4)[of]
-        cells = cells_of(np.einsum("nij,nj->ni", T[:, :3, :3], _on_plane(old + 0.5, normal, offset)) + T[:, :3, 3])
-        if not len(old) or np.array_equal(cells, old):
-            return
+        T = np.array([moved.get(name, np.eye(4)) for name in names.tolist()]).reshape(-1, 4, 4)[of]
+        on_plane = np.column_stack([self._places, -(self._places @ normal[:2] + offset) / normal[2]])
+        self._places = np.asarray(np.einsum("nij,nj->ni", T[:, :2, :3], on_plane) + T[:, :2, 3], np.float64)
+        cells = cells_of(self._places)
+        if not np.array_equal(cells, old):
+            self._move(old, cells, readings, keyframes)
+
+    def _move(
+        self, old: Places, cells: Places, readings: npt.NDArray[np.int32], keyframes: npt.NDArray[np.int32]
+    ) -> None:
+        """Let cells (N, 2) be elsewhere, with their readings (N,) and keyframes (N,)."""
         window = self._grown(cells.min(0), cells.max(0))
-        inside = ((cells >= window[:2]) & (cells < window[2:])).all(1)
-        order = np.flatnonzero(inside)[np.argsort(readings[inside], kind="stable")]
-        mine, theirs = common(window, self.window)
-        for name in ("covered", "nearby"):
-            layer = np.zeros(window[2:] - window[:2], np.uint8)
-            layer[mine] = getattr(self, name)[theirs]
-            setattr(self, name, layer)
-        # All else of the window is empty: nobody looks at it, however large it is.
-        self.seen, self.keyframes = (np.zeros(self.covered.shape, np.int32) for _ in range(2))
-        self.corner = window[:2]
-        i, j = (cells[order] - self.corner).T
+        inside = np.flatnonzero(((cells >= window[:2]) & (cells < window[2:])).all(1))
+        order = inside[np.argsort(-readings[inside], kind="stable")]
+        order = order[np.unique(_numbers(cells[order]), return_index=True)[1]]
+        self._places, cells = self._places[order], cells[order]
+        i, j = (old - self.corner).T
+        self.seen[i, j], self.keyframes = 0, self._hanging()
+        if (window != self.window).any():
+            mine, theirs = common(window, self.window)
+            for name in ("covered", "nearby"):
+                layer = np.zeros(window[2:] - window[:2], np.uint8)
+                layer[mine] = getattr(self, name)[theirs]
+                setattr(self, name, layer)
+            self.seen, self.keyframes = (np.zeros(layer.shape, np.int32) for _ in range(2))
+            self.corner = window[:2]
+        i, j = (cells - self.corner).T
         self.seen[i, j], self.keyframes[i, j] = readings[order], keyframes[order]
-        self._cells = self._filled(np.unique(cells[order], axis=0))
-        i, j = (self._cells - self.corner).T
+        cells = self._filled(cells)
+        i, j = (cells - self.corner).T
         self._known = int(np.count_nonzero(self.seen[i, j] >= LEAST_READINGS))
-        both = np.concatenate([old, self._cells])
+        both = np.concatenate([old, cells])
         self._changed = np.concatenate([both.min(0), both.max(0) + 1])
         self.stale = True
         if max(self.seen.shape) <= WHOLE_CELLS:  # what wider ones cover is found in its turn
@@ -226,10 +224,11 @@ class GroundPlan:
             self.seen[*gap] = np.minimum(self.seen[*one], self.seen[*other])
             self.keyframes[*gap] = self.keyframes[*one]
             found.append(gap.T + self.corner)
+            self._places = np.concatenate([self._places, (found[-1] + 0.5) * CELL_M])
         return np.concatenate(found)
 
     def _all_changed(self) -> None:
-        self._cells = np.argwhere(self.seen > 0) + self.corner
+        self._places = (np.argwhere(self.seen > 0) + self.corner + 0.5) * CELL_M
         self._known = int(np.count_nonzero(self.seen >= LEAST_READINGS))
         self._changed = self.window
         self.stale = True
