@@ -193,7 +193,7 @@ class VoxelMap(StoredPoints):
         `axes` (3, 3) are, row by row, two axes of the plane and its normal.
         """
         ground, missing = np.ascontiguousarray(ground), np.empty(27 * len(ground), np.int64)
-        self._settle_around(ground, 3 * self.voxel_m)
+        self._settle_around(ground, 2 * self.voxel_m)
         seen = np.empty(len(ground), np.bool_)
         asked = self.voxel_m, self._cubes, self._points.voxel, self._points.weight, seen, missing
         while absent := lookup.seen_around(ground, axes, self.voxel_m, least, *asked):
