@@ -14,6 +14,7 @@ from cuboid.errors import FrameError
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse
+from cuboid.heatmap.anchors import LAST_KEYFRAME
 from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.outlines import BOTTOM, LEFT, RIGHT, TOP
@@ -105,7 +106,8 @@ class Tracker:
         ----------
         frame : Frame
         anchor : int
-            Keyframe that the frame's pose hangs on, where poses are estimated; see `carry`.
+            Keyframe that the frame's pose hangs on, where poses are estimated; see `carry`. After hours of video there
+            are more than are told apart.
 
         Raises
         ------
@@ -113,6 +115,7 @@ class Tracker:
             If the frame has no pose, or its size is not that of the intrinsics.
         """
         T_world_camera = self._check(frame)
+        anchor = anchor if anchor <= LAST_KEYFRAME else 0
         T_camera_world = inverse(T_world_camera)
         watch = Stopwatch()
         image = thin(frame, self.intrinsics, self.config.working_width_px, self._count)

@@ -26,6 +26,7 @@ def patch(
 
 
 def covered(plan: GroundPlan) -> set[tuple[int, int]]:
+    plan.catch_up()
     return {(int(i), int(j)) for i, j in np.argwhere(plan.covered) + plan.corner}
 
 

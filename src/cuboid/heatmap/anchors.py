@@ -17,8 +17,8 @@ import numpy.typing as npt
 from cuboid.frame import Float64Array
 from cuboid.kernels.cubes import ANCHORS
 
-# Keyframes up to this one are anchors of that number: hours of video. Points of later ones hang on the first. Numbers
-# above are those of keyframes that have moved since some of their points last did.
+# Keyframes up to this one are told apart: hours of video. They are anchors of that number; numbers above are those of
+# keyframes that have moved since some of their points last did.
 LAST_KEYFRAME = ANCHORS // 2 - 1
 
 Numbers = npt.NDArray[np.int64]
@@ -95,7 +95,6 @@ class Anchors:
 
     def hang(self, keyframe: int) -> int:
         """Return the anchor of what is seen from a keyframe now; it owes nothing."""
-        keyframe = keyframe if keyframe <= LAST_KEYFRAME else 0
         number = self._now.get(keyframe)
         if number is None:
             number = keyframe if keyframe not in self._all else self._free()

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array, UInt8Array
+from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.tolerances import LEAST_READINGS
 
 # Edge of a cell of the ground plan, metres: finer than any table, coarser than depth noise.
@@ -50,9 +50,9 @@ _MARGIN = _RIM.shape[0] // 2 + _NEARBY.shape[0] // 2
 _UNSURE = _MARGIN + 2 * (_CLOSE.shape[0] // 2)
 
 
-def cells_of(points: Float64Array) -> Places:
+def cells_of(points: Float32Array | Float64Array) -> Places:
     """Return the cells (N, 2) of plan coordinates (N, 2 or 3), metres."""
-    return np.floor(points[:, :2] / CELL_M).astype(np.int64)
+    return np.floor(points[:, :2] / np.float64(CELL_M)).astype(np.int64)
 
 
 def _numbers(cells: Places) -> Places:
@@ -69,7 +69,7 @@ class GroundPlan:
         The window's first cell.
     seen : (N, M) int32
         Readings by cell.
-    keyframes : (N, M) int32
+    keyframes : (N, M) uint16
         Keyframe from which each cell was seen last.
     covered : (N, M) uint8
         1 where the plane is, holes under objects filled.
@@ -77,18 +77,20 @@ class GroundPlan:
         1 where the plane is or may go on, within `NEARBY_M`.
     stale : bool
         Readings came in since `refresh`.
+    late : bool
+        The plane has moved since then: what it covers is found anew when it is looked at; see `catch_up`.
     """
 
     def __init__(self) -> None:
         self.corner: Places = np.zeros(2, np.int64)
         self.seen: npt.NDArray[np.int32] = np.zeros((0, 0), np.int32)
-        self.keyframes: npt.NDArray[np.int32] = np.zeros((0, 0), np.int32)
+        self.keyframes: npt.NDArray[np.uint16] = np.zeros((0, 0), np.uint16)
         self.covered: UInt8Array = np.zeros((0, 0), np.uint8)
         self.nearby: UInt8Array = np.zeros((0, 0), np.uint8)
-        self.stale = False
+        self.stale = self.late = False
         self._changed: Places = np.zeros(4, np.int64)
         # Where all cells that have readings are: their middles, until they move.
-        self._places: Float64Array = np.zeros((0, 2))
+        self._places: Float32Array = np.zeros((0, 2), np.float32)
         self._known = 0
 
     @property
@@ -108,9 +110,9 @@ class GroundPlan:
             self.covered, self.nearby = np.pad(self.covered, around), np.pad(self.nearby, around)
             self.corner = window[:2]
 
-    def _hanging(self) -> npt.NDArray[np.int32]:
+    def _hanging(self) -> npt.NDArray[np.uint16]:
         """Return the keyframe of each cell: the first, where an earlier version did not tell."""
-        return self.keyframes if self.keyframes.shape == self.seen.shape else np.zeros_like(self.seen)
+        return self.keyframes if self.keyframes.shape == self.seen.shape else np.zeros(self.seen.shape, np.uint16)
 
     def _grown(self, low: Places, high: Places) -> Places:
         """Return the window (4,) that also holds cells from `low` to `high`; as it is where it would be too wide."""
@@ -132,7 +134,7 @@ class GroundPlan:
         self.keyframes[:] = keyframe
         self._all_changed()
 
-    def add(self, readings: npt.NDArray[np.int32], corner: Places, keyframe: int | npt.NDArray[np.int32] = 0) -> None:
+    def add(self, readings: npt.NDArray[np.int32], corner: Places, keyframe: int | npt.NDArray[np.uint16] = 0) -> None:
         """Take in readings (n, m) by cell, the first of which is `corner`, from one keyframe or (n, m) of them."""
         i, j = np.flatnonzero(readings.any(1)), np.flatnonzero(readings.any(0))
         if len(i) == 0:
@@ -144,8 +146,7 @@ class GroundPlan:
         new, some = readings[theirs], readings[theirs] > 0
         first = np.argwhere(some & (self.seen[mine] == 0))
         if len(first):
-            first = first + np.maximum(self.window[:2], window[:2]) + 0.5
-            self._places = np.concatenate([self._places, first * CELL_M])
+            self._are_new(first + np.maximum(self.window[:2], window[:2]))
         self.keyframes = self._hanging()
         self.keyframes[mine][some] = keyframe if isinstance(keyframe, int) else keyframe[theirs][some]
         self.seen[mine] += new
@@ -176,14 +177,15 @@ class GroundPlan:
         readings, keyframes = self.seen[i, j], self._hanging()[i, j]
         names, of = np.unique(keyframes, return_inverse=True)
         T = np.array([moved.get(name, np.eye(4)) for name in names.tolist()]).reshape(-1, 4, 4)[of]
-        on_plane = np.column_stack([self._places, -(self._places @ normal[:2] + offset) / normal[2]])
-        self._places = np.asarray(np.einsum("nij,nj->ni", T[:, :2, :3], on_plane) + T[:, :2, 3], np.float64)
+        places = self._places.astype(np.float64)
+        on_plane = np.column_stack([places, -(places @ normal[:2] + offset) / normal[2]])
+        self._places = (np.einsum("nij,nj->ni", T[:, :2, :3], on_plane) + T[:, :2, 3]).astype(np.float32)
         cells = cells_of(self._places)
         if not np.array_equal(cells, old):
             self._move(old, cells, readings, keyframes)
 
     def _move(
-        self, old: Places, cells: Places, readings: npt.NDArray[np.int32], keyframes: npt.NDArray[np.int32]
+        self, old: Places, cells: Places, readings: npt.NDArray[np.int32], keyframes: npt.NDArray[np.uint16]
     ) -> None:
         """Let cells (N, 2) be elsewhere, with their readings (N,) and keyframes (N,)."""
         window = self._grown(cells.min(0), cells.max(0))
@@ -199,7 +201,7 @@ class GroundPlan:
                 layer = np.zeros(window[2:] - window[:2], np.uint8)
                 layer[mine] = getattr(self, name)[theirs]
                 setattr(self, name, layer)
-            self.seen, self.keyframes = (np.zeros(layer.shape, np.int32) for _ in range(2))
+            self.seen, self.keyframes = np.zeros(layer.shape, np.int32), np.zeros(layer.shape, np.uint16)
             self.corner = window[:2]
         i, j = (cells - self.corner).T
         self.seen[i, j], self.keyframes[i, j] = readings[order], keyframes[order]
@@ -208,8 +210,11 @@ class GroundPlan:
         self._known = int(np.count_nonzero(self.seen[i, j] >= LEAST_READINGS))
         both = np.concatenate([old, cells])
         self._changed = np.concatenate([both.min(0), both.max(0) + 1])
-        self.stale = True
-        if max(self.seen.shape) <= WHOLE_CELLS:  # what wider ones cover is found in its turn
+        self.stale = self.late = True
+
+    def catch_up(self) -> None:
+        """Find anew what the plane covers, where it has moved; of the widest ones, that comes in its turn."""
+        if self.late and max(self.seen.shape) <= WHOLE_CELLS:
             self.refresh()
 
     def _filled(self, cells: Places) -> Places:
@@ -224,11 +229,16 @@ class GroundPlan:
             self.seen[*gap] = np.minimum(self.seen[*one], self.seen[*other])
             self.keyframes[*gap] = self.keyframes[*one]
             found.append(gap.T + self.corner)
-            self._places = np.concatenate([self._places, (found[-1] + 0.5) * CELL_M])
+            self._are_new(found[-1])
         return np.concatenate(found)
 
+    def _are_new(self, cells: Places) -> None:
+        """Note where cells (N, 2) are that have readings now."""
+        self._places = np.concatenate([self._places, ((cells + 0.5) * CELL_M).astype(np.float32)])
+
     def _all_changed(self) -> None:
-        self._places = (np.argwhere(self.seen > 0) + self.corner + 0.5) * CELL_M
+        self._places = self._places[:0]
+        self._are_new(np.argwhere(self.seen > 0) + self.corner)
         self._known = int(np.count_nonzero(self.seen >= LEAST_READINGS))
         self._changed = self.window
         self.stale = True
@@ -238,7 +248,7 @@ class GroundPlan:
         """Find anew what the plane covers, where that changed."""
         if not self.stale:
             return
-        self.stale = False
+        self.stale = self.late = False
         part = self.window
         if max(self.seen.shape) > WHOLE_CELLS:
             wide = self._changed + AROUND_CELLS * np.array([-1, -1, 1, 1])
@@ -259,14 +269,18 @@ class GroundPlan:
 
     def near(self, points: Float64Array) -> npt.NDArray[np.bool_]:
         """Tell which plan coordinates (N, 2) lie where the plane is or may go on."""
+        self.catch_up()
         return self._look_up(self.nearby, points)
 
     def covers(self, points: Float64Array) -> npt.NDArray[np.bool_]:
         """Tell which plan coordinates (N, 2) the plane covers."""
+        self.catch_up()
         return self._look_up(self.covered, points)
 
     def shares_ground(self, other: GroundPlan) -> bool:
         """Tell whether two planes cover a cell in common."""
+        self.catch_up()
+        other.catch_up()
         mine, theirs = common(self.window, other.window)
         return bool((self.covered[mine] & other.covered[theirs]).any())
 
@@ -277,7 +291,8 @@ class GroundPlan:
 
     def outline(self) -> Float64Array:
         """Return the outline (N, 2) of the largest connected part of the plane, in plan coordinates."""
-        contours, _ = cv2.findContours(self.covered, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        covered = _covered(self.seen) if self.late else self.covered
+        contours, _ = cv2.findContours(covered, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         if not contours:
             return np.zeros((0, 2))
         largest = max(contours, key=cv2.contourArea)
