@@ -251,9 +251,9 @@ class StoredPoints:
         plain = self._room.rows.view(np.uint8).reshape(-1, ROW.itemsize)
         for cube in cubes:
             kernel.pack(cube, self._cubes, plain, self._points)
-            for block in self._room.blocks_of(cube):
-                owner = self._room.block(block)["owner"]
-                self._blocks.give_rows(owner, np.full(len(owner), block))
+        blocks = np.array([block for cube in cubes.tolist() for block in self._room.blocks_of(cube)])
+        owners = [self._room.block(block)["owner"] for block in blocks.tolist()]
+        self._blocks.give_rows(np.concatenate(owners), np.repeat(blocks, [len(some) for some in owners]))
 
     def carry(self, moved: Mapping[int, Float64Array]) -> None:
         """Let points move with the keyframes that they hang on: as soon as somebody looks where they are.
