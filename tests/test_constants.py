@@ -28,7 +28,7 @@ FILES = (
 ELSEWHERE = {
     *("kernels/align.py", "kernels/edges.py", "kernels/registration.py", "kernels/overlap.py"),
     *("kernels/cubes.py", "kernels/lookup.py"),
-    *("heatmap/room.py", "heatmap/shelf.py", "heatmap/stored_points.py"),
+    *("heatmap/room.py", "heatmap/shelf.py", "heatmap/stored_points.py", "heatmap/moving_points.py"),
 }
 NO_CHOICE = {
     "boxes/fit.py": {"_NO_SIDE": "empty", "_NO_TRUST": "empty"},

@@ -89,6 +89,11 @@ class Anchors:
         """Whether there are any."""
         return bool(self._all)
 
+    @property
+    def cubes(self) -> int:
+        """One more than the highest number of a cube in which points may be."""
+        return max((int(one.cubes.max(initial=-1)) + 1 for one in self._all.values()), default=0)
+
     def keyframes(self, anchors: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint16]:
         """Return the keyframes that points of anchors (N,) hang on."""
         return self._keyframes[anchors]

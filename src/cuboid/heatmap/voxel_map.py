@@ -7,7 +7,8 @@ import numpy.typing as npt
 
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.geometry.se3 import inverse
-from cuboid.heatmap.stored_points import Rows, StoredPoints
+from cuboid.heatmap.moving_points import MovingPoints
+from cuboid.heatmap.stored_points import Rows
 from cuboid.kernels import claims as kernel_claims
 from cuboid.kernels import lookup, owners
 from cuboid.kernels import voxels as kernel
@@ -23,10 +24,10 @@ MOST_VOTES = LEAST_READINGS
 VOTES_SHARE = 3
 
 
-class VoxelMap(StoredPoints):
+class VoxelMap(MovingPoints):
     """Points of the scene with color, heat, and the object that each belongs to, in cubes of voxels.
 
-    How they lie in memory, and where else: `StoredPoints`.
+    How they lie in memory, and where else: `StoredPoints`; how they follow corrections of poses: `MovingPoints`.
 
     Parameters
     ----------
