@@ -1,4 +1,4 @@
-"""Time of a correction of poses, as the map grows: of all keyframes, and of the newest alone.
+"""Time of a correction of poses, and of the frame after it, as the map grows: of all keyframes, and of the newest.
 
 A camera goes from table to table as in `growth`, a keyframe a lap; `--laps` is how many tables there are.
 """
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cuboid import Tracker
+from cuboid import Frame, Tracker
 from cuboid.geometry import se3
 from experiment_growth import SCENE, Lap
 from scenes import made
@@ -22,7 +22,10 @@ from tables import cell, dump, show
 TIMES, SIZE = 6, 0.005
 # Laps at which poses are corrected.
 LAPS = (2, 7, 20, 60, 180, 600)
-HEADER = ("points of the map", "planes", "objects", "all keyframes ms", "of them the planes", "the newest ms")
+HEADER = (
+    "points of the map", "planes", "objects", "all keyframes ms", "of them the planes", "the newest ms",
+    "the frame after all ms", "another frame ms",
+)  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> None:
@@ -34,7 +37,7 @@ def run(args: argparse.Namespace) -> None:
         for frame in lap.frames(number, number * len(lap.frames(0, 0))):
             tracker.update(frame, number + 1)
         if number + 1 in LAPS:
-            rows.append(_corrected(tracker, number + 1))
+            rows.append(_corrected(tracker, number + 1, frame))
             print(f"{rows[-1]['points']} points: {rows[-1]['all_ms']:.0f} ms", file=sys.stderr, flush=True)
     if args.json:
         dump(rows)
@@ -44,16 +47,16 @@ def run(args: argparse.Namespace) -> None:
             row["points"],
             row["planes"],
             row["objects"],
-            *(cell(row[f"{name}_ms"], 0) for name in ("all", "planes", "new")),
+            *(cell(row[f"{name}_ms"], 0) for name in ("all", "planes", "new", "after", "another")),
         ]
         for row in rows
     ]
     show("Corrections of poses: median of processor time", HEADER, lines)
 
 
-def _corrected(tracker: Tracker, keyframes: int) -> dict[str, Any]:
+def _corrected(tracker: Tracker, keyframes: int, frame: Frame) -> dict[str, Any]:
     rng = np.random.default_rng(keyframes)
-    found: dict[str, list[float]] = {"all": [], "new": [], "planes": []}
+    found: dict[str, list[float]] = {"all": [], "new": [], "planes": [], "after": [], "another": []}
     carry, points = tracker._planes.carry, tracker.points_known
 
     def planes_carry(*given: Any) -> None:
@@ -68,6 +71,10 @@ def _corrected(tracker: Tracker, keyframes: int) -> dict[str, Any]:
             begun_s = time.process_time()
             tracker.carry(moved)
             found[name].append(1e3 * (time.process_time() - begun_s))
+            for which in ("after", "another") if name == "all" else ():
+                begun_s = time.process_time()
+                tracker.update(frame, keyframes)
+                found[which].append(1e3 * (time.process_time() - begun_s))
     tracker._planes.carry = carry  # type: ignore[method-assign]
     found["planes"] = found["planes"][::2]
     return {

@@ -28,13 +28,12 @@ FILES = (
 ELSEWHERE = {
     *("kernels/align.py", "kernels/edges.py", "kernels/registration.py", "kernels/overlap.py"),
     *("kernels/cubes.py", "kernels/lookup.py"),
-    *("heatmap/room.py", "heatmap/shelf.py", "heatmap/stored_points.py"),
+    *("heatmap/room.py", "heatmap/shelf.py", "heatmap/stored_points.py", "heatmap/moving_points.py"),
 }
 NO_CHOICE = {
     "boxes/fit.py": {"_NO_SIDE": "empty", "_NO_TRUST": "empty"},
     "boxes/hidden.py": {"LEAST_GAP_M": "rounds off the last bits", "SOME_OF_NINE": "of a block"},
-    "heatmap/carrying.py": {"_WEIGHT": "column of a table"},
-    "heatmap/voxel_map.py": {"LAST_ANCHOR": "the largest of its type", "VoxelMap: 255": "the largest of its type"},
+    "heatmap/voxel_map.py": {"VoxelMap: 255": "the largest of its type"},
     "kernels/cells.py": {"CELL_COLUMNS": "of a table", "level_patches: 1.42": "of two readings"},
     "kernels/extents.py": {"BINS": "finer changes nothing", "best_turn: 9": "rounds off the last bits",
                            "side_spread: 3": "the fourth of four sides"},
@@ -55,7 +54,6 @@ NO_CHOICE = {
     "proposals/depth.py": {"LEAST_WIDE": "a range", "NEIGHBOURS": "Euler's formula", "_scores: 4.0": "of pi"},
     "surfaces/grid.py": {"LIMIT_CELLS": "memory", "SLACK_CELLS": "how windows grow", "SLACK_SHARE": "how windows grow",
                          "WHOLE_CELLS": "how much is done anew", "AROUND_CELLS": "how much is done anew"},
-    "kernels/carrying.py": {"TOGETHER": "how points are searched"},
     "tracker.py": {"Stopwatch: 1000.0": "milliseconds"},
     "working.py": {"_PHASES": "all four"},
 }  # fmt: skip

@@ -15,7 +15,7 @@ from cuboid.errors import FrameError
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse
-from cuboid.heatmap.carrying import motions_of
+from cuboid.heatmap.anchors import LAST_KEYFRAME
 from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.outlines import BOTTOM, LEFT, RIGHT, TOP
@@ -107,7 +107,8 @@ class Tracker:
         ----------
         frame : Frame
         anchor : int
-            Keyframe that the frame's pose hangs on, where poses are estimated; see `carry`.
+            Keyframe that the frame's pose hangs on, where poses are estimated; see `carry`. After hours of video there
+            are more than are told apart.
 
         Raises
         ------
@@ -115,6 +116,7 @@ class Tracker:
             If the frame has no pose, or its size is not that of the intrinsics.
         """
         T_world_camera = self._check(frame)
+        anchor = anchor if anchor <= LAST_KEYFRAME else 0
         T_camera_world = inverse(T_world_camera)
         watch = Stopwatch()
         image = thin(frame, self.intrinsics, self.config.working_width_px, self._count)
@@ -124,7 +126,7 @@ class Tracker:
         proposals = every.best(MOST_PROPOSALS)
         watch.lap("proposals")
         solid = filled(image)
-        on_plane, support, planes = self._find_planes(image, solid, T_world_camera)
+        on_plane, support, planes = self._find_planes(image, solid, T_world_camera, anchor)
         watch.lap("planes")
         candidate = self._candidates(solid, on_plane)
         c = self.config
@@ -146,7 +148,7 @@ class Tracker:
         watch.lap("boxes")
         found = self._map.update(
             frame.index, things, boxes, objects, slots, pixel_owner, known, candidate,
-            self._news(image, T_world_camera),
+            self._news(image, T_world_camera), anchor,
         )  # fmt: skip
         watch.lap("map")
         sightings = self._sightings(frame.index, image, slots, found, T_camera_world)
@@ -173,16 +175,16 @@ class Tracker:
     def carry(self, moved: Mapping[int, Float64Array]) -> None:
         """Move the map, its planes and its objects after a correction of poses.
 
-        What was seen last from a keyframe moves with it; objects that meet merge under the older label.
+        What was seen last from a keyframe moves with it; objects that meet merge under the older label. Planes and
+        objects move at once, the map's points when somebody looks where they are: so a correction takes as long as
+        there are keyframes, planes and objects, however many points there are.
 
         Parameters
         ----------
         moved : mapping of int to (4, 4) float64
             T_new_old in the world, of each keyframe that moved.
         """
-        rows = self._voxels.living()
-        anchor = self._voxels.anchor[rows]
-        self._planes.carry(self._voxels.xyz(rows), anchor, motions_of(moved, anchor))
+        self._planes.carry(moved)
         self._map.carry(moved)
 
     def _know_sensor(self, image: WorkingImage) -> None:
@@ -211,7 +213,7 @@ class Tracker:
         return proposals
 
     def _find_planes(
-        self, image: WorkingImage, solid: WorkingImage, T_world_camera: Float64Array
+        self, image: WorkingImage, solid: WorkingImage, T_world_camera: Float64Array, keyframe: int
     ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int64]]:
         """Track the supporting planes; return the ones that pixels lie on, those beneath them, all identities."""
         c, planes = self.config, self._planes
@@ -225,7 +227,7 @@ class Tracker:
         if planes.up is not None:
             level = image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m
             cells = with_level_patches(cells, planes.up, *level)
-        owner = planes.update(self._count, cells)
+        owner = planes.update(self._count, cells, keyframe)
         if planes.T_plan_world is None or not planes.planes:
             nowhere = np.full(image.depth_m.shape, -1, np.int32)
             return nowhere, nowhere, np.zeros(0, np.int64)
@@ -237,7 +239,7 @@ class Tracker:
             view.origin, CELL_M, owner, PATCH_PIXELS, c.depth_noise_per_m, c.min_height_m, BIAS_M,
             c.max_depth_m, on_plane, support, view.seen,
         )  # fmt: skip
-        planes.take_in(view)
+        planes.take_in(view, keyframe)
         return on_plane, support, view.identities
 
     def _candidates(self, image: WorkingImage, on_plane: npt.NDArray[np.int32]) -> UInt8Array:

@@ -15,8 +15,8 @@ THING, OTHER = 3, 8
 def structure(voxels: VoxelMap, *no_structure: int) -> bool:
     owned = np.zeros(10, np.uint8)
     owned[[THING, *no_structure]] = 1
-    rows = voxels.rows_of(THING)
-    return is_structure(box_of(voxels.xyz(rows).astype(np.float64)), rows, voxels, owned)
+    points = voxels.xyz(voxels.rows_of(THING))
+    return is_structure(box_of(points.astype(np.float64)), points, voxels, owned)
 
 
 def test_a_patch_of_a_wall_is_structure() -> None:
@@ -40,8 +40,8 @@ def test_the_leg_of_a_table_is_structure() -> None:
     leg, top = shell((-0.03, 0.03), (-0.03, 0.03), (0.0, 0.7)), grid((-0.4, 0.4), (-0.4, 0.4), (0.7, 0.73))
     voxels = map_of((FLOOR, 0), (leg, THING), (top, 0))
     owned = np.eye(10, dtype=np.uint8)[THING]
-    rows = voxels.rows_of(THING)
-    assert continues(box_of(leg), rows, voxels, owned) == (True, 0)
+    points = voxels.xyz(voxels.rows_of(THING))
+    assert continues(box_of(leg), points, voxels, owned) == (True, 0)
     assert structure(voxels)
 
 

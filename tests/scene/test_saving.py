@@ -17,8 +17,9 @@ from cuboid.geometry import se3
 from cuboid.outputs.objects import ObjectsFile, write_objects
 from cuboid.results import FrameResult
 from cuboid.scene.database import Writing, open_to_read, open_to_write
+from cuboid.scene.freezing import thaw
 from cuboid.scene.placing import ESTIMATED, ScenePoses
-from cuboid.scene.saving import SceneShelf, StateFile, load_state
+from cuboid.scene.saving import SceneShelf, StateFile, block_rows, load_parts, load_state
 from cuboid.scene.visit import load
 from cuboid.synthetic import make_scene
 from cuboid.synthetic.view import SceneView
@@ -156,6 +157,76 @@ def test_goes_on_after_a_correction_of_poses(tmp_path: Path) -> None:
     assert run(cut) == run(lambda tracker, index: tracker)
     for file in files:
         file.close()
+
+
+def test_what_points_owe_lasts_and_no_look_from_outside_settles_it(tmp_path: Path) -> None:
+    """Two places far apart; corrections of both while one is seen, commits, cuts, little memory: the same results."""
+    show = Show(2)
+    away = [dataclasses.replace(f, T_world_camera=TURN @ f.T_world_camera) for f in show.frames]
+    frames = [*show.frames[:12], *away[:12], *show.frames[12:18], *away[12:18]]
+    rng, owing = np.random.default_rng(2), []
+    moved = {index: {k: se3.exp(rng.normal(0, 0.006, 6)) for k in range(1, 7)} for index in (13, 17, 20, 26, 31)}
+
+    def run(memory_mb: float, meddle: Callable[[Tracker, int], Tracker]) -> tuple[list[object], list[bytes]]:
+        tracker, said = show.tracker(), []
+        tracker.voxels.memory_mb = memory_mb
+        for index, frame in enumerate(frames):
+            if index in moved:
+                tracker.carry(moved[index])
+            said.append(told(tracker.update(frame, anchor=1 + index // 6)))
+            tracker = meddle(tracker, index)
+        return said, ends(tracker, tmp_path)
+
+    def look(tracker: Tracker, index: int) -> Tracker:
+        owing.append(len(tracker.voxels._anchors.owing[0]))
+        ends(tracker, tmp_path)
+        return tracker
+
+    def cut(tracker: Tracker, index: int) -> Tracker:
+        if index not in (13, 18, 21, 25, 31):
+            return tracker
+        commit(file.connection, state(tracker))
+        tracker = load_state(file.connection, show.tracker(), shelf=SceneShelf(reader, path))[0]
+        tracker.voxels.memory_mb = 1.0
+        return tracker
+
+    path = tmp_path / "owing.cuboid"
+    file, states = open_to_write(path, create=True), {}
+    reader = open_to_read(path)
+
+    def state(tracker: Tracker) -> StateFile:
+        return states.setdefault(id(tracker), StateFile(tracker, file.connection))
+
+    whole = run(float("inf"), lambda tracker, index: tracker)
+    assert run(float("inf"), look) == whole
+    assert min(owing[13:]) > 0
+    assert run(1.0, cut) == whole
+    reader.close()
+    file.close()
+
+
+def test_a_map_that_was_written_before_points_owed_anything_is_carried(tmp_path: Path) -> None:
+    show = Show(3)
+    tracker = show.tracker()
+    for frame in show.frames[:24]:
+        tracker.update(frame, anchor=1 + frame.index // 12)
+    file = open_to_write(tmp_path / "a.cuboid", create=True)
+    commit(file.connection, StateFile(tracker, file.connection))
+    parts = load_parts(file.connection)
+    names = {key for key in parts if key.startswith("Anchor")}
+    parts["VoxelMap"].fields.pop("_anchors")
+    for part in parts.values():
+        for name in ("keyframe", "keyframes", "told"):
+            part.fields.pop(name, None)
+    (old,) = thaw({key: part for key, part in parts.items() if key not in names}, show.tracker())
+    blocks = block_rows(file.connection)
+    shelf = SceneShelf(file.connection, tmp_path / "a.cuboid")
+    old.voxels.restore([(b.number, b.cube, b.rows, b.living, b.visit) for b in blocks], shelf)
+    moved = {k: se3.exp(np.array([0.3 * k, 0, 0, 0, 0, 0])) for k in (1, 2)}
+    for one in (old, tracker):
+        one.carry(moved)
+    np.testing.assert_array_equal(old.map_points().xyz, tracker.map_points().xyz)
+    file.close()
 
 
 def test_an_unknown_attribute_is_refused(tmp_path: Path) -> None:

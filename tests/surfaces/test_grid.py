@@ -5,20 +5,28 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.surfaces.grid import CELL_M, GroundPlan, cells_of
+from cuboid.geometry import se3
+from cuboid.surfaces.grid import CELL_M, GroundPlan
 from cuboid.tolerances import LEAST_READINGS
 
 
-def patch(plan: GroundPlan, low: tuple[int, int], high: tuple[int, int], hole: tuple[int, int] | None = None) -> None:
+def patch(
+    plan: GroundPlan,
+    low: tuple[int, int],
+    high: tuple[int, int],
+    hole: tuple[int, int] | None = None,
+    keyframe: int = 0,
+) -> None:
     """Readings in all cells from low to high, but one of 3 x 3 cells."""
     readings = np.full(np.subtract(high, low) + 1, LEAST_READINGS, np.int32)
     if hole is not None:
         readings[hole[0] : hole[0] + 3, hole[1] : hole[1] + 3] = 0
-    plan.add(readings, np.array(low))
+    plan.add(readings, np.array(low), keyframe)
     plan.refresh()
 
 
 def covered(plan: GroundPlan) -> set[tuple[int, int]]:
+    plan.catch_up()
     return {(int(i), int(j)) for i, j in np.argwhere(plan.covered) + plan.corner}
 
 
@@ -81,19 +89,44 @@ def test_planes_that_touch_share_ground_and_others_do_not() -> None:
     assert one.shares_ground(three)
 
 
-def test_a_plane_that_moved_is_where_its_points_are() -> None:
+LEVEL = np.array([0.0, 0.0, 1.0])
+
+
+def test_a_plan_moves_with_the_keyframe_that_saw_it() -> None:
     plan = GroundPlan()
     patch(plan, (0, 0), (9, 9))
-    x, y = np.meshgrid(np.arange(2.0, 2.5, 0.02), np.arange(0.0, 0.5, 0.02))
-    points = np.column_stack([x.ravel(), y.ravel()])
-    plan.move(points)
-    assert plan.covers(points).all()
-    assert not plan.covers(np.array([[0.2, 0.2]]))[0]
-    assert {tuple(c) for c in cells_of(points).tolist()} <= covered(plan)
+    patch(plan, (20, 0), (29, 9), keyframe=1)
+    before = covered(plan)
+    plan.carry({1: se3.exp([2.0, 0, 0, 0, 0, 0])}, LEVEL, 0.0)
+    assert covered(plan) == {(i + 40 if i > 15 else i, j) for i, j in before}
+    assert plan.area_m2() == pytest.approx(200 * CELL_M**2)
+
+
+def test_small_motions_add_up() -> None:
+    """None of them is as wide as half a cell; together they are four."""
+    plan = GroundPlan()
+    patch(plan, (0, 0), (9, 9))
+    before = covered(plan)
+    for _ in range(20):
+        plan.carry({0: se3.exp([CELL_M / 5, 0, 0, 0, 0, 0])}, LEVEL, 0.0)
+    assert covered(plan) in ({(i + 4, j) for i, j in before}, {(i + 3, j) for i, j in before})
+
+
+def test_a_plan_that_turns_again_and_again_stays_whole_and_as_large() -> None:
+    plan = GroundPlan()
+    patch(plan, (-20, -12), (19, 11))
+    area_m2 = plan.area_m2()
+    for _ in range(12):
+        plan.carry({0: se3.exp([0, 0, 0, 0, 0, 0.1])}, LEVEL, 0.0)
+    assert plan.area_m2() == pytest.approx(area_m2, rel=0.1)
+    turn = se3.exp([0, 0, 0, 0, 0, 1.2])[:2, :2]
+    inner = np.stack(np.meshgrid(np.arange(-0.9, 0.9, 0.05), np.arange(-0.5, 0.5, 0.05)), -1).reshape(-1, 2)
+    assert plan.covers(inner @ turn.T).all()
+    assert not plan.covers(np.array([[1.2, 0.0], [0.0, 0.8]]) @ turn.T).any()
 
 
 @pytest.mark.parametrize("side", [8, 60, 700])
-def test_readings_that_move_are_those_of_the_cells_that_points_lie_in(side: int) -> None:
+def test_a_plan_that_moved_is_as_one_that_was_seen_there(side: int) -> None:
     """Whether the window is found anew whole or in part, and wherever it has to grow to."""
     rng = np.random.default_rng(side)
     for _ in range(8):
@@ -101,14 +134,12 @@ def test_readings_that_move_are_those_of_the_cells_that_points_lie_in(side: int)
         points = (rng.uniform(0, side, (200, 2)) + rng.integers(-side, side, 2)) * CELL_M
         plan.begin(points, rng.uniform(0, 0.05, len(points)))
         plan.add(rng.integers(0, 4, (20, 30)).astype(np.int32), plan.corner + 20)
-        before = {tuple(cell): plan.seen[tuple(cell)] for cell in np.argwhere(plan.seen > 0)}, plan.corner
-        moved = points[rng.integers(0, len(points), 500)] + rng.normal(0, CELL_M, (500, 2)) + side / 4 * CELL_M
-        plan.move(moved)
-        expected = np.zeros_like(plan.seen)
-        for cell, count in zip(*np.unique(cells_of(moved), axis=0, return_counts=True), strict=True):
-            readings = before[0].get(tuple(cell - before[1]), 0)
-            expected[tuple(cell - plan.corner)] = max(readings, LEAST_READINGS) if count > 1 else readings
-        np.testing.assert_array_equal(plan.seen, expected)
+        step = rng.integers(-side, side, 2)
+        before = {tuple(cell + plan.corner + step): plan.seen[tuple(cell)] for cell in np.argwhere(plan.seen > 0)}
+        plan.carry({0: se3.exp([*(step * CELL_M), 0, 0, 0, 0])}, LEVEL, 0.0)
+        plan.refresh()
+        after = {tuple(cell + plan.corner): plan.seen[tuple(cell)] for cell in np.argwhere(plan.seen > 0)}
+        assert {cell: after[cell] for cell in before} == before
         fresh = GroundPlan()
         fresh.add(plan.seen, plan.corner)
         fresh.refresh()
@@ -116,9 +147,11 @@ def test_readings_that_move_are_those_of_the_cells_that_points_lie_in(side: int)
         assert plan.area_m2() == fresh.area_m2()
 
 
-def test_points_beyond_the_widest_window_are_lost_and_no_fault() -> None:
+def test_what_moves_beyond_the_widest_window_is_lost_and_no_fault() -> None:
     plan = GroundPlan()
     patch(plan, (0, 0), (9, 9))
-    plan.move(np.array([[1e4, 1e4], [1e4, 1e4]]))
-    assert not plan.covered.any()
-    assert plan.area_m2() == 0.0
+    patch(plan, (0, 0), (4, 4), keyframe=1)
+    plan.carry({0: se3.exp([1e4, 1e4, 0, 0, 0, 0])}, LEVEL, 0.0)
+    plan.refresh()
+    assert plan.covered.any()
+    assert plan.area_m2() == pytest.approx(25 * CELL_M**2)

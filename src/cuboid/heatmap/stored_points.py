@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.heatmap.carrying import keys_of
+from cuboid.heatmap.anchors import Anchors
 from cuboid.heatmap.room import Room, resident_mb
 from cuboid.heatmap.row_blocks import RowBlocks
 from cuboid.heatmap.shelf import Shelf, TemporaryShelf
 from cuboid.kernels import cubes as kernel_cubes
 from cuboid.kernels import owners
 from cuboid.kernels import voxels as kernel
-from cuboid.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, CUBE_BITS, ROW
+from cuboid.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, CUBE_BITS, ROW, keys_of
 
 Rows = npt.NDArray[np.int64]
 
@@ -29,11 +29,13 @@ class StoredPoints:
     """Rows of points in cubes of voxels, and the object that each belongs to.
 
     Cubes that no frame looks at are put aside where memory is short, and come back when they are looked at or asked
-    for; no result depends on it. Rows of points have the same numbers while the map is not carried and their cube is
-    not packed, which both happen between frames.
+    for; no result depends on it. Points that owe a motion of their keyframe (`Anchors`) lie where they did, until
+    somebody looks at places where they lie or belong. Rows of points have the same numbers while their cube is not
+    packed: between frames, and where something else looks at places at which points owe a motion.
 
     Parameters
     ----------
+    voxel_m : float
     memory_mb : float
         Memory of the process, in units of 2**20 bytes, beyond which cubes that are out of view are put aside.
 
@@ -43,17 +45,19 @@ class StoredPoints:
         Called with rows of points that are as they were before the visit, when these are to be made ready for it.
     """
 
-    def __init__(self, memory_mb: float) -> None:
+    def __init__(self, voxel_m: float, memory_mb: float) -> None:
+        self.voxel_m = voxel_m
         self.memory_mb = memory_mb
         self.before_visit: Callable[[Rows], None] | None = None
         self._visit, self._most_hits = 0, 0
-        self._blocks = RowBlocks()
+        self._blocks, self._anchors = RowBlocks(), Anchors()
         self._begin(TemporaryShelf())
 
     def _begin(self, shelf: Shelf) -> None:
         self._room, self._shelf = Room(), shelf
-        self._points, self._cubes = self._room.points, self._room.cubes
+        self._points, self._cubes = self._room.points, self._room.cubes._replace(owes=self._anchors.owes)
         self._seen = np.zeros(len(self._cubes.key), np.int64)
+        self._marks = np.zeros(len(self._cubes.key), bool)
         # Of each cube, the last look that had it in view; of each block, the visit that it was made ready for.
         self._last_look = np.zeros(len(self._cubes.key), np.int32)
         self._ready = np.zeros(len(self._cubes.cube_of), np.uint16)
@@ -68,10 +72,13 @@ class StoredPoints:
         """Frames that saw each row."""
         return self._points.hits
 
-    @property
-    def anchor(self) -> npt.NDArray[np.uint16]:
-        """Keyframe that the last frame to see each row hangs on, 0 none."""
-        return self._points.anchor
+    def keyframe(self, rows: Rows) -> npt.NDArray[np.uint16]:
+        """Return the keyframe that the last frame to see each row (N,) hangs on."""
+        return self._anchors.keyframes(self._points.anchor[rows])
+
+    def keyframe_of(self, rows: Rows) -> int:
+        """Return the keyframe that most of some rows (N,) hang on, of equals the first; 0 where there are none."""
+        return int(np.bincount(self.keyframe(rows), minlength=1).argmax())
 
     @property
     def blocks(self) -> int:
@@ -108,6 +115,7 @@ class StoredPoints:
         shelf : Shelf
         """
         self._begin(shelf)
+        self._anchors.remake()
         cubes = self._cubes
         for block, key, rows, living, visit in blocks:
             cube = kernel_cubes.make_cube(np.int64(key), cubes)
@@ -119,6 +127,10 @@ class StoredPoints:
             cubes.bits[cube] = 0
             cubes.used[1] = block + 1
             self._ready[block] = visit
+        if self._anchors.cubes > cubes.used[0]:
+            raise ValueError(f"points are in {self._anchors.cubes} cubes, expected {cubes.used[0]}")
+        # An earlier version did not tell what hangs on which keyframe where.
+        self._anchors.complete &= self._anchors.known or self.blocks == 1
 
     def _begin_anew(self) -> None:
         self._begin(self._shelf if not isinstance(self._shelf, TemporaryShelf) else TemporaryShelf())
@@ -142,13 +154,15 @@ class StoredPoints:
         cube, within = voxels >> CUBE_BITS, voxels & ((1 << CUBE_BITS) - 1)
         inside = (within[:, 0] << (2 * CUBE_BITS)) | (within[:, 1] << CUBE_BITS) | within[:, 2]
         place = np.empty(len(voxels), np.int64)
-        kernel_cubes.enter(keys_of(cube), inside, self._cubes, self._points.voxel, place)
+        kernel_cubes.enter(keys_of(cube), inside, rows["anchor"], self._cubes, self._points, place)
         there = place >= 0
         rows["voxel"] = inside
         self._room.rows[place[there]] = rows[there]
         self._cubes.changed[1 : self.blocks] = True
         self._ready[:] = self._visit
         self._blocks.give_rows(rows["owner"][there], place[there] >> BLOCK_BITS)
+        self._find_anchors()
+        self._cubes.mixed[self._anchors.owing[0]] = True
 
     def begin_visit(self, most_hits: int) -> None:
         """Let what was seen so far count as no more than so many sightings: the world may have changed since.
@@ -198,7 +212,7 @@ class StoredPoints:
         for (block, _), rows in zip(blocks, found, strict=True):
             self._room.block(block)[:] = rows
         for cube in away:
-            kernel_cubes.fill_index(cube, self._cubes, self._points.voxel)
+            kernel_cubes.fill_index(cube, self._cubes, self._points)
         self._ready_for_visit(away)
 
     def _bring_all(self) -> None:
@@ -227,15 +241,21 @@ class StoredPoints:
     def _pack(self, cubes: Rows) -> None:
         """Pack those of some cubes that have many dead rows."""
         dead = self._cubes.dead[cubes]
-        due = cubes[(dead >= LEAST_DEAD) & (dead > DEAD_SHARE * self._cubes.rows[cubes])]
-        if not len(due):
+        self._pack_all(cubes[(dead >= LEAST_DEAD) & (dead > DEAD_SHARE * self._cubes.rows[cubes])])
+
+    def _pack_all(self, cubes: Rows) -> None:
+        if not len(cubes):
             return
         plain = self._room.rows.view(np.uint8).reshape(-1, ROW.itemsize)
-        for cube in due:
+        for cube in cubes:
             kernel.pack(cube, self._cubes, plain, self._points)
-            for block in self._room.blocks_of(cube):
-                owner = self._room.block(block)["owner"]
-                self._blocks.give_rows(owner, np.full(len(owner), block))
+        blocks = np.array([block for cube in cubes.tolist() for block in self._room.blocks_of(cube)])
+        owners = [self._room.block(block)["owner"] for block in blocks.tolist()]
+        self._blocks.give_rows(np.concatenate(owners), np.repeat(blocks, [len(some) for some in owners]))
+
+    def _find_anchors(self) -> None:
+        rows = np.flatnonzero(self._points.weight[BLOCK_ROWS : self.blocks * BLOCK_ROWS] > 0) + BLOCK_ROWS
+        self._anchors.begin_anew(self._points.anchor[rows], self._cubes.cube_of[rows >> BLOCK_BITS])
 
     @property
     def count(self) -> int:

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.geometry.se3 import inverse
-from cuboid.heatmap.carrying import motions_of
-from cuboid.heatmap.stored_points import Rows, StoredPoints
-from cuboid.kernels import carrying as kernel_carrying
+from cuboid.heatmap.moving_points import MovingPoints
+from cuboid.heatmap.stored_points import Rows
 from cuboid.kernels import claims as kernel_claims
 from cuboid.kernels import lookup, owners
 from cuboid.kernels import voxels as kernel
-from cuboid.kernels.cubes import BLOCK_BITS, HEATS, LEVELS, columns_of
+from cuboid.kernels.cubes import HEATS, LEVELS
 from cuboid.tolerances import LEAST_READINGS
 from cuboid.working import WorkingImage
 
@@ -25,14 +22,12 @@ LOOK_POINTS = 40_000
 MOST_VOTES = LEAST_READINGS
 # A voxel is its owner's when the votes are one in so many of the frames that saw it.
 VOTES_SHARE = 3
-# Points hang on keyframes up to this one: hours of video.
-LAST_ANCHOR = 0xFFFF
 
 
-class VoxelMap(StoredPoints):
+class VoxelMap(MovingPoints):
     """Points of the scene with color, heat, and the object that each belongs to, in cubes of voxels.
 
-    How they lie in memory, and where else: `StoredPoints`.
+    How they lie in memory, and where else: `StoredPoints`; how they follow corrections of poses: `MovingPoints`.
 
     Parameters
     ----------
@@ -50,8 +45,7 @@ class VoxelMap(StoredPoints):
     """
 
     def __init__(self, voxel_m: float, noise_per_m: float, max_depth_m: float, memory_mb: float = float("inf")) -> None:
-        super().__init__(memory_mb)
-        self.voxel_m = voxel_m
+        super().__init__(voxel_m, memory_mb)
         self.noise_per_m = noise_per_m
         self._max_depth_m = max_depth_m
         # How many looks there were, and the cube that the next one begins with.
@@ -69,6 +63,16 @@ class VoxelMap(StoredPoints):
             float(image.depth_m.max(initial=0.0)), self.voxel_m, self._cubes, self._seen,
         )  # fmt: skip
         return np.array(self._seen[:count])
+
+    def settle_in_view(self, image: WorkingImage, T_camera_world: Float64Array) -> None:
+        """Let points that owe a motion make it, where they lie or belong in what a frame may see."""
+        c, R, t = image.camera, T_camera_world[:3, :3], T_camera_world[:3, 3]
+        # A pixel more on each side than there is.
+        sides = [(c.fx, 0, c.cx + 1), (-c.fx, 0, c.width - c.cx), (0, c.fy, c.cy + 1), (0, -c.fy, c.height - c.cy)]
+        normals = np.array([*sides, (0, 0, 1), (0, 0, -1)], np.float64)
+        normals /= np.linalg.norm(normals, axis=1)[:, None]
+        beyond = np.array([0, 0, 0, 0, 0, float(image.depth_m.max(initial=0.0))])
+        self._settle_in(np.column_stack([normals @ R, normals @ t + beyond]))
 
     def fuse(
         self, image: WorkingImage, heat: Float32Array, T_world_camera: Float64Array, frame: int, anchor: int = 0
@@ -89,54 +93,22 @@ class VoxelMap(StoredPoints):
         (h, w) int32
             Row of each working pixel, -1 where it was not fused; valid until the next call.
         """
-        seen = self._in_view(image, inverse(T_world_camera))
+        T_camera_world = inverse(T_world_camera)
+        self.settle_in_view(image, T_camera_world)
+        seen = self._in_view(image, T_camera_world)
         self._last_look[seen] = self._looks
         self.relieve(seen)
         self._bring(seen)
         self._pack(seen)
-        begun, slots = self.blocks, np.empty(heat.shape, np.int32)
+        begun, slots, hangs = self.blocks, np.empty(heat.shape, np.int32), self._anchors.hang(anchor)
         kernel.fuse(
             image.depth_m, image.color, heat, _pinhole(image), np.ascontiguousarray(T_world_camera), self.voxel_m,
-            self._max_depth_m, frame, self._cubes, self._points, slots,
+            self._max_depth_m, frame, hangs, self._cubes, self._points, slots,
         )  # fmt: skip
         self._ready[begun : self.blocks] = self._visit
-        if anchor:
-            self.anchor[slots[slots >= 0]] = anchor if anchor <= LAST_ANCHOR else 0
+        count = lookup.touched(slots, self._cubes.cube_of, self._marks, self._seen)
+        self._anchors.has_points_in(hangs, self._seen[:count])
         return slots
-
-    def carry(self, moved: Mapping[int, Float64Array]) -> None:
-        """Move points with the keyframes that they hang on; those that meet in one voxel become one.
-
-        Of two points that meet, the oldest object's keeps the owner; hits and passes add up.
-
-        Parameters
-        ----------
-        moved : mapping of int to (4, 4) float64
-            T_new_old of each keyframe whose surroundings move.
-        """
-        alive = self.living()
-        motions = motions_of(moved, self.anchor[alive])
-        going = alive[motions.moves[self.anchor[alive]]]
-        if not len(going):
-            return
-        # Where much moves, and where past moves left much behind, all is put down anew, without what is dead.
-        anew = 2 * len(going) > len(alive) or 2 * self._deserted() > self._cubes.used[0]
-        going = alive if anew else going
-        taken, keys = self._room.rows[going], self._cubes.key[self._cubes.cube_of[going >> BLOCK_BITS]]
-        if anew:
-            self._begin_anew()
-        else:
-            kernel_carrying.leave(going, self._cubes, self._points)
-        begun, rows = self.blocks, np.empty(len(going), np.int64)
-        kernel_carrying.settle(keys, columns_of(taken), *motions, self.voxel_m, self._cubes, self._points, rows)
-        self._ready[begun : self.blocks] = self._visit
-        rows = rows[rows >= 0]
-        self._blocks.give_rows(self.owner[rows], rows >> BLOCK_BITS)
-
-    def _deserted(self) -> int:
-        """Return how many cubes have no living row."""
-        used = self._cubes.used[0]
-        return int(np.count_nonzero(self._cubes.rows[:used] == self._cubes.dead[:used]))
 
     def look_through(self, image: WorkingImage, T_camera_world: Float64Array) -> None:
         """Count the points that this frame sees through, and remove those that are passed more often than hit."""
@@ -205,6 +177,7 @@ class VoxelMap(StoredPoints):
     def rows_at(self, points: Float64Array) -> Rows:
         """Return the rows (N,) of the voxels at places (N, 3) of the world, -1 where there is no point."""
         points = np.ascontiguousarray(points)
+        self._settle_around(points, self.voxel_m)
         rows, missing = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
         asked = self.voxel_m, self._cubes, self._points.voxel, self._points.weight, rows, missing
         while absent := lookup.rows_at(points, *asked):
@@ -221,6 +194,7 @@ class VoxelMap(StoredPoints):
         `axes` (3, 3) are, row by row, two axes of the plane and its normal.
         """
         ground, missing = np.ascontiguousarray(ground), np.empty(27 * len(ground), np.int64)
+        self._settle_around(ground, 2 * self.voxel_m)
         seen = np.empty(len(ground), np.bool_)
         asked = self.voxel_m, self._cubes, self._points.voxel, self._points.weight, seen, missing
         while absent := lookup.seen_around(ground, axes, self.voxel_m, least, *asked):
@@ -235,7 +209,7 @@ class VoxelMap(StoredPoints):
     def xyz(self, rows: Rows) -> Float32Array:
         """Return world points (N, 3) of these rows."""
         xyz = np.empty((len(rows), 3), np.float32)
-        lookup.places(rows, self.voxel_m, self._cubes, self._points, xyz)
+        lookup.places(rows, self.voxel_m, self._cubes, self._points, self._anchors.motions, xyz)
         return xyz
 
     def rgb(self, rows: Rows) -> UInt8Array:

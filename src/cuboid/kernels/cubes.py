@@ -29,6 +29,8 @@ LEAST_BITS = 11
 # Cubes that came after each other lie near each other: so many of them are looked at only where the bounds of all of
 # them are met.
 BATCH = 64
+# Numbers of anchors: see `Points.anchor`.
+ANCHORS = 1 << 16
 # Parts of a voxel's edge, of a color's level and of heat that are told apart: more than any sensor tells.
 PLACES, LEVELS, HEATS = 65536.0, 256.0, 65536.0
 
@@ -51,7 +53,7 @@ class Points(NamedTuple):
     # Frames that saw it, and that saw through it.
     hits: npt.NDArray[np.uint16]
     passes: npt.NDArray[np.uint16]
-    # Keyframe that the last frame to see it hangs on.
+    # What it hangs on: a keyframe, as of some moment; see `heatmap.anchors`.
     anchor: npt.NDArray[np.uint16]
     # Votes that the owner is ahead of all others; and a mark of those that voted, between two frames 0.
     confidence: npt.NDArray[np.uint8]
@@ -88,6 +90,11 @@ class Cubes(NamedTuple):
     changed: npt.NDArray[np.bool_]
     # How many (2,): cubes, blocks. No cube has block 0.
     used: npt.NDArray[np.int64]
+    # Of each anchor (ANCHORS,), whether what hangs on it owes a motion: such rows lie where they no longer belong, and
+    # no table leads to them.
+    owes: npt.NDArray[np.bool_]
+    # Of each cube (C,), whether its table may lead to such rows, and is to be made anew before it is asked.
+    mixed: npt.NDArray[np.bool_]
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -191,8 +198,8 @@ def likely_row(cube, voxel, cubes):
 
 
 @njit(cache=True, nogil=True)
-def fill_index(cube, cubes, voxels):
-    """Make a cube's table anew, of the size that its rows need."""
+def fill_index(cube, cubes, points):
+    """Make a cube's table anew, of the size that its rows need; it leads to those that owe no motion."""
     count = np.int64(cubes.rows[cube])
     bits = LEAST_BITS
     while 10 * count > 7 << bits:
@@ -202,17 +209,23 @@ def fill_index(cube, cubes, voxels):
     cubes.tables[first : first + (1 << bits)] = 0
     cubes.bits[cube] = bits
     mask = (1 << bits) - 1
+    cubes.mixed[cube] = False
     for k in range(count):
-        place = scatter(voxels[row_of(cube, k, cubes.blocks)]) & mask
+        row = row_of(cube, k, cubes.blocks)
+        if cubes.owes[points.anchor[row]]:
+            continue
+        place = scatter(points.voxel[row]) & mask
         while cubes.tables[first + place] > 0:
             place = (place + 1) & mask
         cubes.tables[first + place] = k + 1
 
 
 @njit(cache=True, nogil=True)
-def add_row(cube, voxel, place, cubes, voxels):
+def add_row(cube, voxel, place, anchor, cubes, points):
     """Return a new row of a voxel, whose place in the table is known; -1 where there is no room for one more."""
     k = np.int64(cubes.rows[cube])
+    if k >= MOST_BLOCKS << BLOCK_BITS:
+        return np.int64(-1)
     if k & (BLOCK_ROWS - 1) == 0 and cubes.blocks[cube, k >> BLOCK_BITS] == 0:
         block = cubes.used[1]
         if block >= cubes.turn.size - 1:
@@ -222,17 +235,17 @@ def add_row(cube, voxel, place, cubes, voxels):
         cubes.cube_of[block] = cube
         cubes.turn[block] = k >> BLOCK_BITS
     row = row_of(cube, k, cubes.blocks)
-    voxels[row] = voxel
+    points.voxel[row], points.anchor[row] = voxel, anchor
     cubes.rows[cube] += 1
     cubes.tables[place] = k + 1
     if 10 * (k + 1) > 7 << np.int64(cubes.bits[cube]) and cubes.bits[cube] < TABLE_BITS:
-        fill_index(cube, cubes, voxels)
+        fill_index(cube, cubes, points)
     return row
 
 
 @njit(cache=True, nogil=True)
-def enter(keys, voxel, cubes, voxels, rows):
-    """Make room for points of so many different voxels: keys of their cubes (N,), voxels in these (N,).
+def enter(keys, voxel, anchor, cubes, points, rows):
+    """Make room for points of so many different voxels: keys of their cubes (N,), voxels in these, anchors.
 
     Written to `rows` (N,) int64; -1 where there is no more room.
     """
@@ -240,8 +253,8 @@ def enter(keys, voxel, cubes, voxels, rows):
         rows[i] = -1
         cube = make_cube(keys[i], cubes)
         if cube >= 0:
-            _, place = find_row(cube, voxel[i], cubes, voxels)
-            rows[i] = add_row(cube, voxel[i], place, cubes, voxels)
+            _, place = find_row(cube, voxel[i], cubes, points.voxel)
+            rows[i] = add_row(cube, voxel[i], place, anchor[i], cubes, points)
 
 
 def empty_cubes(most: int, tables: npt.NDArray[np.uint16]) -> Cubes:
@@ -259,12 +272,20 @@ def empty_cubes(most: int, tables: npt.NDArray[np.uint16]) -> Cubes:
         turn=np.zeros(most + 1, np.uint8),
         changed=np.zeros(most + 1, bool),
         used=np.array([0, 1]),
+        owes=np.zeros(ANCHORS, bool),
+        mixed=np.zeros(most, bool),
     )
 
 
 def columns_of(rows: npt.NDArray[Any]) -> Points:
     """Return the columns of rows (N,) of type ROW: views."""
     return Points(*(rows[name] for name in Points._fields))
+
+
+def keys_of(cubes: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return numbers (N,), different for different cubes or cells (N, 3)."""
+    x, y, z = (cubes + KEY_OFFSET).T
+    return np.asarray((x << (2 * KEY_BITS)) | (y << KEY_BITS) | z)
 
 
 def voxels_of(keys: npt.NDArray[np.int64], voxel: npt.NDArray[np.uint16]) -> npt.NDArray[np.int64]:

@@ -85,16 +85,84 @@ def seen_around(ground, axes, reach, least, voxel_m, cubes, voxels, weights, see
 
 
 @njit(cache=True, nogil=True)
-def places(rows, voxel_m, cubes, points, xyz):
-    """Write where in the world the points of rows (N,) are to `xyz` (N, 3) float32."""
+def places(rows, voxel_m, cubes, points, motions, xyz):
+    """Write where in the world the points of rows (N,) are to `xyz` (N, 3) float32.
+
+    Those that owe a motion, `motions` (ANCHORS, 3, 4) by anchor, are where that carries them.
+    """
     mask = CUBE_SIDE - 1
     for i in range(rows.size):
         row = rows[i]
         x, y, z = corner(cubes.key[cubes.cube_of[row >> BLOCK_BITS]])
         voxel, place = np.int64(points.voxel[row]), points.place[row]
-        xyz[i, 0] = (x + (voxel >> (2 * CUBE_BITS)) + (place[0] + 0.5) / PLACES) * voxel_m
-        xyz[i, 1] = (y + ((voxel >> CUBE_BITS) & mask) + (place[1] + 0.5) / PLACES) * voxel_m
-        xyz[i, 2] = (z + (voxel & mask) + (place[2] + 0.5) / PLACES) * voxel_m
+        px = (x + (voxel >> (2 * CUBE_BITS)) + (place[0] + 0.5) / PLACES) * voxel_m
+        py = (y + ((voxel >> CUBE_BITS) & mask) + (place[1] + 0.5) / PLACES) * voxel_m
+        pz = (z + (voxel & mask) + (place[2] + 0.5) / PLACES) * voxel_m
+        if cubes.owes[points.anchor[row]]:
+            T = motions[points.anchor[row]]
+            for k in range(3):
+                xyz[i, k] = T[k, 0] * px + T[k, 1] * py + T[k, 2] * pz + T[k, 3]
+        else:
+            xyz[i, 0], xyz[i, 1], xyz[i, 2] = px, py, pz
+
+
+@njit(cache=True, nogil=True)
+def reach(spaces, cube, anchor, motions, voxel_m, cubes, reaches):
+    """Tell of pairs of a cube and an anchor (N,) whether points of them may be in a region, by the cubes' spheres.
+
+    Parameters
+    ----------
+    spaces : (H, 4) float64
+        Half-spaces that the region is what is common to: inside where x a + y b + z c + d >= 0, (a, b, c) unit.
+    cube, anchor : (N,) int32
+    motions : (ANCHORS, 3, 4) float64
+        That points of each anchor owe.
+    voxel_m : float
+    cubes : Cubes
+    reaches : (N,) bool, output
+        Where the points lie, or where they belong.
+    """
+    half = 0.5 * CUBE_SIDE * voxel_m
+    for i in range(cube.size):
+        ix, iy, iz = corner(cubes.key[cube[i]])
+        px, py, pz = ix * voxel_m + half, iy * voxel_m + half, iz * voxel_m + half
+        T = motions[anchor[i]]
+        reaches[i] = _meets(spaces, px, py, pz, 1.74 * half) or _meets(
+            spaces,
+            T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3],
+            T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3],
+            T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3],
+            1.74 * half,
+        )
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _meets(spaces, x, y, z, radius):
+    for k in range(spaces.shape[0]):
+        if spaces[k, 0] * x + spaces[k, 1] * y + spaces[k, 2] * z + spaces[k, 3] < -radius:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def touched(slots, cube_of, marks, found):
+    """Find the cubes that rows of pixels (H, W) int32 lie in, -1 for none.
+
+    `marks` (C,) bool are False before and after; `found` (C,) int64 begins with the cubes; returns how many.
+    """
+    count, last = 0, np.int64(-1)
+    for row in slots.ravel():
+        if row < 0:
+            continue
+        cube = np.int64(cube_of[row >> BLOCK_BITS])
+        if cube != last and not marks[cube]:
+            marks[cube] = True
+            found[count] = cube
+            count += 1
+        last = cube
+    for k in range(count):
+        marks[found[k]] = False
+    return count
 
 
 @njit(cache=True, nogil=True)

@@ -68,7 +68,7 @@ def likely_rows(count, cube_in, voxel_of, cubes, voxels, likely):
 
 
 @njit(cache=True, nogil=True)
-def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, cubes, points, slots):
+def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, anchor, cubes, points, slots):
     """Fuse a frame's points into the map: a weighted running mean of place, color and heat a voxel.
 
     Parameters
@@ -85,8 +85,10 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, cubes, points
         Metres.
     frame : int
         Number of this frame; a voxel counts one hit a frame.
+    anchor : int
+        What its points hang on from now on.
     cubes : Cubes
-        Those in view are in memory.
+        Those in view are in memory, and nothing in them or on its way to them owes a motion.
     points : Points
     slots : (H, W) int32, output
         Row of each pixel, -1 where there is no reading and where another cold pixel speaks for it.
@@ -100,7 +102,7 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, cubes, points
     zx, zy, zz, z0 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
     voxels, last_frame, weight, hits = points.voxel, points.last_frame, points.weight, points.hits
     place, colors, heats = points.place, points.color, points.heat
-    changed, bits = cubes.changed, cubes.bits
+    changed, bits, anchors = cubes.changed, cubes.bits, points.anchor
     last_key, cube = np.int64(-1), np.int64(-1)
     # Of one row of the image: the pixels that are fused, for how many each speaks, where in its voxel it is; its cube
     # and voxel, and the row of the map that is likely its own.
@@ -136,14 +138,14 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, cubes, points
             if row < 0:
                 row, at = find_row(cube_in[k], voxel_of[k], cubes, voxels)
             if row < 0:
-                row = add_row(cube_in[k], voxel_of[k], at, cubes, voxels)
+                row = add_row(cube_in[k], voxel_of[k], at, anchor, cubes, points)
                 if row < 0:
                     continue
                 last_frame[row] = -1
             elif weight[row] <= 0.0:
                 cubes.dead[cube_in[k]] -= 1
                 last_frame[row] = -1
-            slots[v, u] = row
+            slots[v, u], anchors[row] = row, anchor
             z, warm = depth[v, u], heat[v, u]
             # Depth's variance grows with z^4: a near sighting says more. Half a metre and nearer weigh alike.
             near = max(z, 0.5)
@@ -239,4 +241,4 @@ def pack(cube, cubes, rows, points):
         cubes.changed[cubes.blocks[cube, k >> BLOCK_BITS]] = True
     cubes.rows[cube] = kept
     cubes.dead[cube] = 0
-    fill_index(cube, cubes, points.voxel)
+    fill_index(cube, cubes, points)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.frame import UInt8Array
+from cuboid.frame import Float32Array, UInt8Array
 from cuboid.geometry.box import Box
-from cuboid.heatmap.stored_points import Rows
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.extents import beyond_sides
 from cuboid.tolerances import DRIFT_M, MOST, SAMPLE
@@ -17,25 +16,25 @@ SIDE_VOXELS = 2.0
 BEYOND_VOXELS = SIDE_VOXELS + np.arange(3)
 
 
-def continues(box: Box, rows: Rows, voxels: VoxelMap, owned: UInt8Array) -> tuple[bool, int]:
+def continues(box: Box, points: Float32Array, voxels: VoxelMap, owned: UInt8Array) -> tuple[bool, int]:
     """Tell whether an object's top goes on into structure, and how many of its four other sides do.
 
     Parameters
     ----------
     box : Box
-    rows : (N,) int64
-        Its voxels.
+    points : (N, 3) float32
+        Its own.
     voxels : VoxelMap
     owned : (M,) uint8
         1 for each object, by number, that is no structure.
     """
-    rows = rows[:: 1 + len(rows) // SAMPLE]
+    points = points[:: 1 + len(points) // SAMPLE]
     beyond_m = BEYOND_VOXELS * voxels.voxel_m
-    places, counts = np.empty((5 * len(beyond_m) * len(rows), 3)), np.empty(5, np.int64)
+    places, counts = np.empty((5 * len(beyond_m) * len(points), 3)), np.empty(5, np.int64)
     # What is lower is beside what it stands on.
     bottom_m, side_m = DRIFT_M - box.size[2] / 2, SIDE_VOXELS * voxels.voxel_m
     rotation = np.ascontiguousarray(box.rotation)
-    found = beyond_sides(voxels.xyz(rows), box.center, rotation, bottom_m, side_m, beyond_m, places, counts)
+    found = beyond_sides(points, box.center, rotation, bottom_m, side_m, beyond_m, places, counts)
     if found == 0:
         return False, 0
     owner = voxels.owner_at(places[:found])
@@ -45,7 +44,7 @@ def continues(box: Box, rows: Rows, voxels: VoxelMap, owned: UInt8Array) -> tupl
     return bool(top), int(sum(sides))
 
 
-def is_structure(box: Box, rows: Rows, voxels: VoxelMap, owned: UInt8Array) -> bool:
+def is_structure(box: Box, points: Float32Array, voxels: VoxelMap, owned: UInt8Array) -> bool:
     """Tell whether an object is a part of structure: its top goes on, or more than one of its sides does."""
-    top, sides = continues(box, rows, voxels, owned)
+    top, sides = continues(box, points, voxels, owned)
     return top or sides > 1

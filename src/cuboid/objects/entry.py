@@ -36,6 +36,8 @@ class MapObject:
     state : State
     label : int
         0 until confirmed.
+    keyframe : int
+        That most of its points hung on at the last fit; -1 where that is not known, of what an earlier version wrote.
     plane : int or None
         Identity of the plane that it stands on.
     points : (N, 3) float32
@@ -71,6 +73,7 @@ class MapObject:
     last_frame: int
     state: State = State.CANDIDATE
     label: int = 0
+    keyframe: int = -1
     plane: int | None = None
     points: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     colors: npt.NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 3), np.uint8))

@@ -68,14 +68,14 @@ class Fitting:
         plane = None if identity is None else self._planes.find(identity)
         entry.plane = None if plane is None else plane.identity
         labelled = [o for o in self._store.neighbours(entry) if o.confirmed]
+        entry.points, entry.colors = voxels.xyz(rows), voxels.rgb(rows)
+        entry.heat, entry.keyframe = float(voxels.heat(rows).mean()), voxels.keyframe_of(rows)
         box, noise_m = self._boxing.fit(
             rows,
             None if plane is None else self._planes.in_world(plane),
             self._planes.likely_up,
             [o.box for o in labelled],
         )
-        entry.points, entry.colors = voxels.xyz(rows), voxels.rgb(rows)
-        entry.heat = float(voxels.heat(rows).mean())
         self._store.place(entry, box)
         owned = np.zeros(self._store.numbers, np.uint8)
         owned[[entry.number, *(o.number for o in self._store.neighbours(entry) if o.confirmed)]] = 1
@@ -83,7 +83,7 @@ class Fitting:
         entry.structure = (
             not fits_object(box, self._config)
             or box.size.min() < SIGMAS * noise_m
-            or is_structure(box, rows, voxels, owned)
+            or is_structure(box, entry.points, voxels, owned)
         )
         if entry.structure:
             entry.log_odds -= STRUCTURE

@@ -86,6 +86,7 @@ class ObjectMap:
         known: npt.NDArray[np.bool_],
         candidate: UInt8Array,
         news: float,
+        keyframe: int,
     ) -> Association:
         """Take in what a frame shows.
 
@@ -107,13 +108,15 @@ class ObjectMap:
             Pixels off every supporting plane.
         news : float
             How far the frame shows things from another side than the one before, 0..1.
+        keyframe : int
+            That the frame hangs on.
 
         Returns
         -------
         Association
         """
         found = associate(things, pack(boxes), objects, self.store.boxes_of(objects), pixel_owner, known)
-        number_of = self._sightings(frame, things, boxes, found)
+        number_of = self._sightings(frame, things, boxes, found, keyframe)
         self._voxels.vote(things.claim, number_of, *self._may_take(number_of, found), candidate, slots)
         self._pairs(things, found, news)
         self._share_room([o.number for o in objects], news)
@@ -126,7 +129,7 @@ class ObjectMap:
         return found
 
     def _sightings(
-        self, frame: int, things: FrameClusters, boxes: Sequence[Box], found: Association
+        self, frame: int, things: FrameClusters, boxes: Sequence[Box], found: Association, keyframe: int
     ) -> npt.NDArray[np.int32]:
         """Let each thing speak for an object, a new one where need be; return for which each votes, 0 for none."""
         number_of = np.zeros(len(things.clusters), np.int32)
@@ -144,7 +147,7 @@ class ObjectMap:
             else:
                 if not fits_object(boxes[i], self._config):
                     continue
-                entry = self.store.add(boxes[i], frame)
+                entry = self.store.add(boxes[i], frame, keyframe)
                 self._sighting(entry, cluster, told[i])
             number_of[i] = entry.number
         return number_of
@@ -229,25 +232,22 @@ class ObjectMap:
             entry.plane, entry.supports, entry.fitted = None, {}, 0
 
     def carry(self, moved: Mapping[int, Float64Array]) -> None:
-        """Move the map, and each object with the keyframe that most of its points hang on.
+        """Move the map, and each object with the keyframe that most of its points hung on at its last fit.
 
         Parameters
         ----------
         moved : mapping of int to (4, 4) float64
             T_new_old in the world, of each keyframe whose surroundings move.
         """
-        voxels = self._voxels
-        anchor_of = {n: int(np.bincount(voxels.anchor[rows]).argmax()) for n, rows in voxels.owned().items()}
-        voxels.carry(moved)
-        owned = voxels.owned()
         for entry in self.store.living():
-            T = moved.get(anchor_of.get(entry.number, -1))
+            if entry.keyframe < 0:
+                entry.keyframe = self._voxels.keyframe_of(self._voxels.rows_of(entry.number))
+            T = moved.get(entry.keyframe)
             if T is not None:
                 R, t = T[:3, :3], T[:3, 3]
                 self.store.place(entry, Box(R @ entry.box.center + t, entry.box.size, R @ entry.box.rotation))
                 entry.points = transform(T, entry.points).astype(np.float32)
-            if entry.number in owned:
-                entry.points, entry.colors = voxels.xyz(owned[entry.number]), voxels.rgb(owned[entry.number])
+        self._voxels.carry(moved)
 
     def begin_visit(self) -> None:
         """Expect the place at another time: what was seen counts as chance would, and boxes are soon fitted anew."""

@@ -89,9 +89,9 @@ class ObjectStore:
         """Give no label below one."""
         self._next_label = max(self._next_label, first)
 
-    def add(self, box: Box, frame: int) -> MapObject:
+    def add(self, box: Box, frame: int, keyframe: int = 0) -> MapObject:
         """Begin an object."""
-        entry = MapObject(self._next_number, box, frame, frame)
+        entry = MapObject(self._next_number, box, frame, frame, keyframe=keyframe)
         self._next_number += 1
         self._objects[entry.number] = entry
         if entry.number >= len(self.boxes):

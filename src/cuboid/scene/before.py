@@ -16,9 +16,8 @@ import numpy.typing as npt
 from cuboid.frame import Float32Array, Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import quat_wxyz_from_rotation, transform
-from cuboid.heatmap.carrying import keys_of
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.kernels.cubes import CUBE_BITS
+from cuboid.kernels.cubes import CUBE_BITS, keys_of
 from cuboid.objects.entry import MapObject
 from cuboid.scene.door import BOX, DamagedError, box_of, columns_of, floats_of, told
 from cuboid.scene.likeness import LAYERS, Look, look_of

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from cuboid.config import TrackerConfig
 from cuboid.frame import Intrinsics
 from cuboid.geometry.box import Box
+from cuboid.heatmap.anchors import Anchor, Anchors
 from cuboid.heatmap.row_blocks import RowBlocks
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.affinity import Affinity
@@ -63,7 +64,7 @@ class Kind:
 
 # Rows of the map are saved in blocks: see `saving`.
 _ROWS = frozenset(
-    {"memory_mb", "_room", "_shelf", "_points", "_cubes", "_seen", "_last_look", "_ready", "before_visit"}
+    {"memory_mb", "_room", "_shelf", "_points", "_cubes", "_seen", "_marks", "_last_look", "_ready", "before_visit"}
 )
 
 KINDS = {
@@ -76,6 +77,8 @@ KINDS = {
         Kind(Plane, key=lambda plane: plane.identity),
         Kind(VoxelMap, kept_apart=_ROWS),
         Kind(RowBlocks),
+        Kind(Anchors, kept_apart=frozenset({"owes", "motions", "_keyframes", "_of", "_pairs"})),
+        Kind(Anchor, key=lambda anchor: anchor.number, many=True),
         Kind(ObjectMap),
         Kind(Boxing),
         Kind(ObjectStore, kept_apart=frozenset({"_bounds"})),

@@ -183,6 +183,10 @@ _NUMBERS = """
 ALTER TABLE known ADD COLUMN number INTEGER NOT NULL DEFAULT 0;
 """
 
+# Points may owe motions, as the tracker's state tells: no table is another one, but who does not know of that would
+# take points to be where they no longer belong.
+_ANCHORS = ""
+
 # What makes a file of version k + 1 of one of version k, from 0: an empty one.
-MIGRATIONS: tuple[str, ...] = (_FIRST, _CHANGES, _OCCUPIED, _CUBES, _NUMBERS)
+MIGRATIONS: tuple[str, ...] = (_FIRST, _CHANGES, _OCCUPIED, _CUBES, _NUMBERS, _ANCHORS)
 VERSION = len(MIGRATIONS)

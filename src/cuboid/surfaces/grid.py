@@ -6,12 +6,13 @@ its own, as large as its plane.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array, UInt8Array
-from cuboid.kernels import carrying as kernel
+from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.tolerances import LEAST_READINGS
 
 # Edge of a cell of the ground plan, metres: finer than any table, coarser than depth noise.
@@ -49,9 +50,14 @@ _MARGIN = _RIM.shape[0] // 2 + _NEARBY.shape[0] // 2
 _UNSURE = _MARGIN + 2 * (_CLOSE.shape[0] // 2)
 
 
-def cells_of(points: Float64Array) -> Places:
+def cells_of(points: Float32Array | Float64Array) -> Places:
     """Return the cells (N, 2) of plan coordinates (N, 2 or 3), metres."""
-    return np.floor(points[:, :2] / CELL_M).astype(np.int64)
+    return np.floor(points[:, :2] / np.float64(CELL_M)).astype(np.int64)
+
+
+def _numbers(cells: Places) -> Places:
+    """Return numbers (N,), different for different cells (N, 2)."""
+    return np.asarray((cells[:, 0] << 32) + cells[:, 1])
 
 
 class GroundPlan:
@@ -63,21 +69,28 @@ class GroundPlan:
         The window's first cell.
     seen : (N, M) int32
         Readings by cell.
+    keyframes : (N, M) uint16
+        Keyframe from which each cell was seen last.
     covered : (N, M) uint8
         1 where the plane is, holes under objects filled.
     nearby : (N, M) uint8
         1 where the plane is or may go on, within `NEARBY_M`.
     stale : bool
         Readings came in since `refresh`.
+    late : bool
+        The plane has moved since then: what it covers is found anew when it is looked at; see `catch_up`.
     """
 
     def __init__(self) -> None:
         self.corner: Places = np.zeros(2, np.int64)
         self.seen: npt.NDArray[np.int32] = np.zeros((0, 0), np.int32)
+        self.keyframes: npt.NDArray[np.uint16] = np.zeros((0, 0), np.uint16)
         self.covered: UInt8Array = np.zeros((0, 0), np.uint8)
         self.nearby: UInt8Array = np.zeros((0, 0), np.uint8)
-        self.stale = False
+        self.stale = self.late = False
         self._changed: Places = np.zeros(4, np.int64)
+        # Where all cells that have readings are: their middles, until they move.
+        self._places: Float32Array = np.zeros((0, 2), np.float32)
         self._known = 0
 
     @property
@@ -95,9 +108,13 @@ class GroundPlan:
         pads = np.abs(window - self.window)
         if pads.any():
             around = ((pads[0], pads[2]), (pads[1], pads[3]))
-            self.seen = np.pad(self.seen, around)
+            self.seen, self.keyframes = np.pad(self.seen, around), np.pad(self._hanging(), around)
             self.covered, self.nearby = np.pad(self.covered, around), np.pad(self.nearby, around)
             self.corner = window[:2]
+
+    def _hanging(self) -> npt.NDArray[np.uint16]:
+        """Return the keyframe of each cell: the first, where an earlier version did not tell."""
+        return self.keyframes if self.keyframes.shape == self.seen.shape else np.zeros(self.seen.shape, np.uint16)
 
     def _grown(self, low: Places, high: Places) -> Places:
         """Return the window (4,) that also holds cells from `low` to `high`; as it is where it would be too wide."""
@@ -109,17 +126,18 @@ class GroundPlan:
             return self.window
         return np.asarray(self.window + np.concatenate([-before, after]))
 
-    def begin(self, points: Float64Array, area_m2: Float64Array) -> None:
+    def begin(self, points: Float64Array, area_m2: Float64Array, keyframe: int = 0) -> None:
         """Begin with what was seen at these plan coordinates (N, 2), each standing for an area."""
         cells = cells_of(points)
         half = np.rint(np.sqrt(area_m2) / 2 / CELL_M).astype(np.int64)
         self.reach((cells - half[:, None]).min(0), (cells + half[:, None]).max(0))
         for (i, j), k in zip(cells - self.corner, half, strict=True):
             self.seen[max(0, i - k) : max(0, i + k + 1), max(0, j - k) : max(0, j + k + 1)] = LEAST_READINGS
+        self.keyframes[:] = keyframe
         self._all_changed()
 
-    def add(self, readings: npt.NDArray[np.int32], corner: Places) -> None:
-        """Take in readings (n, m) by cell, the first of which is `corner`."""
+    def add(self, readings: npt.NDArray[np.int32], corner: Places, keyframe: int | npt.NDArray[np.uint16] = 0) -> None:
+        """Take in readings (n, m) by cell, the first of which is `corner`, from one keyframe or (n, m) of them."""
         i, j = np.flatnonzero(readings.any(1)), np.flatnonzero(readings.any(0))
         if len(i) == 0:
             return
@@ -127,31 +145,102 @@ class GroundPlan:
         window = np.concatenate([corner, corner + readings.shape])
         mine, theirs = common(self.window, window)
         before = int(np.count_nonzero(self.seen[mine] >= LEAST_READINGS))
-        self.seen[mine] += readings[theirs]
+        new, some = readings[theirs], readings[theirs] > 0
+        first = np.argwhere(some & (self.seen[mine] == 0))
+        if len(first):
+            self._are_new(first + np.maximum(self.window[:2], window[:2]))
+        self.keyframes = self._hanging()
+        self.keyframes[mine][some] = keyframe if isinstance(keyframe, int) else keyframe[theirs][some]
+        self.seen[mine] += new
         self._known += int(np.count_nonzero(self.seen[mine] >= LEAST_READINGS)) - before
         self._changed = _around(self._changed, window) if self.stale else window
         self.stale = True
 
     def absorb(self, other: GroundPlan) -> None:
         """Take in the readings of another plan."""
-        self.add(other.seen, other.corner)
+        self.add(other.seen, other.corner, other._hanging())
         self.refresh()
 
-    def move(self, points: Float64Array) -> None:
-        """Let the plane be where its points (N, 2 or 3), plan coordinates, now are: left cells lose their readings."""
-        cells = cells_of(points)
-        window, before = self._grown(cells.min(0), cells.max(0)), self.seen
-        # All else of the window is empty afterwards: nobody looks at it, however large it is.
-        self.seen = np.zeros(window[2:] - window[:2], np.int32)
-        self.covered, self.nearby = (np.zeros(self.seen.shape, np.uint8) for _ in range(2))
-        offset, known = window[:2] - self.corner, np.empty(4, np.int64)
-        self._known = kernel.keep_cells(cells - window[:2], before, offset, LEAST_READINGS, self.seen, known)
-        self.corner = window[:2]
-        self._changed = known + np.tile(self.corner, 2)
-        self.stale = self._known > 0
-        self.refresh()
+    def carry(self, moved: Mapping[int, Float64Array], normal: Float64Array, offset: float) -> None:
+        """Move with the keyframes from which the plane was seen; of cells that meet the one with most readings stays.
+
+        Parameters
+        ----------
+        moved : mapping of int to (4, 4) float64
+            T_new_old in the plan frame, of each keyframe that moved.
+        normal : (3,) float64
+        offset : float
+            Of the plane, before it moved: normal.p + offset = 0.
+        """
+        if not len(self._places):
+            self._all_changed()  # an earlier version did not tell
+        old = cells_of(self._places)
+        i, j = (old - self.corner).T
+        readings, keyframes = self.seen[i, j], self._hanging()[i, j]
+        names, of = np.unique(keyframes, return_inverse=True)
+        T = np.array([moved.get(name, np.eye(4)) for name in names.tolist()]).reshape(-1, 4, 4)[of]
+        places = self._places.astype(np.float64)
+        on_plane = np.column_stack([places, -(places @ normal[:2] + offset) / normal[2]])
+        self._places = (np.einsum("nij,nj->ni", T[:, :2, :3], on_plane) + T[:, :2, 3]).astype(np.float32)
+        cells = cells_of(self._places)
+        if not np.array_equal(cells, old):
+            self._move(old, cells, readings, keyframes)
+
+    def _move(
+        self, old: Places, cells: Places, readings: npt.NDArray[np.int32], keyframes: npt.NDArray[np.uint16]
+    ) -> None:
+        """Let cells (N, 2) be elsewhere, with their readings (N,) and keyframes (N,)."""
+        window = self._grown(cells.min(0), cells.max(0))
+        inside = np.flatnonzero(((cells >= window[:2]) & (cells < window[2:])).all(1))
+        order = inside[np.argsort(-readings[inside], kind="stable")]
+        order = order[np.unique(_numbers(cells[order]), return_index=True)[1]]
+        self._places, cells = self._places[order], cells[order]
+        i, j = (old - self.corner).T
+        self.seen[i, j], self.keyframes = 0, self._hanging()
+        if (window != self.window).any():
+            mine, theirs = common(window, self.window)
+            for name in ("covered", "nearby"):
+                layer = np.zeros(window[2:] - window[:2], np.uint8)
+                layer[mine] = getattr(self, name)[theirs]
+                setattr(self, name, layer)
+            self.seen, self.keyframes = np.zeros(layer.shape, np.int32), np.zeros(layer.shape, np.uint16)
+            self.corner = window[:2]
+        i, j = (cells - self.corner).T
+        self.seen[i, j], self.keyframes[i, j] = readings[order], keyframes[order]
+        cells = self._filled(cells)
+        i, j = (cells - self.corner).T
+        self._known = int(np.count_nonzero(self.seen[i, j] >= LEAST_READINGS))
+        both = np.concatenate([old, cells])
+        self._changed = np.concatenate([both.min(0), both.max(0) + 1])
+        self.stale = self.late = True
+
+    def catch_up(self) -> None:
+        """Find anew what the plane covers, where it has moved; of the widest ones, that comes in its turn."""
+        if self.late and max(self.seen.shape) <= WHOLE_CELLS:
+            self.refresh()
+
+    def _filled(self, cells: Places) -> Places:
+        """Let cells between two that have readings have some too, and return all: cells that turn leave such gaps."""
+        found = [cells]
+        for step in (np.array([1, 0]), np.array([0, 1])):
+            inside = (cells + 2 * step - self.corner < self.seen.shape).all(1)
+            one = (cells[inside] - self.corner).T
+            gap, other = one + step[:, None], one + 2 * step[:, None]
+            empty = (self.seen[*gap] == 0) & (self.seen[*other] > 0)
+            one, gap, other = one[:, empty], gap[:, empty], other[:, empty]
+            self.seen[*gap] = np.minimum(self.seen[*one], self.seen[*other])
+            self.keyframes[*gap] = self.keyframes[*one]
+            found.append(gap.T + self.corner)
+            self._are_new(found[-1])
+        return np.concatenate(found)
+
+    def _are_new(self, cells: Places) -> None:
+        """Note where cells (N, 2) are that have readings now."""
+        self._places = np.concatenate([self._places, ((cells + 0.5) * CELL_M).astype(np.float32)])
 
     def _all_changed(self) -> None:
+        self._places = self._places[:0]
+        self._are_new(np.argwhere(self.seen > 0) + self.corner)
         self._known = int(np.count_nonzero(self.seen >= LEAST_READINGS))
         self._changed = self.window
         self.stale = True
@@ -161,7 +250,7 @@ class GroundPlan:
         """Find anew what the plane covers, where that changed."""
         if not self.stale:
             return
-        self.stale = False
+        self.stale = self.late = False
         part = self.window
         if max(self.seen.shape) > WHOLE_CELLS:
             wide = self._changed + AROUND_CELLS * np.array([-1, -1, 1, 1])
@@ -182,14 +271,18 @@ class GroundPlan:
 
     def near(self, points: Float64Array) -> npt.NDArray[np.bool_]:
         """Tell which plan coordinates (N, 2) lie where the plane is or may go on."""
+        self.catch_up()
         return self._look_up(self.nearby, points)
 
     def covers(self, points: Float64Array) -> npt.NDArray[np.bool_]:
         """Tell which plan coordinates (N, 2) the plane covers."""
+        self.catch_up()
         return self._look_up(self.covered, points)
 
     def shares_ground(self, other: GroundPlan) -> bool:
         """Tell whether two planes cover a cell in common."""
+        self.catch_up()
+        other.catch_up()
         mine, theirs = common(self.window, other.window)
         return bool((self.covered[mine] & other.covered[theirs]).any())
 
@@ -200,7 +293,8 @@ class GroundPlan:
 
     def outline(self) -> Float64Array:
         """Return the outline (N, 2) of the largest connected part of the plane, in plan coordinates."""
-        contours, _ = cv2.findContours(self.covered, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        covered = _covered(self.seen) if self.late else self.covered
+        contours, _ = cv2.findContours(covered, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         if not contours:
             return np.zeros((0, 2))
         largest = max(contours, key=cv2.contourArea)

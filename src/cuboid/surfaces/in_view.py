@@ -82,6 +82,7 @@ def cut_out(planes: list[Plane], window: Places) -> PlanesInView:
     ground = np.zeros(shape, np.uint8)
     for layer, plane in zip(ground, planes, strict=True):
         if plane.in_use:
+            plane.plan.catch_up()
             theirs, mine = common(plane.plan.window, window)
             layer[mine] = plane.plan.covered[theirs]
     numbers = np.array([plane.index for plane in planes], np.int32)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.surfaces.grid import GroundPlan
 from cuboid.tolerances import DRIFT_M, DRIFT_RAD, JUMP_M, LEAST_SIGMA_M, LITTLE, SIGMAS
+
+Keyframes = npt.NDArray[np.int64]
 
 # A horizontal cell belongs to a plane when it is within this of it, metres, or three standard deviations.
 ON_PLANE_M = 0.02
@@ -34,6 +38,10 @@ class Plane:
         What it covers.
     taken_by : Plane or None
         The one that it turned out to be a part of.
+    keyframes : (K,) int64
+        Those from which it was seen.
+    told : (K, 13) float64
+        What was seen of it from each of them: weight, mean and scatter. Together these are the plane's own.
     """
 
     index: int = -1
@@ -48,20 +56,26 @@ class Plane:
     in_use: bool = False
     plan: GroundPlan = field(default_factory=GroundPlan)
     taken_by: Plane | None = None
+    keyframes: Keyframes = field(default_factory=lambda: np.zeros(0, np.int64))
+    told: Float64Array = field(default_factory=lambda: np.zeros((0, 13)))
 
-    def add(self, points: Float64Array, weights: Float64Array) -> None:
-        """Take in points (N, 3) of the plane."""
+    def add(self, points: Float64Array, weights: Float64Array, keyframe: int = 0) -> None:
+        """Take in points (N, 3) of the plane, seen from a keyframe."""
         w = float(weights.sum())
         mean = weights @ points / w
         centred = points - mean
         step = mean - self.mean
         total = self.weight + w
-        self.scatter += (centred * weights[:, None]).T @ centred + np.outer(step, step) * (self.weight * w / total)
+        own = (centred * weights[:, None]).T @ centred
+        self._tell(np.array([keyframe]), np.concatenate([[w], mean, own.ravel()])[None])
+        self.scatter += own + np.outer(step, step) * (self.weight * w / total)
         self.mean = self.mean + step * (w / total)
         self.weight = total
 
     def absorb(self, other: Plane) -> None:
         """Take in another plane that turned out to be the same."""
+        other._know_keyframes()
+        self._tell(other.keyframes, other.told)
         step = other.mean - self.mean
         total = self.weight + other.weight
         self.scatter += other.scatter + np.outer(step, step) * (self.weight * other.weight / total)
@@ -87,13 +101,45 @@ class Plane:
         self.normal = normal / np.linalg.norm(normal)
         self.offset = -float(self.normal @ self.mean)
 
-    def move(self, points: Float64Array) -> None:
-        """Let the plane lie where its points (N, 3), in the plan frame, now are; it stays as sure as it was."""
-        self.mean = points.mean(0)
-        centred = points - self.mean
-        self.scatter = centred.T @ centred * (self.weight / len(points))
+    def _know_keyframes(self) -> None:
+        """Let what an earlier version wrote hang on the first keyframe: it did not tell."""
+        if not len(self.keyframes) and self.weight > 0:
+            self.keyframes = np.zeros(1, np.int64)
+            self.told = np.concatenate([[self.weight], self.mean, self.scatter.ravel()])[None]
+
+    def _tell(self, keyframes: Keyframes, told: Float64Array) -> None:
+        """Take in what was seen from keyframes (N,), (N, 13)."""
+        self._know_keyframes()
+        for keyframe, row in zip(keyframes, told, strict=True):
+            at = np.flatnonzero(self.keyframes == keyframe)
+            if len(at):
+                self.told[at[0]] = _together(np.stack([self.told[at[0]], row]))
+            else:
+                self.keyframes, self.told = np.append(self.keyframes, keyframe), np.concatenate([self.told, row[None]])
+
+    def carry(self, moved: Mapping[int, Float64Array]) -> bool:
+        """Move with the keyframes from which the plane was seen; tell whether any of these moved.
+
+        Parameters
+        ----------
+        moved : mapping of int to (4, 4) float64
+            T_new_old in the plan frame, of each keyframe that moved.
+        """
+        self._know_keyframes()
+        going = np.array([k for k, keyframe in enumerate(self.keyframes.tolist()) if keyframe in moved], np.int64)
+        if not len(going):
+            return False
+        mine = {keyframe: moved[keyframe] for keyframe in self.keyframes[going].tolist()}
+        self.plan.carry(mine, self.normal, self.offset)
+        T = np.array(list(mine.values()))
+        R, told = T[:, :3, :3], self.told[going]
+        told[:, 1:4] = np.einsum("kij,kj->ki", R, told[:, 1:4]) + T[:, :3, 3]
+        told[:, 4:] = (R @ told[:, 4:].reshape(-1, 3, 3) @ R.transpose(0, 2, 1)).reshape(-1, 9)
+        self.told[going] = told
+        whole = _together(self.told)
+        self.mean, self.scatter = whole[1:4], whole[4:].reshape(3, 3)
         self.fit()
-        self.plan.move(points)
+        return True
 
     def height(self, points: Float64Array) -> Float64Array:
         """Return the heights (N,) of points (N, 3) above the plane."""
@@ -119,3 +165,13 @@ class Plane:
         offset = self.offset - solution[2] + float(solution[:2] @ middle[:2])
         norm = float(np.linalg.norm(normal))
         return normal / norm, offset / norm
+
+
+def _together(told: Float64Array) -> Float64Array:
+    """Return weight, mean and scatter (13,) of all that was told, (K, 13)."""
+    weights = told[:, 0]
+    weight = weights.sum()
+    mean = weights @ told[:, 1:4] / weight
+    apart = told[:, 1:4] - mean
+    scatter = told[:, 4:].sum(0) + ((apart * weights[:, None]).T @ apart).ravel()
+    return np.concatenate([[weight], mean, scatter])

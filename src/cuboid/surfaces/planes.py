@@ -9,6 +9,7 @@ A frame has to do with the planes whose windows it sees; all others stay as they
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
@@ -16,17 +17,15 @@ import numpy.typing as npt
 
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, Float64Array, Intrinsics
-from cuboid.geometry.se3 import transform
-from cuboid.heatmap.carrying import Motions, moved_with
+from cuboid.geometry.se3 import inverse, transform
 from cuboid.surfaces import furniture
 from cuboid.surfaces.cells import LEAST_CELLS, Cells
 from cuboid.surfaces.in_view import PlanesInView, cut_out, frustum
-from cuboid.surfaces.lying import points_on
 from cuboid.surfaces.plane import ON_PLANE_M, Plane
 from cuboid.surfaces.twins import merge_twins
 from cuboid.surfaces.up import SAME_COS, UpVote
 from cuboid.surfaces.windows import Windows, window_of
-from cuboid.tolerances import LEAST_FRAMES, LEAST_READINGS, SIGMAS
+from cuboid.tolerances import LEAST_FRAMES, SIGMAS
 
 # A plane that is not used yet is forgotten after so many frames without a sighting.
 FORGET_FRAMES = 60
@@ -78,8 +77,8 @@ class PlaneTracker:
             return True
         return False
 
-    def update(self, frame: int, cells: Cells) -> npt.NDArray[np.int32]:
-        """Take in a frame's flat cells.
+    def update(self, frame: int, cells: Cells, keyframe: int = 0) -> npt.NDArray[np.int32]:
+        """Take in the flat cells of a frame that hangs on a keyframe.
 
         Returns
         -------
@@ -95,8 +94,8 @@ class PlaneTracker:
         centers, sigma_m = cells.center[flat] @ R.T, cells.sigma_m[flat]
         matched = self._match(centers, sigma_m)
         before = len(self.planes)
-        self._learn(frame, centers, cells.area_m2[flat], sigma_m, matched)
-        self._discover(frame, centers, cells.area_m2[flat], sigma_m, matched)
+        self._learn(frame, keyframe, centers, cells.area_m2[flat], sigma_m, matched)
+        self._discover(frame, keyframe, centers, cells.area_m2[flat], sigma_m, matched)
         removed = self._tidy(frame, centers)
         if removed or len(self.planes) > before:
             matched = self._match(centers, sigma_m)
@@ -109,32 +108,32 @@ class PlaneTracker:
         window += np.array([-1, -1, 1, 1])
         return cut_out([self.planes[k] for k in self._windows.within(window)], window)
 
-    def take_in(self, view: PlanesInView) -> None:
-        """Take in where a frame saw readings of the planes in view."""
+    def take_in(self, view: PlanesInView, keyframe: int = 0) -> None:
+        """Take in where a frame that hangs on a keyframe saw readings of the planes in view."""
         for plane, readings in zip(view.planes, view.seen, strict=True):
-            plane.plan.add(readings, view.window[:2])
+            plane.plan.add(readings, view.window[:2], keyframe)
             if plane.plan.stale:
                 self._stale.add(plane)
                 self._windows.note(plane)
 
-    def carry(self, points: Float32Array, anchor: npt.NDArray[np.uint16], motions: Motions) -> None:
-        """Move the planes with the map: those on which any point moves.
+    def carry(self, moved: Mapping[int, Float64Array]) -> None:
+        """Move the planes with the keyframes from which they were seen.
 
         Parameters
         ----------
-        points : (N, 3) float32
-            The map's, in the world, before they move; those that come one after another lie close together.
-        anchor : (N,) uint16
-            Keyframe of each.
-        motions : Motions
+        moved : mapping of int to (4, 4) float64
+            T_new_old in the world, of each keyframe that moved.
         """
         if self.T_plan_world is None:
             return
-        for plane, on in zip(self.planes, points_on(self.planes, points, self.T_plan_world, ON_PLANE_M), strict=True):
-            if len(on) >= LEAST_READINGS and motions.moves[anchor[on]].any():
-                plane.move(self.to_plan(moved_with(points[on], anchor[on], motions)))
+        T = self.T_plan_world
+        in_plan = {keyframe: T @ T_new_old @ inverse(T) for keyframe, T_new_old in moved.items()}
+        for plane in self.planes:
+            if plane.carry(in_plan):
                 self._changed.add(plane)
                 self._windows.note(plane)
+                if plane.plan.stale:
+                    self._stale.add(plane)
 
     def _match(self, centers: Float64Array, sigma_m: Float64Array) -> npt.NDArray[np.int32]:
         best = np.full(len(centers), np.inf)
@@ -152,6 +151,7 @@ class PlaneTracker:
     def _learn(
         self,
         frame: int,
+        keyframe: int,
         centers: Float64Array,
         area_m2: Float64Array,
         sigma_m: Float64Array,
@@ -161,7 +161,7 @@ class PlaneTracker:
             if cells < 3:
                 continue
             plane, mine = self.planes[k], matched == k
-            plane.add(centers[mine], area_m2[mine] / sigma_m[mine] ** 2)
+            plane.add(centers[mine], area_m2[mine] / sigma_m[mine] ** 2, keyframe)
             plane.fit()
             plane.frames += 1
             plane.last_frame = frame
@@ -169,6 +169,7 @@ class PlaneTracker:
     def _discover(
         self,
         frame: int,
+        keyframe: int,
         centers: Float64Array,
         area_m2: Float64Array,
         sigma_m: Float64Array,
@@ -191,9 +192,9 @@ class PlaneTracker:
             plane = Plane(len(self.planes), self._next_identity, frames=1, last_frame=frame)
             self._of[plane.identity] = plane
             self._next_identity += 1
-            plane.add(centers[members], area_m2[members] / sigma_m[members] ** 2)
+            plane.add(centers[members], area_m2[members] / sigma_m[members] ** 2, keyframe)
             plane.fit()
-            plane.plan.begin(centers[members], area_m2[members])
+            plane.plan.begin(centers[members], area_m2[members], keyframe)
             self.planes.append(plane)
             self._windows.note(plane)
             matched[members] = plane.index

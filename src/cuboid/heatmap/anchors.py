@@ -1,0 +1,199 @@
+"""What the map's points hang on: keyframes, whose corrections the points owe until somebody looks where these are.
+
+A correction moves keyframes, and no point. Each point names its anchor: a keyframe as it stood at some moment. When a
+keyframe moves, what hangs on it owes that motion; what is seen from it afterwards hangs on another anchor, which owes
+nothing. Beside each anchor stands in which cubes its points are, so that those that owe are found without a look at
+any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.frame import Float64Array
+from cuboid.kernels.cubes import ANCHORS
+
+# Keyframes up to this one are told apart: hours of video. They are anchors of that number; numbers above are those of
+# keyframes that have moved since some of their points last did.
+LAST_KEYFRAME = ANCHORS // 2 - 1
+
+Numbers = npt.NDArray[np.int64]
+CubeNumbers = npt.NDArray[np.int32]
+
+
+@dataclass(slots=True, eq=False)
+class Anchor:
+    """A keyframe as it stood at some moment; what an attribute holds is replaced, never changed.
+
+    Attributes
+    ----------
+    number : int
+    keyframe : int
+    cubes : (N,) int32
+        Those in which points of it may be, ascending.
+    T_new_old : (4, 4) float64 or None
+        How its points have to move in the world; None where they lie where they belong.
+    """
+
+    number: int
+    keyframe: int
+    cubes: CubeNumbers = field(default_factory=lambda: np.zeros(0, np.int32))
+    T_new_old: Float64Array | None = None
+
+
+class Anchors:
+    """All anchors of a map.
+
+    Attributes
+    ----------
+    complete : bool
+        Whether all are known: those of a map that an earlier version wrote are not.
+    owes : (ANCHORS,) bool
+        Which owe a motion.
+    motions : (ANCHORS, 3, 4) float64
+        These.
+    """
+
+    def __init__(self) -> None:
+        self._all: dict[int, Anchor] = {}
+        # The anchor of what is seen from a keyframe now.
+        self._now: dict[int, int] = {}
+        self._last_number = LAST_KEYFRAME
+        self.complete = True
+        self.owes: npt.NDArray[np.bool_] = np.zeros(ANCHORS, bool)
+        self.motions: Float64Array = np.zeros((ANCHORS, 3, 4))
+        self._keyframes: npt.NDArray[np.uint16] = np.arange(ANCHORS, dtype=np.uint16)
+        self._of: dict[int, set[int]] = {}
+        self._pairs: tuple[CubeNumbers, CubeNumbers] | None = None
+
+    def remake(self) -> None:
+        """Find anew what follows from the anchors: they were loaded."""
+        self.owes[:], self._keyframes[:], self._of, self._pairs = False, np.arange(ANCHORS), {}, None
+        for one in self._all.values():
+            self._note(one)
+
+    def _note(self, one: Anchor) -> None:
+        self._of.setdefault(one.keyframe, set()).add(one.number)
+        self._keyframes[one.number] = one.keyframe
+        self.owes[one.number] = one.T_new_old is not None
+        if one.T_new_old is not None:
+            self.motions[one.number] = one.T_new_old[:3]
+            self._pairs = None
+
+    @property
+    def known(self) -> bool:
+        """Whether there are any."""
+        return bool(self._all)
+
+    @property
+    def cubes(self) -> int:
+        """One more than the highest number of a cube in which points may be."""
+        return max((int(one.cubes.max(initial=-1)) + 1 for one in self._all.values()), default=0)
+
+    def keyframes(self, anchors: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint16]:
+        """Return the keyframes that points of anchors (N,) hang on."""
+        return self._keyframes[anchors]
+
+    def hang(self, keyframe: int) -> int:
+        """Return the anchor of what is seen from a keyframe now; it owes nothing."""
+        number = self._now.get(keyframe)
+        if number is None:
+            number = keyframe if keyframe not in self._all else self._free()
+            self._now[keyframe] = number
+            self._all[number] = Anchor(number, keyframe)
+            self._note(self._all[number])
+        return number
+
+    def _free(self) -> int:
+        while True:
+            self._last_number = self._last_number + 1 if self._last_number < ANCHORS - 1 else LAST_KEYFRAME + 1
+            if self._last_number not in self._all:
+                return self._last_number
+
+    @property
+    def crowded(self) -> bool:
+        """Whether numbers may run out, if all keyframes move and are seen from again."""
+        others = sum(number > LAST_KEYFRAME for number in self._all)
+        return others + len(self._of) > ANCHORS - 1 - LAST_KEYFRAME
+
+    def has_points_in(self, number: int, cubes: Numbers) -> None:
+        """Let points of an anchor be in some cubes, each named once."""
+        one = self._all[number]
+        new = cubes[~np.isin(cubes, one.cubes)]
+        if len(new):
+            one.cubes = np.sort(np.concatenate([one.cubes, new.astype(np.int32)]))
+
+    def owe(self, moved: Mapping[int, Float64Array]) -> CubeNumbers:
+        """Let what hangs on keyframes owe motions (T_new_old); return the cubes in which points of them may be."""
+        cubes = [np.zeros(0, np.int32)]
+        for keyframe, T_new_old in moved.items():
+            for number in sorted(self._of.get(keyframe, ())):
+                one = self._all[number]
+                if len(one.cubes):
+                    one.T_new_old = T_new_old if one.T_new_old is None else T_new_old @ one.T_new_old
+                    cubes.append(one.cubes)
+                    self._note(one)
+                    if self._now.get(keyframe) == number:
+                        del self._now[keyframe]
+        return np.concatenate(cubes)
+
+    @property
+    def owing(self) -> tuple[CubeNumbers, CubeNumbers]:
+        """The cubes in which points may be that owe a motion, (N,), and the anchor, (N,), of each such pair."""
+        if self._pairs is None:
+            those = [one for one in self._all.values() if one.T_new_old is not None]
+            cubes = np.concatenate([np.zeros(0, np.int32), *(one.cubes for one in those)])
+            numbers = np.array([one.number for one in those], np.int32)
+            self._pairs = cubes, np.repeat(numbers, [len(one.cubes) for one in those])
+        return self._pairs
+
+    def settled(self, cubes: Numbers) -> None:
+        """Let no point in some cubes owe anything."""
+        of, numbers = self.owing
+        gone = np.isin(of, cubes)
+        touched = np.unique(numbers[gone]).tolist()
+        self._pairs = of[~gone], numbers[~gone]
+        for number in touched:
+            one = self._all[number]
+            one.cubes = one.cubes[~np.isin(one.cubes, cubes)]
+            if not len(one.cubes):
+                self._forget(one)
+
+    def _forget(self, one: Anchor) -> None:
+        del self._all[one.number]
+        self._of[one.keyframe].discard(one.number)
+        self.owes[one.number], self._keyframes[one.number] = False, one.number
+
+    def now(self, anchors: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint16]:
+        """Return by anchor (ANCHORS,) what those of some anchors (N,) hang on once they have moved as they owe."""
+        to = np.arange(ANCHORS, dtype=np.uint16)
+        used = np.flatnonzero(np.bincount(anchors, minlength=1))
+        for number in used[self.owes[used]].tolist():
+            to[number] = self.hang(self._all[number].keyframe)
+        return to
+
+    def begin_anew(self, anchors: npt.NDArray[np.uint16], cubes: Numbers) -> None:
+        """Have these points alone, by anchor (N,) and cube (N,): none of an anchor that is not known owes anything."""
+        for one in self._all.values():
+            one.cubes = np.zeros(0, np.int32)
+        for number, some in of_each(anchors, cubes):
+            if number not in self._all:
+                self._all[number] = Anchor(number, number)
+                self._now.setdefault(number, number)
+            self._all[number].cubes = some.astype(np.int32)
+        self._all = {number: one for number, one in self._all.items() if len(one.cubes)}
+        self._now = {keyframe: number for keyframe, number in self._now.items() if number in self._all}
+        self.complete = True
+        self.remake()
+
+
+def of_each(anchors: npt.NDArray[np.uint16], cubes: Numbers) -> Iterator[tuple[int, Numbers]]:
+    """Give each anchor of points (N,), ascending, and the cubes (M,) that any of these (N,) is in, ascending."""
+    pairs = (anchors.astype(np.int64) << 32) | cubes
+    pairs = np.unique(pairs[np.flatnonzero(np.diff(pairs, prepend=-1))])  # few differ from those before them
+    numbers, firsts = np.unique(pairs >> 32, return_index=True)
+    yield from zip(numbers.tolist(), np.split(pairs & 0xFFFFFFFF, firsts[1:])[: len(numbers)], strict=True)
