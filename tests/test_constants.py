@@ -18,7 +18,7 @@ from pathlib import Path
 
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "cuboid"
 # Lower it whenever there are fewer.
-MOST = 107
+MOST = 100
 FILES = (
     *("config.py", "sensor.py", "tolerances.py", "tracker.py", "working.py", "proposals/depth.py"),
     *(f"{folder}/*.py" for folder in ("heatmap", "surfaces", "boxes", "objects", "kernels")),

@@ -6,7 +6,7 @@ from math import log
 
 import pytest
 
-from cuboid.objects.affinity import JOIN_RATE, MOST, ONE, SPLIT_RATE, SURE, TWO, Affinity
+from cuboid.objects.affinity import JOIN_RATE, MOST_TOLD, ONE, SPLIT_RATE, SURE, TWO, Affinity
 
 
 def test_frames_add_up_as_far_as_they_are_news() -> None:
@@ -32,8 +32,8 @@ def test_a_mistake_of_long_ago_can_be_mended() -> None:
     affinity = Affinity()
     for _ in range(1000):
         affinity.tell(1, 2, one=False, news=1.0)
-    assert affinity.of(1, 2) == -MOST
-    for _ in range(int(2 * MOST / ONE) + 1):
+    assert affinity.of(1, 2) == -MOST_TOLD
+    for _ in range(int(2 * MOST_TOLD / ONE) + 1):
         affinity.tell(1, 2, one=True, news=1.0)
     assert (affinity.of(1, 2) or 0.0) > SURE
 

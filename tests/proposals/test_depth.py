@@ -187,6 +187,6 @@ def test_the_sizes_and_the_range_of_objects_are_those_of_the_tracker() -> None:
     assert (small.boxes_xyxy[:, 2:] - small.boxes_xyxy[:, :2]).max() < longest.max()
     large = make_source("depth", TrackerConfig(min_size_m=0.15))(frame, solids.CAMERA)
     assert 0 < len(large) < len(usual)
-    assert len(make_source("depth", TrackerConfig(max_depth_m=0.5))(frame, solids.CAMERA)) == 0
+    assert len(make_source("depth", TrackerConfig(max_depth_m=0.5, max_size_m=0.2))(frame, solids.CAMERA)) == 0
     noisy = make_source("depth", TrackerConfig(depth_noise_per_m=0.05))(frame, solids.CAMERA)
     assert len(noisy) < len(usual), "what noise of 5 cm at 1 m hides is not seen"

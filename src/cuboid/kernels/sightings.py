@@ -6,10 +6,10 @@ import numpy as np
 from numba import njit
 
 from cuboid.kernels.overlap import BATCH, SLACK_M
-from cuboid.tolerances import SIGMAS
+from cuboid.tolerances import DRIFT_M, SIGMAS
 
-# Points nearer than this to the camera's plane are not in its picture, metres.
-NEAREST_M = 0.05
+# Points nearer than this to the camera's plane are not in its picture, metres: poses err by as much.
+NEAREST_M = DRIFT_M
 
 
 @njit(cache=True, nogil=True)

@@ -83,7 +83,7 @@ def weigh(
         spread = np.sqrt(max(0.0, square / fit - mean * mean))
         extent = max(right - left + 1, bottom - top + 1) * mean / focal
         # Uniform depth over an object's length has a spread of 0.29 of it.
-        if extent < 0.5 * low_m or extent > 1.5 * high_m or spread > 0.4 * high_m:
+        if extent < 0.5 * low_m or extent > high_m or spread > 0.4 * high_m:
             continue
         weights[k] = scores[k] * fit / readings
 

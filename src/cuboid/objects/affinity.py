@@ -16,8 +16,8 @@ Pair = tuple[int, int]
 # adds to the log-odds that two are one, or takes off.
 SPLIT_RATE, JOIN_RATE = 0.35, 0.15
 ONE, TWO = log((1.0 - SPLIT_RATE) / JOIN_RATE), log(SPLIT_RATE / (1.0 - JOIN_RATE))
-# Beyond this no more is counted, so that a mistake of long ago can be mended.
-MOST = 2.0 * SURE
+# Beyond this no more is counted, of an object as of a pair, so that a mistake of long ago can be mended.
+MOST_TOLD = 2.0 * SURE
 
 
 class Affinity:
@@ -35,16 +35,16 @@ class Affinity:
         pair = (min(a, b), max(a, b))
         self._partners.setdefault(a, set()).add(b)
         self._partners.setdefault(b, set()).add(a)
-        self._log_odds[pair] = min(MOST, max(-MOST, self._log_odds.get(pair, 0.0) + told))
+        self._log_odds[pair] = min(MOST_TOLD, max(-MOST_TOLD, self._log_odds.get(pair, 0.0) + told))
 
     def of(self, a: int, b: int) -> float | None:
         """Return the log-odds that two objects are one; None where they were never seen side by side."""
         return self._log_odds.get((min(a, b), max(a, b)))
 
-    def partners(self, number: int, least: float = -MOST, most: float = MOST) -> list[int]:
+    def partners(self, number: int, least: float = -MOST_TOLD, most: float = MOST_TOLD) -> list[int]:
         """Return the objects that were seen beside one, ascending: those whose log-odds lie in a range."""
         odds, beside = self._log_odds, self._partners.get(number, ())
-        if least <= -MOST and most >= MOST:
+        if least <= -MOST_TOLD and most >= MOST_TOLD:
             return sorted(beside)
         return sorted(k for k in beside if least <= odds[(number, k) if number < k else (k, number)] <= most)
 

@@ -17,6 +17,7 @@ from cuboid.geometry.se3 import transform
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.outlines import KINDS
 from cuboid.limits import MOST_CANDIDATES
+from cuboid.objects.affinity import MOST_TOLD
 from cuboid.objects.association import Association, associate
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.entry import MapObject, State, together
@@ -31,12 +32,8 @@ from cuboid.surfaces.planes import PlaneTracker
 from cuboid.tolerances import LEAST_FRAMES, LEAST_READINGS, LITTLE, MOST, SURE
 from cuboid.working import WorkingImage
 
-# Beyond this no more is counted, so that a mistake can be mended.
-MOST_SURE = 3.0 * SURE
 # What a candidate loses in a frame that shows its place and has no proposal for it.
 MISSED = 0.3
-# Objects beyond so many times the range of depth are not looked for: too far to tell even their colors.
-FAR = 2.0
 
 
 class ObjectMap:
@@ -61,9 +58,8 @@ class ObjectMap:
         return Fitting(self._config, self._voxels, self._planes, self.store, self._boxing)
 
     def in_view(self, image: WorkingImage, T_camera_world: Float64Array) -> list[MapObject]:
-        """Return the objects, confirmed or not, whose boxes reach into the picture, none too far to see, by number."""
-        far_m = FAR * self._config.max_depth_m
-        store = self.store
+        """Return the objects, confirmed or not, whose boxes reach into the picture within the range, by number."""
+        far_m, store = self._config.max_depth_m, self.store
         found = in_view(store.boxes[: store.numbers], store.bounds, image, T_camera_world, far_m)
         return [store[n] for n in found.tolist()]
 
@@ -159,7 +155,7 @@ class ObjectMap:
 
     @staticmethod
     def _sighting(entry: MapObject, cluster: FrameCluster, told: float) -> None:
-        entry.log_odds = min(MOST_SURE, max(-MOST_SURE, entry.log_odds + told))
+        entry.log_odds = min(MOST_TOLD, max(-MOST_TOLD, entry.log_odds + told))
         entry.outline = entry.outline + cluster.outline
         entry.sightings += 1
         if cluster.supports:

@@ -37,8 +37,6 @@ SAME_SURFACE = 0.01
 # Neighbouring readings err together: over a region the noise is this times the nominal one. At distance z that is the
 # deviation of depth over z squared; it is that of 1/z itself, wherever a pixel looks.
 REGION_NOISE = 2.2 / 1.425
-# Readings are looked at up to this times the range: what stands at its end is bounded by what lies behind.
-BEYOND = 4.0 / 3.5
 # A plane this large is a table, a floor or a wall, not the side of an object, square metres: a cereal box has 0.06.
 PLANE_AREA_M2 = 0.1
 PLANES = 12
@@ -121,7 +119,8 @@ def _regions(
     depth_m: Float32Array, color: UInt8Array, camera: Intrinsics, step: int, config: TrackerConfig
 ) -> _Regions:
     shape, noise = depth_m.shape, REGION_NOISE * config.depth_noise_per_m
-    inverse, kind, on, planes = _set_planes_apart(depth_m, camera, noise, BEYOND * config.max_depth_m)
+    # What stands at the end of the range is bounded by what lies behind, as far as an object is long.
+    inverse, kind, on, planes = _set_planes_apart(depth_m, camera, noise, config.max_depth_m + config.max_size_m)
     # A deviation of 1/z after halving is half of what one reading has; the first Kinect's is kept for both.
     smooth, marks = np.empty(shape, np.float32), np.empty(shape, np.uint8)
     labels, queue = np.empty(shape, np.int16), np.empty(depth_m.size, np.int32)
@@ -187,7 +186,7 @@ def _scores(measures: Float64Array, focal_px: float, config: TrackerConfig) -> F
     fits = (long_m >= least_m) & (long_m <= config.max_size_m) & (m[regions.READINGS] > 0)
     # Few readings, and sizes near the least, are where noise makes pieces of its own.
     solid = np.clip(m[regions.READINGS] / SOLID_PIXELS, 0.0, 1.0) * np.clip(long_m / (2.0 * least_m), 0.0, 1.0)
-    score = closure * np.sqrt(np.clip(roundness, 0.05, 1.0)) * np.sqrt(solid)
+    score = closure * np.sqrt(np.minimum(roundness, 1.0)) * np.sqrt(solid)
     return np.where(fits, np.clip(score, 0.0, 1.0), 0.0).astype(np.float32)
 
 

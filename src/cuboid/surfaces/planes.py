@@ -23,14 +23,12 @@ from cuboid.surfaces.cells import LEAST_CELLS, Cells
 from cuboid.surfaces.in_view import PlanesInView, cut_out, frustum
 from cuboid.surfaces.plane import ON_PLANE_M, Plane
 from cuboid.surfaces.twins import merge_twins
-from cuboid.surfaces.up import SAME_COS, UpVote
+from cuboid.surfaces.up import REFRESH_FRAMES, SAME_COS, UpVote
 from cuboid.surfaces.windows import Windows, window_of
 from cuboid.tolerances import LEAST_FRAMES, SIGMAS
 
 # A plane that is not used yet is forgotten after so many frames without a sighting.
 FORGET_FRAMES = 60
-# What a plane covers is found anew every so many frames, and in its first ones each time.
-REFRESH_FRAMES = 8
 
 
 class PlaneTracker:
@@ -204,6 +202,7 @@ class PlaneTracker:
         least = self._config.min_plane_area_m2
         near = {self.planes[k] for k in self._windows.at(centers)} | self._stale
         for plane in sorted(near, key=lambda p: p.index):
+            # What it covers, in its first frames each time.
             if frame % REFRESH_FRAMES == plane.index % REFRESH_FRAMES or plane.frames < REFRESH_FRAMES:
                 plane.plan.refresh()
                 self._stale.discard(plane)

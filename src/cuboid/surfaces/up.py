@@ -25,8 +25,8 @@ STILL_VOTES = LEAST_READINGS
 OVERTAKE = 2.0
 # How likely a flat area is level that a camera held upright would not take for level: most cameras are held upright.
 ODD = LITTLE
-# The vote is taken every so many frames once up is known.
-EVERY = 5
+# What is known of planes, and of up once it is known, is found anew every so many frames.
+REFRESH_FRAMES = 8
 
 
 def _upright(normals_camera_y: Float64Array) -> Float64Array:
@@ -64,7 +64,7 @@ class UpVote:
     def is_due(self) -> bool:
         """Count a frame, and tell whether its vote is asked for."""
         self._frames += 1
-        return self._up is None or self._frames % EVERY == 0
+        return self._up is None or self._frames % REFRESH_FRAMES == 0
 
     def update(self, cells: Cells, T_world_camera: Float64Array) -> Float64Array | None:
         """Take in a frame's cells; return up (3,) in the world, or None while unknown.
