@@ -54,6 +54,7 @@ NO_CHOICE = {
     "proposals/depth.py": {"LEAST_WIDE": "a range", "NEIGHBOURS": "Euler's formula", "_scores: 4.0": "of pi"},
     "surfaces/grid.py": {"LIMIT_CELLS": "memory", "SLACK_CELLS": "how windows grow", "SLACK_SHARE": "how windows grow",
                          "WHOLE_CELLS": "how much is done anew", "AROUND_CELLS": "how much is done anew"},
+    "surfaces/up.py": {"TURNS": "the four quarter turns", "UpVote: 5": "columns of a table"},
     "tracker.py": {"Stopwatch: 1000.0": "milliseconds"},
     "working.py": {"_PHASES": "all four"},
 }  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cuboid.errors import FrameError
-from cuboid.frame import Frame
+from cuboid.frame import Frame, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou
 from cuboid.results import FrameResult
@@ -69,6 +69,38 @@ def test_rectangles_hold_the_objects_pixels() -> None:
         true = np.array([u.min(), v.min(), u.max() + 1, v.max() + 1])
         rect = next(s.rect_xyxy for s in last.sightings if s.label == label)
         np.testing.assert_allclose(rect, true, atol=5)
+
+
+def test_a_camera_in_portrait_finds_what_one_in_landscape_finds() -> None:
+    """A quarter turn changes neither which pixels are looked at nor which way is up."""
+    frames = [frame_of([FLOOR, TABLE, *THINGS], T, k) for k, T in enumerate(orbit(25))]
+    portrait = Tracker(
+        Intrinsics(CAMERA.fy, CAMERA.fx, CAMERA.height - 1 - CAMERA.cy, CAMERA.cx, CAMERA.height, CAMERA.width)
+    )
+    follow(portrait, (quarter_turned(frame) for frame in frames))
+    assert len(portrait.objects) == 2
+    np.testing.assert_allclose(portrait.up, [0, 0, 1], atol=0.02)
+    for _, overlap in matched(portrait, THINGS):
+        assert overlap > 0.7
+
+
+def quarter_turned(frame: Frame) -> Frame:
+    """The same frame by a camera that is rolled by a quarter turn."""
+    T = frame.T_world_camera.copy()
+    T[:3, :3] = T[:3, :3] @ np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+    color, depth_m = (np.ascontiguousarray(np.rot90(image, -1)) for image in (frame.color, frame.depth_m))
+    return replace(frame, color=color, depth_m=depth_m, T_world_camera=T)
+
+
+def test_where_up_was_measured_it_is_known_from_the_first_frame() -> None:
+    tracker = Tracker(CAMERA)
+    wall = upright((0, 1.0), (6, 0.1, 4), z=-2.0)
+    T = look_at([0, -1.0, 0.5], [0, 1.0, 0.5])
+    frame = frame_of([wall], T, 0)
+    tracker.update(replace(frame, up_camera=T[:3, :3].T @ [0, 0, 2.0]))
+    np.testing.assert_allclose(tracker.up, [0, 0, 1], atol=1e-6)
+    with pytest.raises(FrameError, match="frame 0: up is no direction"):
+        replace(frame, up_camera=np.zeros(3))
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

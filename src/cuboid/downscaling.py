@@ -44,4 +44,4 @@ def downscale(frame: Frame, factor: int) -> Frame:
         halved_m = np.empty((depth_m.shape[0] // 2, depth_m.shape[1] // 2), np.float32)
         halve_depth(depth_m, SAME_SURFACE, halved_m)
         depth_m = halved_m
-    return Frame(frame.index, frame.timestamp_s, small, depth_m, frame.T_world_camera)
+    return Frame(frame.index, frame.timestamp_s, small, depth_m, frame.T_world_camera, frame.up_camera)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError
+from cuboid.errors import FrameError, shown
 from cuboid.geometry.se3 import rigid
 
 Float32Array = npt.NDArray[np.float32]
@@ -73,11 +73,13 @@ class Frame:
     T_world_camera : (4, 4) float64 or None
         Carries camera coordinates (x right, y down, z forward) to world coordinates. What is off from a rotation by
         rounding is made one.
+    up_camera : (3,) float64 or None
+        Unit vector away from the earth's pull in camera coordinates, where it was measured.
 
     Raises
     ------
     FrameError
-        The pose is not rigid, or has numbers that are not finite.
+        The pose is not rigid, or has numbers that are not finite; or up is no direction.
     """
 
     index: int
@@ -85,6 +87,7 @@ class Frame:
     color: UInt8Array
     depth_m: Float32Array
     T_world_camera: Float64Array | None = None
+    up_camera: Float64Array | None = None
 
     def __repr__(self) -> str:
         height, width = self.depth_m.shape
@@ -112,3 +115,17 @@ class Frame:
                 object.__setattr__(self, "T_world_camera", rigid(self.T_world_camera))
             except ValueError as error:
                 raise FrameError(f"frame {self.index}: {error}") from None
+        if self.up_camera is not None:
+            try:
+                object.__setattr__(self, "up_camera", unit(self.up_camera))
+            except FrameError as error:
+                raise FrameError(f"frame {self.index}: up is {error}") from None
+
+
+def unit(vector: npt.ArrayLike) -> Float64Array:
+    """Return a direction (3,) as a unit vector; raises FrameError where it is none."""
+    direction = np.asarray(vector, np.float64)
+    length = float(np.linalg.norm(direction)) if direction.shape == (3,) else 0.0
+    if not np.isfinite(length) or length == 0:
+        raise FrameError(f"no direction: {shown(direction.tolist())}")
+    return direction / length

@@ -126,7 +126,7 @@ class Tracker:
         proposals = every.best(MOST_PROPOSALS)
         watch.lap("proposals")
         solid = filled(image)
-        on_plane, support, planes = self._find_planes(image, solid, T_world_camera, anchor)
+        on_plane, support, planes = self._find_planes(image, solid, T_world_camera, frame.up_camera, anchor)
         watch.lap("planes")
         candidate = self._candidates(solid, on_plane)
         c = self.config
@@ -213,7 +213,12 @@ class Tracker:
         return proposals
 
     def _find_planes(
-        self, image: WorkingImage, solid: WorkingImage, T_world_camera: Float64Array, keyframe: int
+        self,
+        image: WorkingImage,
+        solid: WorkingImage,
+        T_world_camera: Float64Array,
+        up_camera: Float64Array | None,
+        keyframe: int,
     ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int64]]:
         """Track the supporting planes; return the ones that pixels lie on, those beneath them, all identities."""
         c, planes = self.config, self._planes
@@ -222,7 +227,7 @@ class Tracker:
             wide = find_cells(
                 image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m, VOTING_PIXELS
             )
-            if planes.vote(wide, T_world_camera):
+            if planes.vote(wide, T_world_camera, up_camera):
                 self._map.stand_anew()
         if planes.up is not None:
             level = image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m

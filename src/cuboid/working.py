@@ -43,8 +43,8 @@ class WorkingImage:
 
 
 def thin(frame: Frame, intrinsics: Intrinsics, width_px: int, count: int) -> WorkingImage:
-    """Thin a frame to at least a width; `count`, the number of frames before it, chooses the phase."""
-    step = max(1, intrinsics.width // width_px)
+    """Thin a frame until its longer side has at least so many pixels; `count`, of frames before, chooses the phase."""
+    step = max(1, max(intrinsics.width, intrinsics.height) // width_px)
     x, y = (p * step // 2 for p in _PHASES[count % len(_PHASES)])
     rows, columns = intrinsics.height // step, intrinsics.width // step
     raw = np.ascontiguousarray(frame.depth_m[y::step, x::step][:rows, :columns])

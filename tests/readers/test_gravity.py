@@ -31,6 +31,7 @@ def test_a_plain_folder_says_it_in_camera_json(tmp_path, capsys):
     np.testing.assert_allclose(recording.up_camera(1), [0, 0.6, 0.8], atol=1e-12)
     with pytest.raises(FrameError, match=r"poses\.txt has no line for frame number 3"):
         recording.up_camera(3)
+    np.testing.assert_allclose(recording.read(1).up_camera, [0, 0.6, 0.8], atol=1e-12)
     assert recording.without_poses().up_world is None  # its world is not known then
     given = open_recording(folder, intrinsics=(60, 61, 31.5, 23.5))
     np.testing.assert_allclose(given.up_world, [0, -0.6, 0.8])

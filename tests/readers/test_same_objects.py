@@ -53,8 +53,9 @@ def tracked(path: Path, poses: list[np.ndarray]) -> list[TrackedObject]:
     tracker = Tracker(recording.intrinsics)
     for frame in recording.iterate(prefetch=False):
         assert isinstance(frame, Frame), frame
-        has_pose = frame.T_world_camera is not None
-        tracker.update(frame if has_pose else dataclasses.replace(frame, T_world_camera=poses[frame.index]))
+        # The world that was made has z up, whatever is usual in worlds of this container.
+        pose = poses[frame.index] if frame.T_world_camera is None else frame.T_world_camera
+        tracker.update(dataclasses.replace(frame, T_world_camera=pose, up_camera=None))
     return tracker.objects
 
 

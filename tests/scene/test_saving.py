@@ -17,9 +17,9 @@ from cuboid.geometry import se3
 from cuboid.outputs.objects import ObjectsFile, write_objects
 from cuboid.results import FrameResult
 from cuboid.scene.database import Writing, open_to_read, open_to_write
-from cuboid.scene.thawing import thaw
 from cuboid.scene.placing import ESTIMATED, ScenePoses
 from cuboid.scene.saving import SceneShelf, StateFile, block_rows, load_parts, load_state
+from cuboid.scene.thawing import thaw
 from cuboid.scene.visit import load
 from cuboid.synthetic import make_scene
 from cuboid.synthetic.view import SceneView

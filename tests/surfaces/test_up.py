@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from cuboid.config import TrackerConfig
-from cuboid.frame import Float64Array
+from cuboid.frame import Float64Array, Intrinsics, unit
 from cuboid.geometry.box import Box
+from cuboid.readers import open_recording
 from cuboid.surfaces.cells import VOTING_PIXELS, find_cells
 from cuboid.surfaces.up import STILL_VOTES, UpVote
 from made_scenes import CAMERA, cast, look_at, upright
@@ -62,6 +65,64 @@ def test_up_is_that_of_the_table_and_not_of_the_wall_behind_it() -> None:
 def test_a_camera_held_in_an_odd_way_over_a_table_near_by_finds_up_all_the_same(roll: float) -> None:
     _, up = vote([TABLE], [rolled(T, roll) for T in around_a_table(12)])
     assert degrees_off(up) < 1.0
+
+
+@pytest.mark.parametrize("roll", [0.0, 90.0, -90.0])
+def test_a_camera_in_portrait_that_walks_round_a_far_table_finds_up(roll: float) -> None:
+    """All that it sees faces up on average, with a board that stands behind."""
+    wall = upright((0, 0.6), (0.8, 0.05, 0.6))
+    poses = [rolled(T, roll) for T in around_a_table(8, 1.5, 1.1)]
+    for count in (3, 8):
+        up, found = vote([TABLE, wall], poses[:count])
+        assert degrees_off(found) < 1.0
+        assert degrees_off(up.image_up) < 50.0
+
+
+@pytest.mark.parametrize("turns", [0, 1, 3])
+def test_a_real_desk_is_level_however_the_camera_was_rolled(data_dir: Path, turns: int) -> None:
+    """TUM fr1/xyz, in whose world z is up: a desk with monitors, keyboards and books, seen from 1 m."""
+    recording = open_recording(data_dir / "rgbd_dataset_freiburg1_xyz")
+    frames = (recording.read(k) for k in range(10, 60, 10))
+    quarter, up, found = turned(turns), UpVote(), None
+    for frame in frames:
+        assert frame.T_world_camera is not None
+        depth = np.ascontiguousarray(np.rot90(frame.depth_m, -turns)[::2, ::2])
+        K = recording.intrinsics
+        width, height = (K.width, K.height) if turns % 2 == 0 else (K.height, K.width)
+        camera = Intrinsics(K.fx / 2, K.fx / 2, width / 4, height / 4, width // 2, height // 2)
+        T = frame.T_world_camera.copy()
+        T[:3, :3] = T[:3, :3] @ quarter
+        found = up.update(find_cells(depth, camera, T, CONFIG.depth_noise_per_m, CONFIG.max_depth_m, VOTING_PIXELS), T)
+    assert degrees_off(found) < 5.0
+
+
+def turned(turns: int) -> Float64Array:
+    """R_camera_turned of a camera whose picture is turned clockwise by so many quarters."""
+    return np.asarray(np.linalg.matrix_power(np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]), turns), dtype=np.float64)
+
+
+def test_what_was_measured_as_up_needs_no_surface_and_outweighs_any() -> None:
+    T = look_at((0.0, 0.0, 1.0), (0.0, 2.0, 1.0))
+    depth = np.zeros((CAMERA.height, CAMERA.width), np.float32)
+    nothing = find_cells(depth, CAMERA, T, CONFIG.depth_noise_per_m, CONFIG.max_depth_m, VOTING_PIXELS)
+    assert degrees_off(UpVote().update(nothing, T, T[:3, :3].T @ UP)) < 0.1
+    # On a slanted board that looks level, and is not.
+    slanted = unit([0, -0.5, 0.87])
+    up, found = vote([TABLE], around_a_table(4))
+    assert degrees_off(found) < 1.0
+    T = around_a_table(1)[0]
+    assert degrees_off(up.update(nothing, T, T[:3, :3].T @ slanted), slanted) < 0.1
+    assert up.changed
+
+
+def test_a_level_surface_says_more_exactly_what_an_accelerometer_measured() -> None:
+    tilted = unit([0.06, -0.05, 1.0])
+    up = UpVote()
+    for T in around_a_table(4):
+        depth, _ = cast([TABLE], T)
+        cells = find_cells(depth, CAMERA, T, CONFIG.depth_noise_per_m, CONFIG.max_depth_m, VOTING_PIXELS)
+        found = up.update(cells, T, T[:3, :3].T @ tilted)
+    assert degrees_off(found) < 0.5
 
 
 def test_a_camera_that_looks_straight_down_from_near_finds_up() -> None:

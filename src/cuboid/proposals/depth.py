@@ -106,7 +106,7 @@ class DepthSegmentation:
 
 def _shrink(depth_m: Float32Array, intrinsics: Intrinsics, widest: int) -> tuple[Float32Array, Intrinsics, int]:
     step = 1
-    while depth_m.shape[1] > widest:
+    while max(depth_m.shape) > widest:
         halved = np.empty((depth_m.shape[0] // 2, depth_m.shape[1] // 2), np.float32)
         halve_depth(np.ascontiguousarray(depth_m), SAME_SURFACE, halved)
         depth_m, step = halved, step * 2

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError, InputError, shown
-from cuboid.frame import Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.errors import FrameError, InputError
+from cuboid.frame import Float64Array, Frame, Intrinsics, UInt8Array, unit
 from cuboid.geometry import se3
 from cuboid.readers import calibration as calibrations
 from cuboid.readers.depth_camera import DepthCamera
@@ -216,6 +216,13 @@ class Recording:
         T_world_camera = None if self.up_world is None else self.pose(index)
         return None if T_world_camera is None or self.up_world is None else T_world_camera[:3, :3].T @ self.up_world
 
+    def _up_of(self, index: int) -> Float64Array | None:
+        """Return `up_camera` of a frame, None where it cannot be told: that is no fault of the frame's images."""
+        try:
+            return self.up_camera(index)
+        except FrameError:
+            return None
+
     def color_name(self, index: int) -> str | None:
         """Return the file of a frame's color image as seen from the recording; None where it has no file of its own."""
         color = self._frames[index].color
@@ -246,7 +253,7 @@ class Recording:
             depth_m = depth_in_metres(self._undistort.depth(raw), self.depth_units_per_metre, depth_name)
         else:
             depth_m = self._register(depth_in_metres(raw, self.depth_units_per_metre, depth_name), depth_name)
-        return Frame(index, self.timestamp_s(index), color, depth_m, T_world_camera)
+        return Frame(index, self.timestamp_s(index), color, depth_m, T_world_camera, self._up_of(index))
 
     def iterate(
         self, every: int = 1, limit: int | None = None, prefetch: bool = True
@@ -318,15 +325,6 @@ class Recording:
         if not isinstance(source, Path):
             return "(in the recording's file)"
         return str(source.relative_to(self.path)) if source.is_relative_to(self.path) else str(source)
-
-
-def unit(vector: npt.ArrayLike) -> Float64Array:
-    """Return a direction (3,) as a unit vector; raises FrameError where it is none."""
-    direction = np.asarray(vector, np.float64)
-    length = float(np.linalg.norm(direction)) if direction.shape == (3,) else 0.0
-    if not np.isfinite(length) or length == 0:
-        raise FrameError(f"no direction: {shown(direction.tolist())}")
-    return direction / length
 
 
 def _size(image: npt.NDArray[np.generic]) -> str:

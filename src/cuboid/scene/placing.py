@@ -245,7 +245,7 @@ class ScenePoses:
         cells = find_cells(
             image.depth_m, image.camera, T_part_camera, c.depth_noise_per_m, c.max_depth_m, VOTING_PIXELS
         )
-        up = vote.update(cells, T_part_camera)
+        up = vote.update(cells, T_part_camera, frame.up_camera)
         self._waited += 1
         if up is None and self._waited < PATIENCE_FRAMES:
             raise FrameError(LOST)

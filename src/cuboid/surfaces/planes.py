@@ -62,9 +62,9 @@ class PlaneTracker:
         """Count a frame, and tell whether it is to vote for up."""
         return self._vote.is_due()
 
-    def vote(self, cells: Cells, T_world_camera: Float64Array) -> bool:
+    def vote(self, cells: Cells, T_world_camera: Float64Array, up_camera: Float64Array | None = None) -> bool:
         """Let a frame's flat cells say which way is up; all begins anew, and True is returned, where that changes."""
-        up = self._vote.update(cells, T_world_camera)
+        up = self._vote.update(cells, T_world_camera, up_camera)
         if up is not None and (self.T_plan_world is None or self._vote.changed):
             side = np.eye(3)[int(np.argmin(np.abs(up)))]
             first = np.cross(side, up)
