@@ -10,6 +10,7 @@ import pytest
 
 from cuboid.config import TrackerConfig
 from cuboid.geometry import se3
+from cuboid.geometry.box import Box
 from cuboid.results import FrameResult
 from cuboid.surfaces.cells import Cells
 from cuboid.surfaces.grid import cells_of
@@ -221,3 +222,22 @@ def test_a_correction_of_many_wide_planes_takes_a_fraction_of_a_second() -> None
         tracker.carry(moved)
         took_s.append(time.thread_time() - begun_s)
     assert min(took_s[1:]) < 0.5, took_s
+
+
+def test_what_reaches_up_to_a_plane_carries_it_and_what_stands_on_it_or_below_does_not() -> None:
+    planes, cells = PlaneTracker(TrackerConfig()), level_cells(0.0, 0.0, z=0.7)
+    planes.vote(cells, LEVEL)
+    planes.update(0, cells)
+    assert planes.T_plan_world is not None
+    R = planes.T_plan_world[:3, :3]
+
+    def lies_on(bottom_m: float, top_m: float, x: float = 0.6) -> bool:
+        center = np.array([x, 0.6, 0.7 + (bottom_m + top_m) / 2])
+        return planes.lies_on(Box(center, np.array([0.06, 0.06, top_m - bottom_m]), R.T))
+
+    assert lies_on(-0.7, -0.1), "a leg, the upper end of which the board hides"
+    assert lies_on(-0.7, 0.02), "the side of a shelf"
+    assert not lies_on(0.0, 0.05), "a book"
+    assert not lies_on(-0.7, -0.3), "a bin beneath"
+    assert not lies_on(-0.7, 0.4), "a lamp"
+    assert not lies_on(-0.7, -0.1, x=3.0)

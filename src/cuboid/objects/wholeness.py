@@ -37,6 +37,7 @@ def is_whole(entry: MapObject, store: ObjectStore, planes: PlaneTracker, config:
         and not entry.structure
         and enclosed(entry.outline)
         and not _floats(entry, planes)
+        and not planes.lies_on(entry.box)
         and fits_object(entry.box, config)
         and not _may_be_part(entry, store)
     )

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, Float64Array, Intrinsics
+from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse, transform
 from cuboid.surfaces import furniture
 from cuboid.surfaces.cells import LEAST_CELLS, Cells
@@ -25,10 +26,13 @@ from cuboid.surfaces.plane import ON_PLANE_M, Plane
 from cuboid.surfaces.twins import merge_twins
 from cuboid.surfaces.up import REFRESH_FRAMES, SAME_COS, UpVote
 from cuboid.surfaces.windows import Windows, window_of
-from cuboid.tolerances import LEAST_FRAMES, SIGMAS
+from cuboid.tolerances import DRIFT_M, LEAST_FRAMES, LITTLE, SIGMAS
 
 # A plane that is not used yet is forgotten after so many frames without a sighting.
 FORGET_FRAMES = 60
+
+# What carries a plane reaches up to it, but for the board that the plane is the top of, and for drift, metres.
+REACH_M = 2.0 * DRIFT_M
 
 
 class PlaneTracker:
@@ -255,6 +259,19 @@ class PlaneTracker:
     def likely_up(self) -> Float64Array:
         """Up in the world, (3,), or the images' up while that is not known."""
         return self._vote.image_up if self.up is None else self.up
+
+    def lies_on(self, box: Box) -> bool:
+        """Tell whether a supporting plane lies on top of a box that stands up: it is furniture, or a part of it."""
+        if self.T_plan_world is None or box.size[2] <= 2.0 * REACH_M:
+            return False
+        center = self.to_plan(box.center[None])
+        top_m = box.size[2] / 2.0
+        return any(
+            plane.in_use
+            and abs(float(plane.height(center)[0]) + top_m) <= REACH_M + LITTLE * box.size[2]
+            and bool(plane.plan.covers(center)[0])
+            for plane in self._at(center)
+        )
 
     def to_plan(self, points: Float32Array | Float64Array) -> Float64Array:
         """Carry world points (N, 3) to the plan frame."""
