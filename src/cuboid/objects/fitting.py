@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cuboid.config import TrackerConfig
+from cuboid.heatmap.stored_points import Rows
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.continuation import is_structure
@@ -14,6 +15,7 @@ from cuboid.objects.entry import MapObject
 from cuboid.objects.outline import CLEAR
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object, too_large
+from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.planes import PlaneTracker
 from cuboid.tolerances import LEAST_READINGS, SIGMAS
 
@@ -67,6 +69,7 @@ class Fitting:
         identity = max(entry.supports.items(), key=lambda s: (s[1], -s[0]), default=(None, 0))[0]
         plane = None if identity is None else self._planes.find(identity)
         entry.plane = None if plane is None else plane.identity
+        rows = rows if plane is None else self._above(rows, plane)
         labelled = [o for o in self._store.neighbours(entry) if o.confirmed]
         entry.points, entry.colors = voxels.xyz(rows), voxels.rgb(rows)
         entry.heat, entry.keyframe = float(voxels.heat(rows).mean()), voxels.keyframe_of(rows)
@@ -89,3 +92,12 @@ class Fitting:
             entry.log_odds -= STRUCTURE
         if too_large(box, self._config):
             self._store.retire(entry)
+
+    def _above(self, rows: Rows, plane: Plane) -> Rows:
+        """Return those rows that lie above the plane that an object stands on: others are the plane's, or its rim's.
+
+        All of them where that leaves too few to tell anything.
+        """
+        normal, offset = self._planes.in_world(plane)
+        above = rows[self._voxels.xyz(rows) @ normal + offset > self._config.min_height_m]
+        return above if len(above) >= LEAST_READINGS else rows

@@ -1,0 +1,59 @@
+"""When the box of an object is fitted: what of it is the table's."""
+
+from __future__ import annotations
+
+import numpy as np
+from made_maps import box_of, grid, map_of, shell
+
+from cuboid.config import TrackerConfig
+from cuboid.geometry.overlap import iou
+from cuboid.objects.boxing import Boxing
+from cuboid.objects.entry import MapObject
+from cuboid.objects.fitting import Fitting
+from cuboid.objects.store import ObjectStore
+from cuboid.surfaces.cells import Cells
+from cuboid.surfaces.planes import PlaneTracker
+
+# A camera that is held upright and looks along y.
+LEVEL = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+JAR = shell((0.3, 0.4), (0.3, 0.4), (0.0, 0.16))
+
+
+def table() -> Cells:
+    """Flat cells at height 0, 6 cm wide each, from the origin on."""
+    i, j = (a.ravel() for a in np.mgrid[:14, :14])
+    return Cells(
+        places=np.tile(np.arange(len(i))[:, None], (1, 4)),
+        normal=np.tile([0.0, 0.0, 1.0], (len(i), 1)),
+        center=np.column_stack([0.06 * i, 0.06 * j, np.zeros(len(i))]),
+        area_m2=np.full(len(i), 0.0036),
+        sigma_m=np.full(len(i), 0.002),
+        image_shape=(14, 14),
+    )
+
+
+def fitted(points: np.ndarray) -> MapObject:
+    """An object of these points that stands on the table."""
+    planes, voxels, config = PlaneTracker(TrackerConfig()), map_of((points, 1)), TrackerConfig()
+    for frame in range(4):
+        planes.vote(table(), LEVEL)
+        planes.update(frame, table())
+    store = ObjectStore(voxels)
+    entry = store.add(box_of(points), 0)
+    entry.sightings, entry.supports = 5, {planes.planes[0].identity: 500}
+    Fitting(config, voxels, planes, store, Boxing(voxels)).fit(entry)
+    assert entry.plane == planes.planes[0].identity
+    return entry
+
+
+def test_the_rim_of_the_table_that_came_with_an_object_is_no_part_of_its_box() -> None:
+    rim = grid((0.1, 0.6), (0.2, 0.24), (-0.04, 0.0))[::4]
+    assert 4 * len(rim) > len(JAR)
+    entry = fitted(np.concatenate([JAR, rim]))
+    assert iou(entry.box, box_of(JAR)) > 0.75
+    assert (entry.points[:, 2] > 0.0).all()
+
+
+def test_what_lies_flat_on_the_table_keeps_its_points() -> None:
+    card = grid((0.3, 0.4), (0.3, 0.4), (-0.005, 0.008))
+    assert len(fitted(card).points) > 50
