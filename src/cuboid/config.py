@@ -28,7 +28,7 @@ class TrackerConfig:
         Standard deviation of depth at distance z is this times z squared, 1/metre (Khoshelham and Elberink 2012
         give 1.425e-3 for the first Kinect; a time-of-flight sensor has less beyond 2 m).
     working_width_px : int
-        Frames are thinned, each to another phase, until they are less than twice as wide as this, pixels. At 320 and
+        Frames are thinned, each to another phase, until their longer side is less than twice this, pixels. At 320 and
         1.5 m a pixel is 6 mm, below a voxel; half of it takes half the time and sees objects of 5 cm up to 2 m.
     min_height_m : float
         What rises less than this above its plane is taken for the plane's own noise, metres.

@@ -210,16 +210,20 @@ class Recording:
         FrameError
             If there was none to be read for this frame.
         """
+        measured = self._frames[index].up_camera is not None
+        return self._up_in(index, None if measured or self.up_world is None else self.pose(index))
+
+    def _up_in(self, index: int, T_world_camera: Float64Array | None) -> Float64Array | None:
+        """Return `up_camera` of a frame whose pose is known."""
         measured = self._frames[index].up_camera
         if measured is not None:
             return unit(measured())
-        T_world_camera = None if self.up_world is None else self.pose(index)
         return None if T_world_camera is None or self.up_world is None else T_world_camera[:3, :3].T @ self.up_world
 
-    def _up_of(self, index: int) -> Float64Array | None:
-        """Return `up_camera` of a frame, None where it cannot be told: that is no fault of the frame's images."""
+    def _up_if_told(self, index: int, T_world_camera: Float64Array | None) -> Float64Array | None:
+        """Return it, None where it cannot be told: that is no fault of the frame's images."""
         try:
-            return self.up_camera(index)
+            return self._up_in(index, T_world_camera)
         except FrameError:
             return None
 
@@ -253,7 +257,8 @@ class Recording:
             depth_m = depth_in_metres(self._undistort.depth(raw), self.depth_units_per_metre, depth_name)
         else:
             depth_m = self._register(depth_in_metres(raw, self.depth_units_per_metre, depth_name), depth_name)
-        return Frame(index, self.timestamp_s(index), color, depth_m, T_world_camera, self._up_of(index))
+        up_camera = self._up_if_told(index, T_world_camera)
+        return Frame(index, self.timestamp_s(index), color, depth_m, T_world_camera, up_camera)
 
     def iterate(
         self, every: int = 1, limit: int | None = None, prefetch: bool = True
