@@ -29,7 +29,7 @@ from cuboid.objects.visibility import in_view
 from cuboid.objects.wholeness import is_whole
 from cuboid.surfaces.clusters import FrameCluster, FrameClusters
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import LEAST_FRAMES, LEAST_READINGS, LITTLE, MOST, SURE
+from cuboid.tolerances import LEAST_FRAMES, LEAST_READINGS, LITTLE, MOST, SOME, SURE
 from cuboid.working import WorkingImage
 
 # What a candidate loses in a frame that shows its place and has no proposal for it.
@@ -159,7 +159,9 @@ class ObjectMap:
         entry.outline = entry.outline + cluster.outline
         entry.sightings += 1
         if cluster.supports:
-            entry.supports = together(entry.supports, cluster.supports)
+            # Planes are found while objects are seen: the last sightings know more of them than the first.
+            before = {plane: int((1.0 - SOME) * count) for plane, count in entry.supports.items()}
+            entry.supports = together(before, cluster.supports)
 
     def _may_take(
         self, number_of: npt.NDArray[np.int32], found: Association
