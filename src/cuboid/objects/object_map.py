@@ -29,7 +29,7 @@ from cuboid.objects.visibility import in_view
 from cuboid.objects.wholeness import is_whole
 from cuboid.surfaces.clusters import FrameCluster, FrameClusters
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import LEAST_FRAMES, LEAST_READINGS, LITTLE, MOST, SOME, SURE
+from cuboid.tolerances import LEAST_FRAMES, LEAST_READINGS, LITTLE, MOST, SURE
 from cuboid.working import WorkingImage
 
 # What a candidate loses in a frame that shows its place and has no proposal for it.
@@ -153,15 +153,15 @@ class ObjectMap:
         """Tell whether two things are bounded by each other, and are no pieces of one proposal."""
         return j is not None and things.share[i] != things.share[j] and things.contact[i, j] + things.contact[j, i] > 0
 
-    @staticmethod
-    def _sighting(entry: MapObject, cluster: FrameCluster, told: float) -> None:
+    def _sighting(self, entry: MapObject, cluster: FrameCluster, told: float) -> None:
+        # However clear its outline is: a label whose box has not the size of an object gains nothing by it.
+        if entry.confirmed and not fits_object(entry.box, self._config):
+            told = min(told, 0.0)
         entry.log_odds = min(MOST_TOLD, max(-MOST_TOLD, entry.log_odds + told))
         entry.outline = entry.outline + cluster.outline
         entry.sightings += 1
         if cluster.supports:
-            # Planes are found while objects are seen: the last sightings know more of them than the first.
-            before = {plane: int((1.0 - SOME) * count) for plane, count in entry.supports.items()}
-            entry.supports = together(before, cluster.supports)
+            entry.supports = together(entry.supports, cluster.supports)
 
     def _may_take(
         self, number_of: npt.NDArray[np.int32], found: Association
