@@ -49,7 +49,9 @@ def _floats(entry: MapObject, planes: PlaneTracker) -> bool:
     if plane is None:
         return False
     beneath = entry.outline[BOTTOM]
-    return bool(planes.foot_m(entry.box, plane) > entry.box.size.max() and beneath[FREE] > beneath[SUPPORT] + beneath[CONTACT])
+    return bool(
+        planes.foot_m(entry.box, plane) > entry.box.size.max() and beneath[FREE] > beneath[SUPPORT] + beneath[CONTACT]
+    )
 
 
 def _may_be_part(entry: MapObject, store: ObjectStore) -> bool:
