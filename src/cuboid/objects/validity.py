@@ -21,4 +21,4 @@ def fits_object(box: Box, config: TrackerConfig) -> bool:
 
 def too_large(box: Box, config: TrackerConfig) -> bool:
     """Tell whether a box is larger than an object may be."""
-    return max(box.size.tolist()) > config.max_size_m
+    return bool(max(box.size.tolist()) > config.max_size_m)
