@@ -17,6 +17,7 @@ from cuboid.surfaces.planes import PlaneTracker
 # A camera that is held upright and looks along y.
 LEVEL = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 JAR = shell((0.3, 0.4), (0.3, 0.4), (0.0, 0.16))
+NOTHING = np.zeros((0, 3))
 
 
 def table() -> Cells:
@@ -32,9 +33,9 @@ def table() -> Cells:
     )
 
 
-def fitted(points: np.ndarray) -> MapObject:
-    """An object of these points that stands on the table."""
-    planes, voxels, config = PlaneTracker(TrackerConfig()), map_of((points, 1)), TrackerConfig()
+def fitted(points: np.ndarray, ground: np.ndarray = NOTHING) -> MapObject:
+    """An object of these points that was seen above the table, which has stood for 500 pixels beneath it."""
+    planes, voxels, config = PlaneTracker(TrackerConfig()), map_of((points, 1), (ground, 0)), TrackerConfig()
     for frame in range(4):
         planes.vote(table(), LEVEL)
         planes.update(frame, table())
@@ -57,3 +58,11 @@ def test_the_rim_of_the_table_that_came_with_an_object_is_no_part_of_its_box() -
 def test_what_lies_flat_on_the_table_keeps_its_points() -> None:
     card = grid((0.3, 0.4), (0.3, 0.4), (-0.005, 0.008))
     assert len(fitted(card).points) > 50
+
+
+def test_what_floats_above_its_plane_is_told_anew_by_what_follows_what_it_stands_on() -> None:
+    """A shelf that is found after what stands on it was seen: counts of the floor beneath must not outweigh it."""
+    ground = grid((0.0, 0.8), (0.0, 0.8), (0.0, 0.01))
+    standing, floating = fitted(JAR), fitted(JAR + np.array([0.0, 0.0, 0.4]), ground)
+    assert standing.supports == {standing.plane: 500}
+    assert floating.supports == {floating.plane: 1}

@@ -18,7 +18,7 @@ from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object, too_large
 from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import LEAST_READINGS, SIGMAS
+from cuboid.tolerances import DRIFT_M, LEAST_READINGS, SIGMAS
 
 # A box is fitted anew when the sightings have grown by this share.
 GROWN = 0.15
@@ -85,6 +85,9 @@ class Fitting:
             [o.box for o in labelled],
         )
         self._store.place(entry, box)
+        if plane is not None and self._planes.foot_m(box, plane) > DRIFT_M:
+            # What floats may stand on a plane that was not known yet: from now on sightings tell it anew.
+            entry.supports = {plane.identity: 1}
         owned = np.zeros(self._store.numbers, np.uint8)
         owned[[entry.number, *(o.number for o in self._store.neighbours(entry) if o.confirmed)]] = 1
         # What is thinner or flatter may be the noise of a surface.

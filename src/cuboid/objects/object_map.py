@@ -153,8 +153,10 @@ class ObjectMap:
         """Tell whether two things are bounded by each other, and are no pieces of one proposal."""
         return j is not None and things.share[i] != things.share[j] and things.contact[i, j] + things.contact[j, i] > 0
 
-    @staticmethod
-    def _sighting(entry: MapObject, cluster: FrameCluster, told: float) -> None:
+    def _sighting(self, entry: MapObject, cluster: FrameCluster, told: float) -> None:
+        # However clear its outline is: a label whose box has not the size of an object gains nothing by it.
+        if entry.confirmed and not fits_object(entry.box, self._config):
+            told = min(told, 0.0)
         entry.log_odds = min(MOST_TOLD, max(-MOST_TOLD, entry.log_odds + told))
         entry.outline = entry.outline + cluster.outline
         entry.sightings += 1

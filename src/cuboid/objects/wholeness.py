@@ -48,10 +48,10 @@ def _floats(entry: MapObject, planes: PlaneTracker) -> bool:
     plane = None if entry.plane is None else planes.find(entry.plane)
     if plane is None:
         return False
-    normal, offset = planes.in_world(plane)
-    gap_m = float(normal @ entry.box.center) + offset - entry.box.size[2] / 2
     beneath = entry.outline[BOTTOM]
-    return bool(gap_m > entry.box.size.max() and beneath[FREE] > beneath[SUPPORT] + beneath[CONTACT])
+    return bool(
+        planes.foot_m(entry.box, plane) > entry.box.size.max() and beneath[FREE] > beneath[SUPPORT] + beneath[CONTACT]
+    )
 
 
 def _may_be_part(entry: MapObject, store: ObjectStore) -> bool:
