@@ -54,7 +54,7 @@ class Axis:
         return max(JUMP_SIGMAS * LEAST_SIGMA_M, SIGMAS * self.spread_m)
 
     def appendage(self, layer: Layers, trust: Float64Array) -> npt.NDArray[np.bool_]:
-        """Tell which points (N,) are no part of the body: what sticks out where some of a sector does, and its layers.
+        """Tell which points (N,) are no part of the body: what sticks out in a part of the turn, and such layers as a whole.
 
         What sticks out all round is the rim of a layer that is filled, as a pot is with soil.
         """
@@ -63,8 +63,10 @@ class Axis:
         mean = by(layer, trust * self.distance, layers) / np.maximum(by(layer, trust, layers), 1e-12)
         radius = np.where(by(layer, self.weights, layers) > 0.0, self.radius, mean)
         out = self.distance - radius[layer] > self.noise_m
-        there = by(self.sector, trust * out, SECTORS + 1) > SOME * by(self.sector, trust, SECTORS + 1)
-        part = out & there[self.sector]
+        cell, cells = layer * (SECTORS + 1) + self.sector, layers * (SECTORS + 1)
+        seen = by(cell, trust, cells).reshape(layers, -1)
+        beyond = by(cell, trust * out, cells).reshape(layers, -1) > SOME * seen
+        part = out & (beyond.sum(1) <= MOST * (seen > 0.0).sum(1))[layer]
         torn = by(layer, trust * part, layers) > SOME * by(layer, trust, layers)
         return np.asarray(part | torn[layer])
 
