@@ -54,7 +54,7 @@ class Axis:
         return max(JUMP_SIGMAS * LEAST_SIGMA_M, SIGMAS * self.spread_m)
 
     def appendage(self, layer: Layers, trust: Float64Array) -> npt.NDArray[np.bool_]:
-        """Tell which points (N,) are no part of the body: what sticks out in a part of the turn, and such layers as a whole.
+        """Tell which points (N,) are no part of the body: what sticks out in a part of the turn, and its whole layers.
 
         What sticks out all round is the rim of a layer that is filled, as a pot is with soil.
         """
