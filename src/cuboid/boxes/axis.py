@@ -71,8 +71,8 @@ class Axis:
         return np.asarray(part | torn[layer])
 
 
-def fit_axis(plan: Float64Array, layer: Layers, trust: Float64Array, noise_m: float) -> Axis | None:
-    """Fit an axis, leave out what departs from it, and fit again.
+def fit_axis(plan: Float64Array, layer: Layers, trust: Float64Array, noise_m: float, trim: bool) -> Axis | None:
+    """Fit an axis to points of a surface.
 
     Parameters
     ----------
@@ -83,6 +83,8 @@ def fit_axis(plan: Float64Array, layer: Layers, trust: Float64Array, noise_m: fl
     trust : (N,) float64
     noise_m : float
         Standard deviation of the points of a surface, metres.
+    trim : bool
+        Leave out what departs from the axis, with layers of which some does, and fit again.
 
     Returns
     -------
@@ -93,7 +95,7 @@ def fit_axis(plan: Float64Array, layer: Layers, trust: Float64Array, noise_m: fl
     if not kernel.fit_axis(plan, layer, trust, STEPS, center, radius, residual):
         return None
     weights = trust
-    for _ in range(3):
+    for _ in range(3 if trim else 0):
         away = np.abs(residual)
         near = away < SIGMAS * max(1.48 * _median(away, weights), noise_m, LEAST_SIGMA_M)
         # A layer of which some departs is not round: that of a brim, or of a handle.

@@ -65,8 +65,13 @@ def revolved(
     side = np.flatnonzero(height < quantile(height, 1.0 - 2.0 * STRAYS) - JUMP_M)
     if len(side) < LEAST_READINGS or not trust[side].sum() > 0.0:
         return None
-    axis = _axis(plan[side], layer[side], trust[side], _footprint(box, first, second), noise_m)
-    if axis is None:
+    rectangle = _footprint(box, first, second)
+    # What is noisy all over has its axis from all of it.
+    for trim in (True, False):
+        axis = _axis(plan[side], layer[side], trust[side], rectangle, noise_m, trim)
+        if axis is not None:
+            break
+    else:
         return None
     body = np.ones(len(points), bool)
     body[side] = ~axis.appendage(layer[side], trust[side])
@@ -88,10 +93,10 @@ def revolved(
 
 
 def _axis(
-    plan: Float64Array, layer: Layers, trust: Float64Array, rectangle: Float64Array, noise_m: float
+    plan: Float64Array, layer: Layers, trust: Float64Array, rectangle: Float64Array, noise_m: float, trim: bool
 ) -> Axis | None:
     """Return the axis of the body of whose side points (N, 2) were seen; None where there is none, or it is unsure."""
-    axis = fit_axis(plan, layer, trust, noise_m)
+    axis = fit_axis(plan, layer, trust, noise_m, trim)
     if axis is None or axis.weights.sum() < LEAST_BODY * trust.sum():
         return None
     usual = float(np.average(axis.radius[layer], weights=axis.weights))
