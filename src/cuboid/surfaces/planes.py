@@ -159,9 +159,7 @@ class PlaneTracker:
         sigma_m: Float64Array,
         matched: npt.NDArray[np.int32],
     ) -> None:
-        for k, cells in zip(*np.unique(matched[matched >= 0], return_counts=True), strict=True):
-            if cells < 3:
-                continue
+        for k in np.flatnonzero(np.bincount(matched[matched >= 0]) >= 3).tolist():
             plane, mine = self.planes[k], matched == k
             plane.add(centers[mine], area_m2[mine] / sigma_m[mine] ** 2, keyframe)
             plane.fit()
