@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy_boxes import numpy_box
 
-from cuboid.boxes.fit import fit_box, fit_boxes
+from cuboid.boxes.fit import DIRECTIONS, box_within, fit_box, fit_boxes, plane_axes
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -57,6 +57,20 @@ def test_a_carton_that_shows_two_sides_and_no_top_keeps_its_own_turn(length: flo
     along = abs(float(box.rotation[:2, 0] @ [c, s]))
     assert max(along, np.sqrt(1 - min(1.0, along**2))) > np.cos(np.radians(8))
     np.testing.assert_allclose(box.center[:2], 0.0, atol=0.01)
+
+
+@given(st.floats(0.03, 0.2), st.floats(0.0, 6.28), st.floats(0.5, 0.95))
+def test_of_footprints_that_no_reading_tells_apart_the_one_is_taken_that_lies_along_a_direction(
+    half: float, towards: float, ratio: float
+) -> None:
+    first, second = plane_axes(UP)
+    round_one = box_within(np.full(90, -half), np.full(90, half), 0.0, 0.1, UP, towards)
+    wanted = np.cos(towards) * first + np.sin(towards) * second
+    along = np.abs(round_one.rotation[:, :2].T @ wanted).max()
+    assert along > np.cos(np.radians(1.01))
+    corner = np.abs(DIRECTIONS) @ [half, ratio * half]
+    carton = box_within(-corner, corner, 0.0, 0.1, UP, towards)
+    np.testing.assert_allclose(carton.size, [2 * half, 2 * ratio * half, 0.1], rtol=0.05, atol=0.002)
 
 
 def clouds(kind: str, rng: np.random.Generator) -> np.ndarray:

@@ -11,6 +11,7 @@ from cuboid.frame import Float32Array, Float64Array
 from cuboid.geometry.box import Box
 from cuboid.kernels import resting as kernel
 from cuboid.kernels.extents import reach
+from cuboid.tolerances import LEAST_SIGMA_M
 
 # Footprints are tried every two degrees: a 30 cm box turned by one degree is 3 mm off at its ends, below the noise.
 _ANGLES = np.radians(np.arange(0.0, 180.0, 2.0))
@@ -84,8 +85,13 @@ def fit_boxes(points: Float64Array, counts: Sequence[int], planes: Sequence[Rest
     return [_box(row) for row in rows]
 
 
-def box_within(low: Float64Array, high: Float64Array, bottom: float, top: float, normal: Float64Array) -> Box:
+def box_within(
+    low: Float64Array, high: Float64Array, bottom: float, top: float, normal: Float64Array, towards: float | None = None
+) -> Box:
     """Return the box of least footprint around what reaches from `low` to `high` in each of `DIRECTIONS`.
+
+    Footprints that differ by no more than a reading can tell are alike: of them that one is taken which is turned
+    towards a direction best, for what hardly differs is chosen by noise, and the box would turn from fit to fit.
 
     Parameters
     ----------
@@ -95,9 +101,21 @@ def box_within(low: Float64Array, high: Float64Array, bottom: float, top: float,
         Along the normal, metres.
     normal : (3,) float64
         Unit.
+    towards : float, optional
+        In the plane's own axes, radians.
     """
     row = np.empty(15)
-    kernel.around(low, high, bottom, top, _axes(normal), DIRECTIONS, _NO_SIDE, _NO_TRUST, row)
+    if towards is None:
+        kernel.around(low, high, bottom, top, _axes(normal), DIRECTIONS, _NO_SIDE, _NO_TRUST, row)
+        return _box(row)
+    quarter = len(DIRECTIONS) // 2
+    length, width = np.split(high - low, 2)
+    area = length * width
+    least = int(area.argmin())
+    alike = area <= area[least] + 2.0 * LEAST_SIGMA_M * (length[least] + width[least])
+    turn = (_ANGLES[:quarter] - towards) % (math.pi / 2)
+    off = np.minimum(turn, math.pi / 2 - turn)
+    kernel.turned(low, high, int(np.where(alike, off, np.inf).argmin()), bottom, top, _axes(normal), DIRECTIONS, row)
     return _box(row)
 
 

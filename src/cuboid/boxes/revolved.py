@@ -2,6 +2,8 @@
 
 Of such a body the camera sees the near side, and of that the noise thickens; its box is then too near, and too
 shallow. But all its side tells where its axis is, to a few millimetres, and the axis tells the far side.
+
+A mug, a teapot or a cap is such a body too, and something that sticks out of it: a handle, a spout, a brim.
 """
 
 from __future__ import annotations
@@ -9,8 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from cuboid.boxes.axis import SECTORS, Axis, Layers, by, fit_axis
 from cuboid.boxes.fit import DIRECTIONS, box_within, plane_axes, reach_of
 from cuboid.boxes.quantiles import quantile
 from cuboid.frame import Float64Array
@@ -18,13 +20,12 @@ from cuboid.geometry.box import Box
 from cuboid.kernels import revolve as kernel
 from cuboid.kernels.extents import side_spread
 from cuboid.kernels.resting import ROUND_RADIUS
-from cuboid.tolerances import DRIFT_M, JUMP_M, JUMP_SIGMAS, LEAST_READINGS, LEAST_SIGMA_M, LITTLE, MOST, SIGMAS, STRAYS
+from cuboid.tolerances import JUMP_M, LEAST_READINGS, LITTLE, MOST, STRAYS
 
-# The fit takes so many steps.
-STEPS = 6
-# A side is looked at in so many sectors of the turn. Half of the turn is seen from one place, a little less of it in
-# depth: what covers less fixes no axis in noise.
-SECTORS, LEAST_ARC = 12, MOST - LITTLE
+# Half of the turn is seen from one place, a little less of it in depth: what covers less fixes no axis in noise.
+LEAST_ARC = MOST - LITTLE
+# Of a side so much is its body's: a cap's brim has nearly as many points as its dome.
+LEAST_BODY = MOST - LITTLE
 
 
 def revolved(
@@ -64,51 +65,66 @@ def revolved(
     side = np.flatnonzero(height < quantile(height, 1.0 - 2.0 * STRAYS) - JUMP_M)
     if len(side) < LEAST_READINGS or not trust[side].sum() > 0.0:
         return None
-    axis = _axis(plan[side], layer[side], trust[side], _footprint(box, first, second), noise_m)
-    if axis is None:
+    rectangle = _footprint(box, first, second)
+    # What is noisy all over has its axis from all of it.
+    for trim in (True, False):
+        axis = _axis(plan[side], layer[side], trust[side], rectangle, noise_m, trim)
+        if axis is not None:
+            break
+    else:
         return None
-    center, spread_m = axis
-    distance = np.hypot(*(plan - center).T)
+    body = np.ones(len(points), bool)
+    body[side] = ~axis.appendage(layer[side], trust[side])
+    distance = np.hypot(*(plan - axis.center).T)
     weight = float(trust.sum())
-    radius = kernel.widest_layer(distance, layer, trust, int(layer.max()) + 1, 2.0 * STRAYS * weight, 1.0 - LITTLE)
-    along = DIRECTIONS @ center
-    low, high = along - radius, along + radius
+    layers, least_weight = int(layer.max()) + 1, 2.0 * STRAYS * weight
+    radius = kernel.widest_layer(distance[body], layer[body], trust[body], layers, least_weight, 1.0 - LITTLE)
+    along = DIRECTIONS @ axis.center
+    low, high, towards = along - radius, along + radius, None
     # What sticks out by more than noise is a part of its own, where most of it is no strays.
-    part = distance > radius + max(JUMP_SIGMAS * LEAST_SIGMA_M, SIGMAS * spread_m)
+    part = distance > radius + axis.noise_m
     strays = share * weight / max(float(trust[part].sum()), 1e-12)
     if strays < MOST:
         least, most = reach_of(plan[part], trust[part], DIRECTIONS, strays)
         low, high = np.minimum(low, least), np.maximum(high, most)
+        towards = _lengthwise(plan[part] - axis.center, trust[part])
     middle = float(normal @ box.center)
-    return box_within(low, high, middle - box.size[2] / 2.0, middle + box.size[2] / 2.0, normal)
+    return box_within(low, high, middle - box.size[2] / 2.0, middle + box.size[2] / 2.0, normal, towards)
 
 
 def _axis(
-    plan: Float64Array, layer: npt.NDArray[np.int64], trust: Float64Array, rectangle: Float64Array, noise_m: float
-) -> tuple[Float64Array, float] | None:
-    """Return the place of the axis (2,) and the spread of the points around their surface, metres; None if unsure."""
-    center, radius, residual = np.empty(2), np.empty(int(layer.max()) + 1), np.empty(len(plan))
-    if not kernel.fit_axis(plan, layer, trust, STEPS, center, radius, residual):
+    plan: Float64Array, layer: Layers, trust: Float64Array, rectangle: Float64Array, noise_m: float, trim: bool
+) -> Axis | None:
+    """Return the axis of the body of whose side points (N, 2) were seen; None where there is none, or it is unsure."""
+    axis = fit_axis(plan, layer, trust, noise_m, trim)
+    if axis is None or axis.weights.sum() < LEAST_BODY * trust.sum():
         return None
-    usual = float(np.average(radius[layer], weights=trust))
-    spread_m = _spread(residual, trust)
+    usual = float(np.average(axis.radius[layer], weights=axis.weights))
     along, half = rectangle[2:4], rectangle[4:] / 2.0
     sides = np.array([along, [-along[1], along[0]]])
-    against = side_spread(plan - rectangle[:2], trust, sides, -half, half, 0)
+    against = side_spread(plan - rectangle[:2], axis.weights, sides, -half, half, 0)
     # It fits better than the best rectangle.
-    if max(spread_m, noise_m) >= against:
+    if max(axis.spread_m, noise_m) >= against:
         return None
     # A nearly straight side has its axis far away.
     if usual > ROUND_RADIUS * float(rectangle[4:].max()) + JUMP_M:
         return None
-    angle = np.arctan2(*(plan - center).T[::-1])
-    sector = np.floor(angle * (SECTORS / (2.0 * math.pi))).astype(np.int64) + SECTORS // 2
-    sums = np.bincount(sector, trust * residual, SECTORS + 1), np.bincount(sector, trust, SECTORS + 1)
-    known = (np.bincount(sector, minlength=SECTORS + 1) >= LEAST_READINGS) & (sums[1] > 0.0)
-    # It departs from itself from sector to sector by little of its radius: a mug's handle or a cap's brim does by more.
+    sums = by(axis.sector, axis.weights * axis.residual, SECTORS + 1), by(axis.sector, axis.weights, SECTORS + 1)
+    readings = np.bincount(axis.sector[axis.weights > 0.0], minlength=SECTORS + 1)
+    known = (readings >= LEAST_READINGS) & (sums[1] > 0.0)
+    # It departs from itself from sector to sector by little of its radius.
     if known.sum() < LEAST_ARC * SECTORS or np.ptp(sums[0][known] / sums[1][known]) > LITTLE * usual:
         return None
-    return center, spread_m
+    return axis
+
+
+def _lengthwise(away: Float64Array, trust: Float64Array) -> float:
+    """Return the direction, radians, in which what sticks out (N, 2) lies from the axis, or lies on both its sides.
+
+    A thing with a handle, or with a spout and a handle, is its own mirror image about that direction.
+    """
+    twice, weight = 2.0 * np.arctan2(away[:, 1], away[:, 0]), trust * np.hypot(*away.T)
+    return 0.5 * math.atan2(float(weight @ np.sin(twice)), float(weight @ np.cos(twice)))
 
 
 def _footprint(box: Box, first: Float64Array, second: Float64Array) -> Float64Array:
@@ -123,7 +139,3 @@ def _footprint(box: Box, first: Float64Array, second: Float64Array) -> Float64Ar
             box.size[1],
         ]
     )
-
-
-def _spread(residual: Float64Array, trust: Float64Array) -> float:
-    return float(np.sqrt(np.average(np.minimum(np.abs(residual), DRIFT_M) ** 2, weights=trust)))

@@ -137,9 +137,14 @@ def around(low, high, bottom, top, axes, directions, side, trust, box):
     trust : (M,) float64
         How far each of them is to be believed.
     """
-    quarter = directions.shape[0] // 2
-    a = best_turn(side, trust, directions, low, high, RIVAL_AREA, BETTER_SIDES)
-    b = a + quarter
+    turn = best_turn(side, trust, directions, low, high, RIVAL_AREA, BETTER_SIDES)
+    turned(low, high, turn, bottom, top, axes, directions, box)
+
+
+@njit(cache=True, nogil=True)
+def turned(low, high, turn, bottom, top, axes, directions, box):
+    """Write the box that is turned as direction number `turn` (0..Q-1) is; see `around`."""
+    a, b = turn, turn + directions.shape[0] // 2
     length, width = high[a] - low[a], high[b] - low[b]
     x, y = (low[a] + high[a]) / 2.0, (low[b] + high[b]) / 2.0
     ux, uy, vx, vy = directions[a, 0], directions[a, 1], directions[b, 0], directions[b, 1]
