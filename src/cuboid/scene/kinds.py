@@ -88,7 +88,7 @@ KINDS = {
         Kind(EstimatedPoses),  # of files from before there were parts
         Kind(PoseEstimator, kept_apart=frozenset({"intrinsics"})),
         Kind(Atlas),
-        Kind(Keyframe, key=lambda keyframe: keyframe.number, kept_apart=frozenset({"_reference"})),
+        Kind(Keyframe, key=lambda keyframe: keyframe.number, kept_apart=frozenset({"_reference"}), many=True),
     )
 }
 
