@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.surfaces.grid import GroundPlan
+from cuboid.surfaces.stamped import Stamped
 from cuboid.tolerances import DRIFT_M, DRIFT_RAD, JUMP_M, LEAST_SIGMA_M, LITTLE, SIGMAS
 
 Keyframes = npt.NDArray[np.int64]
@@ -21,7 +22,7 @@ _PRIOR = np.diag([DRIFT_RAD**-2, DRIFT_RAD**-2, DRIFT_M**-2])
 
 
 @dataclass(slots=True, eq=False)
-class Plane:
+class Plane(Stamped):
     """A tracked plane; moments are in the plan frame, weighted by area over variance.
 
     Attributes
