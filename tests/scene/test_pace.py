@@ -47,6 +47,18 @@ def test_work_is_spread_over_what_the_others_do() -> None:
     assert all(later[0] > earlier[1] for earlier, later in pairwise(ended))
 
 
+def test_where_others_have_the_processor_work_is_spread_over_its_time() -> None:
+    """Nobody works beside it: by shares it would rest until its time is over, and do all at the end."""
+    begun_s, ended = time.monotonic(), list[float]()
+    pace = Pace(SHARE, 1.0, PIECES * PIECE_S)
+    for _ in range(PIECES):
+        burn(PIECE_S)
+        pace.rest()
+        ended.append(time.monotonic() - begun_s)
+    assert ended[PIECES // 2 - 1] < 0.8
+    assert max(later - earlier for earlier, later in pairwise(ended)) < 0.5
+
+
 def test_who_waits_and_who_is_alone_need_not_wait_long() -> None:
     for hurried, pace in ((True, Pace(SHARE, 60.0)), (False, Pace(SHARE, 0.2))):
         thread = threading.Thread(target=work, args=(pace, []))
@@ -69,7 +81,7 @@ def commits(monkeypatch: pytest.MonkeyPatch, cost_s: float, share: float) -> lis
         if rhythm.due():
             begun.append(now_s[0])
             rhythm.begin(cost_s / 2)
-            rhythm.cost(cost_s / 2)
+            rhythm.cost_s += cost_s / 2
     monkeypatch.undo()
     return [after - before for before, after in pairwise(begun)][1:]
 

@@ -22,16 +22,21 @@ class Rhythm:
     ----------
     every_s : float
         How often that should be; less often where it costs too much.
+
+    Attributes
+    ----------
+    cost_s : float
+        Processor time that the last one has taken so far.
     """
 
     def __init__(self, every_s: float) -> None:
-        self._every_s, self._cost_s = every_s, 0.0
+        self._every_s, self.cost_s = every_s, 0.0
         self._begun = time.monotonic(), time.process_time()
 
     @property
     def wait_s(self) -> float:
         """How long a commit waits after the one before, by what that cost, where nothing else has the processor."""
-        return min(max(self._every_s, self._cost_s / COMMIT_SHARE), LONGEST_WAIT * self._every_s)
+        return min(max(self._every_s, self.cost_s / COMMIT_SHARE), LONGEST_WAIT * self._every_s)
 
     def due(self) -> bool:
         """Tell whether it is time for one."""
@@ -41,11 +46,7 @@ class Rhythm:
 
     def begin(self, cost_s: float) -> None:
         """Note that one begins, and the processor time that it has taken so far."""
-        self._begun, self._cost_s = (time.monotonic(), time.process_time()), cost_s
-
-    def cost(self, cost_s: float) -> None:
-        """Note what more it took, seconds of processor time."""
-        self._cost_s += cost_s
+        self._begun, self.cost_s = (time.monotonic(), time.process_time()), cost_s
 
 
 class Pace:
@@ -57,10 +58,13 @@ class Pace:
         Of the process's processor time.
     most_s : float
         After so long it works without rest: the others may have nothing to do.
+    cost_s : float
+        Processor time that the work is likely to take, 0 where that is not known: it rests as `most_s` allows for.
     """
 
-    def __init__(self, share: float = 1.0, most_s: float = 0.0) -> None:
+    def __init__(self, share: float = 1.0, most_s: float = 0.0, cost_s: float = 0.0) -> None:
         self._share, self._until_s = share, time.monotonic() + most_s
+        self._stretched = most_s / cost_s if cost_s > 0.0 else float("inf")
         self._hurry = Event()
         self._begun: tuple[float, float] | None = None
 
@@ -73,8 +77,9 @@ class Pace:
         if worked_s < STRETCH_S:
             return
         # Where others have the processor it comes later than by the clock.
+        until_s = min(self._until_s, time.monotonic() + worked_s * self._stretched)
         while (left_s := due_s - time.process_time()) > 0.0 and not self._hurry.is_set():
-            rest_s = min(max(left_s, REST_S), self._until_s - time.monotonic())
+            rest_s = min(max(left_s, REST_S), until_s - time.monotonic())
             if rest_s <= 0.0:
                 break
             self._hurry.wait(rest_s)

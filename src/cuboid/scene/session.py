@@ -242,7 +242,7 @@ class SceneTracker:
         visit, next_frame = self._visit, self._next_frame
         told = self._changes.tell(self._tracker, self._records.seen) if ended and visit.number > 1 else []
         noted = self._before.take_noted()
-        pace = self._pace = Pace() if ended else Pace(WRITING_SHARE, self._rhythm.wait_s)
+        pace = self._pace = Pace() if ended else Pace(WRITING_SHARE, self._rhythm.wait_s, self._rhythm.cost_s)
 
         def write() -> None:
             begun_s, connection = time.thread_time(), self._file.connection
@@ -255,7 +255,7 @@ class SceneTracker:
                 visit.write(connection, next_frame, pending, complete=complete, ended=ended)
                 values = T_world_recording, visit.number
                 connection.execute("UPDATE recordings SET T_world_recording = ? WHERE id = ?", values)
-            self._rhythm.cost(time.thread_time() - begun_s)
+            self._rhythm.cost_s += time.thread_time() - begun_s
 
         self._rhythm.begin(time.thread_time() - begun_s)
         self._writing = self._thread.submit(write)
