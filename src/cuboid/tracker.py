@@ -273,11 +273,11 @@ class Tracker:
             return []
         some = [c.pixels[:: 1 + len(c.pixels) // (SAMPLE // 2)] for c in clusters]
         points = points_of(np.concatenate(some), image, T_world_camera)
-        clouds = np.split(points, np.cumsum([len(pixels) for pixels in some])[:-1])
         found = {identity: self._planes.find(identity) for identity in {k for c in clusters for k in c.supports}}
         rests = {identity: self._planes.in_world(plane) for identity, plane in found.items() if plane is not None}
         unknown = self._planes.likely_up, None
-        return fit_boxes(clouds, [_most_beneath(c.supports, rests) or unknown for c in clusters], STRAYS)
+        planes = [_most_beneath(c.supports, rests) or unknown for c in clusters]
+        return fit_boxes(points, [len(pixels) for pixels in some], planes, STRAYS)
 
     def _sightings(
         self,

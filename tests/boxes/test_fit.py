@@ -98,10 +98,12 @@ def test_boxes_that_are_fitted_together_are_those_that_are_fitted_one_by_one() -
     rng = np.random.default_rng(4)
     kinds = ["carton", "can", "strays", "carton"]
     several = [clouds(kind, rng) for kind in kinds]
+    counts = [len(cloud) for cloud in several]
     planes = [(UP, 0.2), (UP, None), (np.array([0.0, -1.0, 0.0]), 0.1), (np.array([0.6, 0.0, 0.8]), None)]
-    for box, cloud, plane in zip(fit_boxes(several, planes, 0.01), several, planes, strict=True):
+    boxes = fit_boxes(np.concatenate(several), counts, planes, 0.01)
+    for box, cloud, plane in zip(boxes, several, planes, strict=True):
         alone = fit_box(cloud, *plane, 0.01)
         np.testing.assert_array_equal(box.center, alone.center)
         np.testing.assert_array_equal(box.size, alone.size)
         np.testing.assert_array_equal(box.rotation, alone.rotation)
-    assert fit_boxes([], [], 0.01) == []
+    assert fit_boxes(np.zeros((0, 3)), [], [], 0.01) == []

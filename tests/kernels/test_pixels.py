@@ -161,3 +161,38 @@ def test_what_is_beneath_is_the_highest_plane() -> None:
     np.testing.assert_array_equal(support, np.repeat([0, 1], 32)[None].repeat(48, 0))
     assert seen[0].sum() == on_floor.sum()
     assert seen[1].sum() == on_table.sum()
+
+
+def test_what_is_beneath_is_found_among_more_planes_than_a_word_has_bits() -> None:
+    """A camera looks straight down on a slope over many small planes at all heights; plain Python does the same."""
+    rng, count = np.random.default_rng(2), 70
+    depth = np.linspace(1.0, 2.0, 64, dtype=np.float32)[None].repeat(48, 0)
+    depth[rng.random(depth.shape) < 0.1] = 0.0
+    T_plan_camera = np.array([[1.0, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 2.0], [0, 0, 0, 1]])
+    planes = np.column_stack([np.tile([0.0, 0.0, -1.0], (count, 1)), rng.uniform(1.0, 2.0, count)])
+    ground = (rng.random((count, 40, 40)) < 0.05).astype(np.uint8)
+    numbers = np.sort(rng.choice(200, count, replace=False)).astype(np.int32)
+    patches = rng.choice(np.append(numbers, -1), (6, 8)).astype(np.int32)
+    on_plane, support = np.empty(depth.shape, np.int32), np.empty(depth.shape, np.int32)
+    seen = np.zeros(ground.shape, np.int32)
+    stand_on(
+        depth, CAMERA, T_plan_camera, planes, numbers, ground, np.array([-2.0, -2.0]), 0.1, patches, 8,
+        1.4e-3, 0.01, 0.005, 4.0, on_plane, support, seen,
+    )  # fmt: skip
+    expected, told = np.zeros_like(seen), []
+    for v, u in np.ndindex(depth.shape):
+        z = float(depth[v, u])
+        x, y = (u - CAMERA[2]) / CAMERA[0] * z, -(v - CAMERA[3]) / CAMERA[1] * z
+        cell = int(np.floor((x + 2.0) / 0.1)), int(np.floor((y + 2.0) / 0.1))
+        height, limit = planes[:, 3] - z, max(0.01, 0.005 + 3 * 1.4e-3 * z * z)
+        lies = [p for p in range(count) if z > 0 and abs(height[p]) < limit]
+        on = [p for p in lies if ground[p][cell]]
+        for p in lies:
+            if patches[v // 8, u // 8] == numbers[p] and not any(q < p for q in on):
+                expected[p][cell] += 1
+        below = [p for p in range(count) if z > 0 and height[p] >= limit and ground[p][cell]]
+        told.append((on[0], on[0]) if on else (-1, min(below, key=lambda p: height[p], default=-1)))
+    np.testing.assert_array_equal(np.stack([on_plane.ravel(), support.ravel()], 1), told)
+    np.testing.assert_array_equal(seen, expected)
+    for some in (on_plane >= 0, seen > 0, support > 63):
+        assert some.any()

@@ -35,9 +35,10 @@ def points_of(image: WorkingImage, T: np.ndarray) -> np.ndarray:
     return p @ T[:3, :3].T + T[:3, 3]
 
 
-def test_fuse_is_the_weighted_mean_of_all_sightings() -> None:
+@pytest.mark.parametrize("voxel_m", [VOXEL, VOXEL / 10.0], ids=["few cubes", "many cubes"])
+def test_fuse_is_the_weighted_mean_of_all_sightings(voxel_m: float) -> None:
     rng = np.random.default_rng(1)
-    voxels = VoxelMap(VOXEL, 1e-3, 3.5)
+    voxels = VoxelMap(voxel_m, 1e-3, 3.5)
     truth: dict[tuple[int, int, int], list[tuple[float, ...]]] = defaultdict(list)
     frames: dict[tuple[int, int, int], set[int]] = defaultdict(set)
     for frame in range(3):
@@ -58,7 +59,7 @@ def test_fuse_is_the_weighted_mean_of_all_sightings() -> None:
                 if not 0 < z <= 3.5 or not speaks:
                     assert slots[v, u] == -1
                     continue
-                key = tuple(np.floor(points[v, u] / VOXEL).astype(int))
+                key = tuple(np.floor(points[v, u] / voxel_m).astype(int))
                 weight = ((1.0 if z <= 2 else 2.0) if hot else 4.0 if z <= 2 else 16.0) / max(z, 0.5) ** 4
                 truth[key].append((weight, *points[v, u], *image.color[v, u], float(heat[v, u])))
                 frames[key].add(frame)
@@ -68,7 +69,7 @@ def test_fuse_is_the_weighted_mean_of_all_sightings() -> None:
     for row, xyz, rgb, heat, weight in zip(
         rows, voxels.xyz(rows), voxels.rgb(rows), voxels.heat(rows), voxels.weight(rows), strict=True
     ):
-        key = tuple(np.floor(xyz.astype(np.float64) / VOXEL).astype(int))
+        key = tuple(np.floor(xyz.astype(np.float64) / voxel_m).astype(int))
         if key not in truth:  # the mean of points on a voxel's face may round into the next one
             continue
         samples = np.array(truth[key])

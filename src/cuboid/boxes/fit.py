@@ -61,24 +61,26 @@ def fit_box(
     return _box(row)
 
 
-def fit_boxes(clouds: Sequence[Float64Array], planes: Sequence[Resting], share: float) -> list[Box]:
+def fit_boxes(points: Float64Array, counts: Sequence[int], planes: Sequence[Resting], share: float) -> list[Box]:
     """Fit a box to each of several clouds; see `fit_box`.
 
     Parameters
     ----------
-    clouds : sequence of (N, 3) float64
-        At least one point each.
+    points : (N, 3) float64
+        One cloud after the other.
+    counts : sequence of int
+        How many points each has, at least one.
     planes : sequence of ((3,) float64, float or None)
         Normal and offset of what each rests on.
     share : float
     """
-    if not clouds:
+    if not counts:
         return []
-    first = np.cumsum([0, *(len(cloud) for cloud in clouds)])
+    first = np.cumsum([0, *counts])
     normals = np.array([normal for normal, _ in planes])
     offsets = np.array([math.nan if offset is None else offset for _, offset in planes])
-    rows = np.empty((len(clouds), 15))
-    kernel.fit_each(np.concatenate(clouds), first, normals, offsets, share, DIRECTIONS, ARC_SOLVERS, rows)
+    rows = np.empty((len(counts), 15))
+    kernel.fit_each(points, first, normals, offsets, share, DIRECTIONS, ARC_SOLVERS, rows)
     return [_box(row) for row in rows]
 
 

@@ -123,7 +123,8 @@ class Anchors:
     def has_points_in(self, number: int, cubes: Numbers) -> None:
         """Let points of an anchor be in some cubes, each named once."""
         one = self._all[number]
-        new = cubes[~np.isin(cubes, one.cubes)]
+        # Those it has are sorted already: `np.isin` would sort them again.
+        new = cubes[np.searchsorted(one.cubes, cubes, "left") == np.searchsorted(one.cubes, cubes, "right")]
         if len(new):
             one.cubes = np.sort(np.concatenate([one.cubes, new.astype(np.int32)]))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import pairwise
 
 import numpy as np
@@ -32,9 +33,9 @@ class RowBlocks:
         """Let what belonged to one object belong to another."""
         self._of.setdefault(kept, set()).update(self._of.pop(gone, set()))
 
-    def release(self, number: int) -> None:
-        """Let an object have no rows."""
-        self._of.pop(number, None)
+    def release(self, numbers: Iterable[int]) -> Blocks:
+        """Let objects have no rows; return the blocks in which they may have had some, ascending."""
+        return np.array(sorted(set().union(*(self._of.pop(number, ()) for number in numbers))), np.int64)
 
     def of(self, number: int) -> Blocks:
         """Return the blocks of an object, ascending."""

@@ -321,7 +321,9 @@ class StoredPoints:
 
     def release(self, numbers: Sequence[int]) -> None:
         """Let objects have no rows: these are no one's, and no votes hold them."""
-        for number in numbers:
-            blocks = self._blocks_of(number)
-            owners.release(number, blocks, BLOCK_ROWS, self.owner, self._points.confidence, self._cubes.changed)
-            self._blocks.release(number)
+        if not numbers:
+            return
+        blocks, gone = self._blocks.release(numbers), np.zeros(max(numbers) + 1, bool)
+        gone[list(numbers)] = True
+        self._bring(self._cubes.cube_of[blocks].astype(np.int64))
+        owners.release(gone, blocks, BLOCK_ROWS, self.owner, self._points.confidence, self._cubes.changed)

@@ -134,16 +134,26 @@ def sweep(places, ahead, wide, shade, per_level, reach_px, cost, near, source):
     for i in range(places.size):
         place = np.int64(places[i if ahead < 0 else places.size - 1 - i])
         # Unsigned: no index from the end.
-        here = np.uintp(place)
-        best, own, found = np.float64(cost[here]), near[here], source[here]
-        red, green, blue = np.int32(shade[here, 0]), np.int32(shade[here, 1]), np.int32(shade[here, 2])
-        for k in range(4):
-            there = np.uintp(place + (ahead if k == 0 else ahead * wide + k - 2))
-            total = cost[there] + (1.4 if k == 1 or k == 3 else 1.0)
-            if total >= best or total > reach_px * near[there]:
-                continue
-            change = abs(red - np.int32(shade[there, 0])) + abs(green - np.int32(shade[there, 1]))
-            total += (change + abs(blue - np.int32(shade[there, 2]))) * per_level
-            if total < best and total <= reach_px * near[there]:
-                best, own, found = total, near[there], source[there]
-        cost[here], near[here], source[here] = best, own, found
+        here, left, above = np.uintp(place), np.uintp(place + ahead), np.uintp(place + ahead * wide)
+        own = np.float64(cost[here])
+        best, found = own, here
+        # The one beside last, though it goes before the others where both cost the same: it was known last, and what
+        # the others cost is found out meanwhile.
+        for k in range(3):
+            there = np.uintp(np.int64(above) + k - 1)
+            total = by_way_of(there, 1.0 if k == 1 else 1.4, here, shade, per_level, reach_px, cost, near)
+            found, best = (there, total) if total < best else (found, best)
+        total = by_way_of(left, 1.0, here, shade, per_level, reach_px, cost, near)
+        beside = (total < own) & (total <= best)
+        found, best = (left, total) if beside else (found, best)
+        cost[here], near[here], source[here] = best, near[found], source[found]
+
+
+@njit(cache=True, nogil=True, inline="always")
+def by_way_of(there, step, here, shade, per_level, reach_px, cost, near):
+    """Return what a place costs by way of a neighbour, a step away; infinity beyond the reach. See `sweep`."""
+    change = abs(np.int32(shade[here, 0]) - np.int32(shade[there, 0]))
+    change += abs(np.int32(shade[here, 1]) - np.int32(shade[there, 1]))
+    change += abs(np.int32(shade[here, 2]) - np.int32(shade[there, 2]))
+    total = cost[there] + step + change * per_level
+    return total if total <= reach_px * near[there] else np.inf

@@ -54,11 +54,14 @@ def has_rows(number, blocks, size, owner, weight, least):
 
 
 @njit(cache=True, nogil=True)
-def release(number, blocks, size, owner, confidence, changed):
-    """Let an object have no rows in the blocks that may hold some, and mark the blocks (B,) that did; see `rows_of`."""
+def release(gone, blocks, size, owner, confidence, changed):
+    """Let objects, those that `gone` (M,) bool names by number, have no rows; see `rows_of`.
+
+    Looked for are these in the blocks (B,) that may hold some; those that did are marked.
+    """
     for block in blocks:
         for row in range(block * size, min((block + 1) * size, owner.size)):
-            if owner[row] == number:
+            if owner[row] < gone.size and gone[owner[row]]:
                 owner[row] = confidence[row] = 0
                 changed[block] = True
 

@@ -86,13 +86,20 @@ def stand_on(
     place, best = np.empty(columns, np.int64), np.empty(columns)
     relation, height = np.empty(columns, np.uint8), np.empty(columns)
     counts, grounds = seen.reshape(count, wide * high), ground.reshape(count, wide * high)
+    bits = np.uint64(1) << (numbers & 63).astype(np.uint64)
+    over, along = planes_by_cell(grounds, bits), planes_by_row(patches, rows, patch)
     for v in range(rows):
         ry, pr = (v - camera[3]) / camera[1], v // patch
         over_cells(depth[v], across, ry, T_grid_camera, origin, cell, wide, high, max_depth, place)
         best[:] = np.inf
         on_plane[v] = -1
         support[v] = -1
+        here = along[pr]
+        for u in range(columns):
+            here |= over[place[u]] if place[u] >= 0 else np.uint64(0)
         for p in range(count):
+            if here & bits[p] == 0:
+                continue
             relate(depth[v], across, ry, planes_camera[p], noise, floor, bias, relation, height)
             for u in range(columns):
                 if relation[u] == BELOW or place[u] < 0 or on_plane[v, u] >= 0:
@@ -106,6 +113,27 @@ def stand_on(
                 elif height[u] < best[u] and grounds[p, place[u]]:
                     best[u] = height[u]
                     support[v, u] = p
+
+
+@njit(cache=True, nogil=True)
+def planes_by_cell(grounds, bits):
+    """Return which planes cover each cell, (cells,) uint64: a bit for each, which may stand for another one too."""
+    over = np.zeros(grounds.shape[1], np.uint64)
+    for p in range(grounds.shape[0]):
+        bit, covered = bits[p], grounds[p]
+        for k in range(covered.size):
+            over[k] |= bit if covered[k] else np.uint64(0)
+    return over
+
+
+@njit(cache=True, nogil=True)
+def planes_by_row(patches, rows, patch):
+    """Return on which planes any patch of each row of patches lies, as `planes_by_cell` does, for rows of an image."""
+    along = np.zeros((rows - 1) // patch + 1, np.uint64)
+    for r in range(patches.shape[0]):
+        for number in patches[r]:
+            along[r] |= np.uint64(1) << np.uint64(number & 63) if number >= 0 else np.uint64(0)
+    return along
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -11,6 +11,7 @@ from cuboid.kernels.cubes import (
     CUBE_BITS,
     CUBE_SIDE,
     HEATS,
+    KEY_BITS,
     LEVELS,
     PLACES,
     add_row,
@@ -30,6 +31,8 @@ from cuboid.tolerances import JUMP_SIGMAS, LEAST_FRAMES, LITTLE
 FAR_M = 2.0
 # More frames than this are not counted: what there is is halved.
 MOST_HITS = 65535
+# Cubes that are remembered while a frame is fused: those of four by four by four never take each other's place.
+LAST_CUBES = 64
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -40,19 +43,19 @@ def nearer(part, parts, share, to):
 
 
 @njit(cache=True, nogil=True, inline="always")
-def speaks_for(v, u, frame, warm, z):
-    """Return for how many pixels one speaks in a frame; 0 where another one, in turn, speaks for it."""
-    if warm < LITTLE:
+def speak_for(depth, heat, v, frame, max_depth, shares):
+    """Tell of pixels of a row of the image for how many each speaks; 0 where another one, in turn, speaks for it."""
+    # Without a branch: so one instruction takes several pixels.
+    for u in range(depth.size):
+        z = depth[u]
         # Of what is cold one pixel in four speaks for all; of what is cold and far one in sixteen.
-        if (u & 1) + 2 * (v & 1) != frame & 3:
-            return 0.0
-        if z <= FAR_M:
-            return 4.0
-        return 16.0 if ((u >> 1) & 1) + 2 * ((v >> 1) & 1) == (frame >> 2) & 3 else 0.0
-    if z > FAR_M:
-        # There a voxel is hardly wider than a pixel, and its noise wider than both: every other one will do.
-        return 0.0 if (u + v + frame) & 1 else 2.0
-    return 1.0
+        in_turn = (u & 1) + 2 * (v & 1) == frame & 3
+        in_far_turn = ((u >> 1) & 1) + 2 * ((v >> 1) & 1) == (frame >> 2) & 3
+        cold = (4.0 if z <= FAR_M else (16.0 if in_far_turn else 0.0)) if in_turn else 0.0
+        # Far away a voxel is hardly wider than a pixel, and its noise wider than both: every other one will do.
+        hot = 1.0 if z <= FAR_M else (0.0 if (u + v + frame) & 1 else 2.0)
+        share = cold if heat[u] < LITTLE else hot
+        shares[u] = share if (z > 0.0) & (z <= max_depth) else 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -62,7 +65,7 @@ def likely_rows(count, cube_in, voxel_of, cubes, voxels, likely):
     Asked for one after the other, so that memory, which is slow to answer, is asked for the next ones meanwhile.
     """
     for k in range(count):
-        likely[k] = likely_row(cube_in[k], voxel_of[k], cubes)
+        likely[k] = likely_row(cube_in[k], voxel_of[k], cubes) if cube_in[k] >= 0 else np.int64(-1)
     for k in range(count):
         likely[k] = likely[k] if likely[k] >= 0 and voxels[likely[k]] == voxel_of[k] else -1
 
@@ -103,38 +106,44 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, anchor, cubes
     voxels, last_frame, weight, hits = points.voxel, points.last_frame, points.weight, points.hits
     place, colors, heats = points.place, points.color, points.heat
     changed, bits, anchors = cubes.changed, cubes.bits, points.anchor
-    last_key, cube = np.int64(-1), np.int64(-1)
-    # Of one row of the image: the pixels that are fused, for how many each speaks, where in its voxel it is; its cube
-    # and voxel, and the row of the map that is likely its own.
-    columns, shares, where = np.empty(width, np.int64), np.empty(width), np.empty((width, 3))
+    # Cubes that were asked for last, by the last bits of their numbers: to look them up takes far longer.
+    last_keys, last_cubes = np.full(LAST_CUBES, -1, np.int64), np.empty(LAST_CUBES, np.int64)
+    # Of one row of the image: for how many pixels each speaks; and of those that are fused the column, where it is in
+    # its voxel, its cube, -1 none, and voxel, and the row of the map that is likely its own.
+    shares, columns, where = np.empty(width), np.empty(width, np.int64), np.empty((width, 3))
     cube_in, voxel_of, likely = np.empty(width, np.int64), np.empty(width, np.int64), np.empty(width, np.int64)
     for v in range(height):
+        slots[v] = -1
+        speak_for(depth[v], heat[v], v, frame, max_depth, shares)
         count = 0
         for u in range(width):
+            columns[count] = u
+            count += shares[u] > 0.0
+        for k in range(count):
+            u = columns[k]
             z = depth[v, u]
-            slots[v, u] = -1
-            if not (0.0 < z <= max_depth):
-                continue
-            share = speaks_for(v, u, frame, heat[v, u], z)
-            if share == 0.0:
-                continue
             x = (u - cx) * fx * z
             y = (v - cy) * fy * z
             wx = (xx * x + xy * y + xz * z + x0) * inverse
             wy = (yx * x + yy * y + yz * z + y0) * inverse
             wz = (zx * x + zy * y + zz * z + z0) * inverse
             ix, iy, iz = np.int64(np.floor(wx)), np.int64(np.floor(wy)), np.int64(np.floor(wz))
-            key = pack_key(ix >> CUBE_BITS, iy >> CUBE_BITS, iz >> CUBE_BITS)
-            if key != last_key:
-                last_key, cube = key, make_cube(key, cubes)
-            if cube < 0 or bits[cube] == 0:
-                continue
-            columns[count], shares[count], cube_in[count], voxel_of[count] = u, share, cube, voxel_in(ix, iy, iz)
-            where[count, 0], where[count, 1], where[count, 2] = wx - ix, wy - iy, wz - iz
-            count += 1
+            cube_in[k] = pack_key(ix >> CUBE_BITS, iy >> CUBE_BITS, iz >> CUBE_BITS)
+            voxel_of[k] = voxel_in(ix, iy, iz)
+            where[k, 0], where[k, 1], where[k, 2] = wx - ix, wy - iy, wz - iz
+        # What were keys up to here becomes cubes.
+        for k in range(count):
+            key = cube_in[k]
+            last = (key & 3) | ((key >> KEY_BITS) & 3) << 2 | ((key >> (2 * KEY_BITS)) & 3) << 4
+            if last_keys[last] != key:
+                cube = make_cube(key, cubes)
+                last_keys[last], last_cubes[last] = key, cube if cube >= 0 and bits[cube] > 0 else np.int64(-1)
+            cube_in[k] = last_cubes[last]
         likely_rows(count, cube_in, voxel_of, cubes, voxels, likely)
         for k in range(count):
             u, row, at, inside = columns[k], likely[k], np.int64(0), where[k]
+            if cube_in[k] < 0:
+                continue
             if row < 0:
                 row, at = find_row(cube_in[k], voxel_of[k], cubes, voxels)
             if row < 0:
@@ -149,7 +158,7 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, anchor, cubes
             z, warm = depth[v, u], heat[v, u]
             # Depth's variance grows with z^4: a near sighting says more. Half a metre and nearer weigh alike.
             near = max(z, 0.5)
-            w = shares[k] / (near * near * near * near)
+            w = shares[u] / (near * near * near * near)
             total = weight[row] + w
             a = w / total
             for axis in range(3):

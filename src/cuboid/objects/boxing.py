@@ -10,7 +10,7 @@ from cuboid.boxes.faces import to_faces
 from cuboid.boxes.fit import fit_box
 from cuboid.boxes.hidden import clear_of, with_foot, with_hidden
 from cuboid.boxes.revolved import revolved
-from cuboid.frame import Float64Array
+from cuboid.frame import Float32Array, Float64Array
 from cuboid.geometry.box import Box
 from cuboid.heatmap.stored_points import Rows
 from cuboid.heatmap.voxel_map import VoxelMap
@@ -36,7 +36,9 @@ class Boxing:
     def __init__(self, voxels: VoxelMap) -> None:
         self._voxels = voxels
 
-    def fit(self, rows: Rows, plane: Plane | None, up: Float64Array, others: Sequence[Box]) -> tuple[Box, float]:
+    def fit(
+        self, rows: Rows, places: Float32Array, plane: Plane | None, up: Float64Array, others: Sequence[Box]
+    ) -> tuple[Box, float]:
         """Return the box of what was seen of an object, with its far side and foot as far as these may be there.
 
         And the usual noise of the places of its voxels, metres.
@@ -48,6 +50,8 @@ class Boxing:
         ----------
         rows : (N,) int64
             Its voxels, at least one.
+        places : (N, 3) float32
+            Where they are in the world, metres.
         plane : ((3,) float64, float) or None
             Normal and offset, in the world, of what it stands on.
         up : (3,) float64
@@ -55,9 +59,9 @@ class Boxing:
         others : sequence of Box
             Those of its neighbours.
         """
-        rows = rows[:: 1 + len(rows) // BOX_VOXELS]
-        trust, noise_m = self._trust(rows)
-        points = self._voxels.xyz(rows).astype(np.float64)
+        some = slice(None, None, 1 + len(rows) // BOX_VOXELS)
+        trust, noise_m = self._trust(rows[some])
+        points = places[some].astype(np.float64)
         if plane is None:
             return fit_box(points, up, None, STRAY_SHARE, trust), noise_m
         box = fit_box(points, *plane, STRAY_SHARE, trust)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.config import TrackerConfig
-from cuboid.heatmap.stored_points import Rows
+from cuboid.frame import Float32Array
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.continuation import is_structure
@@ -69,12 +70,16 @@ class Fitting:
         identity = max(entry.supports.items(), key=lambda s: (s[1], -s[0]), default=(None, 0))[0]
         plane = None if identity is None else self._planes.find(identity)
         entry.plane = None if plane is None else plane.identity
-        rows = rows if plane is None else self._above(rows, plane)
+        points = voxels.xyz(rows)
+        if plane is not None:
+            above = self._above(points, plane)
+            rows, points = rows[above], points[above]
         labelled = [o for o in self._store.neighbours(entry) if o.confirmed]
-        entry.points, entry.colors = voxels.xyz(rows), voxels.rgb(rows)
+        entry.points, entry.colors = points, voxels.rgb(rows)
         entry.heat, entry.keyframe = float(voxels.heat(rows).mean()), voxels.keyframe_of(rows)
         box, noise_m = self._boxing.fit(
             rows,
+            points,
             None if plane is None else self._planes.in_world(plane),
             self._planes.likely_up,
             [o.box for o in labelled],
@@ -93,11 +98,11 @@ class Fitting:
         if too_large(box, self._config):
             self._store.retire(entry)
 
-    def _above(self, rows: Rows, plane: Plane) -> Rows:
-        """Return those rows that lie above the plane that an object stands on: others are the plane's, or its rim's.
+    def _above(self, points: Float32Array, plane: Plane) -> npt.NDArray[np.bool_]:
+        """Tell which points lie above the plane that an object stands on: others are the plane's, or its rim's.
 
         All of them where that leaves too few to tell anything.
         """
         normal, offset = self._planes.in_world(plane)
-        above = rows[self._voxels.xyz(rows) @ normal + offset > self._config.min_height_m]
-        return above if len(above) >= LEAST_READINGS else rows
+        above = np.asarray(points @ normal + offset > self._config.min_height_m)
+        return above if np.count_nonzero(above) >= LEAST_READINGS else np.ones(len(points), bool)

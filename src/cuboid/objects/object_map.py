@@ -277,10 +277,10 @@ class ObjectMap:
 
     def _decide(self, numbers: Sequence[int]) -> None:
         """Give labels to those that are sure, and end those that are surely none."""
-        for entry in self.store.all_of(numbers):
-            if entry.log_odds <= (-SURE if entry.confirmed else -SURE / 2.0):
-                self.store.retire(entry)
-            elif (
+        entries = self.store.all_of(numbers)
+        self.store.retire_all([o for o in entries if o.log_odds <= (-SURE if o.confirmed else -SURE / 2.0)])
+        for entry in entries:
+            if (
                 entry.state is State.CANDIDATE
                 and entry.log_odds >= SURE
                 and is_whole(entry, self.store, self._planes, self._config)

@@ -8,7 +8,6 @@ import numpy as np
 
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import pack
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.overlap import BATCH, bound, near
 from cuboid.objects.affinity import Affinity
@@ -37,7 +36,9 @@ class ObjectStore:
         self._next_number = self._next_label = 1
         self.affinity = Affinity()
         self.boxes: Float64Array = np.full((BATCH, 15), np.nan)
+        # Bounds of batches of boxes, and those batches that have changed since.
         self._bounds: Float64Array | None = None
+        self._changed: set[int] = set()
 
     def __getitem__(self, number: int) -> MapObject:
         return self._objects[number]
@@ -59,14 +60,11 @@ class ObjectStore:
         """Where the boxes of each batch are, (M, 7): see `kernels.overlap.bound`."""
         batches = len(self.boxes) // BATCH
         if self._bounds is None or len(self._bounds) != batches:
-            self._bounds = np.zeros((batches, 7))
-            for batch in range(batches):
-                bound(self.boxes, batch, self._bounds)
+            self._bounds, self._changed = np.zeros((batches, 7)), set(range(batches))
+        for batch in self._changed:
+            bound(self.boxes, batch, self._bounds)
+        self._changed.clear()
         return self._bounds
-
-    def _bound(self, number: int) -> None:
-        """Find the bounds of an object's batch anew."""
-        bound(self.boxes, number // BATCH, self.bounds)
 
     @property
     def labelled(self) -> int:
@@ -103,8 +101,9 @@ class ObjectStore:
         """Let an object have another box."""
         entry.box = box
         if entry.state is not State.RETIRED:
-            self.boxes[entry.number] = pack([box])[0]
-            self._bound(entry.number)
+            row = self.boxes[entry.number]
+            row[:3], row[3:6], row[6:] = box.center, box.size, box.rotation.ravel()
+            self._changed.add(entry.number // BATCH)
 
     def confirm(self, entry: MapObject) -> None:
         """Give an object its label."""
@@ -114,10 +113,15 @@ class ObjectStore:
 
     def retire(self, entry: MapObject) -> None:
         """End an object's life: its label is kept and never given again, its points are no one's."""
-        self._voxels.release([entry.number])
-        self._end(entry)
-        if not entry.label:
-            del self._objects[entry.number]
+        self.retire_all([entry])
+
+    def retire_all(self, entries: Sequence[MapObject]) -> None:
+        """End the lives of several objects; see `retire`."""
+        self._voxels.release([entry.number for entry in entries])
+        for entry in entries:
+            self._end(entry)
+            if not entry.label:
+                del self._objects[entry.number]
 
     def adopt(self, entry: MapObject, old: MapObject) -> None:
         """Let a labelled object be one that was retired: it was moved, and its older label stays."""
@@ -149,7 +153,7 @@ class ObjectStore:
     def _end(self, entry: MapObject) -> None:
         entry.state = State.RETIRED
         self.boxes[entry.number] = np.nan
-        self._bound(entry.number)
+        self._changed.add(entry.number // BATCH)
         self._confirmed.pop(entry.number, None)
         self.affinity.forget(entry.number)
 

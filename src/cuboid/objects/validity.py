@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from cuboid.config import TrackerConfig
 from cuboid.geometry.box import Box
 
 
 def fits_object(box: Box, config: TrackerConfig) -> bool:
     """Tell whether a box has the size of an object, as configured."""
-    shortest, middle, _ = np.sort(box.size)
+    sizes = box.size.tolist()  # of three numbers Python's own make less ado than NumPy
+    shortest, middle, longest = sorted(sizes)
     return bool(
         middle >= config.min_size_m
         # What is thinner, or rises by less than a plane's noise and its own, may be noise.
         and shortest >= config.min_height_m
-        and box.size[2] >= 2.0 * config.min_height_m
-        and not too_large(box, config)
+        and sizes[2] >= 2.0 * config.min_height_m
+        and longest <= config.max_size_m
     )
 
 
 def too_large(box: Box, config: TrackerConfig) -> bool:
     """Tell whether a box is larger than an object may be."""
-    return bool(box.size.max() > config.max_size_m)
+    return bool(max(box.size.tolist()) > config.max_size_m)

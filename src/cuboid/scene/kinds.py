@@ -84,7 +84,7 @@ KINDS = {
         Kind(Anchor, key=lambda anchor: anchor.number, many=True),
         Kind(ObjectMap),
         Kind(Boxing),
-        Kind(ObjectStore, kept_apart=frozenset({"_bounds"})),
+        Kind(ObjectStore, kept_apart=frozenset({"_bounds", "_changed"})),
         Kind(Affinity),
         Kind(MapObject, key=lambda entry: entry.number, many=True),
         Kind(ScenePoses, kept_apart=frozenset({"intrinsics"})),

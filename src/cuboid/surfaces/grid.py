@@ -139,22 +139,28 @@ class GroundPlan(Stamped):
 
     def add(self, readings: npt.NDArray[np.int32], corner: Places, keyframe: int | npt.NDArray[np.uint16] = 0) -> None:
         """Take in readings (n, m) by cell, the first of which is `corner`, from one keyframe or (n, m) of them."""
-        i, j = np.flatnonzero(readings.any(1)), np.flatnonzero(readings.any(0))
+        i = np.flatnonzero(readings.any(1))
         if len(i) == 0:
             return
-        self.reach(corner + np.array([i[0], j[0]]), corner + np.array([i[-1], j[-1]]))
+        j = np.flatnonzero(readings[i[0] : i[-1] + 1].any(0))
+        looked_at = np.concatenate([corner, corner + readings.shape])
+        # Around them nothing changes.
+        some = slice(i[0], i[-1] + 1), slice(j[0], j[-1] + 1)
+        readings, corner = readings[some], corner + np.array([i[0], j[0]])
+        keyframe = keyframe if isinstance(keyframe, int) else keyframe[some]
+        self.reach(corner, corner + readings.shape - 1)
         window = np.concatenate([corner, corner + readings.shape])
         mine, theirs = common(self.window, window)
         before = int(np.count_nonzero(self.seen[mine] >= LEAST_READINGS))
-        new, some = readings[theirs], readings[theirs] > 0
-        first = np.argwhere(some & (self.seen[mine] == 0))
+        new, held = readings[theirs], readings[theirs] > 0
+        first = np.argwhere(held & (self.seen[mine] == 0))
         if len(first):
             self._are_new(first + np.maximum(self.window[:2], window[:2]))
         self.keyframes = self._hanging()
-        self.keyframes[mine][some] = keyframe if isinstance(keyframe, int) else keyframe[theirs][some]
+        self.keyframes[mine][held] = keyframe if isinstance(keyframe, int) else keyframe[theirs][held]
         self.seen[mine] += new
         self._known += int(np.count_nonzero(self.seen[mine] >= LEAST_READINGS)) - before
-        self._changed = _around(self._changed, window) if self.stale else window
+        self._changed = _around(self._changed, looked_at) if self.stale else looked_at
         self.stale = True
 
     def absorb(self, other: GroundPlan) -> None:
@@ -286,6 +292,13 @@ class GroundPlan(Stamped):
         other.catch_up()
         mine, theirs = common(self.window, other.window)
         return bool((self.covered[mine] & other.covered[theirs]).any())
+
+    def share_over(self, other: GroundPlan) -> float:
+        """Return the share of the cells in which this plane was seen that lie where another one is."""
+        other.catch_up()
+        mine, theirs = common(self.window, other.window)
+        over = np.count_nonzero((self.seen[mine] >= LEAST_READINGS) & (other.covered[theirs] > 0))
+        return over / max(1, self._known)
 
     def _look_up(self, layer: UInt8Array, points: Float64Array) -> npt.NDArray[np.bool_]:
         i, j = (cells_of(points) - self.corner).T

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -19,6 +20,8 @@ Keyframes = npt.NDArray[np.int64]
 ON_PLANE_M = 0.02
 # How far a frame sees a plane from where the map has it.
 _PRIOR = np.diag([DRIFT_RAD**-2, DRIFT_RAD**-2, DRIFT_M**-2])
+# A residual of 1 cm counts as much as a slope of 2 degrees.
+_LEVEL = JUMP_M**2 / 0.035**2 * np.eye(2) * JUMP_M
 
 
 @dataclass(slots=True, eq=False)
@@ -96,10 +99,9 @@ class Plane(Stamped):
         that a narrow or noisy plane cannot overcome.
         """
         s = self.scatter / max(self.weight, 1e-12)
-        spread = JUMP_M**2 / 0.035**2  # a residual of 1 cm against a slope of 2 degrees
-        slope = np.linalg.solve(s[:2, :2] + spread * np.eye(2) * JUMP_M, s[:2, 2])
+        slope = np.linalg.solve(s[:2, :2] + _LEVEL, s[:2, 2])
         normal = np.array([-slope[0], -slope[1], 1.0])
-        self.normal = normal / np.linalg.norm(normal)
+        self.normal = normal / math.sqrt(normal.dot(normal))
         self.offset = -float(self.normal @ self.mean)
 
     def _know_keyframes(self) -> None:
@@ -164,7 +166,7 @@ class Plane(Stamped):
             solution = np.asarray(np.linalg.solve(design.T @ (design * w[:, None]) + _PRIOR, design.T @ (w * residual)))
         normal = self.normal - np.array([solution[0], solution[1], 0.0])
         offset = self.offset - solution[2] + float(solution[:2] @ middle[:2])
-        norm = float(np.linalg.norm(normal))
+        norm = math.sqrt(normal.dot(normal))
         return normal / norm, offset / norm
 
 

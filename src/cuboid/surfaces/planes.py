@@ -160,9 +160,7 @@ class PlaneTracker:
         sigma_m: Float64Array,
         matched: npt.NDArray[np.int32],
     ) -> None:
-        for k, cells in zip(*np.unique(matched[matched >= 0], return_counts=True), strict=True):
-            if cells < 3:
-                continue
+        for k in np.flatnonzero(np.bincount(matched[matched >= 0]) >= 3).tolist():
             plane, mine = self.planes[k], matched == k
             plane.add(centers[mine], area_m2[mine] / sigma_m[mine] ** 2, keyframe)
             plane.fit()
@@ -213,7 +211,7 @@ class PlaneTracker:
                 self._stale.discard(plane)
             area = plane.plan.area_m2()
             if plane.in_use or area >= least:
-                if furniture.is_lid(plane, area, partial(self._at, plane.mean[None])):
+                if furniture.is_lid(plane, self._config.max_size_m**2, partial(self._at, plane.mean[None])):
                     plane.in_use = False
                 elif not plane.in_use:
                     # Seen often enough, or at once as much as would be.
