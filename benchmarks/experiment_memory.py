@@ -1,7 +1,8 @@
 """Memory and time as a camera walks past ever more objects, more than memory may hold.
 
-A camera looks down on a floor with boxes on it, and goes from place to place; each has other boxes, 2 m from the last
-ones. Pictures are small, and 2D proposals are the true outlines, so that 10,000 objects take minutes.
+A camera looks down on a floor with boxes on it, and goes from place to place, 2 m each time; what a few of these show
+is seen again and again, as if it stood elsewhere. Pictures are small, and 2D proposals are the true outlines, so that
+10,000 objects take minutes.
 
 Then two trackers go the same short way, frame by frame by turns, one of which is told of as many objects, as many
 candidates that ended, and cubes of the map, far away: what else the machine does is the same for both.
@@ -13,6 +14,7 @@ import argparse
 import sys
 import time
 from collections.abc import Iterator
+from functools import cache
 from itertools import count
 from typing import Any
 
@@ -30,6 +32,8 @@ from tables import cell, dump, show
 CAMERA = Intrinsics(125.0, 125.0, 79.5, 59.5, 160, 120)
 # Boxes of a place along and across, metres apart; looks at a place; places in a row, metres apart.
 ALONG, ACROSS, GAP_M, LOOKS, ROW, APART_M = 6, 4, 0.27, 5, 20, 2.0
+# Places with other boxes; what is seen of them is kept, 0.2 MB a look.
+KINDS = 10
 NOISE_PER_M = 1.4e-3
 # Places that two trackers see; where other objects are, metres, and how many cubes of the map each of them has.
 PLACES, FAR_M, CUBES = 32, 100.0, 9
@@ -85,17 +89,24 @@ def places_in_rows(shown: list[Proposals]) -> Iterator[Iterator[Frame]]:
     for number in count():
         along, across = divmod(number, ROW)
         shift = APART_M * np.array([across if along % 2 == 0 else ROW - 1 - across, along, 0.0])
-        yield looks(Place(number), number, shift, shown)
+        yield looks(number, shift, shown)
 
 
-def looks(place: Place, number: int, shift: npt.NDArray[np.float64], shown: list[Proposals]) -> Iterator[Frame]:
+@cache
+def seen(kind: int) -> list[tuple[npt.NDArray[np.float32], npt.NDArray[np.uint8], Proposals, Float64Array]]:
+    """Return the looks at a place of some kind."""
+    place = Place(kind)
+    return [place.look(0.12 * (k - LOOKS / 2)) for k in range(LOOKS)]
+
+
+def looks(number: int, shift: npt.NDArray[np.float64], shown: list[Proposals]) -> Iterator[Frame]:
     """Give the frames of a place that lies so far away, metres; `shown` is made the proposals of each."""
-    for k in range(LOOKS):
-        depth, color, proposals, T = place.look(0.12 * (k - LOOKS / 2))
+    for k, (depth, color, proposals, T) in enumerate(seen(number % KINDS)):
         shown[:] = [proposals]
-        T[:3, 3] += shift
+        T_world_camera = T.copy()
+        T_world_camera[:3, 3] += shift
         index = number * LOOKS + k
-        yield Frame(index, index / 30, color, depth, T)
+        yield Frame(index, index / 30, color, depth, T_world_camera)
 
 
 def walk(objects: int, memory_mb: float, checkpoints: list[int]) -> list[dict[str, Any]]:
@@ -135,7 +146,7 @@ def elsewhere(objects: int) -> dict[str, float]:
     for number in range(PLACES):
         if number == PLACES // 3:
             _tell_of(trackers[1], objects)
-        for frame in looks(Place(number), number, np.array([APART_M * number, 0.0, 0.0]), shown):
+        for frame in looks(number, np.array([APART_M * number, 0.0, 0.0]), shown):
             for tracker, ms in zip(trackers, times, strict=True):
                 begun_s = time.process_time()
                 tracker.update(frame)
@@ -163,13 +174,14 @@ def _tell_of(tracker: Tracker, objects: int) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Print the table, or all figures."""
-    beside = elsewhere(max(args.objects))
+    # The walk first: what another tracker had of the process's memory, this one would have to do without.
     found = walk(max(args.objects), args.memory, [100, 300, 1000, 3000])
+    beside = elsewhere(max(args.objects))
     if args.json:
         dump({"elsewhere": beside, "walk": found})
         return
-    show("Median frame with few objects, and with many elsewhere", list(beside), [list(beside.values())])
     header = ("objects", "frames", "points", "ms a frame", "worst", "map MB in memory", "peak memory MB")
     names = ("frame_ms", "frame_max_ms", "map_mb", "memory_mb")
     lines = [[row["objects"], row["frames"], row["points"], *(cell(row[name], 1) for name in names)] for row in found]
     show(f"A walk with {args.memory:g} MB: median and worst frame since the row above", header, lines)
+    show("Median frame with few objects, and with many elsewhere", list(beside), [list(beside.values())])

@@ -69,3 +69,18 @@ def test_a_world_that_moves_as_a_whole_takes_all_with_it() -> None:
         result = tracker.update(frame_of(SCENE, eye(k), k, T_shown=T @ eye(k)), anchor=1)
     assert [s.label for s in result.sightings] == [o.label for o in before]
     assert [o.label for o in tracker.objects] == [o.label for o in before]
+
+
+def test_what_was_seen_since_from_another_keyframe_moves_with_that() -> None:
+    tracker = Tracker(CAMERA)
+    for k in range(28):  # the last ones are too few for boxes to be fitted anew
+        tracker.update(frame_of(SCENE, eye(k), k), anchor=1 if k < 26 else 2)
+    before, T = tracker.objects, se3.exp([0.3, -0.2, 0.0, 0.0, 0.0, 0.1])
+    assert len(before) == 2
+    tracker.carry({2: T})
+    for old, new in zip(before, tracker.objects, strict=True):
+        np.testing.assert_allclose(new.box.center, se3.transform(T, old.box.center), atol=1e-6)
+    again = tracker.objects
+    tracker.carry({1: T})
+    for old, new in zip(again, tracker.objects, strict=True):
+        np.testing.assert_allclose(new.box.center, old.box.center, atol=1e-9)

@@ -1,4 +1,4 @@
-"""Work beside a tracker takes its share of the time, a little at a stretch; who waits for it does not wait long."""
+"""Commits come in time; work beside a tracker takes its share, a little at a stretch; who waits does not wait long."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ import time
 from itertools import pairwise
 
 import numpy as np
+import pytest
 
 from cuboid.config import TrackerConfig
 from cuboid.geometry.box import Box
 from cuboid.objects.entry import MapObject, together
 from cuboid.scene.freezing import Freezer, freeze
-from cuboid.scene.pace import Pace
+from cuboid.scene.pace import Pace, Rhythm
 from cuboid.tracker import Tracker
 from worlds import CAMERA
 
@@ -46,6 +47,18 @@ def test_work_is_spread_over_what_the_others_do() -> None:
     assert all(later[0] > earlier[1] for earlier, later in pairwise(ended))
 
 
+def test_where_others_have_the_processor_work_is_spread_over_its_time() -> None:
+    """Nobody works beside it: by shares it would rest until its time is over, and do all at the end."""
+    begun_s, ended = time.monotonic(), list[float]()
+    pace = Pace(SHARE, 1.0, PIECES * PIECE_S)
+    for _ in range(PIECES):
+        burn(PIECE_S)
+        pace.rest()
+        ended.append(time.monotonic() - begun_s)
+    assert ended[PIECES // 2 - 1] < 0.8
+    assert max(later - earlier for earlier, later in pairwise(ended)) < 0.5
+
+
 def test_who_waits_and_who_is_alone_need_not_wait_long() -> None:
     for hurried, pace in ((True, Pace(SHARE, 60.0)), (False, Pace(SHARE, 0.2))):
         thread = threading.Thread(target=work, args=(pace, []))
@@ -55,6 +68,36 @@ def test_who_waits_and_who_is_alone_need_not_wait_long() -> None:
             pace.hurry()
         thread.join(30.0)
         assert not thread.is_alive()
+
+
+def commits(monkeypatch: pytest.MonkeyPatch, cost_s: float, share: float) -> list[float]:
+    """Return how long the commits of a minute wait, each of some cost, where a process has a share of the processor."""
+    now_s = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now_s[0])
+    monkeypatch.setattr(time, "process_time", lambda: share * now_s[0])
+    rhythm, begun = Rhythm(1.0), [now_s[0]]
+    while now_s[0] < 160.0:
+        now_s[0] += 0.01
+        if rhythm.due():
+            begun.append(now_s[0])
+            rhythm.begin(cost_s / 2)
+            rhythm.cost_s += cost_s / 2
+    monkeypatch.undo()
+    return [after - before for before, after in pairwise(begun)][1:]
+
+
+def test_commits_come_as_often_as_they_should_or_as_they_cost_little(monkeypatch: pytest.MonkeyPatch) -> None:
+    for cost_s, share, expected_s in (
+        (0.04, 1.0, 1.0),
+        (0.1, 1.0, 2.0),  # a twentieth
+        (2.0, 1.0, 5.0),  # however much they cost
+        (0.04, 0.2, 2.0),  # however little is left of the processor
+        (0.1, 0.2, 4.0),
+        (0.1, 0.8, 2.5),
+    ):
+        waits_s = commits(monkeypatch, cost_s, share)
+        assert waits_s == pytest.approx([expected_s] * len(waits_s), abs=0.03)
+        assert len(waits_s) > 5
 
 
 def test_what_was_taken_stays_as_it_was() -> None:

@@ -17,6 +17,8 @@ from cuboid.geometry import se3
 from cuboid.outputs.objects import ObjectsFile, write_objects
 from cuboid.results import FrameResult
 from cuboid.scene.database import Writing, open_to_read, open_to_write
+from cuboid.scene.freezing import Freezer, freeze
+from cuboid.scene.kinds import Part
 from cuboid.scene.placing import ESTIMATED, ScenePoses
 from cuboid.scene.saving import SceneShelf, StateFile, block_rows, load_parts, load_state
 from cuboid.scene.thawing import thaw
@@ -130,6 +132,29 @@ def test_parts_of_the_map_leave_memory_and_come_back(scene: bool, tmp_path: Path
     np.testing.assert_array_equal(one, two, "what a visit saw first is not of before the visit")
     reader.close()
     file.close()
+
+
+def plain(parts: dict[str, Part]) -> dict[str, object]:
+    return {
+        key: (part.kind, part.fields, {path: (form, array.tobytes()) for path, (form, array) in part.arrays.items()})
+        for key, part in parts.items()
+    }
+
+
+def test_what_has_changed_is_never_taken_for_what_has_not() -> None:
+    """What is taken again and again is what is taken once; planes that no frame showed are not looked into again."""
+    show, freezer, spared = Show(2), Freezer(), 0
+    tracker, before = show.tracker(), {}
+    frames = [*show.frames, *(dataclasses.replace(f, T_world_camera=TURN @ f.T_world_camera) for f in show.frames[:12])]
+    for index, frame in enumerate(frames):
+        tracker.update(frame, anchor=index // 12)
+        if index in (22, 40):
+            tracker.carry({k: se3.exp(np.array([0.01, 0.06 * k, 0.01, 0, 0, 0.01])) for k in (1, 2)})
+        parts = freezer.freeze(tracker)
+        assert plain(parts) == plain(freeze(tracker)), index
+        spared += sum(part is before.get(key) for key, part in parts.items() if part.kind == "Plane")
+        before = parts
+    assert spared > 0
 
 
 def test_goes_on_after_a_correction_of_poses(tmp_path: Path) -> None:

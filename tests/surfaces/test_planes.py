@@ -153,6 +153,7 @@ def test_identities_are_never_given_twice_and_lead_to_the_plane_that_took_one_in
     assert planes.planes[1] is far, "its place has changed"
     assert planes.find(far.identity) is far
     assert planes.find(-1) is None
+    assert {id(plane) for plane in planes._of.values()} == {id(plane) for plane in planes.planes}, "none is kept beside"
     for frame in range(20, 24):
         planes.update(frame, level_cells(60.0, 0.0))
     assert planes.planes[-1].identity not in {first.identity, far.identity, gone.identity}

@@ -37,7 +37,8 @@ class MapObject:
     label : int
         0 until confirmed.
     keyframe : int
-        That most of its points hung on at the last fit; -1 where that is not known, of what an earlier version wrote.
+        That most of its points hang on; -1 where that is not known: a frame has shown its place since, or an earlier
+        version did not tell.
     plane : int or None
         Identity of the plane that it stands on.
     points : (N, 3) float32

@@ -111,6 +111,8 @@ class ObjectMap:
         -------
         Association
         """
+        for entry in objects:
+            entry.keyframe = -1  # points that the frame has fused hang on another one now
         found = associate(things, pack(boxes), objects, self.store.boxes_of(objects), pixel_owner, known)
         number_of = self._sightings(frame, things, boxes, found, keyframe)
         self._voxels.vote(things.claim, number_of, *self._may_take(number_of, found), candidate, slots)
@@ -230,7 +232,7 @@ class ObjectMap:
             entry.plane, entry.supports, entry.fitted = None, {}, 0
 
     def carry(self, moved: Mapping[int, Float64Array]) -> None:
-        """Move the map, and each object with the keyframe that most of its points hung on at its last fit.
+        """Move the map, and each object with the keyframe that most of its points hang on.
 
         Parameters
         ----------

@@ -24,6 +24,8 @@ LEAST_COSINE = 0.5
 class Keyframe:
     """A frame that others are aligned to.
 
+    What an attribute holds is replaced, never changed.
+
     Attributes
     ----------
     number : int

@@ -59,6 +59,8 @@ class Freezer:
         self._copied = True
         # Of objects of a kind of which there are many, by key: what each held last time, and its part.
         self._last: dict[str, tuple[tuple[Any, ...], Part]] = {}
+        # Of objects of a kind that has stamps, by key: the last one, and the part.
+        self._stamped: dict[str, tuple[object, Part]] = {}
 
     def freeze(self, root: object) -> dict[str, Part]:
         """Return the parts of all that can be reached from an object, by key; large arrays are copies.
@@ -81,20 +83,34 @@ class Freezer:
         self._keys = {}
         self._refer(root)
         parts: dict[str, Part | tuple[Kind, tuple[Any, ...]]] = {}
+        stamped, self._stamped = self._stamped, {}
         while self._waiting:
             key, item = self._waiting.popleft()
             if key in parts:
                 raise TypeError(f"two objects have the key {key}")
             kind = KINDS[type(item)]
             if kind.many:
-                held = _getter(kind.cls)(item)
-                for value in held:
-                    if type(value) in KINDS:
-                        self._refer(value)
+                held = self._held(kind, item)
                 parts[key] = kind, held
+                continue
+            stamp, last = kind.stamp and kind.stamp(item), stamped.get(key)
+            if last is not None and last[0] == stamp:
+                self._held(kind, item)
+                part = last[1]
             else:
-                parts[key] = self._part(kind, [getattr(item, name) for name in attributes(item)], attributes(item))
+                part = self._part(kind, [getattr(item, name) for name in attributes(item)], attributes(item))
+            if kind.stamp is not None:
+                self._stamped[key] = stamp, part
+            parts[key] = part
         return Taken(parts)
+
+    def _held(self, kind: Kind, item: Any) -> tuple[Any, ...]:
+        """Return what the attributes of an object hold; those among it that are parts of their own are taken too."""
+        held = _getter(kind.cls)(item)
+        for value in held:
+            if type(value) in KINDS:
+                self._refer(value)
+        return held
 
     def parts(self, taken: Taken, rest: Callable[[], None] = lambda: None) -> dict[str, Part]:
         """Return the parts of what was taken last, by key; may be done in another thread.

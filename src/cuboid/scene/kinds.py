@@ -54,12 +54,15 @@ class Kind:
     many : bool
         There may be many, of which few change. What their attributes hold is only replaced, never changed: those that
         hold the same things as before are as they were, and nothing of them needs a copy.
+    stamp : callable or None
+        Returns what is another one as soon as anything in an object has changed: what has not is not looked into.
     """
 
     cls: type
     key: Callable[[Any], object] = lambda item: ""
     kept_apart: frozenset[str] = frozenset()
     many: bool = False
+    stamp: Callable[[Any], object] | None = None
 
 
 # Rows of the map are saved in blocks: see `saving`.
@@ -74,7 +77,7 @@ KINDS = {
         Kind(PlaneTracker),
         Kind(UpVote),
         Kind(Windows),
-        Kind(Plane, key=lambda plane: plane.identity),
+        Kind(Plane, key=lambda plane: plane.identity, stamp=lambda plane: (plane.stamp, plane.plan.stamp)),
         Kind(VoxelMap, kept_apart=_ROWS),
         Kind(RowBlocks),
         Kind(Anchors, kept_apart=frozenset({"owes", "motions", "_keyframes", "_of", "_pairs"})),
@@ -88,7 +91,7 @@ KINDS = {
         Kind(EstimatedPoses),  # of files from before there were parts
         Kind(PoseEstimator, kept_apart=frozenset({"intrinsics"})),
         Kind(Atlas),
-        Kind(Keyframe, key=lambda keyframe: keyframe.number, kept_apart=frozenset({"_reference"})),
+        Kind(Keyframe, key=lambda keyframe: keyframe.number, kept_apart=frozenset({"_reference"}), many=True),
     )
 }
 

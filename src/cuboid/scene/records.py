@@ -16,7 +16,7 @@ from cuboid.frame import Float64Array, Frame
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.objects.entry import MapObject, State
-from cuboid.results import FrameResult, Sighting
+from cuboid.results import FrameResult, Sighting, SupportPlane
 from cuboid.tracker import Tracker
 
 Row = tuple[Any, ...]
@@ -44,8 +44,10 @@ class Rows:
 
     Attributes
     ----------
-    frames, sightings, boxes, planes : list of tuple
+    frames, sightings, boxes : list of tuple
         In the order of their tables' columns.
+    planes : list of (int, SupportPlane) or None
+        By identity.
     objects : list of (MapObject, int)
         As they were; and a label of their own, or 0, of those that they took in.
     merged : list of (int, int)
@@ -57,7 +59,7 @@ class Rows:
     frames: list[Row] = field(default_factory=list)
     sightings: list[Row] = field(default_factory=list)
     boxes: list[Row] = field(default_factory=list)
-    planes: list[Row] | None = None
+    planes: list[tuple[int, SupportPlane]] | None = None
     objects: list[tuple[MapObject, int]] = field(default_factory=list)
     merged: list[tuple[int, int]] = field(default_factory=list)
     pictures: dict[int, tuple[float, bytes]] = field(default_factory=dict)
@@ -70,7 +72,7 @@ class Rows:
         many(f"INSERT OR REPLACE INTO sightings VALUES ({', '.join('?' * 10)})", self.sightings)
         if self.planes is not None:
             connection.execute("DELETE FROM planes")
-            many("INSERT INTO planes VALUES (?, ?, ?, ?, ?, ?)", self.planes)
+            many("INSERT INTO planes VALUES (?, ?, ?, ?, ?, ?)", (_plane_row(*one) for one in self.planes))
         many(_UPSERT, (_object_row(entry, label) for entry, label in self.objects))
         many("UPDATE objects SET state = 'merged', merged_into = ? WHERE label = ?", [(b, a) for a, b in self.merged])
         many(
@@ -126,10 +128,7 @@ class Records:
         """Return all rows since the last time, those of the tracker's objects and planes as they now are."""
         rows, self._rows = self._rows, Rows()
         self._objects(tracker, rows)
-        rows.planes = [
-            (identity, *plane.normal.tolist(), plane.offset, json.dumps(np.round(plane.extent, 4).tolist()))
-            for identity, plane in zip(tracker.plane_identities, tracker.planes, strict=True)
-        ]
+        rows.planes = list(zip(tracker.plane_identities, tracker.planes, strict=True))
         return rows
 
     def _box(self, label: int, box: Box) -> int:
@@ -202,6 +201,11 @@ def _object_row(entry: MapObject, label: int = 0) -> Row:
         *_nine(entry.box), entry.score, entry.heat, len(entry.points), *colors.mean(0).tolist(),
         *colors.std(0).tolist(), entry.first_frame, entry.last_frame, entry.frames_seen,
     )  # fmt: skip
+
+
+def _plane_row(identity: int, plane: SupportPlane) -> Row:
+    """Return a plane's row."""
+    return identity, *plane.normal.tolist(), plane.offset, json.dumps(np.round(plane.extent, 4).tolist())
 
 
 def _nine(box: Box) -> tuple[float, ...]:

@@ -17,7 +17,7 @@ from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
 from cuboid.scene import changes, layout, parts
 from cuboid.scene.before import Before, write_noted
 from cuboid.scene.database import Writing, complaining, transaction
-from cuboid.scene.pace import Pace
+from cuboid.scene.pace import Pace, Rhythm
 from cuboid.scene.placing import ESTIMATED, SAME_WORLD, Joined, ScenePoses
 from cuboid.scene.records import Records
 from cuboid.scene.saving import SceneShelf, StateFile
@@ -26,14 +26,11 @@ from cuboid.tracker import Tracker
 
 # How often what is new is written, seconds.
 COMMIT_EVERY_S = 1.0
+# What is committed is written bit by bit beside the frames that follow, with such a share of what these work; within as
+# long as the next commit waits where nothing else has the processor.
+WRITING_SHARE = 0.06
 # Every so many points of the map are held against the others.
 SPARSE = 7
-# Commits have no larger share of the processor's time than this, however large the scene, and however few frames a
-# second there are; for that they wait at most so many times as long as they should.
-COMMIT_SHARE, LONGEST_WAIT = 0.05, 5.0
-# What is committed is written bit by bit beside the frames that follow, with such a share of what these work; within as
-# long as a commit waits at most.
-WRITING_SHARE = 0.06
 
 
 class SceneTracker:
@@ -78,7 +75,7 @@ class SceneTracker:
         before: Before,
     ) -> None:
         self._path, self._file, self._tracker, self._visit = path, file, tracker, visit
-        self._names, self._every_s, self._poses = names, commit_every_s, poses
+        self._names, self._poses = names, poses
         self._records = Records(file.connection, visit.number, visit.pixels)
         self._state = StateFile(tracker, file.connection, (poses,), shelf)
         self._before, self._changes = before, changes.Changes(visit.first_frame, before)
@@ -88,9 +85,7 @@ class SceneTracker:
         self._thread = ThreadPoolExecutor(1, "cuboid-scene")
         self._writing: Future[None] | None = None
         self._pace = Pace()
-        self._committed_s, self._processor_s = time.monotonic(), time.process_time()
-        # Processor time that the last commit took.
-        self._cost_s = 0.0
+        self._rhythm = Rhythm(commit_every_s)
         self._open = True
         self.commits_itself = True
 
@@ -203,9 +198,7 @@ class SceneTracker:
         """Write what is new, where the last time is long enough ago; between two frames."""
         if self._writing is not None and self._writing.done():
             self.settle()
-        waited_s, worked_s = time.monotonic() - self._committed_s, time.process_time() - self._processor_s
-        cheap = worked_s >= self._cost_s / COMMIT_SHARE or waited_s >= LONGEST_WAIT * self._every_s
-        if self._writing is None and waited_s >= self._every_s and cheap:
+        if self._writing is None and self._rhythm.due():
             self._commit()
 
     def close(self, *, complete: bool = True) -> None:
@@ -249,7 +242,7 @@ class SceneTracker:
         visit, next_frame = self._visit, self._next_frame
         told = self._changes.tell(self._tracker, self._records.seen) if ended and visit.number > 1 else []
         noted = self._before.take_noted()
-        pace = self._pace = Pace() if ended else Pace(WRITING_SHARE, LONGEST_WAIT * self._every_s)
+        pace = self._pace = Pace() if ended else Pace(WRITING_SHARE, self._rhythm.wait_s, self._rhythm.cost_s)
 
         def write() -> None:
             begun_s, connection = time.thread_time(), self._file.connection
@@ -262,10 +255,9 @@ class SceneTracker:
                 visit.write(connection, next_frame, pending, complete=complete, ended=ended)
                 values = T_world_recording, visit.number
                 connection.execute("UPDATE recordings SET T_world_recording = ? WHERE id = ?", values)
-            self._cost_s += time.thread_time() - begun_s
+            self._rhythm.cost_s += time.thread_time() - begun_s
 
-        self._committed_s, self._processor_s = time.monotonic(), time.process_time()
-        self._cost_s = time.thread_time() - begun_s
+        self._rhythm.begin(time.thread_time() - begun_s)
         self._writing = self._thread.submit(write)
 
     def settle(self) -> None:

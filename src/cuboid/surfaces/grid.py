@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.surfaces.stamped import Stamped
 from cuboid.tolerances import LEAST_READINGS
 
 # Edge of a cell of the ground plan, metres: finer than any table, coarser than depth noise.
@@ -60,7 +61,7 @@ def _numbers(cells: Places) -> Places:
     return np.asarray((cells[:, 0] << 32) + cells[:, 1])
 
 
-class GroundPlan:
+class GroundPlan(Stamped):
     """Counts of the readings on one plane by cell, and the outline that follows from them.
 
     Attributes

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.surfaces.grid import GroundPlan
+from cuboid.surfaces.stamped import Stamped
 from cuboid.tolerances import DRIFT_M, DRIFT_RAD, JUMP_M, LEAST_SIGMA_M, LITTLE, SIGMAS
 
 Keyframes = npt.NDArray[np.int64]
@@ -24,7 +25,7 @@ _LEVEL = JUMP_M**2 / 0.035**2 * np.eye(2) * JUMP_M
 
 
 @dataclass(slots=True, eq=False)
-class Plane:
+class Plane(Stamped):
     """A tracked plane; moments are in the plan frame, weighted by area over variance.
 
     Attributes

@@ -55,6 +55,7 @@ class PlaneTracker:
 
     def _clear(self) -> None:
         self.planes: list[Plane] = []
+        # By identity, those that took others in under the identities of these too.
         self._of: dict[int, Plane] = {}
         self._windows = Windows(FORGET_FRAMES)
         self._main: Plane | None = None
@@ -236,14 +237,14 @@ class PlaneTracker:
         for k, plane in enumerate(self.planes):
             plane.index = k
         self._windows.keep(keep)
+        heirs = {identity: _heir(plane) for identity, plane in self._of.items()}
+        self._of = {identity: heir for identity, heir in heirs.items() if heir is not None}
         self._stale, self._changed = ({p for p in some if p.index >= 0} for some in (self._stale, self._changed))
 
     def find(self, identity: int) -> Plane | None:
         """Return the plane that has, or has taken in the one that had, an identity; None where it is no more."""
-        plane = self._of.get(identity)
-        while plane is not None and plane.index < 0 and plane.taken_by is not None:
-            plane = plane.taken_by
-        return plane if plane is not None and plane.index >= 0 and plane.in_use else None
+        plane = _heir(self._of.get(identity))
+        return plane if plane is not None and plane.in_use else None
 
     @property
     def up(self) -> Float64Array | None:
@@ -296,3 +297,10 @@ class PlaneTracker:
         n, d = plane.normal, plane.offset
         height = -(plan @ n[:2] + d) / n[2]
         return np.asarray(np.column_stack([plan, height]) @ self.T_plan_world[:3, :3])
+
+
+def _heir(plane: Plane | None) -> Plane | None:
+    """Return the plane that took one in, that one itself while it is there; None where it is no more."""
+    while plane is not None and plane.index < 0:
+        plane = plane.taken_by
+    return plane
