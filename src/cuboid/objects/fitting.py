@@ -12,6 +12,7 @@ from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.continuation import is_structure
 from cuboid.objects.entry import MapObject
+from cuboid.objects.equilibrium import holder_of
 from cuboid.objects.outline import CLEAR
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object, too_large
@@ -70,7 +71,8 @@ class Fitting:
         plane = None if identity is None else self._planes.find(identity)
         entry.plane = None if plane is None else plane.identity
         rows = rows if plane is None else self._above(rows, plane)
-        labelled = [o for o in self._store.neighbours(entry) if o.confirmed]
+        near = self._store.neighbours(entry)
+        labelled = [o for o in near if o.confirmed]
         entry.points, entry.colors = voxels.xyz(rows), voxels.rgb(rows)
         entry.heat, entry.keyframe = float(voxels.heat(rows).mean()), voxels.keyframe_of(rows)
         box, noise_m = self._boxing.fit(
@@ -80,8 +82,10 @@ class Fitting:
             [o.box for o in labelled],
         )
         self._store.place(entry, box)
+        if plane is not None:
+            entry.holder = holder_of(entry, *self._planes.in_world(plane), near, voxels)
         owned = np.zeros(self._store.numbers, np.uint8)
-        owned[[entry.number, *(o.number for o in self._store.neighbours(entry) if o.confirmed)]] = 1
+        owned[[entry.number, *(o.number for o in labelled)]] = 1
         # What is thinner or flatter may be the noise of a surface.
         entry.structure = (
             not fits_object(box, self._config)

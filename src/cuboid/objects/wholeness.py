@@ -35,6 +35,7 @@ def is_whole(entry: MapObject, store: ObjectStore, planes: PlaneTracker, config:
     return (
         len(entry.points) > 0
         and not entry.structure
+        and not entry.holder
         and enclosed(entry.outline)
         and not _floats(entry, planes)
         and not planes.lies_on(entry.box)
