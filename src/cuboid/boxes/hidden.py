@@ -99,7 +99,7 @@ def twins(
         free &= _beyond(twin[out], other) > 0.0
     out = out[free]
     ground = twin[out] - np.outer(twin[out] @ normal + offset, normal)
-    return np.asarray(twin[out][~ground_seen(ground, normal, voxels)], dtype=np.float64)
+    return np.asarray(twin[out][~_seen(ground, normal, voxels)], dtype=np.float64)
 
 
 def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequence[Box], voxels: VoxelMap) -> bool:
@@ -112,14 +112,12 @@ def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequen
     for other in others:
         if (_beyond(ground + 0.5 * np.outer(height - box.size[2] / 2, normal), other) <= 0.0).any():
             return False
-    return bool(ground_seen(ground, normal, voxels).mean() <= SOME)
+    return bool(_seen(ground, normal, voxels).mean() <= SOME)
 
 
-def ground_seen(
-    ground: Float64Array, normal: Float64Array, voxels: VoxelMap, least: int = SOME_OF_NINE
-) -> npt.NDArray[np.bool_]:
-    """Tell which places (N, 3) on a plane were seen: so many of nine voxels around hold a point, one up or down."""
-    return voxels.holds_around(ground, np.array([*plane_axes(normal), normal]), least)
+def _seen(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:
+    """Tell which places (N, 3) on a plane were seen: some of the nine voxels around hold a point, one up or down."""
+    return voxels.holds_around(ground, np.array([*plane_axes(normal), normal]), SOME_OF_NINE)
 
 
 def _beyond(points: Float64Array, box: Box) -> Float64Array:

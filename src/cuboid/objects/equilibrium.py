@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from cuboid.boxes.hidden import ground_seen
 from cuboid.boxes.quantiles import quantile
 from cuboid.frame import Float64Array
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.entry import MapObject
-from cuboid.tolerances import DRIFT_M, JUMP_M, LEAST_READINGS, MOST, SAMPLE, SOME, STRAYS
+from cuboid.tolerances import DRIFT_M, JUMP_M, LEAST_READINGS, SAMPLE, SOME, STRAYS
 
-# Nothing stands where so many of nine voxels of the ground around were seen: beside what stands, half of them are.
-MOST_OF_NINE = math.ceil(9 * MOST)
+# Points so near to each other are of one body, or of two that touch, voxels.
+TOUCH_VOXELS = 2.0
 
 
 def holder_of(
@@ -57,15 +55,23 @@ def holder_of(
         theirs = other.points @ normal + offset
         if quantile(theirs, 2.0 * STRAYS) >= foot or quantile(theirs, 1.0 - 2.0 * STRAYS) <= foot + JUMP_M:
             continue
-        touches = _touching(entry.points, other.points, DRIFT_M)
+        touches = _touching(entry.points, other.points, TOUCH_VOXELS * voxels.voxel_m)
         if touches <= best:
             continue
         if bare is None:
-            bare = ground_seen(points - np.outer(height, normal), normal, voxels, MOST_OF_NINE)
+            bare = _bare(points - np.outer(height, normal), normal, voxels)
         inside = (np.abs((points - other.box.center) @ other.box.rotation) <= other.box.size / 2.0)[:, :2].all(1)
-        if (bare | inside).mean() >= 1.0 - SOME:
+        # What holds another one at its side is the larger one; what is around its foot may be the smaller one.
+        beneath = inside if len(other.points) < len(entry.points) else inside | bare
+        if beneath.mean() >= 1.0 - SOME:
             best, holder = touches, other.number
     return holder
+
+
+def _bare(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:
+    """Tell where of places (N, 3) on a plane the plane itself was seen: voxels that are no object's."""
+    step = voxels.voxel_m * normal
+    return np.asarray((voxels.owner_at(np.concatenate([ground - step, ground, ground + step])).reshape(3, -1) == 0).any(0))
 
 
 def _touching(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32], limit_m: float) -> int:

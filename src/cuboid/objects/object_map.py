@@ -17,7 +17,7 @@ from cuboid.geometry.se3 import transform
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.outlines import KINDS
 from cuboid.limits import MOST_CANDIDATES
-from cuboid.objects.affinity import MOST_TOLD, Pair
+from cuboid.objects.affinity import MOST_TOLD
 from cuboid.objects.association import Association, associate
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.entry import MapObject, State, together
@@ -114,8 +114,8 @@ class ObjectMap:
         found = associate(things, pack(boxes), objects, self.store.boxes_of(objects), pixel_owner, known)
         number_of = self._sightings(frame, things, boxes, found, keyframe)
         self._voxels.vote(things.claim, number_of, *self._may_take(number_of, found), candidate, slots)
-        apart = self._pairs(things, found, news)
-        self._share_room([o.number for o in objects], apart, news)
+        self._pairs(things, found, news)
+        self._share_room([o.number for o in objects], news)
         self._hold([o.number for o in objects], news)
         self._missed(found)
         touched = [o.number for o in objects] + [int(n) for n in number_of if n]
@@ -181,9 +181,9 @@ class ObjectMap:
             allowed[i, columns[columns > 0]] = 1
         return place, allowed
 
-    def _pairs(self, things: FrameClusters, found: Association, news: float) -> set[Pair]:
-        """Take in which objects this frame shows as one, and which as two side by side; return the latter."""
-        affinity, two = self.store.affinity, set()
+    def _pairs(self, things: FrameClusters, found: Association, news: float) -> None:
+        """Take in which objects this frame shows as one, and which as two side by side."""
+        affinity = self.store.affinity
         numbers = [o.number for o in found.objects]
         whole = (found.sight >= LEAST_READINGS) & (found.common >= MOST * found.sight)
         for i in np.flatnonzero(whole.sum(1) > 1):
@@ -195,8 +195,6 @@ class ObjectMap:
             a, b = found.objects[match[i]], found.objects[match[j]]
             if self._apart(things, i, j) and not self._held(a, b):
                 affinity.tell(a.number, b.number, one=False, news=news)
-                two.add((min(a.number, b.number), max(a.number, b.number)))
-        return two
 
     @staticmethod
     def _held(a: MapObject, b: MapObject) -> bool:
@@ -208,17 +206,16 @@ class ObjectMap:
             if entry.holder in self.store and self.store[entry.holder].state is not State.RETIRED:
                 self.store.affinity.hold(entry.number, entry.holder, news)
 
-    def _share_room(self, numbers: Sequence[int], apart: set[Pair], news: float) -> None:
-        """Take objects in each other's place, which the frame does not show apart, for one: no two solids share room."""
+    def _share_room(self, numbers: Sequence[int], news: float) -> None:
+        """Take objects that are in each other's place for parts of one: no two solids share room."""
         entries = [o for o in self.store.all_of(numbers) if len(o.points)]
         if not any(o.confirmed for o in entries):
             return
         labelled = [o for o in entries if o.confirmed]
         inside = overlap_min_matrix(self.store.boxes_of(entries), self.store.boxes_of(labelled))
         for i, j in zip(*np.nonzero(inside >= MOST), strict=True):
-            a, b = entries[i].number, labelled[j].number
-            if a != b and (min(a, b), max(a, b)) not in apart:
-                self.store.affinity.tell(a, b, one=True, news=news)
+            if entries[i] is not labelled[j]:
+                self.store.affinity.tell(entries[i].number, labelled[j].number, one=True, news=news)
 
     def _missed(self, found: Association) -> None:
         """Let candidates that no proposal of the frame shows lose ground."""
