@@ -71,8 +71,7 @@ class Fitting:
         plane = None if identity is None else self._planes.find(identity)
         entry.plane = None if plane is None else plane.identity
         rows = rows if plane is None else self._above(rows, plane)
-        near = self._store.neighbours(entry)
-        labelled = [o for o in near if o.confirmed]
+        labelled = [o for o in self._store.neighbours(entry) if o.confirmed]
         entry.points, entry.colors = voxels.xyz(rows), voxels.rgb(rows)
         entry.heat, entry.keyframe = float(voxels.heat(rows).mean()), voxels.keyframe_of(rows)
         box, noise_m = self._boxing.fit(
@@ -82,10 +81,11 @@ class Fitting:
             [o.box for o in labelled],
         )
         self._store.place(entry, box)
+        near = self._store.neighbours(entry)
         if plane is not None:
             entry.holder = holder_of(entry, *self._planes.in_world(plane), near, voxels)
         owned = np.zeros(self._store.numbers, np.uint8)
-        owned[[entry.number, *(o.number for o in labelled)]] = 1
+        owned[[entry.number, *(o.number for o in near if o.confirmed)]] = 1
         # What is thinner or flatter may be the noise of a surface.
         entry.structure = (
             not fits_object(box, self._config)
