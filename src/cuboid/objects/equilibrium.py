@@ -6,16 +6,13 @@ from collections.abc import Iterable
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from cuboid.boxes.quantiles import quantile
 from cuboid.frame import Float64Array
+from cuboid.geometry.distances import distances_m
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.entry import MapObject
 from cuboid.tolerances import DRIFT_M, JUMP_M, LEAST_READINGS, SAMPLE, SOME, STRAYS
-
-# Points so near to each other are of one body, or of two that touch, voxels.
-TOUCH_VOXELS = 2.0
 
 
 def holder_of(
@@ -24,8 +21,8 @@ def holder_of(
     """Return the number of the object that holds another one, which nothing carries from below; 0 where there is none.
 
     A solid is carried by its plane, or stands on top of another one. One whose foot is above the plane and lower than
-    the top of what it touches does neither: what it touches holds it, as a pot its spout and the plant in it. What is
-    beneath has to be known: the plane, seen below it, or the room of the other one. Else its foot may be hidden.
+    the top of what it touches does neither: what it touches holds it, as a teapot its spout, a pot the plant in it.
+    What is beneath has to be known: the plane, seen below it, or the room of the other one. Else its foot may be hidden.
 
     Parameters
     ----------
@@ -55,7 +52,8 @@ def holder_of(
         theirs = other.points @ normal + offset
         if quantile(theirs, 2.0 * STRAYS) >= foot or quantile(theirs, 1.0 - 2.0 * STRAYS) <= foot + JUMP_M:
             continue
-        touches = _touching(entry.points, other.points, TOUCH_VOXELS * voxels.voxel_m)
+        # Points of voxels side by side are no farther apart than two voxels.
+        touches = len(distances_m(entry.points, other.points, 2.0 * voxels.voxel_m))
         if touches <= best:
             continue
         if bare is None:
@@ -71,16 +69,5 @@ def holder_of(
 def _bare(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:
     """Tell where of places (N, 3) on a plane the plane itself was seen: voxels that are no object's."""
     step = voxels.voxel_m * normal
-    return np.asarray((voxels.owner_at(np.concatenate([ground - step, ground, ground + step])).reshape(3, -1) == 0).any(0))
-
-
-def _touching(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32], limit_m: float) -> int:
-    """Return how many of the points (N, 3) are that near to others (M, 3)."""
-    for _ in range(2):
-        if len(a) == 0 or len(b) == 0:
-            return 0
-        a, b = b[((b > a.min(0) - limit_m) & (b < a.max(0) + limit_m)).all(1)], a
-    if len(a) == 0:
-        return 0
-    distance, _ = cKDTree(b).query(a, distance_upper_bound=limit_m)
-    return int(np.isfinite(distance).sum())
+    owner = voxels.owner_at(np.concatenate([ground - step, ground, ground + step]))
+    return np.asarray((owner.reshape(3, -1) == 0).any(0))

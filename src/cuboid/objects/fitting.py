@@ -82,8 +82,7 @@ class Fitting:
         )
         self._store.place(entry, box)
         near = self._store.neighbours(entry)
-        if plane is not None:
-            entry.holder = holder_of(entry, *self._planes.in_world(plane), near, voxels)
+        entry.holder = 0 if plane is None else holder_of(entry, *self._planes.in_world(plane), near, voxels)
         owned = np.zeros(self._store.numbers, np.uint8)
         owned[[entry.number, *(o.number for o in near if o.confirmed)]] = 1
         # What is thinner or flatter may be the noise of a surface.

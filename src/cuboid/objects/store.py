@@ -133,9 +133,7 @@ class ObjectStore:
         A part has its label from what holds it.
         """
         part = first.holder == second.number or second.holder == first.number
-        kept, gone = sorted(
-            (first, second), key=lambda o: (not o.label, part and bool(o.holder), o.label, o.number)
-        )
+        kept, gone = sorted((first, second), key=lambda o: (not o.label, part and bool(o.holder), o.label, o.number))
         kept.merged_labels = sorted({*kept.merged_labels, *gone.merged_labels, *([gone.label] if gone.label else [])})
         kept.first_frame = min(kept.first_frame, gone.first_frame)
         kept.last_frame = max(kept.last_frame, gone.last_frame)
