@@ -22,7 +22,7 @@ def holder_of(
 
     A solid is carried by its plane, or stands on top of another one. One whose foot is above the plane and lower than
     the top of what it touches does neither: what it touches holds it, as a teapot its spout, a pot the plant in it.
-    What is beneath has to be known: the plane, seen below it, or the room of the other one. Else its foot may be hidden.
+    What is beneath has to be known: the plane, seen below it, or the other one's room. Else its foot may be hidden.
 
     Parameters
     ----------
