@@ -286,6 +286,13 @@ class GroundPlan:
         mine, theirs = common(self.window, other.window)
         return bool((self.covered[mine] & other.covered[theirs]).any())
 
+    def share_over(self, other: GroundPlan) -> float:
+        """Return the share of the cells in which this plane was seen that lie where another one is."""
+        other.catch_up()
+        mine, theirs = common(self.window, other.window)
+        over = np.count_nonzero((self.seen[mine] >= LEAST_READINGS) & (other.covered[theirs] > 0))
+        return over / max(1, self._known)
+
     def _look_up(self, layer: UInt8Array, points: Float64Array) -> npt.NDArray[np.bool_]:
         i, j = (cells_of(points) - self.corner).T
         inside = np.asarray((i >= 0) & (j >= 0) & (i < layer.shape[0]) & (j < layer.shape[1]))

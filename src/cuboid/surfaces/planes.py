@@ -212,7 +212,7 @@ class PlaneTracker:
                 self._stale.discard(plane)
             area = plane.plan.area_m2()
             if plane.in_use or area >= least:
-                if furniture.is_lid(plane, area, partial(self._at, plane.mean[None])):
+                if furniture.is_lid(plane, self._config.max_size_m**2, partial(self._at, plane.mean[None])):
                     plane.in_use = False
                 elif not plane.in_use:
                     # Seen often enough, or at once as much as would be.
