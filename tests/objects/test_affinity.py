@@ -38,6 +38,16 @@ def test_a_mistake_of_long_ago_can_be_mended() -> None:
     assert (affinity.of(1, 2) or 0.0) > SURE
 
 
+def test_the_borders_of_a_part_that_is_held_tell_nothing() -> None:
+    affinity = Affinity()
+    for _ in range(100):
+        affinity.tell(1, 2, one=False, news=1.0)
+    affinity.hold(1, 2, news=0.5)
+    assert affinity.of(1, 2) == pytest.approx(0.5 * ONE)
+    affinity.hold(1, 2, news=1.0)
+    assert affinity.of(1, 2) == pytest.approx(1.5 * ONE)
+
+
 def test_what_is_no_more_is_beside_nothing() -> None:
     affinity = Affinity()
     for other in (2, 3):

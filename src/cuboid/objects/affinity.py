@@ -31,6 +31,11 @@ class Affinity:
         """Take in what a frame says of two objects, as far as it is news (0..1)."""
         self._add(a, b, (ONE if one else TWO) * news)
 
+    def hold(self, a: int, b: int, news: float) -> None:
+        """Take in that one of two holds the other: borders that frames saw between them were those of a part."""
+        told = self.of(a, b)
+        self._add(a, b, ONE * news - min(0.0, told or 0.0))
+
     def _add(self, a: int, b: int, told: float) -> None:
         pair = (min(a, b), max(a, b))
         self._partners.setdefault(a, set()).add(b)

@@ -64,6 +64,8 @@ class MapObject:
         Sightings at the last fit of its box.
     structure : bool
         Whether it went on into structure at the last fit.
+    holder : int
+        Number of the object that held it at the last fit, for nothing carried it from below; 0 none.
     taken_by : MapObject or None
         The one that it turned out to be a part of.
     """
@@ -87,6 +89,7 @@ class MapObject:
     merged_labels: list[int] = field(default_factory=list)
     fitted: int = 0
     structure: bool = False
+    holder: int = 0
     taken_by: MapObject | None = None
 
     @property

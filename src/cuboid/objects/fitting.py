@@ -13,6 +13,7 @@ from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.continuation import is_structure
 from cuboid.objects.entry import MapObject
+from cuboid.objects.equilibrium import holder_of
 from cuboid.objects.outline import CLEAR
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object, too_large
@@ -88,8 +89,10 @@ class Fitting:
         if plane is not None and self._planes.foot_m(box, plane) > DRIFT_M:
             # What floats may stand on a plane that was not known yet: from now on sightings tell it anew.
             entry.supports = {plane.identity: 1}
+        near = self._store.neighbours(entry)
+        entry.holder = 0 if plane is None else holder_of(entry, *self._planes.in_world(plane), near, voxels)
         owned = np.zeros(self._store.numbers, np.uint8)
-        owned[[entry.number, *(o.number for o in self._store.neighbours(entry) if o.confirmed)]] = 1
+        owned[[entry.number, *(o.number for o in near if o.confirmed)]] = 1
         # What is thinner or flatter may be the noise of a surface.
         entry.structure = (
             not fits_object(box, self._config)

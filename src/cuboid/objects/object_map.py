@@ -118,6 +118,7 @@ class ObjectMap:
         self._voxels.vote(things.claim, number_of, *self._may_take(number_of, found), candidate, slots)
         self._pairs(things, found, news)
         self._share_room([o.number for o in objects], news)
+        self._hold([o.number for o in objects], news)
         self._missed(found)
         touched = [o.number for o in objects] + [int(n) for n in number_of if n]
         self._fitting.fit_grown(touched)
@@ -195,8 +196,19 @@ class ObjectMap:
         known, match = found.match >= 0, found.match.tolist()
         beside = np.triu(things.contact + things.contact.T > 0, 1) & known & known[:, None]
         for i, j in zip(*(k.tolist() for k in np.nonzero(beside)), strict=True):
-            if self._apart(things, i, j):
-                affinity.tell(numbers[match[i]], numbers[match[j]], one=False, news=news)
+            a, b = found.objects[match[i]], found.objects[match[j]]
+            if self._apart(things, i, j) and not self._held(a, b):
+                affinity.tell(a.number, b.number, one=False, news=news)
+
+    @staticmethod
+    def _held(a: MapObject, b: MapObject) -> bool:
+        return a.holder == b.number or b.holder == a.number
+
+    def _hold(self, numbers: Sequence[int], news: float) -> None:
+        """Take objects that nothing carries from below for parts of what holds them."""
+        for entry in self.store.all_of(numbers):
+            if entry.holder in self.store and self.store[entry.holder].state is not State.RETIRED:
+                self.store.affinity.hold(entry.number, entry.holder, news)
 
     def _share_room(self, numbers: Sequence[int], news: float) -> None:
         """Take objects that are in each other's place for parts of one: no two solids share room."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from cuboid.config import TrackerConfig
+from cuboid.frame import Float32Array
+from cuboid.geometry.distances import distances_m
 from cuboid.kernels.outlines import BOTTOM, CONTACT, FREE, SUPPORT
 from cuboid.objects.entry import MapObject
 from cuboid.objects.outline import enclosed
@@ -35,6 +35,7 @@ def is_whole(entry: MapObject, store: ObjectStore, planes: PlaneTracker, config:
     return (
         len(entry.points) > 0
         and not entry.structure
+        and not entry.holder
         and enclosed(entry.outline)
         and not _floats(entry, planes)
         and not planes.lies_on(entry.box)
@@ -63,14 +64,6 @@ def _may_be_part(entry: MapObject, store: ObjectStore) -> bool:
     )
 
 
-def gap_m(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32], limit_m: float) -> float:
+def gap_m(a: Float32Array, b: Float32Array, limit_m: float) -> float:
     """Return the distance of two sets of points, infinite beyond a limit."""
-    # Only what lies in the other's surroundings can be that near.
-    for _ in range(2):
-        if len(a) == 0 or len(b) == 0:
-            return float("inf")
-        a, b = b[((b > a.min(0) - limit_m) & (b < a.max(0) + limit_m)).all(1)], a
-    if len(a) == 0:
-        return float("inf")
-    distance, _ = cKDTree(b).query(a, distance_upper_bound=limit_m)
-    return float(np.min(distance))
+    return float(distances_m(a, b, limit_m).min(initial=np.inf))

@@ -1,0 +1,73 @@
+"""What carries a thing: its plane, what it stands on top of; or nothing, and then what it touches holds it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.boxes.quantiles import quantile
+from cuboid.frame import Float64Array
+from cuboid.geometry.distances import distances_m
+from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.objects.entry import MapObject
+from cuboid.tolerances import DRIFT_M, JUMP_M, LEAST_READINGS, SAMPLE, SOME, STRAYS
+
+
+def holder_of(
+    entry: MapObject, normal: Float64Array, offset: float, others: Iterable[MapObject], voxels: VoxelMap
+) -> int:
+    """Return the number of the object that holds another one, which nothing carries from below; 0 where there is none.
+
+    A solid is carried by its plane, or stands on top of another one. One whose foot is above the plane and lower than
+    the top of what it touches does neither: what it touches holds it, as a teapot its spout, a pot the plant in it.
+    What is beneath has to be known: the plane, seen below it, or the other one's room. Else its foot may be hidden.
+
+    Parameters
+    ----------
+    entry : MapObject
+        With its points.
+    normal : (3,) float64
+        Of the plane beneath, unit, up.
+    offset : float
+        The plane is normal.p + offset = 0.
+    others : iterable of MapObject
+        Those nearby.
+    voxels : VoxelMap
+    """
+    points = entry.points.astype(np.float64)
+    height = points @ normal + offset
+    foot = quantile(height, 2.0 * STRAYS)
+    if foot <= DRIFT_M:
+        return 0
+    # What could carry it would be beneath its lowest part.
+    low = np.flatnonzero(height <= foot + DRIFT_M)
+    low = low[:: 1 + len(low) // SAMPLE]
+    points, height, bare = points[low], height[low], None
+    best, holder = 0, 0
+    for other in others:
+        if len(other.points) < LEAST_READINGS:
+            continue
+        theirs = other.points @ normal + offset
+        if quantile(theirs, 2.0 * STRAYS) >= foot or quantile(theirs, 1.0 - 2.0 * STRAYS) <= foot + JUMP_M:
+            continue
+        # Points of voxels side by side are no farther apart than two voxels.
+        touches = len(distances_m(entry.points, other.points, 2.0 * voxels.voxel_m))
+        if touches <= best:
+            continue
+        if bare is None:
+            bare = _bare(points - np.outer(height, normal), normal, voxels)
+        inside = (np.abs((points - other.box.center) @ other.box.rotation) <= other.box.size / 2.0)[:, :2].all(1)
+        # What holds another one at its side is the larger one; what is around its foot may be the smaller one.
+        beneath = inside if len(other.points) < len(entry.points) else inside | bare
+        if beneath.mean() >= 1.0 - SOME:
+            best, holder = touches, other.number
+    return holder
+
+
+def _bare(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:
+    """Tell where of places (N, 3) on a plane the plane itself was seen: voxels that are no object's."""
+    step = voxels.voxel_m * normal
+    owner = voxels.owner_at(np.concatenate([ground - step, ground, ground + step]))
+    return np.asarray((owner.reshape(3, -1) == 0).any(0))

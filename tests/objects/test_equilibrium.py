@@ -1,0 +1,68 @@
+"""What carries a thing, and what holds it where nothing does."""
+
+from __future__ import annotations
+
+import numpy as np
+from made_maps import box_of, grid, map_of, shell
+
+from cuboid.objects.entry import MapObject
+from cuboid.objects.equilibrium import holder_of
+
+UP = np.array([0.0, 0.0, 1.0])
+TABLE = grid((0.0, 0.6), (0.0, 0.4), (-0.01, 0.0))
+POT = shell((0.2, 0.32), (0.1, 0.22), (0.0, 0.12))
+
+
+def table_around(*hidden: tuple[float, float]) -> np.ndarray:
+    """The table as far as it was seen: nothing of it from so far to so far along x, metres."""
+    seen = np.ones(len(TABLE), bool)
+    for low, high in hidden:
+        seen &= (TABLE[:, 0] < low) | (TABLE[:, 0] > high)
+    return TABLE[seen]
+
+
+def holder(table: np.ndarray, *things: np.ndarray) -> int:
+    """What holds the first one of things, which are 1, 2, .. ; 0 for nothing."""
+    numbered = list(enumerate(things, 1))
+    entries = [MapObject(k, box_of(p), 0, 0, points=p.astype(np.float32)) for k, p in numbered]
+    voxels = map_of((table, 0), *((points, number) for number, points in numbered))
+    return holder_of(entries[0], UP, 0.0, entries[1:], voxels)
+
+
+def test_a_spout_over_the_table_is_held_by_its_pot() -> None:
+    spout = grid((0.32, 0.38), (0.15, 0.17), (0.05, 0.11))
+    assert holder(table_around((0.2, 0.32)), spout, POT) == 2
+
+
+def test_where_the_table_below_was_not_seen_its_foot_may_be_hidden() -> None:
+    top = grid((0.32, 0.38), (0.15, 0.17), (0.05, 0.11))
+    assert holder(table_around((0.2, 0.4)), top, POT) == 0
+
+
+def test_what_stands_on_the_table_is_held_by_nothing_it_touches() -> None:
+    mug = shell((0.32, 0.4), (0.1, 0.18), (0.0, 0.1))
+    assert holder(table_around((0.2, 0.4)), mug, POT) == 0
+
+
+def test_what_stands_on_top_of_another_one_is_carried_by_that() -> None:
+    book = shell((0.1, 0.36), (0.1, 0.28), (0.0, 0.05))
+    jar = shell((0.2, 0.28), (0.14, 0.22), (0.05, 0.16))
+    assert holder(table_around((0.1, 0.36)), jar, book) == 0
+
+
+def test_a_plant_is_held_by_the_pot_around_its_foot_even_where_that_is_the_smaller_one() -> None:
+    pot = shell((0.2, 0.32), (0.1, 0.22), (0.0, 0.09))
+    plant = grid((0.22, 0.3), (0.12, 0.2), (0.06, 0.22))
+    assert len(plant) > len(pot)
+    assert holder(table_around((0.2, 0.32)), plant, pot) == 2
+
+
+def test_a_screen_whose_stand_was_not_seen_is_no_part_of_a_cup_before_it() -> None:
+    screen = grid((0.1, 0.5), (0.2, 0.22), (0.06, 0.36))
+    cup = shell((0.2, 0.28), (0.12, 0.2), (0.0, 0.1))
+    assert holder(table_around((0.2, 0.28)), screen, cup) == 0
+
+
+def test_what_touches_nothing_is_held_by_nothing() -> None:
+    lamp = grid((0.45, 0.5), (0.15, 0.2), (0.2, 0.3))
+    assert holder(TABLE, lamp, POT) == 0
