@@ -90,15 +90,6 @@ def test_merging_keeps_the_older_label_and_records_the_younger(order: tuple[int,
     assert kept.fitted == 0, "its box is fitted anew"
 
 
-def test_a_part_with_the_older_label_takes_that_of_what_holds_it() -> None:
-    store = store_of(2)
-    store.confirm(store[1])
-    store.confirm(store[2])
-    store[1].holder = 2
-    kept, _ = store.merge(store[1], store[2])
-    assert (kept.number, kept.label, kept.merged_labels) == (2, 2, [1])
-
-
 def test_a_label_outlives_an_older_candidate() -> None:
     store = store_of(2)
     store.confirm(store[2])

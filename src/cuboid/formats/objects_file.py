@@ -67,7 +67,7 @@ class ObjectEntry(Entry, frozen=True):
     points: Annotated[Count, Meta(description="points of the map that belong to it")]
     mean_color: Annotated[tuple[Level, Level, Level], Meta(description="red, green, blue, 0 to 255")]
     plane: Annotated[Count | None, Meta(description="index into planes: what it stands on")]
-    merged_labels: Annotated[list[Label], Meta(description="other labels that turned out to be this object")]
+    merged_labels: Annotated[list[Label], Meta(description="younger labels that turned out to be this object")]
     name: Annotated[str, Meta(description="what people call it; not there where nobody gave it a name")] = ""
 
     def __post_init__(self) -> None:

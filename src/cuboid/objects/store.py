@@ -132,12 +132,8 @@ class ObjectStore:
         del self._objects[old.number]
 
     def merge(self, first: MapObject, second: MapObject) -> tuple[MapObject, MapObject]:
-        """Make two objects one, and return (kept, gone): of two labels the older one stays, the other is recorded.
-
-        A part has its label from what holds it.
-        """
-        part = first.holder == second.number or second.holder == first.number
-        kept, gone = sorted((first, second), key=lambda o: (not o.label, part and bool(o.holder), o.label, o.number))
+        """Make two objects one: the older label stays, the younger is recorded. Returns (kept, gone)."""
+        kept, gone = sorted((first, second), key=lambda o: (o.label or np.inf, o.number))
         kept.merged_labels = sorted({*kept.merged_labels, *gone.merged_labels, *([gone.label] if gone.label else [])})
         kept.first_frame = min(kept.first_frame, gone.first_frame)
         kept.last_frame = max(kept.last_frame, gone.last_frame)

@@ -157,7 +157,7 @@ TABLES = {
                 Column("color", TEXT, "the color word that most of its points have"),
                 Column("colors", pa.list_(SMALL), "fraction of its points of each color word"),
                 Column("shape", pa.list_(SMALL), "distances between its points, 16 bins of the box's diagonal"),
-                Column("merged_labels", pa.list_(COUNT), "other labels that turned out to be this object"),
+                Column("merged_labels", pa.list_(COUNT), "younger labels that turned out to be this object"),
                 Column("picture_frame", COUNT, "frame of its picture"),
                 Column("picture", pa.binary(), "its best picture, a small JPEG; null where the recording has none"),
             ),
