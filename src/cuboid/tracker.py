@@ -303,7 +303,7 @@ class Tracker:
             entry.last_frame = frame
             if entry.confirmed:
                 own = None if first else iou.get(entry.number)
-                sightings.append(Sighting(entry.label, entry.told, own, view.visible, view.rect_xyxy))
+                sightings.append(Sighting(entry.label, entry.box, own, view.visible, view.rect_xyxy))
         return tuple(sorted(sightings, key=lambda s: s.label))
 
     def _own_boxes(self, things: FrameClusters, boxes: Sequence[Box], found: Association) -> tuple[Proposal3D, ...]:
@@ -328,7 +328,7 @@ class Tracker:
         plane = None if entry.plane is None else self._planes.find(entry.plane)
         return TrackedObject(
             label=entry.label,
-            box=entry.told,
+            box=entry.box,
             score=entry.score,
             heat=entry.heat,
             first_frame=entry.first_frame,

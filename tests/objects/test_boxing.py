@@ -26,7 +26,7 @@ def floor(hidden: np.ndarray | None = None) -> np.ndarray:
 
 def fitted(voxels: VoxelMap, plane: tuple[np.ndarray, float] | None, others: list[Box] | None = None) -> Box:
     rows = voxels.rows_of(THING)
-    return Boxing(voxels).fit(rows, voxels.xyz(rows), plane, UP, others or [], to_be_told=False)[0]
+    return Boxing(voxels).fit(rows, voxels.xyz(rows), plane, UP, others or [])[0]
 
 
 def test_what_was_seen_all_round_has_its_own_box() -> None:

@@ -33,7 +33,7 @@ def table() -> Cells:
     )
 
 
-def fitted(points: np.ndarray, ground: np.ndarray = NOTHING, labelled: bool = False) -> MapObject:
+def fitted(points: np.ndarray, ground: np.ndarray = NOTHING) -> MapObject:
     """An object of these points that was seen above the table, which has stood for 500 pixels beneath it."""
     planes, voxels, config = PlaneTracker(TrackerConfig()), map_of((points, 1), (ground, 0)), TrackerConfig()
     for frame in range(4):
@@ -42,8 +42,6 @@ def fitted(points: np.ndarray, ground: np.ndarray = NOTHING, labelled: bool = Fa
     store = ObjectStore(voxels)
     entry = store.add(box_of(points), 0)
     entry.sightings, entry.supports = 5, {planes.planes[0].identity: 500}
-    if labelled:
-        store.confirm(entry)
     Fitting(config, voxels, planes, store, Boxing(voxels)).fit(entry)
     assert entry.plane == planes.planes[0].identity
     return entry
@@ -68,13 +66,3 @@ def test_what_floats_above_its_plane_is_told_anew_by_what_follows_what_it_stands
     standing, floating = fitted(JAR), fitted(JAR + np.array([0.0, 0.0, 0.4]), ground)
     assert standing.supports == {standing.plane: 500}
     assert floating.supports == {floating.plane: 1}
-
-
-def test_the_box_that_is_told_reaches_the_ends_of_its_object_and_decides_nothing() -> None:
-    book = shell((0.1, 0.5), (0.3, 0.45), (0.0, 0.1))
-    candidate, labelled = fitted(book), fitted(book, labelled=True)
-    assert candidate.ends is None
-    assert candidate.told is candidate.box
-    np.testing.assert_array_equal(labelled.box.size, candidate.box.size)
-    assert iou(labelled.told, box_of(book)) > iou(labelled.box, box_of(book))
-    assert (labelled.told.size >= labelled.box.size).all()

@@ -45,18 +45,9 @@ def clear_of(box: Box, near: Sequence[Box]) -> bool:
     return not near or bool(overlap_min_matrix(pack([box]), pack(near)).max() <= SOME)
 
 
-def stands_on(box: Box, normal: Float64Array, offset: float) -> bool:
-    """Tell whether a box rests on a plane."""
-    return _gap(box, normal, offset) <= LEAST_GAP_M
-
-
-def _gap(box: Box, normal: Float64Array, offset: float) -> float:
-    return float(normal @ box.center) + offset - float(box.size[2]) / 2.0
-
-
 def with_foot(box: Box, normal: Float64Array, offset: float, near: Sequence[Box], voxels: VoxelMap) -> Box:
     """Return a box that reaches down to its plane, where nothing tells that it floats; see `foot_is_hidden`."""
-    gap = _gap(box, normal, offset)
+    gap = float(normal @ box.center) + offset - box.size[2] / 2.0
     if gap > LEAST_GAP_M and foot_is_hidden(box, normal, offset, near, voxels):
         box = Box(box.center - 0.5 * gap * normal, box.size + np.array([0.0, 0.0, gap]), box.rotation)
     return box

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cuboid.boxes.faces import to_ends, to_faces
+from cuboid.boxes.faces import to_faces
 from cuboid.boxes.fit import fit_box
-from cuboid.boxes.hidden import clear_of, stands_on, with_foot, with_hidden
+from cuboid.boxes.hidden import clear_of, with_foot, with_hidden
 from cuboid.boxes.revolved import revolved
 from cuboid.frame import Float32Array, Float64Array
 from cuboid.geometry.box import Box
@@ -37,18 +37,11 @@ class Boxing:
         self._voxels = voxels
 
     def fit(
-        self,
-        rows: Rows,
-        places: Float32Array,
-        plane: Plane | None,
-        up: Float64Array,
-        others: Sequence[Box],
-        to_be_told: bool,
-    ) -> tuple[Box, Box | None, float]:
+        self, rows: Rows, places: Float32Array, plane: Plane | None, up: Float64Array, others: Sequence[Box]
+    ) -> tuple[Box, float]:
         """Return the box of what was seen of an object, with its far side and foot as far as these may be there.
 
-        And that box as it is told, whose sides reach to the ends of its points, with the usual noise of the places of
-        its voxels, metres.
+        And the usual noise of the places of its voxels, metres.
 
         A voxel is believed by how often and from how near it was seen, up to the median. Beyond the median more
         sightings prove no more: else the side that the camera dwelt on would be all.
@@ -65,42 +58,19 @@ class Boxing:
             Where it stands on nothing known.
         others : sequence of Box
             Those of its neighbours.
-        to_be_told : bool
-            Whether that is asked for; else there is none.
         """
         some = slice(None, None, 1 + len(rows) // BOX_VOXELS)
         trust, noise_m = self._trust(rows[some])
         points = places[some].astype(np.float64)
-        top_alone = stands = False
         if plane is None:
-            box = fit_box(points, up, None, STRAY_SHARE, trust)
-        else:
-            box = fit_box(points, *plane, STRAY_SHARE, trust)
-            stands = stands_on(box, *plane)
-            round_box = revolved(box, points, trust, *plane, noise_m, self._voxels.voxel_m, STRAY_SHARE)
-            if round_box is not None and clear_of(round_box, others):
-                box, top_alone = round_box, True
-        ends = to_ends(box, points, trust, STRAY_SHARE, stands, top_alone) if to_be_told else None
-        if plane is not None:
-            seen = points, trust, noise_m, plane, others, top_alone
-            box, ends = self._whole(box, *seen), None if ends is None else self._whole(ends, *seen)
-        return box, ends, noise_m
-
-    def _whole(
-        self,
-        box: Box,
-        points: Float64Array,
-        trust: Float64Array,
-        noise_m: float,
-        plane: Plane,
-        others: Sequence[Box],
-        is_round: bool,
-    ) -> Box:
-        """Return a box around what was seen, its sides in the faces, with its far side and its foot."""
-        box = to_faces(box, points, trust, noise_m, top_alone=is_round)
-        if is_round:
-            return with_foot(box, *plane, others, self._voxels)
-        return with_hidden(box, points, *plane, others, self._voxels)
+            return fit_box(points, up, None, STRAY_SHARE, trust), noise_m
+        box = fit_box(points, *plane, STRAY_SHARE, trust)
+        round_box = revolved(box, points, trust, *plane, noise_m, self._voxels.voxel_m, STRAY_SHARE)
+        if round_box is not None and clear_of(round_box, others):
+            faces = to_faces(round_box, points, trust, noise_m, top_alone=True)
+            return with_foot(faces, *plane, others, self._voxels), noise_m
+        box = to_faces(box, points, trust, noise_m, top_alone=False)
+        return with_hidden(box, points, *plane, others, self._voxels), noise_m
 
     def _trust(self, rows: Rows) -> tuple[Float64Array, float]:
         """Return how far voxels (N,) are to be believed, and the usual noise of their places, metres."""

@@ -68,9 +68,6 @@ class MapObject:
         Number of the object that held it at the last fit, for nothing carried it from below; 0 none.
     taken_by : MapObject or None
         The one that it turned out to be a part of.
-    ends : Box or None
-        The box that reaches to the ends of a labelled object's points, as it is told; None where that is `box`. What
-        decides goes by `box`: it holds less of what stands beside it.
     """
 
     number: int
@@ -94,12 +91,6 @@ class MapObject:
     structure: bool = False
     holder: int = 0
     taken_by: MapObject | None = None
-    ends: Box | None = None
-
-    @property
-    def told(self) -> Box:
-        """The box that is told of it."""
-        return self.box if self.ends is None else self.ends
 
     @property
     def whole(self) -> MapObject:

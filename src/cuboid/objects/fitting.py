@@ -78,16 +78,14 @@ class Fitting:
         labelled = [o for o in self._store.neighbours(entry) if o.confirmed]
         entry.points, entry.colors = points, voxels.rgb(rows)
         entry.heat, entry.keyframe = float(voxels.heat(rows).mean()), voxels.keyframe_of(rows)
-        box, ends, noise_m = self._boxing.fit(
+        box, noise_m = self._boxing.fit(
             rows,
             points,
             None if plane is None else self._planes.in_world(plane),
             self._planes.likely_up,
             [o.box for o in labelled],
-            entry.confirmed,
         )
         self._store.place(entry, box)
-        entry.ends = ends
         if plane is not None and self._planes.foot_m(box, plane) > DRIFT_M:
             # What floats may stand on a plane that was not known yet: from now on sightings tell it anew.
             entry.supports = {plane.identity: 1}

@@ -256,9 +256,8 @@ class ObjectMap:
                 entry.keyframe = self._voxels.keyframe_of(self._voxels.rows_of(entry.number))
             T = moved.get(entry.keyframe)
             if T is not None:
-                ends = None if entry.ends is None else _moved(entry.ends, T)
-                self.store.place(entry, _moved(entry.box, T))
-                entry.ends = ends
+                R, t = T[:3, :3], T[:3, 3]
+                self.store.place(entry, Box(R @ entry.box.center + t, entry.box.size, R @ entry.box.rotation))
                 entry.points = transform(T, entry.points).astype(np.float32)
         self._voxels.carry(moved)
 
@@ -301,7 +300,3 @@ class ObjectMap:
                 and is_whole(entry, self.store, self._planes, self._config)
             ):
                 self.store.confirm(entry)
-
-
-def _moved(box: Box, T_new_old: Float64Array) -> Box:
-    return Box(T_new_old[:3, :3] @ box.center + T_new_old[:3, 3], box.size, T_new_old[:3, :3] @ box.rotation)

@@ -99,7 +99,7 @@ class ObjectStore:
 
     def place(self, entry: MapObject, box: Box) -> None:
         """Let an object have another box."""
-        entry.box, entry.ends = box, None
+        entry.box = box
         if entry.state is not State.RETIRED:
             row = self.boxes[entry.number]
             row[:3], row[3:6], row[6:] = box.center, box.size, box.rotation.ravel()

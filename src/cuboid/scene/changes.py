@@ -120,7 +120,7 @@ class Changes:
         if gone or (replaced and len(again) and not self._standing(tracker, old).still):
             # What stands there now is found from what frames show from here on, not from both.
             tracker.retire(entry)
-            entry.box, entry.ends = old.box, None
+            entry.box = old.box
 
     def _standing(self, tracker: Tracker, old: Known) -> Standing:
         return standing(tracker.voxels, old, self._first_frame)

@@ -143,7 +143,7 @@ class Records:
 
     def _objects(self, tracker: Tracker, rows: Rows) -> None:
         for entry in tracker.ever_labelled():
-            now = (entry.told, entry.points, entry.state, entry.frames_seen, entry.last_frame, len(entry.merged_labels))
+            now = (entry.box, entry.points, entry.state, entry.frames_seen, entry.last_frame, len(entry.merged_labels))
             if not _same(self._told.get(entry.label), now):
                 was = copy(entry)  # what its attributes hold is never changed
                 rows.objects += [(was, 0), *((was, k) for k in entry.merged_labels if k not in self._merged)]
@@ -198,7 +198,7 @@ def _object_row(entry: MapObject, label: int = 0) -> Row:
     colors = entry.colors if len(entry.colors) else np.zeros((1, 3))
     return (
         label or entry.label, "gone" if entry.state is State.RETIRED else "present", None, entry.plane,
-        *_nine(entry.told), entry.score, entry.heat, len(entry.points), *colors.mean(0).tolist(),
+        *_nine(entry.box), entry.score, entry.heat, len(entry.points), *colors.mean(0).tolist(),
         *colors.std(0).tolist(), entry.first_frame, entry.last_frame, entry.frames_seen,
     )  # fmt: skip
 
