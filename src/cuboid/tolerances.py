@@ -28,7 +28,5 @@ LEAST_FRAMES = 3
 SAMPLE = 400
 # What is nearer than an arm is long, metres, is handled, and seen well.
 ARM_LENGTH_M = 1.2
-# A flat face of a thing is smaller than this, square metres; one of a room, or of furniture, is larger.
-FACE_M2 = 0.2
 # Share of the points of a thing that may be strays, at each side.
 STRAYS = 0.01

@@ -47,7 +47,7 @@ def clear_of(box: Box, near: Sequence[Box]) -> bool:
 
 def with_foot(box: Box, normal: Float64Array, offset: float, near: Sequence[Box], voxels: VoxelMap) -> Box:
     """Return a box that reaches down to its plane, where nothing tells that it floats; see `foot_is_hidden`."""
-    gap = float(normal @ box.center) + offset - box.size[2] / 2.0
+    gap = box.foot_m(normal, offset)
     if gap > LEAST_GAP_M and foot_is_hidden(box, normal, offset, near, voxels):
         box = Box(box.center - 0.5 * gap * normal, box.size + np.array([0.0, 0.0, gap]), box.rotation)
     return box

@@ -66,12 +66,10 @@ def revolved(
     if len(side) < LEAST_READINGS or not trust[side].sum() > 0.0:
         return None
     rectangle = _footprint(box, first, second)
+    seen = plan[side], layer[side], trust[side], rectangle, noise_m
     # What is noisy all over has its axis from all of it.
-    for trim in (True, False):
-        axis = _axis(plan[side], layer[side], trust[side], rectangle, noise_m, trim)
-        if axis is not None:
-            break
-    else:
+    axis = _axis(*seen, trim=True) or _axis(*seen, trim=False)
+    if axis is None:
         return None
     body = np.ones(len(points), bool)
     body[side] = ~axis.appendage(layer[side], trust[side])

@@ -35,7 +35,7 @@ class Box:
     rotation: Float64Array
 
     def __post_init__(self) -> None:
-        shapes = (self.center.shape, self.size.shape, self.rotation.shape)
+        shapes = (np.shape(self.center), np.shape(self.size), np.shape(self.rotation))
         if shapes != ((3,), (3,), (3, 3)):
             raise ValueError(f"a box needs center (3,), size (3,), rotation (3, 3), got {shapes}")
 
@@ -48,6 +48,10 @@ class Box:
     def volume(self) -> float:
         """Volume in cubic metres."""
         return float(self.size[0] * self.size[1] * self.size[2])
+
+    def foot_m(self, normal: Float64Array, offset: float) -> float:
+        """Return how high its foot is above a plane on which it stands upright, normal.p + offset = 0, metres."""
+        return float(normal @ self.center) + offset - float(self.size[2]) / 2.0
 
     def corners(self) -> Float64Array:
         """Return the eight corners, (8, 3), in the order of `CORNER_SIGNS`."""

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.config import TrackerConfig
-from cuboid.frame import Float32Array
+from cuboid.frame import Float32Array, Float64Array
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.continuation import is_structure
@@ -17,7 +17,6 @@ from cuboid.objects.equilibrium import holder_of
 from cuboid.objects.outline import CLEAR
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object, too_large
-from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.planes import PlaneTracker
 from cuboid.tolerances import DRIFT_M, LEAST_READINGS, SIGMAS
 
@@ -71,9 +70,10 @@ class Fitting:
         identity = max(entry.supports.items(), key=lambda s: (s[1], -s[0]), default=(None, 0))[0]
         plane = None if identity is None else self._planes.find(identity)
         entry.plane = None if plane is None else plane.identity
+        rests = None if plane is None else self._planes.in_world(plane)
         points = voxels.xyz(rows)
-        if plane is not None:
-            above = self._above(points, plane)
+        if rests is not None:
+            above = self._above(points, *rests)
             rows, points = rows[above], points[above]
         labelled = [o for o in self._store.neighbours(entry) if o.confirmed]
         entry.points, entry.colors = points, voxels.rgb(rows)
@@ -81,16 +81,16 @@ class Fitting:
         box, noise_m = self._boxing.fit(
             rows,
             points,
-            None if plane is None else self._planes.in_world(plane),
+            rests,
             self._planes.likely_up,
             [o.box for o in labelled],
         )
         self._store.place(entry, box)
-        if plane is not None and self._planes.foot_m(box, plane) > DRIFT_M:
+        if plane is not None and rests is not None and box.foot_m(*rests) > DRIFT_M:
             # What floats may stand on a plane that was not known yet: from now on sightings tell it anew.
             entry.supports = {plane.identity: 1}
         near = self._store.neighbours(entry)
-        entry.holder = 0 if plane is None else holder_of(entry, *self._planes.in_world(plane), near, voxels)
+        entry.holder = 0 if rests is None else holder_of(entry, *rests, near, voxels)
         owned = np.zeros(self._store.numbers, np.uint8)
         owned[[entry.number, *(o.number for o in near if o.confirmed)]] = 1
         # What is thinner or flatter may be the noise of a surface.
@@ -104,11 +104,10 @@ class Fitting:
         if too_large(box, self._config):
             self._store.retire(entry)
 
-    def _above(self, points: Float32Array, plane: Plane) -> npt.NDArray[np.bool_]:
+    def _above(self, points: Float32Array, normal: Float64Array, offset: float) -> npt.NDArray[np.bool_]:
         """Tell which points lie above the plane that an object stands on: others are the plane's, or its rim's.
 
         All of them where that leaves too few to tell anything.
         """
-        normal, offset = self._planes.in_world(plane)
         above = np.asarray(points @ normal + offset > self._config.min_height_m)
         return above if np.count_nonzero(above) >= LEAST_READINGS else np.ones(len(points), bool)

@@ -8,6 +8,7 @@ import numpy as np
 
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
+from cuboid.geometry.overlap import pack
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.overlap import BATCH, bound, near
 from cuboid.objects.affinity import Affinity
@@ -101,8 +102,7 @@ class ObjectStore:
         """Let an object have another box."""
         entry.box = box
         if entry.state is not State.RETIRED:
-            row = self.boxes[entry.number]
-            row[:3], row[3:6], row[6:] = box.center, box.size, box.rotation.ravel()
+            self.boxes[entry.number] = pack([box])[0]
             self._changed.add(entry.number // BATCH)
 
     def confirm(self, entry: MapObject) -> None:

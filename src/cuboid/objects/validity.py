@@ -9,13 +9,13 @@ from cuboid.geometry.box import Box
 def fits_object(box: Box, config: TrackerConfig) -> bool:
     """Tell whether a box has the size of an object, as configured."""
     sizes = box.size.tolist()  # of three numbers Python's own make less ado than NumPy
-    shortest, middle, longest = sorted(sizes)
+    shortest, middle, _ = sorted(sizes)
     return bool(
         middle >= config.min_size_m
         # What is thinner, or rises by less than a plane's noise and its own, may be noise.
         and shortest >= config.min_height_m
         and sizes[2] >= 2.0 * config.min_height_m
-        and longest <= config.max_size_m
+        and not too_large(box, config)
     )
 
 

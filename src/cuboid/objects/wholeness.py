@@ -51,7 +51,8 @@ def _floats(entry: MapObject, planes: PlaneTracker) -> bool:
         return False
     beneath = entry.outline[BOTTOM]
     return bool(
-        planes.foot_m(entry.box, plane) > entry.box.size.max() and beneath[FREE] > beneath[SUPPORT] + beneath[CONTACT]
+        entry.box.foot_m(*planes.in_world(plane)) > entry.box.size.max()
+        and beneath[FREE] > beneath[SUPPORT] + beneath[CONTACT]
     )
 
 

@@ -285,11 +285,6 @@ class PlaneTracker:
         assert self.T_plan_world is not None
         return plane.normal @ self.T_plan_world[:3, :3], plane.offset
 
-    def foot_m(self, box: Box, plane: Plane) -> float:
-        """Return how high above a plane the foot of a box is, metres."""
-        normal, offset = self.in_world(plane)
-        return float(normal @ box.center + offset - box.size[2] / 2.0)
-
     def outline_in_world(self, plane: Plane) -> Float64Array:
         """Return the outline (N, 3) of a plane in the world."""
         assert self.T_plan_world is not None

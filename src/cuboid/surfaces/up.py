@@ -9,8 +9,10 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.surfaces.cells import LEAST_CELLS, Cells
-from cuboid.tolerances import ARM_LENGTH_M, DRIFT_RAD, FACE_M2, LEAST_FRAMES, LEAST_READINGS, LITTLE, MOST, SOME
+from cuboid.tolerances import ARM_LENGTH_M, DRIFT_RAD, LEAST_FRAMES, LEAST_READINGS, LITTLE, MOST, SOME
 
+# A flat face of a thing is smaller than this, square metres; one of a room, or of furniture, is larger.
+FACE_M2 = 0.2
 # Normals within this of each other are one direction; a surface is level whose normal is within it of up.
 SAME_COS = float(np.cos(np.radians(12.0)))
 # Directions nearer to one of more area than to what stands upright on it are its noise.
