@@ -27,7 +27,7 @@ FILES = (
 # boxes overlap.
 ELSEWHERE = {
     *("kernels/align.py", "kernels/edges.py", "kernels/registration.py", "kernels/overlap.py"),
-    *("kernels/cubes.py", "kernels/lookup.py"),
+    *("kernels/cubes.py", "kernels/lookup.py", "kernels/levels.py", "heatmap/levels.py"),
     *("heatmap/room.py", "heatmap/shelf.py", "heatmap/stored_points.py", "heatmap/moving_points.py"),
 }
 NO_CHOICE = {

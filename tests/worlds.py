@@ -209,7 +209,7 @@ class Watch:
         assert np.isfinite(voxels.weight(alive)).all()
         for number in numbers:
             assert voxels.rows_of(number).tolist() == alive[owner[alive] == number].tolist()
-        assert not voxels._points.voted[used].any()
+        assert not voxels._points.mark[used].any()
         points = self._tracker.map_points()
         assert len(points.xyz) == len(points.label) == len(alive) == self._tracker.points_known
         assert np.isin(points.label, [0, *(o.label for o in store.confirmed())]).all()

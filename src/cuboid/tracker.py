@@ -14,7 +14,7 @@ from cuboid.config import TrackerConfig
 from cuboid.errors import FrameError
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.geometry.box import Box
-from cuboid.geometry.se3 import inverse
+from cuboid.geometry.se3 import inverse, moved_beyond
 from cuboid.heatmap.anchors import LAST_KEYFRAME
 from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap
@@ -36,7 +36,7 @@ from cuboid.surfaces.cells import PATCH_PIXELS, VOTING_PIXELS, find_cells, with_
 from cuboid.surfaces.clusters import FrameCluster, FrameClusters, frame_clusters, points_of
 from cuboid.surfaces.grid import CELL_M
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import BIAS_M, LITTLE, SAMPLE, STRAYS
+from cuboid.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, LITTLE, SAMPLE, STRAYS
 from cuboid.working import WorkingImage, filled, thin
 
 # A frame is all news of how things stand to each other when the camera has gone round them by this since the last one,
@@ -93,6 +93,7 @@ class Tracker:
         self._begin()
         self._count = 0
         self._place: Float64Array | None = None
+        self._looked_from: Float64Array | None = None
 
     def _begin(self) -> None:
         c = self.config
@@ -126,15 +127,16 @@ class Tracker:
         proposals = every.best(MOST_PROPOSALS)
         watch.lap("proposals")
         solid = filled(image)
-        on_plane, support, planes = self._find_planes(image, solid, T_world_camera, frame.up_camera, anchor)
+        elsewhere = self._is_elsewhere(T_world_camera)
+        on_plane, support, planes = self._find_planes(image, solid, T_world_camera, frame.up_camera, anchor, elsewhere)
         watch.lap("planes")
         candidate = self._candidates(solid, on_plane)
         c = self.config
         weighed = weigh(solid, candidate, proposals, c)
         heat = pixel_heat(solid, weighed)
         watch.lap("heat")
-        slots = self._voxels.fuse(image, heat, T_world_camera, frame.index, anchor)
-        self._voxels.look_through(image, T_camera_world)
+        slots = self._voxels.fuse(image, heat, T_world_camera, frame.index, anchor, elsewhere)
+        self._voxels.look_through(image, T_camera_world, elsewhere)
         watch.lap("fuse")
         in_view = self._map.in_view(image, T_camera_world)
         objects = self._map.limited(in_view)
@@ -148,7 +150,7 @@ class Tracker:
         watch.lap("boxes")
         found = self._map.update(
             frame.index, things, boxes, objects, slots, pixel_owner, known, candidate,
-            self._news(image, T_world_camera), anchor,
+            self._news(image, T_world_camera), elsewhere, anchor,
         )  # fmt: skip
         watch.lap("map")
         sightings = self._sightings(frame.index, image, slots, found, T_camera_world)
@@ -219,20 +221,20 @@ class Tracker:
         T_world_camera: Float64Array,
         up_camera: Float64Array | None,
         keyframe: int,
+        elsewhere: bool,
     ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int64]]:
         """Track the supporting planes; return the ones that pixels lie on, those beneath them, all identities."""
         c, planes = self.config, self._planes
-        cells = find_cells(image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m)
-        if planes.vote_is_due():
-            wide = find_cells(
-                image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m, VOTING_PIXELS
-            )
-            if planes.vote(wide, T_world_camera, up_camera):
-                self._map.stand_anew()
-        if planes.up is not None:
-            level = image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m
-            cells = with_level_patches(cells, planes.up, *level)
-        owner = planes.update(self._count, cells, keyframe)
+        seen_by = image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m
+        if planes.vote_is_due() and planes.vote(find_cells(*seen_by, VOTING_PIXELS), T_world_camera, up_camera):
+            self._map.stand_anew()
+        patches = np.full([n // PATCH_PIXELS for n in image.depth_m.shape], -1, np.int32)
+        look = elsewhere or not planes.known
+        if look:
+            cells = find_cells(*seen_by)
+            if planes.up is not None:
+                cells = with_level_patches(cells, planes.up, *seen_by)
+            patches = planes.update(self._count, cells, keyframe)
         if planes.T_plan_world is None or not planes.planes:
             nowhere = np.full(image.depth_m.shape, -1, np.int32)
             return nowhere, nowhere, np.zeros(0, np.int64)
@@ -240,11 +242,12 @@ class Tracker:
         view = planes.in_view(k, min(c.max_depth_m, float(image.depth_m.max())), T_world_camera)
         stand_on(
             solid.depth_m, np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera,
-            view.in_frame(cells, owner, planes.T_plan_world, T_world_camera), view.numbers, view.ground,
-            view.origin, CELL_M, owner, PATCH_PIXELS, c.depth_noise_per_m, c.min_height_m, BIAS_M,
+            planes.in_camera(view, T_world_camera), view.numbers, view.ground,
+            view.origin, CELL_M, patches, PATCH_PIXELS, c.depth_noise_per_m, c.min_height_m, BIAS_M,
             c.max_depth_m, on_plane, support, view.seen,
         )  # fmt: skip
-        planes.take_in(view, keyframe)
+        if look:
+            planes.take_in(view, keyframe)
         return on_plane, support, view.identities
 
     def _candidates(self, image: WorkingImage, on_plane: npt.NDArray[np.int32]) -> UInt8Array:
@@ -258,6 +261,18 @@ class Tracker:
         if abs(up[0]) <= abs(up[1]):
             return np.array([TOP, BOTTOM, LEFT, RIGHT] if up[1] > 0 else [BOTTOM, TOP, RIGHT, LEFT])
         return np.array([LEFT, RIGHT, TOP, BOTTOM] if up[0] > 0 else [RIGHT, LEFT, BOTTOM, TOP])
+
+    def _is_elsewhere(self, T_world_camera: Float64Array) -> bool:
+        """Tell whether a frame may show more than the last one did for which this was true.
+
+        Where the camera has moved by less than poses err by, the map cannot tell one place from the other: what it
+        has learned from there of planes, of boxes and of empty space it need not learn again.
+        """
+        last = self._looked_from
+        if last is not None and not moved_beyond(last, T_world_camera, DRIFT_M, DRIFT_RAD):
+            return False
+        self._looked_from = T_world_camera
+        return True
 
     def _news(self, image: WorkingImage, T_world_camera: Float64Array) -> float:
         """Return how far a frame shows things from another side than the last one did, 0..1."""
@@ -308,13 +323,15 @@ class Tracker:
 
     def _own_boxes(self, things: FrameClusters, boxes: Sequence[Box], found: Association) -> tuple[Proposal3D, ...]:
         """Return the frame's own boxes, none larger than an object, with the labels of the objects that they are."""
-        place = np.where(found.match >= 0, found.match, found.part)
+        place = np.where(found.match >= 0, found.match, found.part).tolist()
         now = [found.objects[j].whole if j >= 0 else None for j in place]
         labels = [o.label if o is not None and o.confirmed else 0 for o in now]
         return tuple(
-            Proposal3D(label, box, cluster.heat, cluster.rect_xyxy)
-            for label, box, cluster in zip(labels, boxes, things.clusters, strict=True)
-            if not too_large(box, self.config)
+            [
+                Proposal3D(label, box, cluster.heat, cluster.rect_xyxy)
+                for label, box, cluster in zip(labels, boxes, things.clusters, strict=True)
+                if not too_large(box, self.config)
+            ]
         )
 
     @property
@@ -374,7 +391,7 @@ class Tracker:
     def begin_visit(self) -> None:
         """Expect the place at another time: things may have been moved, taken and brought."""
         self._map.begin_visit()
-        self._place = None
+        self._place = self._looked_from = None
 
     def adopt(self, entry: MapObject, old: MapObject) -> None:
         """Let a labelled object be one that was retired: it was moved, and its older label stays."""
@@ -410,18 +427,20 @@ class Tracker:
         label_of = np.zeros(max((o.number for o in self._map.store.living()), default=0) + 1, np.int32)
         for entry in self._map.store.confirmed():
             label_of[entry.number] = entry.label
-        owner = self._voxels.owner[rows]
+        xyz, of = self._voxels.spread(rows)
+        owner = self._voxels.owner[rows[of]]
         return MapPoints(
-            xyz=self._voxels.xyz(rows),
-            rgb=self._voxels.rgb(rows),
-            heat=self._voxels.heat(rows),
+            xyz=xyz,
+            rgb=self._voxels.rgb(rows)[of],
+            heat=self._voxels.heat(rows)[of],
             label=label_of[np.where(owner < len(label_of), owner, 0)],
         )
 
 
 def _usual_depth_m(depth_m: Float32Array) -> float:
-    """Return the median of all readings, 0 where there is none."""
-    known = depth_m[depth_m > 0]
+    """Return the median of readings, one in sixteen: 0 where there is none."""
+    some = depth_m[::4, ::4]
+    known = some[some > 0]
     return quantile(known, 0.5) if len(known) else 0.0
 
 

@@ -120,3 +120,14 @@ def test_interpolation_turns_at_an_even_rate(T0, turn, s):
     expected = T0[:3, :3] @ Rotation.from_rotvec(s * np.asarray(turn)).as_matrix()
     np.testing.assert_allclose(T[:3, :3], expected, atol=1e-9)
     assert se3.is_rigid(T, 1e-9)
+
+
+def test_poses_are_apart_by_distance_or_by_angle() -> None:
+    near = se3.exp(np.array([0.01, -0.02, 0.0, 0.0, 0.0, 0.009]))
+    start = se3.exp(np.array([0.4, 1.0, -0.3, 0.5, -1.2, 0.3]))
+    assert not se3.moved_beyond(start, near @ start, 10.0, 0.01)
+    assert se3.moved_beyond(start, near @ start, 10.0, 0.0085)
+    moved = start.copy()
+    moved[:3, 3] += (0.01, -0.02, 0.02)
+    assert se3.moved_beyond(start, moved, 0.0299, 0.01)
+    assert not se3.moved_beyond(start, moved, 0.0301, 0.01)

@@ -157,6 +157,44 @@ def test_a_hole_is_shared_out_along_the_edge_of_color_and_not_beyond_reach() -> 
     assert (near[:, 15:25] == 0).all()
 
 
+def nearest_by_hand(
+    known: np.ndarray, inverse: np.ndarray, color: np.ndarray, edge: float, reach: float, focal: float
+) -> np.ndarray:
+    """What each hole learns from in one sweep there and one back, pixel by pixel: its source, -1 none."""
+    height, width = known.shape
+    cost = np.where(known, 0.0, np.inf)
+    near, source = np.where(known, inverse, 0.0), np.where(known, np.arange(known.size).reshape(known.shape), -1)
+    places = np.argwhere(~known).tolist()
+    for ahead in (-1, 1):
+        for v, u in places if ahead < 0 else places[::-1]:
+            found = []
+            for dv, du in ((0, ahead), (ahead, -1), (ahead, 0), (ahead, 1)):
+                y, x = v + dv, u + du
+                if 0 <= y < height and 0 <= x < width:
+                    change = np.abs(color[v, u].astype(float) - color[y, x]).sum() / edge
+                    total = cost[y, x] + (1.4 if dv and du else 1.0) + change
+                    if total <= reach * focal * near[y, x]:
+                        found.append((total, y, x))
+            total, y, x = min(found, key=lambda f: f[0], default=(np.inf, v, u))
+            if total < cost[v, u]:
+                cost[v, u], near[v, u], source[v, u] = total, near[y, x], source[y, x]
+    return source
+
+
+def test_holes_are_filled_as_two_sweeps_by_hand_fill_them() -> None:
+    rng = np.random.default_rng(5)
+    for share, step in ((0.2, 1), (0.9, 2), (0.995, 1)):
+        known = rng.random((30, 41)) >= share
+        known[4:9] = False
+        inverse = rng.uniform(0.3, 2.0, known.shape).astype(np.float32)
+        # No two ways cost the same.
+        color = rng.integers(0, 255, (30 * step, 41 * step, 3)).astype(np.uint8)
+        at, source = holes.nearest(known, np.where(known, inverse, 0).astype(np.float32), color, step, 97.3, 0.2, 100.0)
+        np.testing.assert_array_equal(at, np.flatnonzero(~known))
+        truth = nearest_by_hand(known, inverse, color[::step, ::step], 97.3, 0.2, 100.0)
+        assert (source == truth.ravel()[at]).mean() > 0.995
+
+
 def test_segments_are_measured_as_numpy_counts_them() -> None:
     rng = np.random.default_rng(5)
     labels = np.repeat(np.repeat(rng.integers(1, 4, (6, 8)), 4, axis=0), 4, axis=1).astype(np.int16)

@@ -98,6 +98,24 @@ def test_a_point_that_is_seen_through_goes_and_the_surface_behind_stays() -> Non
     assert (z > 1.5).sum() > 100
 
 
+def test_frames_from_one_place_leave_out_what_is_cold_and_look_through_once_for_all() -> None:
+    voxels = VoxelMap(VOXEL, 1e-3, 5.0)
+    near, far = np.full((48, 64), 1.0), np.full((48, 64), 2.0)
+    half = np.zeros((48, 64), np.float32)
+    half[:, :32] = 1.0
+    slots = [voxels.fuse(image_of(near), half, np.eye(4), frame, elsewhere=frame == 0) for frame in range(3)]
+    assert (slots[0][:, 32:] >= 0).mean() == 0.25
+    for some in slots[1:]:
+        assert (some[:, :32] >= 0).all()
+        assert (some[:, 32:] < 0).all()
+    for _ in range(5):
+        voxels.look_through(image_of(far), np.eye(4), elsewhere=False)
+    assert voxels.alive == voxels.count
+    voxels.look_through(image_of(far), np.eye(4))
+    assert voxels.alive < voxels.count / 2
+    assert voxels.looks == 6
+
+
 def test_stray_points_go_also_while_the_map_grows(monkeypatch: pytest.MonkeyPatch) -> None:
     """A large map is looked through in turns; new points at its end must not keep the turn from coming round."""
     monkeypatch.setattr("cuboid.heatmap.voxel_map.LOOK_POINTS", 100)

@@ -6,7 +6,7 @@ import numpy as np
 from made_maps import box_of, grid, map_of, shell
 
 from cuboid.objects.entry import MapObject
-from cuboid.objects.equilibrium import holder_of
+from cuboid.objects.equilibrium import holder_of, standing
 
 UP = np.array([0.0, 0.0, 1.0])
 TABLE = grid((0.0, 0.6), (0.0, 0.4), (-0.01, 0.0))
@@ -66,3 +66,37 @@ def test_a_screen_whose_stand_was_not_seen_is_no_part_of_a_cup_before_it() -> No
 def test_what_touches_nothing_is_held_by_nothing() -> None:
     lamp = grid((0.45, 0.5), (0.15, 0.2), (0.2, 0.3))
     assert holder(TABLE, lamp, POT) == 0
+
+
+# What is seen of a jar on a shelf from before it, 0.6 m above the floor, and the rim of the shelf's board before it.
+JAR = grid((0.3, 0.4), (0.3, 0.35), (0.62, 0.76))
+RIM = grid((0.1, 0.45), (0.22, 0.26), (0.59, 0.62))
+
+
+def stands(*parts: np.ndarray) -> list[bool]:
+    """For each of the parts of a thing above a floor at height 0 whether most of it stands."""
+    own = standing(np.concatenate(parts).astype(np.float32), UP, 0.0, 0.01)
+    told = np.split(own, np.cumsum([len(part) for part in parts])[:-1])
+    return [bool(part.mean() > 0.75) for part in told]
+
+
+def test_the_rim_of_a_shelf_before_a_jar_and_lower_does_not_carry_it() -> None:
+    side = grid((0.43, 0.45), (0.22, 0.26), (0.3, 0.59))[::4]  # of the shelf, beneath its board
+    assert stands(JAR, RIM) == [True, False]
+    assert stands(JAR, RIM, side) == [True, False, False]
+
+
+def test_what_is_beneath_carries_however_wide_it_is() -> None:
+    tray = grid((0.1, 0.6), (0.2, 0.45), (0.59, 0.62))
+    neck = grid((0.33, 0.37), (0.3, 0.34), (0.76, 0.82))
+    assert stands(JAR, tray[(tray[:, 0] > 0.25) & (tray[:, 0] < 0.45)]) == [True, True]
+    assert stands(JAR, neck) == [True, True]
+
+
+def test_what_is_no_wider_is_no_rim() -> None:
+    leaf = grid((0.3, 0.42), (0.24, 0.28), (0.58, 0.61))
+    assert stands(JAR, leaf) == [True, True]
+
+
+def test_what_stands_on_its_plane_keeps_all_of_its_points() -> None:
+    assert stands(JAR - [0.0, 0.0, 0.59], RIM - [0.0, 0.0, 0.59]) == [True, True]

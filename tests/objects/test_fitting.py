@@ -8,7 +8,7 @@ from made_maps import box_of, grid, map_of, shell
 from cuboid.config import TrackerConfig
 from cuboid.geometry.overlap import iou
 from cuboid.objects.boxing import Boxing
-from cuboid.objects.entry import MapObject
+from cuboid.objects.entry import MapObject, State
 from cuboid.objects.fitting import Fitting
 from cuboid.objects.store import ObjectStore
 from cuboid.surfaces.cells import Cells
@@ -33,7 +33,7 @@ def table() -> Cells:
     )
 
 
-def fitted(points: np.ndarray, ground: np.ndarray = NOTHING) -> MapObject:
+def seen(points: np.ndarray, ground: np.ndarray = NOTHING) -> tuple[Fitting, MapObject]:
     """An object of these points that was seen above the table, which has stood for 500 pixels beneath it."""
     planes, voxels, config = PlaneTracker(TrackerConfig()), map_of((points, 1), (ground, 0)), TrackerConfig()
     for frame in range(4):
@@ -42,8 +42,13 @@ def fitted(points: np.ndarray, ground: np.ndarray = NOTHING) -> MapObject:
     store = ObjectStore(voxels)
     entry = store.add(box_of(points), 0)
     entry.sightings, entry.supports = 5, {planes.planes[0].identity: 500}
-    Fitting(config, voxels, planes, store, Boxing(voxels)).fit(entry)
-    assert entry.plane == planes.planes[0].identity
+    return Fitting(config, voxels, planes, store, Boxing(voxels)), entry
+
+
+def fitted(points: np.ndarray, ground: np.ndarray = NOTHING) -> MapObject:
+    fitting, entry = seen(points, ground)
+    fitting.fit(entry)
+    assert entry.plane in (fitting._planes.planes[0].identity, None)
     return entry
 
 
@@ -66,3 +71,28 @@ def test_what_floats_above_its_plane_is_told_anew_by_what_follows_what_it_stands
     standing, floating = fitted(JAR), fitted(JAR + np.array([0.0, 0.0, 0.4]), ground)
     assert standing.supports == {standing.plane: 500}
     assert floating.supports == {floating.plane: 1}
+
+
+def test_what_stands_on_a_shelf_of_which_only_the_rim_was_seen_has_a_box_of_its_own() -> None:
+    jar = JAR + np.array([0.0, 0.0, 0.6])
+    rim = grid((0.1, 0.45), (0.2, 0.24), (0.56, 0.59))
+    entry = fitted(np.concatenate([jar, rim]))
+    assert entry.plane is None, "it stands on what is not known yet"
+    assert (entry.points[:, 2] > 0.59).all()
+    assert iou(entry.box, box_of(jar)) > 0.7
+    assert entry.supports, "the next fit has to know what it does not stand on"
+
+
+def test_a_label_has_its_box_fitted_anew_when_more_was_seen_and_from_one_place_when_as_much_again_was() -> None:
+    fitting, entry = seen(JAR)
+    entry.state, entry.label, fits = State.CONFIRMED, 1, []
+    for sightings in range(1, 12):
+        entry.sightings = sightings
+        fitting.fit_grown([entry.number], elsewhere=False)
+        fits.append(entry.fitted)
+    assert fits == [1, 2, 2, 4, 4, 4, 4, 8, 8, 8, 8]
+    fitting.fit_grown([entry.number], elsewhere=True)
+    assert entry.fitted == 11
+    entry.sightings = 12
+    fitting.fit_grown([entry.number], elsewhere=True)
+    assert entry.fitted == 11

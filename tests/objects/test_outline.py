@@ -9,7 +9,7 @@ import pytest
 
 from cuboid.kernels.outlines import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, KINDS, LEFT, RIGHT, SUPPORT, TOP, UNSURE
 from cuboid.objects.affinity import SURE
-from cuboid.objects.outline import enclosed
+from cuboid.objects.outline import enclosed, ends_above
 from cuboid.objects.outline import told_by as told_by_each
 from cuboid.tolerances import MOST
 
@@ -62,6 +62,14 @@ def test_a_leg_whose_top_is_hidden_or_touches_what_it_bears_does_not_end() -> No
     assert not enclosed(leg), "what goes on was not seen to end, nor was what is hidden"
     leg[TOP, [FREE, CONTACT]] = 16, 0
     assert enclosed(leg)
+
+
+def test_what_always_ends_above_at_another_thing_does_not_end_by_itself() -> None:
+    brim = outline(UNSURE, SUPPORT, FREE, FREE)
+    assert enclosed(brim)
+    assert not ends_above(brim)
+    brim[TOP, FREE] = 11
+    assert ends_above(brim), "a third of its top was seen to end in air"
 
 
 def test_the_border_of_the_picture_may_cut_off_the_left_or_the_right() -> None:

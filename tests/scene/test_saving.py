@@ -14,6 +14,7 @@ from cuboid.config import TrackerConfig
 from cuboid.errors import FrameError
 from cuboid.frame import Frame
 from cuboid.geometry import se3
+from cuboid.heatmap import levels
 from cuboid.outputs.objects import ObjectsFile, write_objects
 from cuboid.results import FrameResult
 from cuboid.scene.database import Writing, open_to_read, open_to_write
@@ -80,7 +81,8 @@ def commit(connection: sqlite3.Connection, state: StateFile) -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_goes_on_from_any_cut(seed: int, tmp_path: Path) -> None:
+def test_goes_on_from_any_cut(seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(levels, "AWAY_LOOKS", 3)
     show, rng = Show(seed), np.random.default_rng(100 + seed)
     whole = show.tracker()
     expected = [told(whole.update(frame)) for frame in show.frames]
@@ -100,8 +102,11 @@ def test_goes_on_from_any_cut(seed: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("scene", [False, True])
-def test_parts_of_the_map_leave_memory_and_come_back(scene: bool, tmp_path: Path) -> None:
+def test_parts_of_the_map_leave_memory_and_come_back(
+    scene: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """No result depends on how much memory there is."""
+    monkeypatch.setattr(levels, "AWAY_LOOKS", 5)
     show = Show(1)
     whole, poor = (
         Tracker(CAMERA, proposals=lambda frame, _: show.proposals[frame.index], memory_mb=most_mb)

@@ -242,3 +242,17 @@ def test_what_reaches_up_to_a_plane_carries_it_and_what_stands_on_it_or_below_do
     assert not lies_on(-0.7, -0.3), "a bin beneath"
     assert not lies_on(-0.7, 0.4), "a lamp"
     assert not lies_on(-0.7, -0.1, x=3.0)
+
+
+def test_planes_that_are_known_well_are_looked_at_anew_when_the_camera_has_moved() -> None:
+    tracker, looks = Tracker(CAMERA), []
+    ways_m = np.concatenate([np.zeros(12), np.linspace(0.0, 0.09, 19)])
+    for k, way_m in enumerate(ways_m):
+        result = tracker.update(frame_of(SCENE, look_at((way_m, -1.3, 0.8), (way_m, 0, 0.05)), k))
+        looks.append(max(plane.frames for plane in tracker._planes.planes))
+    # Each frame until a plane is known well, then one in 30 mm: three in 90.
+    assert looks[:8] == list(range(1, 9))
+    assert looks[11] == 8
+    assert looks[-1] in {10, 11}
+    assert len(tracker.planes) >= 1
+    assert len(result.sightings) >= 1

@@ -82,7 +82,8 @@ def fit_boxes(points: Float64Array, counts: Sequence[int], planes: Sequence[Rest
     offsets = np.array([math.nan if offset is None else offset for _, offset in planes])
     rows = np.empty((len(counts), 15))
     kernel.fit_each(points, first, normals, offsets, share, DIRECTIONS, ARC_SOLVERS, rows)
-    return [_box(row) for row in rows]
+    turned = rows[:, 6:].reshape(-1, 3, 3)
+    return [Box(*parts) for parts in zip(rows[:, :3], rows[:, 3:6], turned, strict=True)]
 
 
 def box_within(

@@ -117,6 +117,13 @@ def compose(quat_wxyz: npt.ArrayLike, translation: npt.ArrayLike) -> Float64Arra
     return T
 
 
+def moved_beyond(T_one: Float64Array, T_other: Float64Array, distance_m: float, angle_rad: float) -> bool:
+    """Tell whether two poses are farther apart than a distance, or turned by more than an angle (below pi)."""
+    step, R = T_other[:3, 3] - T_one[:3, 3], T_one[:3, :3] * T_other[:3, :3]
+    # The trace of the rotation between the two is 1 + 2 cos(angle).
+    return float(step @ step) > distance_m**2 or float(R.sum()) < 1.0 + 2.0 * math.cos(angle_rad)
+
+
 def inverse(T_a_b: npt.ArrayLike) -> Float64Array:
     """Return T_b_a (4, 4), the inverse of the rigid T_a_b (4, 4)."""
     T = np.asarray(T_a_b, np.float64)

@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.heatmap.anchors import of_each
-from cuboid.heatmap.stored_points import Rows, StoredPoints
+from cuboid.heatmap.levels import LevelledPoints
+from cuboid.heatmap.stored_points import Rows
 from cuboid.kernels import carrying as kernel
 from cuboid.kernels import cubes as kernel_cubes
 from cuboid.kernels import lookup
@@ -20,7 +21,7 @@ from cuboid.kernels.cubes import BLOCK_BITS, columns_of
 LEAST_DESERTED = 64
 
 
-class MovingPoints(StoredPoints):
+class MovingPoints(LevelledPoints):
     """Points that move with the keyframes that they hang on; see `Anchors`."""
 
     def carry(self, moved: Mapping[int, Float64Array]) -> None:
@@ -89,12 +90,15 @@ class MovingPoints(StoredPoints):
         kernel.settle(keys, columns, now, self._cubes, self._points, rows)
         self._ready[begun : self.blocks] = self._visit
         rows = rows[rows >= 0]
+        cubes = self._cubes.cube_of[rows >> BLOCK_BITS]
         self._blocks.give_rows(self.owner[rows], rows >> BLOCK_BITS)
-        for number, some in of_each(self._points.anchor[rows], self._cubes.cube_of[rows >> BLOCK_BITS]):
+        for number, some in of_each(self._points.anchor[rows], cubes):
             self._anchors.has_points_in(number, some)
+        self._opened(np.unique(cubes).astype(np.int64))
 
     def settle_all(self) -> None:
         """Let all points move as they owe, and put all down anew, without cubes that hold nothing."""
+        self._bring_all()
         rows = self.living()
         taken, keys = self._room.rows[rows], self._cubes.key[self._cubes.cube_of[rows >> BLOCK_BITS]]
         columns, to = columns_of(taken), np.empty(len(keys), np.int64)

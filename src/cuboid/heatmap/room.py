@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.kernels.cubes import BLOCK_ROWS, LEAST_BITS, ROW, TABLE_BITS, Cubes, Points, columns_of, empty_cubes
+from cuboid.kernels.cubes import BLOCK_ROWS, ROW, TABLE_BITS, Cubes, Points, columns_of, empty_cubes
 
 # Blocks of rows that there is room for, at most and at least; what cannot be reserved is halved.
 MOST_BLOCKS, LEAST_BLOCKS = 1 << 18, 1 << 8
@@ -64,16 +64,28 @@ class Room:
         """Give the memory of a cube back."""
         for block in self.blocks_of(cube):
             _give_back(self._rows, block * BLOCK_BYTES, BLOCK_BYTES)
-        table = 2 << int(self.cubes.bits[cube])
-        _give_back(self._index, cube << (TABLE_BITS + 1), table)
-        self.cubes.bits[cube] = 0
+        if self.cubes.bits[cube]:
+            _give_back(self._index, cube << (TABLE_BITS + 1), 2 << int(self.cubes.bits[cube]))
+            self.cubes.bits[cube] = 0
+
+    def shrink(self, cube: int, before: int) -> None:
+        """Give the memory of a cube's table back, and of the rows that it had before and has no longer: zeros."""
+        for block in self.blocks_of(cube):
+            used = -(-self.rows_in(block) * ROW.itemsize // mmap.PAGESIZE) * mmap.PAGESIZE
+            had = min(max(before - int(self.cubes.turn[block]) * BLOCK_ROWS, 0), BLOCK_ROWS) * ROW.itemsize
+            if used < had:
+                _give_back(self._rows, block * BLOCK_BYTES + used, BLOCK_BYTES - used)
+        if self.cubes.bits[cube]:
+            _give_back(self._index, cube << (TABLE_BITS + 1), 2 << int(self.cubes.bits[cube]))
+            self.cubes.bits[cube] = 0
 
     def bytes_of(self, cubes: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """Return the memory that cubes (N,) take when they are in memory: pages of rows, and their tables."""
         held = self.cubes.rows[cubes].astype(np.int64)
         whole, rest = held // BLOCK_ROWS, held % BLOCK_ROWS
         rows = whole * BLOCK_BYTES + -(-rest * ROW.itemsize // mmap.PAGESIZE) * mmap.PAGESIZE
-        return np.asarray(rows + (2 << np.maximum(self.cubes.bits[cubes], LEAST_BITS).astype(np.int64)))
+        bits = self.cubes.bits[cubes].astype(np.int64)
+        return np.asarray(rows + np.where(bits > 0, 2 << bits, 0))
 
 
 def resident_mb() -> float | None:

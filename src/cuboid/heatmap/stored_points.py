@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,9 @@ from cuboid.heatmap.room import Room, resident_mb
 from cuboid.heatmap.row_blocks import RowBlocks
 from cuboid.heatmap.shelf import Shelf, TemporaryShelf
 from cuboid.kernels import cubes as kernel_cubes
-from cuboid.kernels import owners
+from cuboid.kernels import levels, owners
 from cuboid.kernels import voxels as kernel
-from cuboid.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, CUBE_BITS, ROW, keys_of
+from cuboid.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, CUBE_BITS, MOST_BLOCKS, ROW, Points, columns_of, keys_of
 
 Rows = npt.NDArray[np.int64]
 
@@ -50,6 +51,9 @@ class StoredPoints:
         self.memory_mb = memory_mb
         self.before_visit: Callable[[Rows], None] | None = None
         self._visit, self._most_hits = 0, 0
+        # How many looks there were; and the cubes (N, 2) of which each voxel has a row of its own since somebody looked
+        # there, with that look, those first at which nobody has looked for longest.
+        self._looks, self._open = 0, np.zeros((0, 2), np.int64)
         self._blocks, self._anchors = RowBlocks(), Anchors()
         self._begin(TemporaryShelf())
 
@@ -58,7 +62,9 @@ class StoredPoints:
         self._points, self._cubes = self._room.points, self._room.cubes._replace(owes=self._anchors.owes)
         self._seen = np.zeros(len(self._cubes.key), np.int64)
         self._marks = np.zeros(len(self._cubes.key), bool)
-        # Of each cube, the last look that had it in view; of each block, the visit that it was made ready for.
+        # Of each cube, whether its rows are in memory, but no table that leads to them; the last look that had it in
+        # view; of each block, the visit that it was made ready for.
+        self._bare = np.zeros(len(self._cubes.key), bool)
         self._last_look = np.zeros(len(self._cubes.key), np.int32)
         self._ready = np.zeros(len(self._cubes.cube_of), np.uint16)
 
@@ -98,7 +104,7 @@ class StoredPoints:
     def copies(self, blocks: Rows) -> list[tuple[int, int, npt.NDArray[Any]]]:
         """Return of each block (N,) the key of its cube, the visit that it is ready for, and a copy of its rows."""
         cubes = self._cubes.cube_of[blocks].astype(np.int64)
-        self._bring(cubes)
+        self._bring_rows(cubes)
         keys, visits = self._cubes.key[cubes].tolist(), self._ready[blocks].tolist()
         # As bytes: NumPy copies records field by field.
         copied = self._room.rows.view(np.uint8).reshape(-1, BLOCK_ROWS * ROW.itemsize)[blocks].view(ROW)
@@ -134,7 +140,7 @@ class StoredPoints:
 
     def _begin_anew(self) -> None:
         self._begin(self._shelf if not isinstance(self._shelf, TemporaryShelf) else TemporaryShelf())
-        self._blocks = RowBlocks()
+        self._blocks, self._open = RowBlocks(), self._open[:0]
 
     def put_on(self, shelf: Shelf) -> None:
         """Put what leaves memory from now on elsewhere; all is in memory yet."""
@@ -171,7 +177,7 @@ class StoredPoints:
         """
         self._most_hits = most_hits
         self._visit += 1
-        self._ready_for_visit(np.flatnonzero(self._cubes.bits[: self._cubes.used[0]]))
+        self._ready_for_visit(np.flatnonzero(self._in_memory()))
 
     def _ready_for_visit(self, cubes: Rows) -> None:
         all_of = (block for cube in cubes.tolist() for block in self._room.blocks_of(cube))
@@ -201,19 +207,45 @@ class StoredPoints:
         kernel_cubes.cubes_at(keys, self._cubes, cubes)
         return np.asarray((cubes >= 0) & seen[np.maximum(cubes, 0)]) if used else np.zeros(len(keys), bool)
 
-    def _bring(self, cubes: Rows) -> None:
-        """Have cubes (N,) in memory."""
-        if self._cubes.bits[cubes].all():
+    def _in_memory(self) -> npt.NDArray[np.bool_]:
+        """Tell of each cube whether its rows are in memory."""
+        used = int(self._cubes.used[0])
+        return np.asarray((self._cubes.bits[:used] > 0) | self._bare[:used])
+
+    def _bring_rows(self, cubes: Rows) -> None:
+        """Have the rows of cubes (N,) in memory, as they are: some may stand for several voxels."""
+        away = cubes[(self._cubes.bits[cubes] == 0) & ~self._bare[cubes]]
+        if not len(away):
             return
-        away = np.unique(cubes[self._cubes.bits[cubes] == 0])
+        away = np.unique(away)
         blocks = [(block, self._room.rows_in(block)) for cube in away for block in self._room.blocks_of(cube)]
         blocks = [(block, count) for block, count in blocks if count]
         found = self._shelf.get([block for block, _ in blocks], [count for _, count in blocks])
         for (block, _), rows in zip(blocks, found, strict=True):
             self._room.block(block)[:] = rows
-        for cube in away:
-            kernel_cubes.fill_index(cube, self._cubes, self._points)
+        self._bare[away] = True
         self._ready_for_visit(away)
+
+    def _bring(self, cubes: Rows) -> None:
+        """Have cubes (N,) in memory, with a row of its own for each voxel, and tables that lead to these."""
+        if self._cubes.bits[cubes].all():
+            return
+        bare = np.unique(cubes[self._cubes.bits[cubes] == 0])
+        self._bring_rows(bare)
+        begun, parted = self.blocks, np.empty(len(bare), bool)
+        levels.part(bare, self._cubes, words_of(self._room.rows), self._points, *rows_of_a_cube(), parted)
+        self._ready[begun : self.blocks] = self._visit
+        self._bare[bare] = False
+        self._opened(bare[parted])
+
+    def _opened(self, cubes: Rows) -> None:
+        """Tell that somebody looks at some cubes (N,), each named once."""
+        self._marks[cubes] = True
+        others = self._open[~self._marks[self._open[:, 0]]]
+        self._marks[cubes] = False
+        now = np.empty((len(cubes), 2), np.int64)
+        now[:, 0], now[:, 1] = cubes, self._looks
+        self._open = np.concatenate([others, now])
 
     def _bring_all(self) -> None:
         self._bring(np.arange(self._cubes.used[0]))
@@ -223,8 +255,7 @@ class StoredPoints:
         held = resident_mb() if self.memory_mb < float("inf") else None
         if held is None or held <= self.memory_mb:
             return
-        cubes = self._cubes
-        there = cubes.bits[: cubes.used[0]] > 0
+        cubes, there = self._cubes, self._in_memory()
         if keep is not None:
             there[keep] = False
         waiting = np.flatnonzero(there)
@@ -237,6 +268,7 @@ class StoredPoints:
             for block in self._room.blocks_of(cube):
                 self._shelf.put(block, self._room.block(block))
             self._room.let_go(cube)
+            self._bare[cube] = False
 
     def _pack(self, cubes: Rows) -> None:
         """Pack those of some cubes that have many dead rows."""
@@ -271,13 +303,13 @@ class StoredPoints:
     def nbytes(self) -> int:
         """Memory of the points that are in it, and of the tables that find them, bytes."""
         used = int(self._cubes.used[0])
-        held = np.flatnonzero(self._cubes.bits[:used])
+        held = np.flatnonzero(self._in_memory())
         places = sum(column[:1].nbytes for column in self._cubes if column.ndim == 2 or column is self._cubes.key)
         return int(self._room.bytes_of(held).sum()) + used * places
 
     def living(self) -> Rows:
-        """Return the rows of all points."""
-        self._bring_all()
+        """Return the rows of all points; some may stand for several voxels each."""
+        self._bring_rows(np.arange(self._cubes.used[0]))
         rows = np.flatnonzero(self._points.weight[BLOCK_ROWS : self.blocks * BLOCK_ROWS] > 0)
         return np.asarray(rows + BLOCK_ROWS)
 
@@ -303,7 +335,7 @@ class StoredPoints:
     def _blocks_of(self, number: int) -> Rows:
         """Have the blocks in memory that may hold rows of an object, and return them, ascending."""
         blocks = self._blocks.of(number)
-        self._bring(self._cubes.cube_of[blocks].astype(np.int64))
+        self._bring_rows(self._cubes.cube_of[blocks].astype(np.int64))
         return blocks
 
     def _all_of(self, number: int) -> Rows:
@@ -325,5 +357,17 @@ class StoredPoints:
             return
         blocks, gone = self._blocks.release(numbers), np.zeros(max(numbers) + 1, bool)
         gone[list(numbers)] = True
-        self._bring(self._cubes.cube_of[blocks].astype(np.int64))
+        self._bring_rows(self._cubes.cube_of[blocks].astype(np.int64))
         owners.release(gone, blocks, BLOCK_ROWS, self.owner, self._points.confidence, self._cubes.changed)
+
+
+def words_of(rows: npt.NDArray[Any]) -> npt.NDArray[np.uint32]:
+    """Return rows (N,) of type ROW as words (N, W): a view."""
+    return rows.view(np.uint32).reshape(-1, ROW.itemsize // 4)
+
+
+@cache
+def rows_of_a_cube() -> tuple[npt.NDArray[np.uint32], Points]:
+    """Return room for as many rows as a cube may have, as words and as columns: rows go through it."""
+    rows = np.empty(MOST_BLOCKS * BLOCK_ROWS, ROW)
+    return words_of(rows), columns_of(rows)

@@ -48,8 +48,10 @@ class VoxelMap(MovingPoints):
         super().__init__(voxel_m, memory_mb)
         self.noise_per_m = noise_per_m
         self._max_depth_m = max_depth_m
-        # How many looks there were, and the cube that the next one begins with.
-        self._looks = self._next_look = 0
+        # The cube that the next look begins with.
+        self._next_look = 0
+        # Frames since the last one, and how many frames were fused with what is cold in them.
+        self._waiting = self._whole = 0
 
     @property
     def looks(self) -> int:
@@ -75,7 +77,13 @@ class VoxelMap(MovingPoints):
         self._settle_in(np.column_stack([normals @ R, normals @ t + beyond]))
 
     def fuse(
-        self, image: WorkingImage, heat: Float32Array, T_world_camera: Float64Array, frame: int, anchor: int = 0
+        self,
+        image: WorkingImage,
+        heat: Float32Array,
+        T_world_camera: Float64Array,
+        frame: int,
+        anchor: int = 0,
+        elsewhere: bool = True,
     ) -> npt.NDArray[np.int32]:
         """Fuse a frame: points that match a point of the map are averaged with it, others are added.
 
@@ -87,6 +95,9 @@ class VoxelMap(MovingPoints):
         frame : int
         anchor : int
             Keyframe that the frame hangs on: its points move with it; see `carry`.
+        elsewhere : bool
+            Whether the frame shows more than the last one for which this was true: else what is cold, walls and floors,
+            is left out.
 
         Returns
         -------
@@ -100,18 +111,30 @@ class VoxelMap(MovingPoints):
         self.relieve(seen)
         self._bring(seen)
         self._pack(seen)
+        used = int(self._cubes.used[0])
         begun, slots, hangs = self.blocks, np.empty(heat.shape, np.int32), self._anchors.hang(anchor)
+        if self._first_frame is None:
+            self._first_frame = frame
         kernel.fuse(
             image.depth_m, image.color, heat, _pinhole(image), np.ascontiguousarray(T_world_camera), self.voxel_m,
-            self._max_depth_m, frame, hangs, self._cubes, self._points, slots,
+            self._max_depth_m, frame, self._whole if elsewhere else -1, hangs, self._cubes, self._points, slots,
         )  # fmt: skip
+        self._whole += elsewhere
         self._ready[begun : self.blocks] = self._visit
         count = lookup.touched(slots, self._cubes.cube_of, self._marks, self._seen)
         self._anchors.has_points_in(hangs, self._seen[:count])
+        self._look_elsewhere(np.concatenate([seen, np.arange(used, self._cubes.used[0])]))
         return slots
 
-    def look_through(self, image: WorkingImage, T_camera_world: Float64Array) -> None:
-        """Count the points that this frame sees through, and remove those that are passed more often than hit."""
+    def look_through(self, image: WorkingImage, T_camera_world: Float64Array, elsewhere: bool = True) -> None:
+        """Count the points that this frame sees through, and remove those that are passed more often than hit.
+
+        From where the last look was (not `elsewhere`) a frame sees through the same: the next look stands for it too.
+        """
+        self._looks += 1
+        self._waiting += 1
+        if not elsewhere:
+            return
         seen = self._in_view(image, T_camera_world)
         self._bring(seen)
         in_turn = np.concatenate([seen[seen >= self._next_look], seen[seen < self._next_look]])
@@ -121,10 +144,10 @@ class VoxelMap(MovingPoints):
         self._next_look = int(now[-1]) + 1 if len(now) < len(in_turn) else 0
         kernel.see_through(
             now, image.depth_m, _pinhole(image),
-            np.ascontiguousarray(T_camera_world), self.noise_per_m, 2 * self.voxel_m, turns,
+            np.ascontiguousarray(T_camera_world), self.noise_per_m, 2 * self.voxel_m, turns * self._waiting,
             self.voxel_m, self._cubes, self._points,
         )  # fmt: skip
-        self._looks += 1
+        self._waiting = 0
 
     def solid_rows_of(self, number: int, hot: float, votes: int) -> Rows:
         """Return the rows of an object, ascending, that are hot and whose votes bear it out.
@@ -154,7 +177,7 @@ class VoxelMap(MovingPoints):
         """Let a frame's shares vote for whom their voxels belong to; see `kernels.claims.vote`."""
         kernel_claims.vote(
             claim, number_of, place, allowed, candidate, slots, self.hits, MOST_VOTES, self.owner,
-            self._points.confidence, self._points.voted,
+            self._points.confidence, self._points.mark,
         )  # fmt: skip
         # Blocks of an object's rows: a row that the vote did not give it does no harm there.
         pairs = np.empty(claim.size, np.int64)
@@ -205,12 +228,6 @@ class VoxelMap(MovingPoints):
         """Return the owner of what was seen more than once at places (N, 3) of the world, -1 where nothing was."""
         rows = self.rows_at(points)
         return np.where((rows >= 0) & (self.hits[rows] > 1), self.owner[rows], -1).astype(np.int32)
-
-    def xyz(self, rows: Rows) -> Float32Array:
-        """Return world points (N, 3) of these rows."""
-        xyz = np.empty((len(rows), 3), np.float32)
-        lookup.places(rows, self.voxel_m, self._cubes, self._points, self._anchors.motions, xyz)
-        return xyz
 
     def rgb(self, rows: Rows) -> UInt8Array:
         """Return colors (N, 3) of these rows."""

@@ -164,7 +164,7 @@ def enter(row, i, anchor, taken, points):
         points.place[row, k] = taken.place[i, k]
         points.color[row, k] = taken.color[i, k]
     points.heat[row], points.hits[row], points.passes[row] = taken.heat[i], taken.hits[i], taken.passes[i]
-    points.anchor[row], points.confidence[row], points.voted[row] = anchor, taken.confidence[i], 0
+    points.anchor[row], points.confidence[row], points.mark[row] = anchor, taken.confidence[i], 0
 
 
 @njit(cache=True, nogil=True)

@@ -55,15 +55,17 @@ class Points(NamedTuple):
     passes: npt.NDArray[np.uint16]
     # What it hangs on: a keyframe, as of some moment; see `heatmap.anchors`.
     anchor: npt.NDArray[np.uint16]
-    # Votes that the owner is ahead of all others; and a mark of those that voted, between two frames 0.
+    # Votes that the owner is ahead of all others.
     confidence: npt.NDArray[np.uint8]
-    voted: npt.NDArray[np.uint8]
+    # Which of the eight voxels of its cell a row stands for, as bits, where it stands for several: see
+    # `kernels.levels`. While votes are counted, a mark of those that voted.
+    mark: npt.NDArray[np.uint8]
 
 
 ROW = np.dtype(
     [("weight", "<f4"), ("owner", "<i4"), ("last_frame", "<i4"), ("voxel", "<u2"), ("place", "<u2", 3),
      ("color", "<u2", 3), ("heat", "<u2"), ("hits", "<u2"), ("passes", "<u2"), ("anchor", "<u2"), ("confidence", "u1"),
-     ("voted", "u1")]
+     ("mark", "u1")]
 )  # fmt: skip
 
 
@@ -79,7 +81,8 @@ class Cubes(NamedTuple):
     blocks: npt.NDArray[np.int32]
     rows: npt.NDArray[np.int32]
     dead: npt.NDArray[np.int32]
-    # Places of its own table that are in use, as bits of their number; 0: it is not in memory.
+    # Places of its own table that are in use, as bits of their number; 0: there is none. Then it is not in memory, or
+    # rows of it stand for several voxels.
     bits: npt.NDArray[np.uint8]
     # The tables of all (C << TABLE_BITS,).
     tables: npt.NDArray[np.uint16]
@@ -221,19 +224,27 @@ def fill_index(cube, cubes, points):
 
 
 @njit(cache=True, nogil=True)
-def add_row(cube, voxel, place, anchor, cubes, points):
-    """Return a new row of a voxel, whose place in the table is known; -1 where there is no room for one more."""
-    k = np.int64(cubes.rows[cube])
+def add_block(cube, k, cubes):
+    """Have the block that a cube's row k lies in, where those before it are there; tell whether there is room."""
     if k >= MOST_BLOCKS << BLOCK_BITS:
-        return np.int64(-1)
+        return False
     if k & (BLOCK_ROWS - 1) == 0 and cubes.blocks[cube, k >> BLOCK_BITS] == 0:
         block = cubes.used[1]
         if block >= cubes.turn.size - 1:
-            return np.int64(-1)
+            return False
         cubes.used[1] += 1
         cubes.blocks[cube, k >> BLOCK_BITS] = block
         cubes.cube_of[block] = cube
         cubes.turn[block] = k >> BLOCK_BITS
+    return True
+
+
+@njit(cache=True, nogil=True)
+def add_row(cube, voxel, place, anchor, cubes, points):
+    """Return a new row of a voxel, whose place in the table is known; -1 where there is no room for one more."""
+    k = np.int64(cubes.rows[cube])
+    if not add_block(cube, k, cubes):
+        return np.int64(-1)
     row = row_of(cube, k, cubes.blocks)
     points.voxel[row], points.anchor[row] = voxel, anchor
     cubes.rows[cube] += 1

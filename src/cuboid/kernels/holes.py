@@ -101,59 +101,105 @@ def nearest(known, inverse, color, step, edge, reach, focal):
     wide = width + 2
     shape = (height + 2) * wide
     cost, near = np.full(shape, np.float32(np.inf)), np.zeros(shape, np.float32)
-    shade, source = np.zeros((shape, 4), np.uint8), np.full(shape, np.int32(-1))
-    holes, places, count = np.empty(known.size, np.int32), np.empty(known.size, np.int32), 0
+    shade, source = np.zeros((3, shape), np.uint8), np.full(shape, np.int32(-1))
+    # Holes come in runs along a row, thirty pixels long: where each begins and ends.
+    runs, count = np.empty((height * (width // 2 + 1), 2), np.int32), 0
     for v in range(height):
-        first, read = (v + 1) * wide + 1, known[v]
+        first, read, given, seen = (v + 1) * wide + 1, known[v], inverse[v], color[v * step]
         row = slice(first, first + width)
-        costs, nears, sources, shades = cost[row], near[row], source[row], shade[row]
-        given, seen = inverse[v], color[v * step]
+        costs, nears, sources = cost[row], near[row], source[row]
+        red, green, blue = shade[0, row], shade[1, row], shade[2, row]
         for u in range(width):
             costs[u] = np.float32(0.0) if read[u] else np.float32(np.inf)
+        for u in range(width):
             nears[u] = given[u] if read[u] else np.float32(0.0)
+        for u in range(width):
             sources[u] = v * width + u if read[u] else -1
         for u in range(width):
-            holes[count], places[count] = v * width + u, first + u
-            count += not read[u]
-        for u in range(width):
-            shades[u, 0], shades[u, 1], shades[u, 2] = seen[u * step, 0], seen[u * step, 1], seen[u * step, 2]
-    places = places[:count]
+            red[u], green[u], blue[u] = seen[u * step, 0], seen[u * step, 1], seen[u * step, 2]
+        u = 0
+        while u < width:
+            if read[u]:
+                u += 1
+                continue
+            runs[count, 0] = first + u
+            while u < width and not read[u]:
+                u += 1
+            runs[count, 1] = first + u
+            count += 1
+    runs = runs[:count]
     per_level, reach_px = np.float32(1.0 / edge), np.float32(reach) * np.float32(focal)
+    change = changes(shade, wide)
     for ahead in (-1, 1):
-        sweep(places, ahead, wide, shade, per_level, reach_px, cost, near, source)
-    return holes[:count], source[places]
+        sweep(runs, ahead, wide, change, per_level, reach_px, cost, near, source)
+    holes, sources, count = np.empty(known.size, np.int32), np.empty(known.size, np.int32), 0
+    for begin, end in runs:
+        # Of a row with its margin, and of the image without.
+        apart = width + 3 + 2 * (begin // wide - 1)
+        for place in range(begin, end):
+            holes[count], sources[count] = place - apart, source[place]
+            count += 1
+    return holes[:count], sources[:count]
 
 
 @njit(cache=True, nogil=True)
-def sweep(places, ahead, wide, shade, per_level, reach_px, cost, near, source):
-    """Let each place (N,) of the image with its margin learn from the neighbours that come before it.
+def changes(shade, wide):
+    """Return how much color changes (4, N) from each place to the next one, and to the three in the row after.
+
+    `shade` (3, N) uint8 are the channels of an image with its margin, rows `wide` pixels long.
+    """
+    red, green, blue = shade[0], shade[1], shade[2]
+    size = red.size
+    change = np.zeros((4, size), np.uint16)
+    for k in range(4):
+        on = 1 if k == 0 else wide + k - 2
+        out, r, g, b = change[k], red[on:], green[on:], blue[on:]
+        # Without a branch: so one instruction takes several pixels.
+        for i in range(size - on):
+            total = abs(np.int16(red[i]) - np.int16(r[i])) + abs(np.int16(green[i]) - np.int16(g[i]))
+            out[i] = total + abs(np.int16(blue[i]) - np.int16(b[i]))
+    return change
+
+
+@njit(cache=True, nogil=True)
+def sweep(runs, ahead, wide, change, per_level, reach_px, cost, near, source):
+    """Let each place in runs (N, 2) of the image with its margin learn from the neighbours that come before it.
 
     `ahead` is -1 where these have the lower places, and 1 where all goes the other way; `reach_px` is the reach in
     pixels at a metre. See `nearest`.
     """
-    for i in range(places.size):
-        place = np.int64(places[i if ahead < 0 else places.size - 1 - i])
-        # Unsigned: no index from the end.
-        here, left, above = np.uintp(place), np.uintp(place + ahead), np.uintp(place + ahead * wide)
-        own = np.float64(cost[here])
-        best, found = own, here
-        # The one beside last, though it goes before the others where both cost the same: it was known last, and what
-        # the others cost is found out meanwhile.
-        for k in range(3):
-            there = np.uintp(np.int64(above) + k - 1)
-            total = by_way_of(there, 1.0 if k == 1 else 1.4, here, shade, per_level, reach_px, cost, near)
-            found, best = (there, total) if total < best else (found, best)
-        total = by_way_of(left, 1.0, here, shade, per_level, reach_px, cost, near)
-        beside = (total < own) & (total <= best)
-        found, best = (left, total) if beside else (found, best)
-        cost[here], near[here], source[here] = best, near[found], source[found]
+    beside, back, up, forth = change[0], change[1], change[2], change[3]
+    for i in range(len(runs)):
+        begin, end = runs[i if ahead < 0 else len(runs) - 1 - i]
+        start = np.int64(begin if ahead < 0 else end - 1)
+        left = np.uintp(start + ahead)
+        least, depth, origin = cost[left], near[left], source[left]
+        for j in range(end - begin):
+            place = start - ahead * j
+            # Unsigned: no index from the end.
+            here, over = np.uintp(place), np.uintp(place + ahead * wide)
+            one, other = np.uintp(place + ahead * wide - 1), np.uintp(place + ahead * wide + 1)
+            own = cost[here]
+            # Where color changes from the one to the other is told at the lower of the two places.
+            a, b, c = (forth[one], up[over], back[other]) if ahead < 0 else (back[here], up[here], forth[here])
+            side = beside[np.uintp(place - 1)] if ahead < 0 else beside[here]
+            best, found = own, here
+            total = by_way_of(cost[one], np.float32(1.4), a, per_level, reach_px, near[one])
+            best, found = (total, one) if total < best else (best, found)
+            total = by_way_of(cost[over], np.float32(1.0), b, per_level, reach_px, near[over])
+            best, found = (total, over) if total < best else (best, found)
+            total = by_way_of(cost[other], np.float32(1.4), c, per_level, reach_px, near[other])
+            best, found = (total, other) if total < best else (best, found)
+            # The one beside last, though it goes before the others where both cost the same: it was known last.
+            total = by_way_of(least, np.float32(1.0), side, per_level, reach_px, depth)
+            closer = (total < own) & (total <= best)
+            least = total if closer else best
+            depth, origin = depth if closer else near[found], origin if closer else source[found]
+            cost[here], near[here], source[here] = least, depth, origin
 
 
 @njit(cache=True, nogil=True, inline="always")
-def by_way_of(there, step, here, shade, per_level, reach_px, cost, near):
+def by_way_of(cost, step, change, per_level, reach_px, near):
     """Return what a place costs by way of a neighbour, a step away; infinity beyond the reach. See `sweep`."""
-    change = abs(np.int32(shade[here, 0]) - np.int32(shade[there, 0]))
-    change += abs(np.int32(shade[here, 1]) - np.int32(shade[there, 1]))
-    change += abs(np.int32(shade[here, 2]) - np.int32(shade[there, 2]))
-    total = cost[there] + step + change * per_level
-    return total if total <= reach_px * near[there] else np.inf
+    total = cost + (step + np.float32(change) * per_level)
+    return total if total <= reach_px * near else np.float32(np.inf)

@@ -17,6 +17,7 @@ from cuboid.kernels.cubes import (
     pack_key,
     voxel_in,
 )
+from cuboid.kernels.levels import layer_place, voxel_of
 
 
 @njit(cache=True, nogil=True)
@@ -85,16 +86,22 @@ def seen_around(ground, axes, reach, least, voxel_m, cubes, voxels, weights, see
 
 
 @njit(cache=True, nogil=True)
-def places(rows, voxel_m, cubes, points, motions, xyz):
+def places(rows, eighths, voxel_m, cubes, points, motions, xyz):
     """Write where in the world the points of rows (N,) are to `xyz` (N, 3) float32.
 
-    Those that owe a motion, `motions` (ANCHORS, 3, 4) by anchor, are where that carries them.
+    Those that owe a motion, `motions` (ANCHORS, 3, 4) by anchor, are where that carries them. Of rows that stand for
+    several voxels it is the point of one of these, `eighths` (N,).
     """
-    mask = CUBE_SIDE - 1
+    mask, place = CUBE_SIDE - 1, np.empty(3, np.int64)
     for i in range(rows.size):
-        row = rows[i]
+        row, eighth = rows[i], np.int64(eighths[i])
         x, y, z = corner(cubes.key[cubes.cube_of[row >> BLOCK_BITS]])
-        voxel, place = np.int64(points.voxel[row]), points.place[row]
+        voxel = np.int64(points.voxel[row])
+        place[0], place[1], place[2] = points.place[row, 0], points.place[row, 1], points.place[row, 2]
+        if points.mark[row] > 0:
+            voxel = voxel_of(voxel, eighth)
+            for k in range(3):
+                place[k] = layer_place(place[k], (eighth >> (2 - k)) & 1)
         px = (x + (voxel >> (2 * CUBE_BITS)) + (place[0] + 0.5) / PLACES) * voxel_m
         py = (y + ((voxel >> CUBE_BITS) & mask) + (place[1] + 0.5) / PLACES) * voxel_m
         pz = (z + (voxel & mask) + (place[2] + 0.5) / PLACES) * voxel_m

@@ -212,39 +212,58 @@ def classify(
                 u, v, w = seen_at(cell, camera)
                 off[r, q] = w - planes[p, 0] * u - planes[p, 1] * v - planes[p, 2]
     tell_far(depth, max_depth, inverse, kind, on)
-    across_x, across_y = (np.arange(width) - camera[2]) / camera[0], (np.arange(height) - camera[3]) / camera[1]
-    bow, weight = np.empty(count), np.empty(count)
-    for r in range((height + size - 1) // size):
-        for q in range((width + size - 1) // size):
-            bow_at(r, q, reach, member, off, bow, weight)
-            for p in range(count):
-                if weight[p] <= 0.0:
-                    continue
-                a, b, c = planes[p, 0], planes[p, 1], planes[p, 2]
-                nx, ny, nz = normals[p, 0], normals[p, 1], normals[p, 2]
-                for v in range(r * size, min(height, (r + 1) * size)):
-                    # Without a branch: so one instruction takes several pixels.
-                    for u in range(q * size, min(width, (q + 1) * size)):
-                        z = depth[v, u]
-                        expected = a * u + b * v + c + bow[p]
-                        facing = abs(nx * across_x[u] + ny * across_y[v] + nz)
-                        # dz = z^2 dw, and at right angles to the plane dz times n.ray
-                        across = abs(expected - 1.0 / z) * z * z * facing
-                        own = across < max(floor, bias + SIGMAS * noise * z * z * facing)
-                        own &= kind[v, u] == SURFACE
-                        kind[v, u] = PLANE if own else kind[v, u]
-                        on[v, u] = p if own else on[v, u]
+    across_x = ((np.arange(width) - camera[2]) / camera[0]).astype(np.float32)
+    across_y = ((np.arange(height) - camera[3]) / camera[1]).astype(np.float32)
+    # As the readings are, so that one instruction takes twice as many.
+    floor, bias, per_depth = np.float32(floor), np.float32(bias), np.float32(SIGMAS * noise)
+    one, columns_x = np.float32(1.0), np.arange(width).astype(np.float32)
+    # Of a row of cells: how far each plane bows there, and whether it reaches there.
+    bow, weight = np.empty((columns_of(width, size), count)), np.empty((columns_of(width, size), count))
+    bowed = np.empty(width, np.float32)
+    for r in range(columns_of(height, size)):
+        for q in range(len(bow)):
+            bow_at(r, q, reach, member, off, bow[q], weight[q])
+        for p in range(count):
+            if not (weight[:, p] > 0.0).any():
+                continue
+            for q in range(len(bow)):
+                # Where it does not reach nothing is near it.
+                bowed[q * size : (q + 1) * size] = bow[q, p] if weight[q, p] > 0.0 else np.inf
+            a, nx = np.float32(planes[p, 0]), np.float32(normals[p, 0])
+            for v in range(r * size, min(height, (r + 1) * size)):
+                along = np.float32(planes[p, 1] * v + planes[p, 2])
+                facing_along = np.float32(normals[p, 1] * across_y[v] + normals[p, 2])
+                # Without a branch: so one instruction takes several pixels.
+                for u in range(width):
+                    z = depth[v, u]
+                    facing = abs(nx * across_x[u] + facing_along)
+                    # dz = z^2 dw, and at right angles to the plane dz times n.ray
+                    across = abs(a * columns_x[u] + along + bowed[u] - one / z) * z * z * facing
+                    own = across < max(floor, bias + per_depth * z * z * facing)
+                    own &= kind[v, u] == SURFACE
+                    kind[v, u] = PLANE if own else kind[v, u]
+                    on[v, u] = p if own else on[v, u]
+
+
+@njit(cache=True, nogil=True, inline="always")
+def columns_of(length, size):
+    """Return how many cells an image's side has, the last of them cut off where they do not fit in."""
+    return (length + size - 1) // size
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def tell_far(depth, max_depth, inverse, kind, on):
     """Tell pixels without a reading, and those that are too far, from surfaces, none yet on a plane; see `classify`."""
+    one, none = np.float32(1.0), np.float32(0.0)
+    on[:] = -1
+    # Without a branch: so one instruction takes several pixels.
     for v in range(depth.shape[0]):
         for u in range(depth.shape[1]):
             z = depth[v, u]
-            inverse[v, u] = 1.0 / z if z > 0.0 else 0.0
-            kind[v, u] = (FAR if z > max_depth else SURFACE) if z > 0.0 else NONE
-            on[v, u] = -1
+            inverse[v, u] = one / z if z > none else none
+        for u in range(depth.shape[1]):
+            z = depth[v, u]
+            kind[v, u] = (FAR if z > max_depth else SURFACE) if z > none else NONE
 
 
 @njit(cache=True, nogil=True, inline="always")

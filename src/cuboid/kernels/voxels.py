@@ -43,14 +43,17 @@ def nearer(part, parts, share, to):
 
 
 @njit(cache=True, nogil=True, inline="always")
-def speak_for(depth, heat, v, frame, max_depth, shares):
-    """Tell of pixels of a row of the image for how many each speaks; 0 where another one, in turn, speaks for it."""
+def speak_for(depth, heat, v, frame, turn, max_depth, shares):
+    """Tell of pixels of a row of the image for how many each speaks; 0 where another one, in turn, speaks for it.
+
+    Of what is cold none speaks where `turn` is below 0; see `fuse`.
+    """
     # Without a branch: so one instruction takes several pixels.
     for u in range(depth.size):
         z = depth[u]
         # Of what is cold one pixel in four speaks for all; of what is cold and far one in sixteen.
-        in_turn = (u & 1) + 2 * (v & 1) == frame & 3
-        in_far_turn = ((u >> 1) & 1) + 2 * ((v >> 1) & 1) == (frame >> 2) & 3
+        in_turn = ((u & 1) + 2 * (v & 1) == turn & 3) & (turn >= 0)
+        in_far_turn = ((u >> 1) & 1) + 2 * ((v >> 1) & 1) == (turn >> 2) & 3
         cold = (4.0 if z <= FAR_M else (16.0 if in_far_turn else 0.0)) if in_turn else 0.0
         # Far away a voxel is hardly wider than a pixel, and its noise wider than both: every other one will do.
         hot = 1.0 if z <= FAR_M else (0.0 if (u + v + frame) & 1 else 2.0)
@@ -71,7 +74,7 @@ def likely_rows(count, cube_in, voxel_of, cubes, voxels, likely):
 
 
 @njit(cache=True, nogil=True)
-def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, anchor, cubes, points, slots):
+def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, turn, anchor, cubes, points, slots):
     """Fuse a frame's points into the map: a weighted running mean of place, color and heat a voxel.
 
     Parameters
@@ -88,6 +91,8 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, anchor, cubes
         Metres.
     frame : int
         Number of this frame; a voxel counts one hit a frame.
+    turn : int
+        Which of the pixels that are cold speak for the others; below 0 none, and what is cold is left out.
     anchor : int
         What its points hang on from now on.
     cubes : Cubes
@@ -114,7 +119,7 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, anchor, cubes
     cube_in, voxel_of, likely = np.empty(width, np.int64), np.empty(width, np.int64), np.empty(width, np.int64)
     for v in range(height):
         slots[v] = -1
-        speak_for(depth[v], heat[v], v, frame, max_depth, shares)
+        speak_for(depth[v], heat[v], v, frame, turn, max_depth, shares)
         count = 0
         for u in range(width):
             columns[count] = u

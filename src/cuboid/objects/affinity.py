@@ -48,10 +48,12 @@ class Affinity:
 
     def partners(self, number: int, least: float = -MOST_TOLD, most: float = MOST_TOLD) -> list[int]:
         """Return the objects that were seen beside one, ascending: those whose log-odds lie in a range."""
-        odds, beside = self._log_odds, self._partners.get(number, ())
+        odds, beside = self._log_odds, self._partners.get(number)
+        if not beside:
+            return []
         if least <= -MOST_TOLD and most >= MOST_TOLD:
             return sorted(beside)
-        return sorted(k for k in beside if least <= odds[(number, k) if number < k else (k, number)] <= most)
+        return sorted([k for k in beside if least <= odds[(number, k) if number < k else (k, number)] <= most])
 
     def pass_on(self, gone: int, kept: int) -> None:
         """Let what was told of one object hold of another."""

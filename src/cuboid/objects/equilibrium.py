@@ -7,12 +7,13 @@ from collections.abc import Iterable
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.boxes.fit import plane_axes
 from cuboid.boxes.quantiles import quantile
-from cuboid.frame import Float64Array
+from cuboid.frame import Float32Array, Float64Array
 from cuboid.geometry.distances import distances_m
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.entry import MapObject
-from cuboid.tolerances import DRIFT_M, JUMP_M, LEAST_READINGS, SAMPLE, SOME, STRAYS
+from cuboid.tolerances import DRIFT_M, JUMP_M, LEAST_READINGS, LITTLE, MOST, SAMPLE, SOME, STRAYS
 
 
 def holder_of(
@@ -64,6 +65,46 @@ def holder_of(
         if beneath.mean() >= 1.0 - SOME:
             best, holder = touches, other.number
     return holder
+
+
+def standing(points: Float32Array, normal: Float64Array, offset: float, voxel_m: float) -> npt.NDArray[np.bool_]:
+    """Tell which points of what floats above its plane stand, (N,): without the rim of what they stand on.
+
+    What carries a solid is beneath it. Of a shelf that is seen edge-on from far no more is seen than its rim, which is
+    lower than what stands on it, before it, and wider.
+
+    Parameters
+    ----------
+    points : (N, 3) float32
+        World, metres.
+    normal : (3,) float64
+        Of the plane beneath, unit, up.
+    offset : float
+        The plane is normal.p + offset = 0.
+    voxel_m : float
+        Edge of a voxel, metres.
+    """
+    height = points @ normal + offset
+    if quantile(height, 2.0 * STRAYS) <= DRIFT_M:
+        return np.ones(len(points), bool)
+    order = np.argsort(height, kind="stable")
+    level, plan = height[order], (points[order] @ np.column_stack(plane_axes(normal))).astype(np.float32)
+    foot, n = level[0], len(level)
+    # Up to where most of it is above.
+    for low in np.arange(level[0], level[n // 2] - DRIFT_M, DRIFT_M):
+        begin, end = np.searchsorted(level, (low, low + DRIFT_M)).tolist()
+        slab, rest = plan[begin : end : 1 + (end - begin) // SAMPLE], plan[end :: 1 + (n - end) // SAMPLE]
+        if len(slab) >= LEAST_READINGS and _is_rim(slab, rest, voxel_m):
+            foot = low + DRIFT_M
+    return np.asarray(height >= foot)
+
+
+def _is_rim(slab: Float32Array, rest: Float32Array, voxel_m: float) -> bool:
+    """Tell whether most of a slab (N, 2), in plan, is not beneath what is above it (M, 2), which is half as wide."""
+    along = np.linalg.eigh(np.cov(slab.T))[1][:, 1]
+    rim, width = (quantile(p @ along, 1.0 - LITTLE) - quantile(p @ along, LITTLE) for p in (slab, rest))
+    # Points of voxels side by side are no farther apart than two voxels.
+    return bool(width <= MOST * rim and len(distances_m(slab, rest, 2.0 * voxel_m)) < MOST * len(slab))
 
 
 def _bare(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:

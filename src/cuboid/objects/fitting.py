@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import log, log1p
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +14,7 @@ from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.continuation import is_structure
 from cuboid.objects.entry import MapObject
-from cuboid.objects.equilibrium import holder_of
+from cuboid.objects.equilibrium import holder_of, standing
 from cuboid.objects.outline import CLEAR
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object, too_large
@@ -49,17 +50,26 @@ class Fitting:
         self._store = store
         self._boxing = boxing
 
-    def fit_grown(self, numbers: Sequence[int]) -> None:
-        """Fit the boxes of those objects of which more was seen than at the last fit."""
+    def fit_grown(self, numbers: Sequence[int], elsewhere: bool = True) -> None:
+        """Fit the boxes of those objects of which more was seen than at the last fit.
+
+        Of what has a label more sightings from one place (not `elsewhere`) tell of the noise alone: it takes as many
+        again.
+        """
         waiting = [o for o in self._store.all_of(numbers) if o.sightings >= (1 + GROWN) * o.fitted and o.sightings > 0]
+        if not elsewhere:
+            waiting = [o for o in waiting if not o.confirmed or o.sightings >= 2 * o.fitted]
         waiting.sort(key=lambda o: ((o.fitted + 1) / (o.sightings + 1), o.number))
         confirmed = [o for o in waiting if o.confirmed][:FITS]
         sure = [o for o in waiting if not o.confirmed and o.log_odds > 0][:FITS]
         for entry in confirmed + sure:
-            self.fit(entry)
+            self.fit(entry, _times_grown(entry))
 
-    def fit(self, entry: MapObject) -> None:
-        """Fit the box of an object; retire it where there is nothing to fit one to, or where it has grown too large."""
+    def fit(self, entry: MapObject, times: int = 1) -> None:
+        """Fit the box of an object; retire it where there is nothing to fit one to, or where it has grown too large.
+
+        It stands for so many fits as would have been, had each sighting been from elsewhere.
+        """
         voxels = self._voxels
         rows = voxels.solid_rows_of(entry.number, self._config.hot, min(2, entry.sightings))
         entry.fitted = entry.sightings
@@ -75,16 +85,17 @@ class Fitting:
         if rests is not None:
             above = self._above(points, *rests)
             rows, points = rows[above], points[above]
-        labelled = [o for o in self._store.neighbours(entry) if o.confirmed]
+            own = standing(points, *rests, voxels.voxel_m)
+            if not own.all():
+                rows, points = rows[own], points[own]
+                # What it stands on is not known yet: it ends at its own foot, which is not what it stands on.
+                foot_m = float((points @ rests[0]).min()) - 2.0 * voxels.voxel_m
+                entry.supports, entry.plane = {} if plane is None else {plane.identity: 1}, None
+                rests, plane = (rests[0], -foot_m), None
         entry.points, entry.colors = points, voxels.rgb(rows)
         entry.heat, entry.keyframe = float(voxels.heat(rows).mean()), voxels.keyframe_of(rows)
-        box, noise_m = self._boxing.fit(
-            rows,
-            points,
-            rests,
-            self._planes.likely_up,
-            [o.box for o in labelled],
-        )
+        others = [o.box for o in self._store.neighbours(entry) if o.confirmed]
+        box, noise_m = self._boxing.fit(rows, points, rests, self._planes.likely_up, others)
         self._store.place(entry, box)
         if plane is not None and rests is not None and box.foot_m(*rests) > DRIFT_M:
             # What floats may stand on a plane that was not known yet: from now on sightings tell it anew.
@@ -101,6 +112,9 @@ class Fitting:
         )
         if entry.structure:
             entry.log_odds -= STRUCTURE
+            # Candidates are fitted while they are likely.
+            while (times := times - 1) > 0 and entry.log_odds > 0:
+                entry.log_odds -= STRUCTURE
         if too_large(box, self._config):
             self._store.retire(entry)
 
@@ -111,3 +125,12 @@ class Fitting:
         """
         above = np.asarray(points @ normal + offset > self._config.min_height_m)
         return above if np.count_nonzero(above) >= LEAST_READINGS else np.ones(len(points), bool)
+
+
+def _times_grown(entry: MapObject) -> int:
+    """Return how often the sightings of an object have grown by `GROWN` since its last fit, each a whole one more."""
+    if not entry.fitted and len(entry.points):
+        return 1
+    last = max(1, entry.fitted)
+    grown = min(entry.sightings - last, int(log(entry.sightings / last) / log1p(GROWN)))
+    return max(1, grown + (not entry.fitted))

@@ -82,6 +82,7 @@ class ObjectMap:
         known: npt.NDArray[np.bool_],
         candidate: UInt8Array,
         news: float,
+        elsewhere: bool,
         keyframe: int,
     ) -> Association:
         """Take in what a frame shows.
@@ -104,6 +105,8 @@ class ObjectMap:
             Pixels off every supporting plane.
         news : float
             How far the frame shows things from another side than the one before, 0..1.
+        elsewhere : bool
+            Whether the camera has moved beyond drift since a frame last showed the objects from elsewhere.
         keyframe : int
             That the frame hangs on.
 
@@ -117,11 +120,11 @@ class ObjectMap:
         number_of = self._sightings(frame, things, boxes, found, keyframe)
         self._voxels.vote(things.claim, number_of, *self._may_take(number_of, found), candidate, slots)
         self._pairs(things, found, news)
-        self._share_room([o.number for o in objects], news)
-        self._hold([o.number for o in objects], news)
+        self._share_room(objects, news)
+        self._hold(objects, news)
         self._missed(found)
         touched = [o.number for o in objects] + [int(n) for n in number_of if n]
-        self._fitting.fit_grown(touched)
+        self._fitting.fit_grown(touched, elsewhere)
         self._lost(found)
         self._merge(touched)
         self._decide(touched)
@@ -180,9 +183,12 @@ class ObjectMap:
         sure = (found.match < 0) | (found.likeness >= MOST)
         allowed = np.zeros((len(number_of), len(found.objects) + 1), np.uint8)
         allowed[sure] = [1, *(not o.confirmed for o in found.objects)]
+        numbers = number_of.tolist()
         for i in np.flatnonzero(sure).tolist():
-            columns = place[self.store.affinity.partners(int(number_of[i]), most=-SURE)]
-            allowed[i, columns[columns > 0]] = 1
+            others = self.store.affinity.partners(numbers[i], most=-SURE)
+            if others:
+                columns = place[others]
+                allowed[i, columns[columns > 0]] = 1
         return place, allowed
 
     def _pairs(self, things: FrameClusters, found: Association, news: float) -> None:
@@ -204,20 +210,20 @@ class ObjectMap:
     def _held(a: MapObject, b: MapObject) -> bool:
         return a.holder == b.number or b.holder == a.number
 
-    def _hold(self, numbers: Sequence[int], news: float) -> None:
+    def _hold(self, objects: Sequence[MapObject], news: float) -> None:
         """Take objects that nothing carries from below for parts of what holds them."""
-        for entry in self.store.all_of(numbers):
-            if entry.holder in self.store and self.store[entry.holder].state is not State.RETIRED:
+        for entry in objects:
+            if entry.holder and entry.holder in self.store and self.store[entry.holder].state is not State.RETIRED:
                 self.store.affinity.hold(entry.number, entry.holder, news)
 
-    def _share_room(self, numbers: Sequence[int], news: float) -> None:
+    def _share_room(self, objects: Sequence[MapObject], news: float) -> None:
         """Take objects that are in each other's place for parts of one: no two solids share room."""
-        entries = [o for o in self.store.all_of(numbers) if len(o.points)]
-        if not any(o.confirmed for o in entries):
-            return
+        entries = [o for o in objects if len(o.points)]
         labelled = [o for o in entries if o.confirmed]
+        if not labelled:
+            return
         inside = overlap_min_matrix(self.store.boxes_of(entries), self.store.boxes_of(labelled))
-        for i, j in zip(*np.nonzero(inside >= MOST), strict=True):
+        for i, j in zip(*(k.tolist() for k in np.nonzero(inside >= MOST)), strict=True):
             if entries[i] is not labelled[j]:
                 self.store.affinity.tell(entries[i].number, labelled[j].number, one=True, news=news)
 
@@ -270,8 +276,9 @@ class ObjectMap:
 
     def _merge(self, numbers: Sequence[int]) -> None:
         """Make one of objects that have proved to be one."""
-        for number in sorted(set(numbers)):
-            if number not in self.store or self.store[number].state is State.RETIRED:
+        for entry in self.store.all_of(numbers):
+            number = entry.number
+            if number not in self.store or entry.state is State.RETIRED:
                 continue
             for other in self.store.affinity.partners(number, least=SURE / 2.0):
                 if other not in self.store:

@@ -69,3 +69,14 @@ def enclosed(outline: Outline) -> bool:
     ends = known & ~structure
     sides = (ends | (cut & ~structure))[[LEFT, RIGHT]]
     return bool(ends[TOP] and sides.all() and ends[[LEFT, RIGHT]].any())
+
+
+def ends_above(outline: Outline) -> bool:
+    """Tell whether some of a thing's top was seen to end by itself, not at another thing of its depth.
+
+    Parameters
+    ----------
+    outline : (4, KINDS)
+    """
+    top = outline[TOP]
+    return bool(top[FREE] + top[SUPPORT] >= KNOWN_TOP_SHARE * (top.sum() - top[BORDER]))

@@ -169,5 +169,5 @@ class ObjectStore:
 
     def all_of(self, numbers: Iterable[int]) -> list[MapObject]:
         """Return those of some objects that still live, by number."""
-        found = (self._objects.get(n) for n in sorted(set(numbers)))
+        found = map(self._objects.get, sorted(set(numbers)))
         return [o for o in found if o is not None and o.state is not State.RETIRED]

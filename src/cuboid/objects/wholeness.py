@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from cuboid.boxes.quantiles import quantile
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array
 from cuboid.geometry.distances import distances_m
 from cuboid.kernels.outlines import BOTTOM, CONTACT, FREE, SUPPORT
 from cuboid.objects.entry import MapObject
-from cuboid.objects.outline import enclosed
+from cuboid.objects.outline import enclosed, ends_above
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import DRIFT_M
+from cuboid.tolerances import DRIFT_M, STRAYS
 
 # Frames do not agree on two objects that touch while the log-odds that they are two are below this.
 UNSURE = 1.1
@@ -40,6 +41,7 @@ def is_whole(entry: MapObject, store: ObjectStore, planes: PlaneTracker, config:
         and not _floats(entry, planes)
         and not planes.lies_on(entry.box)
         and fits_object(entry.box, config)
+        and not _may_be_foot(entry, store, planes)
         and not _may_be_part(entry, store)
     )
 
@@ -53,6 +55,24 @@ def _floats(entry: MapObject, planes: PlaneTracker) -> bool:
     return bool(
         entry.box.foot_m(*planes.in_world(plane)) > entry.box.size.max()
         and beneath[FREE] > beneath[SUPPORT] + beneath[CONTACT]
+    )
+
+
+def _may_be_foot(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> bool:
+    """Tell whether an object always ends above at another thing of its depth, and touches one that goes up higher.
+
+    It may be the foot of that: the brim of a cap, the pot of a plant.
+    """
+    plane = None if entry.plane is None else planes.find(entry.plane)
+    if plane is None or ends_above(entry.outline):
+        return False
+    normal, _ = planes.in_world(plane)
+    top = quantile(entry.points @ normal, 1.0 - 2.0 * STRAYS) + DRIFT_M
+    return any(
+        len(other.points) > 0
+        and quantile(other.points @ normal, 1.0 - 2.0 * STRAYS) > top
+        and gap_m(entry.points, other.points, DRIFT_M) <= DRIFT_M
+        for other in store.neighbours(entry)
     )
 
 

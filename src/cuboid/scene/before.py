@@ -84,7 +84,8 @@ class Before:
         voxels.before_visit = lambda rows: self._note(voxels, rows)
 
     def _note(self, voxels: VoxelMap, rows: npt.NDArray[np.int64]) -> None:
-        cells = np.unique(_numbers_of(voxels.xyz(rows[~np.isin(voxels.owner[rows], self._numbers)])))
+        points, _ = voxels.spread(rows[~np.isin(voxels.owner[rows], self._numbers)])
+        cells = np.unique(_numbers_of(points))
         self._occupied.append(cells)
         self._noted.append(cells)
 

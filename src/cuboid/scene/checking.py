@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cuboid.errors import InputError, OutputError, one_line
+from cuboid.heatmap.levels import parted
 from cuboid.kernels.cubes import voxels_of
 from cuboid.scene import before
 from cuboid.scene.database import complaining, open_damaged, open_to_read, open_to_write, transaction
@@ -233,5 +234,5 @@ def _readable_blocks(old: sqlite3.Connection, voxel_m: float, lost: list[str]) -
 def _cube_block(row: Row) -> tuple[Rows, Voxels]:
     told = BlockRow(*row[:5])
     rows = unpacked_block(told, *row[5:])
-    rows = rows[rows["weight"] > 0]
+    rows = parted(rows[rows["weight"] > 0])
     return rows, voxels_of(np.full(len(rows), told.cube), rows["voxel"])

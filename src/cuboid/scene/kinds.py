@@ -67,7 +67,10 @@ class Kind:
 
 # Rows of the map are saved in blocks: see `saving`.
 _ROWS = frozenset(
-    {"memory_mb", "_room", "_shelf", "_points", "_cubes", "_seen", "_marks", "_last_look", "_ready", "before_visit"}
+    {
+        *("memory_mb", "_room", "_shelf", "_points", "_cubes", "_seen", "_marks", "_bare", "_last_look", "_ready"),
+        "before_visit",
+    }
 )
 
 KINDS = {

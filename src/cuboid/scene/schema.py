@@ -187,6 +187,10 @@ ALTER TABLE known ADD COLUMN number INTEGER NOT NULL DEFAULT 0;
 # take points to be where they no longer belong.
 _ANCHORS = ""
 
+# Rows may stand for several voxels, which a byte of theirs tells that was zero: no table is another one, but who does
+# not know of that would take each for one.
+_LEVELS = ""
+
 # What makes a file of version k + 1 of one of version k, from 0: an empty one.
-MIGRATIONS: tuple[str, ...] = (_FIRST, _CHANGES, _OCCUPIED, _CUBES, _NUMBERS, _ANCHORS)
+MIGRATIONS: tuple[str, ...] = (_FIRST, _CHANGES, _OCCUPIED, _CUBES, _NUMBERS, _ANCHORS, _LEVELS)
 VERSION = len(MIGRATIONS)

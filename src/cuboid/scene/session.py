@@ -221,6 +221,8 @@ class SceneTracker:
             self.settle()
             if self._visit.number > 1:
                 self._changes.recognise(self._tracker, self._visit.first_frame + self._next_frame)
+            if complete:
+                self._tracker.voxels.look_away()
             self._commit(complete=complete, ended=True)
             self.settle()
         finally:
@@ -312,7 +314,7 @@ class _PosesOfVisit:
         T = layout.find_layout(known, seen, up)
         if T is None:
             return
-        points = self._tracker.voxels.xyz(self._tracker.voxels.living())
+        points, _ = self._tracker.voxels.spread(self._tracker.voxels.living())
         middle = np.mean([o.box.center for o in seen], axis=0)
         if layout.same_place(points, points[::SPARSE], T, middle):
             self._poses.connect(part, T)

@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float64Array, Intrinsics, UInt8Array
-from cuboid.surfaces.cells import Cells
 from cuboid.surfaces.grid import CELL_M, Places, common
 from cuboid.surfaces.plane import Plane
 
@@ -45,35 +44,6 @@ class PlanesInView:
     def origin(self) -> Float64Array:
         """Plan coordinates (2,) of the corner of the first cell, metres."""
         return np.asarray(self.window[:2] * CELL_M, dtype=np.float64)
-
-    def in_frame(
-        self, cells: Cells, owner: npt.NDArray[np.int32], T_plan_world: Float64Array, T_world_camera: Float64Array
-    ) -> Float64Array:
-        """Return the planes as a frame sees them, (K, 4): normal and offset in the camera frame.
-
-        The poses drift: a frame's own table may lie a centimetre off the map's. Each plane is shifted and tilted to
-        the frame's cells on it, as far as the priors of drift allow.
-
-        Parameters
-        ----------
-        cells : Cells
-            Of the frame.
-        owner : (rows, columns) int32
-            The plane that each patch lies on, -1 none.
-        T_plan_world, T_world_camera : (4, 4) float64
-        """
-        T_plan_camera = T_plan_world @ T_world_camera
-        R = T_plan_world[:3, :3]
-        of_cell = owner.reshape(-1)[cells.places[:, 0]]
-        result = np.zeros((len(self.planes), 4))
-        for row, plane in zip(result, self.planes, strict=True):
-            normal, offset = plane.normal, plane.offset
-            mine = of_cell == plane.index
-            if np.count_nonzero(mine) >= 4:
-                normal, offset = plane.adapted(cells.center[mine] @ R.T, cells.sigma_m[mine])
-            row[:3] = normal @ T_plan_camera[:3, :3]
-            row[3] = normal @ T_plan_camera[:3, 3] + offset
-        return result
 
 
 def cut_out(planes: list[Plane], window: Places) -> PlanesInView:

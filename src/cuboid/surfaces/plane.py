@@ -148,8 +148,8 @@ class Plane(Stamped):
         """Return the heights (N,) of points (N, 3) above the plane."""
         return points @ self.normal + self.offset
 
-    def adapted(self, points: Float64Array, sigma_m: Float64Array) -> tuple[Float64Array, float]:
-        """Return normal and offset shifted and tilted to a frame's points (N, 3) on it, as far as drift goes.
+    def adapted(self, points: Float64Array, sigma_m: Float64Array) -> Float64Array:
+        """Return normal and offset, (4,), shifted and tilted to a frame's points (N, 3) on it, as far as drift goes.
 
         Ridge regression, once reweighted; `sigma_m` (N,) are the standard deviations of the points.
         """
@@ -166,8 +166,7 @@ class Plane(Stamped):
             solution = np.asarray(np.linalg.solve(design.T @ (design * w[:, None]) + _PRIOR, design.T @ (w * residual)))
         normal = self.normal - np.array([solution[0], solution[1], 0.0])
         offset = self.offset - solution[2] + float(solution[:2] @ middle[:2])
-        norm = math.sqrt(normal.dot(normal))
-        return normal / norm, offset / norm
+        return np.append(normal, offset) / math.sqrt(normal.dot(normal))
 
 
 def _together(told: Float64Array) -> Float64Array:

@@ -31,6 +31,7 @@ from cuboid.tolerances import DRIFT_M, LEAST_FRAMES, LITTLE, SIGMAS
 # A plane that is not used yet is forgotten after so many frames without a sighting.
 FORGET_FRAMES = 60
 
+
 # What carries a plane reaches up to it, but for the board that the plane is the top of, and for drift, metres.
 REACH_M = 2.0 * DRIFT_M
 
@@ -59,6 +60,10 @@ class PlaneTracker:
         self._of: dict[int, Plane] = {}
         self._windows = Windows(FORGET_FRAMES)
         self._main: Plane | None = None
+        # The frame that was looked at last, and how it saw the planes that it saw well, by identity: normal and offset
+        # in the plan frame.
+        self._looked_at = -1
+        self._as_seen: dict[int, Float64Array] = {}
         # Those with readings that were not looked at yet, and those looked at since twins were looked for.
         self._stale: set[Plane] = set()
         self._changed: set[Plane] = set()
@@ -103,7 +108,44 @@ class PlaneTracker:
         if removed or len(self.planes) > before:
             matched = self._match(centers, sigma_m)
         owner[cells.places[flat]] = matched[:, None]
+        self._looked_at = frame
+        self._as_seen = self._adapted(centers, sigma_m, matched)
         return owner.reshape(rows, columns)
+
+    def _adapted(
+        self, centers: Float64Array, sigma_m: Float64Array, matched: npt.NDArray[np.int32]
+    ) -> dict[int, Float64Array]:
+        """Return as what the frame sees each plane of which it shows enough, by identity; see `Plane.adapted`."""
+        enough = np.flatnonzero(np.bincount(matched[matched >= 0]) >= LEAST_CELLS).tolist()
+        return {
+            self.planes[k].identity: self.planes[k].adapted(centers[matched == k], sigma_m[matched == k])
+            for k in enough
+        }
+
+    @property
+    def known(self) -> bool:
+        """Whether the frame that was looked at last shows planes, and all that it shows are known well.
+
+        Then another one from there need not be looked at: until the camera has moved by what poses err, planes are
+        where they were seen last, and what comes into view of them is less than they reach beyond what is seen, see
+        `grid.RIM_M`.
+        """
+        seen = [self._of[identity] for identity in self._as_seen]
+        return bool(seen) and all(plane.frames >= REFRESH_FRAMES for plane in seen)
+
+    def in_camera(self, view: PlanesInView, T_world_camera: Float64Array) -> Float64Array:
+        """Return planes in view as frames see them now, (K, 4): normal and offset in the camera frame.
+
+        The poses drift: a frame's own table may lie a centimetre off the map's. Each plane is shifted and tilted to
+        its cells in the frame that was looked at last, as far as the priors of drift allow.
+        """
+        assert self.T_plan_world is not None
+        T, planes = self.T_plan_world @ T_world_camera, np.empty((len(view.planes), 4))
+        for row, plane in zip(planes, view.planes, strict=True):
+            own = self._as_seen.get(plane.identity)
+            normal, offset = (plane.normal, plane.offset) if own is None else (own[:3], own[3])
+            row[:3], row[3] = normal @ T[:3, :3], normal @ T[:3, 3] + offset
+        return planes
 
     def in_view(self, camera: Intrinsics, depth_m: float, T_world_camera: Float64Array) -> PlanesInView:
         """Return the planes that a frame with readings up to some depth may see."""
@@ -127,6 +169,7 @@ class PlaneTracker:
         moved : mapping of int to (4, 4) float64
             T_new_old in the world, of each keyframe that moved.
         """
+        self._as_seen = {}
         if self.T_plan_world is None:
             return
         T = self.T_plan_world
@@ -206,7 +249,7 @@ class PlaneTracker:
         near = {self.planes[k] for k in self._windows.at(centers)} | self._stale
         for plane in sorted(near, key=lambda p: p.index):
             # What it covers, in its first frames each time.
-            if frame % REFRESH_FRAMES == plane.index % REFRESH_FRAMES or plane.frames < REFRESH_FRAMES:
+            if plane.frames < REFRESH_FRAMES or self._has_turn(frame, plane.index):
                 plane.plan.refresh()
                 self._stale.discard(plane)
             area = plane.plan.area_m2()
@@ -219,13 +262,17 @@ class PlaneTracker:
             self._windows.note(plane)
         self._changed |= near
         gone = self._windows.over(frame)
-        if frame % REFRESH_FRAMES == 0:
+        if self._has_turn(frame, 0):
             merged, self._changed = merge_twins(self.planes, self._windows, self._changed)
             gone += merged
         self._remove(set(gone))
         main = self._windows.heaviest()
         self._main = None if main is None else self.planes[main]
         return bool(gone)
+
+    def _has_turn(self, frame: int, index: int) -> bool:
+        """Tell whether a plane's turn, once in `REFRESH_FRAMES`, has come since the last look."""
+        return (frame - index) // REFRESH_FRAMES > (self._looked_at - index) // REFRESH_FRAMES
 
     def _remove(self, gone: set[int]) -> None:
         if not gone:

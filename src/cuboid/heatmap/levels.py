@@ -1,0 +1,99 @@
+"""The levels of the map: structure that nobody looks at is kept in cells of two voxels a side."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.frame import Float32Array
+from cuboid.heatmap.stored_points import Rows, StoredPoints, rows_of_a_cube, words_of
+from cuboid.kernels import levels as kernel
+from cuboid.kernels import lookup
+from cuboid.kernels.cubes import BLOCK_BITS, CUBE_BITS
+
+# Looks after which what is out of view is kept in cells: hands that shake, or look aside and back, part none.
+AWAY_LOOKS = 128
+# Rows that are looked through for it a frame, one cube more or less; more where so many looks would not do for all that
+# waits.
+ROWS_A_LOOK = 1024
+
+
+class LevelledPoints(StoredPoints):
+    """Points of which those that belong to no object share rows, cell by cell, where nobody has looked for a while.
+
+    Which voxels hold a point, whether more than one frame saw it, and whether it is hot, is known of each voxel still;
+    place (of each layer of the cell), color and numbers of frames are means. Voxels have rows of their own again as
+    soon as somebody looks there. All of that follows from the looks alone, not from what is in memory.
+    """
+
+    def __init__(self, voxel_m: float, memory_mb: float) -> None:
+        super().__init__(voxel_m, memory_mb)
+        # First frame of this visit.
+        self._first_frame: int | None = None
+
+    def begin_visit(self, most_hits: int) -> None:
+        """Let what was seen so far count as no more than so many sightings; see `StoredPoints.begin_visit`."""
+        self._first_frame = None
+        self._open = self._open[:0]
+        super().begin_visit(most_hits)
+
+    def look_away(self) -> None:
+        """Let nobody look at anything: the visit has ended."""
+        self._thin(self._open[:, 0])
+        self._open = self._open[:0]
+
+    def _look_elsewhere(self, seen: Rows) -> None:
+        """Let a frame look at some cubes (N,), and have those thinned that it is time for."""
+        self._opened(seen)
+        due = int(np.searchsorted(self._open[:, 1], self._looks - AWAY_LOOKS))
+        if due:
+            cubes = self._open[:due, 0]
+            rows = np.cumsum(self._cubes.rows[cubes])
+            some = 1 + int(np.searchsorted(rows, max(ROWS_A_LOOK, rows[-1] // AWAY_LOOKS)))
+            self._open = self._open[some:] if some < due else self._open[due:]
+            self._thin(cubes[:some])
+
+    def _thin(self, cubes: Rows) -> None:
+        if not len(cubes):
+            return
+        self._bring_rows(cubes)
+        before = self._cubes.rows[cubes]
+        moved = np.empty(int(before.sum()), np.int64)
+        words, cell_rows = words_of(self._room.rows), rows_of_a_cube()
+        count = kernel.thin(cubes, self._first_frame or 0, self._cubes, words, self._points, *cell_rows, moved)
+        for cube, rows in zip(cubes.tolist(), before.tolist(), strict=True):
+            self._room.shrink(cube, rows)
+        self._bare[cubes] = True
+        if count:
+            self._blocks.give_rows(self.owner[moved[:count]], moved[:count] >> BLOCK_BITS)
+
+    def spread(self, rows: Rows) -> tuple[Float32Array, Rows]:
+        """Return the world points (M, 3) of all voxels that rows (N,) stand for, and which of the rows each is of."""
+        marks = self._points.mark[rows]
+        bits = np.unpackbits(np.where(marks > 0, marks, 1)[:, None], axis=1, bitorder="little")
+        of, eighth = np.nonzero(bits)
+        return self._places(rows[of], eighth.astype(np.uint8)), of
+
+    def xyz(self, rows: Rows) -> Float32Array:
+        """Return world points (N, 3) of these rows, which stand for one voxel each."""
+        return self._places(rows, np.zeros(len(rows), np.uint8))
+
+    def _places(self, rows: Rows, eighths: npt.NDArray[np.uint8]) -> Float32Array:
+        xyz = np.empty((len(rows), 3), np.float32)
+        lookup.places(rows, eighths, self.voxel_m, self._cubes, self._points, self._anchors.motions, xyz)
+        return xyz
+
+
+def parted(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return rows (N,) of type ROW of one cube as a row (M,) for each voxel that they stand for."""
+    bits = np.unpackbits(np.where(rows["mark"] > 0, rows["mark"], 1)[:, None], axis=1, bitorder="little")
+    of, eighth = np.nonzero(bits)
+    every, shared = rows[of], rows["mark"][of] > 0
+    # As `kernels.levels` has it.
+    layer = (eighth[shared, None] >> np.array([2, 1, 0])) & 1
+    every["place"][shared] = (((every["place"][shared] >> (8 * layer)) & 255) << 8) | 128
+    every["voxel"][shared] |= (layer << np.array([2 * CUBE_BITS, CUBE_BITS, 0])).sum(1).astype(np.uint16)
+    every["mark"] = 0
+    return every
