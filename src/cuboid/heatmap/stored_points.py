@@ -188,6 +188,8 @@ class StoredPoints:
         for block in blocks:
             part = self._room.block(block)
             hits = part["hits"]
+            if (hits > self._most_hits).any() or part["passes"].any():
+                self._cubes.changed[block] = True
             part["weight"] *= (np.minimum(hits, self._most_hits) / np.maximum(hits, 1)).astype(np.float32)
             np.minimum(hits, self._most_hits, out=hits)
             part["passes"] = 0
