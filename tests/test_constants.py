@@ -31,10 +31,10 @@ ELSEWHERE = {
     *("heatmap/room.py", "heatmap/shelf.py", "heatmap/stored_points.py", "heatmap/moving_points.py"),
 }
 NO_CHOICE = {
-    "boxes/axis.py": {"fit_axis: 1.48": "a deviation by the median of absolute residuals"},
     "boxes/fit.py": {"_NO_SIDE": "empty", "_NO_TRUST": "empty"},
     "boxes/hidden.py": {"LEAST_GAP_M": "rounds off the last bits", "SOME_OF_NINE": "of a block"},
     "heatmap/voxel_map.py": {"VoxelMap: 255": "the largest of its type"},
+    "kernels/bodies.py": {"fit_trimmed: 1.48": "a deviation by the median of absolute residuals"},
     "kernels/cells.py": {"CELL_COLUMNS": "of a table", "level_patches: 1.42": "of two readings"},
     "kernels/extents.py": {"BINS": "finer changes nothing", "best_turn: 9": "rounds off the last bits",
                            "side_spread: 3": "the fourth of four sides"},

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from cuboid.kernels.cubes import BLOCK_BITS
+from cuboid.kernels.cubes import BLOCK_BITS, HEATS
 
 # Of the blocks of a share so many are remembered while they are collected, a power of 2.
 LAST = 32
@@ -35,6 +35,42 @@ def rows_of(number, blocks, size, owner, rows):
     for block in blocks:
         for row in range(block * size, min((block + 1) * size, owner.size)):
             if owner[row] == number:
+                rows[n] = row
+                n += 1
+    return n
+
+
+@njit(cache=True, nogil=True)
+def solid_rows_of(number, blocks, size, owner, weight, confidence, hits, heat, hot, votes, share, most, rows):
+    """Gather those living rows of an object that are hot and that enough votes bear out; see `rows_of`.
+
+    Parameters
+    ----------
+    weight : (N,) float32
+        0 of what does not live.
+    confidence : (N,) uint8
+        Votes.
+    hits : (N,) uint16
+        Frames that saw each row.
+    heat : (N,) uint16
+    hot : float32
+        Least heat, 0..1.
+    votes, share, most : int
+        Least votes: so many, and one in so many of the frames, of which no more than `most` count.
+    rows : (B * size,) int64, output
+
+    Returns
+    -------
+    int
+        How many there are.
+    """
+    n = 0
+    for block in blocks:
+        for row in range(block * size, min((block + 1) * size, owner.size)):
+            if owner[row] != number or not weight[row] > 0.0 or np.float32(heat[row]) / np.float32(HEATS - 1) < hot:
+                continue
+            told = np.int64(confidence[row])
+            if told >= votes and share * told >= min(np.int64(hits[row]), most):
                 rows[n] = row
                 n += 1
     return n
