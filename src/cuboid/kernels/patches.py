@@ -216,7 +216,7 @@ def classify(
     across_y = ((np.arange(height) - camera[3]) / camera[1]).astype(np.float32)
     # As the readings are, so that one instruction takes twice as many.
     floor, bias, per_depth = np.float32(floor), np.float32(bias), np.float32(SIGMAS * noise)
-    one, columns_x = np.float32(1.0), np.arange(width).astype(np.float32)
+    columns_x = np.arange(width).astype(np.float32)
     # Of a row of cells: how far each plane bows there, and whether it reaches there.
     bow, weight = np.empty((columns_of(width, size), count)), np.empty((columns_of(width, size), count))
     bowed = np.empty(width, np.float32)
