@@ -181,17 +181,11 @@ class VoxelMap(MovingPoints):
         slots: npt.NDArray[np.int32],
     ) -> None:
         """Let a frame's shares vote for whom their voxels belong to; see `kernels.claims.vote`."""
-        kernel_claims.vote(
+        pairs = np.unique(kernel_claims.vote(
             claim, number_of, place, allowed, candidate, slots, self.hits, MOST_VOTES, self.owner,
             self._points.confidence, self._points.mark,
-        )  # fmt: skip
-        # Blocks of an object's rows: a row that the vote did not give it does no harm there.
-        pairs = np.empty(claim.size, np.int64)
-        pairs = np.unique(pairs[: owners.blocks_touched(claim, len(number_of), slots, pairs)])
-        number, block = number_of[pairs >> 32].astype(np.int64), pairs & 0xFFFFFFFF
-        order = np.argsort(number, kind="stable")
-        order = order[number[order] > 0]
-        self._blocks.give(number[order], block[order])
+        ))  # fmt: skip
+        self._blocks.give(pairs >> 32, pairs & 0xFFFFFFFF)
 
     def owner_of(self, slots: npt.NDArray[np.int32]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
         """Return the number of the object (h, w) that each pixel's voxel belongs to, 0 none; and which were known."""

@@ -54,7 +54,8 @@ def spans(points, directions, low, high):
     least, most = np.full(x.size, np.inf), np.full(x.size, -np.inf)
     for i in range(0, count, 4):
         # Four points at a time, at the end some of them again: what is written the next ones have to read.
-        j, k, m = min(i + 1, count - 1), min(i + 2, count - 1), min(i + 3, count - 1)
+        j, k = min(i + 1, count - 1), min(i + 2, count - 1)
+        m = min(k + 1, count - 1)
         xi, yi, xj, yj = points[i, 0], points[i, 1], points[j, 0], points[j, 1]
         xk, yk, xm, ym = points[k, 0], points[k, 1], points[m, 0], points[m, 1]
         # The directions side by side: so one instruction takes several of them.

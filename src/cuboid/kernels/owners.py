@@ -5,10 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from cuboid.kernels.cubes import BLOCK_BITS, HEATS
-
-# Of the blocks of a share so many are remembered while they are collected, a power of 2.
-LAST = 32
+from cuboid.kernels.cubes import HEATS
 
 
 @njit(cache=True, nogil=True)
@@ -100,41 +97,6 @@ def release(gone, blocks, size, owner, confidence, changed):
             if owner[row] < gone.size and gone[owner[row]]:
                 owner[row] = confidence[row] = 0
                 changed[block] = True
-
-
-@njit(cache=True, nogil=True)
-def blocks_touched(claim, count, slots, pairs):
-    """Collect in which blocks of rows each share of a frame has voxels.
-
-    Parameters
-    ----------
-    claim : (h, w) int32
-        Share of each pixel, -1 none.
-    count : int
-        How many shares there are.
-    slots : (h, w) int32
-        Row of each pixel, -1 none.
-    pairs : (h * w,) int64, output
-        Begins with share << 32 | block, some of them more than once.
-
-    Returns
-    -------
-    int
-        How many there are.
-    """
-    # Those told of last: few blocks are told of again then.
-    found, last = 0, np.full((count, LAST), -1, np.int64)
-    for v in range(claim.shape[0]):
-        for u in range(claim.shape[1]):
-            share = claim[v, u]
-            if share < 0 or slots[v, u] < 0:
-                continue
-            block = np.int64(slots[v, u] >> BLOCK_BITS)
-            if last[share, block & (LAST - 1)] != block:
-                last[share, block & (LAST - 1)] = block
-                pairs[found] = (np.int64(share) << 32) | block
-                found += 1
-    return found
 
 
 @njit(cache=True, nogil=True)
