@@ -12,7 +12,7 @@ from cuboid.heatmap.stored_points import Rows
 from cuboid.kernels import claims as kernel_claims
 from cuboid.kernels import lookup, owners
 from cuboid.kernels import voxels as kernel
-from cuboid.kernels.cubes import HEATS, LEVELS
+from cuboid.kernels.cubes import BLOCK_ROWS, HEATS, LEVELS
 from cuboid.tolerances import LEAST_READINGS
 from cuboid.working import WorkingImage
 
@@ -68,6 +68,8 @@ class VoxelMap(MovingPoints):
 
     def settle_in_view(self, image: WorkingImage, T_camera_world: Float64Array) -> None:
         """Let points that owe a motion make it, where they lie or belong in what a frame may see."""
+        if not len(self._anchors.owing[0]):
+            return
         c, R, t = image.camera, T_camera_world[:3, :3], T_camera_world[:3, 3]
         # A pixel more on each side than there is.
         sides = [(c.fx, 0, c.cx + 1), (-c.fx, 0, c.width - c.cx), (0, c.fy, c.cy + 1), (0, -c.fy, c.height - c.cy)]
@@ -108,7 +110,8 @@ class VoxelMap(MovingPoints):
         self.settle_in_view(image, T_camera_world)
         seen = self._in_view(image, T_camera_world)
         self._last_look[seen] = self._looks
-        self.relieve(seen)
+        if elsewhere:
+            self.relieve(seen)
         self._bring(seen)
         self._pack(seen)
         used = int(self._cubes.used[0])
@@ -160,10 +163,13 @@ class VoxelMap(MovingPoints):
         votes : int
             Least votes.
         """
-        rows = self.rows_of(number)
-        confidence, hits = self._points.confidence[rows].astype(np.int64), self.hits[rows]
-        borne_out = (confidence >= votes) & (VOTES_SHARE * confidence >= np.minimum(hits, MOST_VOTES))
-        return np.asarray(rows[borne_out & (self.heat(rows) >= hot)], dtype=np.int64)
+        blocks = self._blocks_of(number)
+        rows = np.empty(len(blocks) * BLOCK_ROWS, np.int64)
+        p = self._points
+        return rows[: owners.solid_rows_of(
+            number, blocks, BLOCK_ROWS, p.owner, p.weight, p.confidence, p.hits, p.heat, np.float32(hot), votes,
+            VOTES_SHARE, MOST_VOTES, rows,
+        )]  # fmt: skip
 
     def vote(
         self,
@@ -175,17 +181,11 @@ class VoxelMap(MovingPoints):
         slots: npt.NDArray[np.int32],
     ) -> None:
         """Let a frame's shares vote for whom their voxels belong to; see `kernels.claims.vote`."""
-        kernel_claims.vote(
+        pairs = np.unique(kernel_claims.vote(
             claim, number_of, place, allowed, candidate, slots, self.hits, MOST_VOTES, self.owner,
             self._points.confidence, self._points.mark,
-        )  # fmt: skip
-        # Blocks of an object's rows: a row that the vote did not give it does no harm there.
-        pairs = np.empty(claim.size, np.int64)
-        pairs = np.unique(pairs[: owners.blocks_touched(claim, len(number_of), slots, pairs)])
-        number, block = number_of[pairs >> 32].astype(np.int64), pairs & 0xFFFFFFFF
-        order = np.argsort(number, kind="stable")
-        order = order[number[order] > 0]
-        self._blocks.give(number[order], block[order])
+        ))  # fmt: skip
+        self._blocks.give(pairs >> 32, pairs & 0xFFFFFFFF)
 
     def owner_of(self, slots: npt.NDArray[np.int32]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
         """Return the number of the object (h, w) that each pixel's voxel belongs to, 0 none; and which were known."""
