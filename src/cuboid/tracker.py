@@ -154,7 +154,8 @@ class Tracker:
             self._news(image, T_world_camera), elsewhere, anchor,
         )  # fmt: skip
         in_view = self._map.in_view(image, T_camera_world)
-        self._refine(frame.index, image, heat, slots, in_view, T_world_camera, anchor)
+        if elsewhere:
+            self._refine(frame.index, image, heat, slots, in_view, T_world_camera, anchor)
         watch.lap("map")
         sightings = self._sightings(frame.index, image, slots, in_view, found, T_camera_world)
         own = self._own_boxes(things, boxes, found)
