@@ -14,8 +14,8 @@ from cuboid.sensor import resolves_m
 from cuboid.tracker import Tracker
 from cuboid.working import WorkingImage
 from made_scenes import CAMERA, cast, look_at, upright
-from worlds import Proposer, World
 from worlds import CAMERA as SMALL
+from worlds import Proposer, World
 
 FLOOR, THING = upright((0, 0), (2, 2, 0.02), z=-0.02), upright((0.1, 0.1), (0.08, 0.1, 0.12), 0.3)
 POSE = look_at((0.45, -0.3, 0.4), (0.1, 0.1, 0.05))

@@ -34,6 +34,12 @@ FRAMES = 36
 TURN = se3.compose((1, 0, 0, 0), (20.0, 0, 0))
 
 
+@pytest.fixture(autouse=True)
+def finely(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the coarse pictures of these worlds be near enough for fine points."""
+    monkeypatch.setattr("cuboid.tracker.resolves_m", lambda *_: 3.0)
+
+
 class Show:
     """Frames of a random world, with what is proposed in each: the same again and again."""
 
@@ -98,6 +104,7 @@ def test_goes_on_from_any_cut(seed: int, tmp_path: Path, monkeypatch: pytest.Mon
         tracker, begun = load_state(file.connection, show.tracker())[0], cut
         state = StateFile(tracker, file.connection)
     assert ends(tracker, tmp_path) == ends(whole, tmp_path)
+    assert len(tracker.voxels.living(fine=True)) > 100
     file.close()
 
 

@@ -315,7 +315,7 @@ class StoredPoints:
     def living(self, *, fine: bool = False) -> Rows:
         """Return the rows of all points of the map's voxels, of which some may stand for several; or of fine ones."""
         rows = self._all_living()
-        return rows[self._fine(self._cubes.cube_of[rows >> BLOCK_BITS]) == fine]
+        return np.asarray(rows[self._fine(self._cubes.cube_of[rows >> BLOCK_BITS]) == fine])
 
     def _all_living(self) -> Rows:
         self._bring_rows(np.arange(self._cubes.used[0]))
