@@ -51,9 +51,10 @@ class StoredPoints:
         self.memory_mb = memory_mb
         self.before_visit: Callable[[Rows], None] | None = None
         self._visit, self._most_hits = 0, 0
-        # How many looks there were; and the cubes (N, 2) of which each voxel has a row of its own since somebody looked
-        # there, with that look, those first at which nobody has looked for longest.
-        self._looks, self._open = 0, np.zeros((0, 2), np.int64)
+        # How many frames looked; how many moments there were at which the camera had moved since the one before; and the
+        # cubes (N, 2) of which each voxel has a row of its own since somebody looked there, with that moment, those
+        # first at which nobody has looked for longest.
+        self._looks, self._moments, self._parted = 0, 0, np.zeros((0, 2), np.int64)
         self._blocks, self._anchors = RowBlocks(), Anchors()
         self._begin(TemporaryShelf())
 
@@ -140,7 +141,7 @@ class StoredPoints:
 
     def _begin_anew(self) -> None:
         self._begin(self._shelf if not isinstance(self._shelf, TemporaryShelf) else TemporaryShelf())
-        self._blocks, self._open = RowBlocks(), self._open[:0]
+        self._blocks, self._parted = RowBlocks(), self._parted[:0]
 
     def put_on(self, shelf: Shelf) -> None:
         """Put what leaves memory from now on elsewhere; all is in memory yet."""
@@ -246,11 +247,11 @@ class StoredPoints:
         """Tell that somebody looks at some cubes (N,), each named once."""
         cubes = cubes[~self._fine(cubes)]
         self._marks[cubes] = True
-        others = self._open[~self._marks[self._open[:, 0]]]
+        others = self._parted[~self._marks[self._parted[:, 0]]]
         self._marks[cubes] = False
         now = np.empty((len(cubes), 2), np.int64)
-        now[:, 0], now[:, 1] = cubes, self._looks
-        self._open = np.concatenate([others, now])
+        now[:, 0], now[:, 1] = cubes, self._moments
+        self._parted = np.concatenate([others, now])
 
     def _bring_all(self) -> None:
         self._bring(np.arange(self._cubes.used[0]))

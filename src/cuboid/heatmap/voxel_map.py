@@ -51,8 +51,8 @@ class VoxelMap(FinePoints):
         self._max_depth_m = max_depth_m
         # The cube that the next look begins with; the fine one.
         self._next_look = self._next_fine_look = 0
-        # Frames since the last one, and how many frames were fused with what is cold in them.
-        self._waiting = self._whole = 0
+        # Frames since the last one.
+        self._waiting = 0
 
     @property
     def looks(self) -> int:
@@ -118,9 +118,9 @@ class VoxelMap(FinePoints):
             self._first_frame = frame
         kernel.fuse(
             image.depth_m, image.color, heat, _pinhole(image), np.ascontiguousarray(T_world_camera), self.voxel_m,
-            self._max_depth_m, frame, self._whole if elsewhere else -1, hangs, 0, self._cubes, self._points, slots,
+            self._max_depth_m, frame, self._moments if elsewhere else -1, hangs, 0, self._cubes, self._points, slots,
         )  # fmt: skip
-        self._whole += elsewhere
+        self._moments += elsewhere
         self._ready[begun : self.blocks] = self._visit
         count = lookup.touched(slots, self._cubes.cube_of, self._marks, self._seen)
         self._anchors.has_points_in(hangs, self._seen[:count])
