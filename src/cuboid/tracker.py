@@ -312,6 +312,7 @@ class Tracker:
         voxels, c = self._voxels, image.camera
         small = [o.number for o in in_view if o.confirmed and max(o.box.size.tolist()) <= voxels.small_m]
         if small:
+            # The phases of thinned frames make up for a step of two.
             far_m = resolves_m(voxels.fine_m, self.config.depth_noise_per_m, min(image.step, 2) * c.fx)
             numbers = np.zeros(max(small) + 1, bool)
             numbers[small] = True

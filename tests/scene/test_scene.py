@@ -204,6 +204,10 @@ def test_fine_points_are_in_the_file_in_exports_and_in_what_is_rescued(
         assert len(cells) > 1.5 * len(np.unique(cells, axis=0)), "several points a voxel of 1 cm"
         points.append(sorted(map(tuple, np.column_stack([cloud.xyz, cloud.rgb, cloud.label]).tolist())))
     assert points[0] == points[1]
+    record(new, Shown(begin=0.5), "again")
+    with Scene.open(new) as scene:
+        assert [item.label for item in scene.objects] == [1, 2]
+    assert problems(new) == []
 
 
 def test_a_recording_begins_without_the_map(path: Path) -> None:
