@@ -51,8 +51,8 @@ class StoredPoints:
         self.memory_mb = memory_mb
         self.before_visit: Callable[[Rows], None] | None = None
         self._visit, self._most_hits = 0, 0
-        # How many frames looked; how many moments there were at which the camera had moved since the one before; and the
-        # cubes (N, 2) of which each voxel has a row of its own since somebody looked there, with that moment, those
+        # How many frames looked; how many moments there were at which the camera had moved since the one before; and
+        # the cubes (N, 2) of which each voxel has a row of its own since somebody looked there, with that moment, those
         # first at which nobody has looked for longest.
         self._looks, self._moments, self._parted = 0, 0, np.zeros((0, 2), np.int64)
         self._blocks, self._anchors = RowBlocks(), Anchors()
