@@ -1,4 +1,4 @@
-"""The depth sensor: how much noisier its first frame shows it to be than it was said to be."""
+"""The depth sensor: how much noisier its first frame shows it to be than it was said to be, and what it resolves."""
 
 from __future__ import annotations
 
@@ -43,3 +43,11 @@ def excess_noise(depth_m: Float32Array, camera: Intrinsics, nominal_per_m: float
         return 1.0
     # Some of a picture's cells, at least, lie on one flat surface each; they show all but some of the noise.
     return float(np.clip(np.quantile(rms, SOME) / ((1.0 - SOME) * nominal_per_m), 1.0, MOST))
+
+
+def resolves_m(edge_m: float, noise_per_m: float, focal_px: float) -> float:
+    """Return up to which depth a surface is told in voxels of an edge, metres.
+
+    There the deviation of a reading, or the width of a pixel, is as large as that: means of several are truer.
+    """
+    return float(min(np.sqrt(edge_m / noise_per_m), edge_m * focal_px))

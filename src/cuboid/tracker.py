@@ -31,7 +31,7 @@ from cuboid.objects.visibility import look
 from cuboid.proposals import make_source
 from cuboid.proposals.types import Proposals, ProposalSource
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
-from cuboid.sensor import excess_noise
+from cuboid.sensor import excess_noise, resolves_m
 from cuboid.surfaces.cells import PATCH_PIXELS, VOTING_PIXELS, find_cells, with_level_patches
 from cuboid.surfaces.clusters import FrameCluster, FrameClusters, frame_clusters, points_of
 from cuboid.surfaces.grid import CELL_M
@@ -140,6 +140,7 @@ class Tracker:
         watch.lap("fuse")
         in_view = self._map.in_view(image, T_camera_world)
         objects = self._map.limited(in_view)
+        left_out = len(in_view) - len(objects)
         pixel_owner, known = self._voxels.owner_of(slots)
         prior = prior_of(objects, pixel_owner, weighed)
         things = frame_clusters(
@@ -152,8 +153,11 @@ class Tracker:
             frame.index, things, boxes, objects, slots, pixel_owner, known, candidate,
             self._news(image, T_world_camera), elsewhere, anchor,
         )  # fmt: skip
+        in_view = self._map.in_view(image, T_camera_world)
+        if elsewhere:
+            self._refine(frame.index, image, heat, slots, in_view, T_world_camera, anchor)
         watch.lap("map")
-        sightings = self._sightings(frame.index, image, slots, found, T_camera_world)
+        sightings = self._sightings(frame.index, image, slots, in_view, found, T_camera_world)
         own = self._own_boxes(things, boxes, found)
         watch.lap("matching")
         self._count += 1
@@ -169,7 +173,7 @@ class Tracker:
             left_out={
                 "proposals": len(every) - len(proposals),
                 "clusters": things.left_out,
-                "candidates": len(in_view) - len(objects),
+                "candidates": left_out,
             },
             size=(self.intrinsics.width, self.intrinsics.height),
         )
@@ -294,16 +298,37 @@ class Tracker:
         planes = [_most_beneath(c.supports, rests) or unknown for c in clusters]
         return fit_boxes(points, [len(pixels) for pixels in some], planes, STRAYS)
 
+    def _refine(
+        self,
+        frame: int,
+        image: WorkingImage,
+        heat: Float32Array,
+        slots: npt.NDArray[np.int32],
+        in_view: Sequence[MapObject],
+        T_world_camera: Float64Array,
+        anchor: int,
+    ) -> None:
+        """Keep what the frame shows of small labelled objects finer than the rest, as far as the sensor resolves it."""
+        voxels, c = self._voxels, image.camera
+        small = [o.number for o in in_view if o.confirmed and max(o.box.size.tolist()) <= voxels.small_m]
+        if small:
+            # The phases of thinned frames make up for a step of two.
+            far_m = resolves_m(voxels.fine_m, self.config.depth_noise_per_m, min(image.step, 2) * c.fx)
+            numbers = np.zeros(max(small) + 1, bool)
+            numbers[small] = True
+            voxels.refine(image, heat, T_world_camera, frame, anchor, slots, numbers, far_m)
+
     def _sightings(
         self,
         frame: int,
         image: WorkingImage,
         slots: npt.NDArray[np.int32],
+        in_view: Sequence[MapObject],
         found: Association,
         T_camera_world: Float64Array,
     ) -> tuple[Sighting, ...]:
         """Tell which of the map's objects the frame sees."""
-        objects = [o for o in self._map.in_view(image, T_camera_world) if len(o.points)]
+        objects = [o for o in in_view if len(o.points)]
         views = look(
             objects, self._map.store.boxes_of(objects), image, slots, self._voxels.owner, T_camera_world,
             self.config.depth_noise_per_m,
@@ -422,18 +447,23 @@ class Tracker:
         return self._voxels.nbytes
 
     def map_points(self) -> MapPoints:
-        """Return the global point map."""
+        """Return the global point map; of small objects its fine points, where there are such."""
         rows = self._voxels.living()
         label_of = np.zeros(max((o.number for o in self._map.store.living()), default=0) + 1, np.int32)
         for entry in self._map.store.confirmed():
             label_of[entry.number] = entry.label
         xyz, of = self._voxels.spread(rows)
         owner = self._voxels.owner[rows[of]]
+        label = label_of[np.where(owner < len(label_of), owner, 0)]
+        fine, whole = self._voxels.in_place_of(xyz, label > 0)
+        kept = np.ones(len(xyz), bool)
+        kept[whole] = False
+        every = np.concatenate([rows[of][kept], fine])
         return MapPoints(
-            xyz=xyz,
-            rgb=self._voxels.rgb(rows)[of],
-            heat=self._voxels.heat(rows)[of],
-            label=label_of[np.where(owner < len(label_of), owner, 0)],
+            xyz=np.concatenate([xyz[kept], self._voxels.xyz(fine)]),
+            rgb=self._voxels.rgb(every),
+            heat=self._voxels.heat(every),
+            label=np.concatenate([label[kept], label[whole]]),
         )
 
 

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.geometry.se3 import inverse
-from cuboid.heatmap.moving_points import MovingPoints
+from cuboid.heatmap.fine_points import FinePoints
 from cuboid.heatmap.stored_points import Rows
 from cuboid.kernels import claims as kernel_claims
 from cuboid.kernels import lookup, owners
@@ -24,10 +24,11 @@ MOST_VOTES = LEAST_READINGS
 VOTES_SHARE = 3
 
 
-class VoxelMap(MovingPoints):
+class VoxelMap(FinePoints):
     """Points of the scene with color, heat, and the object that each belongs to, in cubes of voxels.
 
-    How they lie in memory, and where else: `StoredPoints`; how they follow corrections of poses: `MovingPoints`.
+    How they lie in memory, and where else: `StoredPoints`; how they follow corrections of poses: `MovingPoints`; which
+    of them are there finer as well: `FinePoints`.
 
     Parameters
     ----------
@@ -48,10 +49,10 @@ class VoxelMap(MovingPoints):
         super().__init__(voxel_m, memory_mb)
         self.noise_per_m = noise_per_m
         self._max_depth_m = max_depth_m
-        # The cube that the next look begins with.
-        self._next_look = 0
-        # Frames since the last one, and how many frames were fused with what is cold in them.
-        self._waiting = self._whole = 0
+        # The cube that the next look begins with; the fine one.
+        self._next_look = self._next_fine_look = 0
+        # Frames since the last one.
+        self._waiting = 0
 
     @property
     def looks(self) -> int:
@@ -120,9 +121,9 @@ class VoxelMap(MovingPoints):
             self._first_frame = frame
         kernel.fuse(
             image.depth_m, image.color, heat, _pinhole(image), np.ascontiguousarray(T_world_camera), self.voxel_m,
-            self._max_depth_m, frame, self._whole if elsewhere else -1, hangs, self._cubes, self._points, slots,
+            self._max_depth_m, frame, self._moments if elsewhere else -1, hangs, 0, self._cubes, self._points, slots,
         )  # fmt: skip
-        self._whole += elsewhere
+        self._moments += elsewhere
         self._ready[begun : self.blocks] = self._visit
         count = lookup.touched(slots, self._cubes.cube_of, self._marks, self._seen)
         self._anchors.has_points_in(hangs, self._seen[:count])
@@ -140,17 +141,23 @@ class VoxelMap(MovingPoints):
             return
         seen = self._in_view(image, T_camera_world)
         self._bring(seen)
-        in_turn = np.concatenate([seen[seen >= self._next_look], seen[seen < self._next_look]])
+        fine = self._fine(seen)
+        self._next_look = self._look_at(seen[~fine], self._next_look, image, T_camera_world)
+        self._next_fine_look = self._look_at(seen[fine], self._next_fine_look, image, T_camera_world)
+        self._waiting = 0
+
+    def _look_at(self, seen: Rows, first: int, image: WorkingImage, T_camera_world: Float64Array) -> int:
+        """Look through the points of some cubes (N,), as many as a look may, from one on; return the next one."""
+        in_turn = np.concatenate([seen[seen >= first], seen[seen < first]])
         points = np.cumsum(self._cubes.rows[in_turn])
         now = in_turn[: 1 + int(np.searchsorted(points, LOOK_POINTS))]
         turns = max(1, -(-int(points[-1]) // LOOK_POINTS)) if len(points) else 1
-        self._next_look = int(now[-1]) + 1 if len(now) < len(in_turn) else 0
         kernel.see_through(
             now, image.depth_m, _pinhole(image),
             np.ascontiguousarray(T_camera_world), self.noise_per_m, 2 * self.voxel_m, turns * self._waiting,
             self.voxel_m, self._cubes, self._points,
         )  # fmt: skip
-        self._waiting = 0
+        return int(now[-1]) + 1 if len(now) < len(in_turn) else 0
 
     def solid_rows_of(self, number: int, hot: float, votes: int) -> Rows:
         """Return the rows of an object, ascending, that are hot and whose votes bear it out.

@@ -119,3 +119,37 @@ def owner_of(slots, owner, hits, pixel_owner, known):
             row = slots[v, u]
             pixel_owner[v, u] = owner[row] if row >= 0 else 0
             known[v, u] = row >= 0 and hits[row] > 1
+
+
+@njit(cache=True, nogil=True)
+def choose(slots, owner, numbers, depth, far_m, chosen):
+    """Leave of a depth image what lies in voxels of some objects, and no farther than some distance.
+
+    Parameters
+    ----------
+    slots : (h, w) int32
+        Row of each pixel, -1 none.
+    owner : (N,) int32
+    numbers : (M,) bool
+        Tells of these objects by number; there is no such object from M on.
+    depth : (h, w) float32
+    far_m : float
+    chosen : (h, w) float32, output
+        Zero but for these pixels.
+
+    Returns
+    -------
+    tuple of int
+        First and last row, first and last column of them, exclusive; the last are no more than the first where there
+        are none.
+    """
+    top, bottom, left, right = slots.shape[0], 0, slots.shape[1], 0
+    for v in range(slots.shape[0]):
+        for u in range(slots.shape[1]):
+            row, chosen[v, u] = slots[v, u], 0.0
+            if row < 0 or owner[row] >= numbers.size or not numbers[owner[row]] or depth[v, u] > far_m:
+                continue
+            chosen[v, u] = depth[v, u]
+            top, bottom = min(top, v), v + 1
+            left, right = min(left, u), max(right, u + 1)
+    return top, bottom, left, right
