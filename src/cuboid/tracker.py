@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 
@@ -32,16 +33,12 @@ from cuboid.proposals import make_source
 from cuboid.proposals.types import Proposals, ProposalSource
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
 from cuboid.sensor import excess_noise, resolves_m
-from cuboid.surfaces.cells import PATCH_PIXELS, VOTING_PIXELS, find_cells, with_level_patches
+from cuboid.surfaces.cells import find_cells, find_voting_cells, patch_pixels, with_level_patches
 from cuboid.surfaces.clusters import FrameCluster, FrameClusters, frame_clusters, points_of
 from cuboid.surfaces.grid import CELL_M
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, LITTLE, SAMPLE, STRAYS
+from cuboid.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, SAMPLE, STRAYS
 from cuboid.working import WorkingImage, filled, thin
-
-# A frame is all news of how things stand to each other when the camera has gone round them by this since the last one,
-# radians; a frame from the same place is a little.
-ANOTHER_SIDE_RAD = 0.05
 
 
 class Stopwatch:
@@ -151,7 +148,7 @@ class Tracker:
         watch.lap("boxes")
         found = self._map.update(
             frame.index, things, boxes, objects, slots, pixel_owner, known, candidate,
-            self._news(image, T_world_camera), elsewhere, anchor,
+            self._turn(image, T_world_camera), elsewhere, anchor,
         )  # fmt: skip
         in_view = self._map.in_view(image, T_camera_world)
         if elsewhere:
@@ -230,9 +227,10 @@ class Tracker:
         """Track the supporting planes; return the ones that pixels lie on, those beneath them, all identities."""
         c, planes = self.config, self._planes
         seen_by = image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m
-        if planes.vote_is_due() and planes.vote(find_cells(*seen_by, VOTING_PIXELS), T_world_camera, up_camera):
+        if planes.vote_is_due() and planes.vote(find_voting_cells(*seen_by), T_world_camera, up_camera):
             self._map.stand_anew()
-        patches = np.full([n // PATCH_PIXELS for n in image.depth_m.shape], -1, np.int32)
+        patch = patch_pixels(image.camera)
+        patches = np.full([n // patch for n in image.depth_m.shape], -1, np.int32)
         look = elsewhere or not planes.known
         if look:
             cells = find_cells(*seen_by)
@@ -247,7 +245,7 @@ class Tracker:
         stand_on(
             solid.depth_m, np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera,
             planes.in_camera(view, T_world_camera), view.numbers, view.ground,
-            view.origin, CELL_M, patches, PATCH_PIXELS, c.depth_noise_per_m, c.min_height_m, BIAS_M,
+            view.origin, CELL_M, patches, patch, c.depth_noise_per_m, c.min_height_m, BIAS_M,
             c.max_depth_m, on_plane, support, view.seen,
         )  # fmt: skip
         if look:
@@ -278,14 +276,11 @@ class Tracker:
         self._looked_from = T_world_camera
         return True
 
-    def _news(self, image: WorkingImage, T_world_camera: Float64Array) -> float:
-        """Return how far a frame shows things from another side than the last one did, 0..1."""
+    def _turn(self, image: WorkingImage, T_world_camera: Float64Array) -> float:
+        """Return how far the camera has gone round what it sees since the last frame, radians; infinite at first."""
         last, self._place = self._place, T_world_camera[:3, 3]
         distance_m = 0.0 if last is None else _usual_depth_m(image.depth_m)
-        if last is None or distance_m == 0.0:
-            return 1.0
-        turn = float(np.linalg.norm(self._place - last)) / distance_m
-        return min(1.0, max(LITTLE, turn / ANOTHER_SIDE_RAD))
+        return math.inf if last is None or distance_m == 0.0 else math.dist(self._place, last) / distance_m
 
     def _boxes(self, clusters: Sequence[FrameCluster], image: WorkingImage, T_world_camera: Float64Array) -> list[Box]:
         if not clusters:
