@@ -31,16 +31,16 @@ ELSEWHERE = {
     *("heatmap/room.py", "heatmap/shelf.py", "heatmap/stored_points.py", "heatmap/moving_points.py"),
 }
 NO_CHOICE = {
-    "boxes/axis.py": {"fit_axis: 1.48": "a deviation by the median of absolute residuals"},
     "boxes/fit.py": {"_NO_SIDE": "empty", "_NO_TRUST": "empty"},
     "boxes/hidden.py": {"LEAST_GAP_M": "rounds off the last bits", "SOME_OF_NINE": "of a block"},
     "heatmap/voxel_map.py": {"VoxelMap: 255": "the largest of its type"},
+    "kernels/bodies.py": {"fit_trimmed: 1.48": "a deviation by the median of absolute residuals"},
     "kernels/cells.py": {"CELL_COLUMNS": "of a table", "level_patches: 1.42": "of two readings"},
+    "kernels/claims.py": {"REMEMBERED": "how pairs are collected"},
     "kernels/extents.py": {"BINS": "finer changes nothing", "best_turn: 9": "rounds off the last bits",
                            "side_spread: 3": "the fourth of four sides"},
     "kernels/holes.py": {"sweep: 1.4": "a diagonal step"},
     "kernels/outlines.py": {"KINDS": "of an enumeration"},
-    "kernels/owners.py": {"LAST": "how pairs are collected"},
     "kernels/patches.py": {"solve3: 0.001": "guards a division, in pixels squared"},
     "kernels/regions.py": {"COLUMNS": "of a table", "BACKGROUND": "a mark"},
     "kernels/resting.py": {"ALIKE_M": "rounds off the last bits", "LEAST_M": "no box is empty"},

@@ -298,6 +298,12 @@ def test_a_thing_in_plain_view_has_its_label_within_ten_frames() -> None:
     assert len(results[10].sightings) == 2
 
 
+def test_what_is_as_clear_from_elsewhere_has_its_label_at_once() -> None:
+    tracker = Tracker(CAMERA)
+    results = follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, 10 * k) for k, T in enumerate(orbit(4))))
+    assert [len(result.sightings) for result in results] == [0, 2, 2, 2]
+
+
 def test_what_the_border_of_the_picture_always_cuts_has_no_label_until_its_end_is_seen() -> None:
     tracker = Tracker(CAMERA)
     tower = upright((0.0, 0.0), (0.15, 0.15, 0.8), 0.3)

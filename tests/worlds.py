@@ -8,7 +8,7 @@ from cuboid.frame import Frame, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
 from cuboid.heatmap.voxel_map import MOST_VOTES
-from cuboid.kernels.cubes import BLOCK_ROWS
+from cuboid.kernels.cubes import BLOCK_BITS, BLOCK_ROWS
 from cuboid.objects.entry import State
 from cuboid.proposals.types import Proposals
 from cuboid.results import FrameResult
@@ -204,14 +204,21 @@ class Watch:
         assert (confidence <= MOST_VOTES).all()
         np.testing.assert_array_equal(owner > 0, confidence > 0)
         alive = voxels.living()
-        assert len(alive) == voxels.alive
+        fine = voxels.living(fine=True)
+        assert len(alive) + len(fine) == voxels.alive
+        assert not owner[fine].any(), "whose they are is told by the voxels around them alone"
         assert (voxels.hits[alive] > 0).all()
         assert np.isfinite(voxels.weight(alive)).all()
         for number in numbers:
             assert voxels.rows_of(number).tolist() == alive[owner[alive] == number].tolist()
-        assert not voxels._points.mark[used].any()
+        marked = np.flatnonzero(voxels._points.mark[used])
+        assert not voxels._cubes.bits[voxels._cubes.cube_of[marked >> BLOCK_BITS]].any(), "a table leads to a cell"
+        assert not owner[marked].any()
         points = self._tracker.map_points()
-        assert len(points.xyz) == len(points.label) == len(alive) == self._tracker.points_known
+        assert len(points.xyz) == len(points.label)
+        every, _ = voxels.spread(alive)
+        assert len(every) <= len(points.xyz) <= len(every) + len(fine)
+        assert self._tracker.points_known == voxels.alive
         assert np.isin(points.label, [0, *(o.label for o in store.confirmed())]).all()
 
     def _planes(self) -> None:

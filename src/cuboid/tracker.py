@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 
@@ -31,17 +32,13 @@ from cuboid.objects.visibility import look
 from cuboid.proposals import make_source
 from cuboid.proposals.types import Proposals, ProposalSource
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
-from cuboid.sensor import excess_noise
-from cuboid.surfaces.cells import PATCH_PIXELS, VOTING_PIXELS, find_cells, with_level_patches
+from cuboid.sensor import excess_noise, resolves_m
+from cuboid.surfaces.cells import find_cells, find_voting_cells, patch_pixels, with_level_patches
 from cuboid.surfaces.clusters import FrameCluster, FrameClusters, frame_clusters, points_of
 from cuboid.surfaces.grid import CELL_M
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, LITTLE, SAMPLE, STRAYS
+from cuboid.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, SAMPLE, STRAYS
 from cuboid.working import WorkingImage, filled, thin
-
-# A frame is all news of how things stand to each other when the camera has gone round them by this since the last one,
-# radians; a frame from the same place is a little.
-ANOTHER_SIDE_RAD = 0.05
 
 
 class Stopwatch:
@@ -140,6 +137,7 @@ class Tracker:
         watch.lap("fuse")
         in_view = self._map.in_view(image, T_camera_world)
         objects = self._map.limited(in_view)
+        left_out = len(in_view) - len(objects)
         pixel_owner, known = self._voxels.owner_of(slots)
         prior = prior_of(objects, pixel_owner, weighed)
         things = frame_clusters(
@@ -150,10 +148,13 @@ class Tracker:
         watch.lap("boxes")
         found = self._map.update(
             frame.index, things, boxes, objects, slots, pixel_owner, known, candidate,
-            self._news(image, T_world_camera), elsewhere, anchor,
+            self._turn(image, T_world_camera), elsewhere, anchor,
         )  # fmt: skip
+        in_view = self._map.in_view(image, T_camera_world)
+        if elsewhere:
+            self._refine(frame.index, image, heat, slots, in_view, T_world_camera, anchor)
         watch.lap("map")
-        sightings = self._sightings(frame.index, image, slots, found, T_camera_world)
+        sightings = self._sightings(frame.index, image, slots, in_view, found, T_camera_world)
         own = self._own_boxes(things, boxes, found)
         watch.lap("matching")
         self._count += 1
@@ -169,7 +170,7 @@ class Tracker:
             left_out={
                 "proposals": len(every) - len(proposals),
                 "clusters": things.left_out,
-                "candidates": len(in_view) - len(objects),
+                "candidates": left_out,
             },
             size=(self.intrinsics.width, self.intrinsics.height),
         )
@@ -226,9 +227,10 @@ class Tracker:
         """Track the supporting planes; return the ones that pixels lie on, those beneath them, all identities."""
         c, planes = self.config, self._planes
         seen_by = image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m
-        if planes.vote_is_due() and planes.vote(find_cells(*seen_by, VOTING_PIXELS), T_world_camera, up_camera):
+        if planes.vote_is_due() and planes.vote(find_voting_cells(*seen_by), T_world_camera, up_camera):
             self._map.stand_anew()
-        patches = np.full([n // PATCH_PIXELS for n in image.depth_m.shape], -1, np.int32)
+        patch = patch_pixels(image.camera)
+        patches = np.full([n // patch for n in image.depth_m.shape], -1, np.int32)
         look = elsewhere or not planes.known
         if look:
             cells = find_cells(*seen_by)
@@ -243,7 +245,7 @@ class Tracker:
         stand_on(
             solid.depth_m, np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera,
             planes.in_camera(view, T_world_camera), view.numbers, view.ground,
-            view.origin, CELL_M, patches, PATCH_PIXELS, c.depth_noise_per_m, c.min_height_m, BIAS_M,
+            view.origin, CELL_M, patches, patch, c.depth_noise_per_m, c.min_height_m, BIAS_M,
             c.max_depth_m, on_plane, support, view.seen,
         )  # fmt: skip
         if look:
@@ -274,14 +276,11 @@ class Tracker:
         self._looked_from = T_world_camera
         return True
 
-    def _news(self, image: WorkingImage, T_world_camera: Float64Array) -> float:
-        """Return how far a frame shows things from another side than the last one did, 0..1."""
+    def _turn(self, image: WorkingImage, T_world_camera: Float64Array) -> float:
+        """Return how far the camera has gone round what it sees since the last frame, radians; infinite at first."""
         last, self._place = self._place, T_world_camera[:3, 3]
         distance_m = 0.0 if last is None else _usual_depth_m(image.depth_m)
-        if last is None or distance_m == 0.0:
-            return 1.0
-        turn = float(np.linalg.norm(self._place - last)) / distance_m
-        return min(1.0, max(LITTLE, turn / ANOTHER_SIDE_RAD))
+        return math.inf if last is None or distance_m == 0.0 else math.dist(self._place, last) / distance_m
 
     def _boxes(self, clusters: Sequence[FrameCluster], image: WorkingImage, T_world_camera: Float64Array) -> list[Box]:
         if not clusters:
@@ -294,16 +293,37 @@ class Tracker:
         planes = [_most_beneath(c.supports, rests) or unknown for c in clusters]
         return fit_boxes(points, [len(pixels) for pixels in some], planes, STRAYS)
 
+    def _refine(
+        self,
+        frame: int,
+        image: WorkingImage,
+        heat: Float32Array,
+        slots: npt.NDArray[np.int32],
+        in_view: Sequence[MapObject],
+        T_world_camera: Float64Array,
+        anchor: int,
+    ) -> None:
+        """Keep what the frame shows of small labelled objects finer than the rest, as far as the sensor resolves it."""
+        voxels, c = self._voxels, image.camera
+        small = [o.number for o in in_view if o.confirmed and max(o.box.size.tolist()) <= voxels.small_m]
+        if small:
+            # The phases of thinned frames make up for a step of two.
+            far_m = resolves_m(voxels.fine_m, self.config.depth_noise_per_m, min(image.step, 2) * c.fx)
+            numbers = np.zeros(max(small) + 1, bool)
+            numbers[small] = True
+            voxels.refine(image, heat, T_world_camera, frame, anchor, slots, numbers, far_m)
+
     def _sightings(
         self,
         frame: int,
         image: WorkingImage,
         slots: npt.NDArray[np.int32],
+        in_view: Sequence[MapObject],
         found: Association,
         T_camera_world: Float64Array,
     ) -> tuple[Sighting, ...]:
         """Tell which of the map's objects the frame sees."""
-        objects = [o for o in self._map.in_view(image, T_camera_world) if len(o.points)]
+        objects = [o for o in in_view if len(o.points)]
         views = look(
             objects, self._map.store.boxes_of(objects), image, slots, self._voxels.owner, T_camera_world,
             self.config.depth_noise_per_m,
@@ -422,18 +442,23 @@ class Tracker:
         return self._voxels.nbytes
 
     def map_points(self) -> MapPoints:
-        """Return the global point map."""
+        """Return the global point map; of small objects its fine points, where there are such."""
         rows = self._voxels.living()
         label_of = np.zeros(max((o.number for o in self._map.store.living()), default=0) + 1, np.int32)
         for entry in self._map.store.confirmed():
             label_of[entry.number] = entry.label
         xyz, of = self._voxels.spread(rows)
         owner = self._voxels.owner[rows[of]]
+        label = label_of[np.where(owner < len(label_of), owner, 0)]
+        fine, whole = self._voxels.in_place_of(xyz, label > 0)
+        kept = np.ones(len(xyz), bool)
+        kept[whole] = False
+        every = np.concatenate([rows[of][kept], fine])
         return MapPoints(
-            xyz=xyz,
-            rgb=self._voxels.rgb(rows)[of],
-            heat=self._voxels.heat(rows)[of],
-            label=label_of[np.where(owner < len(label_of), owner, 0)],
+            xyz=np.concatenate([xyz[kept], self._voxels.xyz(fine)]),
+            rgb=self._voxels.rgb(every),
+            heat=self._voxels.heat(every),
+            label=np.concatenate([label[kept], label[whole]]),
         )
 
 

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy_bodies import numpy_body
 
 from cuboid.boxes.fit import fit_box
 from cuboid.boxes.revolved import revolved
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou
+from cuboid.kernels import bodies
 from cuboid.kernels import revolve as kernel
 from cuboid.synthetic.footprint import hull, smallest_rectangle
 from cuboid.tolerances import LEAST_SIGMA_M, SIGMAS
@@ -184,3 +186,33 @@ def test_the_axis_is_that_of_the_least_squares_of_the_distances() -> None:
     assert robust_cost(center) <= min(robust_cost(center + step) for step in steps) + 1e-12
     np.testing.assert_allclose(radius, [0.05, 0.04, 0.06, 0.03, 0.05], atol=5e-4)
     np.testing.assert_allclose(residual, np.hypot(*(plan - center).T) - radius[layer], atol=1e-12)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 10_000), st.booleans(), st.floats(0.0, 0.004), st.floats(90, 340))
+def test_the_body_is_that_of_plain_numpy(seed: int, trim: bool, noise_m: float, seen_deg: float) -> None:
+    rng = np.random.default_rng(seed)
+    radius = float(rng.uniform(0.03, 0.1))
+    cloud = side([(radius, 0.0), (radius * float(rng.uniform(0.5, 1.1)), 0.1)], seen_deg, 1.0, noise_m)[::3]
+    if seed % 2:
+        cloud = np.concatenate([cloud, pinned(radius, 0.04, 0.01, 0.03, 0.07, seed)])
+    trust, layer = rng.uniform(0.2, 1.0, len(cloud)), np.floor((cloud[:, 2] + 0.05) / 0.01).astype(np.int64)
+    plan = np.ascontiguousarray(cloud[:, :2])
+    rectangle = np.array([*((plan.min(0) + plan.max(0)) / 2), 1.0, 0.0, *np.ptp(plan, axis=0)])
+    center, part = np.empty(2), np.empty(len(plan), bool)
+    off_m = bodies.find_body(plan, layer, trust, rectangle, NOISE_M, trim, center, part)
+    axis = numpy_body(plan, layer, trust, rectangle, NOISE_M, trim)
+    assert (axis is not None) == (off_m > 0.0)
+    if axis is not None:
+        np.testing.assert_allclose(center, axis.center, atol=1e-9)
+        np.testing.assert_allclose(off_m, axis.noise_m, rtol=1e-9)
+        assert (part == axis.appendage(layer, trust)).all()
+
+
+@given(st.lists(st.tuples(st.integers(-9, 9), st.integers(0, 4)), min_size=1, max_size=40))
+def test_half_of_the_weight_lies_below_the_weighted_median(pairs: list[tuple[int, int]]) -> None:
+    values, weights = np.array(pairs, np.float64).T
+    if weights.sum() > 0.0:
+        found = bodies.weighted_median(values, weights)
+        below = [v for v in np.unique(values) if weights[values <= v].sum() >= weights.sum() / 2]
+        assert found == min(below)

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from cuboid.geometry import se3
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.kernels.cubes import ANCHORS, BLOCK_BITS, PLACES, ROW, voxels_of
+from cuboid.kernels.cubes import ANCHORS, BLOCK_BITS, PLACES, ROW, cubes_of, voxels_of
 from cuboid.working import WorkingImage
 from made_scenes import CAMERA, cast, look_at, upright
 
@@ -85,7 +85,8 @@ def mottled(seed: int, keyframes: int = 6) -> VoxelMap:
     rows["hits"], rows["passes"] = rng.integers(1, 99, len(rows)), rng.integers(0, 99, len(rows))
     rows["owner"], rows["confidence"] = rng.integers(0, 4, len(rows)), rng.integers(0, 9, len(rows))
     rows["anchor"], rows["last_frame"] = rng.integers(0, keyframes, len(rows)), rng.integers(0, 999, len(rows))
-    voxels.refill(number, rows)
+    keys, rows["voxel"] = cubes_of(number)
+    voxels.refill(keys, rows)
     return voxels
 
 
@@ -138,7 +139,8 @@ def wide(seed: int, points: int = 100_000) -> VoxelMap:
     rows["weight"], rows["hits"], rows["anchor"] = 1.0, 1, 1 + number[:, 0] // 100
     rows["place"] = rng.integers(0, PLACES, (len(rows), 3))
     rows["owner"] = number[:, 0] // 500
-    voxels.refill(number, rows)
+    keys, rows["voxel"] = cubes_of(number)
+    voxels.refill(keys, rows)
     return voxels
 
 

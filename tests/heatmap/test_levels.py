@@ -32,10 +32,12 @@ def seen(frames: int = 4) -> VoxelMap:
     return voxels
 
 
-def look_elsewhere(voxels: VoxelMap, frames: int) -> None:
+def look_elsewhere(voxels: VoxelMap, frames: int, stays: int = 0) -> None:
+    """Look at another place, and after each frame so many times from where that was taken."""
     for _ in range(frames):
-        voxels.fuse(image(), COLD, ELSEWHERE @ POSE, 100)
-        voxels.look_through(image(), se3.inverse(ELSEWHERE @ POSE))
+        for k in range(1 + stays):
+            voxels.fuse(image(), COLD, ELSEWHERE @ POSE, 100, elsewhere=k == 0)
+            voxels.look_through(image(), se3.inverse(ELSEWHERE @ POSE), elsewhere=k == 0)
 
 
 def here(voxels: VoxelMap) -> np.ndarray:
@@ -52,7 +54,7 @@ def rows_here(voxels: VoxelMap) -> int:
 
 
 def test_structure_out_of_view_takes_fewer_rows_and_keeps_each_voxel(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(levels, "AWAY_LOOKS", 8)
+    monkeypatch.setattr(levels, "AWAY_MOMENTS", 8)
     voxels = seen()
     before, rows, size = here(voxels), voxels.alive, voxels.nbytes
     owner = voxels.owner_at(before)
@@ -90,7 +92,7 @@ def test_voxels_of_objects_and_those_seen_once_stay_apart() -> None:
 def test_a_place_that_is_out_of_view_for_long_is_thinned_whatever_memory_there_is(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(levels, "AWAY_LOOKS", 8)
+    monkeypatch.setattr(levels, "AWAY_MOMENTS", 8)
     rich, poor = seen(), seen()
     poor.memory_mb = 1.0
     for voxels in (rich, poor):
@@ -105,6 +107,20 @@ def test_a_place_that_is_out_of_view_for_long_is_thinned_whatever_memory_there_i
         voxels.look_through(image(), se3.inverse(POSE))
     np.testing.assert_array_equal(here(rich), here(poor))
     np.testing.assert_array_equal(rich.hits[rich.living()], poor.hits[poor.living()])
+
+
+def test_how_long_is_long_does_not_depend_on_frames_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Away is what the camera has turned from, not what it has stood beside for many frames."""
+    monkeypatch.setattr(levels, "AWAY_MOMENTS", 8)
+    slow, fast = seen(), seen()
+    rows = rows_here(slow)
+    look_elsewhere(slow, 8)
+    look_elsewhere(fast, 8, stays=9)
+    assert rows_here(slow) == rows_here(fast) == rows
+    look_elsewhere(slow, 60)
+    look_elsewhere(fast, 60, stays=3)
+    assert rows_here(slow) == rows_here(fast) < 0.6 * rows
+    np.testing.assert_array_equal(here(slow), here(fast))
 
 
 def test_rows_of_a_file_are_parted_as_those_of_the_map() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.frame import Intrinsics
-from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.heatmap.voxel_map import MOST_VOTES, VOTES_SHARE, VoxelMap
 from cuboid.kernels.cubes import BLOCK_ROWS
 from cuboid.working import WorkingImage
 
@@ -80,3 +80,22 @@ def test_what_an_object_has_is_no_ones_after_it_was_released() -> None:
     assert len(voxels.rows_of(4)) == 0
     give(voxels, some, 7)
     assert voxels.rows_of(7).tolist() == some.tolist(), "votes of who is no more count for nothing"
+
+
+def test_the_solid_rows_of_an_object_are_hot_and_borne_out_by_votes() -> None:
+    rng = np.random.default_rng(1)
+    voxels = VoxelMap(0.01, 1e-3, 3.0)
+    slots = wall(voxels, 0.0, 0)
+    for frame in range(1, 9):
+        wall(voxels, 0.0, frame)
+    rows, points = voxels.living(), voxels._points
+    give(voxels, slots[slots >= 0], 3)
+    points.confidence[rows] = rng.integers(1, 9, len(rows))
+    points.heat[rows] = rng.integers(0, 65536, len(rows))
+    points.hits[rows] = rng.integers(1, 30, len(rows))
+    for hot, votes in ((0.5, 2), (0.2, 1), (0.0, 5)):
+        told = points.confidence[rows].astype(int)
+        solid = (told >= votes) & (VOTES_SHARE * told >= np.minimum(voxels.hits[rows], MOST_VOTES))
+        expected = rows[(voxels.owner[rows] == 3) & solid & (voxels.heat(rows) >= hot)]
+        assert 0 < len(expected) < len(rows)
+        assert voxels.solid_rows_of(3, hot, votes).tolist() == expected.tolist()

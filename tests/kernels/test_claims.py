@@ -340,7 +340,11 @@ def test_voxels_are_voted_for_as_boyer_and_moore_do(seed: int) -> None:
         may = {(i, o): bool(place[o] >= 0 and allowed[i, place[o]]) for i in range(3) for o in (0, 1, 2, 4)}
         held = {k: (int(owner[k]), int(confidence[k])) for k in range(count)}
         expected = slow_vote(held, claim, slots, dict(enumerate(number_of.tolist())), candidate, may, hits)
-        vote(claim, number_of, place, allowed, candidate, slots, hits, MOST, owner, confidence, voted)
+        pairs = vote(claim, number_of, place, allowed, candidate, slots, hits, MOST, owner, confidence, voted)
+        # What has a new owner is told of; all of these rows lie in block 0.
+        won = {int(owner[k]) for k in range(count) if owner[k] and owner[k] != held[k][0]}
+        assert won <= set((pairs >> 32).tolist()) <= {1, 2, 4}
+        assert not (pairs & 0xFFFFFFFF).any()
         assert {k: (int(owner[k]), int(confidence[k])) for k in range(count)} == expected
         assert not voted.any()
         np.testing.assert_array_equal(owner > 0, confidence > 0)

@@ -6,7 +6,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from cuboid.kernels.pieces import gather_regions, judge_regions, label_regions
-from cuboid.kernels.pixels import drop_mixed, stand_on
+from cuboid.kernels.pixels import drop_mixed, places_of, stand_on
 from cuboid.tolerances import JUMP_SIGMAS
 
 CAMERA = np.array([50.0, 50.0, 31.5, 23.5])
@@ -196,3 +196,16 @@ def test_what_is_beneath_is_found_among_more_planes_than_a_word_has_bits() -> No
     np.testing.assert_array_equal(seen, expected)
     for some in (on_plane >= 0, seen > 0, support > 63):
         assert some.any()
+
+
+def test_pixels_are_where_the_pinhole_and_the_pose_put_them() -> None:
+    rng = np.random.default_rng(3)
+    depth, camera = rng.uniform(0.5, 3.0, (12, 17)).astype(np.float32), np.array([20.0, 21.0, 8.2, 5.9])
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.normal(size=3)
+    pixels = rng.permutation(depth.size)[:50]
+    places = np.empty((50, 3))
+    places_of(pixels, depth, camera, T, places)
+    v, u = np.divmod(pixels, 17)
+    rays = np.stack([(u - camera[2]) / camera[0], (v - camera[3]) / camera[1], np.ones(50)], axis=1)
+    np.testing.assert_allclose(places, rays * depth[v, u][:, None] @ T[:3, :3].T + T[:3, 3], atol=1e-12)

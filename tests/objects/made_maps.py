@@ -6,7 +6,7 @@ import numpy as np
 
 from cuboid.geometry.box import Box
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.kernels.cubes import PLACES, ROW
+from cuboid.kernels.cubes import PLACES, ROW, cubes_of
 
 VOXEL_M = 0.01
 
@@ -36,7 +36,8 @@ def map_of(*parts: tuple[np.ndarray, int], hits: int = 3) -> VoxelMap:
     rows["place"] = (places[first] - number) * PLACES
     rows["heat"], rows["weight"], rows["hits"], rows["owner"] = 65535, 1.0, hits, owner[first]
     rows["confidence"] = np.where(owner[first] > 0, hits, 0)
-    voxels.refill(number, rows)
+    keys, rows["voxel"] = cubes_of(number)
+    voxels.refill(keys, rows)
     return voxels
 
 

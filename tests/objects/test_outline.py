@@ -9,7 +9,7 @@ import pytest
 
 from cuboid.kernels.outlines import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, KINDS, LEFT, RIGHT, SUPPORT, TOP, UNSURE
 from cuboid.objects.affinity import SURE
-from cuboid.objects.outline import enclosed, ends_above
+from cuboid.objects.outline import CLEAR, agreeing, enclosed, ends_above
 from cuboid.objects.outline import told_by as told_by_each
 from cuboid.tolerances import MOST
 
@@ -33,6 +33,19 @@ def test_two_sightings_of_what_stands_free_are_enough() -> None:
     assert told_by(free) == pytest.approx(log(99) / 2)
     assert 2 * told_by(free) >= SURE
     assert enclosed(free)
+
+
+def test_a_clear_sighting_from_elsewhere_counts_once_more_and_one_from_the_same_place_does_not() -> None:
+    assert CLEAR + agreeing(CLEAR, turn=0.2) >= 1.5 * SURE - 1e-9
+    assert agreeing(CLEAR, turn=0.0) == CLEAR, "a hundred from one place tell no more each"
+    assert agreeing(CLEAR, turn=0.1) == pytest.approx(1.5 * CLEAR)
+    assert agreeing(CLEAR / 2.0, turn=np.inf) == pytest.approx(0.75 * CLEAR), "as far as it is clear"
+    assert agreeing(-1.0, turn=np.inf) == -1.0
+
+
+def test_three_sightings_of_what_is_fairly_clear_are_enough_where_the_camera_goes_round_it() -> None:
+    fair = 0.6 * CLEAR
+    assert fair + 2 * agreeing(fair, turn=0.4) >= SURE > 3 * fair
 
 
 def test_what_is_contact_at_the_bottom_may_stand_there() -> None:

@@ -34,6 +34,12 @@ FRAMES = 36
 TURN = se3.compose((1, 0, 0, 0), (20.0, 0, 0))
 
 
+@pytest.fixture(autouse=True)
+def finely(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the coarse pictures of these worlds be near enough for fine points."""
+    monkeypatch.setattr("cuboid.tracker.resolves_m", lambda *_: 3.0)
+
+
 class Show:
     """Frames of a random world, with what is proposed in each: the same again and again."""
 
@@ -82,7 +88,7 @@ def commit(connection: sqlite3.Connection, state: StateFile) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_goes_on_from_any_cut(seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(levels, "AWAY_LOOKS", 3)
+    monkeypatch.setattr(levels, "AWAY_MOMENTS", 3)
     show, rng = Show(seed), np.random.default_rng(100 + seed)
     whole = show.tracker()
     expected = [told(whole.update(frame)) for frame in show.frames]
@@ -98,6 +104,7 @@ def test_goes_on_from_any_cut(seed: int, tmp_path: Path, monkeypatch: pytest.Mon
         tracker, begun = load_state(file.connection, show.tracker())[0], cut
         state = StateFile(tracker, file.connection)
     assert ends(tracker, tmp_path) == ends(whole, tmp_path)
+    assert len(tracker.voxels.living(fine=True)) > 100
     file.close()
 
 
@@ -106,7 +113,7 @@ def test_parts_of_the_map_leave_memory_and_come_back(
     scene: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No result depends on how much memory there is."""
-    monkeypatch.setattr(levels, "AWAY_LOOKS", 5)
+    monkeypatch.setattr(levels, "AWAY_MOMENTS", 5)
     show = Show(1)
     whole, poor = (
         Tracker(CAMERA, proposals=lambda frame, _: show.proposals[frame.index], memory_mb=most_mb)

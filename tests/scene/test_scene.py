@@ -185,6 +185,31 @@ def test_every_byte_of_the_map_is_under_a_check_sum(path: Path, tmp_path: Path) 
         assert [one.complete for one in scene.recordings] == [True, False, True], "the damage broke one off"
 
 
+def test_fine_points_are_in_the_file_in_exports_and_in_what_is_rescued(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cuboid.tracker.resolves_m", lambda *_: 3.0)
+    path, new, points = tmp_path / "fine.cuboid", tmp_path / "new.cuboid", []
+    record(path, Shown())
+    assert problems(path) == []
+    with sqlite3.connect(path) as connection:
+        assert connection.execute("SELECT sum(living) FROM blocks WHERE cube < 0").fetchone()[0] > 500
+    connection.close()
+    assert rescue(path, new) == []
+    for file in (path, new):
+        with Scene.open(file) as scene:
+            scene.write_results(tmp_path / file.stem)
+        cloud = FinishedResults(tmp_path / file.stem).points
+        cells = np.floor(cloud.xyz[cloud.label == 1] / 0.01).astype(int)
+        assert len(cells) > 1.5 * len(np.unique(cells, axis=0)), "several points a voxel of 1 cm"
+        points.append(sorted(map(tuple, np.column_stack([cloud.xyz, cloud.rgb, cloud.label]).tolist())))
+    assert points[0] == points[1]
+    record(new, Shown(begin=0.5), "again")
+    with Scene.open(new) as scene:
+        assert [item.label for item in scene.objects] == [1, 2]
+    assert problems(new) == []
+
+
 def test_a_recording_begins_without_the_map(path: Path) -> None:
     """Opening takes as long as the objects take: of the map, only what is looked at is read."""
     with sqlite3.connect(path) as connection:

@@ -11,7 +11,7 @@ from cuboid.config import TrackerConfig
 from cuboid.frame import Float64Array, Intrinsics, unit
 from cuboid.geometry.box import Box
 from cuboid.readers import open_recording
-from cuboid.surfaces.cells import VOTING_PIXELS, find_cells
+from cuboid.surfaces.cells import find_voting_cells
 from cuboid.surfaces.up import STILL_VOTES, UpVote
 from made_scenes import CAMERA, cast, look_at, upright
 
@@ -41,7 +41,7 @@ def vote(scene: list[Box], poses: list[Float64Array], seed: int = 0) -> tuple[Up
         depth, _ = cast(scene, T)
         depth = np.where(depth > 0, depth + rng.normal(size=depth.shape) * 1e-3 * depth**2, 0).astype(np.float32)
         c = CONFIG
-        cells = find_cells(depth, CAMERA, T, c.depth_noise_per_m, c.max_depth_m, VOTING_PIXELS)
+        cells = find_voting_cells(depth, CAMERA, T, c.depth_noise_per_m, c.max_depth_m)
         found = up.update(cells, T)
     return up, found
 
@@ -92,7 +92,7 @@ def test_a_real_desk_is_level_however_the_camera_was_rolled(data_dir: Path, turn
         camera = Intrinsics(K.fx / 2, K.fx / 2, width / 4, height / 4, width // 2, height // 2)
         T = frame.T_world_camera.copy()
         T[:3, :3] = T[:3, :3] @ quarter
-        found = up.update(find_cells(depth, camera, T, CONFIG.depth_noise_per_m, CONFIG.max_depth_m, VOTING_PIXELS), T)
+        found = up.update(find_voting_cells(depth, camera, T, CONFIG.depth_noise_per_m, CONFIG.max_depth_m), T)
     assert degrees_off(found) < 5.0
 
 
@@ -104,7 +104,7 @@ def turned(turns: int) -> Float64Array:
 def test_what_was_measured_as_up_needs_no_surface_and_outweighs_any() -> None:
     T = look_at((0.0, 0.0, 1.0), (0.0, 2.0, 1.0))
     depth = np.zeros((CAMERA.height, CAMERA.width), np.float32)
-    nothing = find_cells(depth, CAMERA, T, CONFIG.depth_noise_per_m, CONFIG.max_depth_m, VOTING_PIXELS)
+    nothing = find_voting_cells(depth, CAMERA, T, CONFIG.depth_noise_per_m, CONFIG.max_depth_m)
     assert degrees_off(UpVote().update(nothing, T, T[:3, :3].T @ UP)) < 0.1
     # On a slanted board that looks level, and is not.
     slanted = unit([0, -0.5, 0.87])
@@ -120,7 +120,7 @@ def test_a_level_surface_says_more_exactly_what_an_accelerometer_measured() -> N
     up = UpVote()
     for T in around_a_table(4):
         depth, _ = cast([TABLE], T)
-        cells = find_cells(depth, CAMERA, T, CONFIG.depth_noise_per_m, CONFIG.max_depth_m, VOTING_PIXELS)
+        cells = find_voting_cells(depth, CAMERA, T, CONFIG.depth_noise_per_m, CONFIG.max_depth_m)
         found = up.update(cells, T, T[:3, :3].T @ tilted)
     assert degrees_off(found) < 0.5
 

@@ -12,20 +12,13 @@ import math
 
 import numpy as np
 
-from cuboid.boxes.axis import SECTORS, Axis, Layers, by, fit_axis
 from cuboid.boxes.fit import DIRECTIONS, box_within, plane_axes, reach_of
 from cuboid.boxes.quantiles import quantile
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
-from cuboid.kernels import revolve as kernel
-from cuboid.kernels.extents import side_spread
-from cuboid.kernels.resting import ROUND_RADIUS
+from cuboid.kernels.bodies import find_body
+from cuboid.kernels.revolve import widest_layer
 from cuboid.tolerances import JUMP_M, LEAST_READINGS, LITTLE, MOST, STRAYS
-
-# Half of the turn is seen from one place, a little less of it in depth: what covers less fixes no axis in noise.
-LEAST_ARC = MOST - LITTLE
-# Of a side so much is its body's: a cap's brim has nearly as many points as its dome.
-LEAST_BODY = MOST - LITTLE
 
 
 def revolved(
@@ -65,55 +58,29 @@ def revolved(
     side = np.flatnonzero(height < quantile(height, 1.0 - 2.0 * STRAYS) - JUMP_M)
     if len(side) < LEAST_READINGS or not trust[side].sum() > 0.0:
         return None
-    rectangle = _footprint(box, first, second)
-    seen = plan[side], layer[side], trust[side], rectangle, noise_m
+    center, part = np.empty(2), np.empty(len(side), bool)
+    seen = plan[side], layer[side], trust[side], _footprint(box, first, second), noise_m
     # What is noisy all over has its axis from all of it.
-    axis = _axis(*seen, trim=True) or _axis(*seen, trim=False)
-    if axis is None:
+    off_m = find_body(*seen, True, center, part) or find_body(*seen, False, center, part)
+    if not off_m:
         return None
     body = np.ones(len(points), bool)
-    body[side] = ~axis.appendage(layer[side], trust[side])
-    distance = np.hypot(*(plan - axis.center).T)
+    body[side] = ~part
+    distance = np.hypot(*(plan - center).T)
     weight = float(trust.sum())
     layers, least_weight = int(layer.max()) + 1, 2.0 * STRAYS * weight
-    radius = kernel.widest_layer(distance[body], layer[body], trust[body], layers, least_weight, 1.0 - LITTLE)
-    along = DIRECTIONS @ axis.center
+    radius = widest_layer(distance[body], layer[body], trust[body], layers, least_weight, 1.0 - LITTLE)
+    along = DIRECTIONS @ center
     low, high, towards = along - radius, along + radius, None
     # What sticks out by more than noise is a part of its own, where most of it is no strays.
-    part = distance > radius + axis.noise_m
-    strays = share * weight / max(float(trust[part].sum()), 1e-12)
+    beyond = distance > radius + off_m
+    strays = share * weight / max(float(trust[beyond].sum()), 1e-12)
     if strays < MOST:
-        least, most = reach_of(plan[part], trust[part], DIRECTIONS, strays)
+        least, most = reach_of(plan[beyond], trust[beyond], DIRECTIONS, strays)
         low, high = np.minimum(low, least), np.maximum(high, most)
-        towards = _lengthwise(plan[part] - axis.center, trust[part])
+        towards = _lengthwise(plan[beyond] - center, trust[beyond])
     middle = float(normal @ box.center)
     return box_within(low, high, middle - box.size[2] / 2.0, middle + box.size[2] / 2.0, normal, towards)
-
-
-def _axis(
-    plan: Float64Array, layer: Layers, trust: Float64Array, rectangle: Float64Array, noise_m: float, trim: bool
-) -> Axis | None:
-    """Return the axis of the body of whose side points (N, 2) were seen; None where there is none, or it is unsure."""
-    axis = fit_axis(plan, layer, trust, noise_m, trim)
-    if axis is None or axis.weights.sum() < LEAST_BODY * trust.sum():
-        return None
-    usual = float(np.average(axis.radius[layer], weights=axis.weights))
-    along, half = rectangle[2:4], rectangle[4:] / 2.0
-    sides = np.array([along, [-along[1], along[0]]])
-    against = side_spread(plan - rectangle[:2], axis.weights, sides, -half, half, 0)
-    # It fits better than the best rectangle.
-    if max(axis.spread_m, noise_m) >= against:
-        return None
-    # A nearly straight side has its axis far away.
-    if usual > ROUND_RADIUS * float(rectangle[4:].max()) + JUMP_M:
-        return None
-    sums = by(axis.sector, axis.weights * axis.residual, SECTORS + 1), by(axis.sector, axis.weights, SECTORS + 1)
-    readings = np.bincount(axis.sector[axis.weights > 0.0], minlength=SECTORS + 1)
-    known = (readings >= LEAST_READINGS) & (sums[1] > 0.0)
-    # It departs from itself from sector to sector by little of its radius.
-    if known.sum() < LEAST_ARC * SECTORS or np.ptp(sums[0][known] / sums[1][known]) > LITTLE * usual:
-        return None
-    return axis
 
 
 def _lengthwise(away: Float64Array, trust: Float64Array) -> float:

@@ -64,7 +64,7 @@ class ObjectEntry(Entry, frozen=True):
     first_frame: FrameNumber
     last_frame: FrameNumber
     frames_seen: Count
-    points: Annotated[Count, Meta(description="points of the map that belong to it")]
+    points: Annotated[Count, Meta(description="voxels of the map that belong to it")]
     mean_color: Annotated[tuple[Level, Level, Level], Meta(description="red, green, blue, 0 to 255")]
     plane: Annotated[Count | None, Meta(description="index into planes: what it stands on")]
     merged_labels: Annotated[list[Label], Meta(description="younger labels that turned out to be this object")]

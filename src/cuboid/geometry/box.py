@@ -35,7 +35,7 @@ class Box:
     rotation: Float64Array
 
     def __post_init__(self) -> None:
-        shapes = (np.shape(self.center), np.shape(self.size), np.shape(self.rotation))
+        shapes = self.center.shape, self.size.shape, self.rotation.shape
         if shapes != ((3,), (3,), (3, 3)):
             raise ValueError(f"a box needs center (3,), size (3,), rotation (3, 3), got {shapes}")
 

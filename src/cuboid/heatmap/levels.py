@@ -12,11 +12,13 @@ from cuboid.heatmap.stored_points import Rows, StoredPoints, rows_of_a_cube, wor
 from cuboid.kernels import levels as kernel
 from cuboid.kernels import lookup
 from cuboid.kernels.cubes import BLOCK_BITS, CUBE_BITS
+from cuboid.tolerances import ARM_LENGTH_M, DRIFT_M
 
-# Looks after which what is out of view is kept in cells: hands that shake, or look aside and back, part none.
-AWAY_LOOKS = 128
-# Rows that are looked through for it a frame, one cube more or less; more where so many looks would not do for all that
-# waits.
+# Moments (see `StoredPoints`) after which what is out of view is kept in cells: the camera has gone by an arm's length,
+# or turned by 46 degrees. Hands that shake, or look aside and back, part none.
+AWAY_MOMENTS = round(ARM_LENGTH_M / DRIFT_M)
+# Rows that are looked through for it a frame, one cube more or less; more where as many frames as moments would not do
+# for all that waits.
 ROWS_A_LOOK = 1024
 
 
@@ -25,7 +27,7 @@ class LevelledPoints(StoredPoints):
 
     Which voxels hold a point, whether more than one frame saw it, and whether it is hot, is known of each voxel still;
     place (of each layer of the cell), color and numbers of frames are means. Voxels have rows of their own again as
-    soon as somebody looks there. All of that follows from the looks alone, not from what is in memory.
+    soon as somebody looks there. All of that follows from the frames alone, not from what is in memory.
     """
 
     def __init__(self, voxel_m: float, memory_mb: float) -> None:
@@ -36,23 +38,23 @@ class LevelledPoints(StoredPoints):
     def begin_visit(self, most_hits: int) -> None:
         """Let what was seen so far count as no more than so many sightings; see `StoredPoints.begin_visit`."""
         self._first_frame = None
-        self._open = self._open[:0]
+        self._parted = self._parted[:0]
         super().begin_visit(most_hits)
 
     def look_away(self) -> None:
         """Let nobody look at anything: the visit has ended."""
-        self._thin(self._open[:, 0])
-        self._open = self._open[:0]
+        self._thin(self._parted[:, 0])
+        self._parted = self._parted[:0]
 
     def _look_elsewhere(self, seen: Rows) -> None:
         """Let a frame look at some cubes (N,), and have those thinned that it is time for."""
         self._opened(seen)
-        due = int(np.searchsorted(self._open[:, 1], self._looks - AWAY_LOOKS))
+        due = int(np.searchsorted(self._parted[:, 1], self._moments - AWAY_MOMENTS))
         if due:
-            cubes = self._open[:due, 0]
+            cubes = self._parted[:due, 0]
             rows = np.cumsum(self._cubes.rows[cubes])
-            some = 1 + int(np.searchsorted(rows, max(ROWS_A_LOOK, rows[-1] // AWAY_LOOKS)))
-            self._open = self._open[some:] if some < due else self._open[due:]
+            some = 1 + int(np.searchsorted(rows, max(ROWS_A_LOOK, rows[-1] // AWAY_MOMENTS)))
+            self._parted = self._parted[some:] if some < due else self._parted[due:]
             self._thin(cubes[:some])
 
     def _thin(self, cubes: Rows) -> None:

@@ -39,14 +39,14 @@ class MovingPoints(LevelledPoints):
             self._bring_all()
             self._find_anchors()
         # Past moves may have left many cubes that hold nothing: then all is put down anew, without these.
-        if self._anchors.crowded or 2 * self._deserted() > max(LEAST_DESERTED, self._cubes.used[0]):
+        cubes = np.flatnonzero(~self._fine(np.arange(self._cubes.used[0])))
+        if self._anchors.crowded or 2 * self._deserted(cubes) > max(LEAST_DESERTED, len(cubes)):
             self.settle_all()
         self._cubes.mixed[self._anchors.owe(moved)] = True
 
-    def _deserted(self) -> int:
-        """Return how many cubes have no living row."""
-        used = self._cubes.used[0]
-        return int(np.count_nonzero(self._cubes.rows[:used] == self._cubes.dead[:used]))
+    def _deserted(self, cubes: Rows) -> int:
+        """Return how many of some cubes (N,) have no living row."""
+        return int(np.count_nonzero(self._cubes.rows[cubes] == self._cubes.dead[cubes]))
 
     def _settle_in(self, spaces: Float64Array) -> None:
         """Have nothing that owes a motion lie or belong in a region; see `lookup.reach`."""
@@ -99,7 +99,7 @@ class MovingPoints(LevelledPoints):
     def settle_all(self) -> None:
         """Let all points move as they owe, and put all down anew, without cubes that hold nothing."""
         self._bring_all()
-        rows = self.living()
+        rows = self._all_living()
         taken, keys = self._room.rows[rows], self._cubes.key[self._cubes.cube_of[rows >> BLOCK_BITS]]
         columns, to = columns_of(taken), np.empty(len(keys), np.int64)
         kernel.move(keys, columns, self._anchors.owes, self._anchors.motions, self.voxel_m, to)

@@ -16,7 +16,7 @@ from cuboid.heatmap.shelf import Shelf, TemporaryShelf
 from cuboid.kernels import cubes as kernel_cubes
 from cuboid.kernels import levels, owners
 from cuboid.kernels import voxels as kernel
-from cuboid.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, CUBE_BITS, MOST_BLOCKS, ROW, Points, columns_of, keys_of
+from cuboid.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, MOST_BLOCKS, ROW, Points, columns_of
 
 Rows = npt.NDArray[np.int64]
 
@@ -51,9 +51,10 @@ class StoredPoints:
         self.memory_mb = memory_mb
         self.before_visit: Callable[[Rows], None] | None = None
         self._visit, self._most_hits = 0, 0
-        # How many looks there were; and the cubes (N, 2) of which each voxel has a row of its own since somebody looked
-        # there, with that look, those first at which nobody has looked for longest.
-        self._looks, self._open = 0, np.zeros((0, 2), np.int64)
+        # How many frames looked; how many moments there were at which the camera had moved since the one before; and
+        # the cubes (N, 2) of which each voxel has a row of its own since somebody looked there, with that moment, those
+        # first at which nobody has looked for longest.
+        self._looks, self._moments, self._parted = 0, 0, np.zeros((0, 2), np.int64)
         self._blocks, self._anchors = RowBlocks(), Anchors()
         self._begin(TemporaryShelf())
 
@@ -140,29 +141,26 @@ class StoredPoints:
 
     def _begin_anew(self) -> None:
         self._begin(self._shelf if not isinstance(self._shelf, TemporaryShelf) else TemporaryShelf())
-        self._blocks, self._open = RowBlocks(), self._open[:0]
+        self._blocks, self._parted = RowBlocks(), self._parted[:0]
 
     def put_on(self, shelf: Shelf) -> None:
         """Put what leaves memory from now on elsewhere; all is in memory yet."""
         self._shelf = shelf
 
-    def refill(self, voxels: npt.NDArray[np.int64], rows: npt.NDArray[Any]) -> None:
+    def refill(self, keys: npt.NDArray[np.int64], rows: npt.NDArray[Any]) -> None:
         """Have these points and no others.
 
         Parameters
         ----------
-        voxels : (N, 3) int64
-            Of the world, each another one.
+        keys : (N,) int64
+            Of their cubes.
         rows : (N,) of type ROW
-            Their points; `voxel` is not read.
+            Each of another voxel.
         """
         self._begin_anew()
-        cube, within = voxels >> CUBE_BITS, voxels & ((1 << CUBE_BITS) - 1)
-        inside = (within[:, 0] << (2 * CUBE_BITS)) | (within[:, 1] << CUBE_BITS) | within[:, 2]
-        place = np.empty(len(voxels), np.int64)
-        kernel_cubes.enter(keys_of(cube), inside, rows["anchor"], self._cubes, self._points, place)
+        place = np.empty(len(keys), np.int64)
+        kernel_cubes.enter(keys, rows["voxel"], rows["anchor"], self._cubes, self._points, place)
         there = place >= 0
-        rows["voxel"] = inside
         self._room.rows[place[there]] = rows[there]
         self._cubes.changed[1 : self.blocks] = True
         self._ready[:] = self._visit
@@ -183,7 +181,8 @@ class StoredPoints:
         all_of = (block for cube in cubes.tolist() for block in self._room.blocks_of(cube))
         blocks = [block for block in all_of if self._ready[block] != self._visit]
         if blocks and self.before_visit is not None:
-            rows = (np.array(blocks)[:, None] * BLOCK_ROWS + np.arange(BLOCK_ROWS)).ravel()
+            some = np.array(blocks)[~self._fine(self._cubes.cube_of[blocks])]
+            rows = (some[:, None] * BLOCK_ROWS + np.arange(BLOCK_ROWS)).ravel()
             self.before_visit(rows[self._points.weight[rows] > 0])
         for block in blocks:
             part = self._room.block(block)
@@ -208,6 +207,10 @@ class StoredPoints:
         cubes = np.empty(len(keys), np.int64)
         kernel_cubes.cubes_at(keys, self._cubes, cubes)
         return np.asarray((cubes >= 0) & seen[np.maximum(cubes, 0)]) if used else np.zeros(len(keys), bool)
+
+    def _fine(self, cubes: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+        """Tell which cubes (N,) are fine ones: their voxels have half the edge; see `FineVoxels`."""
+        return np.asarray(self._cubes.key[cubes] < 0)
 
     def _in_memory(self) -> npt.NDArray[np.bool_]:
         """Tell of each cube whether its rows are in memory."""
@@ -242,12 +245,13 @@ class StoredPoints:
 
     def _opened(self, cubes: Rows) -> None:
         """Tell that somebody looks at some cubes (N,), each named once."""
+        cubes = cubes[~self._fine(cubes)]
         self._marks[cubes] = True
-        others = self._open[~self._marks[self._open[:, 0]]]
+        others = self._parted[~self._marks[self._parted[:, 0]]]
         self._marks[cubes] = False
         now = np.empty((len(cubes), 2), np.int64)
-        now[:, 0], now[:, 1] = cubes, self._looks
-        self._open = np.concatenate([others, now])
+        now[:, 0], now[:, 1] = cubes, self._moments
+        self._parted = np.concatenate([others, now])
 
     def _bring_all(self) -> None:
         self._bring(np.arange(self._cubes.used[0]))
@@ -309,8 +313,12 @@ class StoredPoints:
         places = sum(column[:1].nbytes for column in self._cubes if column.ndim == 2 or column is self._cubes.key)
         return int(self._room.bytes_of(held).sum()) + used * places
 
-    def living(self) -> Rows:
-        """Return the rows of all points; some may stand for several voxels each."""
+    def living(self, *, fine: bool = False) -> Rows:
+        """Return the rows of all points of the map's voxels, of which some may stand for several; or of fine ones."""
+        rows = self._all_living()
+        return np.asarray(rows[self._fine(self._cubes.cube_of[rows >> BLOCK_BITS]) == fine])
+
+    def _all_living(self) -> Rows:
         self._bring_rows(np.arange(self._cubes.used[0]))
         rows = np.flatnonzero(self._points.weight[BLOCK_ROWS : self.blocks * BLOCK_ROWS] > 0)
         return np.asarray(rows + BLOCK_ROWS)

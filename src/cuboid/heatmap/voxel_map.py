@@ -7,12 +7,12 @@ import numpy.typing as npt
 
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.geometry.se3 import inverse
-from cuboid.heatmap.moving_points import MovingPoints
+from cuboid.heatmap.fine_points import FinePoints
 from cuboid.heatmap.stored_points import Rows
 from cuboid.kernels import claims as kernel_claims
 from cuboid.kernels import lookup, owners
 from cuboid.kernels import voxels as kernel
-from cuboid.kernels.cubes import HEATS, LEVELS
+from cuboid.kernels.cubes import BLOCK_ROWS, HEATS, LEVELS
 from cuboid.tolerances import LEAST_READINGS
 from cuboid.working import WorkingImage
 
@@ -24,10 +24,11 @@ MOST_VOTES = LEAST_READINGS
 VOTES_SHARE = 3
 
 
-class VoxelMap(MovingPoints):
+class VoxelMap(FinePoints):
     """Points of the scene with color, heat, and the object that each belongs to, in cubes of voxels.
 
-    How they lie in memory, and where else: `StoredPoints`; how they follow corrections of poses: `MovingPoints`.
+    How they lie in memory, and where else: `StoredPoints`; how they follow corrections of poses: `MovingPoints`; which
+    of them are there finer as well: `FinePoints`.
 
     Parameters
     ----------
@@ -48,10 +49,10 @@ class VoxelMap(MovingPoints):
         super().__init__(voxel_m, memory_mb)
         self.noise_per_m = noise_per_m
         self._max_depth_m = max_depth_m
-        # The cube that the next look begins with.
-        self._next_look = 0
-        # Frames since the last one, and how many frames were fused with what is cold in them.
-        self._waiting = self._whole = 0
+        # The cube that the next look begins with; the fine one.
+        self._next_look = self._next_fine_look = 0
+        # Frames since the last one.
+        self._waiting = 0
 
     @property
     def looks(self) -> int:
@@ -68,6 +69,8 @@ class VoxelMap(MovingPoints):
 
     def settle_in_view(self, image: WorkingImage, T_camera_world: Float64Array) -> None:
         """Let points that owe a motion make it, where they lie or belong in what a frame may see."""
+        if not len(self._anchors.owing[0]):
+            return
         c, R, t = image.camera, T_camera_world[:3, :3], T_camera_world[:3, 3]
         # A pixel more on each side than there is.
         sides = [(c.fx, 0, c.cx + 1), (-c.fx, 0, c.width - c.cx), (0, c.fy, c.cy + 1), (0, -c.fy, c.height - c.cy)]
@@ -108,7 +111,8 @@ class VoxelMap(MovingPoints):
         self.settle_in_view(image, T_camera_world)
         seen = self._in_view(image, T_camera_world)
         self._last_look[seen] = self._looks
-        self.relieve(seen)
+        if elsewhere:
+            self.relieve(seen)
         self._bring(seen)
         self._pack(seen)
         used = int(self._cubes.used[0])
@@ -117,9 +121,9 @@ class VoxelMap(MovingPoints):
             self._first_frame = frame
         kernel.fuse(
             image.depth_m, image.color, heat, _pinhole(image), np.ascontiguousarray(T_world_camera), self.voxel_m,
-            self._max_depth_m, frame, self._whole if elsewhere else -1, hangs, self._cubes, self._points, slots,
+            self._max_depth_m, frame, self._moments if elsewhere else -1, hangs, 0, self._cubes, self._points, slots,
         )  # fmt: skip
-        self._whole += elsewhere
+        self._moments += elsewhere
         self._ready[begun : self.blocks] = self._visit
         count = lookup.touched(slots, self._cubes.cube_of, self._marks, self._seen)
         self._anchors.has_points_in(hangs, self._seen[:count])
@@ -137,17 +141,23 @@ class VoxelMap(MovingPoints):
             return
         seen = self._in_view(image, T_camera_world)
         self._bring(seen)
-        in_turn = np.concatenate([seen[seen >= self._next_look], seen[seen < self._next_look]])
+        fine = self._fine(seen)
+        self._next_look = self._look_at(seen[~fine], self._next_look, image, T_camera_world)
+        self._next_fine_look = self._look_at(seen[fine], self._next_fine_look, image, T_camera_world)
+        self._waiting = 0
+
+    def _look_at(self, seen: Rows, first: int, image: WorkingImage, T_camera_world: Float64Array) -> int:
+        """Look through the points of some cubes (N,), as many as a look may, from one on; return the next one."""
+        in_turn = np.concatenate([seen[seen >= first], seen[seen < first]])
         points = np.cumsum(self._cubes.rows[in_turn])
         now = in_turn[: 1 + int(np.searchsorted(points, LOOK_POINTS))]
         turns = max(1, -(-int(points[-1]) // LOOK_POINTS)) if len(points) else 1
-        self._next_look = int(now[-1]) + 1 if len(now) < len(in_turn) else 0
         kernel.see_through(
             now, image.depth_m, _pinhole(image),
             np.ascontiguousarray(T_camera_world), self.noise_per_m, 2 * self.voxel_m, turns * self._waiting,
             self.voxel_m, self._cubes, self._points,
         )  # fmt: skip
-        self._waiting = 0
+        return int(now[-1]) + 1 if len(now) < len(in_turn) else 0
 
     def solid_rows_of(self, number: int, hot: float, votes: int) -> Rows:
         """Return the rows of an object, ascending, that are hot and whose votes bear it out.
@@ -160,10 +170,13 @@ class VoxelMap(MovingPoints):
         votes : int
             Least votes.
         """
-        rows = self.rows_of(number)
-        confidence, hits = self._points.confidence[rows].astype(np.int64), self.hits[rows]
-        borne_out = (confidence >= votes) & (VOTES_SHARE * confidence >= np.minimum(hits, MOST_VOTES))
-        return np.asarray(rows[borne_out & (self.heat(rows) >= hot)], dtype=np.int64)
+        blocks = self._blocks_of(number)
+        rows = np.empty(len(blocks) * BLOCK_ROWS, np.int64)
+        p = self._points
+        return rows[: owners.solid_rows_of(
+            number, blocks, BLOCK_ROWS, p.owner, p.weight, p.confidence, p.hits, p.heat, np.float32(hot), votes,
+            VOTES_SHARE, MOST_VOTES, rows,
+        )]  # fmt: skip
 
     def vote(
         self,
@@ -175,17 +188,11 @@ class VoxelMap(MovingPoints):
         slots: npt.NDArray[np.int32],
     ) -> None:
         """Let a frame's shares vote for whom their voxels belong to; see `kernels.claims.vote`."""
-        kernel_claims.vote(
+        pairs = np.unique(kernel_claims.vote(
             claim, number_of, place, allowed, candidate, slots, self.hits, MOST_VOTES, self.owner,
             self._points.confidence, self._points.mark,
-        )  # fmt: skip
-        # Blocks of an object's rows: a row that the vote did not give it does no harm there.
-        pairs = np.empty(claim.size, np.int64)
-        pairs = np.unique(pairs[: owners.blocks_touched(claim, len(number_of), slots, pairs)])
-        number, block = number_of[pairs >> 32].astype(np.int64), pairs & 0xFFFFFFFF
-        order = np.argsort(number, kind="stable")
-        order = order[number[order] > 0]
-        self._blocks.give(number[order], block[order])
+        ))  # fmt: skip
+        self._blocks.give(pairs >> 32, pairs & 0xFFFFFFFF)
 
     def owner_of(self, slots: npt.NDArray[np.int32]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
         """Return the number of the object (h, w) that each pixel's voxel belongs to, 0 none; and which were known."""

@@ -23,27 +23,24 @@ def halve_depth(depth_m: Float32Array, same_surface: float, out_m: Float32Array)
     out_m : (H, W) float32
         Written.
     """
-    inf = np.float32(np.inf)
+    inf, none, half = np.float32(np.inf), np.float32(0.0), np.float32(0.5)
+    wide = 2 * out_m.shape[1]
     for v in range(out_m.shape[0]):
-        for u in range(out_m.shape[1]):
-            a, b = depth_m[2 * v, 2 * u], depth_m[2 * v, 2 * u + 1]
-            c, d = depth_m[2 * v + 1, 2 * u], depth_m[2 * v + 1, 2 * u + 1]
-            a = a if a > 0 else inf
-            b = b if b > 0 else inf
-            c = c if c > 0 else inf
-            d = d if d > 0 else inf
+        above, below, out = depth_m[2 * v, :wide], depth_m[2 * v + 1, :wide], out_m[v]
+        # Without a branch: so one instruction takes several blocks.
+        for u in range(out.size):
+            a, b, c, d = above[2 * u], above[2 * u + 1], below[2 * u], below[2 * u + 1]
+            a, b = a if a > none else inf, b if b > none else inf
+            c, d = c if c > none else inf, d if d > none else inf
             low, other_low = min(a, b), min(c, d)
             high, other_high = max(a, b), max(c, d)
             p, q = max(low, other_low), min(high, other_high)
             near, far = min(p, q), max(p, q)
-            if far == inf:  # two readings or fewer: the middle two are the first and the second
-                near, far = min(low, other_low), near
-            if near == inf:
-                out_m[v, u] = 0.0
-            elif far <= near * (1.0 + same_surface):
-                out_m[v, u] = (near + far) * 0.5
-            else:
-                out_m[v, u] = near
+            # Of two readings or fewer the middle two are the first and the second.
+            few = far == inf
+            near, far = min(low, other_low) if few else near, near if few else far
+            mean = (near + far) * half if far <= near * (1.0 + same_surface) else near
+            out[u] = none if near == inf else mean
 
 
 @njit(cache=True, nogil=True)

@@ -9,9 +9,11 @@ from cuboid.kernels.cubes import (
     BLOCK_BITS,
     CUBE_BITS,
     CUBE_SIDE,
+    FINE,
     PLACES,
     add_row,
     corner,
+    edge_of,
     find_row,
     make_cube,
     pack_key,
@@ -88,16 +90,16 @@ def move(keys, taken, owes, motions, voxel_m, to):
         voxel, anchor, place = np.int64(taken.voxel[i]), taken.anchor[i], taken.place[i]
         x, y, z = x + (voxel >> (2 * CUBE_BITS)), y + ((voxel >> CUBE_BITS) & mask), z + (voxel & mask)
         if owes[anchor]:
-            T = motions[anchor]
-            px = (x + (place[0] + 0.5) / PLACES) * voxel_m
-            py = (y + (place[1] + 0.5) / PLACES) * voxel_m
-            pz = (z + (place[2] + 0.5) / PLACES) * voxel_m
-            qx = (T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]) / voxel_m
-            qy = (T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]) / voxel_m
-            qz = (T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]) / voxel_m
+            T, edge_m = motions[anchor], edge_of(keys[i], voxel_m)
+            px = (x + (place[0] + 0.5) / PLACES) * edge_m
+            py = (y + (place[1] + 0.5) / PLACES) * edge_m
+            pz = (z + (place[2] + 0.5) / PLACES) * edge_m
+            qx = (T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]) / edge_m
+            qy = (T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]) / edge_m
+            qz = (T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]) / edge_m
             x, y, z = np.int64(np.floor(qx)), np.int64(np.floor(qy)), np.int64(np.floor(qz))
             place[0], place[1], place[2] = inside(qx - x), inside(qy - y), inside(qz - z)
-            keys[i] = pack_key(x >> CUBE_BITS, y >> CUBE_BITS, z >> CUBE_BITS)
+            keys[i] = pack_key(x >> CUBE_BITS, y >> CUBE_BITS, z >> CUBE_BITS) | (keys[i] & FINE)
             taken.voxel[i] = voxel_in(x, y, z)
         if count == 0 or to[count - 1] != keys[i]:
             to[count] = keys[i]

@@ -5,6 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from cuboid.kernels.cubes import BLOCK_BITS
+
+# Of the pairs of an object and a block so many are remembered while they are collected, a power of 2.
+REMEMBERED = 256
+
 
 @njit(cache=True, nogil=True)
 def common(owner, place, rectangles, starts, covered, column, table, sight):
@@ -161,6 +166,11 @@ def vote(claim, number_of, place, allowed, candidate, slots, hits, most, owner, 
     confidence : (C,) uint8, in and out
     voted : (C,) uint8, scratch
         Zeros.
+
+    Returns
+    -------
+    (K,) int64
+        Objects << 32 | blocks in which rows may be theirs by that, some of them more than once.
     """
     height, width = claim.shape
     those, count = np.empty(claim.size, np.int32), 0
@@ -193,5 +203,13 @@ def vote(claim, number_of, place, allowed, candidate, slots, hits, most, owner, 
             voted[row] = 1
             those[count] = row
             count += 1
+    pairs, found, last = np.empty(count, np.int64), 0, np.full(REMEMBERED, -1, np.int64)
     for row in those[:count]:
         voted[row] = 0
+        pair = (np.int64(owner[row]) << 32) | (np.int64(row) >> BLOCK_BITS)
+        place_in = (pair ^ (pair >> 32)) & (REMEMBERED - 1)
+        if owner[row] > 0 and last[place_in] != pair:
+            last[place_in] = pair
+            pairs[found] = pair
+            found += 1
+    return pairs[:found]

@@ -4,6 +4,9 @@ A cube has 32 voxels a side. Its points lie in rows of a few blocks of 1,024 row
 open-addressing table of its own leads from a voxel in the cube to the row (0 is empty, k + 1 is the cube's row k). So
 a map grows by blocks: nothing of what there is moves. A removed point keeps its row, with zero weight, until its cube
 is packed.
+
+There are two kinds of cubes: those of the map's voxels, and fine ones, whose voxels have half the edge; the sign of a
+cube's key tells which.
 """
 
 from __future__ import annotations
@@ -18,6 +21,8 @@ from numba import njit
 KEY_BITS, CUBE_BITS = 21, 5
 KEY_OFFSET = 1 << (KEY_BITS - 1)  # cube numbers run from -2^20 to 2^20 - 1: +-300 km at 1 cm
 CUBE_SIDE = 1 << CUBE_BITS
+# What the key of a fine cube has beside its place: the sign.
+FINE = -(1 << 63)
 # Rows of a block, as bits of their number.
 BLOCK_BITS = 10
 BLOCK_ROWS = 1 << BLOCK_BITS
@@ -75,7 +80,7 @@ class Cubes(NamedTuple):
     # Cubes by their place: (2 C,) 0 empty, k + 1 is cube k; and the place of each (C,).
     table: npt.NDArray[np.int32]
     key: npt.NDArray[np.int64]
-    # Least and greatest x, y, z (C / BATCH, 6) of the first voxels of each batch of cubes.
+    # Least and greatest x, y, z (C / BATCH, 6) of the first voxels of each batch of cubes, in voxels of the map.
     bounds: npt.NDArray[np.int64]
     # Blocks of each (C, MOST_BLOCKS), ascending, 0 for none; rows in use, and dead ones among them.
     blocks: npt.NDArray[np.int32]
@@ -110,10 +115,16 @@ def pack_key(x, y, z):
 def corner(key):
     """Return the number (x, y, z) of a cube's first voxel."""
     mask = (1 << KEY_BITS) - 1
-    x = (key >> (2 * KEY_BITS)) - KEY_OFFSET
+    x = ((key >> (2 * KEY_BITS)) & mask) - KEY_OFFSET
     y = ((key >> KEY_BITS) & mask) - KEY_OFFSET
     z = (key & mask) - KEY_OFFSET
     return x << CUBE_BITS, y << CUBE_BITS, z << CUBE_BITS
+
+
+@njit(cache=True, nogil=True, inline="always")
+def edge_of(key, voxel_m):
+    """Return the edge of the voxels of a cube, where those of the map have this one."""
+    return 0.5 * voxel_m if key < 0 else voxel_m
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -170,6 +181,8 @@ def make_cube(key, cubes):
         cubes.key[cube] = key
         cubes.bits[cube] = LEAST_BITS
         bounds, (x, y, z) = cubes.bounds[cube // BATCH], corner(key)
+        if key < 0:
+            x, y, z = x >> 1, y >> 1, z >> 1
         if cube % BATCH == 0:
             bounds[0], bounds[1], bounds[2], bounds[3], bounds[4], bounds[5] = x, y, z, x, y, z
         bounds[0], bounds[1], bounds[2] = min(bounds[0], x), min(bounds[1], y), min(bounds[2], z)
@@ -299,9 +312,16 @@ def keys_of(cubes: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     return np.asarray((x << (2 * KEY_BITS)) | (y << KEY_BITS) | z)
 
 
+def cubes_of(voxels: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.uint16]]:
+    """Return the keys of the cubes (N,) that voxels of the world (N, 3) lie in, and which of its voxels they are."""
+    within = voxels & (CUBE_SIDE - 1)
+    inside = (within[:, 0] << (2 * CUBE_BITS)) | (within[:, 1] << CUBE_BITS) | within[:, 2]
+    return keys_of(voxels >> CUBE_BITS), inside.astype(np.uint16)
+
+
 def voxels_of(keys: npt.NDArray[np.int64], voxel: npt.NDArray[np.uint16]) -> npt.NDArray[np.int64]:
-    """Return the voxels of the world (N, 3) that are these in cubes (N,) of these keys."""
+    """Return the voxels of the world (N, 3) that are these in cubes (N,) of these keys: the way back."""
     mask, side = (1 << KEY_BITS) - 1, CUBE_SIDE - 1
-    cube = np.stack([keys >> (2 * KEY_BITS), (keys >> KEY_BITS) & mask, keys & mask], 1) - KEY_OFFSET
+    cube = np.stack([(keys >> (2 * KEY_BITS)) & mask, (keys >> KEY_BITS) & mask, keys & mask], 1) - KEY_OFFSET
     inside = np.stack([voxel >> (2 * CUBE_BITS), (voxel >> CUBE_BITS) & side, voxel & side], 1)
     return np.asarray((cube << CUBE_BITS) + inside)

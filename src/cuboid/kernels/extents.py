@@ -50,14 +50,21 @@ def reach(points, weights, directions, share, low, high):
 @njit(cache=True, nogil=True)
 def spans(points, directions, low, high):
     """Find for each direction from where to where all points reach; see `reach`."""
-    low[:], high[:] = np.inf, -np.inf
-    x, y = directions[:, 0].copy(), directions[:, 1].copy()
-    for i in range(points.shape[0]):
+    x, y, count = directions[:, 0].copy(), directions[:, 1].copy(), points.shape[0]
+    least, most = np.full(x.size, np.inf), np.full(x.size, -np.inf)
+    for i in range(0, count, 4):
+        # Four points at a time, at the end some of them again: what is written the next ones have to read.
+        j, k = min(i + 1, count - 1), min(i + 2, count - 1)
+        m = min(k + 1, count - 1)
+        xi, yi, xj, yj = points[i, 0], points[i, 1], points[j, 0], points[j, 1]
+        xk, yk, xm, ym = points[k, 0], points[k, 1], points[m, 0], points[m, 1]
         # The directions side by side: so one instruction takes several of them.
-        for d in range(directions.shape[0]):
-            along = points[i, 0] * x[d] + points[i, 1] * y[d]
-            low[d] = min(low[d], along)
-            high[d] = max(high[d], along)
+        for d in range(x.size):
+            first, second = xi * x[d] + yi * y[d], xj * x[d] + yj * y[d]
+            third, fourth = xk * x[d] + yk * y[d], xm * x[d] + ym * y[d]
+            least[d] = min(least[d], min(min(first, second), min(third, fourth)))
+            most[d] = max(most[d], max(max(first, second), max(third, fourth)))
+    low[:], high[:] = least, most
 
 
 @njit(cache=True, nogil=True)

@@ -99,20 +99,21 @@ def nearest(known, inverse, color, step, edge, reach, focal):
     height, width = known.shape
     # Around the image nothing, so that no neighbour is asked whether it is in it.
     wide = width + 2
-    shape = (height + 2) * wide
-    cost, near = np.full(shape, np.float32(np.inf)), np.zeros(shape, np.float32)
-    shade, source = np.zeros((3, shape), np.uint8), np.full(shape, np.int32(-1))
+    shape, reach_px, none = (height + 2) * wide, np.float32(reach) * np.float32(focal), np.float32(0.0)
+    # What each place costs; from what it has its depth, and what it may cost at that.
+    cost, limit, source = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.int32)
+    shade = np.empty((3, shape), np.uint8)
+    clear_margin(wide, height, cost, limit, source, shade)
     # Holes come in runs along a row, thirty pixels long: where each begins and ends.
     runs, count = np.empty((height * (width // 2 + 1), 2), np.int32), 0
     for v in range(height):
         first, read, given, seen = (v + 1) * wide + 1, known[v], inverse[v], color[v * step]
         row = slice(first, first + width)
-        costs, nears, sources = cost[row], near[row], source[row]
+        costs, limits, sources = cost[row], limit[row], source[row]
         red, green, blue = shade[0, row], shade[1, row], shade[2, row]
         for u in range(width):
-            costs[u] = np.float32(0.0) if read[u] else np.float32(np.inf)
-        for u in range(width):
-            nears[u] = given[u] if read[u] else np.float32(0.0)
+            costs[u] = none if read[u] else np.float32(np.inf)
+            limits[u] = reach_px * given[u] if read[u] else none
         for u in range(width):
             sources[u] = v * width + u if read[u] else -1
         for u in range(width):
@@ -128,10 +129,9 @@ def nearest(known, inverse, color, step, edge, reach, focal):
             runs[count, 1] = first + u
             count += 1
     runs = runs[:count]
-    per_level, reach_px = np.float32(1.0 / edge), np.float32(reach) * np.float32(focal)
-    change = changes(shade, wide)
+    per_level, change = np.float32(1.0 / edge), changes(shade, wide)
     for ahead in (-1, 1):
-        sweep(runs, ahead, wide, change, per_level, reach_px, cost, near, source)
+        sweep(runs, ahead, wide, change, per_level, cost, limit, source)
     holes, sources, count = np.empty(known.size, np.int32), np.empty(known.size, np.int32), 0
     for begin, end in runs:
         # Of a row with its margin, and of the image without.
@@ -150,30 +150,45 @@ def changes(shade, wide):
     """
     red, green, blue = shade[0], shade[1], shade[2]
     size = red.size
-    change = np.zeros((4, size), np.uint16)
+    change = np.empty((4, size), np.uint16)
     for k in range(4):
         on = 1 if k == 0 else wide + k - 2
         out, r, g, b = change[k], red[on:], green[on:], blue[on:]
         # Without a branch: so one instruction takes several pixels.
         for i in range(size - on):
-            total = abs(np.int16(red[i]) - np.int16(r[i])) + abs(np.int16(green[i]) - np.int16(g[i]))
-            out[i] = total + abs(np.int16(blue[i]) - np.int16(b[i]))
+            # The larger less the smaller: that keeps to 16 bits, and a difference with its sign does not.
+            total = (max(red[i], r[i]) - min(red[i], r[i])) + (max(green[i], g[i]) - min(green[i], g[i]))
+            out[i] = total + (max(blue[i], b[i]) - min(blue[i], b[i]))
     return change
 
 
 @njit(cache=True, nogil=True)
-def sweep(runs, ahead, wide, change, per_level, reach_px, cost, near, source):
+def clear_margin(wide, height, cost, limit, source, shade):
+    """Let nothing be in the margin around an image of so many rows, `wide` pixels long; see `nearest`."""
+    for v in range(height + 2):
+        inside = 0 < v < height + 1
+        first = v * wide
+        for at in range(first, first + 1 if inside else first + wide):
+            cost[at], limit[at], source[at] = np.float32(np.inf), np.float32(0.0), -1
+            shade[0, at] = shade[1, at] = shade[2, at] = 0
+        if inside:
+            at = first + wide - 1
+            cost[at], limit[at], source[at] = np.float32(np.inf), np.float32(0.0), -1
+            shade[0, at] = shade[1, at] = shade[2, at] = 0
+
+
+@njit(cache=True, nogil=True)
+def sweep(runs, ahead, wide, change, per_level, cost, limit, source):
     """Let each place in runs (N, 2) of the image with its margin learn from the neighbours that come before it.
 
-    `ahead` is -1 where these have the lower places, and 1 where all goes the other way; `reach_px` is the reach in
-    pixels at a metre. See `nearest`.
+    `ahead` is -1 where these have the lower places, and 1 where all goes the other way. See `nearest`.
     """
     beside, back, up, forth = change[0], change[1], change[2], change[3]
     for i in range(len(runs)):
         begin, end = runs[i if ahead < 0 else len(runs) - 1 - i]
         start = np.int64(begin if ahead < 0 else end - 1)
         left = np.uintp(start + ahead)
-        least, depth, origin = cost[left], near[left], source[left]
+        least, most, origin = cost[left], limit[left], source[left]
         for j in range(end - begin):
             place = start - ahead * j
             # Unsigned: no index from the end.
@@ -184,22 +199,22 @@ def sweep(runs, ahead, wide, change, per_level, reach_px, cost, near, source):
             a, b, c = (forth[one], up[over], back[other]) if ahead < 0 else (back[here], up[here], forth[here])
             side = beside[np.uintp(place - 1)] if ahead < 0 else beside[here]
             best, found = own, here
-            total = by_way_of(cost[one], np.float32(1.4), a, per_level, reach_px, near[one])
+            total = by_way_of(cost[one], np.float32(1.4), a, per_level, limit[one])
             best, found = (total, one) if total < best else (best, found)
-            total = by_way_of(cost[over], np.float32(1.0), b, per_level, reach_px, near[over])
+            total = by_way_of(cost[over], np.float32(1.0), b, per_level, limit[over])
             best, found = (total, over) if total < best else (best, found)
-            total = by_way_of(cost[other], np.float32(1.4), c, per_level, reach_px, near[other])
+            total = by_way_of(cost[other], np.float32(1.4), c, per_level, limit[other])
             best, found = (total, other) if total < best else (best, found)
             # The one beside last, though it goes before the others where both cost the same: it was known last.
-            total = by_way_of(least, np.float32(1.0), side, per_level, reach_px, depth)
+            total = by_way_of(least, np.float32(1.0), side, per_level, most)
             closer = (total < own) & (total <= best)
             least = total if closer else best
-            depth, origin = depth if closer else near[found], origin if closer else source[found]
-            cost[here], near[here], source[here] = least, depth, origin
+            most, origin = most if closer else limit[found], origin if closer else source[found]
+            cost[here], limit[here], source[here] = least, most, origin
 
 
 @njit(cache=True, nogil=True, inline="always")
-def by_way_of(cost, step, change, per_level, reach_px, near):
-    """Return what a place costs by way of a neighbour, a step away; infinity beyond the reach. See `sweep`."""
+def by_way_of(cost, step, change, per_level, limit):
+    """Return what a place costs by way of a neighbour, a step away; infinity beyond its limit. See `sweep`."""
     total = cost + (step + np.float32(change) * per_level)
-    return total if total <= reach_px * near else np.float32(np.inf)
+    return total if total <= limit else np.float32(np.inf)

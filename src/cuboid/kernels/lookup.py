@@ -12,6 +12,7 @@ from cuboid.kernels.cubes import (
     CUBE_SIDE,
     PLACES,
     corner,
+    edge_of,
     find_cube,
     find_row,
     pack_key,
@@ -95,16 +96,17 @@ def places(rows, eighths, voxel_m, cubes, points, motions, xyz):
     mask, place = CUBE_SIDE - 1, np.empty(3, np.int64)
     for i in range(rows.size):
         row, eighth = rows[i], np.int64(eighths[i])
-        x, y, z = corner(cubes.key[cubes.cube_of[row >> BLOCK_BITS]])
+        key = cubes.key[cubes.cube_of[row >> BLOCK_BITS]]
+        (x, y, z), edge_m = corner(key), edge_of(key, voxel_m)
         voxel = np.int64(points.voxel[row])
         place[0], place[1], place[2] = points.place[row, 0], points.place[row, 1], points.place[row, 2]
         if points.mark[row] > 0:
             voxel = voxel_of(voxel, eighth)
             for k in range(3):
                 place[k] = layer_place(place[k], (eighth >> (2 - k)) & 1)
-        px = (x + (voxel >> (2 * CUBE_BITS)) + (place[0] + 0.5) / PLACES) * voxel_m
-        py = (y + ((voxel >> CUBE_BITS) & mask) + (place[1] + 0.5) / PLACES) * voxel_m
-        pz = (z + (voxel & mask) + (place[2] + 0.5) / PLACES) * voxel_m
+        px = (x + (voxel >> (2 * CUBE_BITS)) + (place[0] + 0.5) / PLACES) * edge_m
+        py = (y + ((voxel >> CUBE_BITS) & mask) + (place[1] + 0.5) / PLACES) * edge_m
+        pz = (z + (voxel & mask) + (place[2] + 0.5) / PLACES) * edge_m
         if cubes.owes[points.anchor[row]]:
             T = motions[points.anchor[row]]
             for k in range(3):
@@ -129,10 +131,11 @@ def reach(spaces, cube, anchor, motions, voxel_m, cubes, reaches):
     reaches : (N,) bool, output
         Where the points lie, or where they belong.
     """
-    half = 0.5 * CUBE_SIDE * voxel_m
     for i in range(cube.size):
-        ix, iy, iz = corner(cubes.key[cube[i]])
-        px, py, pz = ix * voxel_m + half, iy * voxel_m + half, iz * voxel_m + half
+        key = cubes.key[cube[i]]
+        (ix, iy, iz), edge_m = corner(key), edge_of(key, voxel_m)
+        half = 0.5 * CUBE_SIDE * edge_m
+        px, py, pz = ix * edge_m + half, iy * edge_m + half, iz * edge_m + half
         T = motions[anchor[i]]
         reaches[i] = _meets(spaces, px, py, pz, 1.74 * half) or _meets(
             spaces,
@@ -198,20 +201,21 @@ def in_view(T_camera_world, camera, width, height, far_m, voxel_m, cubes, seen):
     left, right, top, bottom = camera[2] + 1.0, width - camera[2], camera[3] + 1.0, height - camera[3]
     along_left, along_right = np.sqrt(fx * fx + left * left), np.sqrt(fx * fx + right * right)
     along_top, along_bottom = np.sqrt(fy * fy + top * top), np.sqrt(fy * fy + bottom * bottom)
-    half = 0.5 * CUBE_SIDE * voxel_m
     used = cubes.used[0]
     for batch in range((used + BATCH - 1) // BATCH):
         # First the sphere around a batch of cubes, then each of them.
         for one in range(-1, min(BATCH, used - batch * BATCH)):
             cube = batch * BATCH + one
+            half = 0.5 * CUBE_SIDE * voxel_m
             if one < 0:
                 b = cubes.bounds[batch]
                 dx, dy, dz = np.float64(b[3] - b[0]), np.float64(b[4] - b[1]), np.float64(b[5] - b[2])
                 radius = 1.74 * half + 0.501 * voxel_m * np.sqrt(dx * dx + dy * dy + dz * dz)
                 px, py, pz = 0.5 * voxel_m * (b[0] + b[3]), 0.5 * voxel_m * (b[1] + b[4]), 0.5 * voxel_m * (b[2] + b[5])
             else:
-                ix, iy, iz = corner(cubes.key[cube])
-                px, py, pz, radius = ix * voxel_m, iy * voxel_m, iz * voxel_m, 1.74 * half
+                (ix, iy, iz), edge_m = corner(cubes.key[cube]), edge_of(cubes.key[cube], voxel_m)
+                half = 0.5 * CUBE_SIDE * edge_m
+                px, py, pz, radius = ix * edge_m, iy * edge_m, iz * edge_m, 1.74 * half
             px, py, pz = px + half, py + half, pz + half
             z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
             x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]

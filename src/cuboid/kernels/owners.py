@@ -5,10 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from cuboid.kernels.cubes import BLOCK_BITS
-
-# Of the blocks of a share so many are remembered while they are collected, a power of 2.
-LAST = 32
+from cuboid.kernels.cubes import HEATS
 
 
 @njit(cache=True, nogil=True)
@@ -41,6 +38,42 @@ def rows_of(number, blocks, size, owner, rows):
 
 
 @njit(cache=True, nogil=True)
+def solid_rows_of(number, blocks, size, owner, weight, confidence, hits, heat, hot, votes, share, most, rows):
+    """Gather those living rows of an object that are hot and that enough votes bear out; see `rows_of`.
+
+    Parameters
+    ----------
+    weight : (N,) float32
+        0 of what does not live.
+    confidence : (N,) uint8
+        Votes.
+    hits : (N,) uint16
+        Frames that saw each row.
+    heat : (N,) uint16
+    hot : float32
+        Least heat, 0..1.
+    votes, share, most : int
+        Least votes: so many, and one in so many of the frames, of which no more than `most` count.
+    rows : (B * size,) int64, output
+
+    Returns
+    -------
+    int
+        How many there are.
+    """
+    n = 0
+    for block in blocks:
+        for row in range(block * size, min((block + 1) * size, owner.size)):
+            if owner[row] != number or not weight[row] > 0.0 or np.float32(heat[row]) / np.float32(HEATS - 1) < hot:
+                continue
+            told = np.int64(confidence[row])
+            if told >= votes and share * told >= min(np.int64(hits[row]), most):
+                rows[n] = row
+                n += 1
+    return n
+
+
+@njit(cache=True, nogil=True)
 def has_rows(number, blocks, size, owner, weight, least):
     """Tell whether an object has so many living rows in the blocks that may hold some; see `rows_of`."""
     n = 0
@@ -67,41 +100,6 @@ def release(gone, blocks, size, owner, confidence, changed):
 
 
 @njit(cache=True, nogil=True)
-def blocks_touched(claim, count, slots, pairs):
-    """Collect in which blocks of rows each share of a frame has voxels.
-
-    Parameters
-    ----------
-    claim : (h, w) int32
-        Share of each pixel, -1 none.
-    count : int
-        How many shares there are.
-    slots : (h, w) int32
-        Row of each pixel, -1 none.
-    pairs : (h * w,) int64, output
-        Begins with share << 32 | block, some of them more than once.
-
-    Returns
-    -------
-    int
-        How many there are.
-    """
-    # Those told of last: few blocks are told of again then.
-    found, last = 0, np.full((count, LAST), -1, np.int64)
-    for v in range(claim.shape[0]):
-        for u in range(claim.shape[1]):
-            share = claim[v, u]
-            if share < 0 or slots[v, u] < 0:
-                continue
-            block = np.int64(slots[v, u] >> BLOCK_BITS)
-            if last[share, block & (LAST - 1)] != block:
-                last[share, block & (LAST - 1)] = block
-                pairs[found] = (np.int64(share) << 32) | block
-                found += 1
-    return found
-
-
-@njit(cache=True, nogil=True)
 def owner_of(slots, owner, hits, pixel_owner, known):
     """Look up whom the voxel of each pixel belongs to, and whether frames before this one saw it.
 
@@ -121,3 +119,37 @@ def owner_of(slots, owner, hits, pixel_owner, known):
             row = slots[v, u]
             pixel_owner[v, u] = owner[row] if row >= 0 else 0
             known[v, u] = row >= 0 and hits[row] > 1
+
+
+@njit(cache=True, nogil=True)
+def choose(slots, owner, numbers, depth, far_m, chosen):
+    """Leave of a depth image what lies in voxels of some objects, and no farther than some distance.
+
+    Parameters
+    ----------
+    slots : (h, w) int32
+        Row of each pixel, -1 none.
+    owner : (N,) int32
+    numbers : (M,) bool
+        Tells of these objects by number; there is no such object from M on.
+    depth : (h, w) float32
+    far_m : float
+    chosen : (h, w) float32, output
+        Zero but for these pixels.
+
+    Returns
+    -------
+    tuple of int
+        First and last row, first and last column of them, exclusive; the last are no more than the first where there
+        are none.
+    """
+    top, bottom, left, right = slots.shape[0], 0, slots.shape[1], 0
+    for v in range(slots.shape[0]):
+        for u in range(slots.shape[1]):
+            row, chosen[v, u] = slots[v, u], 0.0
+            if row < 0 or owner[row] >= numbers.size or not numbers[owner[row]] or depth[v, u] > far_m:
+                continue
+            chosen[v, u] = depth[v, u]
+            top, bottom = min(top, v), v + 1
+            left, right = min(left, u), max(right, u + 1)
+    return top, bottom, left, right

@@ -216,7 +216,7 @@ def classify(
     across_y = ((np.arange(height) - camera[3]) / camera[1]).astype(np.float32)
     # As the readings are, so that one instruction takes twice as many.
     floor, bias, per_depth = np.float32(floor), np.float32(bias), np.float32(SIGMAS * noise)
-    one, columns_x = np.float32(1.0), np.arange(width).astype(np.float32)
+    columns_x = np.arange(width).astype(np.float32)
     # Of a row of cells: how far each plane bows there, and whether it reaches there.
     bow, weight = np.empty((columns_of(width, size), count)), np.empty((columns_of(width, size), count))
     bowed = np.empty(width, np.float32)
@@ -224,9 +224,10 @@ def classify(
         for q in range(len(bow)):
             bow_at(r, q, reach, member, off, bow[q], weight[q])
         for p in range(count):
-            if not (weight[:, p] > 0.0).any():
-                continue
+            first, end = width, 0
             for q in range(len(bow)):
+                if weight[q, p] > 0.0:
+                    first, end = min(first, q * size), min((q + 1) * size, width)
                 # Where it does not reach nothing is near it.
                 bowed[q * size : (q + 1) * size] = bow[q, p] if weight[q, p] > 0.0 else np.inf
             a, nx = np.float32(planes[p, 0]), np.float32(normals[p, 0])
@@ -234,11 +235,11 @@ def classify(
                 along = np.float32(planes[p, 1] * v + planes[p, 2])
                 facing_along = np.float32(normals[p, 1] * across_y[v] + normals[p, 2])
                 # Without a branch: so one instruction takes several pixels.
-                for u in range(width):
+                for u in range(first, end):
                     z = depth[v, u]
                     facing = abs(nx * across_x[u] + facing_along)
                     # dz = z^2 dw, and at right angles to the plane dz times n.ray
-                    across = abs(a * columns_x[u] + along + bowed[u] - one / z) * z * z * facing
+                    across = abs(a * columns_x[u] + along + bowed[u] - inverse[v, u]) * z * z * facing
                     own = across < max(floor, bias + per_depth * z * z * facing)
                     own &= kind[v, u] == SURFACE
                     kind[v, u] = PLANE if own else kind[v, u]

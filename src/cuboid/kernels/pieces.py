@@ -53,11 +53,11 @@ def label_regions(depth, share, noise, jump, parent, labels):
                 uu = u + k - 1 if k < 3 else u - 1
                 if uu < 0 or uu >= columns or (v == 0 and k < 3):
                     continue
+                there = here - columns + k - 1 if k < 3 else here - 1
+                # Most neighbours are of one region by now.
+                if parent[there] == root:
+                    continue
                 if (above[uu] if k < 3 else own[uu]) == mine and abs((far[uu] if k < 3 else near[uu]) - z) < limit:
-                    there = here - columns + k - 1 if k < 3 else here - 1
-                    # Most neighbours are of one region by now.
-                    if parent[there] == root:
-                        continue
                     other = find_root(parent, there)
                     if root < other:
                         parent[other] = root

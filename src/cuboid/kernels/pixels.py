@@ -161,3 +161,29 @@ def relate(depth, across, ry, plane, noise, floor, bias, relation, height):
         limit = max(floor, bias + SIGMAS * (noise * z * z * abs(n0 * across[u] + n1 * ry + n2)))
         height[u] = h
         relation[u] = (ON if abs(h) < limit else ABOVE) if h > -limit else BELOW
+
+
+@njit(cache=True, nogil=True)
+def places_of(pixels, depth, camera, T, places):
+    """Write where in the world pixels are.
+
+    Parameters
+    ----------
+    pixels : (N,) int64
+        Places in the flattened image.
+    depth : (H, W) float32
+        Metres.
+    camera : (4,) float64
+        fx, fy, cx, cy.
+    T : (4, 4) float64
+        T_world_camera.
+    places : (N, 3) float64, output
+        Metres.
+    """
+    flat, width = depth.reshape(-1), depth.shape[1]
+    for i in range(pixels.size):
+        v = pixels[i] // width
+        u, z = pixels[i] - v * width, np.float64(flat[pixels[i]])
+        x, y = (u - camera[2]) / camera[0] * z, (v - camera[3]) / camera[1] * z
+        for k in range(3):
+            places[i, k] = T[k, 0] * x + T[k, 1] * y + T[k, 2] * z + T[k, 3]

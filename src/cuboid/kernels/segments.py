@@ -22,7 +22,7 @@ PLACE_BITS = 16
 COLUMN_MASK = (1 << PLACE_BITS) - 1
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def mark(inverse, kind, focal, noise, jump, arm, bend, smooth, marks):
     """Mark depth jumps between neighbours, and concave creases on surfaces.
 
@@ -52,6 +52,7 @@ def mark(inverse, kind, focal, noise, jump, arm, bend, smooth, marks):
     # The arms end at most three lengths before or behind the crease: no jump lies between.
     lengths = np.arange(LONGEST + 1)
     reaches, leasts = 3.0 * lengths / focal, 2.0 * bend * lengths / focal
+    flat, long = wide.reshape(-1), wide.shape[1]
     for v in range(height):
         for u in range(width):
             if kind[v, u] != SURFACE:
@@ -62,22 +63,22 @@ def mark(inverse, kind, focal, noise, jump, arm, bend, smooth, marks):
             k = min(max(int(length * focal * w + 0.5), 2), LONGEST)
             slant = (k * 3 + 2) // 4
             reach, least = reaches[k] * w, leasts[k] * w
-            y, x = v + LONGEST, u + LONGEST
-            if (
-                is_crease(wide[y, x - k], w, wide[y, x + k], reach, least)
-                or is_crease(wide[y - k, x], w, wide[y + k, x], reach, least)
-                or is_crease(wide[y - slant, x - slant], w, wide[y + slant, x + slant], reach, least)
-                or is_crease(wide[y - slant, x + slant], w, wide[y + slant, x - slant], reach, least)
-            ):
-                marks[v, u] |= CREASE
+            here = (v + LONGEST) * long + u + LONGEST
+            # All four, without a branch: which of them it is nobody can foresee.
+            creased = is_crease(flat, here, k, w, reach, least)
+            creased |= is_crease(flat, here, k * long, w, reach, least)
+            creased |= is_crease(flat, here, slant * (long + 1), w, reach, least)
+            creased |= is_crease(flat, here, slant * (long - 1), w, reach, least)
+            marks[v, u] |= CREASE if creased else 0
 
 
 @njit(cache=True, nogil=True, inline="always")
-def is_crease(p, w, q, reach, least):
-    """Whether a surface lies behind the chord over it, from p to q."""
-    if p <= 0.0 or q <= 0.0 or abs(p - w) > reach or abs(q - w) > reach:
-        return False
-    return p + q - 2.0 * w > least
+def is_crease(smooth, here, away, w, reach, least):
+    """Whether a surface lies behind the chord over it, from so many places before to as many after it."""
+    # Unsigned: no index from the end.
+    p, q = smooth[np.uintp(here - away)], smooth[np.uintp(here + away)]
+    near = (p > 0.0) & (q > 0.0) & (abs(p - w) <= reach) & (abs(q - w) <= reach)
+    return near & (p + q - 2.0 * w > least)
 
 
 @njit(cache=True, nogil=True, inline="always")

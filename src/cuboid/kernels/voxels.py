@@ -16,6 +16,7 @@ from cuboid.kernels.cubes import (
     PLACES,
     add_row,
     corner,
+    edge_of,
     fill_index,
     find_row,
     likely_row,
@@ -74,7 +75,7 @@ def likely_rows(count, cube_in, voxel_of, cubes, voxels, likely):
 
 
 @njit(cache=True, nogil=True)
-def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, turn, anchor, cubes, points, slots):
+def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, turn, anchor, level, cubes, points, slots):
     """Fuse a frame's points into the map: a weighted running mean of place, color and heat a voxel.
 
     Parameters
@@ -95,6 +96,8 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, turn, anchor,
         Which of the pixels that are cold speak for the others; below 0 none, and what is cold is left out.
     anchor : int
         What its points hang on from now on.
+    level : int
+        0; `FINE` where the voxels are those of fine cubes.
     cubes : Cubes
         Those in view are in memory, and nothing in them or on its way to them owes a motion.
     points : Points
@@ -133,7 +136,7 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, turn, anchor,
             wy = (yx * x + yy * y + yz * z + y0) * inverse
             wz = (zx * x + zy * y + zz * z + z0) * inverse
             ix, iy, iz = np.int64(np.floor(wx)), np.int64(np.floor(wy)), np.int64(np.floor(wz))
-            cube_in[k] = pack_key(ix >> CUBE_BITS, iy >> CUBE_BITS, iz >> CUBE_BITS)
+            cube_in[k] = pack_key(ix >> CUBE_BITS, iy >> CUBE_BITS, iz >> CUBE_BITS) | level
             voxel_of[k] = voxel_in(ix, iy, iz)
             where[k, 0], where[k, 1], where[k, 2] = wx - ix, wy - iy, wz - iz
         # What were keys up to here becomes cubes.
@@ -193,15 +196,15 @@ def see_through(which, depth, camera, T_camera_world, noise, margin, step, voxel
     mask = CUBE_SIDE - 1
     weight, hits, passes, place = points.weight, points.hits, points.passes, points.place
     for cube in which:
-        x0, y0, z0 = corner(cubes.key[cube])
+        (x0, y0, z0), edge_m = corner(cubes.key[cube]), edge_of(cubes.key[cube], voxel_m)
         for k in range(cubes.rows[cube]):
             row = row_of(cube, k, cubes.blocks)
             if weight[row] <= 0.0:
                 continue
             voxel = np.int64(points.voxel[row])
-            px = (x0 + (voxel >> (2 * CUBE_BITS)) + (place[row, 0] + 0.5) / PLACES) * voxel_m
-            py = (y0 + ((voxel >> CUBE_BITS) & mask) + (place[row, 1] + 0.5) / PLACES) * voxel_m
-            pz = (z0 + (voxel & mask) + (place[row, 2] + 0.5) / PLACES) * voxel_m
+            px = (x0 + (voxel >> (2 * CUBE_BITS)) + (place[row, 0] + 0.5) / PLACES) * edge_m
+            py = (y0 + ((voxel >> CUBE_BITS) & mask) + (place[row, 1] + 0.5) / PLACES) * edge_m
+            pz = (z0 + (voxel & mask) + (place[row, 2] + 0.5) / PLACES) * edge_m
             z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
             if z < NEAREST_M:
                 continue

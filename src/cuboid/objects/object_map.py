@@ -22,7 +22,7 @@ from cuboid.objects.association import Association, associate
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.entry import MapObject, State, together
 from cuboid.objects.fitting import Fitting
-from cuboid.objects.outline import told_by
+from cuboid.objects.outline import agreeing, told_by
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object
 from cuboid.objects.visibility import in_view
@@ -34,6 +34,9 @@ from cuboid.working import WorkingImage
 
 # What a candidate loses in a frame that shows its place and has no proposal for it.
 MISSED = 0.3
+# A frame is all news of how things stand to each other when the camera has gone round them by this since the last one,
+# radians; a frame from the same place is a little.
+ANOTHER_SIDE_RAD = 0.05
 
 
 class ObjectMap:
@@ -81,7 +84,7 @@ class ObjectMap:
         pixel_owner: npt.NDArray[np.int32],
         known: npt.NDArray[np.bool_],
         candidate: UInt8Array,
-        news: float,
+        turn: float,
         elsewhere: bool,
         keyframe: int,
     ) -> Association:
@@ -103,8 +106,8 @@ class ObjectMap:
             Where the map knew something before this frame.
         candidate : (h, w) uint8
             Pixels off every supporting plane.
-        news : float
-            How far the frame shows things from another side than the one before, 0..1.
+        turn : float
+            How far the camera has gone round what it sees since the frame before, radians.
         elsewhere : bool
             Whether the camera has moved beyond drift since a frame last showed the objects from elsewhere.
         keyframe : int
@@ -117,7 +120,8 @@ class ObjectMap:
         for entry in objects:
             entry.keyframe = -1  # points that the frame has fused hang on another one now
         found = associate(things, pack(boxes), objects, self.store.boxes_of(objects), pixel_owner, known)
-        number_of = self._sightings(frame, things, boxes, found, keyframe)
+        news = min(1.0, max(LITTLE, turn / ANOTHER_SIDE_RAD))
+        number_of = self._sightings(frame, things, boxes, found, keyframe, turn)
         self._voxels.vote(things.claim, number_of, *self._may_take(number_of, found), candidate, slots)
         self._pairs(things, found, news)
         self._share_room(objects, news)
@@ -131,7 +135,7 @@ class ObjectMap:
         return found
 
     def _sightings(
-        self, frame: int, things: FrameClusters, boxes: Sequence[Box], found: Association, keyframe: int
+        self, frame: int, things: FrameClusters, boxes: Sequence[Box], found: Association, keyframe: int, turn: float
     ) -> npt.NDArray[np.int32]:
         """Let each thing speak for an object, a new one where need be; return for which each votes, 0 for none."""
         number_of = np.zeros(len(things.clusters), np.int32)
@@ -142,7 +146,7 @@ class ObjectMap:
         for i, cluster in enumerate(things.clusters):
             if match[i] >= 0:
                 entry = found.objects[match[i]]
-                self._sighting(entry, cluster, told[i])
+                self._sighting(entry, cluster, agreeing(told[i], turn))
             elif part[i] >= 0 and not self._apart(things, i, partner.get(part[i])):
                 number_of[i] = found.objects[part[i]].number
                 continue

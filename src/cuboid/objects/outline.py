@@ -45,6 +45,22 @@ def told_by(outlines: Outline, read: Float64Array) -> Float64Array:
     return np.asarray(told * np.minimum(1.0, read / MOST), dtype=np.float64)
 
 
+def agreeing(told: float, turn: float) -> float:
+    """Return the log-odds that a sighting adds of a thing that was seen before, from a little elsewhere.
+
+    From one place a thing looks as it did before, and so do the errors of a sighting. What is as clear after the camera
+    has gone round it by some of its distance is clear by itself: it counts once more, as far as it is clear.
+
+    Parameters
+    ----------
+    told : float
+        By the sighting alone; see `told_by`.
+    turn : float
+        How far the camera has gone round it since the frame before, radians.
+    """
+    return told + max(0.0, told) * told / CLEAR * min(1.0, turn / SOME)
+
+
 def enclosed(outline: Outline) -> bool:
     """Tell whether all sides but the bottom were seen to end: what continues into the unknown waits.
 

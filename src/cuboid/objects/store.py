@@ -8,7 +8,6 @@ import numpy as np
 
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import pack
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.overlap import BATCH, bound, near
 from cuboid.objects.affinity import Affinity
@@ -102,7 +101,8 @@ class ObjectStore:
         """Let an object have another box."""
         entry.box = box
         if entry.state is not State.RETIRED:
-            self.boxes[entry.number] = pack([box])[0]
+            row = self.boxes[entry.number]
+            row[:3], row[3:6], row[6:] = box.center, box.size, box.rotation.ravel()
             self._changed.add(entry.number // BATCH)
 
     def confirm(self, entry: MapObject) -> None:

@@ -24,7 +24,7 @@ from cuboid.kernels.holes import fill_holes
 from cuboid.kernels.pixels import drop_mixed
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource
-from cuboid.sensor import CELL_PIXELS, MIXED_PER_M
+from cuboid.sensor import MIXED_PER_M, cell_pixels
 from cuboid.tolerances import BIAS_M, JUMP_SIGMAS, LEAST_SIGMA_M, SOME
 from cuboid.working import COLOR_LEVELS, HOLE_M
 
@@ -153,10 +153,11 @@ def _set_planes_apart(
     depth_m: Float32Array, camera: Intrinsics, noise: float, max_depth_m: float
 ) -> tuple[Float32Array, UInt8Array, npt.NDArray[np.int8], int]:
     """Return 1/z, each pixel's kind (none, on a large plane, on another surface, far) and plane, and their number."""
-    rows, columns = depth_m.shape[0] // CELL_PIXELS, depth_m.shape[1] // CELL_PIXELS
+    size = cell_pixels(camera)
+    rows, columns = depth_m.shape[0] // size, depth_m.shape[1] // size
     pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
     cells = np.empty((rows * columns, CELL_COLUMNS))
-    fit_cells(depth_m, pinhole, CELL_PIXELS, max_depth_m, cells)
+    fit_cells(depth_m, pinhole, size, max_depth_m, cells)
     planes, member = np.empty((PLANES, 3)), np.empty((rows, columns), np.int16)
     count = patches.grow_planes(
         cells, (rows, columns), pinhole, noise, PLANE_BOW_M, JUMP_SIGMAS * noise,
@@ -165,7 +166,7 @@ def _set_planes_apart(
     inverse, kind = np.empty(depth_m.shape, np.float32), np.empty(depth_m.shape, np.uint8)
     on = np.empty(depth_m.shape, np.int8)
     patches.classify(
-        depth_m, cells, planes, count, member, pinhole, CELL_PIXELS, PLANE_REACH, noise, BIAS_M, LEAST_BIAS_M,
+        depth_m, cells, planes, count, member, pinhole, size, PLANE_REACH, noise, BIAS_M, LEAST_BIAS_M,
         max_depth_m, inverse, kind, on,
     )  # fmt: skip
     return inverse, kind, on, count

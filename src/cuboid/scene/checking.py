@@ -10,11 +10,10 @@ import numpy as np
 
 from cuboid.errors import InputError, OutputError, one_line
 from cuboid.heatmap.levels import parted
-from cuboid.kernels.cubes import voxels_of
 from cuboid.scene import before
 from cuboid.scene.database import complaining, open_damaged, open_to_read, open_to_write, transaction
 from cuboid.scene.door import TABLES, DamagedError, Row, columns_of, refuse_no_row
-from cuboid.scene.earlier import Rows, Voxels, earlier_block, refill, take_earlier
+from cuboid.scene.earlier import Keys, Rows, earlier_block, refill, take_earlier
 from cuboid.scene.editing import CAMERA
 from cuboid.scene.packing import BlockRow, unpacked_block
 from cuboid.scene.saving import StateFile, block_rows, load_blocks, load_parts, strange_is_damaged
@@ -210,8 +209,8 @@ def _rescue_state(old: sqlite3.Connection, new: sqlite3.Connection, lost: list[s
     return len(blocks)
 
 
-def _readable_blocks(old: sqlite3.Connection, voxel_m: float, lost: list[str]) -> Iterator[tuple[Rows, Voxels]]:
-    """Give the living rows, and their voxels, of each block of the map that can be read."""
+def _readable_blocks(old: sqlite3.Connection, voxel_m: float, lost: list[str]) -> Iterator[tuple[Rows, Keys]]:
+    """Give the living rows, and the keys of their cubes, of each block of the map that can be read."""
     in_cubes = any(row[1] == "cube" for row in old.execute("PRAGMA table_info(blocks)"))
     tables = ("blocks", "earlier_blocks") if in_cubes else ("earlier_blocks",)
     for table in tables:
@@ -231,8 +230,8 @@ def _readable_blocks(old: sqlite3.Connection, voxel_m: float, lost: list[str]) -
             yield found
 
 
-def _cube_block(row: Row) -> tuple[Rows, Voxels]:
+def _cube_block(row: Row) -> tuple[Rows, Keys]:
     told = BlockRow(*row[:5])
     rows = unpacked_block(told, *row[5:])
     rows = parted(rows[rows["weight"] > 0])
-    return rows, voxels_of(np.full(len(rows), told.cube), rows["voxel"])
+    return rows, np.full(len(rows), told.cube)

@@ -82,7 +82,7 @@ TABLES: dict[str, dict[str, Any]] = {
         "visible": Fraction, **dict.fromkeys(("x0", "y0", "x1", "y1"), Pixel),
     },
     "blocks": {
-        "number": Annotated[int, Meta(ge=1, le=2**31 - 1)], "cube": Annotated[int, Meta(ge=0, le=2**63 - 1)],
+        "number": Annotated[int, Meta(ge=1, le=2**31 - 1)], "cube": Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)],
         "visit": Annotated[int, Meta(ge=0, le=2**16 - 1)], **dict.fromkeys(("rows", "living"), BlockRows),
         "check_sum": CheckSum, "data": bytes,
     },

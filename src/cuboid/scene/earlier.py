@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.kernels.cubes import KEY_BITS, KEY_OFFSET, LEVELS, PLACES, ROW
+from cuboid.kernels.cubes import KEY_BITS, KEY_OFFSET, LEVELS, PLACES, ROW, cubes_of
 from cuboid.kernels.voxels import MOST_HITS
 from cuboid.scene.door import DamagedError, Row, told_each
 from cuboid.scene.packing import from_planes, inflated
 
 Rows = npt.NDArray[np.void]
-Voxels = npt.NDArray[np.int64]
+Keys = npt.NDArray[np.int64]
 
 # Columns of the rows as they were: type, numbers a row.
 _COLUMNS = {
@@ -42,16 +42,15 @@ def take_earlier(connection: sqlite3.Connection, voxels: VoxelMap) -> bool:
     return bool(blocks)
 
 
-def refill(voxels: VoxelMap, blocks: Sequence[tuple[Rows, Voxels]]) -> None:
-    """Have these rows and voxels, and no others; of a voxel that comes twice, the first."""
-    rows, places = zip((np.zeros(0, ROW), np.zeros((0, 3), np.int64)), *blocks, strict=True)
-    place = np.concatenate(places)
-    _, first = np.unique(place, axis=0, return_index=True)
-    voxels.refill(place[np.sort(first)], np.concatenate(rows)[np.sort(first)])
+def refill(voxels: VoxelMap, blocks: Sequence[tuple[Rows, Keys]]) -> None:
+    """Have these rows, in cubes of these keys, and no others; of a voxel that comes twice, the first."""
+    rows, keys = (np.concatenate(some) for some in zip((np.zeros(0, ROW), np.zeros(0, np.int64)), *blocks, strict=True))
+    _, first = np.unique(np.column_stack([keys, rows["voxel"]]), axis=0, return_index=True)
+    voxels.refill(keys[np.sort(first)], rows[np.sort(first)])
 
 
-def earlier_block(row: Row, voxel_m: float) -> tuple[Rows, Voxels]:
-    """Return the living rows of a row of `earlier_blocks` and their voxels; raises DamagedError."""
+def earlier_block(row: Row, voxel_m: float) -> tuple[Rows, Keys]:
+    """Return the living rows of a row of `earlier_blocks` and the keys of their cubes; raises DamagedError."""
     number, count, _, check, data = row
     what = f"block {number} of the map"
     plain, at, columns = inflated(data, check, what), 0, {}
@@ -76,4 +75,5 @@ def earlier_block(row: Row, voxel_m: float) -> tuple[Rows, Voxels]:
         rows[name] = np.clip(columns[name], 0, MOST_HITS)
     for name in ("owner", "confidence", "last_frame"):
         rows[name] = columns[name]
-    return rows[alive], voxel[alive]
+    cubes, rows["voxel"] = cubes_of(voxel)
+    return rows[alive], cubes[alive]

@@ -191,6 +191,10 @@ _ANCHORS = ""
 # not know of that would take each for one.
 _LEVELS = ""
 
+# Cubes may be fine ones, which the sign of their key tells: no table is another one, but who does not know of that
+# would take their voxels to be twice as large, and elsewhere.
+_FINE = ""
+
 # What makes a file of version k + 1 of one of version k, from 0: an empty one.
-MIGRATIONS: tuple[str, ...] = (_FIRST, _CHANGES, _OCCUPIED, _CUBES, _NUMBERS, _ANCHORS, _LEVELS)
+MIGRATIONS: tuple[str, ...] = (_FIRST, _CHANGES, _OCCUPIED, _CUBES, _NUMBERS, _ANCHORS, _LEVELS, _FINE)
 VERSION = len(MIGRATIONS)

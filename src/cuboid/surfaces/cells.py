@@ -9,14 +9,9 @@ import numpy.typing as npt
 
 from cuboid.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.kernels import cells as kernel
-from cuboid.sensor import CELL_PIXELS
+from cuboid.sensor import cell_pixels
 from cuboid.tolerances import ARM_LENGTH_M, JUMP_SIGMAS, LEAST_SIGMA_M
 
-# Edge of the cells that vote for up: four times as true, in noise, as those of half the edge.
-VOTING_PIXELS = 2 * CELL_PIXELS
-# Edge of a patch in pixels. Beyond an arm's length patches that lie level are looked for besides: of a shelf that is
-# seen from far and low no cell shows the board alone.
-PATCH_PIXELS = CELL_PIXELS // 2
 # So many cells are a surface.
 LEAST_CELLS = 6
 # A cell is flat whose residual of 1/z is within JUMP_SIGMAS of the sensor's noise: dark and shiny table tops show 1.5
@@ -30,7 +25,7 @@ class Cells:
     Attributes
     ----------
     places : (N, 4) int64
-        The patches of `PATCH_PIXELS` that it covers, numbered row by row; of what is a patch itself four times that.
+        The patches, see `patch_pixels`, that it covers, numbered row by row; of what is a patch itself four times that.
     normal : (N, 3) float64
         Unit, towards the camera.
     center : (N, 3) float64
@@ -50,13 +45,22 @@ class Cells:
     image_shape: tuple[int, int]
 
 
+def patch_pixels(camera: Intrinsics) -> int:
+    """Return the edge of a patch in a camera's image, pixels: half a cell.
+
+    Beyond an arm's length patches that lie level are looked for besides cells: of a shelf that is seen from far and low
+    no cell shows the board alone.
+    """
+    return cell_pixels(camera) // 2
+
+
 def find_cells(
     depth_m: Float32Array,
     camera: Intrinsics,
     T_world_camera: Float64Array,
     noise_per_m: float,
     max_depth_m: float,
-    cell_pixels: int = CELL_PIXELS,
+    times: int = 1,
 ) -> Cells:
     """Find the flat cells of a depth image.
 
@@ -70,16 +74,17 @@ def find_cells(
     noise_per_m : float
         Standard deviation of depth is this times z squared.
     max_depth_m : float
-    cell_pixels : int
-        Edge of a cell; a whole number of times `CELL_PIXELS`.
+    times : int
+        How many times as wide as usual cells are.
     """
-    rows, columns = depth_m.shape[0] // cell_pixels, depth_m.shape[1] // cell_pixels
+    patch, size = patch_pixels(camera), times * cell_pixels(camera)
+    rows, columns = depth_m.shape[0] // size, depth_m.shape[1] // size
     raw = np.empty((rows * columns, kernel.CELL_COLUMNS))
-    kernel.fit_cells(depth_m, _pinhole(camera), cell_pixels, max_depth_m, raw)
+    kernel.fit_cells(depth_m, _pinhole(camera), size, max_depth_m, raw)
     flat = np.flatnonzero((raw[:, kernel.AREA] > 0) & (raw[:, kernel.RMS] < JUMP_SIGMAS * noise_per_m))
     found = raw[flat]
     R, t = T_world_camera[:3, :3], T_world_camera[:3, 3]
-    shape = depth_m.shape[0] // PATCH_PIXELS, depth_m.shape[1] // PATCH_PIXELS
+    shape = depth_m.shape[0] // patch, depth_m.shape[1] // patch
     r, c = np.divmod(flat, columns)
     return Cells(
         places=(2 * r * shape[1] + 2 * c)[:, None] + np.array([0, 1, shape[1], shape[1] + 1]),
@@ -89,6 +94,13 @@ def find_cells(
         sigma_m=np.maximum(LEAST_SIGMA_M, noise_per_m * found[:, kernel.CZ] ** 2),
         image_shape=shape,
     )
+
+
+def find_voting_cells(
+    depth_m: Float32Array, camera: Intrinsics, T_world_camera: Float64Array, noise_per_m: float, max_depth_m: float
+) -> Cells:
+    """Find the flat cells that vote for up: four times as true, in noise, as those of half their edge."""
+    return find_cells(depth_m, camera, T_world_camera, noise_per_m, max_depth_m, times=2)
 
 
 def with_level_patches(
@@ -116,7 +128,7 @@ def with_level_patches(
     patches = np.empty((rows * columns, 5))
     R, t = T_world_camera[:3, :3], T_world_camera[:3, 3]
     number = kernel.level_patches(
-        depth_m, _pinhole(camera), up @ R, PATCH_PIXELS, noise_per_m, ARM_LENGTH_M, max_depth_m, skip, patches
+        depth_m, _pinhole(camera), up @ R, patch_pixels(camera), noise_per_m, ARM_LENGTH_M, max_depth_m, skip, patches
     )
     level = patches[:number]
     return Cells(

@@ -13,6 +13,7 @@ from cuboid.heatmap.pixel_heat import WeighedProposals
 from cuboid.kernels.claims import share_out
 from cuboid.kernels.outlines import KINDS, outlines
 from cuboid.kernels.pieces import gather_regions, judge_regions, label_regions
+from cuboid.kernels.pixels import places_of
 from cuboid.limits import MOST_CLUSTERS
 from cuboid.tolerances import JUMP_M, LEAST_READINGS, MOST
 from cuboid.working import WorkingImage
@@ -159,10 +160,10 @@ def frame_clusters(
 
 def points_of(pixels: npt.NDArray[np.int64], image: WorkingImage, T_world_camera: Float64Array) -> Float64Array:
     """Return where in the world pixels (N,) of the flattened image are that have a reading: (N, 3) float64, metres."""
-    c, z = image.camera, image.depth_m.ravel()[pixels].astype(np.float64)
-    v, u = np.divmod(pixels, c.width)
-    x, y, T = (u - c.cx) / c.fx * z, (v - c.cy) / c.fy * z, T_world_camera
-    return np.column_stack([T[k, 0] * x + T[k, 1] * y + T[k, 2] * z + T[k, 3] for k in range(3)])
+    c, places = image.camera, np.empty((len(pixels), 3))
+    pinhole = np.array([c.fx, c.fy, c.cx, c.cy])
+    places_of(pixels, image.depth_m, pinhole, np.ascontiguousarray(T_world_camera), places)
+    return places
 
 
 def _leave_out(sizes: npt.NDArray[np.int64], owner: npt.NDArray[np.int64]) -> int:

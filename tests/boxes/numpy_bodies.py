@@ -1,4 +1,4 @@
-"""The upright axis of a body of revolution, whatever sticks out of it: a handle, a spout, a brim."""
+"""The axis of a body of revolution in plain NumPy: what `kernels.bodies` is compared with."""
 
 from __future__ import annotations
 
@@ -10,12 +10,20 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.kernels import revolve as kernel
-from cuboid.tolerances import DRIFT_M, JUMP_SIGMAS, LEAST_READINGS, LEAST_SIGMA_M, MOST, SIGMAS, SOME
-
-# The fit takes so many steps.
-STEPS = 6
-# A side is looked at in so many sectors of the turn.
-SECTORS = 12
+from cuboid.kernels.bodies import LEAST_ARC, LEAST_BODY, SECTORS, STEPS
+from cuboid.kernels.extents import side_spread
+from cuboid.kernels.resting import ROUND_RADIUS
+from cuboid.tolerances import (
+    DRIFT_M,
+    JUMP_M,
+    JUMP_SIGMAS,
+    LEAST_READINGS,
+    LEAST_SIGMA_M,
+    LITTLE,
+    MOST,
+    SIGMAS,
+    SOME,
+)
 
 Layers = npt.NDArray[np.int64]
 
@@ -124,3 +132,24 @@ def _median(values: Float64Array, weights: Float64Array) -> float:
     order = np.argsort(values)
     total = np.cumsum(weights[order])
     return float(values[order[np.searchsorted(total, MOST * total[-1])]])
+
+
+def numpy_body(
+    plan: Float64Array, layer: Layers, trust: Float64Array, rectangle: Float64Array, noise_m: float, trim: bool
+) -> Axis | None:
+    """The axis of the body of whose side points (N, 2) were seen; None where there is none, or it is unsure."""
+    axis = fit_axis(plan, layer, trust, noise_m, trim)
+    if axis is None or axis.weights.sum() < LEAST_BODY * trust.sum():
+        return None
+    usual = float(np.average(axis.radius[layer], weights=axis.weights))
+    along, half = rectangle[2:4], rectangle[4:] / 2.0
+    sides = np.array([along, [-along[1], along[0]]])
+    against = side_spread(plan - rectangle[:2], axis.weights, sides, -half, half, 0)
+    if max(axis.spread_m, noise_m) >= against or usual > ROUND_RADIUS * float(rectangle[4:].max()) + JUMP_M:
+        return None
+    sums = by(axis.sector, axis.weights * axis.residual, SECTORS + 1), by(axis.sector, axis.weights, SECTORS + 1)
+    readings = np.bincount(axis.sector[axis.weights > 0.0], minlength=SECTORS + 1)
+    known = (readings >= LEAST_READINGS) & (sums[1] > 0.0)
+    if known.sum() < LEAST_ARC * SECTORS or np.ptp(sums[0][known] / sums[1][known]) > LITTLE * usual:
+        return None
+    return axis
