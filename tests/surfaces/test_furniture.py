@@ -2,29 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
+from made_planes import level
 
 from cuboid.surfaces.furniture import is_lid
 from cuboid.surfaces.plane import Plane
 
 LARGEST_M2 = 1.0
-
-
-def level(index: int, z: float, *rectangles: tuple[float, float, float, float]) -> Plane:
-    """A level plane of rectangles: x0, y0, x1, y1 in metres."""
-    points = np.concatenate(
-        [
-            np.stack(np.meshgrid(np.arange(x0, x1, 0.05), np.arange(y0, y1, 0.05)), -1).reshape(-1, 2)
-            for x0, y0, x1, y1 in rectangles
-        ]
-    )
-    points = np.column_stack([points + 0.025, np.full(len(points), z)])
-    plane = Plane(index, index, in_use=True)
-    plane.add(points, np.ones(len(points)))
-    plane.fit()
-    plane.plan.begin(points, np.full(len(points), 0.0001))
-    return plane
 
 
 TABLE = level(0, 0.75, (0.0, 0.0, 2.0, 1.0))

@@ -53,6 +53,11 @@ class Box:
         """Return how high its foot is above a plane on which it stands upright, normal.p + offset = 0, metres."""
         return float(normal @ self.center) + offset - float(self.size[2]) / 2.0
 
+    def holds(self, point: Float64Array, beyond_m: float) -> bool:
+        """Tell whether a point (3,) lies in the box, or no farther above or below it than `beyond_m`, metres."""
+        away = np.abs((point - self.center) @ self.rotation) - self.size / 2.0
+        return bool((away <= (0.0, 0.0, beyond_m)).all())
+
     def corners(self) -> Float64Array:
         """Return the eight corners, (8, 3), in the order of `CORNER_SIGNS`."""
         return self.center + (CORNER_SIGNS * (self.size / 2.0)) @ self.rotation.T

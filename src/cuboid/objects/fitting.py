@@ -8,8 +8,10 @@ from math import log, log1p
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.boxes.fit import fit_box
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, Float64Array
+from cuboid.geometry.box import Box
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.continuation import is_structure
@@ -18,8 +20,9 @@ from cuboid.objects.equilibrium import holder_of, standing
 from cuboid.objects.outline import CLEAR
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object, too_large
+from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import DRIFT_M, LEAST_READINGS, SIGMAS
+from cuboid.tolerances import DRIFT_M, LEAST_READINGS, SAMPLE, SIGMAS
 
 # A box is fitted anew when the sightings have grown by this share.
 GROWN = 0.15
@@ -79,9 +82,10 @@ class Fitting:
             return
         identity = max(entry.supports.items(), key=lambda s: (s[1], -s[0]), default=(None, 0))[0]
         plane = None if identity is None else self._planes.find(identity)
+        points = voxels.xyz(rows)
+        plane = None if plane is None else self._planes.carrier(points[:: 1 + len(points) // SAMPLE], plane)
         entry.plane = None if plane is None else plane.identity
         rests = None if plane is None else self._planes.in_world(plane)
-        points = voxels.xyz(rows)
         if rests is not None:
             above = self._above(points, *rests)
             rows, points = rows[above], points[above]
@@ -110,6 +114,8 @@ class Fitting:
             or box.size.min() < SIGMAS * noise_m
             or is_structure(box, entry.points, voxels, owned)
         )
+        if plane is not None and rests is not None and not entry.structure and not entry.holder:
+            self._store.place(entry, self._with_seat(entry, plane, near))
         if entry.structure:
             entry.log_odds -= STRUCTURE
             # Candidates are fitted while they are likely.
@@ -117,6 +123,22 @@ class Fitting:
                 entry.log_odds -= STRUCTURE
         if too_large(box, self._config):
             self._store.retire(entry)
+
+    def _with_seat(self, entry: MapObject, plane: Plane, near: Sequence[MapObject]) -> Box:
+        """Return the box of an object with its seat, down to its plane, where it floats and has one: a chair has legs.
+
+        What is higher above its plane than it is long hangs; what stands on top of another object has no legs.
+        """
+        box, (normal, offset) = entry.box, self._planes.in_world(plane)
+        if not DRIFT_M < box.foot_m(normal, offset) <= box.size.max():
+            return box
+        foot = box.center - box.size[2] / 2.0 * normal
+        seat = self._planes.seat_of(entry.points[:: 1 + len(entry.points) // SAMPLE], plane)
+        if not len(seat) or any(o.confirmed and o.box.holds(foot, DRIFT_M) for o in near):
+            return box
+        corners = np.concatenate([box.corners(), seat])
+        whole = fit_box(np.concatenate([corners, seat - np.outer(seat @ normal + offset, normal)]), normal, offset, 0.0)
+        return box if too_large(whole, self._config) else whole
 
     def _above(self, points: Float32Array, normal: Float64Array, offset: float) -> npt.NDArray[np.bool_]:
         """Tell which points lie above the plane that an object stands on: others are the plane's, or its rim's.

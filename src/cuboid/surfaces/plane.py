@@ -18,6 +18,8 @@ Keyframes = npt.NDArray[np.int64]
 
 # A horizontal cell belongs to a plane when it is within this of it, metres, or three standard deviations.
 ON_PLANE_M = 0.02
+# What carries a plane reaches up to it, but for the board that the plane is the top of, and for drift, metres.
+REACH_M = 2.0 * DRIFT_M
 # How far a frame sees a plane from where the map has it.
 _PRIOR = np.diag([DRIFT_RAD**-2, DRIFT_RAD**-2, DRIFT_M**-2])
 # A residual of 1 cm counts as much as a slope of 2 degrees.

@@ -19,21 +19,17 @@ from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse, transform
-from cuboid.surfaces import furniture
+from cuboid.surfaces import furniture, seats
 from cuboid.surfaces.cells import LEAST_CELLS, Cells
 from cuboid.surfaces.in_view import PlanesInView, cut_out, frustum
-from cuboid.surfaces.plane import ON_PLANE_M, Plane
+from cuboid.surfaces.plane import ON_PLANE_M, REACH_M, Plane
 from cuboid.surfaces.twins import merge_twins
 from cuboid.surfaces.up import REFRESH_FRAMES, SAME_COS, UpVote
 from cuboid.surfaces.windows import Windows, window_of
-from cuboid.tolerances import DRIFT_M, LEAST_FRAMES, LITTLE, SIGMAS
+from cuboid.tolerances import LEAST_FRAMES, LITTLE, SIGMAS
 
 # A plane that is not used yet is forgotten after so many frames without a sighting.
 FORGET_FRAMES = 60
-
-
-# What carries a plane reaches up to it, but for the board that the plane is the top of, and for drift, metres.
-REACH_M = 2.0 * DRIFT_M
 
 
 class PlaneTracker:
@@ -318,6 +314,18 @@ class PlaneTracker:
             and bool(plane.plan.covers(center)[0])
             for plane in self._at(center)
         )
+
+    def carrier(self, points: Float32Array, plane: Plane) -> Plane:
+        """Return what carries a thing at points (N, 3) of the world; see `seats.carrier`."""
+        places = self.to_plan(points)
+        return seats.carrier(places, plane, self._at(places), self._config.min_plane_area_m2)
+
+    def seat_of(self, points: Float32Array, plane: Plane) -> Float64Array:
+        """Return places (N, 3) in the world of the seats of a thing that floats; see `seats.seat_of`."""
+        assert self.T_plan_world is not None
+        places = self.to_plan(points)
+        seat = seats.seat_of(places, plane, self._at(places), self._config.min_plane_area_m2)
+        return np.asarray(seat @ self.T_plan_world[:3, :3])
 
     def to_plan(self, points: Float32Array | Float64Array) -> Float64Array:
         """Carry world points (N, 3) to the plan frame."""

@@ -1,0 +1,78 @@
+"""Seats: level patches beside a thing, about as long as it, which are a part of it and carry nothing of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import cv2
+import numpy as np
+
+from cuboid.frame import Float64Array
+from cuboid.surfaces.grid import CELL_M, GroundPlan, Places, cells_of, common
+from cuboid.surfaces.plane import REACH_M, Plane
+from cuboid.tolerances import LEAST_READINGS, MOST
+
+
+def carrier(points: Float64Array, plane: Plane, others: Iterable[Plane], least_m2: float) -> Plane:
+    """Return what carries a thing: the plane that it was seen above, unless that is a seat beside it; then a lower one.
+
+    Of the lower ones it is the highest that may go on beneath the thing's middle, and above which it is no higher than
+    it is long: else it would hang.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Of the thing, in the plan frame.
+    plane : Plane
+    others : iterable of Plane
+        Those that may be beneath.
+    least_m2 : float
+        A seat is no smaller, square metres.
+    """
+    low, high = points.min(0), points.max(0)
+    middle = (low + high)[None] / 2.0
+    if plane.plan.covers(middle)[0] or not len(seat_beside(plane.plan, points, least_m2)):
+        return plane
+    foot = np.append(middle[0, :2], low[2])[None]
+    above = float(plane.height(foot)[0]) + REACH_M
+    lower = [(float(p.height(foot)[0]), p.index, p) for p in others if p.in_use and p.plan.near(middle)[0]]
+    return min([p for p in lower if above < p[0] <= (high - low).max()], default=(0.0, 0, plane))[2]
+
+
+def seat_of(points: Float64Array, plane: Plane, others: Iterable[Plane], least_m2: float) -> Float64Array:
+    """Return places (N, 3) of the seats of a thing that floats above its plane, all in the plan frame.
+
+    See `carrier` for the parameters.
+    """
+    low, high = points.min(0), points.max(0)
+    found = [np.zeros((0, 3))]
+    for other in others:
+        x, y = (seat_beside(other.plan, points, least_m2).T + 0.5) * CELL_M
+        z = -(x * other.normal[0] + y * other.normal[1] + other.offset) / other.normal[2]
+        places = np.column_stack([x, y, z])
+        within = (z > low[2] - REACH_M) & (z < high[2] + REACH_M)
+        if other is not plane and within.all() and (plane.height(places) > REACH_M).all():
+            found.append(places)
+    return np.concatenate(found)
+
+
+def seat_beside(plan: GroundPlan, points: Float64Array, least_m2: float) -> Places:
+    """Return the cells (N, 2) of the pieces of a plane that a thing touches, in plan, and that are not much longer.
+
+    What is half as long again, or more, holds the thing, or carries it.
+    """
+    cells = cells_of(points)
+    low, high = cells.min(0), cells.max(0) + 1
+    longest = int((1.0 + MOST) * (high - low).max())
+    window = np.concatenate([low - longest - 1, high + longest + 1])
+    mine, theirs = common(plan.window, window)
+    known, beside = np.zeros((2, *(window[2:] - window[:2])), np.uint8)
+    known[theirs] = plan.seen[mine] >= LEAST_READINGS
+    if np.count_nonzero(known) * CELL_M**2 < least_m2:
+        return np.zeros((0, 2), np.int64)
+    beside[tuple((cells - window[:2]).T)] = 1
+    _, labels = cv2.connectedComponents(known)
+    touched = np.unique(labels[cv2.dilate(beside, np.ones((3, 3), np.uint8)) > 0]).tolist()
+    pieces = [np.argwhere(labels == k) for k in touched if k > 0]
+    pieces = [p for p in pieces if len(p) * CELL_M**2 >= least_m2 and np.ptp(p, axis=0).max() < longest]
+    return np.asarray(window[:2] + np.concatenate([np.zeros((0, 2), np.int64), *pieces]))
