@@ -18,7 +18,11 @@ from cuboid.cli import main
 from cuboid.errors import InputError
 from cuboid.outputs import read_run
 
-rs = pytest.importorskip("pyrealsense2", reason="the SDK is not installed: pip install 'cuboid[realsense]'")
+rs = pytest.importorskip(
+    "pyrealsense2",
+    reason="the SDK, or the system's libusb that it loads, is not installed: pip install 'cuboid[realsense]'",
+    exc_type=ImportError,
+)
 
 WIDTH, HEIGHT = 64, 48
 
