@@ -132,8 +132,10 @@ class Tracker:
         weighed = weigh(solid, candidate, proposals, c)
         heat = pixel_heat(solid, weighed)
         watch.lap("heat")
-        slots = self._voxels.fuse(image, heat, T_world_camera, frame.index, anchor, elsewhere)
-        self._voxels.look_through(image, T_camera_world, elsewhere)
+        # Where something is known from an earlier visit, every frame may show that it has changed.
+        anew = elsewhere or self._voxels.revisited
+        slots = self._voxels.fuse(image, heat, T_world_camera, frame.index, anchor, anew)
+        self._voxels.look_through(image, T_camera_world, anew)
         watch.lap("fuse")
         in_view = self._map.in_view(image, T_camera_world)
         objects = self._map.limited(in_view)

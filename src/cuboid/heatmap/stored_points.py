@@ -88,6 +88,11 @@ class StoredPoints:
         return int(np.bincount(self.keyframe(rows), minlength=1).argmax())
 
     @property
+    def revisited(self) -> bool:
+        """Whether something may be known from before this visit."""
+        return self._visit > 0
+
+    @property
     def blocks(self) -> int:
         """One more than the highest number of a block; no block is 0."""
         return int(self._cubes.used[1])
