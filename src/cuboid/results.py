@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -121,7 +121,7 @@ class TrackedObject:
     first_frame, last_frame, frames_seen : int
         Frames of the recording.
     points : int
-        Points of the map that belong to it.
+        Points of the map that belong to it: of a tracker those that decide, of results those of `map.ply`.
     mean_color : (3,) float64
         RGB, 0..255.
     plane : int or None
@@ -193,6 +193,13 @@ class MapPoints:
     rgb: UInt8Array
     heat: Float32Array
     label: npt.NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+
+    def counted(self, objects: Iterable[TrackedObject]) -> tuple[TrackedObject, ...]:
+        """Return objects with the number of points that each has here."""
+        counts = np.bincount(self.label) if len(self.label) else np.zeros(1, np.int64)
+        return tuple(
+            replace(item, points=int(counts[item.label]) if item.label < len(counts) else 0) for item in objects
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -137,15 +137,16 @@ def track_recording(
         if complete and not pipeline.T_world_camera and plan.poses == "estimated":
             raise InputError(f"{taken.path}: no camera pose can be estimated: no frame has enough depth and texture")
         report = _report(taken, bare, pipeline, plan.poses, settings, complete, threads, begun_s)
-        found = ObjectsFile(tracker.up, taken.intrinsics, tuple(tracker.planes), tuple(tracker.objects))
+        points = tracker.map_points()
+        found = ObjectsFile(tracker.up, taken.intrinsics, tuple(tracker.planes), points.counted(tracker.objects))
         if writer is not None:
-            writer.finish(found, tracker.map_points(), report, pipeline.trajectory())
+            writer.finish(found, points, report, pipeline.trajectory())
         if session is not None:
             session.finish(complete=complete)
     if output is not None and page:
         write_page(FinishedResults(output), taken, () if into is None else into.shown_changes())
-    per_second, points, size = log.frames_per_second(), tracker.points_known, tracker.map_bytes
-    return RunOutcome(report, found.objects, found.planes, found.up, log.milliseconds, per_second, points, size)
+    per_second, known, size = log.frames_per_second(), tracker.points_known, tracker.map_bytes
+    return RunOutcome(report, found.objects, found.planes, found.up, log.milliseconds, per_second, known, size)
 
 
 def write_page(

@@ -3,6 +3,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ from cuboid.outputs import (
     write_run,
 )
 from cuboid.outputs.rows import PoseRow, ProposalRow, TrackRow
-from cuboid.results import MapPoints
+from cuboid.results import MapPoints, TrackedObject
 from cuboid.run import track_recording
 from fakes import INTRINSICS, FakeRecording, FakeTracker, box
 
@@ -88,7 +89,7 @@ def test_objects_json_is_what_the_contract_says(results: Path) -> None:
             "first_frame": 1,
             "last_frame": 3,
             "frames_seen": 3,
-            "points": 1234,
+            "points": 4,
             "mean_color": [10.0, 20.0, 30.0],
             "plane": 0,
             "merged_labels": [3, 4],
@@ -229,6 +230,16 @@ def test_an_empty_map_is_a_map(tmp_path: Path) -> None:
     nothing = np.zeros((0, 3), np.float32)
     write_map(tmp_path / "map.ply", MapPoints(nothing, np.zeros((0, 3), np.uint8), np.zeros(0, np.float32)))
     assert len(read_map(tmp_path / "map.ply").xyz) == 0
+
+
+def test_points_are_counted_in_the_map_that_is_written() -> None:
+    points = MapPoints(np.zeros((6, 3), np.float32), np.zeros((6, 3), np.uint8), np.zeros(6, np.float32),
+                       np.array([0, 2, 2, 1, 0, 2], np.int32))  # fmt: skip
+    thing = TrackedObject(1, box(), 0.9, 0.8, 0, 2, 3, 1234, np.zeros(3), None)
+    known = [replace(thing, label=label) for label in (1, 2, 3)]
+    assert [(item.label, item.points) for item in points.counted(known)] == [(1, 1), (2, 3), (3, 0)]
+    nothing = MapPoints(points.xyz[:0], points.rgb[:0], points.heat[:0], points.label[:0])
+    assert [item.points for item in nothing.counted(known)] == [0, 0, 0]
 
 
 def test_no_nan_reaches_json(tmp_path: Path) -> None:

@@ -126,6 +126,7 @@ def test_the_results_of_a_recording(path: Path, tmp_path: Path) -> None:
         history = {label: scene.history(label) for label in (1, 2)}
     results = FinishedResults(tmp_path / "out")
     assert [(item.label, item.name) for item in results.found.objects] == [(1, "blue box"), (2, "")]
+    assert [item.points for item in results.found.objects] == [(results.points.label == k).sum() for k in (1, 2)]
     assert len(results.poses) == 16
     assert [(row.frame, row.label) for row in results.tracks] == sorted(
         (one.frame, label) for label, past in history.items() for one in past

@@ -86,8 +86,9 @@ def write_results(scene: Scene, connection: sqlite3.Connection, number: int, fol
             seconds=0.0,
             peak_memory_mb=0.0,
         )
-        found = ObjectsFile(tracker.up, Intrinsics(**msgspec.structs.asdict(size)), planes, tuple(objects))
-        writer.finish(found, tracker.map_points(), report)
+        points = tracker.map_points()
+        found = ObjectsFile(tracker.up, Intrinsics(**msgspec.structs.asdict(size)), planes, points.counted(objects))
+        writer.finish(found, points, report)
 
 
 def _seen(scene: Scene, number: int) -> tuple[dict[int, list[Sighting]], list[TrackedObject]]:
