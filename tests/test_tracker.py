@@ -262,6 +262,11 @@ def test_a_frame_that_cannot_be_used_says_why() -> None:
         tracker.update(Frame(0, 0.0, good.color, good.depth_m, None))
     with pytest.raises(FrameError, match="160 x 120 pixels, expected 320 x 240"):
         tracker.update(Frame(0, 0.0, good.color[::2, ::2], good.depth_m[::2, ::2], np.eye(4)))
+    far = np.eye(4)
+    far[1, 3] = -3e5
+    with pytest.raises(FrameError, match="is 300 km from the origin of its poses, the map reaches 168 km"):
+        tracker.update(Frame(0, 0.0, good.color, good.depth_m, far))
+    assert tracker.points_known == 0
 
 
 def test_the_same_frames_give_the_same_bytes() -> None:

@@ -111,7 +111,8 @@ class Tracker:
         Raises
         ------
         FrameError
-            If the frame has no pose, or its size is not that of the intrinsics.
+            If the frame has no pose, or one farther away than the map reaches, or its size is not that of the
+            intrinsics.
         """
         T_world_camera = self._check(frame)
         anchor = anchor if anchor <= LAST_KEYFRAME else 0
@@ -209,6 +210,12 @@ class Tracker:
             )
         if frame.T_world_camera is None:
             raise FrameError(f"frame {frame.index} has no camera pose")
+        far_m, reach_m = np.abs(frame.T_world_camera[:3, 3]).max(), self._voxels.reach_m
+        if far_m + self.config.max_depth_m >= reach_m:
+            raise FrameError(
+                f"frame {frame.index} is {far_m / 1000:.0f} km from the origin of its poses, the map reaches "
+                f"{reach_m / 1000:.0f} km"
+            )
         return frame.T_world_camera
 
     def _proposals(self, frame: Frame) -> Proposals:

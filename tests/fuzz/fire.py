@@ -27,6 +27,7 @@ sys.path[:0] = [str(HERE), str(HERE.parent)]
 from hostile import hostile  # noqa: E402
 
 from cuboid.config import TrackerConfig  # noqa: E402
+from cuboid.errors import FrameError  # noqa: E402
 from cuboid.frame import Intrinsics  # noqa: E402
 from cuboid.geometry import se3  # noqa: E402
 from cuboid.tracker import Tracker  # noqa: E402
@@ -140,6 +141,8 @@ def _take(seed: int, frames: int, fired: Fired, size: tuple[int, int] | None) ->
             fired.frames += 1
             watch.result(item.frame, result)
             watch.look()
+        except FrameError:
+            fired.refused += 1
         except Exception as error:
             at = traceback.extract_tb(error.__traceback__)[-1]
             line = " ".join(str(error).split())[:60]

@@ -10,7 +10,7 @@ from cuboid.heatmap.moving_points import MovingPoints
 from cuboid.heatmap.stored_points import Rows
 from cuboid.kernels import lookup, owners
 from cuboid.kernels import voxels as kernel
-from cuboid.kernels.cubes import CUBE_SIDE, FINE, keys_of
+from cuboid.kernels.cubes import CUBE_SIDE, FINE, KEY_OFFSET, keys_of
 from cuboid.working import WorkingImage
 
 
@@ -26,6 +26,11 @@ class FinePoints(MovingPoints):
     def fine_m(self) -> float:
         """Edge of the voxels of fine cubes, metres."""
         return self.voxel_m / 2
+
+    @property
+    def reach_m(self) -> float:
+        """How far from the world's origin, along each axis, fine cubes have keys, metres: 168 km at voxels of 1 cm."""
+        return KEY_OFFSET * CUBE_SIDE * self.fine_m
 
     @property
     def small_m(self) -> float:
