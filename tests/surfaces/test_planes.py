@@ -256,3 +256,19 @@ def test_planes_that_are_known_well_are_looked_at_anew_when_the_camera_has_moved
     assert looks[-1] in {10, 11}
     assert len(tracker.planes) >= 1
     assert len(result.sightings) >= 1
+
+
+def test_what_a_frame_shows_of_a_plane_is_told_as_the_planes_from_the_next_one_on() -> None:
+    """However many frames have seen it: in a recording of few frames a table's other end is seen in two or three."""
+    planes = PlaneTracker(TrackerConfig())
+    for frame in range(18):
+        planes.vote(level_cells(0.0, 0.0), LEVEL)
+        planes.update(frame, level_cells(0.0, 0.0))
+    end = planes.to_plan(np.array([[1.5, 0.6, 0.0]]))
+    assert not planes.planes[0].plan.covers(end)[0]
+    view = planes.in_view(CAMERA, 3.0, look_at((1.7, -1.0, 1.2), (1.7, 0.6, 0.0)))
+    cells = cells_of(planes.to_plan(level_cells(1.1, 0.0).center)) - view.window[:2]
+    view.seen[0, cells[:, 0], cells[:, 1]] = LEAST_READINGS
+    planes.take_in(view)
+    planes.update(18, level_cells(0.0, 0.0))
+    assert planes.planes[0].plan.covers(end)[0]

@@ -77,7 +77,7 @@ class GroundPlan(Stamped):
     nearby : (N, M) uint8
         1 where the plane is or may go on, within `NEARBY_M`.
     stale : bool
-        Readings came in since `refresh`.
+        More cells are known than at the last `refresh`.
     late : bool
         The plane has moved since then: what it covers is found anew when it is looked at; see `catch_up`.
     """
@@ -98,6 +98,11 @@ class GroundPlan(Stamped):
     def window(self) -> Places:
         """First cell and the one past the last, (4,): what lies outside is neither covered nor nearby."""
         return np.concatenate([self.corner, self.corner + self.seen.shape])
+
+    @property
+    def wide(self) -> bool:
+        """Whether finding what it covers takes long."""
+        return max(self.seen.shape) > WHOLE_CELLS
 
     def reach(self, low: Places, high: Places) -> None:
         """Grow the window so that it holds readings in cells from `low` to `high`, both (2,) and included."""
@@ -159,9 +164,11 @@ class GroundPlan(Stamped):
         self.keyframes = self._hanging()
         self.keyframes[mine][held] = keyframe if isinstance(keyframe, int) else keyframe[theirs][held]
         self.seen[mine] += new
-        self._known += int(np.count_nonzero(self.seen[mine] >= LEAST_READINGS)) - before
-        self._changed = _around(self._changed, looked_at) if self.stale else looked_at
-        self.stale = True
+        grown = int(np.count_nonzero(self.seen[mine] >= LEAST_READINGS)) - before
+        if grown:
+            self._known += grown
+            self._changed = _around(self._changed, looked_at) if self.stale else looked_at
+            self.stale = True
 
     def absorb(self, other: GroundPlan) -> None:
         """Take in the readings of another plan."""
@@ -223,7 +230,7 @@ class GroundPlan(Stamped):
 
     def catch_up(self) -> None:
         """Find anew what the plane covers, where it has moved; of the widest ones, that comes in its turn."""
-        if self.late and max(self.seen.shape) <= WHOLE_CELLS:
+        if self.late and not self.wide:
             self.refresh()
 
     def _filled(self, cells: Places) -> Places:
@@ -259,7 +266,7 @@ class GroundPlan(Stamped):
             return
         self.stale = self.late = False
         part = self.window
-        if max(self.seen.shape) > WHOLE_CELLS:
+        if self.wide:
             wide = self._changed + AROUND_CELLS * np.array([-1, -1, 1, 1])
             part = np.concatenate([np.maximum(part[:2], wide[:2]), np.minimum(part[2:], wide[2:])])
             if (part[2:] <= part[:2]).any():  # the window is as wide as it may be, and this is outside

@@ -244,8 +244,8 @@ class PlaneTracker:
         least = self._config.min_plane_area_m2
         near = {self.planes[k] for k in self._windows.at(centers)} | self._stale
         for plane in sorted(near, key=lambda p: p.index):
-            # What it covers, in its first frames each time.
-            if plane.frames < REFRESH_FRAMES or self._has_turn(frame, plane.index):
+            # What it covers, before things that stand there are told from it; of the widest ones in their turn.
+            if not plane.plan.wide or self._has_turn(frame, plane.index):
                 plane.plan.refresh()
                 self._stale.discard(plane)
             area = plane.plan.area_m2()
