@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from made_maps import grid, map_of, shell
 
+from cuboid.boxes.hidden import with_foot
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou
 from cuboid.heatmap.voxel_map import VoxelMap
@@ -26,7 +27,8 @@ def floor(hidden: np.ndarray | None = None) -> np.ndarray:
 
 def fitted(voxels: VoxelMap, plane: tuple[np.ndarray, float] | None, others: list[Box] | None = None) -> Box:
     rows = voxels.rows_of(THING)
-    return Boxing(voxels).fit(rows, voxels.xyz(rows), plane, UP, others or [])[0]
+    box = Boxing(voxels).fit(rows, voxels.xyz(rows), plane, UP, others or [])[0]
+    return box if plane is None else with_foot(box, *plane, others or [], voxels)
 
 
 def test_what_was_seen_all_round_has_its_own_box() -> None:

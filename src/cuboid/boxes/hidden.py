@@ -27,7 +27,7 @@ BENEATH = LEAST_READINGS
 def with_hidden(
     box: Box, points: Float64Array, normal: Float64Array, offset: float, near: Sequence[Box], voxels: VoxelMap
 ) -> Box:
-    """Return an object's box with its far side and its foot, as far as no frame can have seen that they are not there.
+    """Return an object's box with its far side, as far as no frame can have seen that it is not there.
 
     See `twins` for the parameters.
     """
@@ -36,8 +36,8 @@ def with_hidden(
         whole = fit_box(np.concatenate([box.corners(), more]), normal, offset, 0.0)
         # A far side that would reach into a neighbour is none.
         if clear_of(whole, near):
-            box = whole
-    return with_foot(box, normal, offset, near, voxels)
+            return whole
+    return box
 
 
 def clear_of(box: Box, near: Sequence[Box]) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 
 from cuboid.boxes.faces import to_faces
 from cuboid.boxes.fit import fit_box
-from cuboid.boxes.hidden import clear_of, with_foot, with_hidden
+from cuboid.boxes.hidden import clear_of, with_hidden
 from cuboid.boxes.revolved import revolved
 from cuboid.frame import Float32Array, Float64Array
 from cuboid.geometry.box import Box
@@ -39,7 +39,7 @@ class Boxing:
     def fit(
         self, rows: Rows, places: Float32Array, plane: Plane | None, up: Float64Array, others: Sequence[Box]
     ) -> tuple[Box, float]:
-        """Return the box of what was seen of an object, with its far side and foot as far as these may be there.
+        """Return the box of what was seen of an object, with its far side as far as that may be there.
 
         And the usual noise of the places of its voxels, metres.
 
@@ -67,8 +67,7 @@ class Boxing:
         box = fit_box(points, *plane, STRAY_SHARE, trust)
         round_box = revolved(box, points, trust, *plane, noise_m, self._voxels.voxel_m, STRAY_SHARE)
         if round_box is not None and clear_of(round_box, others):
-            faces = to_faces(round_box, points, trust, noise_m, top_alone=True)
-            return with_foot(faces, *plane, others, self._voxels), noise_m
+            return to_faces(round_box, points, trust, noise_m, top_alone=True), noise_m
         box = to_faces(box, points, trust, noise_m, top_alone=False)
         return with_hidden(box, points, *plane, others, self._voxels), noise_m
 

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.boxes.fit import fit_box
+from cuboid.boxes.hidden import with_foot
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, Float64Array
 from cuboid.geometry.box import Box
@@ -99,7 +100,8 @@ class Fitting:
         entry.points, entry.colors = points, voxels.rgb(rows)
         entry.heat, entry.keyframe = float(voxels.heat(rows).mean()), voxels.keyframe_of(rows)
         others = [o.box for o in self._store.neighbours(entry) if o.confirmed]
-        box, noise_m = self._boxing.fit(rows, points, rests, self._planes.likely_up, others)
+        bare, noise_m = self._boxing.fit(rows, points, rests, self._planes.likely_up, others)
+        box = bare if rests is None else with_foot(bare, *rests, others, voxels)
         self._store.place(entry, box)
         if plane is not None and rests is not None and box.foot_m(*rests) > DRIFT_M:
             # What floats may stand on a plane that was not known yet: from now on sightings tell it anew.
@@ -115,7 +117,7 @@ class Fitting:
             or is_structure(box, entry.points, voxels, owned)
         )
         if plane is not None and rests is not None and not entry.structure and not entry.holder:
-            self._store.place(entry, self._with_seat(entry, plane, near))
+            self._store.place(entry, self._with_seat(entry, bare, plane, near))
         if entry.structure:
             entry.log_odds -= STRUCTURE
             # Candidates are fitted while they are likely.
@@ -124,19 +126,20 @@ class Fitting:
         if too_large(box, self._config):
             self._store.retire(entry)
 
-    def _with_seat(self, entry: MapObject, plane: Plane, near: Sequence[MapObject]) -> Box:
+    def _with_seat(self, entry: MapObject, bare: Box, plane: Plane, near: Sequence[MapObject]) -> Box:
         """Return the box of an object with its seat, down to its plane, where it floats and has one: a chair has legs.
 
-        What is higher above its plane than it is long hangs; what stands on top of another object has no legs.
+        Whether it floats is told by the box without a foot that may be hidden, `bare`: with a seat it is none. What is
+        higher above its plane than it is long hangs; what stands on top of another object has no legs.
         """
         box, (normal, offset) = entry.box, self._planes.in_world(plane)
-        if not DRIFT_M < box.foot_m(normal, offset) <= box.size.max():
+        if not DRIFT_M < bare.foot_m(normal, offset) <= bare.size.max():
             return box
-        foot = box.center - box.size[2] / 2.0 * normal
+        foot = bare.center - bare.size[2] / 2.0 * normal
         seat = self._planes.seat_of(entry.points[:: 1 + len(entry.points) // SAMPLE], plane)
         if not len(seat) or any(o.confirmed and o.box.holds(foot, DRIFT_M) for o in near):
             return box
-        corners = np.concatenate([box.corners(), seat])
+        corners = np.concatenate([bare.corners(), seat])
         whole = fit_box(np.concatenate([corners, seat - np.outer(seat @ normal + offset, normal)]), normal, offset, 0.0)
         return box if too_large(whole, self._config) else whole
 
