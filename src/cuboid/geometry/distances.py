@@ -3,31 +3,26 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from cuboid.frame import Float32Array, Float64Array
+from cuboid.frame import Float32Array
+from cuboid.kernels.nearness import count_near
 
 
-def distances_m(a: Float32Array, b: Float32Array, limit_m: float) -> Float64Array:
-    """Return how far from the other set those points are that are no farther than a limit.
+def points_near(a: Float32Array, b: Float32Array, limit_m: float, enough: int | None = None) -> int:
+    """Return how many points of a set lie nearer than a limit to another set; no more than `enough`, where given.
 
     Parameters
     ----------
-    a, b : (N, 3) and (M, 3) float32
-        Metres.
+    a, b : (N, D) and (M, D) float32
+        Metres; D is 2 or 3.
     limit_m : float
-
-    Returns
-    -------
-    (K,) float64
-        From each such point of `a` to the nearest of `b`, metres.
+    enough : int, optional
     """
-    # Only what lies in the other's surroundings can be that near.
-    for _ in range(2):
-        if len(a) == 0 or len(b) == 0:
-            return np.empty(0)
-        a, b = b[((b > a.min(0) - limit_m) & (b < a.max(0) + limit_m)).all(1)], a
-    if len(a) == 0 or len(b) == 0:
-        return np.empty(0)
-    distance = np.asarray(cKDTree(b).query(a, distance_upper_bound=limit_m)[0], dtype=np.float64)
-    return distance[np.isfinite(distance)]
+    return int(
+        count_near(np.ascontiguousarray(a), np.ascontiguousarray(b), limit_m, len(a) if enough is None else enough)
+    )
+
+
+def touch(a: Float32Array, b: Float32Array, limit_m: float) -> bool:
+    """Tell whether two sets of points, (N, D) and (M, D) float32, come nearer to each other than a limit."""
+    return points_near(a, b, limit_m, enough=1) > 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from math import ceil
 
 import numpy as np
 import numpy.typing as npt
@@ -10,7 +11,7 @@ import numpy.typing as npt
 from cuboid.boxes.fit import plane_axes
 from cuboid.boxes.quantiles import quantile
 from cuboid.frame import Float32Array, Float64Array
-from cuboid.geometry.distances import distances_m
+from cuboid.geometry.distances import points_near, touch
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.entry import MapObject
 from cuboid.tolerances import DRIFT_M, JUMP_M, LEAST_READINGS, LITTLE, MOST, SAMPLE, SOME, STRAYS
@@ -48,13 +49,13 @@ def holder_of(
     points, height, bare = points[low], height[low], None
     best, holder = 0, 0
     for other in others:
-        if len(other.points) < LEAST_READINGS:
+        # Points of voxels side by side are no farther apart than two voxels.
+        if len(other.points) < LEAST_READINGS or not touch(other.points, entry.points, 2.0 * voxels.voxel_m):
             continue
         theirs = other.points @ normal + offset
         if quantile(theirs, 2.0 * STRAYS) >= foot or quantile(theirs, 1.0 - 2.0 * STRAYS) <= foot + JUMP_M:
             continue
-        # Points of voxels side by side are no farther apart than two voxels.
-        touches = len(distances_m(entry.points, other.points, 2.0 * voxels.voxel_m))
+        touches = points_near(entry.points, other.points, 2.0 * voxels.voxel_m)
         if touches <= best:
             continue
         if bare is None:
@@ -88,13 +89,15 @@ def standing(points: Float32Array, normal: Float64Array, offset: float, voxel_m:
     if quantile(height, 2.0 * STRAYS) <= DRIFT_M:
         return np.ones(len(points), bool)
     order = np.argsort(height, kind="stable")
-    level, plan = height[order], (points[order] @ np.column_stack(plane_axes(normal))).astype(np.float32)
+    level, axes = height[order], np.column_stack(plane_axes(normal))
     foot, n = level[0], len(level)
     # Up to where most of it is above.
     for low in np.arange(level[0], level[n // 2] - DRIFT_M, DRIFT_M):
         begin, end = np.searchsorted(level, (low, low + DRIFT_M)).tolist()
-        slab, rest = plan[begin : end : 1 + (end - begin) // SAMPLE], plan[end :: 1 + (n - end) // SAMPLE]
-        if len(slab) >= LEAST_READINGS and _is_rim(slab, rest, voxel_m):
+        slab, rest = order[begin : end : 1 + (end - begin) // SAMPLE], order[end :: 1 + (n - end) // SAMPLE]
+        if len(slab) < LEAST_READINGS:
+            continue
+        if _is_rim(*((points[some] @ axes).astype(np.float32) for some in (slab, rest)), voxel_m):
             foot = low + DRIFT_M
     return np.asarray(height >= foot)
 
@@ -104,7 +107,8 @@ def _is_rim(slab: Float32Array, rest: Float32Array, voxel_m: float) -> bool:
     along = np.linalg.eigh(np.cov(slab.T))[1][:, 1]
     rim, width = (quantile(p @ along, 1.0 - LITTLE) - quantile(p @ along, LITTLE) for p in (slab, rest))
     # Points of voxels side by side are no farther apart than two voxels.
-    return bool(width <= MOST * rim and len(distances_m(slab, rest, 2.0 * voxel_m)) < MOST * len(slab))
+    most = ceil(MOST * len(slab))
+    return bool(width <= MOST * rim and points_near(slab, rest, 2.0 * voxel_m, enough=most) < most)
 
 
 def _bare(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from cuboid.boxes.quantiles import quantile
 from cuboid.config import TrackerConfig
-from cuboid.frame import Float32Array
-from cuboid.geometry.distances import distances_m
+from cuboid.geometry.distances import touch
 from cuboid.kernels.outlines import BOTTOM, CONTACT, FREE, SUPPORT
 from cuboid.objects.entry import MapObject
 from cuboid.objects.outline import enclosed, ends_above
@@ -71,7 +68,7 @@ def _may_be_foot(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> 
     return any(
         len(other.points) > 0
         and quantile(other.points @ normal, 1.0 - 2.0 * STRAYS) > top
-        and gap_m(entry.points, other.points, DRIFT_M) <= DRIFT_M
+        and touch(entry.points, other.points, DRIFT_M)
         for other in store.neighbours(entry)
     )
 
@@ -80,11 +77,6 @@ def _may_be_part(entry: MapObject, store: ObjectStore) -> bool:
     """Tell whether frames do not agree yet that an object is another one than a labelled one that it touches."""
     unsure = set(store.affinity.partners(entry.number, least=-UNSURE))
     return bool(unsure) and any(
-        other.confirmed and other.number in unsure and gap_m(entry.points, other.points, DRIFT_M) <= DRIFT_M
+        other.confirmed and other.number in unsure and touch(entry.points, other.points, DRIFT_M)
         for other in store.neighbours(entry)
     )
-
-
-def gap_m(a: Float32Array, b: Float32Array, limit_m: float) -> float:
-    """Return the distance of two sets of points, infinite beyond a limit."""
-    return float(distances_m(a, b, limit_m).min(initial=np.inf))

@@ -71,8 +71,10 @@ def seat_beside(plan: GroundPlan, points: Float64Array, least_m2: float) -> Plac
     if np.count_nonzero(known) * CELL_M**2 < least_m2:
         return np.zeros((0, 2), np.int64)
     beside[tuple((cells - window[:2]).T)] = 1
+    touching = (cv2.dilate(beside, np.ones((3, 3), np.uint8)) > 0) & (known > 0)
+    if not touching.any():
+        return np.zeros((0, 2), np.int64)
     _, labels = cv2.connectedComponents(known)
-    touched = np.unique(labels[cv2.dilate(beside, np.ones((3, 3), np.uint8)) > 0]).tolist()
-    pieces = [np.argwhere(labels == k) for k in touched if k > 0]
+    pieces = [np.argwhere(labels == k) for k in np.unique(labels[touching]).tolist()]
     pieces = [p for p in pieces if len(p) * CELL_M**2 >= least_m2 and np.ptp(p, axis=0).max() < longest]
     return np.asarray(window[:2] + np.concatenate([np.zeros((0, 2), np.int64), *pieces]))
