@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import ceil
 
 import numpy as np
 import numpy.typing as npt
@@ -13,8 +12,9 @@ from cuboid.boxes.quantiles import quantile
 from cuboid.frame import Float32Array, Float64Array
 from cuboid.geometry.distances import points_near, touch
 from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.kernels.rims import highest_rim
 from cuboid.objects.entry import MapObject
-from cuboid.tolerances import DRIFT_M, JUMP_M, LEAST_READINGS, LITTLE, MOST, SAMPLE, SOME, STRAYS
+from cuboid.tolerances import DRIFT_M, JUMP_M, LEAST_READINGS, SAMPLE, SOME, STRAYS
 
 
 def holder_of(
@@ -89,26 +89,13 @@ def standing(points: Float32Array, normal: Float64Array, offset: float, voxel_m:
     if quantile(height, 2.0 * STRAYS) <= DRIFT_M:
         return np.ones(len(points), bool)
     order = np.argsort(height, kind="stable")
-    level, axes = height[order], np.column_stack(plane_axes(normal))
-    foot, n = level[0], len(level)
-    # Up to where most of it is above.
-    for low in np.arange(level[0], level[n // 2] - DRIFT_M, DRIFT_M):
-        begin, end = np.searchsorted(level, (low, low + DRIFT_M)).tolist()
-        slab, rest = order[begin : end : 1 + (end - begin) // SAMPLE], order[end :: 1 + (n - end) // SAMPLE]
-        if len(slab) < LEAST_READINGS:
-            continue
-        if _is_rim(*((points[some] @ axes).astype(np.float32) for some in (slab, rest)), voxel_m):
-            foot = low + DRIFT_M
-    return np.asarray(height >= foot)
-
-
-def _is_rim(slab: Float32Array, rest: Float32Array, voxel_m: float) -> bool:
-    """Tell whether most of a slab (N, 2), in plan, is not beneath what is above it (M, 2), which is half as wide."""
-    along = np.linalg.eigh(np.cov(slab.T))[1][:, 1]
-    rim, width = (quantile(p @ along, 1.0 - LITTLE) - quantile(p @ along, LITTLE) for p in (slab, rest))
+    level = height[order]
+    # Slabs up to where most of it is above.
+    low = np.arange(level[0], level[len(level) // 2] - DRIFT_M, DRIFT_M)
+    begins, ends = np.searchsorted(level, low), np.searchsorted(level, low + DRIFT_M)
     # Points of voxels side by side are no farther apart than two voxels.
-    most = ceil(MOST * len(slab))
-    return bool(width <= MOST * rim and points_near(slab, rest, 2.0 * voxel_m, enough=most) < most)
+    rim = highest_rim(points, order, begins, ends, np.column_stack(plane_axes(normal)), 2.0 * voxel_m)
+    return np.asarray(height >= (level[0] if rim < 0 else low[rim] + DRIFT_M))
 
 
 def _bare(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:
