@@ -34,7 +34,9 @@ def test_the_highest_slab_that_is_a_rim_is_found(seed: int) -> None:
     rng = np.random.default_rng(seed)
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     jar = rng.uniform((0.0, 0.0, 0.0), (0.1, 0.1, 0.25), (3000, 3))
-    board = rng.uniform((-0.2, -0.1, 0.03 * (seed % 4)), (rng.uniform(0.0, 0.5), -0.04, 0.03 * (seed % 4) + 0.02), (900, 3))
+    board = rng.uniform(
+        (-0.2, -0.1, 0.03 * (seed % 4)), (rng.uniform(0.0, 0.5), -0.04, 0.03 * (seed % 4) + 0.02), (900, 3)
+    )
     local = np.concatenate([jar, board])
     points = (local @ axes.T).astype(np.float32)
     order = np.argsort(local[:, 2], kind="stable")

@@ -20,8 +20,9 @@ from cuboid.tolerances import LEAST_READINGS, LITTLE, SOME, STRAYS
 LEAST_GAP_M = 1e-6
 # A place was seen when so many of the nine voxels of the ground around it were.
 SOME_OF_NINE = math.ceil(9 * SOME)
-# Places of the ground beneath that are looked up, a side.
-BENEATH = LEAST_READINGS
+# Places of the ground beneath that are looked up, as many a side, in shares of the box from its middle.
+_STEPS = (np.arange(LEAST_READINGS) + 0.5) / LEAST_READINGS - 0.5
+_ALONG, _ACROSS = (places.reshape(-1, 1) for places in np.meshgrid(_STEPS, _STEPS))
 
 
 def with_hidden(
@@ -104,9 +105,7 @@ def twins(
 
 def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequence[Box], voxels: VoxelMap) -> bool:
     """Tell whether a box that floats may stand all the same: what is beneath was not seen, and is no other object."""
-    steps = (np.arange(BENEATH) + 0.5) / BENEATH - 0.5
-    a, b = (m.ravel()[:, None] for m in np.meshgrid(steps, steps))
-    beneath = box.center + a * box.size[0] * box.rotation[:, 0] + b * box.size[1] * box.rotation[:, 1]
+    beneath = box.center + _ALONG * box.size[0] * box.rotation[:, 0] + _ACROSS * box.size[1] * box.rotation[:, 1]
     height = beneath @ normal + offset
     ground = beneath - np.outer(height, normal)
     for other in others:

@@ -60,7 +60,7 @@ def weigh(image: WorkingImage, candidate: UInt8Array, proposals: Proposals, conf
         masks, block = proposals.full_masks() or (), 1
     boxes = np.ascontiguousarray(proposals.boxes_xyxy, dtype=np.int32)
     scores = np.ascontiguousarray(proposals.scores, dtype=np.float32)
-    flat = np.concatenate([np.asarray(mask, np.uint8).ravel() for mask in masks]) if masks else np.zeros(0, np.uint8)
+    flat = np.concatenate(masks, axis=None, dtype=np.uint8, casting="unsafe") if masks else np.zeros(0, np.uint8)
     rectangles = _working(boxes, image)
     starts = np.concatenate([[0], np.cumsum((rectangles[:, 2:] - rectangles[:, :2]).prod(1))])
     covered, weights = np.empty(starts[-1], np.uint8), np.empty(len(proposals), np.float32)

@@ -318,7 +318,7 @@ class PlaneTracker:
     def carrier(self, points: Float32Array, plane: Plane) -> Plane:
         """Return what carries a thing at points (N, 3) of the world; see `seats.carrier`."""
         places = self.to_plan(points)
-        return seats.carrier(places, plane, self._at(places), self._config.min_plane_area_m2)
+        return seats.carrier(places, plane, partial(self._at, places), self._config.min_plane_area_m2)
 
     def seat_of(self, points: Float32Array, plane: Plane) -> Float64Array:
         """Return places (N, 3) in the world of the seats of a thing that floats; see `seats.seat_of`."""

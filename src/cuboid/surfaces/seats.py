@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import cv2
 import numpy as np
@@ -13,7 +13,7 @@ from cuboid.surfaces.plane import REACH_M, Plane
 from cuboid.tolerances import LEAST_READINGS, MOST
 
 
-def carrier(points: Float64Array, plane: Plane, others: Iterable[Plane], least_m2: float) -> Plane:
+def carrier(points: Float64Array, plane: Plane, others: Callable[[], Iterable[Plane]], least_m2: float) -> Plane:
     """Return what carries a thing: the plane that it was seen above, unless that is a seat beside it; then a lower one.
 
     Of the lower ones it is the highest that may go on beneath the thing's middle, and above which it is no higher than
@@ -24,8 +24,8 @@ def carrier(points: Float64Array, plane: Plane, others: Iterable[Plane], least_m
     points : (N, 3) float64
         Of the thing, in the plan frame.
     plane : Plane
-    others : iterable of Plane
-        Those that may be beneath.
+    others : callable
+        Returns the planes that may be beneath; most things have no seat, and nobody asks.
     least_m2 : float
         A seat is no smaller, square metres.
     """
@@ -35,14 +35,14 @@ def carrier(points: Float64Array, plane: Plane, others: Iterable[Plane], least_m
         return plane
     foot = np.append(middle[0, :2], low[2])[None]
     above = float(plane.height(foot)[0]) + REACH_M
-    lower = [(float(p.height(foot)[0]), p.index, p) for p in others if p.in_use and p.plan.near(middle)[0]]
+    lower = [(float(p.height(foot)[0]), p.index, p) for p in others() if p.in_use and p.plan.near(middle)[0]]
     return min([p for p in lower if above < p[0] <= (high - low).max()], default=(0.0, 0, plane))[2]
 
 
 def seat_of(points: Float64Array, plane: Plane, others: Iterable[Plane], least_m2: float) -> Float64Array:
     """Return places (N, 3) of the seats of a thing that floats above its plane, all in the plan frame.
 
-    See `carrier` for the parameters.
+    See `carrier` for the parameters; `others` are the planes themselves.
     """
     low, high = points.min(0), points.max(0)
     found = [np.zeros((0, 3))]
