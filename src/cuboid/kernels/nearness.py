@@ -27,7 +27,7 @@ def count_near(a, b, limit, enough):
     -------
     int
     """
-    deep = a.shape[1] == 3
+    deep = a.shape[1] > 2
     low, high = np.zeros(3), np.zeros(3)
     for k in range(a.shape[1]):
         low[k], high[k] = np.inf, -np.inf
@@ -35,7 +35,7 @@ def count_near(a, b, limit, enough):
             low[k], high[k] = min(low[k], a[i, k]), max(high[k], a[i, k])
         low[k], high[k] = low[k] - limit, high[k] + limit
     # Of `b` only what lies around `a` can be that near. In each cell, as wide as the limit, a chain of points.
-    size = 64
+    size = 2
     while size < 2 * len(b):
         size *= 2
     first, after = np.full(size, -1, np.int32), np.empty(len(b), np.int32)

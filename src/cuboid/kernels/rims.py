@@ -34,7 +34,8 @@ def highest_rim(points, order, begins, ends, axes, gap):
         slab = plan_of(points, order[begins[k] : ends[k]], axes)
         if len(slab) < LEAST_READINGS:
             continue
-        rest, x, y = plan_of(points, order[ends[k] :], axes), *longest(slab)
+        rest = plan_of(points, order[ends[k] :], axes)
+        x, y = longest(slab)
         if width(rest, x, y) > MOST * width(slab, x, y):
             continue
         most = np.int64(np.ceil(MOST * len(slab)))
