@@ -15,7 +15,7 @@ from cuboid.frame import Float32Array, Float64Array
 from cuboid.geometry.box import Box
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.boxing import Boxing
-from cuboid.objects.continuation import is_structure
+from cuboid.objects.continuation import carries, is_structure
 from cuboid.objects.entry import MapObject
 from cuboid.objects.equilibrium import holder_of, standing
 from cuboid.objects.outline import CLEAR
@@ -110,9 +110,12 @@ class Fitting:
         entry.holder = 0 if rests is None else holder_of(entry, *rests, near, voxels)
         owned = np.zeros(self._store.numbers, np.uint8)
         owned[[entry.number, *(o.number for o in near if o.confirmed)]] = 1
+        carries_plane = plane is not None and rests is not None and carries(entry.points, *rests, voxels)
+        was_structure = entry.structure
         # What is thinner or flatter may be the noise of a surface.
         entry.structure = (
-            not fits_object(box, self._config)
+            carries_plane
+            or not fits_object(box, self._config)
             or box.size.min() < SIGMAS * noise_m
             or is_structure(box, entry.points, voxels, owned)
         )
@@ -123,7 +126,8 @@ class Fitting:
             # Candidates are fitted while they are likely.
             while (times := times - 1) > 0 and entry.log_odds > 0:
                 entry.log_odds -= STRUCTURE
-        if too_large(box, self._config):
+        # However clear its outline is: what carries a plane, twice in turn, is none.
+        if too_large(box, self._config) or (carries_plane and was_structure):
             self._store.retire(entry)
 
     def _with_seat(self, entry: MapObject, bare: Box, plane: Plane, near: Sequence[MapObject]) -> Box:
