@@ -102,7 +102,7 @@ class GroundPlan(Stamped):
     @property
     def wide(self) -> bool:
         """Whether finding what it covers takes long."""
-        return max(self.seen.shape) > WHOLE_CELLS
+        return bool(max(self.seen.shape) > WHOLE_CELLS)
 
     def reach(self, low: Places, high: Places) -> None:
         """Grow the window so that it holds readings in cells from `low` to `high`, both (2,) and included."""
