@@ -213,8 +213,7 @@ class Tracker:
         far_m, reach_m = np.abs(frame.T_world_camera[:3, 3]).max(), self._voxels.reach_m
         if far_m + self.config.max_depth_m >= reach_m:
             raise FrameError(
-                f"frame {frame.index} is {far_m / 1000:.0f} km from the origin of its poses, the map reaches "
-                f"{reach_m / 1000:.0f} km"
+                f"frame {frame.index} is {far_m:.0f} m from the origin of its poses, the map reaches {reach_m:.0f} m"
             )
         return frame.T_world_camera
 
