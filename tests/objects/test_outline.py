@@ -52,6 +52,13 @@ def test_what_is_contact_at_the_bottom_may_stand_there() -> None:
     assert told_by(outline(FREE, CONTACT, FREE, FREE)) == told_by(outline(FREE, SUPPORT, FREE, FREE))
 
 
+@pytest.mark.parametrize("kind", [BORDER, HIDDEN])
+def test_a_foot_that_is_cut_off_or_hidden_takes_nothing_from_what_the_rest_tells(kind: int) -> None:
+    free = told_by(outline(FREE, SUPPORT, FREE, FREE))
+    assert told_by(outline(FREE, kind, FREE, FREE)) == free
+    assert told_by(outline(FREE, SUPPORT, FREE, kind)) == pytest.approx(0.75 * free)
+
+
 def test_a_patch_of_a_wall_is_none() -> None:
     patch = outline(CONTACT, CONTACT, CONTACT, CONTACT)
     assert told_by(patch) < -0.5

@@ -40,7 +40,9 @@ def told_by(outlines: Outline, read: Float64Array) -> Float64Array:
     # What another thing bounds, or a hole without an edge of color, is its own outline half of the time.
     own = kinds[:, FREE] + kinds[:, SUPPORT] + 0.5 * kinds[:, UNSURE]
     share = own / np.maximum(judged, 1.0)
-    told = CLEAR * judged / np.maximum(kinds.sum(1), 1.0) * (share - OWN_SHARE) / (1.0 - OWN_SHARE)
+    # What is hidden or cut off below is where it stands.
+    asked = kinds.sum(1) - outlines[:, BOTTOM, HIDDEN:].sum(1)
+    told = CLEAR * judged / np.maximum(asked, 1.0) * (share - OWN_SHARE) / (1.0 - OWN_SHARE)
     # What was filled is a guess: a sighting counts in full when most of the thing is readings, else by so much less.
     return np.asarray(told * np.minimum(1.0, read / MOST), dtype=np.float64)
 
