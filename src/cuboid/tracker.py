@@ -330,12 +330,13 @@ class Tracker:
         found: Association,
         T_camera_world: Float64Array,
     ) -> tuple[Sighting, ...]:
-        """Tell which of the map's objects the frame sees."""
+        """Tell which of the map's objects the frame sees; those that are sure have their labels from now on."""
         objects = [o for o in in_view if len(o.points)]
         views = look(
             objects, self._map.store.boxes_of(objects), image, slots, self._voxels.owner, T_camera_world,
             self.config.depth_noise_per_m,
         )  # fmt: skip
+        self._map.label([entry for entry, view in zip(objects, views, strict=True) if view.seen])
         iou = {found.objects[j].whole.number: float(found.iou[i, j]) for i, j in enumerate(found.match) if j >= 0}
         sightings = []
         for entry, view in zip(objects, views, strict=True):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from math import ceil
 
@@ -131,7 +131,7 @@ class ObjectMap:
         self._fitting.fit_grown(touched, elsewhere)
         self._lost(found)
         self._merge(touched)
-        self._decide(touched, {int(n) for n in number_of})
+        self._end(touched)
         return found
 
     def _sightings(
@@ -300,14 +300,16 @@ class ObjectMap:
         self._fitting.fit(kept)
         return kept
 
-    def _decide(self, numbers: Sequence[int], shown: Set[int]) -> None:
-        """Give labels to those that are sure and that the frame shows, and end those that are surely none."""
+    def _end(self, numbers: Sequence[int]) -> None:
+        """End those that are surely none."""
         entries = self.store.all_of(numbers)
         self.store.retire_all([o for o in entries if o.log_odds <= (-SURE if o.confirmed else -SURE / 2.0)])
-        for entry in entries:
+
+    def label(self, seen: Sequence[MapObject]) -> None:
+        """Give labels to those that are sure, of the objects that a frame sees."""
+        for entry in seen:
             if (
                 entry.state is State.CANDIDATE
-                and entry.number in shown
                 and entry.log_odds >= SURE
                 and is_whole(entry, self.store, self._planes, self._config)
             ):
