@@ -40,7 +40,6 @@ NO_CHOICE = {
     "kernels/extents.py": {"BINS": "finer changes nothing", "best_turn: 9": "rounds off the last bits",
                            "side_spread: 3": "the fourth of four sides"},
     "kernels/holes.py": {"sweep: 1.4": "a diagonal step"},
-    "kernels/nearness.py": dict.fromkeys(("HASH_X", "HASH_Y", "HASH_Z"), "how points are found"),
     "kernels/outlines.py": {"KINDS": "of an enumeration"},
     "kernels/patches.py": {"solve3: 0.001": "guards a division, in pixels squared"},
     "kernels/regions.py": {"COLUMNS": "of a table", "BACKGROUND": "a mark"},

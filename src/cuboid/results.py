@@ -196,10 +196,9 @@ class MapPoints:
 
     def counted(self, objects: Iterable[TrackedObject]) -> tuple[TrackedObject, ...]:
         """Return objects with the number of points that each has here."""
-        counts = np.bincount(self.label) if len(self.label) else np.zeros(1, np.int64)
-        return tuple(
-            replace(item, points=int(counts[item.label]) if item.label < len(counts) else 0) for item in objects
-        )
+        known = tuple(objects)
+        counts = np.bincount(self.label, minlength=1 + max((item.label for item in known), default=0))
+        return tuple(replace(item, points=int(counts[item.label])) for item in known)
 
 
 @dataclass(frozen=True, slots=True)

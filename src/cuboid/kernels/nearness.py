@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-# Cells are told apart by a product with these large odd numbers, as in any spatial hash; two that share a place do no
-# harm, for each point is measured.
-HASH_X, HASH_Y, HASH_Z = 73856093, 19349663, 83492791
+from cuboid.kernels.cubes import pack_key, scatter
 
 
 @njit(cache=True, nogil=True)
@@ -67,8 +65,8 @@ def cell(x, low, limit):
 
 @njit(cache=True, nogil=True, inline="always")
 def place_of(i, j, k, size):
-    """Return the place of a cell in a table of so many, a power of two."""
-    return ((i * HASH_X) ^ (j * HASH_Y) ^ (k * HASH_Z)) & (size - 1)
+    """Return the place of a cell in a table of so many, a power of two; two cells that share one do no harm."""
+    return scatter(pack_key(i, j, k)) & (size - 1)
 
 
 @njit(cache=True, nogil=True)

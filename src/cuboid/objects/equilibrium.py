@@ -10,7 +10,7 @@ import numpy.typing as npt
 from cuboid.boxes.fit import plane_axes
 from cuboid.boxes.quantiles import quantile
 from cuboid.frame import Float32Array, Float64Array
-from cuboid.geometry.distances import points_near, touch
+from cuboid.geometry.distances import points_near
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.rims import highest_rim
 from cuboid.objects.entry import MapObject
@@ -49,14 +49,14 @@ def holder_of(
     points, height, bare = points[low], height[low], None
     best, holder = 0, 0
     for other in others:
+        if len(other.points) < LEAST_READINGS:
+            continue
         # Points of voxels side by side are no farther apart than two voxels.
-        if len(other.points) < LEAST_READINGS or not touch(other.points, entry.points, 2.0 * voxels.voxel_m):
+        touches = points_near(entry.points, other.points, 2.0 * voxels.voxel_m)
+        if touches <= best:
             continue
         theirs = other.points @ normal + offset
         if quantile(theirs, 2.0 * STRAYS) >= foot or quantile(theirs, 1.0 - 2.0 * STRAYS) <= foot + JUMP_M:
-            continue
-        touches = points_near(entry.points, other.points, 2.0 * voxels.voxel_m)
-        if touches <= best:
             continue
         if bare is None:
             bare = _bare(points - np.outer(height, normal), normal, voxels)
