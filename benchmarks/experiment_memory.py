@@ -44,10 +44,10 @@ WINDOW = 400
 class Place:
     """Boxes on a floor, and what a camera sees of them from some places."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, rows: int) -> None:
         self._rng = np.random.default_rng(seed)
-        x, y = np.meshgrid((np.arange(ALONG) - (ALONG - 1) / 2) * GAP_M, (np.arange(ACROSS) - 1.5) * GAP_M)
-        middle = np.stack([x.ravel(), y.ravel()], 1) + self._rng.uniform(-0.03, 0.03, (ALONG * ACROSS, 2))
+        x, y = np.meshgrid(*((np.arange(n) - (n - 1) / 2) * GAP_M for n in (ALONG, rows)))
+        middle = np.stack([x.ravel(), y.ravel()], 1) + self._rng.uniform(-0.03, 0.03, (x.size, 2))
         half = self._rng.uniform(0.045, 0.065, (len(middle), 2))
         self._low = np.column_stack([middle - half, np.zeros(len(middle))])
         self._high = np.column_stack([middle + half, self._rng.uniform(0.08, 0.16, len(middle))])
@@ -84,24 +84,27 @@ def _proposals(hit: npt.NDArray[np.int64]) -> Proposals:
     return Proposals(np.array(boxes, np.int32).reshape(-1, 4), np.full(len(boxes), 0.9, np.float32), tuple(masks))
 
 
-def places_in_rows(shown: list[Proposals]) -> Iterator[Iterator[Frame]]:
-    """Give the frames of one place after another, in rows there and back; `shown` is made the proposals of each."""
+def places_in_rows(shown: list[Proposals], rows: int = ACROSS) -> Iterator[Iterator[Frame]]:
+    """Give the frames of one place after another, in rows there and back; `shown` is made the proposals of each.
+
+    Each place has so many rows of boxes.
+    """
     for number in count():
         along, across = divmod(number, ROW)
         shift = APART_M * np.array([across if along % 2 == 0 else ROW - 1 - across, along, 0.0])
-        yield looks(number, shift, shown)
+        yield looks(number, shift, shown, rows)
 
 
 @cache
-def seen(kind: int) -> list[tuple[npt.NDArray[np.float32], npt.NDArray[np.uint8], Proposals, Float64Array]]:
+def seen(kind: int, rows: int) -> list[tuple[npt.NDArray[np.float32], npt.NDArray[np.uint8], Proposals, Float64Array]]:
     """Return the looks at a place of some kind."""
-    place = Place(kind)
+    place = Place(kind, rows)
     return [place.look(0.12 * (k - LOOKS / 2)) for k in range(LOOKS)]
 
 
-def looks(number: int, shift: npt.NDArray[np.float64], shown: list[Proposals]) -> Iterator[Frame]:
+def looks(number: int, shift: npt.NDArray[np.float64], shown: list[Proposals], rows: int = ACROSS) -> Iterator[Frame]:
     """Give the frames of a place that lies so far away, metres; `shown` is made the proposals of each."""
-    for k, (depth, color, proposals, T) in enumerate(seen(number % KINDS)):
+    for k, (depth, color, proposals, T) in enumerate(seen(number % KINDS, rows)):
         shown[:] = [proposals]
         T_world_camera = T.copy()
         T_world_camera[:3, 3] += shift

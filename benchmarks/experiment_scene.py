@@ -24,7 +24,8 @@ from experiment_memory import CAMERA, places_in_rows
 from scenes import scene_01
 from tables import cell, dump, show
 
-POINTS, OBJECTS = 1_000_000, 500
+# Rows of boxes in a place: with one, a million points are about 500 objects.
+POINTS, OBJECTS, ROWS = 1_000_000, 500, 1
 TIMES = 5
 # Frames of scene 01, unless `--limit` says otherwise.
 FRAMES = 300
@@ -37,7 +38,7 @@ def make(path: Path) -> None:
     shown: list[Proposals] = []
     with Scene.open(path) as scene:
         tracker = scene.tracker(CAMERA, proposals=lambda frame, camera: shown[-1], commit_every_s=30.0)
-        for frames in places_in_rows(shown):
+        for frames in places_in_rows(shown, ROWS):
             for frame in frames:
                 tracker.update(frame)
             if tracker.points_known >= POINTS and len(tracker.objects) >= OBJECTS:

@@ -91,6 +91,7 @@ class Tracker:
         self._count = 0
         self._place: Float64Array | None = None
         self._looked_from: Float64Array | None = None
+        self._due = True
 
     def _begin(self) -> None:
         c = self.config
@@ -133,8 +134,10 @@ class Tracker:
         weighed = weigh(solid, candidate, proposals, c)
         heat = pixel_heat(solid, weighed)
         watch.lap("heat")
+        # What can wait for it is done with the frame after: one from elsewhere has enough to do.
+        due, self._due = self._due, elsewhere
         # Where something is known from an earlier visit, every frame may show that it has changed.
-        anew = elsewhere or self._voxels.revisited
+        anew = due or self._voxels.revisited
         slots = self._voxels.fuse(image, heat, T_world_camera, frame.index, anchor, anew)
         self._voxels.look_through(image, T_camera_world, anew)
         watch.lap("fuse")
@@ -154,7 +157,7 @@ class Tracker:
             self._turn(image, T_world_camera), elsewhere, anchor,
         )  # fmt: skip
         in_view = self._map.in_view(image, T_camera_world)
-        if elsewhere:
+        if due:
             self._refine(frame.index, image, heat, slots, in_view, T_world_camera, anchor)
         watch.lap("map")
         sightings = self._sightings(frame.index, image, slots, in_view, found, T_camera_world)
@@ -421,6 +424,7 @@ class Tracker:
         """Expect the place at another time: things may have been moved, taken and brought."""
         self._map.begin_visit()
         self._place = self._looked_from = None
+        self._due = True
 
     def adopt(self, entry: MapObject, old: MapObject) -> None:
         """Let a labelled object be one that was retired: it was moved, and its older label stays."""
