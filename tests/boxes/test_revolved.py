@@ -123,6 +123,17 @@ def test_of_a_mug_the_far_side_follows_from_its_axis_and_its_handle_is_in_the_bo
     assert max(iou(box, one) for one in true) > 0.82
 
 
+def test_a_handle_that_reaches_up_to_the_rim_makes_a_mug_no_wider() -> None:
+    wall = side([(0.044, 0.0), (0.044, 0.084)], 240, 0.8)
+    wall = wall[np.hypot(*wall[:, :2].T) > 0.035]  # it is open
+    handle = np.concatenate([pinned(0.044, 0.045, 0.006, 0.03, 0.084, seed) for seed in range(3)])
+    outline = np.concatenate([disc(0.044), handle[:, :2]])
+    for angle in (0.0, 0.4, 2.0):
+        box = around(turned(np.concatenate([wall, handle]), angle))
+        assert box is not None
+        assert max(iou(box, one) for one in true_boxes(outline, 0.084, angle)) > 0.85
+
+
 @settings(deadline=None, max_examples=20)
 @given(st.floats(0.08, 0.1), st.floats(200, 330), st.floats(-0.6, 0.6), st.floats(0, 6.28), st.integers(0, 1000))
 def test_the_box_of_a_cap_lies_along_its_brim_and_has_no_second_brim(

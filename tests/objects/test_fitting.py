@@ -103,10 +103,10 @@ def test_what_carries_the_plane_that_it_lies_on_loses_its_label_at_the_second_fi
     fitting, entry = seen(lip, side)
     entry.state, entry.log_odds = State.CONFIRMED, 9.0
     fitting.fit(entry)
-    assert entry.structure
+    assert entry.carries
     assert entry.state is State.CONFIRMED
     fitting.fit(entry)
     assert entry.state is State.RETIRED
     alone, book = seen(lip)
     alone.fit(book)
-    assert not book.structure
+    assert not book.carries

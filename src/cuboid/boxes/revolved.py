@@ -64,11 +64,16 @@ def revolved(
     off_m = find_body(*seen, True, center, part) or find_body(*seen, False, center, part)
     if not off_m:
         return None
-    body = np.ones(len(points), bool)
+    body = np.zeros(len(points), bool)
     body[side] = ~part
     distance = np.hypot(*(plan - center).T)
     weight = float(trust.sum())
     layers, least_weight = int(layer.max()) + 1, 2.0 * STRAYS * weight
+    radius = widest_layer(distance[body], layer[body], trust[body], layers, least_weight, 1.0 - LITTLE)
+    # Its top, which tells no axis, may be wider by as much as it is thick: what lies farther out sticks out, too.
+    top = distance <= radius + JUMP_M
+    top[side] = False
+    body |= top
     radius = widest_layer(distance[body], layer[body], trust[body], layers, least_weight, 1.0 - LITTLE)
     along = DIRECTIONS @ center
     low, high, towards = along - radius, along + radius, None

@@ -62,8 +62,8 @@ class MapObject:
     merged_labels : list of int
     fitted : int
         Sightings at the last fit of its box.
-    structure : bool
-        Whether it went on into structure at the last fit.
+    carries : bool
+        Whether it was found to carry its plane at the last fit.
     holder : int
         Number of the object that held it at the last fit, for nothing carried it from below; 0 none.
     taken_by : MapObject or None
@@ -88,7 +88,7 @@ class MapObject:
     supports: dict[int, int] = field(default_factory=dict)
     merged_labels: list[int] = field(default_factory=list)
     fitted: int = 0
-    structure: bool = False
+    carries: bool = False
     holder: int = 0
     taken_by: MapObject | None = None
 

@@ -111,24 +111,24 @@ class Fitting:
         owned = np.zeros(self._store.numbers, np.uint8)
         owned[[entry.number, *(o.number for o in near if o.confirmed)]] = 1
         carries_plane = plane is not None and rests is not None and carries(entry.points, *rests, voxels)
-        was_structure = entry.structure
         # What is thinner or flatter may be the noise of a surface.
-        entry.structure = (
+        structure = (
             carries_plane
             or not fits_object(box, self._config)
             or box.size.min() < SIGMAS * noise_m
             or is_structure(box, entry.points, voxels, owned)
         )
-        if plane is not None and rests is not None and not entry.structure and not entry.holder:
+        if plane is not None and rests is not None and not structure and not entry.holder:
             self._store.place(entry, self._with_seat(entry, bare, plane, near))
-        if entry.structure:
+        if structure:
             entry.log_odds -= STRUCTURE
             # Candidates are fitted while they are likely.
             while (times := times - 1) > 0 and entry.log_odds > 0:
                 entry.log_odds -= STRUCTURE
         # However clear its outline is: what carries a plane, twice in turn, is none.
-        if too_large(box, self._config) or (carries_plane and was_structure):
+        if too_large(box, self._config) or (carries_plane and entry.carries):
             self._store.retire(entry)
+        entry.carries = carries_plane
 
     def _with_seat(self, entry: MapObject, bare: Box, plane: Plane, near: Sequence[MapObject]) -> Box:
         """Return the box of an object with its seat, down to its plane, where it floats and has one: a chair has legs.

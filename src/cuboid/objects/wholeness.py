@@ -1,4 +1,4 @@
-"""Is a candidate a whole object: no structure, no part of another, with a box of an object's size."""
+"""Is a candidate a whole object: its sides were seen to end, it has the size of one, and is no part of another."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ UNSURE = 1.1
 
 
 def is_whole(entry: MapObject, store: ObjectStore, planes: PlaneTracker, config: TrackerConfig) -> bool:
-    """Tell whether a candidate has a box, and is a whole object: no structure, of its size, no part of another.
+    """Tell whether a candidate has a box, and is a whole object: all of it, of the size of one, no part of another.
 
     Parameters
     ----------
@@ -32,7 +32,6 @@ def is_whole(entry: MapObject, store: ObjectStore, planes: PlaneTracker, config:
     """
     return (
         len(entry.points) > 0
-        and not entry.structure
         and not entry.holder
         and enclosed(entry.outline)
         and not _floats(entry, planes)
