@@ -1,4 +1,4 @@
-"""What keeps a candidate from a label: it may be the foot of another thing."""
+"""What keeps a candidate from a label: it may be the foot of another thing, or a part of a labelled one."""
 
 from __future__ import annotations
 
@@ -40,11 +40,14 @@ def candidate(points: np.ndarray, top: int, bottom: int) -> MapObject:
     return entry
 
 
-def whole(entry: MapObject, beside: np.ndarray) -> bool:
+def whole(entry: MapObject, beside: np.ndarray, *, labelled: bool = False) -> bool:
     """Tell whether a candidate is whole, another thing with points (N, 3) beside it."""
     store = ObjectStore(map_of((entry.points, 1), (beside, 2)))
     store.place(store.add(entry.box, 0), entry.box)
-    store.add(box_of(beside), 0).points = beside.astype(np.float32)
+    other = store.add(box_of(beside), 0)
+    other.points = beside.astype(np.float32)
+    if labelled:
+        store.confirm(other)
     return is_whole(entry, store, _Table(), TrackerConfig())  # type: ignore[arg-type]
 
 
@@ -54,3 +57,14 @@ def whole(entry: MapObject, beside: np.ndarray) -> bool:
 def test_a_label_waits_where_a_thing_may_be_the_foot_of_a_higher_one(top: int, height_m: float, expected: bool) -> None:
     brim = candidate(grid((0.12, 0.2), (0.0, 0.1), (0.0, 0.03)), top, SUPPORT)
     assert whole(brim, grid((0.0, 0.12), (0.0, 0.12), (0.0, height_m))) is expected
+
+
+@pytest.mark.parametrize(
+    ("labelled", "begin_m", "expected"), [(True, 0.02, False), (False, 0.02, True), (True, 0.08, True)]
+)
+def test_a_label_waits_where_a_thing_shares_room_with_a_labelled_one(
+    labelled: bool, begin_m: float, expected: bool
+) -> None:
+    inside = candidate(grid((0.0, 0.12), (0.0, 0.1), (0.0, 0.08)), FREE, SUPPORT)
+    rim = grid((begin_m, 0.3), (0.0, 0.1), (0.0, 0.08))
+    assert whole(inside, rim, labelled=labelled) is expected

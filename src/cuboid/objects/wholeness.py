@@ -5,13 +5,14 @@ from __future__ import annotations
 from cuboid.boxes.quantiles import quantile
 from cuboid.config import TrackerConfig
 from cuboid.geometry.distances import touch
+from cuboid.geometry.overlap import overlap_min_matrix
 from cuboid.kernels.outlines import BOTTOM, CONTACT, FREE, SUPPORT
 from cuboid.objects.entry import MapObject
 from cuboid.objects.outline import enclosed, ends_above
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import DRIFT_M, STRAYS
+from cuboid.tolerances import DRIFT_M, MOST, STRAYS
 
 # Frames do not agree on two objects that touch while the log-odds that they are two are below this.
 UNSURE = 1.1
@@ -73,9 +74,14 @@ def _may_be_foot(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> 
 
 
 def _may_be_part(entry: MapObject, store: ObjectStore) -> bool:
-    """Tell whether frames do not agree yet that an object is another one than a labelled one that it touches."""
+    """Tell whether an object may be a part of a labelled one: frames do not agree yet that two which touch are two.
+
+    Or they share room, which no two solids do.
+    """
+    labelled = [other for other in store.neighbours(entry) if other.confirmed]
+    if not labelled:
+        return False
     unsure = set(store.affinity.partners(entry.number, least=-UNSURE))
-    return bool(unsure) and any(
-        other.confirmed and other.number in unsure and touch(entry.points, other.points, DRIFT_M)
-        for other in store.neighbours(entry)
-    )
+    if any(other.number in unsure and touch(entry.points, other.points, DRIFT_M) for other in labelled):
+        return True
+    return bool((overlap_min_matrix(store.boxes_of([entry]), store.boxes_of(labelled)) >= MOST).any())
