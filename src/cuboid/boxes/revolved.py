@@ -64,17 +64,15 @@ def revolved(
     off_m = find_body(*seen, True, center, part) or find_body(*seen, False, center, part)
     if not off_m:
         return None
-    body = np.zeros(len(points), bool)
-    body[side] = ~part
+    body, top = np.zeros(len(points), bool), np.ones(len(points), bool)
+    body[side], top[side] = ~part, False
     distance = np.hypot(*(plan - center).T)
     weight = float(trust.sum())
-    layers, least_weight = int(layer.max()) + 1, 2.0 * STRAYS * weight
-    radius = widest_layer(distance[body], layer[body], trust[body], layers, least_weight, 1.0 - LITTLE)
+    bounds = int(layer.max()) + 1, 2.0 * STRAYS * weight, 1.0 - LITTLE
+    radius = widest_layer(distance[body], layer[body], trust[body], *bounds)
     # Its top, which tells no axis, may be wider by as much as it is thick: what lies farther out sticks out, too.
-    top = distance <= radius + JUMP_M
-    top[side] = False
-    body |= top
-    radius = widest_layer(distance[body], layer[body], trust[body], layers, least_weight, 1.0 - LITTLE)
+    body |= top & (distance <= radius + JUMP_M)
+    radius = widest_layer(distance[body], layer[body], trust[body], *bounds)
     along = DIRECTIONS @ center
     low, high, towards = along - radius, along + radius, None
     # What sticks out by more than noise is a part of its own, where most of it is no strays.

@@ -99,8 +99,8 @@ class VoxelMap(FinePoints):
         anchor : int
             Keyframe that the frame hangs on: its points move with it; see `carry`.
         elsewhere : bool
-            Whether the frame shows more than the last one for which this was true: else what is cold, walls and floors,
-            is left out.
+            Whether the frame, or the one before it, shows more than others from where it is: else what is cold, walls
+            and floors, is left out.
 
         Returns
         -------

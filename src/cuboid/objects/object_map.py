@@ -12,7 +12,7 @@ import numpy.typing as npt
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float64Array, UInt8Array
 from cuboid.geometry.box import Box
-from cuboid.geometry.overlap import overlap_min_matrix, pack
+from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import transform
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.outlines import KINDS
@@ -226,8 +226,7 @@ class ObjectMap:
         labelled = [o for o in entries if o.confirmed]
         if not labelled:
             return
-        inside = overlap_min_matrix(self.store.boxes_of(entries), self.store.boxes_of(labelled))
-        for i, j in zip(*(k.tolist() for k in np.nonzero(inside >= MOST)), strict=True):
+        for i, j in zip(*(k.tolist() for k in np.nonzero(self.store.share_room(entries, labelled))), strict=True):
             if entries[i] is not labelled[j]:
                 self.store.affinity.tell(entries[i].number, labelled[j].number, one=True, news=news)
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
+from cuboid.geometry.overlap import overlap_min_matrix
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.overlap import BATCH, bound, near
 from cuboid.objects.affinity import Affinity
 from cuboid.objects.entry import MapObject, State, together
+from cuboid.tolerances import MOST
 
 
 class ObjectStore:
@@ -54,6 +57,10 @@ class ObjectStore:
     def boxes_of(self, entries: Sequence[MapObject]) -> Float64Array:
         """Return the boxes (N, 15) of living objects, see `pack`."""
         return self.boxes[[entry.number for entry in entries]]
+
+    def share_room(self, some: Sequence[MapObject], others: Sequence[MapObject]) -> npt.NDArray[np.bool_]:
+        """Tell which living objects are in each other's place (N, M), most of the smaller one: no two solids are."""
+        return np.asarray(overlap_min_matrix(self.boxes_of(some), self.boxes_of(others)) >= MOST)
 
     @property
     def bounds(self) -> Float64Array:

@@ -5,14 +5,13 @@ from __future__ import annotations
 from cuboid.boxes.quantiles import quantile
 from cuboid.config import TrackerConfig
 from cuboid.geometry.distances import touch
-from cuboid.geometry.overlap import overlap_min_matrix
 from cuboid.kernels.outlines import BOTTOM, CONTACT, FREE, SUPPORT
 from cuboid.objects.entry import MapObject
 from cuboid.objects.outline import enclosed, ends_above
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import DRIFT_M, MOST, STRAYS
+from cuboid.tolerances import DRIFT_M, STRAYS
 
 # Frames do not agree on two objects that touch while the log-odds that they are two are below this.
 UNSURE = 1.1
@@ -84,4 +83,4 @@ def _may_be_part(entry: MapObject, store: ObjectStore) -> bool:
     unsure = set(store.affinity.partners(entry.number, least=-UNSURE))
     if any(other.number in unsure and touch(entry.points, other.points, DRIFT_M) for other in labelled):
         return True
-    return bool((overlap_min_matrix(store.boxes_of([entry]), store.boxes_of(labelled)) >= MOST).any())
+    return bool(store.share_room([entry], labelled).any())
