@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from made_maps import box_of, grid, map_of, shell
 
 from cuboid.config import TrackerConfig
 from cuboid.geometry.overlap import iou
+from cuboid.kernels.outlines import FREE, HIDDEN, TOP
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.entry import MapObject, State
 from cuboid.objects.fitting import Fitting
@@ -110,3 +112,16 @@ def test_what_carries_the_plane_that_it_lies_on_loses_its_label_at_the_second_fi
     alone, book = seen(lip)
     alone.fit(book)
     assert not book.carries
+
+
+@pytest.mark.parametrize(("above", "state"), [(HIDDEN, State.RETIRED), (FREE, State.CONFIRMED)])
+def test_what_goes_up_to_the_table_and_was_not_seen_to_end_there_loses_its_label(above: int, state: State) -> None:
+    fitting, leg = seen(shell((0.3, 0.36), (0.3, 0.36), (-0.5, 0.0)))
+    leg.supports = {}  # the floor was never seen
+    leg.state, leg.log_odds = State.CONFIRMED, 9.0
+    leg.outline[TOP, above] = 20
+    for _ in range(2):
+        assert leg.confirmed
+        fitting.fit(leg)
+        assert leg.carries is (above == HIDDEN)
+    assert leg.state is state

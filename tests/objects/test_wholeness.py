@@ -1,4 +1,4 @@
-"""What keeps a candidate from a label: it may be the foot of another thing, or a part of a labelled one."""
+"""What keeps a candidate from a label: it may be the foot of another thing, its end, or a part of a labelled one."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from made_maps import box_of, grid, map_of
 
 from cuboid.config import TrackerConfig
-from cuboid.kernels.outlines import BOTTOM, FREE, KINDS, LEFT, RIGHT, SUPPORT, TOP, UNSURE
+from cuboid.kernels.outlines import BOTTOM, FREE, HIDDEN, KINDS, LEFT, RIGHT, SUPPORT, TOP, UNSURE
 from cuboid.objects.entry import MapObject
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.wholeness import is_whole
@@ -68,3 +68,40 @@ def test_a_label_waits_where_a_thing_shares_room_with_a_labelled_one(
     inside = candidate(grid((0.0, 0.12), (0.0, 0.1), (0.0, 0.08)), FREE, SUPPORT)
     rim = grid((begin_m, 0.3), (0.0, 0.1), (0.0, 0.08))
     assert whole(inside, rim, labelled=labelled) is expected
+
+
+RED, ORANGE, BLUE, GREY, DARK_GREY = (180, 40, 30), (180, 60, 40), (30, 40, 180), (120, 120, 120), (110, 110, 110)
+
+
+@pytest.mark.parametrize(
+    ("color", "pot", "foot_m", "bottom", "expected"),
+    [
+        (RED, ORANGE, 0.06, HIDDEN, False),  # the spout of a pot that hides its foot
+        (RED, None, 0.06, HIDDEN, False),  # of which nothing is known yet
+        (RED, BLUE, 0.06, HIDDEN, True),  # a red thing behind a blue one
+        (GREY, DARK_GREY, 0.06, HIDDEN, True),  # many things are grey
+        (RED, ORANGE, 0.02, HIDDEN, True),  # its foot was seen
+        (RED, ORANGE, 0.06, SUPPORT, True),  # there is air beneath
+    ],
+)
+def test_a_label_waits_where_a_thing_may_be_the_end_of_a_larger_one_of_its_color(
+    color: tuple[int, int, int], pot: tuple[int, int, int] | None, foot_m: float, bottom: int, expected: bool
+) -> None:
+    spout = candidate(grid((0.14, 0.18), (0.0, 0.04), (foot_m, 0.1)), FREE, bottom)
+    spout.colors = np.tile(np.array(color, np.uint8), (len(spout.points), 1))
+    body = grid((0.0, 0.1), (0.0, 0.1), (0.0, 0.12))
+    store = ObjectStore(map_of((spout.points, 1), (body, 2)))
+    store.place(store.add(spout.box, 0), spout.box)
+    other = store.add(box_of(body), 0)
+    other.log_odds = 1.0
+    if pot is not None:
+        other.points, other.colors = body.astype(np.float32), np.tile(np.array(pot, np.uint8), (len(body), 1))
+    assert is_whole(spout, store, _Table(), TrackerConfig())  # type: ignore[arg-type]
+    store.affinity.tell(1, 2, one=False, news=1.0)  # beside each other in a picture
+    assert is_whole(spout, store, _Table(), TrackerConfig()) is expected  # type: ignore[arg-type]
+
+
+def test_what_was_found_to_carry_a_plane_gets_no_label() -> None:
+    leg = candidate(grid((0.0, 0.04), (0.0, 0.04), (0.0, 0.5)), FREE, SUPPORT)
+    leg.carries = True
+    assert not whole(leg, grid((0.5, 0.6), (0.5, 0.6), (0.0, 0.1)))

@@ -18,7 +18,7 @@ from cuboid.objects.boxing import Boxing
 from cuboid.objects.continuation import carries, is_structure
 from cuboid.objects.entry import MapObject
 from cuboid.objects.equilibrium import holder_of, standing
-from cuboid.objects.outline import CLEAR
+from cuboid.objects.outline import CLEAR, ends_above
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object, too_large
 from cuboid.surfaces.plane import Plane
@@ -110,7 +110,7 @@ class Fitting:
         entry.holder = 0 if rests is None else holder_of(entry, *rests, near, voxels)
         owned = np.zeros(self._store.numbers, np.uint8)
         owned[[entry.number, *(o.number for o in near if o.confirmed)]] = 1
-        carries_plane = plane is not None and rests is not None and carries(entry.points, *rests, voxels)
+        carries_plane = self._carries_plane(entry, rests)
         # What is thinner or flatter may be the noise of a surface.
         structure = (
             carries_plane
@@ -125,10 +125,16 @@ class Fitting:
             # Candidates are fitted while they are likely.
             while (times := times - 1) > 0 and entry.log_odds > 0:
                 entry.log_odds -= STRUCTURE
-        # However clear its outline is: what carries a plane, twice in turn, is none.
-        if too_large(box, self._config) or (carries_plane and entry.carries):
+        # However clear its outline is: a label of what carries a plane, twice in turn, is none.
+        if too_large(box, self._config) or (entry.confirmed and entry.carries and carries_plane):
             self._store.retire(entry)
         entry.carries = carries_plane
+
+    def _carries_plane(self, entry: MapObject, rests: tuple[Float64Array, float] | None) -> bool:
+        """Tell whether an object goes on below its plane, or up to a plane that lies on it: no air was seen between."""
+        if entry.plane is not None and rests is not None and carries(entry.points, *rests, self._voxels):
+            return True
+        return self._planes.lies_on(entry.box) and not ends_above(entry.outline)
 
     def _with_seat(self, entry: MapObject, bare: Box, plane: Plane, near: Sequence[MapObject]) -> Box:
         """Return the box of an object with its seat, down to its plane, where it floats and has one: a chair has legs.

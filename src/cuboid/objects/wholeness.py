@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from cuboid.boxes.quantiles import quantile
 from cuboid.config import TrackerConfig
 from cuboid.geometry.distances import touch
-from cuboid.kernels.outlines import BOTTOM, CONTACT, FREE, SUPPORT
+from cuboid.kernels.outlines import BOTTOM, CONTACT, FREE, HIDDEN, SUPPORT
 from cuboid.objects.entry import MapObject
-from cuboid.objects.outline import enclosed, ends_above
+from cuboid.objects.outline import OWN_SHARE, enclosed, ends_above
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object
+from cuboid.objects.visibility import ALIKE
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import DRIFT_M, STRAYS
+from cuboid.tolerances import DRIFT_M, MOST, STRAYS
 
 # Frames do not agree on two objects that touch while the log-odds that they are two are below this.
 UNSURE = 1.1
@@ -33,11 +36,13 @@ def is_whole(entry: MapObject, store: ObjectStore, planes: PlaneTracker, config:
     return (
         len(entry.points) > 0
         and not entry.holder
+        and not entry.carries
         and enclosed(entry.outline)
         and not _floats(entry, planes)
         and not planes.lies_on(entry.box)
         and fits_object(entry.box, config)
         and not _may_be_foot(entry, store, planes)
+        and not _may_be_end(entry, store, planes)
         and not _may_be_part(entry, store)
     )
 
@@ -69,6 +74,29 @@ def _may_be_foot(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> 
         and quantile(other.points @ normal, 1.0 - 2.0 * STRAYS) > top
         and touch(entry.points, other.points, DRIFT_M)
         for other in store.neighbours(entry)
+    )
+
+
+def _may_be_end(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> bool:
+    """Tell whether an object's foot is hidden, little of its height shows, and a larger one beside it has its color.
+
+    It may be the end of that: the spout of a teapot, behind its pot. Grey is the color of too many things to tell.
+    """
+    plane = None if entry.plane is None else planes.find(entry.plane)
+    beneath, color = entry.outline[BOTTOM], entry.mean_color
+    if plane is None or beneath[HIDDEN] <= MOST * beneath.sum() or np.ptp(color) <= ALIKE:
+        return False
+    normal, offset = planes.in_world(plane)
+    height = entry.points @ normal + offset
+    low, high = quantile(height, 2.0 * STRAYS), quantile(height, 1.0 - 2.0 * STRAYS)
+    if low <= DRIFT_M or high - low > OWN_SHARE * high:
+        return False
+    return any(
+        other.log_odds > 0.0
+        and other.box.size.prod() > entry.box.size.prod()
+        # What has no box yet may have any color.
+        and (not len(other.points) or np.abs(other.mean_color - color).max() <= ALIKE)
+        for other in store.all_of(store.affinity.partners(entry.number))
     )
 
 
