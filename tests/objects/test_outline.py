@@ -73,6 +73,9 @@ def test_a_side_that_goes_on_keeps_a_thing_from_being_enclosed() -> None:
         kinds[(0, 2, 3)[k]] = HIDDEN
         assert not enclosed(outline(*kinds)), side
     assert enclosed(outline(FREE, HIDDEN, FREE, FREE)), "its foot may be hidden"
+    assert enclosed(outline(FREE, HIDDEN, FREE, HIDDEN), beside=True), "by what is known to be another thing"
+    assert not enclosed(outline(HIDDEN, HIDDEN, FREE, FREE), beside=True), "but its top is seen"
+    assert not enclosed(outline(FREE, HIDDEN, HIDDEN, HIDDEN), beside=True), "and some side of it"
     assert enclosed(outline(UNSURE, SUPPORT, FREE, UNSURE)), "another thing ends it as air does"
 
 

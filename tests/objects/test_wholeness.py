@@ -105,3 +105,21 @@ def test_what_was_found_to_carry_a_plane_gets_no_label() -> None:
     leg = candidate(grid((0.0, 0.04), (0.0, 0.04), (0.0, 0.5)), FREE, SUPPORT)
     leg.carries = True
     assert not whole(leg, grid((0.5, 0.6), (0.5, 0.6), (0.0, 0.1)))
+
+
+@pytest.mark.parametrize(
+    ("labelled", "sightings", "expected"), [(True, 8, True), (True, 2, False), (False, 8, False), (True, 0, False)]
+)
+def test_a_side_that_a_known_other_thing_hides_need_not_be_seen(labelled: bool, sightings: int, expected: bool) -> None:
+    stapler = candidate(grid((0.14, 0.24), (0.0, 0.04), (0.0, 0.04)), FREE, SUPPORT)
+    stapler.outline[LEFT] = 0
+    stapler.outline[LEFT, HIDDEN] = 20
+    telephone = grid((0.0, 0.1), (0.0, 0.2), (0.0, 0.06))
+    store = ObjectStore(map_of((stapler.points, 1), (telephone, 2)))
+    store.place(store.add(stapler.box, 0), stapler.box)
+    other = store.add(box_of(telephone), 0)
+    if labelled:
+        store.confirm(other)
+    for _ in range(sightings):
+        store.affinity.tell(1, 2, one=False, news=1.0)
+    assert is_whole(stapler, store, _Table(), TrackerConfig()) is expected  # type: ignore[arg-type]

@@ -63,16 +63,19 @@ def agreeing(told: float, turn: float) -> float:
     return told + max(0.0, told) * told / CLEAR * min(1.0, turn / SOME)
 
 
-def enclosed(outline: Outline) -> bool:
+def enclosed(outline: Outline, *, beside: bool = False) -> bool:
     """Tell whether all sides but the bottom were seen to end: what continues into the unknown waits.
 
     The left or the right side may always have been cut off by the picture's border: what is seen of such a thing is
-    one, and more of it makes it larger. What goes on upwards may be a post, or a wall.
+    one, and more of it makes it larger. So may it be hidden by what is known to be another thing. What goes on upwards
+    may be a post, or a wall.
 
     Parameters
     ----------
     outline : (4, KINDS)
         Summed over the sightings of a thing.
+    beside : bool, optional
+        Whether it stands beside another thing that it is surely no part of.
     """
     judged = outline[:, :HIDDEN].sum(1)
     whole = outline.sum(1)
@@ -83,7 +86,8 @@ def enclosed(outline: Outline) -> bool:
     uncut[TOP] -= outline[TOP, BORDER]
     known = (outline[:, :CONTACT].sum(1) >= least * uncut) & (uncut >= SOME * whole)
     structure = outline[:, CONTACT] > MOST * judged
-    cut = ~known & (outline[:, BORDER] > MOST * whole)
+    unseen = outline[:, BORDER] + (outline[:, HIDDEN] if beside else 0)
+    cut = ~known & (unseen > MOST * whole)
     ends = known & ~structure
     sides = (ends | (cut & ~structure))[[LEFT, RIGHT]]
     return bool(ends[TOP] and sides.all() and ends[[LEFT, RIGHT]].any())

@@ -14,7 +14,7 @@ from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object
 from cuboid.objects.visibility import ALIKE
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import DRIFT_M, MOST, STRAYS
+from cuboid.tolerances import DRIFT_M, MOST, STRAYS, SURE
 
 # Frames do not agree on two objects that touch while the log-odds that they are two are below this.
 UNSURE = 1.1
@@ -37,7 +37,7 @@ def is_whole(entry: MapObject, store: ObjectStore, planes: PlaneTracker, config:
         len(entry.points) > 0
         and not entry.holder
         and not entry.carries
-        and enclosed(entry.outline)
+        and enclosed(entry.outline, beside=_is_beside(entry, store))
         and not _floats(entry, planes)
         and not planes.lies_on(entry.box)
         and fits_object(entry.box, config)
@@ -45,6 +45,11 @@ def is_whole(entry: MapObject, store: ObjectStore, planes: PlaneTracker, config:
         and not _may_be_end(entry, store, planes)
         and not _may_be_part(entry, store)
     )
+
+
+def _is_beside(entry: MapObject, store: ObjectStore) -> bool:
+    """Tell whether frames have shown an object beside a labelled one that it is surely no part of."""
+    return any(other.confirmed for other in store.all_of(store.affinity.partners(entry.number, most=-SURE)))
 
 
 def _floats(entry: MapObject, planes: PlaneTracker) -> bool:
