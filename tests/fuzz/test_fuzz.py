@@ -5,10 +5,12 @@ from __future__ import annotations
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
+import psutil
 import pytest
 from changes import Change, kept
 from containers import CONTAINERS, NEEDS
-from engine import Outcome, Target, as_before, fault_of, fuzz, quiet_libraries, try_changes
+from engine import Outcome, Target, as_before, fault_of, fuzz, peak_bytes, quiet_libraries, try_changes
 from scene_files import SCENES
 from store_files import STORES
 from targets import TARGETS
@@ -102,3 +104,15 @@ def test_the_engine_sees_faults(tmp_path: Path) -> None:
     try_changes(target, tmp_path, [Change("a.txt", b"2")], ["fails"], outcome)
     assert list(outcome.counts.values()) == [1]
     assert (tmp_path / "a.txt").read_text() == "1"
+
+
+def test_memory_is_counted_by_the_call_and_not_by_what_was_held_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("engine.LIMIT_BYTES", 64 << 20)
+    # So much that the highest that this process ever had is passed.
+    room = (peak_bytes() - psutil.Process().memory_info().rss) + (100 << 20)
+    assert fault_of(lambda folder: np.ones(room, np.uint8), tmp_path)[0].startswith("took ")
+    held = np.ones(peak_bytes() - psutil.Process().memory_info().rss + (100 << 20), np.uint8)
+    assert fault_of(lambda folder: np.ones(8 << 20, np.uint8), tmp_path) == ("", False)
+    assert len(held)
