@@ -9,6 +9,7 @@ from made_maps import map_of, shell
 from cuboid.config import TrackerConfig
 from cuboid.geometry.box import Box
 from cuboid.kernels.outlines import KINDS
+from cuboid.objects.affinity import ONE
 from cuboid.objects.object_map import ObjectMap
 from cuboid.surfaces.clusters import FrameCluster
 from cuboid.surfaces.planes import PlaneTracker
@@ -31,3 +32,17 @@ def test_no_clear_outline_tells_for_a_label_whose_box_has_not_the_size_of_an_obj
     assert entry.log_odds == gained
     objects._sighting(entry, seen, -1.0)
     assert entry.log_odds == gained - 1.0
+
+
+@pytest.mark.parametrize("labelled", [1, 2])
+def test_a_pair_in_one_place_is_told_once_a_frame_however_many_of_it_have_labels(labelled: int) -> None:
+    config = TrackerConfig()
+    voxels = map_of((shell((0.3, 0.4), (0.3, 0.4), (0.0, 0.16)), 1), (shell((0.32, 0.4), (0.3, 0.4), (0.0, 0.1)), 2))
+    objects = ObjectMap(config, voxels, PlaneTracker(config))
+    pair = [objects.store.add(Box(np.array([0.35, 0.35, 0.08]), JAR, np.eye(3)), 0) for _ in range(2)]
+    for entry in pair:
+        entry.points = voxels.xyz(voxels.rows_of(entry.number))
+    for entry in pair[:labelled]:
+        objects.store.confirm(entry)
+    objects._share_room(pair, news=0.5)
+    assert objects.store.affinity.of(1, 2) == pytest.approx(0.5 * ONE)

@@ -227,8 +227,9 @@ class ObjectMap:
         if not labelled:
             return
         for i, j in zip(*(k.tolist() for k in np.nonzero(self.store.share_room(entries, labelled))), strict=True):
-            if entries[i] is not labelled[j]:
-                self.store.affinity.tell(entries[i].number, labelled[j].number, one=True, news=news)
+            one, other = entries[i], labelled[j]
+            if one is not other and not (one.confirmed and one.number > other.number):  # each pair tells once
+                self.store.affinity.tell(one.number, other.number, one=True, news=news)
 
     def _missed(self, found: Association) -> None:
         """Let candidates that no proposal of the frame shows lose ground."""
