@@ -21,6 +21,7 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse, transform
 from cuboid.surfaces import furniture, seats
 from cuboid.surfaces.cells import LEAST_CELLS, Cells
+from cuboid.surfaces.discovery import largest_level
 from cuboid.surfaces.in_view import PlanesInView, cut_out, frustum
 from cuboid.surfaces.plane import ON_PLANE_M, REACH_M, Plane
 from cuboid.surfaces.twins import merge_twins
@@ -215,19 +216,13 @@ class PlaneTracker:
         sigma_m: Float64Array,
         matched: npt.NDArray[np.int32],
     ) -> None:
-        """Start a plane at the height that collects the most unmatched area."""
+        """Start planes where enough that is level hangs together, the largest first."""
         for _ in range(3):
             free = np.flatnonzero(matched < 0)
             if len(free) < LEAST_CELLS:
                 return
-            order = free[np.argsort(centers[free, 2], kind="stable")]
-            heights = centers[order, 2]
-            total = np.concatenate([[0.0], np.cumsum(area_m2[order])])
-            end = np.searchsorted(heights, heights + 2 * ON_PLANE_M, side="right")
-            gain = total[end] - total[:-1]
-            first = int(np.argmax(gain))
-            members = order[first : end[first]]
-            if gain[first] < 0.5 * self._config.min_plane_area_m2 or len(members) < LEAST_CELLS:
+            members = largest_level(centers, area_m2, free, self._config.max_size_m)
+            if len(members) < LEAST_CELLS or area_m2[members].sum() < 0.5 * self._config.min_plane_area_m2:
                 return
             plane = Plane(len(self.planes), self._next_identity, frames=1, last_frame=frame)
             self._of[plane.identity] = plane
