@@ -28,7 +28,7 @@ from cuboid.objects.entry import MapObject
 from cuboid.objects.object_map import ObjectMap
 from cuboid.objects.prior import prior_of
 from cuboid.objects.validity import too_large
-from cuboid.objects.visibility import look
+from cuboid.objects.visibility import look, with_own
 from cuboid.proposals import make_source
 from cuboid.proposals.types import Proposals, ProposalSource
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
@@ -160,7 +160,7 @@ class Tracker:
         if due:
             self._refine(frame.index, image, heat, slots, in_view, T_world_camera, anchor)
         watch.lap("map")
-        sightings = self._sightings(frame.index, image, slots, in_view, found, T_camera_world)
+        sightings = self._sightings(frame.index, image, slots, in_view, things, found, T_camera_world)
         own = self._own_boxes(things, boxes, found)
         watch.lap("matching")
         self._count += 1
@@ -330,6 +330,7 @@ class Tracker:
         image: WorkingImage,
         slots: npt.NDArray[np.int32],
         in_view: Sequence[MapObject],
+        things: FrameClusters,
         found: Association,
         T_camera_world: Float64Array,
     ) -> tuple[Sighting, ...]:
@@ -340,7 +341,9 @@ class Tracker:
             self.config.depth_noise_per_m,
         )  # fmt: skip
         self._map.label([entry for entry, view in zip(objects, views, strict=True) if view.seen])
-        iou = {found.objects[j].whole.number: float(found.iou[i, j]) for i, j in enumerate(found.match) if j >= 0}
+        matched = [(found.objects[j].whole.number, i, j) for i, j in enumerate(found.match.tolist()) if j >= 0]
+        iou = {number: float(found.iou[i, j]) for number, i, j in matched}
+        rect = {number: things.clusters[i].rect_xyxy for number, i, _ in matched}
         sightings = []
         for entry, view in zip(objects, views, strict=True):
             if not view.seen:
@@ -350,7 +353,8 @@ class Tracker:
             entry.last_frame = frame
             if entry.confirmed:
                 own = None if first else iou.get(entry.number)
-                sightings.append(Sighting(entry.label, entry.box, own, view.visible, view.rect_xyxy))
+                rect_xyxy = with_own(view.rect_xyxy, rect.get(entry.number))
+                sightings.append(Sighting(entry.label, entry.box, own, view.visible, rect_xyxy))
         return tuple(sorted(sightings, key=lambda s: s.label))
 
     def _own_boxes(self, things: FrameClusters, boxes: Sequence[Box], found: Association) -> tuple[Proposal3D, ...]:

@@ -9,7 +9,7 @@ from cuboid.frame import Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
 from cuboid.objects.entry import MapObject
-from cuboid.objects.visibility import View, look
+from cuboid.objects.visibility import View, look, with_own
 from cuboid.working import WorkingImage
 
 CAMERA = Intrinsics(100.0, 100.0, 79.5, 59.5, 160, 120)
@@ -44,3 +44,10 @@ def test_a_foot_without_depth_belongs_to_the_rectangle_unless_it_is_hidden() -> 
     assert seen(depth_m, 0.1).rect_xyxy[3] == pytest.approx(ROWS["bottom"] + 1, abs=1.1)
     depth_m[60:] = 0.6
     assert seen(depth_m, 0.1).rect_xyxy[3] == pytest.approx(ROWS["middle"] + 1, abs=1.1)
+
+
+def test_what_the_frame_itself_shows_of_an_object_moves_its_rectangle_unless_it_is_another_one() -> None:
+    rect = np.array([10.0, 10.0, 50.0, 40.0])
+    assert with_own(rect, np.array([15.0, 10.0, 60.0, 50.0])) == pytest.approx([11.0, 10.0, 52.0, 42.0])
+    assert with_own(rect, np.array([45.0, 10.0, 90.0, 40.0])) == pytest.approx(rect)
+    assert with_own(rect, None) == pytest.approx(rect)

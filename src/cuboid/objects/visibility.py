@@ -9,10 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float64Array
+from cuboid.geometry.rectangles import rect_iou_matrix
 from cuboid.kernels import sightings as kernel
 from cuboid.kernels.outlines import EDGE_LEVELS
+from cuboid.objects.association import SAME
 from cuboid.objects.entry import MapObject
-from cuboid.tolerances import DRIFT_M, LEAST_READINGS, LITTLE, SAMPLE
+from cuboid.tolerances import DRIFT_M, LEAST_READINGS, LITTLE, SAMPLE, SOME
 from cuboid.working import WorkingImage
 
 # A color agrees with a point's when no channel is farther off than this, of 255: noise, exposure, texture finer than
@@ -93,6 +95,17 @@ def look(
     seen_enough = (visible >= LITTLE) & (seen >= LEAST_READINGS)
     rectangles = _rectangles(corners, image)
     return [View(float(visible[k]), rectangles[k], bool(seen_enough[k])) for k in range(n)]
+
+
+def with_own(rect_xyxy: Float64Array, own_xyxy: Float64Array | None) -> Float64Array:
+    """Return the rectangle (4,) of an object in a frame, moved by some of the way to that of the frame's own thing.
+
+    The map errs by poses and by what it lacks, the frame by noise and holes: both together err less. A thing whose
+    rectangle is not the same one says nothing, None neither.
+    """
+    if own_xyxy is None or rect_iou_matrix(rect_xyxy[None], own_xyxy[None])[0, 0] < SAME:
+        return rect_xyxy
+    return np.asarray(rect_xyxy + SOME * (own_xyxy - rect_xyxy))
 
 
 def _feet(boxes: Float64Array) -> Float64Array:
