@@ -378,7 +378,7 @@ class Tracker:
         return ObjectTable(self._tracked(entry, place) for entry in self._map.store.confirmed())
 
     def _tracked(self, entry: MapObject, place: Mapping[int, int]) -> TrackedObject:
-        plane = None if entry.plane is None else self._planes.find(entry.plane)
+        plane = self._planes.find(entry.plane)
         return TrackedObject(
             label=entry.label,
             box=entry.box,

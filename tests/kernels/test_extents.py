@@ -1,10 +1,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cuboid.kernels.extents import BINS, beyond_sides, reach
+from cuboid.kernels.extents import BINS, beyond_sides, ends_at, reach
 
 # How far beyond its sides places are put, metres.
 STEPS = np.array([0.02, 0.03, 0.04])
@@ -41,6 +42,19 @@ def test_nothing_is_left_out_at_share_zero() -> None:
     low, high = np.empty(2), np.empty(2)
     reach(points, np.ones(3), np.eye(2), 0.0, low, high)
     assert (low.tolist(), high.tolist()) == ([0.0, -2.0], [3.0, 1.0])
+
+
+def test_what_is_evenly_spread_ends_where_it_ends() -> None:
+    assert ends_at(np.linspace(10.0, 60.0, 500)) == pytest.approx((10.0, 60.0), abs=0.2)
+    assert ends_at(np.full(5, 7.0)) == (7.0, 7.0)
+    assert ends_at(np.empty(0)) == (np.inf, -np.inf)
+
+
+def test_a_few_points_far_out_move_no_edge() -> None:
+    spread = np.random.default_rng(3).uniform(10.0, 60.0, 495)
+    low, high = ends_at(np.concatenate([spread, [2.0, 80.0, 95.0, -30.0, 70.0]]))
+    assert low == pytest.approx(10.0, abs=1.0)
+    assert high == pytest.approx(60.0, abs=1.0)
 
 
 def test_a_single_point_has_no_extent() -> None:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cuboid.kernels.extents import BINS
 from cuboid.kernels.overlap import BATCH, bound
-from cuboid.kernels.sightings import NEAREST_M, count_seen, ends_at, in_view
+from cuboid.kernels.sightings import NEAREST_M, count_seen, in_view
 
 CAMERA = np.array([30.0, 32.0, 19.5, 14.5])
 NOISE, AGREE_M, ALIKE = 1.4e-3, 0.03, 30
@@ -92,19 +91,6 @@ def test_points_are_counted_as_array_operations_do_it(seed: int) -> None:
         expected = numpy_counts(points[own], colors[own], feet[k], numbers[k], depth, color, owner, T)
         assert counts[k].tolist() == expected[0]
         np.testing.assert_allclose(corners[k], expected[1], atol=1e-9)
-
-
-def test_what_is_evenly_spread_ends_where_it_ends() -> None:
-    assert ends_at(np.linspace(10.0, 60.0, 500)) == pytest.approx((10.0, 60.0), abs=0.2)
-    assert ends_at(np.full(5, 7.0)) == (7.0, 7.0)
-    assert ends_at(np.empty(0)) == (np.inf, -np.inf)
-
-
-def test_a_few_points_far_out_move_no_edge() -> None:
-    spread = np.random.default_rng(3).uniform(10.0, 60.0, 495)
-    low, high = ends_at(np.concatenate([spread, [2.0, 80.0, 95.0, -30.0, 70.0]]))
-    assert low == pytest.approx(10.0, abs=1.0)
-    assert high == pytest.approx(60.0, abs=1.0)
 
 
 def test_boxes_in_view_are_those_whose_spheres_reach_into_the_picture() -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from cuboid.tolerances import STRAYS
+
 BINS = 256
 
 
@@ -80,6 +82,27 @@ def trimmed(bins, cut, first, scale):
         left += bins[k]
         k -= 1
     return low, first + (k + 1 - (cut - left) / bins[k]) / scale
+
+
+@njit(cache=True, nogil=True)
+def ends_at(values):
+    """Return from where to where values (N,) reach, strays or not; infinite to minus infinite where there are none.
+
+    The outermost ones lie too far out where poses and depth err. So the edge follows from what lies further in: beyond
+    it twice the share of strays would go on as evenly as so many values more do that lie next to them; no farther than
+    there are values.
+    """
+    low, high = np.inf, -np.inf
+    for value in values:
+        low, high = min(low, value), max(high, value)
+    if high <= low or values.size == 0:
+        return low, high
+    bins, scale = np.zeros(BINS), BINS / (high - low)
+    for value in values:
+        bins[min(BINS - 1, int((value - low) * scale))] += 1.0
+    cut = 2.0 * STRAYS * values.size
+    near, far = trimmed(bins, cut, low, scale), trimmed(bins, 2.0 * cut, low, scale)
+    return max(low, 2.0 * near[0] - far[0]), min(high, 2.0 * near[1] - far[1])
 
 
 @njit(cache=True, nogil=True)

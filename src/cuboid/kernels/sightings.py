@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from cuboid.kernels.extents import BINS, trimmed
+from cuboid.kernels.extents import ends_at
 from cuboid.kernels.overlap import BATCH, SLACK_M
-from cuboid.tolerances import DRIFT_M, SIGMAS, STRAYS
+from cuboid.tolerances import DRIFT_M, SIGMAS
 
 # Points nearer than this to the camera's plane are not in its picture, metres: poses err by as much.
 NEAREST_M = DRIFT_M
@@ -61,10 +61,8 @@ def count_seen(
         not: left, top, right, bottom; infinite, the left beyond the right, where there are none.
     """
     height, width = depth.shape
-    begin, most = 0, 0
-    for k in range(ends.size):
-        most = max(most, ends[k] - (ends[k - 1] if k > 0 else 0))
-    across, down = np.empty(2 * most), np.empty(2 * most)
+    begin = 0
+    across, down = np.empty(2 * points.shape[0]), np.empty(2 * points.shape[0])
     for k in range(ends.size):
         seen = hidden = unknown = around = 0
         ux, uy, uz, low = feet[k, 0], feet[k, 1], feet[k, 2], feet[k, 3]
@@ -89,6 +87,7 @@ def count_seen(
                         same &= abs(np.int64(color[y, x, c]) - np.int64(colors[i, c])) <= alike
             within = max(agree, SIGMAS * noise * z * z)
             if ahead > NEAREST_M and (mine or not 0.0 < reading < z - within):
+                # As far beyond the picture as it is wide: one beside the camera is infinitely far out.
                 across[around], down[around] = min(max(u, -width), 2.0 * width), min(max(v, -height), 2.0 * height)
                 around += 1
             if n >= count:
@@ -103,27 +102,6 @@ def count_seen(
         corners[k, 0], corners[k, 2] = ends_at(across[:around])
         corners[k, 1], corners[k, 3] = ends_at(down[:around])
         begin = ends[k]
-
-
-@njit(cache=True, nogil=True)
-def ends_at(values):
-    """Return from where to where points reach, strays or not; from infinite to minus infinite where there are none.
-
-    The outermost ones lie too far out where poses and depth err. So the edge follows from what lies further in: beyond
-    it twice the share of strays would go on as evenly as so many points more do that lie next to them; no farther than
-    there are points.
-    """
-    low, high = np.inf, -np.inf
-    for value in values:
-        low, high = min(low, value), max(high, value)
-    if high <= low or values.size == 0:
-        return low, high
-    bins, scale = np.zeros(BINS), BINS / (high - low)
-    for value in values:
-        bins[min(BINS - 1, int((value - low) * scale))] += 1.0
-    cut = 2.0 * STRAYS * values.size
-    near, far = trimmed(bins, cut, low, scale), trimmed(bins, 2.0 * cut, low, scale)
-    return max(low, 2.0 * near[0] - far[0]), min(high, 2.0 * near[1] - far[1])
 
 
 @njit(cache=True, nogil=True)

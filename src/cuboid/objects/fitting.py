@@ -82,7 +82,7 @@ class Fitting:
                 self._store.retire(entry)
             return
         identity = max(entry.supports.items(), key=lambda s: (s[1], -s[0]), default=(None, 0))[0]
-        plane = None if identity is None else self._planes.find(identity)
+        plane = self._planes.find(identity)
         points = voxels.xyz(rows)
         plane = None if plane is None else self._planes.carrier(points[:: 1 + len(points) // SAMPLE], plane)
         entry.plane = None if plane is None else plane.identity

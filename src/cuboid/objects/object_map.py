@@ -228,7 +228,7 @@ class ObjectMap:
             return
         for i, j in zip(*(k.tolist() for k in np.nonzero(self.store.share_room(entries, labelled))), strict=True):
             one, other = entries[i], labelled[j]
-            if one is not other and not (one.confirmed and one.number > other.number):  # each pair tells once
+            if not (one.confirmed and one.number >= other.number):  # each pair tells once, and none of itself
                 self.store.affinity.tell(one.number, other.number, one=True, news=news)
 
     def _missed(self, found: Association) -> None:

@@ -54,7 +54,7 @@ def _is_beside(entry: MapObject, store: ObjectStore) -> bool:
 
 def _floats(entry: MapObject, planes: PlaneTracker) -> bool:
     """Tell whether an object hangs in the air: higher above its plane than it is long, air beneath."""
-    plane = None if entry.plane is None else planes.find(entry.plane)
+    plane = planes.find(entry.plane)
     if plane is None:
         return False
     beneath = entry.outline[BOTTOM]
@@ -69,7 +69,7 @@ def _may_be_foot(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> 
 
     It may be the foot of that: the brim of a cap, the pot of a plant.
     """
-    plane = None if entry.plane is None else planes.find(entry.plane)
+    plane = planes.find(entry.plane)
     if plane is None or ends_above(entry.outline):
         return False
     normal, _ = planes.in_world(plane)
@@ -87,7 +87,7 @@ def _may_be_end(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> b
 
     It may be the end of that: the spout of a teapot, behind its pot. Grey is the color of too many things to tell.
     """
-    plane = None if entry.plane is None else planes.find(entry.plane)
+    plane = planes.find(entry.plane)
     beneath, color = entry.outline[BOTTOM], entry.mean_color
     if plane is None or beneath[HIDDEN] <= MOST * beneath.sum() or np.ptp(color) <= ALIKE:
         return False

@@ -122,7 +122,7 @@ class Before:
         low, high = corners.min(0), corners.max(0)
         grid = [np.linspace(a, b, 6) for a, b in zip(low[:2], high[:2], strict=True)]
         cells = cells_of(np.stack(np.meshgrid(*grid), -1).reshape(-1, 2))
-        plane = None if entry.plane is None else support.find(entry.plane)
+        plane = support.find(entry.plane)
         if plane is None or plane.identity not in self._ground:
             return False
         corner, known = self._ground[plane.identity]
@@ -138,7 +138,7 @@ class Before:
 
     def stood(self, tracker: Tracker, entry: MapObject) -> bool:
         """Tell whether what is an object now was there before the visit, or may have been, without a label."""
-        plane = None if entry.plane is None else tracker.support.find(entry.plane)
+        plane = tracker.support.find(entry.plane)
         points = entry.points
         if plane is not None:
             normal, offset = tracker.support.in_world(plane)

@@ -279,9 +279,9 @@ class PlaneTracker:
         self._of = {identity: heir for identity, heir in heirs.items() if heir is not None}
         self._stale, self._changed = ({p for p in some if p.index >= 0} for some in (self._stale, self._changed))
 
-    def find(self, identity: int) -> Plane | None:
-        """Return the plane that has, or has taken in the one that had, an identity; None where it is no more."""
-        plane = _heir(self._of.get(identity))
+    def find(self, identity: int | None) -> Plane | None:
+        """Return the plane that has, or has taken in the one that had, an identity; None where there is none."""
+        plane = None if identity is None else _heir(self._of.get(identity))
         return plane if plane is not None and plane.in_use else None
 
     @property
