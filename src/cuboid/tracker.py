@@ -154,7 +154,7 @@ class Tracker:
         watch.lap("boxes")
         found = self._map.update(
             frame.index, things, boxes, objects, slots, pixel_owner, known, candidate,
-            self._turn(image, T_world_camera), elsewhere, anchor,
+            self._turn(image, T_world_camera), elsewhere, anchor, T_world_camera[:3, 3],
         )  # fmt: skip
         in_view = self._map.in_view(image, T_camera_world)
         if due:

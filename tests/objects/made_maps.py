@@ -25,8 +25,8 @@ def shell(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float]
     return points[outer]
 
 
-def map_of(*parts: tuple[np.ndarray, int], hits: int = 3) -> VoxelMap:
-    """A map of points (N, 3), each part with the number of its owner, 0 none."""
+def map_of(*parts: tuple[np.ndarray, int], hits: int = 3, far_m: float = 1.3) -> VoxelMap:
+    """A map of points (N, 3), each part with the number of its owner, 0 none, as seen from so far."""
     voxels = VoxelMap(VOXEL_M, 1e-3, 4.0)
     points = np.concatenate([part for part, _ in parts])
     owner = np.concatenate([np.full(len(part), number) for part, number in parts])
@@ -34,7 +34,7 @@ def map_of(*parts: tuple[np.ndarray, int], hits: int = 3) -> VoxelMap:
     number, first = np.unique(np.floor(places).astype(np.int64), axis=0, return_index=True)
     rows = np.zeros(len(first), ROW)
     rows["place"] = (places[first] - number) * PLACES
-    rows["heat"], rows["weight"], rows["hits"], rows["owner"] = 65535, 1.0, hits, owner[first]
+    rows["heat"], rows["weight"], rows["hits"], rows["owner"] = 65535, hits / far_m**4, hits, owner[first]
     rows["confidence"] = np.where(owner[first] > 0, hits, 0)
     keys, rows["voxel"] = cubes_of(number)
     voxels.refill(keys, rows)

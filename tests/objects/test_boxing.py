@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from made_maps import grid, map_of, shell
 
 from cuboid.boxes.hidden import with_foot
@@ -62,3 +63,16 @@ def test_the_dwelt_on_side_is_not_all_of_it() -> None:
     voxels.hits[near] *= 300
     voxels._points.weight[near] *= 300
     np.testing.assert_allclose(fitted(voxels, GROUND).size, once.size, atol=0.01)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_can_far_away_has_the_box_of_a_can_not_that_of_noise(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    across, height = rng.uniform(-0.06, 0.06, 4000), rng.uniform(0.0, 0.12, 4000)
+    near = -np.sqrt(0.06**2 - across**2) + rng.normal(0.0, 0.013, 4000)
+    voxels = map_of((floor(), 0), (np.column_stack([across, near, height]), THING), far_m=4.0)
+    can = Box(np.array([0.0, 0.0, 0.06]), np.array([0.12, 0.12, 0.12]), np.eye(3))
+    rows = voxels.rows_of(THING)
+    places = voxels.xyz(rows)
+    from_there = Boxing(voxels).fit(rows, places, GROUND, UP, [], np.array([0.0, -4.0, 0.06]))[0]
+    assert iou(from_there, can) > max(0.75, iou(fitted(voxels, GROUND), can) + 0.2)

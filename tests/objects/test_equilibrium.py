@@ -86,6 +86,13 @@ def test_the_rim_of_a_shelf_before_a_jar_and_lower_does_not_carry_it() -> None:
     assert stands(JAR, RIM, side) == [True, False, False]
 
 
+def test_a_rim_is_found_wherever_it_begins() -> None:
+    side = grid((0.43, 0.45), (0.22, 0.26), (0.3, 0.59))[::4]
+    for more_m in np.arange(0.0, 0.03, 0.005):
+        lowest = np.array([[0.44, 0.24, 0.3 - more_m]])
+        assert stands(JAR, RIM, side, lowest) == [True, False, False, False]
+
+
 def test_what_is_beneath_carries_however_wide_it_is() -> None:
     tray = grid((0.1, 0.6), (0.2, 0.45), (0.59, 0.62))
     neck = grid((0.33, 0.37), (0.3, 0.34), (0.76, 0.82))

@@ -20,6 +20,8 @@ from cuboid.surfaces.planes import PlaneTracker
 LEVEL = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 JAR = shell((0.3, 0.4), (0.3, 0.4), (0.0, 0.16))
 NOTHING = np.zeros((0, 3))
+# Where the camera is.
+EYE = np.array([0.0, -1.0, 1.0])
 
 
 def table() -> Cells:
@@ -90,13 +92,13 @@ def test_a_label_has_its_box_fitted_anew_when_more_was_seen_and_from_one_place_w
     entry.state, entry.label, fits = State.CONFIRMED, 1, []
     for sightings in range(1, 12):
         entry.sightings = sightings
-        fitting.fit_grown([entry.number], elsewhere=False)
+        fitting.fit_grown([entry.number], EYE, elsewhere=False)
         fits.append(entry.fitted)
     assert fits == [1, 2, 2, 4, 4, 4, 4, 8, 8, 8, 8]
-    fitting.fit_grown([entry.number], elsewhere=True)
+    fitting.fit_grown([entry.number], EYE, elsewhere=True)
     assert entry.fitted == 11
     entry.sightings = 12
-    fitting.fit_grown([entry.number], elsewhere=True)
+    fitting.fit_grown([entry.number], EYE, elsewhere=True)
     assert entry.fitted == 11
 
 

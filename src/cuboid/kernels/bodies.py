@@ -74,7 +74,7 @@ def find_body(plan, layer, trust, rectangle, noise, trim, center, part):
     if usual > ROUND_RADIUS * max(rectangle[4], rectangle[5]) + JUMP_M:
         return 0.0
     # It fits better than the best rectangle.
-    if max(spread, noise) >= off_rectangle(plan, weights, rectangle):
+    if spread >= off_rectangle(plan, weights, rectangle):
         return 0.0
     sector = np.empty(n, np.int64)
     for i in range(n):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cuboid.boxes.denoising import denoised
 from cuboid.boxes.faces import to_faces
 from cuboid.boxes.fit import fit_box
 from cuboid.boxes.hidden import clear_of, with_hidden
@@ -37,11 +38,17 @@ class Boxing:
         self._voxels = voxels
 
     def fit(
-        self, rows: Rows, places: Float32Array, plane: Plane | None, up: Float64Array, others: Sequence[Box]
+        self,
+        rows: Rows,
+        places: Float32Array,
+        plane: Plane | None,
+        up: Float64Array,
+        others: Sequence[Box],
+        eye: Float64Array | None = None,
     ) -> tuple[Box, float]:
         """Return the box of what was seen of an object, with its far side as far as that may be there.
 
-        And the usual noise of the places of its voxels, metres.
+        And the usual noise of the points that it was fitted to, metres.
 
         A voxel is believed by how often and from how near it was seen, up to the median. Beyond the median more
         sightings prove no more: else the side that the camera dwelt on would be all.
@@ -58,10 +65,14 @@ class Boxing:
             Where it stands on nothing known.
         others : sequence of Box
             Those of its neighbours.
+        eye : (3,) float64, optional
+            Where the camera is that sees it, world, metres.
         """
         some = slice(None, None, 1 + len(rows) // BOX_VOXELS)
         trust, noise_m = self._trust(rows[some])
         points = places[some].astype(np.float64)
+        if eye is not None:
+            points, noise_m = denoised(points, trust, eye, noise_m, self._voxels.voxel_m)
         if plane is None:
             return fit_box(points, up, None, STRAY_SHARE, trust), noise_m
         box = fit_box(points, *plane, STRAY_SHARE, trust)

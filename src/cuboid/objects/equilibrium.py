@@ -90,8 +90,8 @@ def standing(points: Float32Array, normal: Float64Array, offset: float, voxel_m:
         return np.ones(len(points), bool)
     order = np.argsort(height, kind="stable")
     level = height[order]
-    # Slabs up to where most of it is above.
-    low = np.arange(level[0], level[len(level) // 2] - DRIFT_M, DRIFT_M)
+    # Slabs up to where most of it is above, one a voxel higher than the other: the rim may begin anywhere.
+    low = np.arange(level[0], level[len(level) // 2] - DRIFT_M, voxel_m)
     begins, ends = np.searchsorted(level, low), np.searchsorted(level, low + DRIFT_M)
     # Points of voxels side by side are no farther apart than two voxels.
     rim = highest_rim(points, order, begins, ends, np.column_stack(plane_axes(normal)), 2.0 * voxel_m)

@@ -54,8 +54,8 @@ class Fitting:
         self._store = store
         self._boxing = boxing
 
-    def fit_grown(self, numbers: Sequence[int], elsewhere: bool = True) -> None:
-        """Fit the boxes of those objects of which more was seen than at the last fit.
+    def fit_grown(self, numbers: Sequence[int], eye: Float64Array, elsewhere: bool = True) -> None:
+        """Fit the boxes of those objects of which more was seen than at the last fit, from `eye` (3,) now.
 
         Of what has a label more sightings from one place (not `elsewhere`) tell of the noise alone: it takes as many
         again.
@@ -67,11 +67,12 @@ class Fitting:
         confirmed = [o for o in waiting if o.confirmed][:FITS]
         sure = [o for o in waiting if not o.confirmed and o.log_odds > 0][:FITS]
         for entry in confirmed + sure:
-            self.fit(entry, _times_grown(entry))
+            self.fit(entry, eye, _times_grown(entry))
 
-    def fit(self, entry: MapObject, times: int = 1) -> None:
+    def fit(self, entry: MapObject, eye: Float64Array | None = None, times: int = 1) -> None:
         """Fit the box of an object; retire it where there is nothing to fit one to, or where it has grown too large.
 
+        What the camera sees from `eye` (3,), world, metres, is freed from the noise along its rays.
         It stands for so many fits as would have been, had each sighting been from elsewhere.
         """
         voxels = self._voxels
@@ -100,7 +101,7 @@ class Fitting:
         entry.points, entry.colors = points, voxels.rgb(rows)
         entry.heat, entry.keyframe = float(voxels.heat(rows).mean()), voxels.keyframe_of(rows)
         others = [o.box for o in self._store.neighbours(entry) if o.confirmed]
-        bare, noise_m = self._boxing.fit(rows, points, rests, self._planes.likely_up, others)
+        bare, noise_m = self._boxing.fit(rows, points, rests, self._planes.likely_up, others, eye)
         box = bare if rests is None else with_foot(bare, *rests, others, voxels)
         self._store.place(entry, box)
         if plane is not None and rests is not None and box.foot_m(*rests) > DRIFT_M:

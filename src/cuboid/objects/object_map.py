@@ -87,6 +87,7 @@ class ObjectMap:
         turn: float,
         elsewhere: bool,
         keyframe: int,
+        eye: Float64Array,
     ) -> Association:
         """Take in what a frame shows.
 
@@ -112,6 +113,8 @@ class ObjectMap:
             Whether the camera has moved beyond drift since a frame last showed the objects from elsewhere.
         keyframe : int
             That the frame hangs on.
+        eye : (3,) float64
+            Where the camera is, world, metres.
 
         Returns
         -------
@@ -128,9 +131,9 @@ class ObjectMap:
         self._hold(objects, news)
         self._missed(found)
         touched = [o.number for o in objects] + [int(n) for n in number_of if n]
-        self._fitting.fit_grown(touched, elsewhere)
+        self._fitting.fit_grown(touched, eye, elsewhere)
         self._lost(found)
-        self._merge(touched)
+        self._merge(touched, eye)
         self._end(touched)
         return found
 
@@ -278,8 +281,8 @@ class ObjectMap:
             entry.sightings = min(entry.sightings, LEAST_FRAMES)
             entry.fitted = min(entry.fitted, LEAST_FRAMES)
 
-    def _merge(self, numbers: Sequence[int]) -> None:
-        """Make one of objects that have proved to be one."""
+    def _merge(self, numbers: Sequence[int], eye: Float64Array) -> None:
+        """Make one of objects that have proved to be one; the camera sees them from `eye` (3,)."""
         for entry in self.store.all_of(numbers):
             number = entry.number
             if number not in self.store or entry.state is State.RETIRED:
@@ -291,13 +294,13 @@ class ObjectMap:
                 a, b = self.store[number], self.store[other]
                 least = SURE if a.confirmed and b.confirmed else SURE / 2.0
                 if told is not None and told >= least:
-                    self.merge(a, b)
+                    self.merge(a, b, eye)
                     break
 
-    def merge(self, one: MapObject, two: MapObject) -> MapObject:
-        """Make one of two objects, and return it."""
+    def merge(self, one: MapObject, two: MapObject, eye: Float64Array | None = None) -> MapObject:
+        """Make one of two objects, and return it; `eye` (3,) is where a camera is that sees them, if any does."""
         kept, _ = self.store.merge(one, two)
-        self._fitting.fit(kept)
+        self._fitting.fit(kept, eye)
         return kept
 
     def _end(self, numbers: Sequence[int]) -> None:
