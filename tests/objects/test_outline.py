@@ -99,6 +99,8 @@ def test_the_border_of_the_picture_may_cut_off_the_left_or_the_right() -> None:
     assert enclosed(outline(FREE, SUPPORT, FREE, BORDER))
     assert enclosed(outline(FREE, SUPPORT, BORDER, FREE))
     assert not enclosed(outline(FREE, SUPPORT, BORDER, BORDER))
+    assert not enclosed(outline(FREE, SUPPORT, BORDER, FREE), cut_off=False), "it may be larger than an object"
+    assert enclosed(outline(FREE, SUPPORT, FREE, HIDDEN), cut_off=False, beside=True), "which no border tells"
     assert not enclosed(outline(BORDER, SUPPORT, FREE, FREE)), "a post goes on, too"
     assert not enclosed(outline(HIDDEN, SUPPORT, FREE, BORDER)), "and nothing else may hide in the unknown"
     assert not enclosed(outline(CONTACT, SUPPORT, FREE, BORDER))

@@ -7,7 +7,7 @@ import pytest
 from made_maps import box_of, grid, map_of
 
 from cuboid.config import TrackerConfig
-from cuboid.kernels.outlines import BOTTOM, FREE, HIDDEN, KINDS, LEFT, RIGHT, SUPPORT, TOP, UNSURE
+from cuboid.kernels.outlines import BORDER, BOTTOM, FREE, HIDDEN, KINDS, LEFT, RIGHT, SUPPORT, TOP, UNSURE
 from cuboid.objects.entry import MapObject
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.wholeness import is_whole
@@ -68,6 +68,18 @@ def test_a_label_waits_where_a_thing_shares_room_with_a_labelled_one(
     inside = candidate(grid((0.0, 0.12), (0.0, 0.1), (0.0, 0.08)), FREE, SUPPORT)
     rim = grid((begin_m, 0.3), (0.0, 0.1), (0.0, 0.08))
     assert whole(inside, rim, labelled=labelled) is expected
+
+
+@pytest.mark.parametrize(
+    ("length_m", "kind", "expected"), [(0.4, BORDER, True), (0.6, BORDER, False), (0.6, FREE, True)]
+)
+def test_a_label_waits_where_the_picture_may_have_cut_off_more_than_an_object(
+    length_m: float, kind: int, expected: bool
+) -> None:
+    rim = candidate(grid((0.0, length_m), (0.0, 0.2), (0.0, 0.05)), FREE, SUPPORT)
+    rim.outline[LEFT] = 0
+    rim.outline[LEFT, kind] = 20
+    assert whole(rim, grid((1.0, 1.1), (0.0, 0.1), (0.0, 0.1))) is expected
 
 
 RED, ORANGE, BLUE, GREY, DARK_GREY = (180, 40, 30), (180, 60, 40), (30, 40, 180), (120, 120, 120), (110, 110, 110)

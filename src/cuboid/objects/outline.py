@@ -63,17 +63,19 @@ def agreeing(told: float, turn: float) -> float:
     return told + max(0.0, told) * told / CLEAR * min(1.0, turn / SOME)
 
 
-def enclosed(outline: Outline, *, beside: bool = False) -> bool:
+def enclosed(outline: Outline, *, cut_off: bool = True, beside: bool = False) -> bool:
     """Tell whether all sides but the bottom were seen to end: what continues into the unknown waits.
 
-    The left or the right side may always have been cut off by the picture's border: what is seen of such a thing is
-    one, and more of it makes it larger. So may it be hidden by what is known to be another thing. What goes on upwards
-    may be a post, or a wall.
+    The left or the right side may always have been cut off by the picture's border, or hidden by what is known to be
+    another thing: what is seen of such a thing is one, and more of it makes it larger. What goes on upwards may be a
+    post, or a wall.
 
     Parameters
     ----------
     outline : (4, KINDS)
         Summed over the sightings of a thing.
+    cut_off : bool, optional
+        Whether it may go on beyond the picture's border, and still have the size of an object.
     beside : bool, optional
         Whether it stands beside another thing that it is surely no part of.
     """
@@ -86,7 +88,7 @@ def enclosed(outline: Outline, *, beside: bool = False) -> bool:
     uncut[TOP] -= outline[TOP, BORDER]
     known = (outline[:, :CONTACT].sum(1) >= least * uncut) & (uncut >= SOME * whole)
     structure = outline[:, CONTACT] > MOST * judged
-    unseen = outline[:, BORDER] + (outline[:, HIDDEN] if beside else 0)
+    unseen = cut_off * outline[:, BORDER] + beside * outline[:, HIDDEN]
     cut = ~known & (unseen > MOST * whole)
     ends = known & ~structure
     sides = (ends | (cut & ~structure))[[LEFT, RIGHT]]

@@ -37,7 +37,10 @@ def is_whole(entry: MapObject, store: ObjectStore, planes: PlaneTracker, config:
         len(entry.points) > 0
         and not entry.holder
         and not entry.carries
-        and enclosed(entry.outline, beside=_is_beside(entry, store))
+        # What the picture has cut off may be as large again: the rim of a table, of which more was never seen.
+        and enclosed(
+            entry.outline, cut_off=2.0 * entry.box.size.max() <= config.max_size_m, beside=_is_beside(entry, store)
+        )
         and not _floats(entry, planes)
         and not planes.lies_on(entry.box)
         and fits_object(entry.box, config)
