@@ -82,3 +82,13 @@ def test_what_is_near_is_as_it_was_seen() -> None:
     clean, noise_m = denoised(seen, np.ones(len(seen)), EYE, 0.002, VOXEL_M)
     assert clean is seen
     assert noise_m == 0.002
+
+
+def test_what_nothing_is_believed_of_and_a_camera_within_it_are_no_fault() -> None:
+    seen = jar(0.013)
+    clean, noise_m = denoised(seen, np.zeros(len(seen)), EYE, 0.013, VOXEL_M)
+    assert np.isfinite(clean).all()
+    assert noise_m > 0.0
+    assert denoised(seen, np.ones(len(seen)), seen.mean(0), 0.013, VOXEL_M)[0] is seen
+    ends = np.array([[0.0, 0.0, 0.0], [0.0, 0.078, 0.0], [0.3, 0.0, 0.0]])
+    assert np.isfinite(denoised(ends, np.ones(3), EYE, 0.013, VOXEL_M)[0]).all()

@@ -39,23 +39,25 @@ def denoised(
     noise_m : float
         Of a mean of as many points as usually lie on a ray.
     """
-    if 2.0 * noise_m < voxel_m:
-        return points, noise_m
     ray = points.mean(0) - eye
-    ray /= np.linalg.norm(ray)
+    far_m = float(np.linalg.norm(ray))
+    if 2.0 * noise_m < voxel_m or far_m == 0.0:
+        return points, noise_m
+    ray /= far_m
     depth = points @ ray
     on = _rays(points, ray, voxel_m)
     order = np.lexsort((depth, on))
     # Rays lie one after the other, so far apart that what is near in these places is on the same ray.
     reach_m = SIGMAS * noise_m
     places = depth[order] - depth.min() + on[order] * (np.ptp(depth) + 2.0 * reach_m)
-    weight = np.maximum(trust[order], np.finfo(float).tiny)
-    least = np.concatenate([[0.0], np.cumsum(weight)])
-    moment = np.concatenate([[0.0], np.cumsum(weight * places)])
+    weight = np.maximum(trust[order], max(1e-6 * trust.max(), 1e-12))
+    weights = np.concatenate([[0.0], np.cumsum(weight)])
+    moments = np.concatenate([[0.0], np.cumsum(weight * places)])
     mean, moved = places, np.inf
     while moved > LEAST_SIGMA_M:
         low, high = np.searchsorted(places, mean - reach_m), np.searchsorted(places, mean + reach_m, side="right")
-        before, mean = mean, (moment[high] - moment[low]) / (least[high] - least[low])
+        high = np.maximum(high, low + 1)  # of two points, one at each end, rounding may leave out both
+        before, mean = mean, (moments[high] - moments[low]) / (weights[high] - weights[low])
         moved = float(np.abs(mean - before).max())
     result = points.copy()
     result[order] += np.outer(mean - places, ray)
