@@ -12,6 +12,7 @@ from cuboid.boxes.fit import fit_box
 from cuboid.boxes.revolved import revolved
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou
+from cuboid.kernels.shifts import shift_means
 
 UP = np.array([0.0, 0.0, 1.0])
 VOXEL_M = 0.01
@@ -92,3 +93,25 @@ def test_what_nothing_is_believed_of_and_a_camera_within_it_are_no_fault() -> No
     assert denoised(seen, np.ones(len(seen)), seen.mean(0), 0.013, VOXEL_M)[0] is seen
     ends = np.array([[0.0, 0.0, 0.0], [0.0, 0.078, 0.0], [0.3, 0.0, 0.0]])
     assert np.isfinite(denoised(ends, np.ones(3), EYE, 0.013, VOXEL_M)[0]).all()
+
+
+def shifted(places: np.ndarray, weight: np.ndarray, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """What `kernels.shifts.shift_means` does, in NumPy."""
+    mean, moved = places.copy(), np.inf
+    while moved > 0.001:
+        near = np.abs(places - mean[:, None]) <= reach_m
+        before, mean = mean, (near * weight) @ places / (near @ weight)
+        moved = np.abs(mean - before).max()
+    return mean, near.sum(1)
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.integers(1, 80), st.floats(0.01, 0.05), st.floats(0.05, 2.0), st.integers(0, 10000))
+def test_places_go_where_numpy_says(n: int, reach_m: float, length_m: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    places, weight = np.sort(rng.uniform(0.0, length_m, n)), rng.uniform(0.1, 2.0, n)
+    mean, near = np.empty(n), np.empty(n, np.int64)
+    shift_means(places, weight, reach_m, mean, near)
+    expected, count = shifted(places, weight, reach_m)
+    np.testing.assert_allclose(mean, expected, atol=1e-9)
+    np.testing.assert_array_equal(near, count)

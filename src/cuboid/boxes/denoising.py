@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
-import numpy.typing as npt
 
 from cuboid.boxes.fit import plane_axes
 from cuboid.frame import Float64Array
-from cuboid.tolerances import LEAST_SIGMA_M, SIGMAS
+from cuboid.kernels.shifts import shift_means
+from cuboid.tolerances import SIGMAS
 
 
 def denoised(
@@ -39,32 +41,24 @@ def denoised(
     noise_m : float
         Of a mean of as many points as usually lie on a ray.
     """
+    if 2.0 * noise_m < voxel_m:
+        return points, noise_m
     ray = points.mean(0) - eye
-    far_m = float(np.linalg.norm(ray))
-    if 2.0 * noise_m < voxel_m or far_m == 0.0:
+    far_m = math.sqrt(ray @ ray)
+    if far_m == 0.0:
         return points, noise_m
     ray /= far_m
     depth = points @ ray
-    on = _rays(points, ray, voxel_m)
-    order = np.lexsort((depth, on))
+    cells = np.floor(points @ np.column_stack(plane_axes(ray)) / voxel_m)
+    cells -= cells.min(0)
     # Rays lie one after the other, so far apart that what is near in these places is on the same ray.
     reach_m = SIGMAS * noise_m
-    places = depth[order] - depth.min() + on[order] * (np.ptp(depth) + 2.0 * reach_m)
-    weight = np.maximum(trust[order], max(1e-6 * trust.max(), 1e-12))
-    weights = np.concatenate([[0.0], np.cumsum(weight)])
-    moments = np.concatenate([[0.0], np.cumsum(weight * places)])
-    mean, moved = places, np.inf
-    while moved > LEAST_SIGMA_M:
-        low, high = np.searchsorted(places, mean - reach_m), np.searchsorted(places, mean + reach_m, side="right")
-        high = np.maximum(high, low + 1)  # of two points, one at each end, rounding may leave out both
-        before, mean = mean, (moments[high] - moments[low]) / (weights[high] - weights[low])
-        moved = float(np.abs(mean - before).max())
+    on = cells[:, 0] * (cells[:, 1].max() + 1.0) + cells[:, 1]
+    places = depth - depth.min() + on * (np.ptp(depth) + 2.0 * reach_m)
+    order = np.argsort(places, kind="stable")
+    mean, near = np.empty(len(points)), np.empty(len(points), np.int64)
+    weight = np.maximum(trust, max(1e-6 * trust.max(), 1e-12))
+    shift_means(places[order], weight[order], reach_m, mean, near)
     result = points.copy()
-    result[order] += np.outer(mean - places, ray)
-    return result, noise_m / float(np.sqrt(np.median(high - low)))
-
-
-def _rays(points: Float64Array, ray: Float64Array, voxel_m: float) -> npt.NDArray[np.int64]:
-    """Return the number of the ray that each point (N,) lies on, from 0: cells across the direction of sight."""
-    cells = np.floor(points @ np.column_stack(plane_axes(ray)) / voxel_m).astype(np.int64)
-    return np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1)
+    result[order] += np.outer(mean - places[order], ray)
+    return result, noise_m / math.sqrt(np.median(near))
