@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from io import TextIOWrapper
 from pathlib import Path
@@ -95,7 +95,7 @@ def names_in(folder: Path) -> Iterator[str]:
         raise InputError(f"{folder} cannot be read: {error.strerror}") from None
 
 
-def text_lines(path: Path) -> Iterator[str]:
+def text_lines(path: Path) -> Generator[str, None, None]:
     """Iterate over the lines of a text file, without their ends; a byte order mark is left out.
 
     Raises

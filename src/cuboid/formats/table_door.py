@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import TypeVar
 
@@ -47,18 +48,20 @@ def read_table(path: Path, kind: type[R], *, any_order: bool = False) -> Iterato
     InputError
         The file cannot be read, its header is another, or a cell is not as it must be; the message names file and line.
     """
-    cells_of = csv.reader(text_lines(path), skipinitialspace=True)
-    try:
-        header = [name.strip() for name in next(cells_of, [])]
-        columns = _columns(path, header, kind, any_order)
-        for cells in cells_of:
-            if not cells:
-                continue
-            if len(cells) != len(header):
-                raise InputError(f"{path}:{cells_of.line_num}: expected {len(header)} values, got {len(cells)}")
-            yield cells_of.line_num, parse_row(path, cells_of.line_num, [cells[k] for k in columns], kind)
-    except csv.Error as error:
-        raise InputError(f"{path}:{cells_of.line_num}: {error}") from None
+    # Closed at once where a row is bad, not whenever what the error holds is collected.
+    with closing(text_lines(path)) as lines:
+        cells_of = csv.reader(lines, skipinitialspace=True)
+        try:
+            header = [name.strip() for name in next(cells_of, [])]
+            columns = _columns(path, header, kind, any_order)
+            for cells in cells_of:
+                if not cells:
+                    continue
+                if len(cells) != len(header):
+                    raise InputError(f"{path}:{cells_of.line_num}: expected {len(header)} values, got {len(cells)}")
+                yield cells_of.line_num, parse_row(path, cells_of.line_num, [cells[k] for k in columns], kind)
+        except csv.Error as error:
+            raise InputError(f"{path}:{cells_of.line_num}: {error}") from None
 
 
 def read_lines(path: Path, kind: type[R]) -> Iterator[tuple[int, R]]:
