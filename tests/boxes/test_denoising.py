@@ -110,7 +110,7 @@ def shifted(places: np.ndarray, weight: np.ndarray, reach_m: float) -> tuple[np.
 def test_places_go_where_numpy_says(n: int, reach_m: float, length_m: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     places, weight = np.sort(rng.uniform(0.0, length_m, n)), rng.uniform(0.1, 2.0, n)
-    mean, near = np.empty(n), np.empty(n, np.int64)
+    mean, near = np.empty(n), np.empty(n)
     shift_means(places, weight, reach_m, mean, near)
     expected, count = shifted(places, weight, reach_m)
     np.testing.assert_allclose(mean, expected, atol=1e-9)

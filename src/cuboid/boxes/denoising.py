@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from cuboid.boxes.fit import plane_axes
+from cuboid.boxes.quantiles import quantile
 from cuboid.frame import Float64Array
 from cuboid.kernels.shifts import shift_means
 from cuboid.tolerances import SIGMAS
@@ -56,9 +57,10 @@ def denoised(
     on = cells[:, 0] * (cells[:, 1].max() + 1.0) + cells[:, 1]
     places = depth - depth.min() + on * (np.ptp(depth) + 2.0 * reach_m)
     order = np.argsort(places, kind="stable")
-    mean, near = np.empty(len(points)), np.empty(len(points), np.int64)
+    places = places[order]
+    mean, near = np.empty(len(points)), np.empty(len(points))
     weight = np.maximum(trust, max(1e-6 * trust.max(), 1e-12))
-    shift_means(places[order], weight[order], reach_m, mean, near)
+    shift_means(places, weight[order], reach_m, mean, near)
     result = points.copy()
-    result[order] += np.outer(mean - places[order], ray)
-    return result, noise_m / math.sqrt(np.median(near))
+    result[order] += np.outer(mean - places, ray)
+    return result, noise_m / math.sqrt(quantile(near, 0.5))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TypeVar
@@ -69,11 +69,12 @@ def read_lines(path: Path, kind: type[R]) -> Iterator[tuple[int, R]]:
 
     Yields and raises as `read_table` does.
     """
-    for number, line in data_lines(path):
-        yield number, parse_row(path, number, line.split(), kind)
+    with closing(data_lines(path)) as lines:
+        for number, line in lines:
+            yield number, parse_row(path, number, line.split(), kind)
 
 
-def data_lines(path: Path) -> Iterator[tuple[int, str]]:
+def data_lines(path: Path) -> Generator[tuple[int, str], None, None]:
     """Iterate over (line number from 1, line) of a text file, without empty lines and comments (#)."""
     for number, line in enumerate(text_lines(path), start=1):
         stripped = line.strip()

@@ -21,7 +21,7 @@ def shift_means(places, weight, reach_m, mean, near):
     reach_m : float
     mean : (N,) float64, output
         Where each has come to.
-    near : (N,) int64, output
+    near : (N,) float64, output
         How many were within reach at last.
     """
     n = len(places)
