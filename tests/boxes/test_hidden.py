@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from cuboid.boxes.fit import fit_box
-from cuboid.boxes.hidden import foot_is_hidden, twins
+from cuboid.boxes.hidden import as_deep_as_wide, foot_is_hidden, twins
 from cuboid.config import TrackerConfig
 from cuboid.geometry.box import Box
 from cuboid.heatmap.voxel_map import VoxelMap
@@ -94,3 +95,26 @@ def test_a_place_is_seen_when_enough_of_the_voxels_around_it_are() -> None:
     for least in (1, 2, 9):
         np.testing.assert_array_equal(voxels.holds_around(ground, np.eye(3), least), held >= least)
     assert 0 < (held >= 2).sum() < len(held)
+
+
+FRONT = Box(np.array([0.0, 0.02, 0.06]), np.array([0.2, 0.04, 0.12]), np.eye(3))
+
+
+def test_what_is_seen_from_the_front_alone_is_as_deep_as_it_is_wide() -> None:
+    whole = as_deep_as_wide(FRONT, np.array([0.0, -3.3, 0.3]), [], 0.02)
+    np.testing.assert_allclose(whole.center, [0.0, 0.1, 0.06], atol=1e-12)
+    np.testing.assert_allclose(whole.size, [0.2, 0.2, 0.12])
+    behind = as_deep_as_wide(FRONT, np.array([0.0, 3.3, 0.3]), [], 0.02)
+    np.testing.assert_allclose(behind.center, [0.0, -0.06, 0.06], atol=1e-12)
+
+
+@pytest.mark.parametrize("eye", [(0.0, -2.0, 1.5), (1.5, -2.5, 0.3), (-3.0, 0.0, 0.06), (0.0, 0.02, 0.06)])
+def test_no_depth_is_added_that_the_camera_would_have_seen_or_that_is_known(eye: tuple[float, float, float]) -> None:
+    assert as_deep_as_wide(FRONT, np.array(eye), [], 0.02) is FRONT
+
+
+def test_no_depth_is_added_where_another_object_is() -> None:
+    neighbour = Box(np.array([0.0, 0.12, 0.05]), np.array([0.1, 0.1, 0.1]), np.eye(3))
+    eye = np.array([0.0, -3.3, 0.3])
+    assert as_deep_as_wide(FRONT, eye, [neighbour], 0.02) is FRONT
+    assert as_deep_as_wide(FRONT, eye, [], 0.02) is not FRONT

@@ -116,14 +116,23 @@ def test_what_carries_the_plane_that_it_lies_on_loses_its_label_at_the_second_fi
     assert not book.carries
 
 
-@pytest.mark.parametrize(("above", "state"), [(HIDDEN, State.RETIRED), (FREE, State.CONFIRMED)])
-def test_what_goes_up_to_the_table_and_was_not_seen_to_end_there_loses_its_label(above: int, state: State) -> None:
-    fitting, leg = seen(shell((0.3, 0.36), (0.3, 0.36), (-0.5, 0.0)))
+@pytest.mark.parametrize(
+    ("above", "top_m", "state"),
+    [
+        (HIDDEN, -0.05, State.RETIRED),  # a leg beneath the board
+        (FREE, -0.05, State.CONFIRMED),  # a bin that is nearly as high
+        (FREE, 0.01, State.RETIRED),  # the side of a shelf, as high as its board
+    ],
+)
+def test_what_goes_up_to_the_table_loses_its_label_but_where_it_ends_below(
+    above: int, top_m: float, state: State
+) -> None:
+    fitting, leg = seen(shell((0.3, 0.36), (0.3, 0.36), (-0.5, top_m)))
     leg.supports = {}  # the floor was never seen
     leg.state, leg.log_odds = State.CONFIRMED, 9.0
     leg.outline[TOP, above] = 20
     for _ in range(2):
         assert leg.confirmed
         fitting.fit(leg)
-        assert leg.carries is (above == HIDDEN)
+        assert leg.carries is (state is State.RETIRED)
     assert leg.state is state

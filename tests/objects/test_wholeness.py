@@ -60,6 +60,32 @@ def test_a_label_waits_where_a_thing_may_be_the_foot_of_a_higher_one(top: int, h
 
 
 @pytest.mark.parametrize(
+    ("begin_m", "height_m", "side", "expected"),
+    [
+        (0.13, 0.12, HIDDEN, False),  # the brim of a cap
+        (0.13, 0.12, FREE, True),  # a book beside it, seen all round
+        (0.13, 0.05, HIDDEN, True),  # one behind something that is hardly higher
+        (0.20, 0.12, HIDDEN, True),  # or farther off
+    ],
+)
+def test_a_label_waits_where_a_flat_thing_goes_on_behind_a_far_higher_one(
+    begin_m: float, height_m: float, side: int, expected: bool
+) -> None:
+    brim = candidate(grid((begin_m, begin_m + 0.1), (0.0, 0.1), (0.0, 0.03)), FREE, SUPPORT)
+    brim.outline[RIGHT] = 0
+    brim.outline[RIGHT, side] = 20
+    dome = grid((0.0, 0.12), (0.0, 0.12), (0.0, height_m))
+    store = ObjectStore(map_of((brim.points, 1), (dome, 2)))
+    store.place(store.add(brim.box, 0), brim.box)
+    other = store.add(box_of(dome), 0)
+    other.points = dome.astype(np.float32)
+    store.confirm(other)
+    for _ in range(8):
+        store.affinity.tell(1, 2, one=False, news=1.0)
+    assert is_whole(brim, store, _Table(), TrackerConfig()) is expected  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
     ("labelled", "begin_m", "expected"), [(True, 0.02, False), (False, 0.02, True), (True, 0.08, True)]
 )
 def test_a_label_waits_where_a_thing_shares_room_with_a_labelled_one(
@@ -93,7 +119,7 @@ RED, ORANGE, BLUE, GREY, DARK_GREY = (180, 40, 30), (180, 60, 40), (30, 40, 180)
         (RED, BLUE, 0.06, HIDDEN, True),  # a red thing behind a blue one
         (GREY, DARK_GREY, 0.06, HIDDEN, True),  # many things are grey
         (RED, ORANGE, 0.02, HIDDEN, True),  # its foot was seen
-        (RED, ORANGE, 0.06, SUPPORT, True),  # there is air beneath
+        (RED, ORANGE, 0.06, SUPPORT, False),  # air beneath: then the pot holds it
     ],
 )
 def test_a_label_waits_where_a_thing_may_be_the_end_of_a_larger_one_of_its_color(
@@ -135,3 +161,22 @@ def test_a_side_that_a_known_other_thing_hides_need_not_be_seen(labelled: bool, 
     for _ in range(sightings):
         store.affinity.tell(1, 2, one=False, news=1.0)
     assert is_whole(stapler, store, _Table(), TrackerConfig()) is expected  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("height_m", "sides", "expected"),
+    [
+        (0.02, (FREE, FREE, SUPPORT), False),  # the lip of a shelf, at its far left corner
+        (0.02, (SUPPORT, FREE, FREE), False),  # its end
+        (0.02, (FREE, SUPPORT, SUPPORT), True),  # a telephone at the far edge of a desk
+        (0.06, (FREE, FREE, FREE), True),  # what is higher is seen before what is far behind
+    ],
+)
+def test_a_label_waits_where_a_flat_thing_may_be_the_rim_of_its_plane(
+    height_m: float, sides: tuple[int, int, int], expected: bool
+) -> None:
+    lip = candidate(grid((0.0, 0.3), (0.0, 0.06), (0.0, height_m)), FREE, SUPPORT)
+    for side, kind in zip((TOP, LEFT, RIGHT), sides, strict=True):
+        lip.outline[side] = 0
+        lip.outline[side, kind] = 20
+    assert whole(lip, grid((1.0, 1.1), (0.0, 0.1), (0.0, 0.1))) is expected

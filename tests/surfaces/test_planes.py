@@ -244,6 +244,14 @@ def test_what_reaches_up_to_a_plane_carries_it_and_what_stands_on_it_or_below_do
     assert not lies_on(-0.7, 0.4), "a lamp"
     assert not lies_on(-0.7, -0.1, x=3.0)
 
+    def goes_on_from(top_m: float, width_m: float) -> bool:
+        size = np.array([width_m, width_m, 0.7 + top_m])
+        return planes.goes_on_from(Box(np.array([0.6, 0.6, size[2] / 2]), size, R.T))
+
+    assert goes_on_from(0.02, 0.06), "the side of a shelf"
+    assert not goes_on_from(-0.1, 0.06), "a bin beneath"
+    assert not goes_on_from(0.0, 1.2), "a crate, the lid of which is the plane"
+
 
 def test_planes_that_are_known_well_are_looked_at_anew_when_the_camera_has_moved() -> None:
     tracker, looks = Tracker(CAMERA), []

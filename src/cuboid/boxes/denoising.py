@@ -13,6 +13,11 @@ from cuboid.kernels.shifts import shift_means
 from cuboid.tolerances import SIGMAS
 
 
+def is_thick(noise_m: float, voxel_m: float) -> bool:
+    """Tell whether noise of a standard deviation makes surfaces thicker than a voxel: what is seen from far alone."""
+    return 2.0 * noise_m >= voxel_m
+
+
 def denoised(
     points: Float64Array, trust: Float64Array, eye: Float64Array, noise_m: float, voxel_m: float
 ) -> tuple[Float64Array, float]:
@@ -42,7 +47,7 @@ def denoised(
     noise_m : float
         Of a mean of as many points as usually lie on a ray.
     """
-    if 2.0 * noise_m < voxel_m:
+    if not is_thick(noise_m, voxel_m):
         return points, noise_m
     ray = points.mean(0) - eye
     far_m = math.sqrt(ray @ ray)

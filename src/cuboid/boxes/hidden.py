@@ -41,6 +41,39 @@ def with_hidden(
     return box
 
 
+def as_deep_as_wide(box: Box, eye: Float64Array, near: Sequence[Box], least_m: float) -> Box:
+    """Return the box of what was seen from far, as deep as it is wide where the camera could not tell that it is not.
+
+    From the front a thing shows its width, and of its depth next to nothing; most are about as deep as they are wide.
+    More depth would show beyond the rims as far as it lies across the ray: where that is less than the map can tell, it
+    may be there.
+
+    Parameters
+    ----------
+    box : Box
+    eye : (3,) float64
+        Where the camera is that sees it, world, metres.
+    near : sequence of Box
+        Of other objects nearby: a depth that would reach into one is none.
+    least_m : float
+        What is smaller the map does not tell, metres.
+    """
+    ray = box.rotation.T @ (box.center - eye)
+    far_m = math.sqrt(ray @ ray)
+    if far_m == 0.0:
+        return box
+    ray /= far_m
+    deep = int(np.abs(ray[:2]).argmax())
+    more_m = box.size[1 - deep] - box.size[deep]
+    across = math.sqrt(max(0.0, 1.0 - ray[deep] ** 2))
+    if more_m <= 0.0 or more_m * across > least_m:
+        return box
+    size = box.size.copy()
+    size[deep] += more_m
+    whole = Box(box.center + math.copysign(more_m / 2.0, ray[deep]) * box.rotation[:, deep], size, box.rotation)
+    return whole if clear_of(whole, near) else box
+
+
 def clear_of(box: Box, near: Sequence[Box]) -> bool:
     """Tell whether a box takes no more of its neighbours than boxes do that stand side by side."""
     return not near or bool(overlap_min_matrix(pack([box]), pack(near)).max() <= SOME)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
-from cuboid.frame import Float64Array
+from cuboid.frame import Float32Array, Float64Array
 
 # The eight corners in units of half sizes; corner k has bit 0, 1, 2 of k for +x, +y, +z.
 CORNER_SIGNS = np.array(
@@ -53,10 +54,10 @@ class Box:
         """Return how high its foot is above a plane on which it stands upright, normal.p + offset = 0, metres."""
         return float(normal @ self.center) + offset - float(self.size[2]) / 2.0
 
-    def holds(self, point: Float64Array, beyond_m: float) -> bool:
-        """Tell whether a point (3,) lies in the box, or no farther above or below it than `beyond_m`, metres."""
-        away = np.abs((point - self.center) @ self.rotation) - self.size / 2.0
-        return bool((away <= (0.0, 0.0, beyond_m)).all())
+    def holds(self, points: Float32Array | Float64Array, beyond_m: float) -> npt.NDArray[np.bool_]:
+        """Tell which points (N, 3) lie in the box, or no farther above or below it than `beyond_m`, metres."""
+        away = np.abs((points - self.center) @ self.rotation) - self.size / 2.0
+        return np.asarray((away <= (0.0, 0.0, beyond_m)).all(1))
 
     def corners(self) -> Float64Array:
         """Return the eight corners, (8, 3), in the order of `CORNER_SIGNS`."""

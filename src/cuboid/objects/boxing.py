@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cuboid.boxes.denoising import denoised
+from cuboid.boxes.denoising import denoised, is_thick
 from cuboid.boxes.faces import to_faces
 from cuboid.boxes.fit import fit_box
-from cuboid.boxes.hidden import clear_of, with_hidden
+from cuboid.boxes.hidden import as_deep_as_wide, clear_of, with_hidden
 from cuboid.boxes.revolved import revolved
 from cuboid.frame import Float32Array, Float64Array
 from cuboid.geometry.box import Box
@@ -71,16 +71,31 @@ class Boxing:
         some = slice(None, None, 1 + len(rows) // BOX_VOXELS)
         trust, noise_m = self._trust(rows[some])
         points = places[some].astype(np.float64)
-        if eye is not None:
-            points, noise_m = denoised(points, trust, eye, noise_m, self._voxels.voxel_m)
+        voxel_m = self._voxels.voxel_m
+        if eye is None or not is_thick(noise_m, voxel_m):
+            return self._fit(points, trust, noise_m, plane, up, others), noise_m
+        points, noise_m = denoised(points, trust, eye, noise_m, voxel_m)
+        box = self._fit(points, trust, noise_m, plane, up, others)
+        # Points of voxels side by side are no farther apart than two voxels.
+        return as_deep_as_wide(box, eye, others, 2.0 * voxel_m), noise_m
+
+    def _fit(
+        self,
+        points: Float64Array,
+        trust: Float64Array,
+        noise_m: float,
+        plane: Plane | None,
+        up: Float64Array,
+        others: Sequence[Box],
+    ) -> Box:
         if plane is None:
-            return fit_box(points, up, None, STRAY_SHARE, trust), noise_m
+            return fit_box(points, up, None, STRAY_SHARE, trust)
         box = fit_box(points, *plane, STRAY_SHARE, trust)
         round_box = revolved(box, points, trust, *plane, noise_m, self._voxels.voxel_m, STRAY_SHARE)
         if round_box is not None and clear_of(round_box, others):
-            return to_faces(round_box, points, trust, noise_m, top_alone=True), noise_m
+            return to_faces(round_box, points, trust, noise_m, top_alone=True)
         box = to_faces(box, points, trust, noise_m, top_alone=False)
-        return with_hidden(box, points, *plane, others, self._voxels), noise_m
+        return with_hidden(box, points, *plane, others, self._voxels)
 
     def _trust(self, rows: Rows) -> tuple[Float64Array, float]:
         """Return how far voxels (N,) are to be believed, and the usual noise of their places, metres."""

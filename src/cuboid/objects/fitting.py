@@ -132,8 +132,14 @@ class Fitting:
         entry.carries = carries_plane
 
     def _carries_plane(self, entry: MapObject, rests: tuple[Float64Array, float] | None) -> bool:
-        """Tell whether an object goes on below its plane, or up to a plane that lies on it: no air was seen between."""
+        """Tell whether an object goes on below its plane, or up to a plane that lies on it.
+
+        One that was seen to end above may be as high as the board that it stands beneath; the side of a shelf is as
+        high as the plane itself, which goes on from there.
+        """
         if entry.plane is not None and rests is not None and carries(entry.points, *rests, self._voxels):
+            return True
+        if self._planes.goes_on_from(entry.box):
             return True
         return self._planes.lies_on(entry.box) and not ends_above(entry.outline)
 
@@ -148,7 +154,7 @@ class Fitting:
             return box
         foot = bare.center - bare.size[2] / 2.0 * normal
         seat = self._planes.seat_of(entry.points[:: 1 + len(entry.points) // SAMPLE], plane)
-        if not len(seat) or any(o.confirmed and o.box.holds(foot, DRIFT_M) for o in near):
+        if not len(seat) or any(o.confirmed and o.box.holds(foot[None], DRIFT_M)[0] for o in near):
             return box
         corners = np.concatenate([bare.corners(), seat])
         whole = fit_box(np.concatenate([corners, seat - np.outer(seat @ normal + offset, normal)]), normal, offset, 0.0)

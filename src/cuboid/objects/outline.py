@@ -88,10 +88,12 @@ def enclosed(outline: Outline, *, cut_off: bool = True, beside: bool = False) ->
     uncut[TOP] -= outline[TOP, BORDER]
     known = (outline[:, :CONTACT].sum(1) >= least * uncut) & (uncut >= SOME * whole)
     structure = outline[:, CONTACT] > MOST * judged
-    unseen = cut_off * outline[:, BORDER] + beside * outline[:, HIDDEN]
-    cut = ~known & (unseen > MOST * whole)
+    hidden = beside * outline[:, HIDDEN]
+    cut = cut_off * outline[:, BORDER] + hidden > MOST * whole
     ends = known & ~structure
-    sides = (ends | (cut & ~structure))[[LEFT, RIGHT]]
+    # What hides a side touches it, mostly.
+    behind = hidden > MOST * whole
+    sides = (ends | (~known & (behind | (cut & ~structure))))[[LEFT, RIGHT]]
     return bool(ends[TOP] and sides.all() and ends[[LEFT, RIGHT]].any())
 
 
@@ -102,5 +104,18 @@ def ends_above(outline: Outline) -> bool:
     ----------
     outline : (4, KINDS)
     """
-    top = outline[TOP]
-    return bool(top[FREE] + top[SUPPORT] >= KNOWN_TOP_SHARE * (top.sum() - top[BORDER]))
+    return bool(_ends(outline)[TOP])
+
+
+def ends_round(outline: Outline) -> bool:
+    """Tell whether some of a thing's top and of both its sides was seen to end by itself, not at another thing.
+
+    Parameters
+    ----------
+    outline : (4, KINDS)
+    """
+    return bool(_ends(outline)[[TOP, LEFT, RIGHT]].all())
+
+
+def _ends(outline: Outline) -> npt.NDArray[np.bool_]:
+    return np.asarray(outline[:, FREE] + outline[:, SUPPORT] >= KNOWN_TOP_SHARE * (outline.sum(1) - outline[:, BORDER]))

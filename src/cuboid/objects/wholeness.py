@@ -7,14 +7,14 @@ import numpy as np
 from cuboid.boxes.quantiles import quantile
 from cuboid.config import TrackerConfig
 from cuboid.geometry.distances import touch
-from cuboid.kernels.outlines import BOTTOM, CONTACT, FREE, HIDDEN, SUPPORT
+from cuboid.kernels.outlines import BOTTOM, CONTACT, FREE, LEFT, RIGHT, SUPPORT, TOP
 from cuboid.objects.entry import MapObject
-from cuboid.objects.outline import OWN_SHARE, enclosed, ends_above
+from cuboid.objects.outline import OWN_SHARE, enclosed, ends_above, ends_round
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object
 from cuboid.objects.visibility import ALIKE
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import DRIFT_M, MOST, STRAYS, SURE
+from cuboid.tolerances import DRIFT_M, MOST, SAMPLE, STRAYS, SURE
 
 # Frames do not agree on two objects that touch while the log-odds that they are two are below this.
 UNSURE = 1.1
@@ -47,12 +47,13 @@ def is_whole(entry: MapObject, store: ObjectStore, planes: PlaneTracker, config:
         and not _may_be_foot(entry, store, planes)
         and not _may_be_end(entry, store, planes)
         and not _may_be_part(entry, store)
+        and not _may_be_rim(entry, planes)
     )
 
 
 def _is_beside(entry: MapObject, store: ObjectStore) -> bool:
-    """Tell whether frames have shown an object beside a labelled one that it is surely no part of."""
-    return any(other.confirmed for other in store.all_of(store.affinity.partners(entry.number, most=-SURE)))
+    """Tell whether frames have shown an object beside a labelled one that it is likely no part of."""
+    return any(other.confirmed for other in store.all_of(store.affinity.partners(entry.number, most=-SURE / 2.0)))
 
 
 def _floats(entry: MapObject, planes: PlaneTracker) -> bool:
@@ -68,31 +69,33 @@ def _floats(entry: MapObject, planes: PlaneTracker) -> bool:
 
 
 def _may_be_foot(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> bool:
-    """Tell whether an object always ends above at another thing of its depth, and touches one that goes up higher.
+    """Tell whether an object always ends above, or on a side, at another thing, and touches one that goes up higher.
 
-    It may be the foot of that: the brim of a cap, the pot of a plant.
+    It may be the foot of that: the pot of a plant, which ends above at it, or the brim of a cap, of which one side is
+    behind it. What ends above by itself, and is more than half as high, is no such foot.
     """
     plane = planes.find(entry.plane)
-    if plane is None or ends_above(entry.outline):
+    if plane is None or ends_round(entry.outline):
         return False
-    normal, _ = planes.in_world(plane)
-    top = quantile(entry.points @ normal, 1.0 - 2.0 * STRAYS) + DRIFT_M
+    normal, offset = planes.in_world(plane)
+    top = quantile(entry.points @ normal, 1.0 - 2.0 * STRAYS) + offset
+    least = max(top + DRIFT_M, top / MOST if ends_above(entry.outline) else 0.0)
+    some = entry.points[:: 1 + len(entry.points) // SAMPLE]
     return any(
         len(other.points) > 0
-        and quantile(other.points @ normal, 1.0 - 2.0 * STRAYS) > top
-        and touch(entry.points, other.points, DRIFT_M)
+        and quantile(other.points @ normal, 1.0 - 2.0 * STRAYS) + offset > least
+        and (touch(entry.points, other.points, DRIFT_M) or other.box.holds(some, DRIFT_M).any())
         for other in store.neighbours(entry)
     )
 
 
 def _may_be_end(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> bool:
-    """Tell whether an object's foot is hidden, little of its height shows, and a larger one beside it has its color.
+    """Tell whether nothing of an object's foot shows, little of its height, and a larger one beside it has its color.
 
-    It may be the end of that: the spout of a teapot, behind its pot. Grey is the color of too many things to tell.
+    It may be the end of that: the spout of a teapot. Grey is the color of too many things to tell.
     """
-    plane = planes.find(entry.plane)
-    beneath, color = entry.outline[BOTTOM], entry.mean_color
-    if plane is None or beneath[HIDDEN] <= MOST * beneath.sum() or np.ptp(color) <= ALIKE:
+    plane, color = planes.find(entry.plane), entry.mean_color
+    if plane is None or np.ptp(color) <= ALIKE:
         return False
     normal, offset = planes.in_world(plane)
     height = entry.points @ normal + offset
@@ -120,3 +123,14 @@ def _may_be_part(entry: MapObject, store: ObjectStore) -> bool:
     if any(other.number in unsure and touch(entry.points, other.points, DRIFT_M) for other in labelled):
         return True
     return bool(store.share_room([entry], labelled).any())
+
+
+def _may_be_rim(entry: MapObject, planes: PlaneTracker) -> bool:
+    """Tell whether an object is no higher than drift, and ends where its plane does on more than one of three sides.
+
+    It may be the raised rim of that: the lip of a shelf. Beyond what lies so low is its plane, but where that ends.
+    """
+    if planes.find(entry.plane) is None or entry.box.size[2] > DRIFT_M:
+        return False
+    sides = entry.outline[[TOP, LEFT, RIGHT]]
+    return bool(np.count_nonzero(sides[:, FREE] > MOST * sides.sum(1)) > 1)

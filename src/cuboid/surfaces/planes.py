@@ -9,7 +9,7 @@ A frame has to do with the planes whose windows it sees; all others stay as they
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 
 import numpy as np
@@ -27,7 +27,7 @@ from cuboid.surfaces.plane import ON_PLANE_M, REACH_M, Plane
 from cuboid.surfaces.twins import merge_twins
 from cuboid.surfaces.up import REFRESH_FRAMES, SAME_COS, UpVote
 from cuboid.surfaces.windows import Windows, window_of
-from cuboid.tolerances import LEAST_FRAMES, LITTLE, SIGMAS
+from cuboid.tolerances import DRIFT_M, LEAST_FRAMES, LITTLE, MOST, SIGMAS
 
 # A plane that is not used yet is forgotten after so many frames without a sighting.
 FORGET_FRAMES = 60
@@ -299,16 +299,22 @@ class PlaneTracker:
 
     def lies_on(self, box: Box) -> bool:
         """Tell whether a supporting plane lies on top of a box that stands up: it is furniture, or a part of it."""
+        return any(True for _ in self._on_top_of(box, REACH_M + LITTLE * box.size[2]))
+
+    def goes_on_from(self, box: Box) -> bool:
+        """Tell whether a plane as high as the top of a box that stands up goes on beyond it: the side of a shelf."""
+        footprint_m2 = box.size[0] * box.size[1]
+        return any(footprint_m2 < MOST * plane.plan.area_m2() for plane in self._on_top_of(box, DRIFT_M))
+
+    def _on_top_of(self, box: Box, off_m: float) -> Iterator[Plane]:
+        """Yield the planes over the middle of a box that stands up which are no farther from its top, metres."""
         if self.T_plan_world is None or box.size[2] <= 2.0 * REACH_M:
-            return False
+            return
         center = self.to_plan(box.center[None])
         top_m = box.size[2] / 2.0
-        return any(
-            plane.in_use
-            and abs(float(plane.height(center)[0]) + top_m) <= REACH_M + LITTLE * box.size[2]
-            and bool(plane.plan.covers(center)[0])
-            for plane in self._at(center)
-        )
+        for plane in self._at(center):
+            if plane.in_use and abs(float(plane.height(center)[0]) + top_m) <= off_m and plane.plan.covers(center)[0]:
+                yield plane
 
     def carrier(self, points: Float32Array, plane: Plane) -> Plane:
         """Return what carries a thing at points (N, 3) of the world; see `seats.carrier`."""
