@@ -9,7 +9,7 @@ import pytest
 
 from cuboid.kernels.outlines import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, KINDS, LEFT, RIGHT, SUPPORT, TOP, UNSURE
 from cuboid.objects.affinity import SURE
-from cuboid.objects.outline import CLEAR, agreeing, enclosed, ends_above, ends_round
+from cuboid.objects.outline import CLEAR, agreeing, enclosed, ends_above, ends_beside
 from cuboid.objects.outline import told_by as told_by_each
 from cuboid.tolerances import MOST
 
@@ -93,9 +93,13 @@ def test_what_always_ends_above_at_another_thing_does_not_end_by_itself() -> Non
     assert not ends_above(brim)
     brim[TOP, FREE] = 11
     assert ends_above(brim), "a third of its top was seen to end in air"
-    assert ends_round(outline(FREE, CONTACT, SUPPORT, FREE)), "whatever is beneath"
-    for kinds in ((CONTACT, SUPPORT, FREE, FREE), (FREE, SUPPORT, HIDDEN, FREE), (FREE, SUPPORT, FREE, UNSURE)):
-        assert not ends_round(outline(*kinds))
+
+
+def test_what_goes_on_behind_another_thing_was_not_seen_to_end_beside() -> None:
+    assert ends_beside(outline(CONTACT, CONTACT, SUPPORT, FREE)), "whatever is above, and beneath"
+    assert ends_beside(outline(FREE, SUPPORT, FREE, UNSURE)), "another thing ends it as air does"
+    for kinds in ((FREE, SUPPORT, HIDDEN, FREE), (FREE, SUPPORT, FREE, CONTACT)):
+        assert not ends_beside(outline(*kinds))
 
 
 def test_the_border_of_the_picture_may_cut_off_the_left_or_the_right() -> None:

@@ -64,6 +64,7 @@ def test_a_label_waits_where_a_thing_may_be_the_foot_of_a_higher_one(top: int, h
     [
         (0.13, 0.12, HIDDEN, False),  # the brim of a cap
         (0.13, 0.12, FREE, True),  # a book beside it, seen all round
+        (0.13, 0.12, UNSURE, True),  # or of another color, before it
         (0.13, 0.05, HIDDEN, True),  # one behind something that is hardly higher
         (0.20, 0.12, HIDDEN, True),  # or farther off
     ],

@@ -104,18 +104,16 @@ def ends_above(outline: Outline) -> bool:
     ----------
     outline : (4, KINDS)
     """
-    return bool(_ends(outline)[TOP])
+    top = outline[TOP]
+    return bool(top[FREE] + top[SUPPORT] >= KNOWN_TOP_SHARE * (top.sum() - top[BORDER]))
 
 
-def ends_round(outline: Outline) -> bool:
-    """Tell whether some of a thing's top and of both its sides was seen to end by itself, not at another thing.
+def ends_beside(outline: Outline) -> bool:
+    """Tell whether some of a thing's left side, and of its right one, was seen to end: neither goes on behind another.
 
     Parameters
     ----------
     outline : (4, KINDS)
     """
-    return bool(_ends(outline)[[TOP, LEFT, RIGHT]].all())
-
-
-def _ends(outline: Outline) -> npt.NDArray[np.bool_]:
-    return np.asarray(outline[:, FREE] + outline[:, SUPPORT] >= KNOWN_TOP_SHARE * (outline.sum(1) - outline[:, BORDER]))
+    sides = outline[[LEFT, RIGHT]]
+    return bool((sides[:, :CONTACT].sum(1) >= KNOWN_TOP_SHARE * (sides.sum(1) - sides[:, BORDER])).all())

@@ -9,7 +9,7 @@ from cuboid.config import TrackerConfig
 from cuboid.geometry.distances import touch
 from cuboid.kernels.outlines import BOTTOM, CONTACT, FREE, LEFT, RIGHT, SUPPORT, TOP
 from cuboid.objects.entry import MapObject
-from cuboid.objects.outline import OWN_SHARE, enclosed, ends_above, ends_round
+from cuboid.objects.outline import OWN_SHARE, enclosed, ends_above, ends_beside
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object
 from cuboid.objects.visibility import ALIKE
@@ -69,17 +69,18 @@ def _floats(entry: MapObject, planes: PlaneTracker) -> bool:
 
 
 def _may_be_foot(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> bool:
-    """Tell whether an object always ends above, or on a side, at another thing, and touches one that goes up higher.
+    """Tell whether an object always ends above at another thing, or goes on behind it, and touches one that is higher.
 
     It may be the foot of that: the pot of a plant, which ends above at it, or the brim of a cap, of which one side is
     behind it. What ends above by itself, and is more than half as high, is no such foot.
     """
     plane = planes.find(entry.plane)
-    if plane is None or ends_round(entry.outline):
+    above = ends_above(entry.outline)
+    if plane is None or (above and ends_beside(entry.outline)):
         return False
     normal, offset = planes.in_world(plane)
     top = quantile(entry.points @ normal, 1.0 - 2.0 * STRAYS) + offset
-    least = max(top + DRIFT_M, top / MOST if ends_above(entry.outline) else 0.0)
+    least = max(top + DRIFT_M, top / MOST if above else 0.0)
     some = entry.points[:: 1 + len(entry.points) // SAMPLE]
     return any(
         len(other.points) > 0
