@@ -9,10 +9,12 @@ from made_maps import map_of, shell
 from cuboid.config import TrackerConfig
 from cuboid.geometry.box import Box
 from cuboid.kernels.outlines import KINDS
-from cuboid.objects.affinity import ONE
+from cuboid.objects.affinity import ONE, TWO
+from cuboid.objects.association import Association
 from cuboid.objects.object_map import ObjectMap
 from cuboid.surfaces.clusters import FrameCluster
 from cuboid.surfaces.planes import PlaneTracker
+from cuboid.tolerances import SURE
 
 JAR = np.array([0.1, 0.1, 0.16])
 RIM = np.array([0.31, 0.02, 0.02])
@@ -46,3 +48,22 @@ def test_a_pair_in_one_place_is_told_once_a_frame_however_many_of_it_have_labels
         objects.store.confirm(entry)
     objects._share_room(pair, news=0.5)
     assert objects.store.affinity.of(1, 2) == pytest.approx(0.5 * ONE)
+
+
+@pytest.mark.parametrize(
+    ("labelled", "told", "takes"),
+    [(True, 0.4 * SURE, 0), (True, 0.6 * SURE, 1), (False, 0.6 * SURE, 0), (False, 1.1 * SURE, 1)],
+)
+def test_from_a_label_another_one_takes_when_that_is_likely_and_a_candidate_when_it_is_sure(
+    labelled: bool, told: float, takes: int
+) -> None:
+    config = TrackerConfig()
+    objects = ObjectMap(config, map_of((shell((0.3, 0.4), (0.3, 0.4), (0.0, 0.16)), 1)), PlaneTracker(config))
+    pair = [objects.store.add(Box(np.array([x, 0.35, 0.08]), JAR, np.eye(3)), 0) for x in (0.35, 0.47)]
+    for entry in pair if labelled else pair[1:]:
+        objects.store.confirm(entry)
+    objects.store.affinity.tell(1, 2, one=False, news=-told / TWO)
+    only, found = np.zeros(1, np.int64), np.zeros((1, 2))
+    shown = Association(pair, only, only - 1, found, np.ones(1), found.astype(np.int64), np.zeros(2, np.int64))
+    column, allowed = objects._may_take(np.array([1], np.int32), shown)
+    assert allowed[0, column[[0, 2]]].tolist() == [1, takes]

@@ -182,7 +182,8 @@ class ObjectMap:
         """Return a column for each object by number, and for each thing from whose it may take known voxels (n, m + 1).
 
         What is like its object takes what is no one's, or a candidate's; from a labelled object only what has proved
-        to be another one takes anything.
+        to be another one takes anything. Of two labels half as much as is sure proves that: unlike a merger, later
+        votes undo it, and both are known to be whole.
         """
         place = np.full(self.store.numbers, -1, np.int64)
         place[0] = 0
@@ -192,7 +193,8 @@ class ObjectMap:
         allowed[sure] = [1, *(not o.confirmed for o in found.objects)]
         numbers = number_of.tolist()
         for i in np.flatnonzero(sure).tolist():
-            others = self.store.affinity.partners(numbers[i], most=-SURE)
+            labelled = numbers[i] > 0 and self.store[numbers[i]].confirmed
+            others = self.store.affinity.partners(numbers[i], most=-SURE / 2.0 if labelled else -SURE)
             if others:
                 columns = place[others]
                 allowed[i, columns[columns > 0]] = 1
