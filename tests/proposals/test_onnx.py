@@ -12,7 +12,9 @@ from onnx import TensorProto, helper, numpy_helper
 
 from cuboid.errors import InputError, MissingExtraError
 from cuboid.frame import Frame, Intrinsics
+from cuboid.geometry.rectangles import rect_iou_matrix
 from cuboid.proposals import Proposals, make_source
+from cuboid.readers import open_recording
 
 CAMERA = Intrinsics(600.0, 600.0, 319.5, 239.5, 640, 480)
 # Input 320 x 320: an image of 640 x 480 lies in it at half size, 40 rows from the top.
@@ -88,6 +90,33 @@ def test_rows_with_an_object_score(tmp_path: Path) -> None:
     proposals = propose(model(tmp_path / "m.onnx", rows))
     assert proposals.boxes_xyxy.tolist() == [[100, 60, 140, 140]]
     assert proposals.scores.tolist() == pytest.approx([0.4])
+
+
+def test_boxes_within_the_cells_of_yolox(tmp_path: Path) -> None:
+    # 40 x 40 cells of 8 pixels, 20 x 20 of 16, 10 x 10 of 32; the image lies at the input's upper left, at half size.
+    rows = np.zeros((1, 1600 + 400 + 100, 7), np.float32)
+    rows[0, 1600 + 8 * 20 + 5] = [0.25, 0.5, np.log(2.0), np.log(1.5), 0.5, 0.8, 0.1]
+    proposals = propose(model(tmp_path / "m.onnx", rows))
+    # Centre (84, 136), 32 x 24 pixels of the input.
+    assert proposals.boxes_xyxy.tolist() == [[136, 248, 200, 296]]
+    assert proposals.scores.tolist() == pytest.approx([0.4])
+
+
+def test_a_row_a_cell_of_a_model_that_tells_pixels(tmp_path: Path) -> None:
+    rows = np.zeros((1, 2100, 7), np.float32)
+    rows[0, 0] = [60, 90, 20, 40, 0.5, 0.8, 0.1]
+    assert propose(model(tmp_path / "m.onnx", rows)).boxes_xyxy.tolist() == [[100, 60, 140, 140]]
+
+
+def test_a_real_yolox_finds_the_monitors_on_a_real_desk(data_dir: Path) -> None:
+    recording = open_recording(data_dir / "desk-realsense")
+    frame = next(f for f in recording.iterate() if f.index == 5)
+    assert isinstance(frame, Frame)
+    found = make_source(f"onnx:{data_dir / 'yolox-nano' / 'yolox_nano.onnx'}")(frame, recording.intrinsics)
+    # As a person drew them: data's keyframes.json.
+    monitors = np.array([[0, 38, 293, 348], [294, 99, 609, 318]], dtype=np.float64)
+    assert (rect_iou_matrix(monitors, found.boxes_xyxy.astype(np.float64)).max(axis=1) > 0.7).all()
+    assert len(found) < 30
 
 
 def test_an_input_of_any_size_and_of_half_precision(tmp_path: Path) -> None:

@@ -10,9 +10,8 @@ import numpy.typing as npt
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, UInt8Array
 from cuboid.kernels import votes as kernel
-from cuboid.kernels.pieces import label_regions
 from cuboid.proposals.types import Proposals
-from cuboid.tolerances import JUMP_M, LITTLE, MOST
+from cuboid.tolerances import LITTLE
 from cuboid.working import WorkingImage
 
 # The strongest proposals that say how much weight counts as sure.
@@ -49,25 +48,28 @@ def weigh(image: WorkingImage, candidate: UInt8Array, proposals: Proposals, conf
     candidate : (h, w) uint8
         1 where a reading may belong to an object: off every supporting plane.
     proposals : Proposals
-        In pixels of the full image. Boxes without masks get masks: the surfaces that lie in them.
+        In pixels of the full image. Boxes without masks mean all that lies in them.
     config : TrackerConfig
         Sizes of objects, and the sensor's noise.
     """
-    masks, block = proposals.masks, proposals.mask_step
-    if masks is None:
-        masks, block = _surfaces_in(image, candidate, proposals, config), 1
-    elif image.step % block:
-        masks, block = proposals.full_masks() or (), 1
-    boxes = np.ascontiguousarray(proposals.boxes_xyxy, dtype=np.int32)
+    rectangles = _working(proposals.boxes_xyxy, image)
+    if proposals.masks is None:
+        # All working pixels of each box.
+        masks = tuple(np.ones(size, np.uint8) for size in (rectangles[:, 2:] - rectangles[:, :2]).tolist())
+        grid, step, phase = rectangles, 1, np.zeros(2, np.int64)
+    else:
+        block, masks = proposals.mask_step, proposals.masks
+        if image.step % block:
+            masks, block = proposals.full_masks() or (), 1
+        step = image.step // block
+        grid, phase = proposals.boxes_xyxy.astype(np.int64) // block, np.array(image.phase, np.int64) // block
     scores = np.ascontiguousarray(proposals.scores, dtype=np.float32)
     flat = np.concatenate(masks, axis=None, dtype=np.uint8, casting="unsafe") if masks else np.zeros(0, np.uint8)
-    rectangles = _working(boxes, image)
     starts = np.concatenate([[0], np.cumsum((rectangles[:, 2:] - rectangles[:, :2]).prod(1))])
     covered, weights = np.empty(starts[-1], np.uint8), np.empty(len(proposals), np.float32)
     kernel.weigh(
-        image.depth_m, candidate, boxes // block, scores, flat, rectangles, starts, image.step // block,
-        np.array(image.phase, dtype=np.int64) // block, image.camera.fx, config.min_size_m, config.max_size_m,
-        covered, weights,
+        image.depth_m, candidate, grid.astype(np.int32), scores, flat, rectangles, starts, step, phase,
+        image.camera.fx, config.min_size_m, config.max_size_m, covered, weights,
     )  # fmt: skip
     return WeighedProposals(rectangles, starts, covered, weights)
 
@@ -95,23 +97,3 @@ def pixel_heat(image: WorkingImage, weighed: WeighedProposals) -> Float32Array:
     heat /= -np.float32(sure)
     np.exp(heat, out=heat)
     return np.subtract(np.float32(1.0), heat, out=heat)
-
-
-def _surfaces_in(
-    image: WorkingImage, candidate: UInt8Array, proposals: Proposals, config: TrackerConfig
-) -> tuple[UInt8Array, ...]:
-    """Return a mask for each box: the connected surfaces most of which lie in it."""
-    labels: npt.NDArray[np.int32] = np.empty(candidate.shape, np.int32)
-    parent = np.empty(candidate.size, np.int32)
-    label_regions(image.depth_m, candidate.astype(np.int32) - 1, config.depth_noise_per_m, JUMP_M, parent, labels)
-    sizes = np.bincount(labels.ravel())
-    masks = []
-    (px, py), step = image.phase, image.step
-    for x0, y0, x1, y1 in proposals.boxes_xyxy.tolist():
-        rows = np.clip((np.arange(y0, y1) - py) // step, 0, labels.shape[0] - 1)
-        columns = np.clip((np.arange(x0, x1) - px) // step, 0, labels.shape[1] - 1)
-        inside = labels[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-        meant = np.bincount(inside.ravel(), minlength=len(sizes)) >= MOST * sizes
-        meant[0] = False
-        masks.append(meant[labels[rows[:, None], columns[None]]].astype(np.uint8))
-    return tuple(masks)

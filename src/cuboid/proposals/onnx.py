@@ -7,6 +7,9 @@ The usual exports of the YOLO family, FastSAM among them, are understood, classe
 - (1, N, 6 [+ k]) or (N, 6): corners, score, class, k mask coefficients; final as they are;
 
 and with k coefficients a second output (1, k, h, w): the prototypes that a mask is the weighted sum of.
+
+YOLOX as its authors export it (Ge et al., "YOLOX: Exceeding YOLO Series in 2021") is a table (1, N, 5 + classes) too,
+but tells centres and sizes within the cells of three grids, and takes BGR images of 0..255 at its input's upper left.
 """
 
 from __future__ import annotations
@@ -30,6 +33,10 @@ LEAST_SCORE = 0.05
 OVERLAP = 0.7
 # Where a model takes any size, the image's own rounded up to this: the largest stride of the family.
 STRIDE = 32
+# The strides of YOLOX's grids: a row of its table for each of their cells.
+STRIDES = (8, 16, STRIDE)
+# Sizes above this many cells are none: the logarithm of 1,000.
+MOST_LOG = 7.0
 # Grey of the bars beside an image of another shape than the input.
 GREY = 114
 
@@ -87,6 +94,9 @@ class OnnxModel:
             raise InputError(f"{path}: a model with one input (1, 3, height, width) expected")
         if self._input.shape[1] not in (3, None) and not isinstance(self._input.shape[1], str):
             raise InputError(f"{path}: a model of 3 color channels expected, it has {self._input.shape[1]}")
+        # Of YOLOX the cell of each row (N, 3): column, row, stride. None: boxes are told in pixels of the input.
+        self._cells: Float64Array | None = None
+        self._cells = self._grid_cells()
 
     def __call__(self, frame: Frame, intrinsics: Intrinsics) -> Proposals:
         """Return the proposals of `frame`, the best first.
@@ -97,10 +107,7 @@ class OnnxModel:
             If the model's outputs are of no known kind.
         """
         pixels, fit = self._letterbox(frame.color)
-        try:
-            outputs: list[Any] = self._session.run(None, {self._input.name: pixels})
-        except Exception as error:
-            raise InputError(f"{self._path} cannot be run: {_line(error)}") from None
+        outputs = self._run(pixels)
         prototypes = next((np.asarray(o) for o in outputs if np.ndim(o) == 4), None)
         found = self._detections(outputs, 0 if prototypes is None else prototypes.shape[1])
         kept = np.flatnonzero(found.scores >= LEAST_SCORE)
@@ -116,8 +123,31 @@ class OnnxModel:
         )
         return Proposals(boxes, scores, masks)
 
+    def _run(self, pixels: npt.NDArray[Any]) -> list[Any]:
+        try:
+            outputs: list[Any] = self._session.run(None, {self._input.name: pixels})
+        except Exception as error:
+            raise InputError(f"{self._path} cannot be run: {_line(error)}") from None
+        return outputs
+
+    def _grid_cells(self) -> Float64Array | None:
+        """Return the cells (N, 3) of the grids of YOLOX: column, row, stride; None for any other model.
+
+        Others that have a row a cell (YOLOv6, YOLOX exported with its boxes decoded) tell centres in pixels of the
+        input, which they fill; within a cell, centres are no farther than a few cells from 0.
+        """
+        height, width = self._input.shape[2:]
+        if not (isinstance(height, int) and isinstance(width, int)):
+            return None
+        cells = np.concatenate([_cells_of(height // s, width // s, s) for s in STRIDES])
+        if list(self._session.get_outputs()[0].shape[1:2]) != [len(cells)]:
+            return None
+        output = np.asarray(self._run(self._letterbox(np.full((height, width, 3), GREY, np.uint8))[0])[0])
+        within = output.ndim == 3 and output.shape[2] > 5 and np.abs(output[0, :, :2]).max() < STRIDE
+        return cells if within else None
+
     def _letterbox(self, color: UInt8Array) -> tuple[Any, _Fit]:
-        """Return the image in the middle of the model's input, and how it lies there."""
+        """Return the image as the model takes it, and how it lies there: in the middle, for YOLOX at the corner."""
         import cv2
 
         height, width = color.shape[:2]
@@ -127,12 +157,14 @@ class OnnxModel:
         )
         scale = min(columns / width, rows / height)
         w, h = max(1, round(width * scale)), max(1, round(height * scale))
-        left, top = (columns - w) // 2, (rows - h) // 2
+        yolox = self._cells is not None
+        left, top = (0, 0) if yolox else ((columns - w) // 2, (rows - h) // 2)
         padded = np.full((rows, columns, 3), GREY, np.uint8)
         padded[top : top + h, left : left + w] = cv2.resize(color, (w, h), interpolation=cv2.INTER_LINEAR)
-        unit = padded.transpose(2, 0, 1)[None].astype(np.float32) / np.float32(255.0)
+        planes = padded.transpose(2, 0, 1)[None].astype(np.float32)
+        planes = planes[:, ::-1] if yolox else planes / np.float32(255.0)
         kind = np.float16 if self._input.type == "tensor(float16)" else np.float32
-        return np.ascontiguousarray(unit, dtype=kind), _Fit(scale, left, top)
+        return np.ascontiguousarray(planes, dtype=kind), _Fit(scale, left, top)
 
     def _detections(self, outputs: list[Any], k: int) -> _Detections:
         """Read the detections of whichever form the outputs have, with k mask coefficients each."""
@@ -148,7 +180,10 @@ class OnnxModel:
             if 5 + k <= table.shape[0] < table.shape[1]:
                 return _of_rows(table.T, k, first_score=4)
             if 6 + k <= table.shape[1] < table.shape[0]:
-                rows = table[table[:, 4] >= LEAST_SCORE]
+                likely = table[:, 4] >= LEAST_SCORE
+                rows = table[likely]
+                if self._cells is not None:
+                    rows[:, :4] = _decoded(rows[:, :4], self._cells[likely])
                 found = _of_rows(rows, k, first_score=5)
                 return found._replace(scores=found.scores * rows[:, 4])
         shapes = ", ".join(str(np.shape(output)) for output in outputs)
@@ -156,6 +191,19 @@ class OnnxModel:
             f"{self._path}: outputs {shapes} are of no known kind; expected are (1, 4 + classes, N), "
             "(1, N, 5 + classes) or (1, N, 6), with masks also (1, k, h, w)"
         )
+
+
+def _cells_of(rows: int, columns: int, stride: int) -> Float64Array:
+    """Return column, row and stride of the cells of a grid, (rows * columns, 3), row by row."""
+    y, x = np.divmod(np.arange(rows * columns), columns)
+    return np.column_stack([x, y, np.full(len(x), stride)]).astype(np.float64)
+
+
+def _decoded(within: Float64Array, cells: Float64Array) -> Float64Array:
+    """Return centre and size (N, 4) in pixels of boxes told within cells: offsets in cells, logarithms of sizes."""
+    # No box is larger than any input; beyond, the exponential of what is no box would overflow.
+    sizes = np.exp(np.minimum(within[:, 2:], MOST_LOG))
+    return np.hstack([within[:, :2] + cells[:, :2], sizes]) * cells[:, 2:]
 
 
 def _of_rows(rows: Float64Array, k: int, first_score: int) -> _Detections:
