@@ -44,6 +44,8 @@ class Shaken:
         self._recording = open_recording(folder)
         self.path, self.format = self._recording.path, self._recording.format
         self.intrinsics, self.distortion = self._recording.intrinsics, self._recording.distortion
+        self.depth_units_per_metre = self._recording.depth_units_per_metre
+        self.depth_camera = self._recording.depth_camera
         poses = [self._recording.read(k).T_world_camera for k in range(len(self))]
         true = np.array([np.eye(4) if pose is None else pose for pose in poses])
         wrong = POSE_NOISES[noise](true, np.random.default_rng(5))

@@ -14,7 +14,7 @@ from cuboid.errors import FrameError, InputError
 from cuboid.frame import Float64Array
 from cuboid.measuring import FrameClock, FrameLog
 from cuboid.outputs import PoseRow, ResultWriter
-from cuboid.posing import LOST, Poses
+from cuboid.posing import LOST, GivenPoses, Poses
 from cuboid.run_types import Progress, RecordingLike, TrackerLike, Watch
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ class Pipeline:
             clock.lap("scale")
         try:
             posed = self.poses.locate(small)
-            if not self.poses.given_with_frames:
+            if type(self.poses) is not GivenPoses:
                 clock.lap("poses")
             if posed.moved:
                 self.tracker.carry(posed.moved)
@@ -98,7 +98,7 @@ class Pipeline:
     def warnings(self, recording: RecordingLike) -> tuple[str, ...]:
         """Return what is likely to be wrong with the recording; costs a second where results are written."""
         if self.writer is None:
-            return ()
+            return self.poses.warnings()
         from cuboid.calibration.check import intrinsics_warning
         from cuboid.calibration.registering import registration_warning
 
@@ -107,7 +107,7 @@ class Pipeline:
         estimated = corrected is not None and not self.poses.given_with_frames
         found = intrinsics_warning(recording.read, recording.intrinsics, poses, estimated=estimated)
         beside = registration_warning(recording.read, recording.intrinsics, sorted(poses))
-        return tuple(one for one in (found, beside) if one is not None)
+        return (*self.poses.warnings(), *(one for one in (found, beside) if one is not None))
 
     def trajectory(self) -> list[PoseRow] | None:
         """Return the corrected poses of the frames that were used; None where none was corrected.

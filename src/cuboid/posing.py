@@ -56,6 +56,9 @@ class Poses(Protocol):
     def trajectory(self) -> Mapping[int, Float64Array] | None:
         """Return the poses of all frames as corrected since; None where the first word is the last."""
 
+    def warnings(self) -> tuple[str, ...]:
+        """Return what the user should know of the poses."""
+
 
 class GivenPoses:
     """The recording's own poses."""
@@ -71,6 +74,39 @@ class GivenPoses:
     def trajectory(self) -> None:
         """Nothing is corrected."""
         return
+
+    def warnings(self) -> tuple[str, ...]:
+        """Nothing is known of them."""
+        return ()
+
+
+class SteadiedPoses(GivenPoses):
+    """The recording's own poses, corrected as they come where they have proved to drift.
+
+    Parameters
+    ----------
+    intrinsics : Intrinsics
+        Of the frames that come.
+    """
+
+    def __init__(self, intrinsics: Intrinsics) -> None:
+        from cuboid.poses import DriftCorrection
+
+        self._drift = DriftCorrection(intrinsics)
+
+    def locate(self, frame: Frame) -> Posed:
+        """Return the frame's own pose, corrected; raises FrameError where it has none."""
+        given = super().locate(frame).T_world_camera
+        return Posed(self._drift.correct(frame, given))
+
+    def warnings(self) -> tuple[str, ...]:
+        """Return that the poses drift, where they do."""
+        if self._drift.proven_at is None:
+            return ()
+        return (
+            f"the given camera poses drift: from frame {self._drift.proven_at} on they are held to what was seen "
+            f"before, {100.0 * self._drift.most_m:.0f} cm off at most",
+        )
 
 
 class EstimatedPoses:
@@ -102,6 +138,10 @@ class EstimatedPoses:
     def trajectory(self) -> Mapping[int, Float64Array]:
         """Return the poses of all frames as corrected since."""
         return self._estimator.trajectory()
+
+    def warnings(self) -> tuple[str, ...]:
+        """Nothing: what is lost is told frame by frame."""
+        return ()
 
     @property
     def estimator(self) -> PoseEstimator:
@@ -165,3 +205,7 @@ class BridgedPoses:
     def trajectory(self) -> None:
         """Nothing is corrected: the given poses are the world."""
         return
+
+    def warnings(self) -> tuple[str, ...]:
+        """Nothing: what is lost is told frame by frame."""
+        return ()

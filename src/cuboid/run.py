@@ -181,7 +181,7 @@ def _tracking(
 ) -> tuple[TrackerLike, Poses, SceneRun | None]:
     """Return the tracker, where its poses come from, and the run within a scene where the recording goes into one."""
     camera = recording.intrinsics.downscaled(plan.scale)
-    source = plan.source_of_poses(recording, camera)
+    source = plan.source_of_poses(recording, camera, steady=into is None)
     if into is None:
         make = make_tracker or partial(_tracker, memory_mb=memory_mb)
         return make(camera, plan.config, plan.proposals), source, None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from cuboid.config import TrackerConfig
 from cuboid.errors import InputError
 from cuboid.frame import Intrinsics
-from cuboid.posing import POSES_MOVE, BridgedPoses, EstimatedPoses, GivenPoses, Poses
+from cuboid.posing import POSES_MOVE, BridgedPoses, EstimatedPoses, GivenPoses, Poses, SteadiedPoses
 from cuboid.run_types import RecordingLike
 
 if TYPE_CHECKING:
@@ -49,11 +49,23 @@ class Plan:
     limit: int | None
     scale: int
 
-    def source_of_poses(self, recording: RecordingLike, camera: Intrinsics) -> Poses:
-        """Return where poses come from; `camera` is the pinhole of the frames it will be asked about."""
+    def source_of_poses(self, recording: RecordingLike, camera: Intrinsics, *, steady: bool = True) -> Poses:
+        """Return where poses come from.
+
+        Parameters
+        ----------
+        recording : RecordingLike
+        camera : Intrinsics
+            Pinhole of the frames that it will be asked about.
+        steady : bool, optional
+            Whether given poses are corrected where they drift; a scene, which may be interrupted at any frame, takes
+            them as they are.
+        """
         if self.bridge:
             return BridgedPoses(camera, recording.pose)
-        return GivenPoses() if self.poses == "given" else EstimatedPoses(camera, POSES_MOVE * self.config.voxel_m)
+        if self.poses == "estimated":
+            return EstimatedPoses(camera, POSES_MOVE * self.config.voxel_m)
+        return SteadiedPoses(camera) if steady else GivenPoses()
 
     def settings(self, recording: RecordingLike) -> dict[str, Any]:
         """Return all that results depend on beside the recording's files, ready for JSON."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cuboid.poses.drift import DriftCorrection
 from cuboid.poses.estimator import PoseEstimate, PoseEstimator
 
-__all__ = ["PoseEstimate", "PoseEstimator"]
+__all__ = ["DriftCorrection", "PoseEstimate", "PoseEstimator"]

@@ -125,7 +125,7 @@ class Atlas:
         """Return the keyframes that show much of what an image from a pose shows, most first."""
         numbers, distance = self._apart(T_world_camera, submap)
         near = [self.keyframes[numbers[i]] for i in np.argsort(distance, kind="stable")[:NEAR]]
-        shares = [(-overlap(k, T_world_camera, level), k.number) for k in near]
+        shares = [(-overlap(k.reference, k.T_world_camera, T_world_camera, level), k.number) for k in near]
         return [number for share, number in sorted(shares) if -share > LEAST_OVERLAP]
 
     def view_apart(self, T_world_camera: Float64Array, submap: int) -> float:

@@ -68,20 +68,21 @@ def median_depth_m(reference: Reference) -> float:
     return float(np.median(z)) if len(z) else 1.0
 
 
-def overlap(keyframe: Keyframe, T_world_camera: Float64Array, level: Level) -> float:
+def overlap(reference: Reference, T_world_keyframe: Float64Array, T_world_camera: Float64Array, level: Level) -> float:
     """Return the share of a keyframe's points that an image from a pose would show, 0..1.
 
     Parameters
     ----------
-    keyframe : Keyframe
-    T_world_camera : (4, 4) float64
+    reference : Reference
+        The keyframe's points.
+    T_world_keyframe, T_world_camera : (4, 4) float64
     level : Level
         The image's, any size.
     """
-    T = se3.inverse(T_world_camera) @ keyframe.T_world_camera
+    T = se3.inverse(T_world_camera) @ T_world_keyframe
     if T[2, 2] < LEAST_COSINE:
         return 0.0
-    coarse = keyframe.reference.levels[OVERLAP_LEVEL]
+    coarse = reference.levels[OVERLAP_LEVEL]
     if len(coarse.points) == 0:
         return 0.0
     points = coarse.points[::OVERLAP_EVERY] @ T[:3, :3].T + T[:3, 3]

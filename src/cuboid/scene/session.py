@@ -322,3 +322,6 @@ class _PosesOfVisit:
     def trajectory(self) -> Mapping[int, Float64Array] | None:
         found = self._poses.trajectory(self._first)
         return None if found is None else {k - self._first: T for k, T in found.items()}
+
+    def warnings(self) -> tuple[str, ...]:
+        return ()

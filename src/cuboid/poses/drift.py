@@ -1,0 +1,175 @@
+"""Given poses that drift: frames are held to what was seen from there before.
+
+Odometry (visual-inertial trackers, wheels, a phone's) is true from frame to frame and errs over a long way. Whoever
+trusts it sees a thing twice when the camera comes back. So frames are aligned to keyframes of the same places, the
+oldest first. As long as the given poses explain what frames show, they are taken as they are, to the last bit. Once
+alignment has explained far more of it several times in a row, the poses have proved to drift, and from then on those
+that alignment found, from the first frame on, take their place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cuboid.frame import Float64Array, Frame, Intrinsics
+from cuboid.geometry.se3 import inverse, moved_beyond, tidied
+from cuboid.kernels import align as kernel
+from cuboid.poses.alignment import NOISE, Prior, Reference, align, pick
+from cuboid.poses.keyframes import OVERLAP_LEVEL, apart, median_depth_m, overlap
+from cuboid.poses.pyramid import Level, build_levels, shrink
+from cuboid.tolerances import DRIFT_M, DRIFT_RAD, LEAST_FRAMES, LEAST_READINGS, MOST, SIGMAS, SOME
+
+# A frame becomes a keyframe when its view differs by this much from those of all keyframes, radians; views from farther
+# apart overlap too little to align well.
+NEW_VIEW = 0.17
+# Keyframes that are remembered: 100 kB each. The one that was used longest ago goes.
+MOST_KEYFRAMES = 256
+# The search starts at this level, of 80 pixels: between two comparisons poses err by less than one of them.
+COARSEST = 2
+# Points nearer than this to the camera, metres, are not looked for in an image.
+NEAREST_M = 0.1
+# What a pose explains is told at this level, of 160 pixels: a reading there is the mean of several. What differs by
+# more than this, metres, is hidden by something, or another surface: it tells nothing.
+TOLD_AT, ELSEWHERE_M = 1, 0.1
+
+
+@dataclass(slots=True)
+class _Keyframe:
+    """A frame that later ones are aligned to: its pose as given, and as corrected."""
+
+    given: Float64Array
+    corrected: Float64Array
+    reference: Reference
+    depth_m: float
+    used: int
+
+
+class DriftCorrection:
+    """Corrects the given poses of a recording where they have proved to drift.
+
+    Parameters
+    ----------
+    intrinsics : Intrinsics
+        Of every frame.
+
+    Attributes
+    ----------
+    proven_at : int or None
+        Index of the frame at which the poses proved to drift.
+    most_m : float
+        Largest distance of a corrected camera from where the given poses had it, metres.
+    """
+
+    def __init__(self, intrinsics: Intrinsics) -> None:
+        self._intrinsics = intrinsics
+        self._keyframes: list[_Keyframe] = []
+        self._T_corrected_given: Float64Array = np.eye(4)
+        self._compared: Float64Array | None = None
+        self._comparisons = self._misfits = 0
+        self.proven_at: int | None = None
+        self.most_m = 0.0
+
+    def correct(self, frame: Frame, given: Float64Array) -> Float64Array:
+        """Return where a frame was taken, T_world_camera (4, 4).
+
+        Parameters
+        ----------
+        frame : Frame
+        given : (4, 4) float64
+            T_world_camera as the recording has it.
+        """
+        camera = self._intrinsics
+        if frame.depth_m.shape == (camera.height, camera.width) and self._is_elsewhere(given):
+            self._compare(frame, given)
+        if self.proven_at is None:
+            return given
+        corrected = tidied(self._T_corrected_given @ given)
+        self.most_m = max(self.most_m, float(np.linalg.norm(corrected[:3, 3] - given[:3, 3])))
+        return corrected
+
+    def _is_elsewhere(self, given: Float64Array) -> bool:
+        """Tell whether the camera has moved by as much as poses may err since a frame was compared last."""
+        if self._compared is not None and not moved_beyond(self._compared, given, DRIFT_M, DRIFT_RAD):
+            return False
+        self._compared = given
+        return True
+
+    def _compare(self, frame: Frame, given: Float64Array) -> None:
+        """Align a frame to the oldest keyframe that shows the same, and let it be one where none has its view."""
+        self._comparisons += 1
+        levels = build_levels(*shrink(frame, self._intrinsics))
+        corrected = tidied(self._T_corrected_given @ given)
+        keyframe = self._oldest(corrected, levels[OVERLAP_LEVEL])
+        if keyframe is not None:
+            expected = inverse(corrected) @ keyframe.corrected
+            prior = Prior(expected, np.diag([DRIFT_M**-2.0] * 3 + [DRIFT_RAD**-2.0] * 3))
+            found = align(keyframe.reference, levels, expected, prior, coarsest=COARSEST)
+            if found.holds:
+                as_given = inverse(given) @ keyframe.given
+                self._judge(frame.index, keyframe.reference, levels, as_given, found.T_camera_reference)
+                corrected = tidied(keyframe.corrected @ inverse(found.T_camera_reference))
+                self._T_corrected_given = tidied(corrected @ inverse(given))
+        self._remember(levels, given, corrected)
+
+    def _judge(
+        self, index: int, reference: Reference, levels: tuple[Level, ...], as_given: Float64Array, found: Float64Array
+    ) -> None:
+        """Take in whether an alignment explains far more of what a frame shows than the given poses do."""
+        gained = explained(reference, levels[TOLD_AT], found) - explained(reference, levels[TOLD_AT], as_given)
+        self._misfits = self._misfits + 1 if gained >= SOME else 0
+        if self.proven_at is None and self._misfits >= LEAST_FRAMES:
+            self.proven_at = index
+
+    def _oldest(self, T_world_camera: Float64Array, level: Level) -> _Keyframe | None:
+        """Return the oldest keyframe of whose points an image from a pose shows most."""
+        for keyframe in self._keyframes:
+            if overlap(keyframe.reference, keyframe.corrected, T_world_camera, level) > MOST:
+                keyframe.used = self._comparisons
+                return keyframe
+        return None
+
+    def _remember(self, levels: tuple[Level, ...], given: Float64Array, corrected: Float64Array) -> None:
+        """Let a frame be a keyframe, where none has a view like it and it has points to align to."""
+        poses = np.array([k.corrected for k in self._keyframes]).reshape(-1, 4, 4)
+        depths_m = np.array([k.depth_m for k in self._keyframes])
+        if apart(corrected, poses, depths_m).min(initial=np.inf) <= NEW_VIEW:
+            return
+        reference = pick(levels)
+        if len(reference.levels[OVERLAP_LEVEL].points) < LEAST_READINGS:
+            return
+        if len(self._keyframes) == MOST_KEYFRAMES:
+            self._keyframes.pop(min(range(MOST_KEYFRAMES), key=lambda k: self._keyframes[k].used))
+        self._keyframes.append(_Keyframe(given, corrected, reference, median_depth_m(reference), self._comparisons))
+
+
+def explained(reference: Reference, level: Level, T_camera_reference: Float64Array) -> float:
+    """Return the fraction of a reference's points on whose surface an image has its reading there, 0..1.
+
+    A reading lies on it within three deviations of the depth's noise.
+
+    Parameters
+    ----------
+    reference : Reference
+    level : Level
+        The image in the size of `TOLD_AT`.
+    T_camera_reference : (4, 4) float64
+    """
+    T, picked = T_camera_reference.astype(np.float32), reference.levels[TOLD_AT]
+    points, normals = picked.points @ T[:3, :3].T + T[:3, 3], picked.normals @ T[:3, :3].T
+    fx, fy, cx, cy = level.camera
+    height, width = level.image.shape[:2]
+    z = np.maximum(points[:, 2], NEAREST_M)
+    u, v = np.rint(points[:, 0] / z * fx + cx), np.rint(points[:, 1] / z * fy + cy)
+    seen = (points[:, 2] > NEAREST_M) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    u, v = u[seen].astype(int), v[seen].astype(int)
+    depth_m = level.image[v, u, kernel.DEPTH]
+    read = depth_m > 0
+    u, v, depth_m, points, normals = u[read], v[read], depth_m[read], points[seen][read], normals[seen][read]
+    places = np.column_stack([(u - cx) / fx * depth_m, (v - cy) / fy * depth_m, depth_m])
+    off_m = np.abs(((places - points) * normals).sum(1))
+    here = off_m < ELSEWHERE_M
+    if np.count_nonzero(here) < LEAST_READINGS:
+        return 0.0
+    return float((off_m < SIGMAS * (NOISE[0] + NOISE[1] * depth_m**2))[here].mean())
