@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, UInt8Array
 from cuboid.kernels import votes as kernel
 from cuboid.kernels.pieces import label_regions
-from cuboid.proposals.types import Proposals
+from cuboid.proposals.types import JoinedMasks, Proposals
 from cuboid.tolerances import JUMP_M, LITTLE, MOST
 from cuboid.working import WorkingImage
 
@@ -60,7 +61,7 @@ def weigh(image: WorkingImage, candidate: UInt8Array, proposals: Proposals, conf
         masks, block = proposals.full_masks() or (), 1
     boxes = np.ascontiguousarray(proposals.boxes_xyxy, dtype=np.int32)
     scores = np.ascontiguousarray(proposals.scores, dtype=np.float32)
-    flat = np.concatenate(masks, axis=None, dtype=np.uint8, casting="unsafe") if masks else np.zeros(0, np.uint8)
+    flat = masks.flat if isinstance(masks, JoinedMasks) else _one_after_another(masks)
     rectangles = _working(boxes, image)
     starts = np.concatenate([[0], np.cumsum((rectangles[:, 2:] - rectangles[:, :2]).prod(1))])
     covered, weights = np.empty(starts[-1], np.uint8), np.empty(len(proposals), np.float32)
@@ -70,6 +71,10 @@ def weigh(image: WorkingImage, candidate: UInt8Array, proposals: Proposals, conf
         covered, weights,
     )  # fmt: skip
     return WeighedProposals(rectangles, starts, covered, weights)
+
+
+def _one_after_another(masks: Sequence[UInt8Array]) -> UInt8Array:
+    return np.concatenate(masks, axis=None, dtype=np.uint8, casting="unsafe") if masks else np.zeros(0, np.uint8)
 
 
 def _working(boxes: npt.NDArray[np.int32], image: WorkingImage) -> npt.NDArray[np.int64]:

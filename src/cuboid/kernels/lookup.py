@@ -27,13 +27,15 @@ def rows_at(points, voxel_m, cubes, voxels, weights, rows, missing):
 
     Returns how many points lie in cubes that are not in memory; `missing` (N,) int64 begins with these cubes.
     """
-    inverse, absent = 1.0 / voxel_m, 0
+    inverse, absent, last, cube = 1.0 / voxel_m, 0, np.int64(-1), np.int64(-1)
     for i in range(points.shape[0]):
         ix = np.int64(np.floor(points[i, 0] * inverse))
         iy = np.int64(np.floor(points[i, 1] * inverse))
         iz = np.int64(np.floor(points[i, 2] * inverse))
         rows[i] = -1
-        cube, _ = find_cube(pack_key(ix >> CUBE_BITS, iy >> CUBE_BITS, iz >> CUBE_BITS), cubes)
+        key = pack_key(ix >> CUBE_BITS, iy >> CUBE_BITS, iz >> CUBE_BITS)
+        if key != last:
+            last, (cube, _) = key, find_cube(key, cubes)
         if cube < 0:
             continue
         if cubes.bits[cube] == 0:
