@@ -27,15 +27,13 @@ def rows_at(points, voxel_m, cubes, voxels, weights, rows, missing):
 
     Returns how many points lie in cubes that are not in memory; `missing` (N,) int64 begins with these cubes.
     """
-    inverse, absent, last, cube = 1.0 / voxel_m, 0, np.int64(-1), np.int64(-1)
+    inverse, absent = 1.0 / voxel_m, 0
     for i in range(points.shape[0]):
         ix = np.int64(np.floor(points[i, 0] * inverse))
         iy = np.int64(np.floor(points[i, 1] * inverse))
         iz = np.int64(np.floor(points[i, 2] * inverse))
         rows[i] = -1
-        key = pack_key(ix >> CUBE_BITS, iy >> CUBE_BITS, iz >> CUBE_BITS)
-        if key != last:
-            last, (cube, _) = key, find_cube(key, cubes)
+        cube, _ = find_cube(pack_key(ix >> CUBE_BITS, iy >> CUBE_BITS, iz >> CUBE_BITS), cubes)
         if cube < 0:
             continue
         if cubes.bits[cube] == 0:
@@ -83,7 +81,7 @@ def seen_around(ground, axes, reach, least, voxel_m, cubes, voxels, weights, see
                         off = steps[a] * axes[0, k] + steps[b] * axes[1, k] + steps[c] * axes[2, k]
                         column[c, k] = ground[i, k] + off
                 absent += rows_at(column, voxel_m, cubes, voxels, weights, rows, missing[absent:])
-                held += (rows >= 0).any()
+                held += max(rows[0], rows[1], rows[2]) >= 0
         seen[i] = held >= least
     return absent
 
