@@ -145,7 +145,7 @@ def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequen
         if (_beyond(ground + 0.5 * np.outer(height - box.size[2] / 2, normal), other) <= 0.0).any():
             return False
     seen = _seen(ground, normal, voxels)
-    return np.count_nonzero(seen) / len(seen) <= SOME
+    return bool(np.count_nonzero(seen) / len(seen) <= SOME)
 
 
 def _seen(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:
