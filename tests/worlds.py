@@ -160,7 +160,7 @@ class Watch:
         assert np.isnan(store.boxes[np.setdiff1d(np.arange(len(store.boxes)), known)]).all()
         if living:
             np.testing.assert_array_equal(store.boxes[known], pack([o.box for o in living]))
-        for number in store.affinity._partners:
+        for number in store.affinity.objects():
             for other in store.affinity.partners(number):
                 assert store.affinity.of(number, other) is not None
                 assert number in store.affinity.partners(other)

@@ -37,6 +37,20 @@ def test_reach_is_the_weighted_quantile_to_a_bin(seed: int, share: float, n: int
         assert abs(high[k] - expected[1]) <= 1.01 * bin_m
 
 
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10_000), st.floats(0.001, 0.3), st.integers(2, 400))
+def test_points_that_weigh_the_same_reach_as_far_whatever_each_weighs(seed: int, share: float, n: int) -> None:
+    """A weight of 2 each goes by all bins, a weight of 1 by the outermost ones alone."""
+    rng = np.random.default_rng(seed)
+    points = np.round(rng.normal(size=(n, 2)), rng.integers(1, 4))
+    angles = rng.uniform(0, np.pi, 5)
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    found = np.empty((2, 2, 5))
+    for weight in (1, 2):
+        reach(points, np.full(n, float(weight)), directions, share, *found[weight - 1])
+    np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-12)
+
+
 def test_nothing_is_left_out_at_share_zero() -> None:
     points = np.array([[0.0, 1.0], [3.0, -2.0], [1.0, 1.0]])
     low, high = np.empty(2), np.empty(2)

@@ -144,7 +144,8 @@ def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequen
     for other in others:
         if (_beyond(ground + 0.5 * np.outer(height - box.size[2] / 2, normal), other) <= 0.0).any():
             return False
-    return bool(_seen(ground, normal, voxels).mean() <= SOME)
+    seen = _seen(ground, normal, voxels)
+    return bool(np.count_nonzero(seen) / len(seen) <= SOME)
 
 
 def _seen(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy.typing as npt
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, UInt8Array
 from cuboid.kernels import votes as kernel
-from cuboid.proposals.types import Proposals
+from cuboid.proposals.types import JoinedMasks, Proposals
 from cuboid.tolerances import LITTLE
 from cuboid.working import WorkingImage
 
@@ -55,16 +56,15 @@ def weigh(image: WorkingImage, candidate: UInt8Array, proposals: Proposals, conf
     rectangles = _working(proposals.boxes_xyxy, image)
     if proposals.masks is None:
         # All working pixels of each box.
-        masks = tuple(np.ones(size, np.uint8) for size in (rectangles[:, 2:] - rectangles[:, :2]).tolist())
+        flat = np.ones((rectangles[:, 2:] - rectangles[:, :2]).prod(1).sum(), np.uint8)
         grid, step, phase = rectangles, 1, np.zeros(2, np.int64)
     else:
         block, masks = proposals.mask_step, proposals.masks
         if image.step % block:
             masks, block = proposals.full_masks() or (), 1
-        step = image.step // block
+        flat, step = masks.flat if isinstance(masks, JoinedMasks) else _one_after_another(masks), image.step // block
         grid, phase = proposals.boxes_xyxy.astype(np.int64) // block, np.array(image.phase, np.int64) // block
     scores = np.ascontiguousarray(proposals.scores, dtype=np.float32)
-    flat = np.concatenate(masks, axis=None, dtype=np.uint8, casting="unsafe") if masks else np.zeros(0, np.uint8)
     starts = np.concatenate([[0], np.cumsum((rectangles[:, 2:] - rectangles[:, :2]).prod(1))])
     covered, weights = np.empty(starts[-1], np.uint8), np.empty(len(proposals), np.float32)
     kernel.weigh(
@@ -72,6 +72,10 @@ def weigh(image: WorkingImage, candidate: UInt8Array, proposals: Proposals, conf
         image.camera.fx, config.min_size_m, config.max_size_m, covered, weights,
     )  # fmt: skip
     return WeighedProposals(rectangles, starts, covered, weights)
+
+
+def _one_after_another(masks: Sequence[UInt8Array]) -> UInt8Array:
+    return np.concatenate(masks, axis=None, dtype=np.uint8, casting="unsafe") if masks else np.zeros(0, np.uint8)
 
 
 def _working(boxes: npt.NDArray[np.int32], image: WorkingImage) -> npt.NDArray[np.int64]:

@@ -30,9 +30,10 @@ def reach(points, weights, directions, share, low, high):
     spans(points, directions, low, high)
     if share <= 0.0:
         return
-    total = 0.0
+    total, alike = 0.0, True
     for i in range(points.shape[0]):
         total += weights[i]
+        alike &= weights[i] == 1.0
     # First the bins of all points, then their weights: so one instruction finds several bins.
     across, along = points[:, 0].copy(), points[:, 1].copy()
     bins, place = np.empty(BINS), np.empty(points.shape[0], np.int32)
@@ -42,10 +43,13 @@ def reach(points, weights, directions, share, low, high):
             continue
         scale, x, y = BINS / (last - first), directions[d, 0], directions[d, 1]
         for i in range(points.shape[0]):
-            place[i] = np.int32((across[i] * x + along[i] * y - first) * scale)
+            place[i] = min(np.int32((across[i] * x + along[i] * y - first) * scale), np.int32(BINS - 1))
+        if alike:
+            low[d], high[d] = counted(place, share * total, first, scale)
+            continue
         bins[:] = 0.0
         for i in range(points.shape[0]):
-            bins[min(BINS - 1, place[i])] += weights[i]
+            bins[place[i]] += weights[i]
         low[d], high[d] = trimmed(bins, share * total, first, scale)
 
 
@@ -82,6 +86,31 @@ def trimmed(bins, cut, first, scale):
         left += bins[k]
         k -= 1
     return low, first + (k + 1 - (cut - left) / bins[k]) / scale
+
+
+@njit(cache=True, nogil=True)
+def counted(place, cut, first, scale):
+    """Return what `trimmed` does where each point weighs 1, by the bins that they lie in.
+
+    Next to nothing lies beyond the cut: the outermost bins are found sooner one after the other than all are filled.
+    """
+    bottom, top, beneath, above = np.int32(0), np.int32(BINS - 1), np.int32(0), np.int32(0)
+    while True:
+        held, borne = np.int32(0), np.int32(0)
+        for i in range(place.size):
+            held += np.int32(place[i] == bottom)
+            borne += np.int32(place[i] == top)
+        if beneath + held >= cut and above + borne >= cut:
+            break
+        higher, lower = np.int32(BINS), np.int32(-1)
+        for i in range(place.size):
+            higher = min(higher, place[i] if place[i] > bottom else np.int32(BINS))
+            lower = max(lower, place[i] if place[i] < top else np.int32(-1))
+        if beneath + held < cut:
+            beneath, bottom = np.int32(beneath + held), higher
+        if above + borne < cut:
+            above, top = np.int32(above + borne), lower
+    return first + (bottom + (cut - beneath) / held) / scale, first + (top + 1 - (cut - above) / borne) / scale
 
 
 @njit(cache=True, nogil=True)

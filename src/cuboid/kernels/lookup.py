@@ -81,7 +81,7 @@ def seen_around(ground, axes, reach, least, voxel_m, cubes, voxels, weights, see
                         off = steps[a] * axes[0, k] + steps[b] * axes[1, k] + steps[c] * axes[2, k]
                         column[c, k] = ground[i, k] + off
                 absent += rows_at(column, voxel_m, cubes, voxels, weights, rows, missing[absent:])
-                held += (rows >= 0).any()
+                held += max(rows[0], rows[1], rows[2]) >= 0
         seen[i] = held >= least
     return absent
 

@@ -7,9 +7,6 @@ from numba import njit
 
 from cuboid.tolerances import JUMP_M, SIGMAS
 
-# What a plane is to a reading.
-BELOW, ON, ABOVE = range(3)
-
 
 @njit(cache=True, nogil=True)
 def drop_mixed(depth, jump, out):
@@ -81,10 +78,10 @@ def stand_on(
     rows, columns = depth.shape
     count, wide, high = ground.shape
     across, patch_of = (np.arange(columns) - camera[2]) / camera[0], np.arange(columns) // patch
-    # Of one row of the image: which cell each pixel is over, how high it is above the lowest plane that is beneath,
-    # what a plane is to it, and how high it is above that.
-    place, best = np.empty(columns, np.int64), np.empty(columns)
-    relation, height = np.empty(columns, np.uint8), np.empty(columns)
+    # Of one row of the image: which cell each pixel is over, whether a plane covers that, how high it is above the
+    # plane, and above the lowest one that is beneath; see `heights_above`.
+    place, covered = np.empty(columns, np.int64), np.empty(columns, np.uint8)
+    height, best = np.empty(columns), np.empty(columns)
     counts, grounds = seen.reshape(count, wide * high), ground.reshape(count, wide * high)
     bits = np.uint64(1) << (numbers & 63).astype(np.uint64)
     over, along = planes_by_cell(grounds, bits), planes_by_row(patches, rows, patch)
@@ -92,7 +89,6 @@ def stand_on(
         ry, pr = (v - camera[3]) / camera[1], v // patch
         over_cells(depth[v], across, ry, T_grid_camera, origin, cell, wide, high, max_depth, place)
         best[:] = np.inf
-        on_plane[v] = -1
         support[v] = -1
         here = along[pr]
         for u in range(columns):
@@ -100,19 +96,26 @@ def stand_on(
         for p in range(count):
             if here & bits[p] == 0:
                 continue
-            relate(depth[v], across, ry, planes_camera[p], noise, floor, bias, relation, height)
+            heights_above(depth[v], across, ry, planes_camera[p], noise, floor, bias, height)
+            if along[pr] & bits[p] and pr < patches.shape[0]:
+                for u in range(min(columns, patch * patches.shape[1])):
+                    if place[u] >= 0 and height[u] == -np.inf and best[u] > -np.inf:
+                        counts[p, place[u]] += patches[pr, patch_of[u]] == numbers[p]
             for u in range(columns):
-                if relation[u] == BELOW or place[u] < 0 or on_plane[v, u] >= 0:
-                    continue
-                if relation[u] == ON:
-                    pc = patch_of[u]
-                    if pr < patches.shape[0] and pc < patches.shape[1] and patches[pr, pc] == numbers[p]:
-                        counts[p, place[u]] += 1
-                    if grounds[p, place[u]]:
-                        on_plane[v, u] = support[v, u] = p
-                elif height[u] < best[u] and grounds[p, place[u]]:
-                    best[u] = height[u]
-                    support[v, u] = p
+                covered[u] = grounds[p, place[u]] if place[u] >= 0 else 0
+            lower(height, covered, p, best, support[v])
+        for u in range(columns):
+            on_plane[v, u] = support[v, u] if best[u] == -np.inf else -1
+
+
+@njit(cache=True, nogil=True, inline="always")
+def lower(height, covered, plane, best, support):
+    """Let pixels of a row over cells that a plane covers have it beneath them where it is higher than what they had."""
+    # Without a branch: so one instruction takes several pixels.
+    for u in range(height.size):
+        support[u] = plane if (height[u] < best[u]) & (covered[u] > 0) else support[u]
+    for u in range(height.size):
+        best[u] = height[u] if (height[u] < best[u]) & (covered[u] > 0) else best[u]
 
 
 @njit(cache=True, nogil=True)
@@ -152,15 +155,17 @@ def over_cells(depth, across, ry, T_grid_camera, origin, cell, wide, high, max_d
 
 
 @njit(cache=True, nogil=True, inline="always")
-def relate(depth, across, ry, plane, noise, floor, bias, relation, height):
-    """Tell of each reading of a row of the image whether it lies below, on or above a plane; see `stand_on`."""
+def heights_above(depth, across, ry, plane, noise, floor, bias, height):
+    """Tell how high each reading of a row of the image is above a plane; see `stand_on`.
+
+    Minus infinity where it lies on the plane, infinity where it lies below.
+    """
     n0, n1, n2, d = plane
     for u in range(depth.size):
         z = np.float64(depth[u])
         h = n0 * (across[u] * z) + n1 * (ry * z) + n2 * z + d
         limit = max(floor, bias + SIGMAS * (noise * z * z * abs(n0 * across[u] + n1 * ry + n2)))
-        height[u] = h
-        relation[u] = (ON if abs(h) < limit else ABOVE) if h > -limit else BELOW
+        height[u] = (-np.inf if abs(h) < limit else h) if h > -limit else np.inf
 
 
 @njit(cache=True, nogil=True)

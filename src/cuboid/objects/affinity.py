@@ -10,8 +10,6 @@ from math import log
 
 from cuboid.tolerances import SURE
 
-Pair = tuple[int, int]
-
 # Frames take one thing apart more often (here, once in three) than two things for one (once in seven): what a frame
 # adds to the log-odds that two are one, or takes off.
 SPLIT_RATE, JOIN_RATE = 0.35, 0.15
@@ -24,8 +22,8 @@ class Affinity:
     """The log-odds, for each pair of objects seen side by side, that they are one."""
 
     def __init__(self) -> None:
-        self._log_odds: dict[Pair, float] = {}
-        self._partners: dict[int, set[int]] = {}
+        # Of each object, by those that it was seen beside; a pair is there both ways.
+        self._told: dict[int, dict[int, float]] = {}
 
     def tell(self, a: int, b: int, *, one: bool, news: float) -> None:
         """Take in what a frame says of two objects, as far as it is news (0..1)."""
@@ -37,33 +35,30 @@ class Affinity:
         self._add(a, b, ONE * news - min(0.0, told or 0.0))
 
     def _add(self, a: int, b: int, told: float) -> None:
-        pair = (min(a, b), max(a, b))
-        self._partners.setdefault(a, set()).add(b)
-        self._partners.setdefault(b, set()).add(a)
-        self._log_odds[pair] = min(MOST_TOLD, max(-MOST_TOLD, self._log_odds.get(pair, 0.0) + told))
+        mine = self._told.setdefault(a, {})
+        mine[b] = self._told.setdefault(b, {})[a] = min(MOST_TOLD, max(-MOST_TOLD, mine.get(b, 0.0) + told))
 
     def of(self, a: int, b: int) -> float | None:
         """Return the log-odds that two objects are one; None where they were never seen side by side."""
-        return self._log_odds.get((min(a, b), max(a, b)))
+        return self._told.get(a, {}).get(b)
+
+    def objects(self) -> list[int]:
+        """Return the objects that were seen beside any, ascending."""
+        return sorted(number for number, beside in self._told.items() if beside)
 
     def partners(self, number: int, least: float = -MOST_TOLD, most: float = MOST_TOLD) -> list[int]:
         """Return the objects that were seen beside one, ascending: those whose log-odds lie in a range."""
-        odds, beside = self._log_odds, self._partners.get(number)
-        if not beside:
-            return []
-        if least <= -MOST_TOLD and most >= MOST_TOLD:
-            return sorted(beside)
-        return sorted([k for k in beside if least <= odds[(number, k) if number < k else (k, number)] <= most])
+        beside = self._told.get(number)
+        return sorted([other for other, told in beside.items() if least <= told <= most]) if beside else []
 
     def pass_on(self, gone: int, kept: int) -> None:
         """Let what was told of one object hold of another."""
-        for partner in self.partners(gone):
+        for partner, told in list(self._told.get(gone, {}).items()):
             if partner != kept:
-                self._add(kept, partner, self._log_odds[(min(gone, partner), max(gone, partner))])
+                self._add(kept, partner, told)
         self.forget(gone)
 
     def forget(self, number: int) -> None:
         """Drop an object that is no more."""
-        for partner in self._partners.pop(number, ()):
-            self._log_odds.pop((min(number, partner), max(number, partner)), None)
-            self._partners[partner].discard(number)
+        for partner in self._told.pop(number, {}):
+            del self._told[partner][number]

@@ -72,4 +72,4 @@ def carries(points: Float32Array, normal: Float64Array, offset: float, voxels: V
     below_m = DRIFT_M + (np.arange(2 * LEAST_READINGS) + 0.5) * voxels.voxel_m
     owner = voxels.owner_at((ground - below_m[:, None, None] * normal).reshape(-1, 3))
     seen = np.count_nonzero(owner.reshape(len(below_m), -1) == 0, axis=0)
-    return bool((seen >= LEAST_FRAMES).mean() >= SOME)
+    return bool(np.count_nonzero(seen >= LEAST_FRAMES) / len(seen) >= SOME)

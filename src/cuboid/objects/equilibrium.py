@@ -63,7 +63,7 @@ def holder_of(
         inside = (np.abs((points - other.box.center) @ other.box.rotation) <= other.box.size / 2.0)[:, :2].all(1)
         # What holds another one at its side is the larger one; what is around its foot may be the smaller one.
         beneath = inside if len(other.points) < len(entry.points) else inside | bare
-        if beneath.mean() >= 1.0 - SOME:
+        if np.count_nonzero(beneath) / len(low) >= 1.0 - SOME:
             best, holder = touches, other.number
     return holder
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -167,7 +168,7 @@ class ObjectStore:
     def near(self, box: Box, gap_m: float) -> list[MapObject]:
         """Return the living objects whose bounding spheres come that near a box's, by number."""
         boxes, found = self.boxes[: self.numbers], np.empty(self.numbers, np.int64)
-        count = near(boxes, self.bounds, box.center, 0.5 * float(np.linalg.norm(box.size)), gap_m, found)
+        count = near(boxes, self.bounds, box.center, 0.5 * math.sqrt(box.size @ box.size), gap_m, found)
         return [self._objects[k] for k in found[:count].tolist()]
 
     def neighbours(self, entry: MapObject) -> list[MapObject]:

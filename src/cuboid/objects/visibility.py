@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float64Array
-from cuboid.geometry.rectangles import rect_iou_matrix
+from cuboid.geometry.rectangles import rect_iou
 from cuboid.kernels import sightings as kernel
 from cuboid.kernels.outlines import EDGE_LEVELS
 from cuboid.objects.association import SAME
@@ -103,7 +103,7 @@ def with_own(rect_xyxy: Float64Array, own_xyxy: Float64Array | None) -> Float64A
     The map errs by poses and by what it lacks, the frame by noise and holes: both together err less. A thing whose
     rectangle is not the same one says nothing, None neither.
     """
-    if own_xyxy is None or rect_iou_matrix(rect_xyxy[None], own_xyxy[None])[0, 0] < SAME:
+    if own_xyxy is None or rect_iou(rect_xyxy, own_xyxy) < SAME:
         return rect_xyxy
     return np.asarray(rect_xyxy + SOME * (own_xyxy - rect_xyxy))
 

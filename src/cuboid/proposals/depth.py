@@ -23,7 +23,7 @@ from cuboid.kernels.cells import CELL_COLUMNS, fit_cells
 from cuboid.kernels.holes import fill_holes
 from cuboid.kernels.pixels import drop_mixed
 from cuboid.proposals.registry import SOURCES
-from cuboid.proposals.types import Proposals, ProposalSource
+from cuboid.proposals.types import JoinedMasks, Proposals, ProposalSource
 from cuboid.sensor import MIXED_PER_M, cell_pixels
 from cuboid.tolerances import BIAS_M, JUMP_SIGMAS, LEAST_SIGMA_M, SOME
 from cuboid.working import COLOR_LEVELS, HOLE_M
@@ -208,14 +208,9 @@ def _as_proposals(found: _Regions, scores: Float32Array, order: npt.NDArray[np.i
     corners = [regions.LEFT, regions.TOP, regions.RIGHTMOST, regions.BOTTOM]
     boxes = found.measures[order][:, corners].astype(np.int32) + np.array([0, 0, 1, 1], np.int32)
     sizes = boxes[:, 2:] - boxes[:, :2]
-    ends = np.cumsum(sizes.prod(1)).tolist()
-    flat = np.empty(ends[-1] if ends else 0, np.uint8)
+    flat = np.empty(sizes.prod(1).sum(), np.uint8)
     unions.cut_masks(found.labels, found.members, order, boxes, flat)
-    masks = tuple(
-        flat[end - wide * high : end].reshape(high, wide)
-        for end, (wide, high) in zip(ends, sizes.tolist(), strict=True)
-    )
-    return Proposals(boxes * np.int32(step), scores[order], masks, step)
+    return Proposals(boxes * np.int32(step), scores[order], JoinedMasks(flat, sizes.tolist()), step)
 
 
 @SOURCES.register("depth")

@@ -2,12 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from itertools import accumulate
+from typing import Protocol, overload
 
 import numpy as np
 
 from cuboid.frame import Float32Array, Frame, Intrinsics, UInt8Array
+
+
+class JoinedMasks(Sequence[UInt8Array]):
+    """Masks that lie one after the other in one array, each cut out when it is asked for.
+
+    Parameters
+    ----------
+    flat : (L,) uint8
+        The pixels of all, row by row.
+    sizes : list of [int, int]
+        Width and height of each.
+    """
+
+    def __init__(self, flat: UInt8Array, sizes: list[list[int]]) -> None:
+        self.flat, self.sizes = flat, sizes
+        self._ends = list(accumulate(wide * high for wide, high in sizes))
+
+    def __len__(self) -> int:
+        return len(self.sizes)
+
+    @overload
+    def __getitem__(self, k: int) -> UInt8Array: ...
+    @overload
+    def __getitem__(self, k: slice) -> tuple[UInt8Array, ...]: ...
+    def __getitem__(self, k: int | slice) -> UInt8Array | tuple[UInt8Array, ...]:
+        if isinstance(k, slice):
+            return tuple(self[i] for i in range(len(self))[k])
+        end, (wide, high) = self._ends[k], self.sizes[k]
+        return self.flat[end - wide * high : end].reshape(high, wide)
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +51,7 @@ class Proposals:
         Rectangles in pixels, end exclusive, inside the image, at least one pixel large.
     scores : (N,) float32
         The source's own confidence, 0..1, the larger the better.
-    masks : tuple of (h, w) uint8, or None
+    masks : sequence of (h, w) uint8, or None
         For each rectangle, which of its pixels are meant (1) or not (0), cropped to the rectangle;
         None where the source gives boxes alone.
     mask_step : int
@@ -30,7 +61,7 @@ class Proposals:
 
     boxes_xyxy: np.ndarray[tuple[int, int], np.dtype[np.int32]]
     scores: Float32Array
-    masks: tuple[UInt8Array, ...] | None = None
+    masks: Sequence[UInt8Array] | None = None
     mask_step: int = 1
 
     def __post_init__(self) -> None:
@@ -47,7 +78,10 @@ class Proposals:
         step = self.mask_step
         if step < 1 or (step > 1 and n and (self.boxes_xyxy % step).any()):
             raise ValueError(f"proposals with masks of step {step} need boxes that begin and end at its multiples")
-        for mask, (wide, high) in zip(self.masks or (), (sides // step).tolist(), strict=False):
+        blocks = (sides // step).tolist()
+        if isinstance(self.masks, JoinedMasks) and self.masks.sizes == blocks:
+            return
+        for mask, (wide, high) in zip(self.masks or (), blocks, strict=False):
             if mask.shape != (high, wide):
                 raise ValueError(
                     f"the mask of a box of {wide * step} x {high * step} pixels must be ({high}, {wide}), "
@@ -62,10 +96,10 @@ class Proposals:
         if len(self) <= most:
             return self
         kept = np.sort(np.argsort(-self.scores, kind="stable")[:most])
-        masks = None if self.masks is None else tuple(self.masks[k] for k in kept)
+        masks = None if self.masks is None else tuple(self.masks[k] for k in kept.tolist())
         return Proposals(self.boxes_xyxy[kept], self.scores[kept], masks, self.mask_step)
 
-    def full_masks(self) -> tuple[UInt8Array, ...] | None:
+    def full_masks(self) -> Sequence[UInt8Array] | None:
         """Return the masks with a pixel for each pixel of their rectangles."""
         if self.masks is None or self.mask_step == 1:
             return self.masks
