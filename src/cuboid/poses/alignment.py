@@ -188,6 +188,7 @@ def align(
     T_camera_reference: Float64Array,
     prior: Prior | None = None,
     coarsest: int = LEVELS - 1,
+    finest: int = 0,
 ) -> Alignment:
     """Find the pose of an image from which the reference looks as it does in it.
 
@@ -199,13 +200,13 @@ def align(
     T_camera_reference : (4, 4) float64
         Where the search starts.
     prior : Prior, optional
-    coarsest : int
-        Level that the search starts at.
+    coarsest, finest : int
+        Levels that the search starts and ends at.
     """
     T = T_camera_reference
     sigma = np.array(SIGMA_FIRST)
     shade = np.tile([1.0, 0.0], (reference.groups, 1))
-    for k in range(coarsest, -1, -1):
+    for k in range(coarsest, finest - 1, -1):
         sums_up = _Sums(reference.levels[k], reference.groups, levels[k], GATE_M[k])
         if k == coarsest:
             sums_up(T, sigma, shade)
