@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from made_scenes import CAMERA, frame_of, look_at, upright
 
 from cuboid import open_recording
+from cuboid.errors import FrameError
 from cuboid.frame import Frame
 from cuboid.geometry import se3
 from cuboid.geometry.box import Box
@@ -14,6 +16,8 @@ from cuboid.poses import drift
 from cuboid.poses.alignment import pick
 from cuboid.poses.drift import DriftCorrection, explained
 from cuboid.poses.pyramid import build_levels, shrink
+from cuboid.posing import SteadiedPoses
+from made_scenes import CAMERA, frame_of, look_at, upright
 
 # A table top with things of several sizes, seen from an arc of 60 degrees, there and back.
 SCENE = [
@@ -68,7 +72,9 @@ def test_poses_that_drift_are_held_to_what_was_seen_before() -> None:
     assert off_m(given)[-10:].min() > 0.08
     # Back where it began the camera is known to be there again.
     assert off_m(found)[-10:].max() < 0.015
-    assert correction.most_m == pytest.approx(max(np.linalg.norm(a[:3, 3] - b[:3, 3]) for a, b in zip(found, given)))
+    assert correction.most_m == pytest.approx(
+        max(np.linalg.norm(a[:3, 3] - b[:3, 3]) for a, b in zip(found, given, strict=True))
+    )
 
 
 def test_a_jump_is_taken_back_and_so_is_its_end() -> None:
@@ -81,6 +87,23 @@ def test_a_jump_is_taken_back_and_so_is_its_end() -> None:
     # Frames between two comparisons have what the last one found: of the jump's end one frame or two.
     assert np.median(after) < 0.006
     assert np.count_nonzero(after > 0.02) <= 3
+
+
+def test_a_run_says_that_its_poses_drift() -> None:
+    warnings = {}
+    for name, given in (("drifting", drifting(0.002, 0.001)), ("true", TRUE)):
+        poses = SteadiedPoses(CAMERA)
+        for k, (true, shown) in enumerate(zip(TRUE, given, strict=True)):
+            posed = poses.locate(frame_of(SCENE, true, k, T_shown=shown))
+        warnings[name] = poses.warnings()
+        assert np.linalg.norm(posed.T_world_camera[:3, 3] - TRUE[-1][:3, 3]) < 0.015
+    assert warnings["true"] == ()
+    (warning,) = warnings["drifting"]
+    assert re.fullmatch(
+        r"the given camera poses drift: from frame \d+ on they are held to .*, \d+ cm off at most", warning
+    )
+    with pytest.raises(FrameError, match="no camera pose"):
+        poses.locate(dataclasses.replace(frame_of(SCENE, TRUE[0], 0), T_world_camera=None))
 
 
 def test_the_same_frames_give_the_same_poses() -> None:

@@ -3,8 +3,8 @@
 Odometry (visual-inertial trackers, wheels, a phone's) is true from frame to frame and errs over a long way. Whoever
 trusts it sees a thing twice when the camera comes back. So frames are aligned to keyframes of the same places, the
 oldest first. As long as the given poses explain what frames show, they are taken as they are, to the last bit. Once
-alignment has explained far more of it several times in a row, the poses have proved to drift, and from then on those
-that alignment found, from the first frame on, take their place.
+alignment has explained far more of it several times in a row, the poses have proved to drift, and from then on each
+frame is aligned.
 """
 
 from __future__ import annotations
@@ -99,8 +99,10 @@ class DriftCorrection:
         """Tell whether the camera has moved by as much as poses may err since a frame was compared last.
 
         The second comparison comes after half of that: so, mostly, it is not those frames that are compared of which
-        the tracker takes in the most.
+        the tracker takes in the most. Where poses have proved to drift each frame is.
         """
+        if self.proven_at is not None:
+            return True
         part = 0.5 if self._comparisons == 1 else 1.0
         if self._compared is not None and not moved_beyond(self._compared, given, part * DRIFT_M, part * DRIFT_RAD):
             return False
