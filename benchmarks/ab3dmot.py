@@ -19,7 +19,7 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou_matrix, pack
 
-LEAST_IOU, MIN_HITS, MAX_AGE = 0.01, 3, 2
+MIN_IOU, MIN_HITS, MAX_AGE = 0.01, 3, 2
 # State: x, y, z, heading, length, width, height, and the velocity of x, y, z; all but the velocity is measured.
 _STEP = np.eye(10) + np.eye(10, k=7)
 _MEASURE = np.eye(7, 10)
@@ -75,7 +75,7 @@ def track(frames: Sequence[Sequence[Box]], up: Float64Array, max_age: int = MAX_
             one.predict()
         filters = [one for one in filters if np.isfinite(one.state).all()]
         known = pack([_box(one.state, R_world_plan) for one in filters])
-        pairs = _pairs(iou_matrix(pack(boxes), known))
+        pairs = _update_affinity(iou_matrix(pack(boxes), known))
         for i, box in enumerate(boxes):
             measured = _measured(box, R_world_plan)
             if i in pairs:
@@ -91,9 +91,9 @@ def track(frames: Sequence[Sequence[Box]], up: Float64Array, max_age: int = MAX_
         filters = [one for one in filters if one.since < max_age]
 
 
-def _pairs(iou: Float64Array) -> dict[int, int]:
+def _update_affinity(iou: Float64Array) -> dict[int, int]:
     rows, columns = linear_sum_assignment(iou, maximize=True)
-    return {int(i): int(j) for i, j in zip(rows, columns, strict=True) if iou[i, j] >= LEAST_IOU}
+    return {int(i): int(j) for i, j in zip(rows, columns, strict=True) if iou[i, j] >= MIN_IOU}
 
 
 def _measured(box: Box, R_world_plan: Float64Array) -> Float64Array:

@@ -152,10 +152,10 @@ def _workers_cpu_s(client: Client) -> float:
 def by_processor(one: dict[str, Any], many: dict[str, Any]) -> float:
     """Return the rate of n workers on n cores over n times that of one, as processor times tell it."""
     alone = one["task_cpu_s"] * (1 + one["beside_cpu"]) / one["recordings"]
-    together = (
+    summed_counts = (
         many["task_cpu_s"] * (1 + many["beside_cpu"] + many["gathering_cpu"] + many["dask_cpu"]) / many["recordings"]
     )
-    return float(alone / together)
+    return float(alone / summed_counts)
 
 
 def _warm(client: Client, folder: Path, work: Path, settings: dict[str, Any]) -> None:

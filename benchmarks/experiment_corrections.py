@@ -57,25 +57,25 @@ def run(args: argparse.Namespace) -> None:
 def _corrected(tracker: Tracker, keyframes: int, frame: Frame) -> dict[str, Any]:
     rng = np.random.default_rng(keyframes)
     found: dict[str, list[float]] = {"all": [], "new": [], "planes": [], "after": [], "another": []}
-    carry, points = tracker._planes.carry, tracker.points_known
+    carry, points = tracker._planes.apply_correction, tracker.points_known
 
-    def planes_carry(*given: Any) -> None:
+    def planes_correction(*given: Any) -> None:
         begun_s = time.process_time()
         carry(*given)
         found["planes"].append(1e3 * (time.process_time() - begun_s))
 
-    tracker._planes.carry = planes_carry  # type: ignore[method-assign]
+    tracker._planes.apply_correction = planes_correction  # type: ignore[method-assign]
     for _ in range(TIMES):
         for name, moving in (("all", range(1, keyframes + 1)), ("new", (keyframes,))):
             moved = {k: se3.exp(rng.normal(0, SIZE, 6)) for k in moving}
             begun_s = time.process_time()
-            tracker.carry(moved)
+            tracker.apply_correction(moved)
             found[name].append(1e3 * (time.process_time() - begun_s))
             for which in ("after", "another") if name == "all" else ():
                 begun_s = time.process_time()
                 tracker.update(frame, keyframes)
                 found[which].append(1e3 * (time.process_time() - begun_s))
-    tracker._planes.carry = carry  # type: ignore[method-assign]
+    tracker._planes.apply_correction = carry  # type: ignore[method-assign]
     found["planes"] = found["planes"][::2]
     return {
         "points": points,

@@ -2,7 +2,7 @@
 
 Each frame's clusters are those of the tracker. A plain tracker gives each cluster a label: the object of the map that
 it is most like, one to one, or a new one. Likeness is the IoU of its box with the object's (fitted to all points that
-the object got so far), or the share of its keypoints whose nearest feature in the map, within a radius, is the
+the object got so far), or the fraction of its keypoints whose nearest feature in the map, within a radius, is the
 object's. Nothing but labels differs between the methods; what is scored are the frames' own boxes.
 
 The least likeness of a match, and the radius, are those with the best IDF1 on a `clutter` and a `table` scene of

@@ -19,11 +19,11 @@ import cv2
 import numpy as np
 
 from cuboid.evaluation import evaluate
-from cuboid.formats.json_door import read_json
+from cuboid.formats.json_validation import read_json
 from cuboid.formats.objects_file import ObjectsDocument
 from cuboid.formats.rows_files import ProposalEntry, TrackEntry
 from cuboid.formats.run_file import RunDocument
-from cuboid.formats.table_door import read_table
+from cuboid.formats.table_validation import read_table
 from cuboid.formats.truth_file import TruthDocument
 from cuboid.readers.images import IMAGE_ENDINGS, decode_color, decode_depth
 from scenes import cases
@@ -66,10 +66,10 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _row(what: str, doors_ms: float, plain_ms: float, before: str, then_ms: float) -> dict[str, Any]:
-    share = 100 * (doors_ms - plain_ms) / (doors_ms + then_ms)
+    fraction = 100 * (doors_ms - plain_ms) / (doors_ms + then_ms)
     return {
         "what": what, "doors_ms": doors_ms, "plain_ms": plain_ms, "before": before, "then_ms": then_ms,
-        "share_percent": share,
+        "share_percent": fraction,
     }  # fmt: skip
 
 

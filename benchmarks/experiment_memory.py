@@ -53,7 +53,9 @@ class Place:
         self._high = np.column_stack([middle + half, self._rng.uniform(0.08, 0.16, len(middle))])
         self._colors = self._rng.integers(40, 220, (len(middle) + 1, 3))
 
-    def look(self, turn: float) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint8], Proposals, Float64Array]:
+    def measure_visibility(
+        self, turn: float
+    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint8], Proposals, Float64Array]:
         """Return depth, color, proposals, and the pose in the place."""
         eye = np.array([0.6 * np.sin(turn), -0.9 * np.cos(turn), 1.35])
         forward = np.array([0.0, 0.1, 0.0]) - eye
@@ -99,7 +101,7 @@ def places_in_rows(shown: list[Proposals], rows: int = ACROSS) -> Iterator[Itera
 def seen(kind: int, rows: int) -> list[tuple[npt.NDArray[np.float32], npt.NDArray[np.uint8], Proposals, Float64Array]]:
     """Return the looks at a place of some kind."""
     place = Place(kind, rows)
-    return [place.look(0.12 * (k - LOOKS / 2)) for k in range(LOOKS)]
+    return [place.measure_visibility(0.12 * (k - LOOKS / 2)) for k in range(LOOKS)]
 
 
 def looks(number: int, shift: npt.NDArray[np.float64], shown: list[Proposals], rows: int = ACROSS) -> Iterator[Frame]:

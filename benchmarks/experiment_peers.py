@@ -30,7 +30,7 @@ from cuboid.outputs import read_objects
 from cuboid.outputs.folder import OBJECTS
 from observations import as_result
 from scenes import Case, cases
-from scoring import mean, run_and_score, score, together, total
+from scoring import mean, run_and_score, score, summed_counts, total
 from tables import cell, dump, show
 
 FOREVER = 10**9
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _line(name: str, rows: list[dict[str, Any]]) -> list[Any]:
-    back = together(rows, "same_label", "reappearances")
+    back = summed_counts(rows, "same_label", "reappearances")
     return [
         name,
         *(mean(rows, key) for key in ("recall_50", "precision_50", "mean_iou")),

@@ -169,7 +169,7 @@ def shot(surface: Surface) -> Array:
 def _shot(points, normals, first, neighbours, distances, keypoints, radius):
     result = np.zeros((len(keypoints), 352))
     bins = np.array([8, 2, 2, 11])
-    low, share = np.empty(4, np.int64), np.empty(4)
+    low, fraction = np.empty(4, np.int64), np.empty(4)
     for row in range(len(keypoints)):
         i = keypoints[row]
         near = neighbours[first[i] : first[i + 1]]
@@ -196,13 +196,13 @@ def _shot(points, normals, first, neighbours, distances, keypoints, radius):
             for q in range(4):
                 at = place[q] * bins[q] - 0.5
                 low[q] = int(np.floor(at))
-                share[q] = at - low[q]
+                fraction[q] = at - low[q]
             for corner in range(16):
                 weight, cell = 1.0, 0
                 for q in range(4):
                     up = (corner >> q) & 1
                     bin_ = low[q] + up
-                    weight *= share[q] if up else 1.0 - share[q]
+                    weight *= fraction[q] if up else 1.0 - fraction[q]
                     bin_ = bin_ % 8 if q == 0 else min(bins[q] - 1, max(0, bin_))
                     cell = cell * bins[q] + bin_
                 result[row, cell] += weight

@@ -57,7 +57,7 @@ PARTS = (0.1, 0.5, 1.0)
 START_NS, STEP_NS = 1_700_000_000_000_000_000, 33_333_333
 ROSBAGS = {"bag": ".bag", "db3": "", "mcap": ""}
 # The least of what else is written with a frame, bytes.
-LEAST_BALLAST = 4096
+MIN_BALLAST = 4096
 
 
 class Source:
@@ -242,10 +242,10 @@ def write_mkv(source: Source, folder: Path, ballast: int) -> Path:
         ("PhotoVideo", (1280, 960), (0, 120)),
         ("Depth", (1024, 1024), (0, 0)),
     ):
-        shares = [(c.cx + left + 0.5) / width, (c.cy + top + 0.5) / height, c.fx / width, c.fy / height, *[0.0] * 10]
+        fractions = [(c.cx + left + 0.5) / width, (c.cy + top + 0.5) / height, c.fx / width, c.fy / height, *[0.0] * 10]
         place = {"Rotation": np.eye(3).ravel().tolist(), "Translation": [0.0, 0.0, 0.0]}
         name = f"CALIBRATION_CameraPurpose{purpose}"
-        cameras.append({"Purpose": name, "Intrinsics": {"ModelParameters": shares}, "Rt": place})
+        cameras.append({"Purpose": name, "Intrinsics": {"ModelParameters": fractions}, "Rt": place})
     calibration = json.dumps({"CalibrationInformation": {"Cameras": cameras}}).encode()
     side = max(2, int((ballast / 2) ** 0.5) // 2 * 2)
     forms = {
@@ -328,7 +328,7 @@ def _forget(file: Path) -> None:
 
 def bench(kind: str, source: Source, parent: Path | None, gigabytes: float) -> dict[str, Any]:
     """Write one container, measure it in another process, and remove it."""
-    ballast = max(LEAST_BALLAST, int(gigabytes * 1e9 / source.count))
+    ballast = max(MIN_BALLAST, int(gigabytes * 1e9 / source.count))
     with tempfile.TemporaryDirectory(prefix="cuboid-containers-", dir=parent) as name:
         folder = Path(name)
         path = KINDS[kind](source, folder, ballast)

@@ -15,7 +15,7 @@ from observations import Observation, Observed
 # Features that an object keeps, the newest: four views of it.
 KEPT = 4 * KEYPOINTS
 VOXEL_M = 0.01
-# Share of an object's points that may stick out of its box at each side.
+# Fraction of an object's points that may stick out of its box at each side.
 STRAYS = 0.01
 
 
@@ -107,8 +107,8 @@ class Features:
         near = away[np.arange(len(asked)), nearest] + (asked**2).sum(1) <= self._radius**2
         which = np.repeat(np.arange(len(descriptions)), [len(one) for one in descriptions])
         np.add.at(votes, (which[near], nearest[near] // KEPT), 1.0)
-        shares: Float64Array = votes / np.bincount(which, minlength=len(descriptions))[:, None]
-        return shares
+        fractions: Float64Array = votes / np.bincount(which, minlength=len(descriptions))[:, None]
+        return fractions
 
     def learn(self, number: int, cluster: Observation | None, description: Any) -> None:
         """Keep features in place of the oldest ones."""

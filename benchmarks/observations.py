@@ -19,7 +19,7 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
 from cuboid.results import FrameResult
 from cuboid.run import track_recording
-from cuboid.surfaces.clusters import FrameCluster, FrameClusters, frame_clusters, points_of
+from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments, points_of, segment_frame
 from cuboid.tracker import Tracker
 from cuboid.working import WorkingImage
 from scenes import Case
@@ -79,16 +79,16 @@ class _Listening(Tracker):
 
     def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
         """Take in a frame; keep its clusters with the boxes and labels that it was given."""
-        clusters: list[FrameCluster] = []
+        clusters: list[FrameSegment] = []
         images: list[WorkingImage] = []
 
-        def listen(image: WorkingImage, *arguments: Any) -> FrameClusters:
-            things = frame_clusters(image, *arguments)
-            clusters.extend(things.clusters)
+        def listen(image: WorkingImage, *arguments: Any) -> FrameSegments:
+            things = segment_frame(image, *arguments)
+            clusters.extend(things.segments)
             images.append(image)
             return things
 
-        with patch("cuboid.tracker.frame_clusters", listen):
+        with patch("cuboid.tracker.segment_frame", listen):
             result = super().update(frame, anchor)
         if frame.index % self._every == 0:
             parts = tuple(
@@ -105,7 +105,7 @@ class _Listening(Tracker):
             self.seen.append(Observed(frame.index, result.T_world_camera[:3, 3], self.intrinsics.width // step, parts))
         return result
 
-    def _plane_of(self, cluster: FrameCluster) -> tuple[Float64Array, float] | None:
+    def _plane_of(self, cluster: FrameSegment) -> tuple[Float64Array, float] | None:
         """Return the plane that most of a cluster is above."""
         identity = max(cluster.supports, key=lambda k: (cluster.supports[k], -k), default=-1)
         plane = self._planes.find(identity)

@@ -8,8 +8,8 @@ points or more, whose points are taken out. Up is the normal of the first plane 
 that are level by it are supports. What lies above a support, up to 60 cm, is clustered by DBSCAN (3 cm, 10 points); a
 cluster that rests on the support, does not reach those 60 cm (a wall does) and has the size of an object gets the
 upright box of least footprint. Boxes are matched greedily with the boxes of all objects seen before, by IoU (0.25 or
-more), else by the share of the smaller box (half or more). An object is told of from its fifth sighting on; its box is
-that of all points it has got so far.
+more), else by the fraction of the smaller box (half or more). An object is told of from its fifth sighting on; its box
+is that of all points it has got so far.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import numpy as np
 import open3d as o3d
 
 VOXEL_M, MAX_DEPTH_M = 0.01, 3.5
-PLANE_M, PLANES, PLANE_SHARE = 0.012, 5, 0.05
+PLANE_M, PLANES, PLANE_FRACTION = 0.012, 5, 0.05
 ABOVE_M = (0.012, 0.6)
 DBSCAN_M, DBSCAN_POINTS = 0.03, 10
 SMALLEST_M, LARGEST_M = 0.03, 1.0
@@ -92,10 +92,10 @@ def supports(
     """Return the level planes of a frame, the points of no plane, and up where it is known."""
     rest, planes = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points)), []
     for _ in range(PLANES):
-        if len(rest.points) < PLANE_SHARE * len(points):
+        if len(rest.points) < PLANE_FRACTION * len(points):
             break
         model, inliers = rest.segment_plane(PLANE_M, 3, 300)
-        if len(inliers) < PLANE_SHARE * len(points):
+        if len(inliers) < PLANE_FRACTION * len(points):
             break
         normal, offset = np.array(model[:3]), float(model[3])
         if normal @ T_world_camera[:3, 3] + offset < 0:
@@ -143,7 +143,7 @@ def upright_box(points: np.ndarray, up: np.ndarray, base: float) -> tuple[np.nda
 
 
 def overlap(a: tuple, b: tuple) -> tuple[float, float]:
-    """Return IoU and the share of the smaller box, of two upright boxes."""
+    """Return IoU and the fraction of the smaller box, of two upright boxes."""
     up = a[2][:, 2]
     low = max(a[0] @ up - a[1][2] / 2, b[0] @ up - b[1][2] / 2)
     high = min(a[0] @ up + a[1][2] / 2, b[0] @ up + b[1][2] / 2)

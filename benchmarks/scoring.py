@@ -80,7 +80,7 @@ def total(rows: Sequence[dict[str, Any]], name: str) -> int:
     return sum(row.get(name) or 0 for row in rows)
 
 
-def together(rows: Sequence[dict[str, Any]], part: str, whole: str) -> float | None:
-    """Return the share of two counts over all rows."""
+def summed_counts(rows: Sequence[dict[str, Any]], part: str, whole: str) -> float | None:
+    """Return the fraction of two counts over all rows."""
     count = total(rows, whole)
     return total(rows, part) / count if count else None

@@ -31,7 +31,7 @@ from cuboid.store.rows import settings_text
 from cuboid.synthetic import KINDS
 from cuboid.synthetic.kinds import FRAMES
 from scenes import MadeScene, made, source_digest
-from scoring import mean, processor_time, together, total
+from scoring import mean, processor_time, summed_counts, total
 from tables import cell, dump, markdown
 
 SEEDS = (1, 2, 3, 4)
@@ -118,7 +118,7 @@ def _track(client: Client, sources: list[Source], order: Order) -> None:
 
 def summary(name: str, rows: list[dict[str, Any]]) -> list[Any]:
     """Return the line of a table: shares are means over scenes, re-identification is of all reappearances."""
-    back = together(rows, "same_label", "reappearances")
+    back = summed_counts(rows, "same_label", "reappearances")
     return [
         name, len(rows), total(rows, "objects"),
         *(mean(rows, key) for key in ("recall_25", "precision_25", "recall_50", "precision_50", "mean_iou")),

@@ -39,7 +39,7 @@ from cuboid.readers import Recording
 from cuboid.run import track_recording
 from cuboid.scene import Scene
 from cuboid.scene.database import open_to_read
-from cuboid.scene.placing import ESTIMATED
+from cuboid.scene.localisation import ESTIMATED
 from cuboid.scene.running import IntoScene
 from cuboid.scene.visit import load
 from cuboid.synthetic import make_visits, render_visits
@@ -79,8 +79,8 @@ def changes(args: argparse.Namespace) -> None:
     total = {name: sum(row[name] for row in rows) for name in names}
     table = [[row["place"], *(row[name] for name in names)] for row in rows]
     show("Pairs of visits", ("place", *names), [*table, ["all", *total.values()]])
-    shares = {"kept": "unmoved", "recognised": "moved", "right": "changes"}
-    print({**{a: round(total[a] / max(total[b], 1), 3) for a, b in shares.items()},
+    fractions = {"kept": "unmoved", "recognised": "moved", "right": "changes"}
+    print({**{a: round(total[a] / max(total[b], 1), 3) for a, b in fractions.items()},
            "precision": round(total["right"] / max(total["told"], 1), 3)})  # fmt: skip
 
 

@@ -27,7 +27,7 @@ import cv2
 import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
-import cuboid.surfaces.clusters as clusters
+import cuboid.surfaces.frame_segments as frame_segments
 import cuboid.tracker
 from cuboid import Frame, FrameResult, Tracker, open_recording
 from cuboid.annotation import Annotator, KeyframesFile, make_server
@@ -84,7 +84,7 @@ def method_picture(demo: Path) -> np.ndarray:
         if frame.index < SHOWN:
             tracker.update(frame)
             continue
-        with watching(cuboid.tracker, "frame_clusters") as shared, watching(clusters, "outlines") as outlined:
+        with watching(cuboid.tracker, "segment_frame") as shared, watching(frame_segments, "outlines") as outlined:
             result = tracker.update(frame)
         seen = {s.label for s in result.sightings}
         hidden = [o for o in tracker.objects if o.label not in seen]
@@ -95,7 +95,7 @@ def method_picture(demo: Path) -> np.ndarray:
         panels = (
             panel(frame.color, "the frame"),
             panel(heat_picture(frame, tracker, result), "2D proposals and the heat of their votes"),
-            panel(shares_picture(frame, shared, outlined), "shares of the frame, and what bounds them", BOUNDS),
+            panel(shares_picture(frame, shared, outlined), "segments of the frame, and what bounds them", BOUNDS),
             panel(boxes, "labelled boxes of the map"),
         )
         return np.vstack([np.hstack(panels[:2]), np.hstack(panels[2:])])
@@ -127,13 +127,13 @@ def heat_picture(frame: Frame, tracker: Tracker, result: FrameResult) -> np.ndar
 
 
 class Pixel(int):
-    """A number of a share that knows its place in the picture."""
+    """A number of a segment that knows its place in the picture."""
 
     place: tuple[int, int]
 
     @classmethod
     def at(cls, place: tuple[int, int], number: int) -> Pixel:
-        """Return the number of the share at a row and column."""
+        """Return the number of the segment at a row and column."""
         pixel = cls(number)
         pixel.place = place
         return pixel
@@ -154,7 +154,7 @@ class Kinds:
 
 
 def shares_picture(frame: Frame, shared: dict[str, Any], outlined: dict[str, Any]) -> np.ndarray:
-    """Return a darkened frame with the shares of its pixels, bounded by what bounds them."""
+    """Return a darkened frame with the segments of its pixels, bounded by what bounds them."""
     image, (depth, claim, *others) = shared["values"][0], outlined["values"]
     numbered, kinds = np.empty(claim.shape, dtype=object), Kinds()
     for place, number in np.ndenumerate(claim):
@@ -164,7 +164,7 @@ def shares_picture(frame: Frame, shared: dict[str, Any], outlined: dict[str, Any
     outlined_plainly(depth, numbered, *others[:-2], kinds, others[-1].copy())
     picture = np.asarray(frame.color * 0.35, np.uint8)
     step, (x, y) = image.step, image.phase
-    for k in range(len(shared["result"].clusters)):
+    for k in range(len(shared["result"].segments)):
         rows, columns = np.nonzero(shared["result"].claim == k)
         paint(picture, rows * step + y, columns * step + x, step, color_of(k + 1), 0.45)
     for kind, _, color in reversed(BOUNDS):
@@ -174,14 +174,14 @@ def shares_picture(frame: Frame, shared: dict[str, Any], outlined: dict[str, Any
 
 
 def paint(
-    picture: np.ndarray, rows: np.ndarray, columns: np.ndarray, size: int, color: tuple[int, int, int], share: float
+    picture: np.ndarray, rows: np.ndarray, columns: np.ndarray, size: int, color: tuple[int, int, int], fraction: float
 ) -> None:
     """Lay a color over squares of a picture (H, W, 3)."""
     cover = np.zeros(picture.shape[:2], bool)
     for v in range(size):
         for u in range(size):
             cover[np.minimum(rows + v, cover.shape[0] - 1), np.minimum(columns + u, cover.shape[1] - 1)] = True
-    picture[cover] = (share * np.array(color) + (1.0 - share) * picture[cover]).astype(np.uint8)
+    picture[cover] = (fraction * np.array(color) + (1.0 - fraction) * picture[cover]).astype(np.uint8)
 
 
 def panel(

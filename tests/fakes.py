@@ -37,14 +37,14 @@ class FakeRecording:
         self.has_poses = poses
         self._frames = frames
         self._broken = broken or {}
-        self._lost = lost
+        self._retire_removed = lost
         self.reads: list[int] = []
 
     def __len__(self) -> int:
         return self._frames
 
     def pose(self, index: int) -> np.ndarray | None:
-        if index in self._lost:
+        if index in self._retire_removed:
             raise FrameError("the frame has no camera pose")
         return self.read(index).T_world_camera
 
@@ -62,7 +62,7 @@ class FakeRecording:
             index / 30.0,
             np.full((48, 64, 3), index % 256, np.uint8),
             np.full((48, 64), 1.5, np.float32),
-            None if index in self._lost else T_world_camera,
+            None if index in self._retire_removed else T_world_camera,
         )
 
 
@@ -85,7 +85,7 @@ class FakeTracker:
         self.up = np.array([0.0, 0.0, 1.0])
         self.planes = [SupportPlane(self.up, -0.85, np.array([[0, 0, 0.85], [1, 0, 0.85], [0, 1, 0.85]]))]
 
-    def carry(self, moved: Mapping[int, np.ndarray]) -> None:
+    def apply_correction(self, moved: Mapping[int, np.ndarray]) -> None:
         self.carried.append(dict(moved))
 
     def update(self, frame: Frame, anchor: int = 0) -> FrameResult:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from cuboid.frame import Frame, Intrinsics
-from cuboid.limits import MOST_CANDIDATES, MOST_CLUSTERS, MOST_PROPOSALS
+from cuboid.limits import MAX_CANDIDATES, MAX_PROPOSALS, MAX_SEGMENTS
 from cuboid.outputs import read_run
 from cuboid.proposals.types import Proposals
 from cuboid.run import track_recording
-from cuboid.surfaces.clusters import LEAST_PIXELS, _leave_out
+from cuboid.surfaces.frame_segments import MIN_PIXELS, _leave_out
 from cuboid.tracker import Tracker
 from fakes import FakeRecording
 
@@ -58,31 +58,31 @@ def test_no_frame_takes_long(made: Proposals) -> None:
         result = tracker.update(frame)
         if k >= 3:  # kernels are loaded
             worst_s = max(worst_s, time.thread_time() - begun_s)
-        assert len(result.proposals) <= MOST_CLUSTERS
+        assert len(result.proposals) <= MAX_SEGMENTS
         left_out = {what: left_out.get(what, 0) + count for what, count in result.left_out.items()}
         candidates = [o for o in tracker._map.store.living() if not o.confirmed]
-        assert len(candidates) <= MOST_CANDIDATES + MOST_CLUSTERS
-    assert left_out["proposals"] == 14 * (len(made) - MOST_PROPOSALS)
+        assert len(candidates) <= MAX_CANDIDATES + MAX_SEGMENTS
+    assert left_out["proposals"] == 14 * (len(made) - MAX_PROPOSALS)
     assert worst_s < FRAME_S
 
 
 def test_the_best_proposals_stay() -> None:
     made = tiles(16)
-    best = made.best(MOST_PROPOSALS)
-    assert np.array_equal(best.boxes_xyxy, made.boxes_xyxy[-MOST_PROPOSALS:])
+    best = made.best(MAX_PROPOSALS)
+    assert np.array_equal(best.boxes_xyxy, made.boxes_xyxy[-MAX_PROPOSALS:])
     assert best.masks is not None
-    assert len(best.masks) == MOST_PROPOSALS
+    assert len(best.masks) == MAX_PROPOSALS
     assert made.best(5000) is made
 
 
 def test_the_pieces_of_the_strongest_proposals_stay_and_of_these_the_largest() -> None:
     """60 pieces of the best share, 140 of the next, each of another size, and crumbs that are no clusters."""
-    sizes = np.array([*range(30, 90), *range(30, 170), *[LEAST_PIXELS - 1] * 50])
+    sizes = np.array([*range(30, 90), *range(30, 170), *[MIN_PIXELS - 1] * 50])
     share_of = np.repeat([0, 1, 0], [60, 140, 50])
     left = np.array([0, *sizes])
-    assert _leave_out(left, np.array([-1, *share_of])) == 200 - MOST_CLUSTERS
-    stay = np.flatnonzero(left[1:] >= LEAST_PIXELS)
-    assert stay.tolist() == [*range(60), *range(200 - (MOST_CLUSTERS - 60), 200)]
+    assert _leave_out(left, np.array([-1, *share_of])) == 200 - MAX_SEGMENTS
+    stay = np.flatnonzero(left[1:] >= MIN_PIXELS)
+    assert stay.tolist() == [*range(60), *range(200 - (MAX_SEGMENTS - 60), 200)]
 
 
 def test_run_json_says_what_was_left_out(tmp_path: Path) -> None:
@@ -93,7 +93,7 @@ def test_run_json_says_what_was_left_out(tmp_path: Path) -> None:
     track_recording(recording, tmp_path / "out", proposals=lambda frame, camera: many)
     limit = read_run(tmp_path / "out" / "run.json").limits
     assert set(limit) == {"proposals"}
-    assert (limit["proposals"].most, limit["proposals"].frames) == (MOST_PROPOSALS, 6)
+    assert (limit["proposals"].most, limit["proposals"].frames) == (MAX_PROPOSALS, 6)
     assert limit["proposals"].left_out == 6 * 50
 
 

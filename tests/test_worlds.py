@@ -51,7 +51,7 @@ class Worlds(RuleBasedStateMachine):
         result = self.tracker.update(frame, self.anchor)
         self.index += 1
         self.watch.result(frame, result)
-        self.watch.look()
+        self.watch.show_view()
 
     @rule(frames=st.integers(4, 12))
     def go_round(self, frames: int) -> None:
@@ -59,7 +59,7 @@ class Worlds(RuleBasedStateMachine):
             self.show("round")
 
     @rule(way=st.sampled_from(WAYS))
-    def look(self, way: str) -> None:
+    def show_view(self, way: str) -> None:
         for _ in range(2):
             self.show(way)
 
@@ -100,11 +100,11 @@ class Worlds(RuleBasedStateMachine):
         self.anchor = self.anchor + 1 if new else int(self.world.rng.integers(0, self.anchor + 1))
 
     @rule(size=st.sampled_from([0.02, 0.1, 2.0]), count=st.integers(1, 3))
-    def carry(self, size: float, count: int) -> None:
+    def apply_correction(self, size: float, count: int) -> None:
         rng = self.world.rng
         moved = {int(k): se3.exp(rng.normal(size=6) * size) for k in rng.integers(0, self.anchor + 2, count)}
-        self.tracker.carry(moved)
-        self.watch.look()
+        self.tracker.apply_correction(moved)
+        self.watch.show_view()
         self.show("round")
 
 
@@ -133,7 +133,7 @@ def told(seed: int, frames: int) -> tuple[object, ...]:
         proposer.hit, proposer.first = hit, len(world.room)
         result = tracker.update(frame, k // 10)
         if k == frames // 2:
-            tracker.carry({0: se3.exp(np.full(6, 0.01))})
+            tracker.apply_correction({0: se3.exp(np.full(6, 0.01))})
         seen.append([(s.label, s.iou, s.visible, s.box.corners().tobytes()) for s in result.sightings])
     points = tracker.map_points()
     objects = [(o.label, o.score, o.points, o.plane, o.box.corners().tobytes()) for o in tracker.objects]

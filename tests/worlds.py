@@ -7,7 +7,7 @@ import numpy as np
 from cuboid.frame import Frame, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
-from cuboid.heatmap.voxel_map import MOST_VOTES
+from cuboid.heatmap.voxel_map import MAX_VOTES
 from cuboid.kernels.cubes import BLOCK_BITS, BLOCK_ROWS
 from cuboid.objects.entry import State
 from cuboid.proposals.types import Proposals
@@ -201,7 +201,7 @@ class Watch:
         owner, confidence = voxels.owner[used], voxels._points.confidence[used]
         numbers = [o.number for o in store.living()]
         assert np.isin(owner, [0, *numbers]).all(), "points of an object that is no more"
-        assert (confidence <= MOST_VOTES).all()
+        assert (confidence <= MAX_VOTES).all()
         np.testing.assert_array_equal(owner > 0, confidence > 0)
         alive = voxels.living()
         fine = voxels.living(fine=True)

@@ -2,7 +2,7 @@
 
 What is written are the frames as the tracker would get them: without distortion, depth in the color image, poses those
 of the color camera. Color and depth are kept without loss, but that folders have depth to a fifth of a millimetre where
-it was carried into color, as TUM's form always has.
+it was registered to color, as TUM's form always has.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from cuboid.readers.depth_camera import DepthCamera
 # Units of depth that is not whole in the recording's own: a fifth of a millimetre, up to 13 m.
 CARRIED_UNITS = 5000.0
 # Fewer units a metre are no whole numbers.
-LEAST_UNITS = 100.0
+MIN_UNITS = 100.0
 TUM_UNITS = 5000.0
 # PNG at this effort: a few percent larger than the best, in a tenth of the time.
 PNG_EFFORT = 1
@@ -218,7 +218,7 @@ def _read(recording: Recording, index: int, skipped: dict[int, str]) -> Frame | 
 
 def units_kept(units_per_metre: float, depth_camera: DepthCamera | None) -> float:
     """Return the units in which depth is written: its own where it is still whole in them."""
-    return units_per_metre if depth_camera is None and units_per_metre >= LEAST_UNITS else CARRIED_UNITS
+    return units_per_metre if depth_camera is None and units_per_metre >= MIN_UNITS else CARRIED_UNITS
 
 
 def as_units(depth_m: Float32Array, units_per_metre: float) -> npt.NDArray[np.uint16]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from cuboid.frame import Frame
 
-# Two readings whose depths differ by less than this share of the depth lie on one surface: at 1 m that is
+# Two readings whose depths differ by less than this fraction of the depth lie on one surface: at 1 m that is
 # 1 cm, several times a structured-light sensor's noise and less than an object's step above its table.
 SAME_SURFACE = 0.01
 

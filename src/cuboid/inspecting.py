@@ -47,7 +47,7 @@ class RecordingInfo:
     distortion : tuple of float
         Taken out of the frames.
     depth_camera : dict or None
-        Where depth was carried into color: its camera and T_color_depth, as in `camera.json`.
+        Where depth was registered to color: its camera and T_color_depth, as in `camera.json`.
     depth_units_per_metre : float
     depth_range_m : (float, float) or None
         5th and 95th percentile of the readings.
@@ -115,7 +115,7 @@ def inspect_recording(recording: Recording, *, every_frame: bool = False) -> Rec
     chosen = range(count) if every_frame else _spread(count, FRAMES)
     bare, K = recording.without_poses(), recording.intrinsics
     reasons: dict[int, str] = {}
-    shares, ranges, kept = [], [], []
+    fractions, ranges, kept = [], [], []
     for index in chosen:
         try:
             frame = bare.read(index)
@@ -123,7 +123,7 @@ def inspect_recording(recording: Recording, *, every_frame: bool = False) -> Rec
             reasons[index] = str(error)
             continue
         seen = frame.depth_m[frame.depth_m > 0]
-        shares.append(1 - seen.size / frame.depth_m.size)
+        fractions.append(1 - seen.size / frame.depth_m.size)
         ranges.append(np.percentile(seen, (5, 95)))
         kept.append(index)
     poses, length_m, looked_at = _poses(recording, reasons, range(count) if every_frame else _spread(count, POSES))
@@ -141,7 +141,7 @@ def inspect_recording(recording: Recording, *, every_frame: bool = False) -> Rec
         depth_camera=None if recording.depth_camera is None else recording.depth_camera.document(),
         depth_units_per_metre=recording.depth_units_per_metre,
         depth_range_m=None if near is None or far is None else (near, far),
-        holes=float(np.mean(shares)) if shares else None,
+        holes=float(np.mean(fractions)) if fractions else None,
         has_timestamps=recording.has_timestamps,
         rate_hz=rate_hz,
         duration_s=duration_s,

@@ -6,13 +6,13 @@ At 640 x 480 a frame that is full to these limits takes less than half a second 
 from __future__ import annotations
 
 # Of any source; the program's own ones give 140 at most.
-MOST_PROPOSALS = 150
-# Clusters of a frame, after its proposals have fallen apart at depth jumps: a desk full of things has some fifty.
-MOST_CLUSTERS = 150
+MAX_PROPOSALS = 150
+# Segments of a frame, after its proposals were split at depth jumps: a desk full of things has some fifty.
+MAX_SEGMENTS = 150
 # Objects in view without a label: what hostile depth begins in ten frames; a room full of things has some fifty.
-MOST_CANDIDATES = 200
+MAX_CANDIDATES = 200
 
 # By what they are called in `run.json`.
-LIMITS = {"proposals": MOST_PROPOSALS, "clusters": MOST_CLUSTERS, "candidates": MOST_CANDIDATES}
-# Memory of the process beyond which parts of the map that are out of view are put aside, in units of 2**20 bytes.
+LIMITS = {"proposals": MAX_PROPOSALS, "clusters": MAX_SEGMENTS, "candidates": MAX_CANDIDATES}
+# Memory of the process beyond which parts of the map that are out of view are evicted, in units of 2**20 bytes.
 MEMORY_MB = 512.0

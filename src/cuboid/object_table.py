@@ -11,7 +11,7 @@ from cuboid.extras import require
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.results import TrackedObject
 
-# Width of the plan in a notebook, pixels, and what is left free around the objects, share of it.
+# Width of the plan in a notebook, pixels, and what is left free around the objects, fraction of it.
 PLAN_PX, MARGIN = 320, 0.08
 HEADINGS = ("label", "size L x W x H (cm)", "centre x, y, z (m)", "frames seen", "score")
 

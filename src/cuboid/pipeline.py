@@ -19,7 +19,7 @@ from cuboid.run_types import Progress, RecordingLike, TrackerLike, Watch
 
 if TYPE_CHECKING:
     from cuboid.scene.running import SceneRun
-    from cuboid.views.video import View
+    from cuboid.views.video import FrameSink
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Pipeline:
     tracker: TrackerLike
     scale: int
     writer: ResultWriter | None
-    view: View | None
+    view: FrameSink | None
     watch: Watch | None
     log: FrameLog
     progress: Progress
@@ -75,7 +75,7 @@ class Pipeline:
             if type(self.poses) is not GivenPoses:
                 clock.lap("poses")
             if posed.moved:
-                self.tracker.carry(posed.moved)
+                self.tracker.apply_correction(posed.moved)
                 clock.lap("carry")
             result = self.tracker.update(dataclasses.replace(small, T_world_camera=posed.T_world_camera), posed.anchor)
         except FrameError as error:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 LOST = "the camera is lost: the frame shows no place that is known"
 NO_POSE = "the frame has no camera pose"
-# Corrections of estimated poses are told from this share of a voxel on: what moves by less stays in its voxel.
+# Corrections of estimated poses are told from this fraction of a voxel on: what moves by less stays in its voxel.
 POSES_MOVE = 0.5
 
 
@@ -29,7 +29,7 @@ class Posed:
     ----------
     T_world_camera : (4, 4) float64
     anchor : int
-        Keyframe that the pose hangs on; what the frame shows moves with it.
+        Keyframe that the pose is anchored to; what the frame shows moves with it.
     moved : mapping of int to (4, 4) float64
         For each keyframe how the world around it has moved (T_new_old) where the poses were corrected, else empty.
     """
@@ -158,8 +158,8 @@ class EstimatedPoses:
             if keyframe.T_world_camera is before or keyframe.submap:
                 continue
             seen = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, keyframe.depth_m]])
-            way = transform(keyframe.T_world_camera, seen) - transform(before, seen)
-            farthest_m = max(farthest_m, float(np.linalg.norm(way, axis=1).max()))
+            displacement = transform(keyframe.T_world_camera, seen) - transform(before, seen)
+            farthest_m = max(farthest_m, float(np.linalg.norm(displacement, axis=1).max()))
             moved[keyframe.number] = tidied(keyframe.T_world_camera @ inverse(before))
         if farthest_m < self._least_m:
             return {}

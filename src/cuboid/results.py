@@ -78,7 +78,7 @@ class FrameResult:
     milliseconds : dict of str to float
         Time of each stage, in the order of work.
     left_out : mapping of str to int
-        How many proposals, clusters and candidates were more than a frame may bring, see `cuboid.limits`.
+        How many proposals, clusters (segments) and candidates were more than a frame may bring, see `cuboid.limits`.
     size : (int, int) or None
         Width and height of the frame, pixels; None is the heat's.
     """

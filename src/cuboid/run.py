@@ -22,7 +22,7 @@ from cuboid.outputs.folder import REPORT, VIDEO
 from cuboid.pipeline import Pipeline
 from cuboid.posing import Poses
 from cuboid.run_plan import Plan, plan_for
-from cuboid.run_types import MakeTracker, MakeView, Progress, RecordingLike, RunOutcome, TrackerLike, Watch
+from cuboid.run_types import MakeFrameSink, MakeTracker, Progress, RecordingLike, RunOutcome, TrackerLike, Watch
 from cuboid.streaming import FrameSource, Stream
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from cuboid.results import SceneChange
     from cuboid.scene.running import IntoScene, SceneRun
     from cuboid.views.report.pictures import Picture
-    from cuboid.views.video import View
+    from cuboid.views.video import FrameSink
 
 
 def track_recording(
@@ -51,7 +51,7 @@ def track_recording(
     progress: Progress | None = None,
     stop: Callable[[], bool] = lambda: False,
     make_tracker: MakeTracker | None = None,
-    make_view: MakeView | None = None,
+    make_view: MakeFrameSink | None = None,
     watch: Watch | None = None,
     into: IntoScene | None = None,
     memory_mb: float = MEMORY_MB,
@@ -247,8 +247,8 @@ def _writer(
 
 @contextmanager
 def _view(
-    writer: ResultWriter | None, recording: RecordingLike, every: int, make: MakeView | None
-) -> Iterator[View | None]:
+    writer: ResultWriter | None, recording: RecordingLike, every: int, make: MakeFrameSink | None
+) -> Iterator[FrameSink | None]:
     if make is None or writer is None:
         yield None
         return
@@ -270,7 +270,7 @@ def _tracker(
     return Tracker(intrinsics, config, proposals, memory_mb=memory_mb)
 
 
-def _video(path: Path, intrinsics: Intrinsics, every: int) -> View:
+def _video(path: Path, intrinsics: Intrinsics, every: int) -> FrameSink:
     from cuboid.views.video import VideoView, video_rate
 
     return VideoView(path, intrinsics, video_rate(every))

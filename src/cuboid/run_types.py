@@ -16,7 +16,7 @@ from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
 if TYPE_CHECKING:
     from cuboid.proposals.types import ProposalSource
     from cuboid.readers.depth_camera import DepthCamera
-    from cuboid.views.video import View
+    from cuboid.views.video import FrameSink
 
 
 class RecordingLike(Protocol):
@@ -44,7 +44,7 @@ class RecordingLike(Protocol):
 
     @property
     def depth_camera(self) -> DepthCamera | None:
-        """The camera that depth was carried from into color; None where it was aligned already."""
+        """The depth camera whose images were registered to color; None where depth was aligned already."""
 
     @property
     def has_poses(self) -> bool:
@@ -67,10 +67,10 @@ class TrackerLike(Protocol):
     """What the loop needs of a tracker; `cuboid.Tracker` is one."""
 
     def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
-        """Take in one frame, whose pose hangs on a keyframe."""
+        """Take in one frame, whose pose is anchored to a keyframe."""
 
-    def carry(self, moved: Mapping[int, Float64Array]) -> None:
-        """Move what was found with the keyframes."""
+    def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
+        """Apply a pose correction: move what was found with the keyframes."""
 
     @property
     def objects(self) -> list[TrackedObject]:
@@ -110,7 +110,7 @@ class Progress:
 
 
 MakeTracker = Callable[[Intrinsics, TrackerConfig, "str | ProposalSource | None"], TrackerLike]
-MakeView = Callable[[Path, Intrinsics, int], "View"]
+MakeFrameSink = Callable[[Path, Intrinsics, int], "FrameSink"]
 Watch = Callable[[Frame, FrameResult, TrackerLike], None]
 
 

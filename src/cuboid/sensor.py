@@ -6,7 +6,7 @@ import numpy as np
 
 from cuboid.frame import Float32Array, Intrinsics
 from cuboid.kernels.cells import AREA, CELL_COLUMNS, RMS, fit_cells
-from cuboid.tolerances import LEAST_READINGS, SOME
+from cuboid.tolerances import MIN_READINGS, SOME
 
 # Edge of the cells of a picture to which planes are fitted, radians: 3 cm at 1 m.
 CELL_RAD = 0.03
@@ -19,7 +19,7 @@ MIXED_PER_M = 0.014
 
 def cell_pixels(camera: Intrinsics) -> int:
     """Return the edge of a cell in a camera's image, pixels: an even number, of no fewer readings than tell a slope."""
-    return 2 * (max(LEAST_READINGS, int(CELL_RAD * camera.fx)) // 2)
+    return 2 * (max(MIN_READINGS, int(CELL_RAD * camera.fx)) // 2)
 
 
 def excess_noise(depth_m: Float32Array, camera: Intrinsics, nominal_per_m: float, max_depth_m: float) -> float:
@@ -44,7 +44,7 @@ def excess_noise(depth_m: Float32Array, camera: Intrinsics, nominal_per_m: float
     pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
     fit_cells(np.ascontiguousarray(depth_m), pinhole, size, max_depth_m, cells)
     rms = cells[cells[:, AREA] > 0, RMS]
-    if len(rms) < LEAST_READINGS:
+    if len(rms) < MIN_READINGS:
         return 1.0
     # Some of a picture's cells, at least, lie on one flat surface each; they show all but some of the noise.
     return float(np.clip(np.quantile(rms, SOME) / ((1.0 - SOME) * nominal_per_m), 1.0, MOST))

@@ -32,7 +32,7 @@ class SlamOutcome:
     lost : int
         Frames without a pose when they came; some of them may have one in the trajectory.
     keyframes, loops : int
-        Keyframes, and places known again by their looks.
+        Keyframes, and places recognised by their appearance (loop closures).
     """
 
     report: RunReport

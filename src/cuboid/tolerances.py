@@ -1,4 +1,4 @@
-"""What all stages go by alike: how sure is sure, how far sensors and poses err, what a share of something says."""
+"""Tolerances common to all stages: certainty, errors of sensors and poses, significant fractions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from math import log
 # surface differ by no more than so many: their difference has 1.4 times the deviation.
 SIGMAS, JUMP_SIGMAS = 3.0, 4.0
 # No reading is truer than this, metres: steps of depth, calibration.
-LEAST_SIGMA_M = 0.001
+MIN_SIGMA_M = 0.001
 # Where depth is systematically off (lens, baseline) it is by about this, metres.
 BIAS_M = 0.005
 # Steps in depth below this, beyond noise, part no surfaces, metres: at 1 m those of one that is tilted by 75 degrees.
@@ -17,16 +17,15 @@ JUMP_M = 0.01
 DRIFT_M, DRIFT_RAD = 0.03, 0.02
 # Sure is what holds in 99 of 100 such cases: log-odds.
 SURE = log(99.0)
-# Most of something is half of it and more; some of it, which is enough to judge by, is a fifth; a tenth is little, next
-# to nothing.
+# Fractions: the majority (one half), enough to judge by (a fifth), next to nothing (a tenth).
 MOST, SOME, LITTLE = 0.5, 0.2, 0.1
 # Fewer readings, points or voxels say nothing of where something is, or whether it is.
-LEAST_READINGS = 8
+MIN_READINGS = 8
 # What fewer frames tell may be chance.
-LEAST_FRAMES = 3
+MIN_FRAMES = 3
 # Points of a thing that are asked where all would take long: more do not change the answer.
 SAMPLE = 400
 # What is nearer than an arm is long, metres, is handled, and seen well.
 ARM_LENGTH_M = 1.2
-# Share of the points of a thing that may be strays, at each side.
+# Fraction of the points of an object that may be outliers, at each side.
 STRAYS = 0.01

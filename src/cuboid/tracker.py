@@ -20,21 +20,21 @@ from cuboid.heatmap.anchors import LAST_KEYFRAME
 from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.outlines import BOTTOM, LEFT, RIGHT, TOP
-from cuboid.kernels.pixels import stand_on
-from cuboid.limits import MEMORY_MB, MOST_PROPOSALS
+from cuboid.kernels.pixels import assign_planes
+from cuboid.limits import MAX_PROPOSALS, MEMORY_MB
 from cuboid.object_table import ObjectTable
 from cuboid.objects.association import Association
 from cuboid.objects.entry import MapObject
 from cuboid.objects.object_map import ObjectMap
 from cuboid.objects.prior import prior_of
 from cuboid.objects.validity import too_large
-from cuboid.objects.visibility import look, with_own
+from cuboid.objects.visibility import blended_rectangle, measure_visibility
 from cuboid.proposals import make_source
 from cuboid.proposals.types import Proposals, ProposalSource
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
 from cuboid.sensor import excess_noise, resolves_m
 from cuboid.surfaces.cells import find_cells, find_voting_cells, patch_pixels, with_level_patches
-from cuboid.surfaces.clusters import FrameCluster, FrameClusters, frame_clusters, points_of
+from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments, points_of, segment_frame
 from cuboid.surfaces.grid import CELL_M
 from cuboid.surfaces.planes import PlaneTracker
 from cuboid.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, SAMPLE, STRAYS
@@ -66,8 +66,8 @@ class Tracker:
     proposals : str or ProposalSource, optional
         Name of a 2D proposal source, or any callable from (frame, intrinsics) to `Proposals`.
     memory_mb : float
-        Memory of the process, in units of 2**20 bytes, beyond which parts of the map that are out of view are put
-        aside, until they are looked at again.
+        Memory of the process, in units of 2**20 bytes, beyond which parts of the map that are out of view are evicted,
+        and loaded again when they are accessed.
 
     Raises
     ------
@@ -106,8 +106,8 @@ class Tracker:
         ----------
         frame : Frame
         anchor : int
-            Keyframe that the frame's pose hangs on, where poses are estimated; see `carry`. After hours of video there
-            are more than are told apart.
+            Keyframe that the frame's pose is anchored to, where poses are estimated; see `apply_correction`. After
+            hours of video there are more than are distinguished.
 
         Raises
         ------
@@ -121,47 +121,49 @@ class Tracker:
         watch = Stopwatch()
         image = thin(frame, self.intrinsics, self.config.working_width_px, self._count)
         if self._count == 0:
-            self._know_sensor(image)
+            self._estimate_noise(image)
         every = self._proposals(frame)
-        proposals = every.best(MOST_PROPOSALS)
+        proposals = every.best(MAX_PROPOSALS)
         watch.lap("proposals")
         solid = filled(image)
-        elsewhere = self._is_elsewhere(T_world_camera)
-        on_plane, support, planes = self._find_planes(image, solid, T_world_camera, frame.up_camera, anchor, elsewhere)
+        new_viewpoint = self._is_new_viewpoint(T_world_camera)
+        on_plane, support, planes = self._find_planes(
+            image, solid, T_world_camera, frame.up_camera, anchor, new_viewpoint
+        )
         watch.lap("planes")
         candidate = self._candidates(solid, on_plane)
         c = self.config
         weighed = weigh(solid, candidate, proposals, c)
         heat = pixel_heat(solid, weighed)
         watch.lap("heat")
-        # What can wait for it is done with the frame after: one from elsewhere has enough to do.
-        due, self._due = self._due, elsewhere
-        # Where something is known from an earlier visit, every frame may show that it has changed.
-        anew = due or self._voxels.revisited
-        slots = self._voxels.fuse(image, heat, T_world_camera, frame.index, anchor, anew)
-        self._voxels.look_through(image, T_camera_world, anew)
+        # Deferred to the next frame: a frame from a new viewpoint has planes and boxes to update already.
+        due, self._due = self._due, new_viewpoint
+        # On a later visit every frame may show a change: nothing is deferred.
+        refresh_map = due or self._voxels.revisited
+        slots = self._voxels.fuse(image, heat, T_world_camera, frame.index, anchor, refresh_map)
+        self._voxels.carve_free_space(image, T_camera_world, refresh_map)
         watch.lap("fuse")
-        in_view = self._map.in_view(image, T_camera_world)
-        objects = self._map.limited(in_view)
-        left_out = len(in_view) - len(objects)
+        in_frustum = self._map.objects_in_frustum(image, T_camera_world)
+        objects = self._map.prune_candidates(in_frustum)
+        left_out = len(in_frustum) - len(objects)
         pixel_owner, known = self._voxels.owner_of(slots)
         prior = prior_of(objects, pixel_owner, weighed)
-        things = frame_clusters(
+        frame_segments = segment_frame(
             image, solid, heat, weighed, prior, on_plane, support, planes, self._sides(T_world_camera),
             c,
         )  # fmt: skip
-        boxes = self._boxes(things.clusters, image, T_world_camera)
+        boxes = self._boxes(frame_segments.segments, image, T_world_camera)
         watch.lap("boxes")
         found = self._map.update(
-            frame.index, things, boxes, objects, slots, pixel_owner, known, candidate,
-            self._turn(image, T_world_camera), elsewhere, anchor, T_world_camera[:3, 3],
+            frame.index, frame_segments, boxes, objects, slots, pixel_owner, known, candidate,
+            self._viewpoint_angle(image, T_world_camera), new_viewpoint, anchor, T_world_camera[:3, 3],
         )  # fmt: skip
-        in_view = self._map.in_view(image, T_camera_world)
+        in_frustum = self._map.objects_in_frustum(image, T_camera_world)
         if due:
-            self._refine(frame.index, image, heat, slots, in_view, T_world_camera, anchor)
+            self._refine(frame.index, image, heat, slots, in_frustum, T_world_camera, anchor)
         watch.lap("map")
-        sightings = self._sightings(frame.index, image, slots, in_view, things, found, T_camera_world)
-        own = self._own_boxes(things, boxes, found)
+        sightings = self._frame_sightings(frame.index, image, slots, in_frustum, frame_segments, found, T_camera_world)
+        own = self._frame_boxes(frame_segments, boxes, found)
         watch.lap("matching")
         self._count += 1
         return FrameResult(
@@ -175,29 +177,29 @@ class Tracker:
             milliseconds=watch.milliseconds,
             left_out={
                 "proposals": len(every) - len(proposals),
-                "clusters": things.left_out,
+                "clusters": frame_segments.left_out,
                 "candidates": left_out,
             },
             size=(self.intrinsics.width, self.intrinsics.height),
         )
 
-    def carry(self, moved: Mapping[int, Float64Array]) -> None:
-        """Move the map, its planes and its objects after a correction of poses.
+    def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
+        """Move the map, its planes and its objects after a pose correction (loop closure, relocalisation).
 
-        What was seen last from a keyframe moves with it; objects that meet merge under the older label. Planes and
-        objects move at once, the map's points when somebody looks where they are: so a correction takes as long as
-        there are keyframes, planes and objects, however many points there are.
+        What was last observed from a keyframe moves with it; objects that meet merge under the older label. Planes and
+        objects move at once. Points move lazily, when their region is next accessed: the cost of a correction depends
+        on the number of keyframes, planes and objects, not of points.
 
         Parameters
         ----------
         moved : mapping of int to (4, 4) float64
             T_new_old in the world, of each keyframe that moved.
         """
-        self._planes.carry(moved)
-        self._map.carry(moved)
+        self._planes.apply_correction(moved)
+        self._map.apply_correction(moved)
 
-    def _know_sensor(self, image: WorkingImage) -> None:
-        """Let the first frame tell how much noisier the sensor is than configured."""
+    def _estimate_noise(self, image: WorkingImage) -> None:
+        """Estimate from the first frame how much noisier the sensor is than configured."""
         nominal = self.config.depth_noise_per_m
         excess = excess_noise(image.depth_m, image.camera, nominal, self.config.max_depth_m)
         if excess > 1.0:
@@ -233,17 +235,17 @@ class Tracker:
         T_world_camera: Float64Array,
         up_camera: Float64Array | None,
         keyframe: int,
-        elsewhere: bool,
+        new_viewpoint: bool,
     ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int64]]:
         """Track the supporting planes; return the ones that pixels lie on, those beneath them, all identities."""
         c, planes = self.config, self._planes
         seen_by = image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m
-        if planes.vote_is_due() and planes.vote(find_voting_cells(*seen_by), T_world_camera, up_camera):
-            self._map.stand_anew()
+        if planes.vote_is_due() and planes.vote_up(find_voting_cells(*seen_by), T_world_camera, up_camera):
+            self._map.reset_supports()
         patch = patch_pixels(image.camera)
         patches = np.full([n // patch for n in image.depth_m.shape], -1, np.int32)
-        look = elsewhere or not planes.known
-        if look:
+        renew = new_viewpoint or not planes.known
+        if renew:
             cells = find_cells(*seen_by)
             if planes.up is not None:
                 cells = with_level_patches(cells, planes.up, *seen_by)
@@ -252,15 +254,15 @@ class Tracker:
             nowhere = np.full(image.depth_m.shape, -1, np.int32)
             return nowhere, nowhere, np.zeros(0, np.int64)
         k, on_plane, support = image.camera, *(np.empty(image.depth_m.shape, np.int32) for _ in range(2))
-        view = planes.in_view(k, min(c.max_depth_m, float(image.depth_m.max())), T_world_camera)
-        stand_on(
+        view = planes.planes_in_frustum(k, min(c.max_depth_m, float(image.depth_m.max())), T_world_camera)
+        assign_planes(
             solid.depth_m, np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera,
             planes.in_camera(view, T_world_camera), view.numbers, view.ground,
             view.origin, CELL_M, patches, patch, c.depth_noise_per_m, c.min_height_m, BIAS_M,
             c.max_depth_m, on_plane, support, view.seen,
         )  # fmt: skip
-        if look:
-            planes.take_in(view, keyframe)
+        if renew:
+            planes.add_readings(view, keyframe)
         return on_plane, support, view.identities
 
     def _candidates(self, image: WorkingImage, on_plane: npt.NDArray[np.int32]) -> UInt8Array:
@@ -269,17 +271,17 @@ class Tracker:
         return np.asarray(within & (on_plane < 0), dtype=np.uint8)
 
     def _sides(self, T_world_camera: Float64Array) -> npt.NDArray[np.int64]:
-        """Return which side of a thing lies below, above, right and left of it in the image: up may point anywhere."""
+        """Return which side of a segment lies below, above, right and left of it in the image, for any up."""
         up = T_world_camera[:3, :3].T @ self._planes.likely_up
         if abs(up[0]) <= abs(up[1]):
             return np.array([TOP, BOTTOM, LEFT, RIGHT] if up[1] > 0 else [BOTTOM, TOP, RIGHT, LEFT])
         return np.array([LEFT, RIGHT, TOP, BOTTOM] if up[0] > 0 else [RIGHT, LEFT, BOTTOM, TOP])
 
-    def _is_elsewhere(self, T_world_camera: Float64Array) -> bool:
-        """Tell whether a frame may show more than the last one did for which this was true.
+    def _is_new_viewpoint(self, T_world_camera: Float64Array) -> bool:
+        """Tell whether the camera has moved beyond the pose error since the last frame for which this was true.
 
-        Where the camera has moved by less than poses err by, the map cannot tell one place from the other: what it
-        has learned from there of planes, of boxes and of empty space it need not learn again.
+        Below that the map cannot tell the two viewpoints apart: planes, boxes and free space seen from there need not
+        be updated again.
         """
         last = self._looked_from
         if last is not None and not moved_beyond(last, T_world_camera, DRIFT_M, DRIFT_RAD):
@@ -287,21 +289,21 @@ class Tracker:
         self._looked_from = T_world_camera
         return True
 
-    def _turn(self, image: WorkingImage, T_world_camera: Float64Array) -> float:
-        """Return how far the camera has gone round what it sees since the last frame, radians; infinite at first."""
+    def _viewpoint_angle(self, image: WorkingImage, T_world_camera: Float64Array) -> float:
+        """Return the change of viewing angle since the last frame, radians: baseline over depth; infinite at first."""
         last, self._place = self._place, T_world_camera[:3, 3]
-        distance_m = 0.0 if last is None else _usual_depth_m(image.depth_m)
+        distance_m = 0.0 if last is None else _median_depth_m(image.depth_m)
         return math.inf if last is None or distance_m == 0.0 else math.dist(self._place, last) / distance_m
 
-    def _boxes(self, clusters: Sequence[FrameCluster], image: WorkingImage, T_world_camera: Float64Array) -> list[Box]:
-        if not clusters:
+    def _boxes(self, segments: Sequence[FrameSegment], image: WorkingImage, T_world_camera: Float64Array) -> list[Box]:
+        if not segments:
             return []
-        some = [c.pixels[:: 1 + len(c.pixels) // (SAMPLE // 2)] for c in clusters]
+        some = [c.pixels[:: 1 + len(c.pixels) // (SAMPLE // 2)] for c in segments]
         points = points_of(np.concatenate(some), image, T_world_camera)
-        found = {identity: self._planes.find(identity) for identity in {k for c in clusters for k in c.supports}}
+        found = {identity: self._planes.find(identity) for identity in {k for c in segments for k in c.supports}}
         rests = {identity: self._planes.in_world(plane) for identity, plane in found.items() if plane is not None}
         unknown = self._planes.likely_up, None
-        planes = [_most_beneath(c.supports, rests) or unknown for c in clusters]
+        planes = [_main_support(c.supports, rests) or unknown for c in segments]
         return fit_boxes(points, [len(pixels) for pixels in some], planes, STRAYS)
 
     def _refine(
@@ -310,13 +312,13 @@ class Tracker:
         image: WorkingImage,
         heat: Float32Array,
         slots: npt.NDArray[np.int32],
-        in_view: Sequence[MapObject],
+        in_frustum: Sequence[MapObject],
         T_world_camera: Float64Array,
         anchor: int,
     ) -> None:
-        """Keep what the frame shows of small labelled objects finer than the rest, as far as the sensor resolves it."""
+        """Fuse small labelled objects at the fine resolution as well, as far as the sensor resolves it."""
         voxels, c = self._voxels, image.camera
-        small = [o.number for o in in_view if o.confirmed and max(o.box.size.tolist()) <= voxels.small_m]
+        small = [o.number for o in in_frustum if o.confirmed and max(o.box.size.tolist()) <= voxels.small_m]
         if small:
             # The phases of thinned frames make up for a step of two.
             far_m = resolves_m(voxels.fine_m, self.config.depth_noise_per_m, min(image.step, 2) * c.fx)
@@ -324,28 +326,28 @@ class Tracker:
             numbers[small] = True
             voxels.refine(image, heat, T_world_camera, frame, anchor, slots, numbers, far_m)
 
-    def _sightings(
+    def _frame_sightings(
         self,
         frame: int,
         image: WorkingImage,
         slots: npt.NDArray[np.int32],
-        in_view: Sequence[MapObject],
-        things: FrameClusters,
+        in_frustum: Sequence[MapObject],
+        frame_segments: FrameSegments,
         found: Association,
         T_camera_world: Float64Array,
     ) -> tuple[Sighting, ...]:
-        """Tell which of the map's objects the frame sees; those that are sure have their labels from now on."""
-        objects = [o for o in in_view if len(o.points)]
-        views = look(
+        """Return the sightings of the map's visible objects; candidates that meet all criteria are confirmed."""
+        objects = [o for o in in_frustum if len(o.points)]
+        visibilities = measure_visibility(
             objects, self._map.store.boxes_of(objects), image, slots, self._voxels.owner, T_camera_world,
             self.config.depth_noise_per_m,
         )  # fmt: skip
-        self._map.label([entry for entry, view in zip(objects, views, strict=True) if view.seen])
-        matched = [(found.objects[j].whole.number, i, j) for i, j in enumerate(found.match.tolist()) if j >= 0]
+        self._map.confirm_seen([entry for entry, view in zip(objects, visibilities, strict=True) if view.seen])
+        matched = [(found.objects[j].survivor.number, i, j) for i, j in enumerate(found.match.tolist()) if j >= 0]
         iou = {number: float(found.iou[i, j]) for number, i, j in matched}
-        rect = {number: things.clusters[i].rect_xyxy for number, i, _ in matched}
+        rect = {number: frame_segments.segments[i].rect_xyxy for number, i, _ in matched}
         sightings = []
-        for entry, view in zip(objects, views, strict=True):
+        for entry, view in zip(objects, visibilities, strict=True):
             if not view.seen:
                 continue
             first = entry.frames_seen == 0
@@ -353,19 +355,21 @@ class Tracker:
             entry.last_frame = frame
             if entry.confirmed:
                 own = None if first else iou.get(entry.number)
-                rect_xyxy = with_own(view.rect_xyxy, rect.get(entry.number))
+                rect_xyxy = blended_rectangle(view.rect_xyxy, rect.get(entry.number))
                 sightings.append(Sighting(entry.label, entry.box, own, view.visible, rect_xyxy))
         return tuple(sorted(sightings, key=lambda s: s.label))
 
-    def _own_boxes(self, things: FrameClusters, boxes: Sequence[Box], found: Association) -> tuple[Proposal3D, ...]:
-        """Return the frame's own boxes, none larger than an object, with the labels of the objects that they are."""
+    def _frame_boxes(
+        self, frame_segments: FrameSegments, boxes: Sequence[Box], found: Association
+    ) -> tuple[Proposal3D, ...]:
+        """Return the boxes of this frame's segments, none larger than an object, with the labels of their objects."""
         place = np.where(found.match >= 0, found.match, found.part).tolist()
-        now = [found.objects[j].whole if j >= 0 else None for j in place]
+        now = [found.objects[j].survivor if j >= 0 else None for j in place]
         labels = [o.label if o is not None and o.confirmed else 0 for o in now]
         return tuple(
             [
-                Proposal3D(label, box, cluster.heat, cluster.rect_xyxy)
-                for label, box, cluster in zip(labels, boxes, things.clusters, strict=True)
+                Proposal3D(label, box, segment.heat, segment.rect_xyxy)
+                for label, box, segment in zip(labels, boxes, frame_segments.segments, strict=True)
                 if not too_large(box, self.config)
             ]
         )
@@ -467,7 +471,7 @@ class Tracker:
         xyz, of = self._voxels.spread(rows)
         owner = self._voxels.owner[rows[of]]
         label = label_of[np.where(owner < len(label_of), owner, 0)]
-        fine, whole = self._voxels.in_place_of(xyz, label > 0)
+        fine, whole = self._voxels.fine_replacements(xyz, label > 0)
         kept = np.ones(len(xyz), bool)
         kept[whole] = False
         every = np.concatenate([rows[of][kept], fine])
@@ -479,14 +483,14 @@ class Tracker:
         )
 
 
-def _usual_depth_m(depth_m: Float32Array) -> float:
+def _median_depth_m(depth_m: Float32Array) -> float:
     """Return the median of readings, one in sixteen: 0 where there is none."""
     some = depth_m[::4, ::4]
     known = some[some > 0]
     return quantile(known, 0.5) if len(known) else 0.0
 
 
-def _most_beneath(supports: Mapping[int, int], rests: Mapping[int, Resting]) -> Resting | None:
+def _main_support(supports: Mapping[int, int], rests: Mapping[int, Resting]) -> Resting | None:
     """Return the plane of `rests` that is beneath most pixels, of equals the older; None where there is none."""
     known = [identity for identity in supports if identity in rests]
     return rests[min(known, key=lambda k: (-supports[k], k))] if known else None

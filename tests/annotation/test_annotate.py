@@ -15,7 +15,7 @@ import pytest
 
 from cuboid import cli, open_recording
 from cuboid.annotation import Annotator, KeyframesFile, make_server
-from cuboid.annotation.carry import carried
+from cuboid.annotation.propagate import propagated
 from cuboid.evaluation import read_keyframes
 from cuboid.readers import Recording
 from cuboid.views.serving import HOST, PageServer
@@ -200,9 +200,9 @@ def test_rectangles_are_carried_by_poses_and_depth(server: PageServer, recording
     asked = {"from": 0, "to": 5, "rects": [[100, 40, 130, 80], [0, 0, 6, 6]]}
     assert send(server, "/carry", asked) == (200, {"rects": [[95, 40, 125, 80], None]})
     near = [np.array(rect, np.float64) for rect in ([100, 40, 130, 80], [2, 0, 22, 20])]
-    assert carried(recording, 0, 5, near) == [(95, 40, 125, 80), (0, 0, 17, 20)]
-    assert carried(recording.without_poses(), 0, 5, near) == [(100, 40, 130, 80), (2, 0, 22, 20)]
-    assert carried(recording, BROKEN, 5, near[:1]) == [(100, 40, 130, 80)]
+    assert propagated(recording, 0, 5, near) == [(95, 40, 125, 80), (0, 0, 17, 20)]
+    assert propagated(recording.without_poses(), 0, 5, near) == [(100, 40, 130, 80), (2, 0, 22, 20)]
+    assert propagated(recording, BROKEN, 5, near[:1]) == [(100, 40, 130, 80)]
 
 
 def call(*words: str | Path) -> int:

@@ -10,16 +10,16 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.kernels import revolve as kernel
-from cuboid.kernels.bodies import LEAST_ARC, LEAST_BODY, SECTORS, STEPS
+from cuboid.kernels.bodies import MIN_ARC, MIN_BODY, SECTORS, STEPS
 from cuboid.kernels.extents import side_spread
 from cuboid.kernels.resting import ROUND_RADIUS
 from cuboid.tolerances import (
     DRIFT_M,
     JUMP_M,
     JUMP_SIGMAS,
-    LEAST_READINGS,
-    LEAST_SIGMA_M,
     LITTLE,
+    MIN_READINGS,
+    MIN_SIGMA_M,
     MOST,
     SIGMAS,
     SOME,
@@ -59,7 +59,7 @@ class Axis:
     @property
     def noise_m(self) -> float:
         """How far points of the surface lie off it at most, metres."""
-        return max(JUMP_SIGMAS * LEAST_SIGMA_M, SIGMAS * self.spread_m)
+        return max(JUMP_SIGMAS * MIN_SIGMA_M, SIGMAS * self.spread_m)
 
     def appendage(self, layer: Layers, trust: Float64Array) -> npt.NDArray[np.bool_]:
         """Tell which points (N,) are no part of the body: what sticks out in a part of the turn, and its whole layers.
@@ -105,13 +105,13 @@ def fit_axis(plan: Float64Array, layer: Layers, trust: Float64Array, noise_m: fl
     weights = trust
     for _ in range(3 if trim else 0):
         away = np.abs(residual)
-        near = away < SIGMAS * max(1.48 * _median(away, weights), noise_m, LEAST_SIGMA_M)
+        near = away < SIGMAS * max(1.48 * _median(away, weights), noise_m, MIN_SIGMA_M)
         # A layer of which some departs is not round: that of a brim, or of a handle.
         whole = by(layer, trust * near, len(radius)) >= (1.0 - SOME) * by(layer, trust, len(radius))
         before, weights = weights, np.where(near & whole[layer], trust, 0.0)
         if np.array_equal(before, weights):
             break
-        if np.count_nonzero(weights) < LEAST_READINGS:
+        if np.count_nonzero(weights) < MIN_READINGS:
             return None
         if not kernel.fit_axis(plan, layer, weights, STEPS, center, radius, residual):
             return None
@@ -139,7 +139,7 @@ def numpy_body(
 ) -> Axis | None:
     """The axis of the body of whose side points (N, 2) were seen; None where there is none, or it is unsure."""
     axis = fit_axis(plan, layer, trust, noise_m, trim)
-    if axis is None or axis.weights.sum() < LEAST_BODY * trust.sum():
+    if axis is None or axis.weights.sum() < MIN_BODY * trust.sum():
         return None
     usual = float(np.average(axis.radius[layer], weights=axis.weights))
     along, half = rectangle[2:4], rectangle[4:] / 2.0
@@ -149,7 +149,7 @@ def numpy_body(
         return None
     sums = by(axis.sector, axis.weights * axis.residual, SECTORS + 1), by(axis.sector, axis.weights, SECTORS + 1)
     readings = np.bincount(axis.sector[axis.weights > 0.0], minlength=SECTORS + 1)
-    known = (readings >= LEAST_READINGS) & (sums[1] > 0.0)
-    if known.sum() < LEAST_ARC * SECTORS or np.ptp(sums[0][known] / sums[1][known]) > LITTLE * usual:
+    known = (readings >= MIN_READINGS) & (sums[1] > 0.0)
+    if known.sum() < MIN_ARC * SECTORS or np.ptp(sums[0][known] / sums[1][known]) > LITTLE * usual:
         return None
     return axis

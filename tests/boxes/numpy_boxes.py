@@ -21,17 +21,17 @@ BINS = 256
 
 
 def numpy_box(
-    points: np.ndarray, normal: np.ndarray, offset: float | None, share: float, weights: np.ndarray | None = None
+    points: np.ndarray, normal: np.ndarray, offset: float | None, fraction: float, weights: np.ndarray | None = None
 ) -> Box:
     cloud = np.asarray(points, dtype=np.float64)
     trust = np.ones(len(cloud)) if weights is None else weights
     plan, heights = cloud @ np.array(plane_axes(normal)).T, cloud @ normal
-    low, high = np.array([numpy_reach(plan @ direction, trust, share) for direction in DIRECTIONS]).T
+    low, high = np.array([numpy_reach(plan @ direction, trust, fraction) for direction in DIRECTIONS]).T
     disc = numpy_disc(low, high)
     if disc is not None:
         along = DIRECTIONS @ disc[:2]
         low, high = np.minimum(low, along - disc[2]), np.maximum(high, along + disc[2])
-    bottom, top = numpy_reach(heights, trust, share)
+    bottom, top = numpy_reach(heights, trust, fraction)
     if offset is not None and bottom + offset < REST_M:
         bottom = -offset
     side = heights < top - JUMP_M
@@ -92,18 +92,18 @@ def numpy_disc(low: np.ndarray, high: np.ndarray) -> np.ndarray | None:
     return fits[best] if residual[best] <= ROUND_RESIDUAL else None
 
 
-def numpy_reach(along: np.ndarray, weights: np.ndarray, share: float) -> tuple[float, float]:
+def numpy_reach(along: np.ndarray, weights: np.ndarray, fraction: float) -> tuple[float, float]:
     first, last = along.min(), along.max()
-    if share <= 0.0 or last <= first:
+    if fraction <= 0.0 or last <= first:
         return first, last
     bin_m = (last - first) / BINS
     of_bin = np.minimum(((along - first) / bin_m).astype(int), BINS - 1)
     bins = np.bincount(of_bin, weights, BINS)
 
     def cut_off(weight_of_bin: np.ndarray) -> float:
-        """Bins, and a part of one, that hold the share to be left out."""
+        """Bins, and a part of one, that hold the fraction to be left out."""
         total = np.cumsum(weight_of_bin)
-        k = int(np.searchsorted(total, share * weights.sum()))
-        return k + 1.0 - (total[k] - share * weights.sum()) / weight_of_bin[k]
+        k = int(np.searchsorted(total, fraction * weights.sum()))
+        return k + 1.0 - (total[k] - fraction * weights.sum()) / weight_of_bin[k]
 
     return first + cut_off(bins) * bin_m, last - cut_off(bins[::-1]) * bin_m

@@ -94,7 +94,7 @@ def clouds(kind: str, rng: np.random.Generator) -> np.ndarray:
     st.booleans(), st.booleans(),
 )  # fmt: skip
 def test_the_compiled_fit_gives_the_box_of_the_plain_one(
-    seed: int, kind: str, share: float, on_plane: bool, weighted: bool
+    seed: int, kind: str, fraction: float, on_plane: bool, weighted: bool
 ) -> None:
     rng = np.random.default_rng(seed)
     cloud = clouds(kind, rng)
@@ -102,7 +102,7 @@ def test_the_compiled_fit_gives_the_box_of_the_plain_one(
     normal /= np.linalg.norm(normal)
     offset = float(rng.uniform(-0.05, 0.1)) - float((cloud @ normal).min()) if on_plane else None
     weights = rng.uniform(0.2, 2.0, len(cloud)) if weighted else None
-    expected, box = (fit(cloud, normal, offset, share, weights) for fit in (numpy_box, fit_box))
+    expected, box = (fit(cloud, normal, offset, fraction, weights) for fit in (numpy_box, fit_box))
     np.testing.assert_allclose(box.size, expected.size, atol=1e-9)
     np.testing.assert_allclose(box.center, expected.center, atol=1e-9)
     np.testing.assert_allclose(box.rotation, expected.rotation, atol=1e-9)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cuboid.boxes.fit import fit_box
-from cuboid.boxes.hidden import as_deep_as_wide, foot_is_hidden, twins
+from cuboid.boxes.hidden import as_deep_as_wide, foot_is_hidden, mirrored_points
 from cuboid.config import TrackerConfig
 from cuboid.geometry.box import Box
 from cuboid.heatmap.voxel_map import VoxelMap
@@ -44,7 +44,7 @@ def test_the_far_half_of_a_dome_is_added_where_nothing_was_seen_of_it() -> None:
     points = dome(-np.pi / 2)
     seen = fit_box(points, UP, 0.0, 0.0)
     voxels = seen_from([(0.0, -1.2, 0.5)], [upright((0.0, 0.0), (0.3, 0.2, 0.1))])
-    more = twins(points, UP, 0.0, seen, [], voxels)
+    more = mirrored_points(points, UP, 0.0, seen, [], voxels)
     whole = fit_box(np.concatenate([seen.corners(), more]), UP, 0.0, 0.0)
     assert seen.size[:2].min() < 0.16
     np.testing.assert_allclose(whole.size[:2], 2 * HALF[:2], atol=0.02)
@@ -56,10 +56,10 @@ def test_nothing_is_added_where_the_ground_was_seen_or_another_object_stands() -
     seen = fit_box(points, UP, 0.0, 0.0)
     block = upright((0.0, -0.03), (0.3, 0.14, 0.1))
     walked_round = seen_from([(0.0, -1.2, 0.5), (0.0, 1.2, 0.5)], [block])
-    assert len(twins(points, UP, 0.0, seen, [], walked_round)) == 0
+    assert len(mirrored_points(points, UP, 0.0, seen, [], walked_round)) == 0
     one_side = seen_from([(0.0, -1.2, 0.5)], [upright((0.0, 0.0), (0.3, 0.2, 0.1))])
     behind = upright((0.0, 0.1), (0.4, 0.16, 0.2))
-    assert len(twins(points, UP, 0.0, seen, [behind], one_side)) == 0
+    assert len(mirrored_points(points, UP, 0.0, seen, [behind], one_side)) == 0
 
 
 def test_a_lone_handle_has_no_twin() -> None:
@@ -71,7 +71,7 @@ def test_a_lone_handle_has_no_twin() -> None:
     )
     points = np.concatenate([mug, handle])
     voxels = seen_from([(0.0, -1.2, 0.5)], [upright((0.0, 0.0), (0.08, 0.08, 0.1))])
-    assert len(twins(points, UP, 0.0, fit_box(points, UP, 0.0, 0.0), [], voxels)) == 0
+    assert len(mirrored_points(points, UP, 0.0, fit_box(points, UP, 0.0, 0.0), [], voxels)) == 0
 
 
 def test_a_foot_behind_another_object_is_hidden_until_it_is_seen() -> None:
@@ -91,9 +91,9 @@ def test_a_place_is_seen_when_enough_of_the_voxels_around_it_are() -> None:
     ground = np.column_stack([rng.uniform(-0.6, 0.6, (300, 2)), np.zeros(300)])
     steps = np.array([-1.0, 0.0, 1.0]) * voxels.voxel_m
     around = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
-    held = voxels.holds((ground[:, None] + around).reshape(-1, 3)).reshape(-1, 9, 3).any(2).sum(1)
+    held = voxels.is_occupied((ground[:, None] + around).reshape(-1, 3)).reshape(-1, 9, 3).any(2).sum(1)
     for least in (1, 2, 9):
-        np.testing.assert_array_equal(voxels.holds_around(ground, np.eye(3), least), held >= least)
+        np.testing.assert_array_equal(voxels.is_occupied_around(ground, np.eye(3), least), held >= least)
     assert 0 < (held >= 2).sum() < len(held)
 
 

@@ -11,5 +11,5 @@ def test_a_quantile_is_that_of_numpy_to_the_last_bit() -> None:
     rng = np.random.default_rng(1)
     for count in (1, 2, 3, 7, 40, 333):
         values = rng.normal(size=count)
-        for share in (0.0, 0.02, 0.5, 0.98, 1.0):
-            assert quantile(values, share) == np.quantile(values, share)
+        for fraction in (0.0, 0.02, 0.5, 0.98, 1.0):
+            assert quantile(values, fraction) == np.quantile(values, fraction)

@@ -15,7 +15,7 @@ from cuboid.geometry.overlap import iou
 from cuboid.kernels import bodies
 from cuboid.kernels import revolve as kernel
 from cuboid.synthetic.footprint import hull, smallest_rectangle
-from cuboid.tolerances import LEAST_SIGMA_M, SIGMAS
+from cuboid.tolerances import MIN_SIGMA_M, SIGMAS
 
 UP = np.array([0.0, 0.0, 1.0])
 NOISE_M = 0.002
@@ -188,7 +188,7 @@ def test_the_axis_is_that_of_the_least_squares_of_the_distances() -> None:
 
     def robust_cost(place: np.ndarray) -> float:
         out = np.hypot(*(plan - place).T)
-        usual = SIGMAS * 2.0 * LEAST_SIGMA_M
+        usual = SIGMAS * 2.0 * MIN_SIGMA_M
         weight = 1.0 / (1.0 + (residual / usual) ** 2)
         mean = np.bincount(layer, weight * out) / np.bincount(layer, weight)
         return float((weight * (out - mean[layer]) ** 2).sum())

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cuboid.calibration.comparing import PARAMETERS, carry, disagreements
+from cuboid.calibration.comparing import PARAMETERS, disagreements, warp
 from cuboid.calibration.views import CELL_PX, Pinhole, View, build_view, factors
 from cuboid.frame import Frame, Intrinsics
 from cuboid.geometry import se3
@@ -43,7 +43,7 @@ def stepped(pinhole: Pinhole, parameter: int, step: float) -> tuple[Pinhole, flo
 def values(view: View, other: View, T: np.ndarray, pinhole: Pinhole, depth_scale: float = 1.0) -> np.ndarray:
     moved = T.copy()
     moved[:3, 3] /= depth_scale
-    found = carry(view, other, moved, pinhole)
+    found = warp(view, other, moved, pinhole)
     return np.stack([found.gap_m, found.change])
 
 
@@ -56,7 +56,7 @@ def assert_close(numeric: np.ndarray, analytic: np.ndarray) -> None:
 @pytest.mark.parametrize("parameter", range(PARAMETERS))
 def test_derivatives_by_the_parameters(parameter: int) -> None:
     view, other, step = smooth_view(1), smooth_view(2), 1e-4 if parameter in (0, 3) else 1e-3
-    base = carry(view, other, T_OTHER_VIEW, PINHOLE)
+    base = warp(view, other, T_OTHER_VIEW, PINHOLE)
     depth, contrast = disagreements(base, T_OTHER_VIEW, PINHOLE, T_OTHER_VIEW[:3, 3])
     sides = []
     for sign in (1, -1):
@@ -70,7 +70,7 @@ def test_derivatives_by_the_parameters(parameter: int) -> None:
 @pytest.mark.parametrize("axis", range(6))
 def test_derivatives_by_the_motion(axis: int) -> None:
     view, other, step = smooth_view(3), smooth_view(4), 1e-5
-    base = carry(view, other, T_OTHER_VIEW, PINHOLE)
+    base = warp(view, other, T_OTHER_VIEW, PINHOLE)
     depth, contrast = disagreements(base, T_OTHER_VIEW, PINHOLE, np.zeros(3))
     twist = np.zeros(6)
     twist[axis] = step
@@ -83,7 +83,7 @@ def test_derivatives_by_the_motion(axis: int) -> None:
 
 def test_a_view_agrees_with_itself() -> None:
     view = smooth_view(1)
-    found = carry(view, view, np.eye(4), PINHOLE)
+    found = warp(view, view, np.eye(4), PINHOLE)
     assert len(found.gap_m) > 0.9 * len(view.xyz)
     np.testing.assert_allclose(found.gap_m, 0.0, atol=1e-6)
     np.testing.assert_allclose(found.change, 0.0, atol=1e-6)
@@ -92,9 +92,9 @@ def test_a_view_agrees_with_itself() -> None:
 def test_what_falls_outside_behind_or_on_an_edge_is_left_out() -> None:
     view = smooth_view(1)
     away = np.diag([-1.0, 1.0, -1.0, 1.0])
-    assert len(carry(view, view, away, PINHOLE).gap_m) == 0
+    assert len(warp(view, view, away, PINHOLE).gap_m) == 0
     edged = replace(view, smooth=np.zeros_like(view.smooth))
-    assert len(carry(view, edged, np.eye(4), PINHOLE).gap_m) == 0
+    assert len(warp(view, edged, np.eye(4), PINHOLE).gap_m) == 0
 
 
 def test_points_are_taken_where_depth_is_smooth_and_brightness_changes() -> None:

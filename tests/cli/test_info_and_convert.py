@@ -49,7 +49,7 @@ def test_info_on_real_recordings(data_dir, capsys):
     assert main(["info", str(data_dir / "containers" / "azure-kinect")]) == 0
     out = capsys.readouterr().out
     assert "azure-kinect" in out
-    assert "carried into color from 640 x 576, fx 504.61, 32 mm beside" in out
+    assert "registered to color from 640 x 576, fx 504.61, 32 mm beside" in out
 
 
 @pytest.mark.parametrize("form", ["plain", "tum", "mcap"])

@@ -1,4 +1,4 @@
-"""The truth of several visits comes through its door."""
+"""The truth of several visits is validated."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from cuboid.errors import InputError
 from cuboid.evaluation.visits import evaluate_visits
-from cuboid.formats.json_door import read_json
+from cuboid.formats.json_validation import read_json
 from cuboid.formats.visits_file import VisitsDocument
 from cuboid.synthetic import make_visits, render_visits
 

@@ -104,8 +104,8 @@ def load_kernels() -> None:
     for item in sequence.frames(50):
         if item.frame is not None:
             tracker.update(item.frame, 1 + item.frame.index // (2 * KEYFRAME_EVERY))
-    tracker.carry({1: se3.exp(np.full(6, 0.01))})
-    tracker.carry({keyframe: se3.exp(np.full(6, 0.01)) for keyframe in range(KEYFRAME_EVERY)})
+    tracker.apply_correction({1: se3.exp(np.full(6, 0.01))})
+    tracker.apply_correction({keyframe: se3.exp(np.full(6, 0.01)) for keyframe in range(KEYFRAME_EVERY)})
 
 
 def fire(seed: int, frames: int, fired: Fired, size: tuple[int, int] | None = None) -> None:
@@ -133,7 +133,7 @@ def _take(seed: int, frames: int, fired: Fired, size: tuple[int, int] | None) ->
                 warnings.simplefilter("error")
                 begun_s = time.thread_time()
                 if moved:
-                    tracker.carry(moved)
+                    tracker.apply_correction(moved)
                     fired.took(CORRECTION, time.thread_time() - begun_s, where)
                     begun_s = time.thread_time()
                 result = tracker.update(item.frame, keyframe)

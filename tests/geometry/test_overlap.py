@@ -167,8 +167,8 @@ def test_a_cube_turned_by_45_degrees_leaves_an_octagon() -> None:
 
 
 def test_a_part_inside_its_object_overlaps_it_wholly() -> None:
-    share = overlap_min_matrix(pack([box((0.1, 0, 0), (0.2, 0.3, 0.4))]), pack([box((0, 0, 0)), box((9, 0, 0))]))
-    np.testing.assert_allclose(share, [[1, 0]], atol=1e-9)
+    fraction = overlap_min_matrix(pack([box((0.1, 0, 0), (0.2, 0.3, 0.4))]), pack([box((0, 0, 0)), box((9, 0, 0))]))
+    np.testing.assert_allclose(fraction, [[1, 0]], atol=1e-9)
 
 
 def test_two_boxes_without_volume_have_no_overlap() -> None:

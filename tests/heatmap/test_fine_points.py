@@ -37,11 +37,11 @@ def fuse(voxels: VoxelMap, frame: int, shown: WorkingImage, T: np.ndarray = POSE
     """Fuse a frame; what is above the floor is object 3's."""
     hot = np.ones(shown.depth_m.shape, np.float32)
     slots = voxels.fuse(shown, hot, T, frame, anchor=1)
-    voxels.look_through(shown, se3.inverse(T))
+    voxels.carve_free_space(shown, se3.inverse(T))
     rows = voxels.living()
     mine = rows[(voxels.xyz(rows)[:, 2] > 0.005) & (voxels.owner[rows] == 0)]
     voxels.owner[mine] = 3
-    voxels._blocks.give_rows(voxels.owner[mine], mine >> 10)
+    voxels._blocks.add_rows(voxels.owner[mine], mine >> 10)
     if finely:
         voxels.refine(shown, hot, T, frame, 1, slots, NUMBERS, 1.0)
 
@@ -56,7 +56,7 @@ def seen(frames: int = 4, *, finely: bool = True) -> VoxelMap:
 def fine_of(voxels: VoxelMap) -> tuple[np.ndarray, np.ndarray]:
     """Return the fine points that are the object's, and the points of the map that they are."""
     rows = voxels.rows_of(3)
-    fine, whole = voxels.in_place_of(voxels.xyz(rows), np.ones(len(rows), bool))
+    fine, whole = voxels.fine_replacements(voxels.xyz(rows), np.ones(len(rows), bool))
     return fine, rows[whole]
 
 
@@ -88,13 +88,13 @@ def test_no_decision_knows_of_fine_points() -> None:
     told = []
     for finely in (False, True):
         voxels = seen(finely=finely)
-        voxels.carry(moved)
+        voxels.apply_correction(moved)
         fuse(voxels, 4, image(T=AWAY @ POSE), AWAY @ POSE, finely=finely)
         for k in range(5, 9):
             fuse(voxels, k, image((FLOOR,)), finely=finely)
-        voxels.look_away()
+        voxels.thin_all()
         rows = voxels.living()
-        told.append((voxels._room.rows[rows].tobytes(), voxels.xyz(rows).tobytes(), voxels.rows_of(3).size))
+        told.append((voxels._row_memory.rows[rows].tobytes(), voxels.xyz(rows).tobytes(), voxels.rows_of(3).size))
         assert (voxels.alive > len(rows)) == finely
     assert told[0] == told[1]
 
@@ -104,10 +104,10 @@ def test_they_move_with_their_keyframe() -> None:
     fine, _ = fine_of(voxels)
     before = voxels.xyz(fine).astype(np.float64)
     T = se3.exp(np.array([0.12, -0.31, 0.007, 0.02, 0.01, 0.3]))
-    voxels.carry({1: T})
+    voxels.apply_correction({1: T})
     expected = se3.transform(T, before)
     np.testing.assert_allclose(voxels.xyz(fine), expected, atol=1e-6)
-    voxels._settle_around(np.array([[-9.0, -9.0, -9.0], [9.0, 9.0, 9.0]]), 0.0)
+    voxels._relocate_around(np.array([[-9.0, -9.0, -9.0], [9.0, 9.0, 9.0]]), 0.0)
     fine = voxels.living(fine=True)
     far = cKDTree(voxels.xyz(fine)).query(expected)[0]
     assert np.quantile(far, 0.9) < 0.0025, "those that meet in a voxel are one"
@@ -117,9 +117,9 @@ def test_they_move_with_their_keyframe() -> None:
 def test_they_go_with_what_they_are() -> None:
     voxels = seen()
     assert len(fine_of(voxels)[0])
-    voxels.pass_on(3, 2)
+    voxels.transfer(3, 2)
     assert not len(fine_of(voxels)[0]), "whom they belong to is what the voxels of the map say"
-    voxels.pass_on(2, 3)
+    voxels.transfer(2, 3)
     for k in range(4, 12):
         fuse(voxels, k, image((FLOOR,)))
     for rows in (voxels.rows_of(3), voxels.living(fine=True)):
@@ -131,7 +131,7 @@ def test_they_leave_memory_and_come_back() -> None:
     fine, whole = fine_of(voxels)
     points, colors, size = voxels.xyz(fine), voxels.rgb(fine), voxels.nbytes
     voxels.memory_mb = 1.0
-    voxels.relieve()
+    voxels.evict()
     assert voxels.nbytes < 0.2 * size
     again, same = fine_of(voxels)
     np.testing.assert_array_equal(again, fine)

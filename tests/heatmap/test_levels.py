@@ -28,7 +28,7 @@ def seen(frames: int = 4) -> VoxelMap:
     voxels = VoxelMap(0.01, 1.4e-3, 3.0)
     for k in range(frames):
         voxels.fuse(image(), COLD, POSE, k)
-        voxels.look_through(image(), se3.inverse(POSE))
+        voxels.carve_free_space(image(), se3.inverse(POSE))
     return voxels
 
 
@@ -36,8 +36,8 @@ def look_elsewhere(voxels: VoxelMap, frames: int, stays: int = 0) -> None:
     """Look at another place, and after each frame so many times from where that was taken."""
     for _ in range(frames):
         for k in range(1 + stays):
-            voxels.fuse(image(), COLD, ELSEWHERE @ POSE, 100, elsewhere=k == 0)
-            voxels.look_through(image(), se3.inverse(ELSEWHERE @ POSE), elsewhere=k == 0)
+            voxels.fuse(image(), COLD, ELSEWHERE @ POSE, 100, new_viewpoint=k == 0)
+            voxels.carve_free_space(image(), se3.inverse(ELSEWHERE @ POSE), new_viewpoint=k == 0)
 
 
 def here(voxels: VoxelMap) -> np.ndarray:
@@ -54,11 +54,11 @@ def rows_here(voxels: VoxelMap) -> int:
 
 
 def test_structure_out_of_view_takes_fewer_rows_and_keeps_each_voxel(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(levels, "AWAY_MOMENTS", 8)
+    monkeypatch.setattr(levels, "MAX_UNVIEWED_MOMENTS", 8)
     voxels = seen()
     before, rows, size = here(voxels), voxels.alive, voxels.nbytes
     owner = voxels.owner_at(before)
-    voxels.look_away()
+    voxels.thin_all()
     assert voxels.alive < 0.45 * rows
     assert voxels.nbytes < 0.45 * size
     after = here(voxels)
@@ -78,9 +78,9 @@ def test_voxels_of_objects_and_those_seen_once_stay_apart() -> None:
     rows = voxels.living()
     mine = rows[voxels.xyz(rows)[:, 2] > 0.3]
     voxels.owner[mine] = 3
-    voxels._blocks.give_rows(voxels.owner[mine], mine >> 10)
+    voxels._blocks.add_rows(voxels.owner[mine], mine >> 10)
     points = voxels.xyz(voxels.rows_of(3))
-    voxels.look_away()
+    voxels.thin_all()
     assert voxels.alive < 0.6 * len(rows)
     np.testing.assert_array_equal(voxels.xyz(voxels.rows_of(3)), points)
     own = voxels.rows_of(3)
@@ -92,7 +92,7 @@ def test_voxels_of_objects_and_those_seen_once_stay_apart() -> None:
 def test_a_place_that_is_out_of_view_for_long_is_thinned_whatever_memory_there_is(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(levels, "AWAY_MOMENTS", 8)
+    monkeypatch.setattr(levels, "MAX_UNVIEWED_MOMENTS", 8)
     rich, poor = seen(), seen()
     poor.memory_mb = 1.0
     for voxels in (rich, poor):
@@ -104,14 +104,14 @@ def test_a_place_that_is_out_of_view_for_long_is_thinned_whatever_memory_there_i
     np.testing.assert_array_equal(here(rich), here(poor))
     for voxels in (rich, poor):
         voxels.fuse(image(), COLD, POSE, 200)
-        voxels.look_through(image(), se3.inverse(POSE))
+        voxels.carve_free_space(image(), se3.inverse(POSE))
     np.testing.assert_array_equal(here(rich), here(poor))
     np.testing.assert_array_equal(rich.hits[rich.living()], poor.hits[poor.living()])
 
 
 def test_how_long_is_long_does_not_depend_on_frames_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
     """Away is what the camera has turned from, not what it has stood beside for many frames."""
-    monkeypatch.setattr(levels, "AWAY_MOMENTS", 8)
+    monkeypatch.setattr(levels, "MAX_UNVIEWED_MOMENTS", 8)
     slow, fast = seen(), seen()
     rows = rows_here(slow)
     look_elsewhere(slow, 8)
@@ -125,10 +125,10 @@ def test_how_long_is_long_does_not_depend_on_frames_a_second(monkeypatch: pytest
 
 def test_rows_of_a_file_are_parted_as_those_of_the_map() -> None:
     voxels = seen()
-    voxels.look_away()
+    voxels.thin_all()
     rows = voxels.living()
     shared = rows[voxels._cubes.cube_of[rows >> 10] == 0]
-    parted, (points, _) = levels.parted(voxels._room.rows[shared]), voxels.spread(shared)
+    parted, (points, _) = levels.split_rows(voxels._row_memory.rows[shared]), voxels.spread(shared)
     assert len(parted) == len(points) > len(shared)
     corner = np.floor(points / 0.32).astype(int)[0] * 32
     voxel = np.stack([parted["voxel"] >> 10, (parted["voxel"] >> 5) & 31, parted["voxel"] & 31], 1)

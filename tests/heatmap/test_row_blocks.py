@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.frame import Intrinsics
-from cuboid.heatmap.voxel_map import MOST_VOTES, VOTES_SHARE, VoxelMap
+from cuboid.heatmap.voxel_map import MAX_VOTES, VOTES_RATIO, VoxelMap
 from cuboid.kernels.cubes import BLOCK_ROWS
 from cuboid.working import WorkingImage
 
@@ -19,11 +19,11 @@ def wall(voxels: VoxelMap, x: float, frame: int) -> np.ndarray:
     return voxels.fuse(image, np.ones((48, 64), np.float32), T, frame)
 
 
-def give(voxels: VoxelMap, rows: np.ndarray, number: int) -> None:
+def add(voxels: VoxelMap, rows: np.ndarray, number: int) -> None:
     """Let rows that no one has, or that have one vote, belong to an object."""
     slots = np.asarray(rows, np.int32)[None]
     claim, all_of = np.zeros(slots.shape, np.int32), np.zeros(64, np.int64)
-    voxels.vote(
+    voxels.vote_owners(
         claim, np.array([number], np.int32), all_of, np.ones((1, 1), np.uint8), np.ones(slots.shape, np.uint8), slots
     )
 
@@ -37,9 +37,9 @@ def test_the_rows_of_an_object_are_found_whatever_becomes_of_them() -> None:
     assert len(rows) > 20 * BLOCK_ROWS
     for step in range(60):
         first = int(rng.integers(0, len(rows) - 900))
-        give(voxels, rows[first : first + 900], int(rng.integers(1, 6)))
+        add(voxels, rows[first : first + 900], int(rng.integers(1, 6)))
         if step % 7 == 0:
-            voxels.pass_on(3, 2)
+            voxels.transfer(3, 2)
         if step % 11 == 0:
             voxels.release([5])
     for number in range(1, 6):
@@ -53,12 +53,12 @@ def test_the_rows_of_an_object_are_found_after_its_cube_was_packed() -> None:
     wall(voxels, 0.0, 0)
     rows = voxels.living()
     right = rows[voxels.xyz(rows)[:, 0] > 0.1]
-    give(voxels, right, 4)
+    add(voxels, right, 4)
     place = voxels.xyz(right)
     behind = WorkingImage(np.full((48, 64), 2.0, np.float32), np.zeros((48, 64, 3), np.uint8), CAMERA, 1, (0, 0))
     behind.depth_m[:, 40:] = 1.0  # what lies left of there is seen through
     for _ in range(4):
-        voxels.look_through(behind, np.eye(4))
+        voxels.carve_free_space(behind, np.eye(4))
     dead = voxels.count - voxels.alive
     assert dead > 500
     wall(voxels, 30.0, 1)  # far away: nothing is packed that is out of view
@@ -75,10 +75,10 @@ def test_what_an_object_has_is_no_ones_after_it_was_released() -> None:
     wall(voxels, 0.0, 0)
     some = voxels.living()[100:300]
     for _ in range(5):
-        give(voxels, some, 4)
+        add(voxels, some, 4)
     voxels.release([4])
     assert len(voxels.rows_of(4)) == 0
-    give(voxels, some, 7)
+    add(voxels, some, 7)
     assert voxels.rows_of(7).tolist() == some.tolist(), "votes of who is no more count for nothing"
 
 
@@ -89,13 +89,13 @@ def test_the_solid_rows_of_an_object_are_hot_and_borne_out_by_votes() -> None:
     for frame in range(1, 9):
         wall(voxels, 0.0, frame)
     rows, points = voxels.living(), voxels._points
-    give(voxels, slots[slots >= 0], 3)
+    add(voxels, slots[slots >= 0], 3)
     points.confidence[rows] = rng.integers(1, 9, len(rows))
     points.heat[rows] = rng.integers(0, 65536, len(rows))
     points.hits[rows] = rng.integers(1, 30, len(rows))
     for hot, votes in ((0.5, 2), (0.2, 1), (0.0, 5)):
         told = points.confidence[rows].astype(int)
-        solid = (told >= votes) & (VOTES_SHARE * told >= np.minimum(voxels.hits[rows], MOST_VOTES))
+        solid = (told >= votes) & (VOTES_RATIO * told >= np.minimum(voxels.hits[rows], MAX_VOTES))
         expected = rows[(voxels.owner[rows] == 3) & solid & (voxels.heat(rows) >= hot)]
         assert 0 < len(expected) < len(rows)
         assert voxels.solid_rows_of(3, hot, votes).tolist() == expected.tolist()

@@ -105,7 +105,7 @@ def test_the_sums_are_those_of_numpy(seed: int) -> None:
     weight = (align.FREEDOM + 1) / (align.FREEDOM + r**2)
     squares = np.nansum(weight * r**2, 0)
     np.testing.assert_allclose(sums[[align.SQUARES_I, align.SQUARES_D]], squares, rtol=1e-3)
-    assert sums[align.AGREEING] == np.isfinite(r[:, 1]).sum()
+    assert sums[align.INLIERS] == np.isfinite(r[:, 1]).sum()
     assert sums[align.SHADED] == np.isfinite(r[:, 0]).sum()
     weight_i = weight[:, 0]
     for g in range(2):

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cuboid.kernels import cells as kernel
-from cuboid.tolerances import LEAST_SIGMA_M
+from cuboid.tolerances import MIN_SIGMA_M
 
 CAMERA = np.array([130.0, 128.0, 80.3, 59.1])
 
@@ -126,7 +126,7 @@ def test_level_patches_are_those_of_a_plain_count() -> None:
             z = float(depth[v, u])
             if not 1.0 <= z <= 4.0:
                 continue
-            gate = 3 * 1.42 * noise * z * z * steep + LEAST_SIGMA_M
+            gate = 3 * 1.42 * noise * z * z * steep + MIN_SIGMA_M
             first = int(np.ceil(2 * gate * longest / z))
             if first > 2 * 4:
                 continue
@@ -141,7 +141,7 @@ def test_level_patches_are_those_of_a_plain_count() -> None:
             ]
             if abs(points[1] @ UP - points[0] @ UP) <= gate:
                 level.append(points[0])
-        if len(level) >= kernel.LEAST_LEVEL and len(level) >= kernel.FILLED * known:
+        if len(level) >= kernel.MIN_LEVEL and len(level) >= kernel.FILLED * known:
             expected[place] = np.mean(level, axis=0)
     found = level_patches(depth, noise)
     assert found[:, 4].astype(int).tolist() == sorted(expected)

@@ -6,13 +6,13 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cuboid.kernels.claims import common, share_out, shared, vote
+from cuboid.kernels.claims import assign_pixels, proposal_overlaps, segment_overlaps, vote_owners
 from cuboid.kernels.outlines import (
     BORDER,
     BOTTOM,
     CONTACT,
     EDGE_LEVELS,
-    END_SHARE,
+    END_FRACTION,
     FREE,
     HIDDEN,
     INNER_PIXELS,
@@ -58,12 +58,12 @@ def test_pixels_are_counted_by_proposal_and_object(seed: int) -> None:
     proposed = Proposed(rng, 6)
     owner = rng.choice([0, 3, 5, 6], (HEIGHT, WIDTH)).astype(np.int32)
     place = np.array([2, 2, 2, 1, 2, 0, 2])  # 3 and 5 are in view, 6 is not
-    table, sight, column = np.full((6, 3), -7), np.full(3, -7), np.empty(owner.shape, np.int32)
-    common(owner, place, *proposed.arguments(), column, table, sight)
+    table, object_pixels, column = np.full((6, 3), -7), np.full(3, -7), np.empty(owner.shape, np.int32)
+    proposal_overlaps(owner, place, *proposed.arguments(), column, table, object_pixels)
     others = ~np.isin(owner, [3, 5])
     for k, mine in enumerate(proposed.masks):
         assert table[k].tolist() == [(mine & own).sum() for own in (owner == 5, owner == 3, others)]
-    assert sight.tolist() == [(owner == 5).sum(), (owner == 3).sum(), others.sum()]
+    assert object_pixels.tolist() == [(owner == 5).sum(), (owner == 3).sum(), others.sum()]
 
 
 @FEW
@@ -73,7 +73,7 @@ def test_each_pixel_goes_to_the_strongest_proposal_that_is_mostly_free(seed: int
     proposed = Proposed(rng, 8)
     order = rng.permutation(8)[:6]
     claim = np.full((HEIGHT, WIDTH), 9, np.int32)
-    share_out(order, *proposed.arguments(), 10, 0.6, claim)
+    assign_pixels(order, *proposed.arguments(), 10, 0.6, claim)
     expected = np.full((HEIGHT, WIDTH), -1)
     for i, k in enumerate(order):
         mine = proposed.masks[k]
@@ -133,7 +133,7 @@ def slow_outlines(
             if inside and claim[inside[0]] == a:
                 continue
             end = {BOTTOM: rows.max() - v, TOP: v - rows.min()}.get(side, 0)
-            if end > max(1, END_SHARE * (rows.max() - rows.min())):
+            if end > max(1, END_FRACTION * (rows.max() - rows.min())):
                 continue  # neither its top nor its bottom
             back = [(v - n * dv, u - n * du) for n in range(reach)]
             mine = [0 <= y < depth.shape[0] and 0 <= x < depth.shape[1] and claim[y, x] == a for y, x in back]
@@ -264,9 +264,9 @@ def test_what_shares_have_of_objects_is_counted(seed: int) -> None:
     owner = np.array([0, 2, 5], np.int32)[owner]
     known = rng.random(claim.shape) < 0.5
     table, size = np.empty((4, 2), np.int64), np.empty(4, np.int64)
-    shared(claim, owner, known, np.array([1, 1, 1, 1, 1, 0]), table, size)  # 5 is in view, 2 is not
-    for row, share in enumerate((0, 1, 2, -1)):
-        mine = claim == share
+    segment_overlaps(claim, owner, known, np.array([1, 1, 1, 1, 1, 0]), table, size)  # 5 is in view, 2 is not
+    for row, fraction in enumerate((0, 1, 2, -1)):
+        mine = claim == fraction
         assert table[row].tolist() == [(mine & (owner == 5)).sum(), (mine & (owner != 5)).sum()]
         assert size[row] == (mine & known).sum()
 
@@ -304,12 +304,12 @@ def slow_vote(
     """Each voxel hears the first pixel that has something to say: for an object, or, on a plane, for no one."""
     after = dict(held)
     done = set()
-    for row, share, off_plane in zip(slots.ravel(), claim.ravel(), candidate.ravel(), strict=True):
-        if row < 0 or row in done or (share < 0 and off_plane) or (share >= 0 and speaks[share] == 0):
+    for row, fraction, off_plane in zip(slots.ravel(), claim.ravel(), candidate.ravel(), strict=True):
+        if row < 0 or row in done or (fraction < 0 and off_plane) or (fraction >= 0 and speaks[fraction] == 0):
             continue
-        number = speaks[share] if share >= 0 else 0
+        number = speaks[fraction] if fraction >= 0 else 0
         owner, votes = held[row]
-        if share >= 0 and owner != number and hits[row] > 1 and not may[share, owner]:
+        if fraction >= 0 and owner != number and hits[row] > 1 and not may[fraction, owner]:
             continue
         done.add(row)
         if owner == number:
@@ -340,7 +340,7 @@ def test_voxels_are_voted_for_as_boyer_and_moore_do(seed: int) -> None:
         may = {(i, o): bool(place[o] >= 0 and allowed[i, place[o]]) for i in range(3) for o in (0, 1, 2, 4)}
         held = {k: (int(owner[k]), int(confidence[k])) for k in range(count)}
         expected = slow_vote(held, claim, slots, dict(enumerate(number_of.tolist())), candidate, may, hits)
-        pairs = vote(claim, number_of, place, allowed, candidate, slots, hits, MOST, owner, confidence, voted)
+        pairs = vote_owners(claim, number_of, place, allowed, candidate, slots, hits, MOST, owner, confidence, voted)
         # What has a new owner is told of; all of these rows lie in block 0.
         won = {int(owner[k]) for k in range(count) if owner[k] and owner[k] != held[k][0]}
         assert won <= set((pairs >> 32).tolist()) <= {1, 2, 4}
@@ -356,7 +356,7 @@ def test_so_many_frames_as_there_are_votes_change_an_owner() -> None:
     place, hits = np.array([0, 1, 2]), np.full(1, 9, np.int32)
     history = []
     for number in [1] * 12 + [2] * 10:
-        vote(
+        vote_owners(
             claim, np.array([number], np.int32), place, yes, np.ones((1, 1), np.uint8), slots, hits, MOST, owner,
             confidence, voted,
         )  # fmt: skip

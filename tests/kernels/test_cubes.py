@@ -6,7 +6,7 @@ import numpy as np
 
 from cuboid.geometry import se3
 from cuboid.kernels.cubes import BATCH, CUBE_SIDE, empty_cubes, make_cube, pack_key
-from cuboid.kernels.lookup import in_view
+from cuboid.kernels.lookup import cubes_in_frustum
 
 VOXEL_M, CAMERA, WIDTH, HEIGHT, FAR_M = 0.01, np.array([60.0, 55.0, 31.5, 23.5]), 64, 48, 3.0
 
@@ -28,10 +28,10 @@ def test_cubes_in_view_are_those_whose_spheres_reach_into_the_picture() -> None:
             first, last = c + 1.0, size - c
             expected &= f * place + first * z >= -radius * np.hypot(f, first)
             expected &= last * z - f * place >= -radius * np.hypot(f, last)
-        count = in_view(T, CAMERA, WIDTH, HEIGHT, FAR_M, VOXEL_M, cubes, found)
+        count = cubes_in_frustum(T, CAMERA, WIDTH, HEIGHT, FAR_M, VOXEL_M, cubes, found)
         assert found[:count].tolist() == np.flatnonzero(expected).tolist()
         shown.add(count)
     assert max(shown) > 50
     # What lies far away is passed over by its batch.
     cubes.bounds[: len(numbers) // BATCH + 1] += 100_000
-    assert in_view(T, CAMERA, WIDTH, HEIGHT, FAR_M, VOXEL_M, cubes, found) == 0
+    assert cubes_in_frustum(T, CAMERA, WIDTH, HEIGHT, FAR_M, VOXEL_M, cubes, found) == 0

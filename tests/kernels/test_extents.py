@@ -11,11 +11,11 @@ from cuboid.kernels.extents import BINS, beyond_sides, ends_at, reach
 STEPS = np.array([0.02, 0.03, 0.04])
 
 
-def numpy_reach(points: np.ndarray, weights: np.ndarray, direction: np.ndarray, share: float) -> tuple[float, float]:
+def numpy_reach(points: np.ndarray, weights: np.ndarray, direction: np.ndarray, fraction: float) -> tuple[float, float]:
     along = points @ direction
     order = np.argsort(along)
     mass = np.cumsum(weights[order])
-    cut = share * mass[-1]
+    cut = fraction * mass[-1]
     low = along[order][np.searchsorted(mass, cut)]
     high = along[order][len(mass) - 1 - np.searchsorted(np.cumsum(weights[order][::-1]), cut)]
     return float(low), float(high)
@@ -23,23 +23,23 @@ def numpy_reach(points: np.ndarray, weights: np.ndarray, direction: np.ndarray, 
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10_000), st.floats(0.0, 0.1), st.integers(5, 400))
-def test_reach_is_the_weighted_quantile_to_a_bin(seed: int, share: float, n: int) -> None:
+def test_reach_is_the_weighted_quantile_to_a_bin(seed: int, fraction: float, n: int) -> None:
     rng = np.random.default_rng(seed)
     points, weights = rng.normal(size=(n, 2)), rng.uniform(0.1, 2.0, n)
     angles = rng.uniform(0, np.pi, 5)
     directions = np.column_stack([np.cos(angles), np.sin(angles)])
     low, high = np.empty(5), np.empty(5)
-    reach(points, weights, directions, share, low, high)
+    reach(points, weights, directions, fraction, low, high)
     for k in range(5):
         bin_m = np.ptp(points @ directions[k]) / BINS
-        expected = numpy_reach(points, weights, directions[k], share)
+        expected = numpy_reach(points, weights, directions[k], fraction)
         assert abs(low[k] - expected[0]) <= 1.01 * bin_m
         assert abs(high[k] - expected[1]) <= 1.01 * bin_m
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10_000), st.floats(0.001, 0.3), st.integers(2, 400))
-def test_points_that_weigh_the_same_reach_as_far_whatever_each_weighs(seed: int, share: float, n: int) -> None:
+def test_points_that_weigh_the_same_reach_as_far_whatever_each_weighs(seed: int, fraction: float, n: int) -> None:
     """A weight of 2 each goes by all bins, a weight of 1 by the outermost ones alone."""
     rng = np.random.default_rng(seed)
     points = np.round(rng.normal(size=(n, 2)), rng.integers(1, 4))
@@ -47,7 +47,7 @@ def test_points_that_weigh_the_same_reach_as_far_whatever_each_weighs(seed: int,
     directions = np.column_stack([np.cos(angles), np.sin(angles)])
     found = np.empty((2, 2, 5))
     for weight in (1, 2):
-        reach(points, np.full(n, float(weight)), directions, share, *found[weight - 1])
+        reach(points, np.full(n, float(weight)), directions, fraction, *found[weight - 1])
     np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-12)
 
 

@@ -6,7 +6,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from cuboid.kernels.pieces import gather_regions, judge_regions, label_regions
-from cuboid.kernels.pixels import drop_mixed, places_of, stand_on
+from cuboid.kernels.pixels import assign_planes, back_project, drop_mixed
 from cuboid.tolerances import JUMP_SIGMAS
 
 CAMERA = np.array([50.0, 50.0, 31.5, 23.5])
@@ -31,14 +31,14 @@ def test_an_edge_and_a_slope_stay() -> None:
     np.testing.assert_array_equal(out, depth)
 
 
-def regions_by_scipy(depth: np.ndarray, share: np.ndarray, noise: float, jump: float) -> np.ndarray:
+def regions_by_scipy(depth: np.ndarray, fraction: np.ndarray, noise: float, jump: float) -> np.ndarray:
     h, w = depth.shape
     pairs = []
     for v in range(h):
         for u in range(w):
             for dv, du in ((-1, -1), (-1, 0), (-1, 1), (0, -1)):
                 y, x = v + dv, u + du
-                if y >= 0 and 0 <= x < w and share[v, u] >= 0 and share[v, u] == share[y, x]:
+                if y >= 0 and 0 <= x < w and fraction[v, u] >= 0 and fraction[v, u] == fraction[y, x]:
                     z = float(depth[v, u])
                     if abs(float(depth[y, x]) - z) < jump + JUMP_SIGMAS * noise * z * z:
                         pairs.append((v * w + u, y * w + x))
@@ -50,12 +50,12 @@ def regions_by_scipy(depth: np.ndarray, share: np.ndarray, noise: float, jump: f
 def test_regions_are_those_of_a_graph_search() -> None:
     rng = np.random.default_rng(2)
     depth = rng.choice([1.0, 1.005, 1.1, 2.0], (30, 40)).astype(np.float32)
-    share = np.repeat(np.arange(2, dtype=np.int32), 20)[None].repeat(30, 0)  # two of them, side by side
-    share[rng.random(depth.shape) > 0.7] = -1
+    fraction = np.repeat(np.arange(2, dtype=np.int32), 20)[None].repeat(30, 0)  # two of them, side by side
+    fraction[rng.random(depth.shape) > 0.7] = -1
     labels, parent = np.empty(depth.shape, np.int32), np.empty(depth.size, np.int32)
-    number = label_regions(depth, share, 1.4e-3, 0.01, parent, labels)
-    truth = regions_by_scipy(depth, share, 1.4e-3, 0.01)
-    inside = share >= 0
+    number = label_regions(depth, fraction, 1.4e-3, 0.01, parent, labels)
+    truth = regions_by_scipy(depth, fraction, 1.4e-3, 0.01)
+    inside = fraction >= 0
     assert (labels[~inside] == 0).all()
     assert number == len(np.unique(truth[inside]))
     assert len(set(zip(labels[inside].tolist(), truth[inside].tolist(), strict=True))) == number
@@ -64,34 +64,34 @@ def test_regions_are_those_of_a_graph_search() -> None:
 
 
 def test_the_inside_and_the_outside_of_a_mug_are_one_thing_and_what_is_behind_is_not() -> None:
-    share, depth = np.full((20, 30), -1, np.int32), np.zeros((20, 30), np.float32)
-    share[4:16, 5:15], depth[4:16, 5:15] = 0, 1.0
+    fraction, depth = np.full((20, 30), -1, np.int32), np.zeros((20, 30), np.float32)
+    fraction[4:16, 5:15], depth[4:16, 5:15] = 0, 1.0
     depth[4:9, 5:15] = 1.06  # its inside, as deep again as 12 pixels at 1 m are long, halved: 6 cm
-    share[4:16, 15:17], depth[4:16, 15:17] = 0, 1.05  # a sliver
-    share[4:16, 20:28], depth[4:16, 20:28] = 1, 1.0  # another share
-    labels, parent = np.empty(share.shape, np.int32), np.empty(share.size, np.int32)
-    number = label_regions(depth, share, 1e-3, 0.005, parent, labels)
+    fraction[4:16, 15:17], depth[4:16, 15:17] = 0, 1.05  # a sliver
+    fraction[4:16, 20:28], depth[4:16, 20:28] = 1, 1.0  # another share
+    labels, parent = np.empty(fraction.shape, np.int32), np.empty(fraction.size, np.int32)
+    number = label_regions(depth, fraction, 1e-3, 0.005, parent, labels)
     assert number == 4
     inside, outside, sliver, other = labels[5, 6], labels[12, 6], labels[12, 16], labels[12, 24]
     for deep, joined in ((0.4, False), (0.6, True)):
-        after, sizes, owner = judged(labels, share, depth, depth, 1, deep)
+        after, sizes, owner = judged(labels, fraction, depth, depth, 1, deep)
         assert (owner[outside], owner[other]) == (0, 1)
         assert sizes[outside] == (120 if joined else 70)
         assert after[5, 6] == (outside if joined else inside)
         assert (after[12, 6], after[12, 16], after[12, 24], after[0, 0]) == (outside, sliver, other, 0)
     none = np.zeros_like(labels)
-    after, sizes, _ = judged(none, np.full_like(share, -1), depth, depth, 1, 0.5)
+    after, sizes, _ = judged(none, np.full_like(fraction, -1), depth, depth, 1, 0.5)
     assert not after.any()
     assert sizes.tolist() == [0]
 
 
 def judged(
-    labels: np.ndarray, share: np.ndarray, depth: np.ndarray, readings: np.ndarray, least: int, deep: float
+    labels: np.ndarray, fraction: np.ndarray, depth: np.ndarray, readings: np.ndarray, least: int, deep: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What each pixel belongs to in the end, with sizes and shares of regions."""
     count = labels.max() + 1
     become, sizes, owner = np.empty(count, np.int32), np.empty(count, np.int64), np.empty(count, np.int64)
-    judge_regions(labels, share, depth, readings, least, 100.0, 0.4, deep, become, sizes, owner)
+    judge_regions(labels, fraction, depth, readings, least, 100.0, 0.4, deep, become, sizes, owner)
     return become[labels], sizes, owner
 
 
@@ -152,7 +152,7 @@ def test_what_is_beneath_is_the_highest_plane() -> None:
     numbers = np.array([200, 40000], np.int32)
     patches = np.full((6, 8), 200, np.int32)
     patches[:, 4:] = 40000
-    stand_on(
+    assign_planes(
         depth, CAMERA, T_plan_camera, planes, numbers, ground, np.array([-2.0, -2.0]), 0.05, patches, 8,
         1.4e-3, 0.01, 0.005, 4.0, on_plane, support, seen,
     )  # fmt: skip
@@ -175,7 +175,7 @@ def test_what_is_beneath_is_found_among_more_planes_than_a_word_has_bits() -> No
     patches = rng.choice(np.append(numbers, -1), (6, 8)).astype(np.int32)
     on_plane, support = np.empty(depth.shape, np.int32), np.empty(depth.shape, np.int32)
     seen = np.zeros(ground.shape, np.int32)
-    stand_on(
+    assign_planes(
         depth, CAMERA, T_plan_camera, planes, numbers, ground, np.array([-2.0, -2.0]), 0.1, patches, 8,
         1.4e-3, 0.01, 0.005, 4.0, on_plane, support, seen,
     )  # fmt: skip
@@ -205,7 +205,7 @@ def test_pixels_are_where_the_pinhole_and_the_pose_put_them() -> None:
     T[:3, :3], T[:3, 3] = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.normal(size=3)
     pixels = rng.permutation(depth.size)[:50]
     places = np.empty((50, 3))
-    places_of(pixels, depth, camera, T, places)
+    back_project(pixels, depth, camera, T, places)
     v, u = np.divmod(pixels, 17)
     rays = np.stack([(u - camera[2]) / camera[0], (v - camera[3]) / camera[1], np.ones(50)], axis=1)
     np.testing.assert_allclose(places, rays * depth[v, u][:, None] @ T[:3, :3].T + T[:3, 3], atol=1e-12)

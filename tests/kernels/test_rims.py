@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from cuboid.kernels.rims import highest_rim
-from cuboid.tolerances import LEAST_READINGS, LITTLE, MOST, SAMPLE
+from cuboid.tolerances import LITTLE, MIN_READINGS, MOST, SAMPLE
 
 GAP_M, SLAB_M = 0.02, 0.03
 
@@ -18,7 +18,7 @@ def rims(points: np.ndarray, slabs: list[tuple[int, int]], axes: np.ndarray) -> 
     for k, (begin, end) in enumerate(slabs):
         slab, rest = plan[begin:end], plan[end:]
         slab, rest = slab[:: 1 + len(slab) // SAMPLE], rest[:: 1 + len(rest) // SAMPLE]
-        if len(slab) < LEAST_READINGS:
+        if len(slab) < MIN_READINGS:
             continue
         along = np.linalg.eigh(np.cov(slab.T))[1][:, 1]
         low, high = np.quantile(slab @ along, [LITTLE, 1.0 - LITTLE])

@@ -183,8 +183,8 @@ def nearest_by_hand(
 
 def test_holes_are_filled_as_two_sweeps_by_hand_fill_them() -> None:
     rng = np.random.default_rng(5)
-    for share, step in ((0.2, 1), (0.9, 2), (0.995, 1)):
-        known = rng.random((30, 41)) >= share
+    for fraction, step in ((0.2, 1), (0.9, 2), (0.995, 1)):
+        known = rng.random((30, 41)) >= fraction
         known[4:9] = False
         inverse = rng.uniform(0.3, 2.0, known.shape).astype(np.float32)
         # No two ways cost the same.

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from cuboid.kernels.extents import BINS
 from cuboid.kernels.overlap import BATCH, bound
-from cuboid.kernels.sightings import NEAREST_M, count_seen, in_view
+from cuboid.kernels.sightings import NEAREST_M, boxes_in_frustum, count_seen
 
 CAMERA = np.array([30.0, 32.0, 19.5, 14.5])
 NOISE, AGREE_M, ALIKE = 1.4e-3, 0.03, 30
@@ -56,9 +56,9 @@ def numpy_ends(values: np.ndarray) -> tuple[float, float]:
     count, edges = np.histogram(values, BINS)
     below = np.concatenate([[0], np.cumsum(count)]) / len(values)
 
-    def where(share: float) -> float:
-        k = int(np.searchsorted(below, share, "left" if share < 0.5 else "right")) - 1
-        return float(edges[k] + (share - below[k]) / (below[k + 1] - below[k]) * (edges[1] - edges[0]))
+    def where(fraction: float) -> float:
+        k = int(np.searchsorted(below, fraction, "left" if fraction < 0.5 else "right")) - 1
+        return float(edges[k] + (fraction - below[k]) / (below[k + 1] - below[k]) * (edges[1] - edges[0]))
 
     low, high = 2 * where(0.02) - where(0.04), 2 * where(0.98) - where(0.96)
     return max(low, values.min()), min(high, values.max())
@@ -112,8 +112,10 @@ def test_boxes_in_view_are_those_whose_spheres_reach_into_the_picture() -> None:
             expected &= (place + radius) / z * focal + center > 0
             expected &= (place - radius) / z * focal + center < size
     found = np.empty(400, np.int64)
-    number = in_view(boxes, bounds, T, CAMERA, 40, 30, 1.5, found)
+    number = boxes_in_frustum(boxes, bounds, T, CAMERA, 40, 30, 1.5, found)
     assert found[:number].tolist() == np.flatnonzero(expected).tolist()
     assert 20 < number < 300
     bounds[:, :6] += 50.0
-    assert in_view(boxes, bounds, T, CAMERA, 40, 30, 1.5, found) == 0, "what is out of view is passed over at once"
+    assert boxes_in_frustum(boxes, bounds, T, CAMERA, 40, 30, 1.5, found) == 0, (
+        "what is out of view is passed over at once"
+    )

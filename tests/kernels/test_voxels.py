@@ -90,7 +90,7 @@ def test_a_point_that_is_seen_through_goes_and_the_surface_behind_stays() -> Non
     for frame in range(1, 5):
         image = image_of(far)
         voxels.fuse(image, hot, np.eye(4), frame)
-        voxels.look_through(image, np.eye(4))
+        voxels.carve_free_space(image, np.eye(4))
     z = voxels.xyz(voxels.living())[:, 2]
     inner = np.abs(voxels.xyz(voxels.living())[:, :2]).max(1) < 0.35
     assert in_front > 100
@@ -103,22 +103,22 @@ def test_frames_from_one_place_leave_out_what_is_cold_and_look_through_once_for_
     near, far = np.full((48, 64), 1.0), np.full((48, 64), 2.0)
     half = np.zeros((48, 64), np.float32)
     half[:, :32] = 1.0
-    slots = [voxels.fuse(image_of(near), half, np.eye(4), frame, elsewhere=frame == 0) for frame in range(3)]
+    slots = [voxels.fuse(image_of(near), half, np.eye(4), frame, new_viewpoint=frame == 0) for frame in range(3)]
     assert (slots[0][:, 32:] >= 0).mean() == 0.25
     for some in slots[1:]:
         assert (some[:, :32] >= 0).all()
         assert (some[:, 32:] < 0).all()
     for _ in range(5):
-        voxels.look_through(image_of(far), np.eye(4), elsewhere=False)
+        voxels.carve_free_space(image_of(far), np.eye(4), new_viewpoint=False)
     assert voxels.alive == voxels.count
-    voxels.look_through(image_of(far), np.eye(4))
+    voxels.carve_free_space(image_of(far), np.eye(4))
     assert voxels.alive < voxels.count / 2
-    assert voxels.looks == 6
+    assert voxels.carving_passes == 6
 
 
 def test_stray_points_go_also_while_the_map_grows(monkeypatch: pytest.MonkeyPatch) -> None:
     """A large map is looked through in turns; new points at its end must not keep the turn from coming round."""
-    monkeypatch.setattr("cuboid.heatmap.voxel_map.LOOK_POINTS", 100)
+    monkeypatch.setattr("cuboid.heatmap.voxel_map.MAX_CARVED_POINTS", 100)
     voxels = VoxelMap(VOXEL, 1e-3, 30.0)
     hot = np.ones((48, 64), np.float32)
     voxels.fuse(image_of(np.full((48, 64), 1.0)), hot, np.eye(4), 0)
@@ -128,7 +128,7 @@ def test_stray_points_go_also_while_the_map_grows(monkeypatch: pytest.MonkeyPatc
     for frame in range(1, 250):
         image = image_of(rng.uniform(5, 25, (48, 64)))
         voxels.fuse(image, hot, np.eye(4), frame)
-        voxels.look_through(image, np.eye(4))
+        voxels.carve_free_space(image, np.eye(4))
     assert len(inner) > 50
     assert (voxels.xyz(voxels.living())[:, 2] > 1.5).all()
 
@@ -139,7 +139,7 @@ def test_a_point_that_was_removed_and_is_seen_again_counts_as_new() -> None:
     voxels.fuse(image_of(near), hot, np.eye(4), 3)
     before = voxels.living()
     for _ in range(4):
-        voxels.look_through(image_of(far), np.eye(4))
+        voxels.carve_free_space(image_of(far), np.eye(4))
     gone = np.setdiff1d(before, voxels.living())
     assert len(gone) > 50
     voxels.fuse(image_of(near), hot, np.eye(4), 3)  # the same number, as after a recording began anew
@@ -156,7 +156,7 @@ def test_a_surface_that_is_hit_as_often_stays() -> None:
         voxels.fuse(image, hot, np.eye(4), frame)
     count = len(voxels.living())
     for _ in range(4):
-        voxels.look_through(image_of(np.full((48, 64), 2.0)), np.eye(4))
+        voxels.carve_free_space(image_of(np.full((48, 64), 2.0)), np.eye(4))
     assert len(voxels.living()) == count
 
 

@@ -6,15 +6,23 @@ from math import log
 
 import pytest
 
-from cuboid.objects.affinity import JOIN_RATE, MOST_TOLD, ONE, SPLIT_RATE, SURE, TWO, Affinity
+from cuboid.objects.affinity import (
+    DIFFERENT_LOG_ODDS,
+    JOIN_RATE,
+    MAX_LOG_ODDS,
+    SAME_LOG_ODDS,
+    SPLIT_RATE,
+    SURE,
+    Affinity,
+)
 
 
 def test_frames_add_up_as_far_as_they_are_news() -> None:
     affinity = Affinity()
     assert affinity.of(1, 2) is None
-    affinity.tell(1, 2, one=True, news=1.0)
-    affinity.tell(2, 1, one=False, news=0.5)
-    assert affinity.of(1, 2) == affinity.of(2, 1) == pytest.approx(ONE + 0.5 * TWO)
+    affinity.add_evidence(1, 2, one=True, novelty=1.0)
+    affinity.add_evidence(2, 1, one=False, novelty=0.5)
+    assert affinity.of(1, 2) == affinity.of(2, 1) == pytest.approx(SAME_LOG_ODDS + 0.5 * DIFFERENT_LOG_ODDS)
     assert affinity.partners(1) == [2]
 
 
@@ -22,7 +30,7 @@ def test_the_odds_after_many_frames_are_those_of_bayes() -> None:
     """The odds that two are one, of which frames joined three and parted one, against the rates of both errors."""
     affinity = Affinity()
     for one in (True, False, True, True):
-        affinity.tell(1, 2, one=one, news=1.0)
+        affinity.add_evidence(1, 2, one=one, novelty=1.0)
     if_one = (1 - SPLIT_RATE) ** 3 * SPLIT_RATE
     if_two = JOIN_RATE**3 * (1 - JOIN_RATE)
     assert affinity.of(1, 2) == pytest.approx(log(if_one / if_two))
@@ -31,54 +39,54 @@ def test_the_odds_after_many_frames_are_those_of_bayes() -> None:
 def test_a_mistake_of_long_ago_can_be_mended() -> None:
     affinity = Affinity()
     for _ in range(1000):
-        affinity.tell(1, 2, one=False, news=1.0)
-    assert affinity.of(1, 2) == -MOST_TOLD
-    for _ in range(int(2 * MOST_TOLD / ONE) + 1):
-        affinity.tell(1, 2, one=True, news=1.0)
+        affinity.add_evidence(1, 2, one=False, novelty=1.0)
+    assert affinity.of(1, 2) == -MAX_LOG_ODDS
+    for _ in range(int(2 * MAX_LOG_ODDS / SAME_LOG_ODDS) + 1):
+        affinity.add_evidence(1, 2, one=True, novelty=1.0)
     assert (affinity.of(1, 2) or 0.0) > SURE
 
 
 def test_the_borders_of_a_part_that_is_held_tell_nothing() -> None:
     affinity = Affinity()
     for _ in range(100):
-        affinity.tell(1, 2, one=False, news=1.0)
-    affinity.hold(1, 2, news=0.5)
-    assert affinity.of(1, 2) == pytest.approx(0.5 * ONE)
-    affinity.hold(1, 2, news=1.0)
-    assert affinity.of(1, 2) == pytest.approx(1.5 * ONE)
+        affinity.add_evidence(1, 2, one=False, novelty=1.0)
+    affinity.add_attachment(1, 2, novelty=0.5)
+    assert affinity.of(1, 2) == pytest.approx(0.5 * SAME_LOG_ODDS)
+    affinity.add_attachment(1, 2, novelty=1.0)
+    assert affinity.of(1, 2) == pytest.approx(1.5 * SAME_LOG_ODDS)
 
 
 def test_what_is_no_more_is_beside_nothing() -> None:
     affinity = Affinity()
     for other in (2, 3):
-        affinity.tell(1, other, one=True, news=1.0)
-    affinity.tell(2, 3, one=False, news=1.0)
-    affinity.forget(1)
+        affinity.add_evidence(1, other, one=True, novelty=1.0)
+    affinity.add_evidence(2, 3, one=False, novelty=1.0)
+    affinity.remove(1)
     assert affinity.of(1, 2) is affinity.of(1, 3) is None
     assert (affinity.partners(1), affinity.partners(2), affinity.partners(3)) == ([], [3], [2])
-    affinity.forget(17)  # never seen beside anything
+    affinity.remove(17)  # never seen beside anything
 
 
 def test_what_was_told_of_the_gone_holds_of_the_kept() -> None:
     affinity = Affinity()
-    affinity.tell(5, 2, one=True, news=1.0)
-    affinity.tell(5, 3, one=False, news=1.0)
-    affinity.tell(2, 3, one=False, news=1.0)
-    affinity.tell(9, 5, one=True, news=0.5)
-    affinity.pass_on(5, 2)
+    affinity.add_evidence(5, 2, one=True, novelty=1.0)
+    affinity.add_evidence(5, 3, one=False, novelty=1.0)
+    affinity.add_evidence(2, 3, one=False, novelty=1.0)
+    affinity.add_evidence(9, 5, one=True, novelty=0.5)
+    affinity.transfer(5, 2)
     assert affinity.partners(5) == []
     assert affinity.of(2, 5) is None
     assert affinity.partners(2) == [3, 9]
-    assert affinity.of(2, 3) == pytest.approx(2 * TWO)
-    assert affinity.of(2, 9) == pytest.approx(0.5 * ONE)
+    assert affinity.of(2, 3) == pytest.approx(2 * DIFFERENT_LOG_ODDS)
+    assert affinity.of(2, 9) == pytest.approx(0.5 * SAME_LOG_ODDS)
 
 
 def test_partners_are_asked_for_by_how_likely_they_are_one_with_an_object() -> None:
     affinity = Affinity()
     for _ in range(100):
-        affinity.tell(4, 9, one=False, news=1.0)
-        affinity.tell(2, 4, one=True, news=1.0)
-    affinity.tell(4, 7, one=True, news=0.1)
+        affinity.add_evidence(4, 9, one=False, novelty=1.0)
+        affinity.add_evidence(2, 4, one=True, novelty=1.0)
+    affinity.add_evidence(4, 7, one=True, novelty=0.1)
     assert affinity.partners(4) == [2, 7, 9]
     assert affinity.partners(4, least=SURE) == [2]
     assert affinity.partners(4, most=-SURE) == [9]

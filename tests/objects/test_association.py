@@ -9,7 +9,7 @@ from cuboid.geometry.overlap import pack
 from cuboid.kernels.outlines import KINDS
 from cuboid.objects.association import Association, associate
 from cuboid.objects.entry import MapObject
-from cuboid.surfaces.clusters import FrameCluster, FrameClusters
+from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments
 
 SHAPE = (20, 40)
 
@@ -22,14 +22,14 @@ def entry(number: int, x: float) -> MapObject:
     return MapObject(number, box(x), 0, 0)
 
 
-def frame_of(claim: np.ndarray) -> FrameClusters:
+def frame_of(claim: np.ndarray) -> FrameSegments:
     count = int(claim.max()) + 1
-    clusters = []
+    segments = []
     for k in range(count):
         pixels = np.flatnonzero(claim.ravel() == k)
         outline = np.zeros((4, KINDS), np.int64)
-        clusters.append(FrameCluster(pixels, {}, 1.0, 1.0, np.zeros(4), outline, 1.0))
-    return FrameClusters(clusters, claim.astype(np.int32), np.zeros((count, count), np.int64), np.arange(count))
+        segments.append(FrameSegment(pixels, {}, 1.0, 1.0, np.zeros(4), outline, 1.0))
+    return FrameSegments(segments, claim.astype(np.int32), np.zeros((count, count), np.int64), np.arange(count))
 
 
 def things(*columns: tuple[int, int]) -> np.ndarray:
@@ -58,9 +58,9 @@ def test_each_thing_is_at_most_one_object_and_each_object_at_most_one_thing() ->
     found = matched(claim, FAR, [entry(4, 0.0)], owner)
     assert found.match.tolist() == [0, -1]
     assert found.part.tolist() == [-1, 0], "what is left over is a part of it"
-    assert found.common.tolist() == [[240], [160]]
-    assert found.sight.tolist() == [400]
-    np.testing.assert_allclose(found.likeness, [0.6, 0.0])
+    assert found.overlap.tolist() == [[240], [160]]
+    assert found.object_pixels.tolist() == [400]
+    np.testing.assert_allclose(found.similarity, [0.6, 0.0])
 
 
 def test_the_pairs_are_those_that_are_most_alike_together() -> None:
@@ -75,7 +75,7 @@ def test_boxes_tell_where_pixels_do_not() -> None:
     found = matched(claim, [box(0.02), box(1.0)], [entry(1, 1.0), entry(2, 0.0)], np.zeros(SHAPE, int))
     assert found.match.tolist() == [1, 0]
     np.testing.assert_allclose(found.iou, [[0.0, 0.18 / 0.22], [1.0, 0.0]], atol=1e-9)
-    np.testing.assert_allclose(found.likeness, [0.18 / 0.22, 1.0])
+    np.testing.assert_allclose(found.similarity, [0.18 / 0.22, 1.0])
 
 
 def test_what_the_map_did_not_know_does_not_count_against_a_thing() -> None:
@@ -84,13 +84,13 @@ def test_what_the_map_did_not_know_does_not_count_against_a_thing() -> None:
     known = np.arange(40) < 10
     owner = np.where(known, 3, 0) * np.ones(SHAPE, int)
     found = matched(claim, FAR[:1], [entry(3, 0.0)], owner, known * np.ones(SHAPE, bool))
-    assert found.likeness.tolist() == [1.0]
+    assert found.similarity.tolist() == [1.0]
     # But of what is all but new its known part tells little: a twentieth of it is like a fifth of it at most.
     known = np.arange(40) < 1
     owner = np.where(known, 3, 0) * np.ones(SHAPE, int)
     found = matched(claim, FAR[:1], [entry(3, 0.0)], owner, known * np.ones(SHAPE, bool))
     assert found.match.tolist() == [0]
-    np.testing.assert_allclose(found.likeness, [1 / 4])
+    np.testing.assert_allclose(found.similarity, [1 / 4])
 
 
 def test_a_thing_in_no_object_is_none_and_no_part() -> None:
@@ -108,6 +108,6 @@ def test_no_objects_and_no_things() -> None:
     found = matched(claim, FAR[:1], [], owner)
     assert (found.match.tolist(), found.part.tolist(), found.iou.shape) == ([-1], [-1], (1, 0))
     found = matched(nothing, [], [entry(9, 0.0)], owner)
-    assert (found.match.shape, found.iou.shape, found.sight.tolist()) == ((0,), (0, 1), [800])
+    assert (found.match.shape, found.iou.shape, found.object_pixels.tolist()) == ((0,), (0, 1), [800])
     found = matched(nothing, [], [], owner)
-    assert (found.match.shape, found.sight.shape) == ((0,), (0,))
+    assert (found.match.shape, found.object_pixels.shape) == ((0,), (0,))

@@ -41,7 +41,7 @@ def seen(points: np.ndarray, ground: np.ndarray = NOTHING) -> tuple[Fitting, Map
     """An object of these points that was seen above the table, which has stood for 500 pixels beneath it."""
     planes, voxels, config = PlaneTracker(TrackerConfig()), map_of((points, 1), (ground, 0)), TrackerConfig()
     for frame in range(4):
-        planes.vote(table(), LEVEL)
+        planes.vote_up(table(), LEVEL)
         planes.update(frame, table())
     store = ObjectStore(voxels)
     entry = store.add(box_of(points), 0)
@@ -72,8 +72,8 @@ def test_what_lies_flat_on_the_table_keeps_its_points() -> None:
 def test_what_floats_above_its_plane_is_told_anew_by_what_follows_what_it_stands_on() -> None:
     """A shelf that is found after what stands on it was seen: counts of the floor beneath must not outweigh it."""
     ground = grid((0.0, 0.8), (0.0, 0.8), (0.0, 0.01))
-    standing, floating = fitted(JAR), fitted(JAR + np.array([0.0, 0.0, 0.4]), ground)
-    assert standing.supports == {standing.plane: 500}
+    above_support_rim, floating = fitted(JAR), fitted(JAR + np.array([0.0, 0.0, 0.4]), ground)
+    assert above_support_rim.supports == {above_support_rim.plane: 500}
     assert floating.supports == {floating.plane: 1}
 
 
@@ -92,13 +92,13 @@ def test_a_label_has_its_box_fitted_anew_when_more_was_seen_and_from_one_place_w
     entry.state, entry.label, fits = State.CONFIRMED, 1, []
     for sightings in range(1, 12):
         entry.sightings = sightings
-        fitting.fit_grown([entry.number], EYE, elsewhere=False)
+        fitting.fit_grown([entry.number], EYE, new_viewpoint=False)
         fits.append(entry.fitted)
     assert fits == [1, 2, 2, 4, 4, 4, 4, 8, 8, 8, 8]
-    fitting.fit_grown([entry.number], EYE, elsewhere=True)
+    fitting.fit_grown([entry.number], EYE, new_viewpoint=True)
     assert entry.fitted == 11
     entry.sightings = 12
-    fitting.fit_grown([entry.number], EYE, elsewhere=True)
+    fitting.fit_grown([entry.number], EYE, new_viewpoint=True)
     assert entry.fitted == 11
 
 

@@ -9,10 +9,10 @@ from made_maps import map_of, shell
 from cuboid.config import TrackerConfig
 from cuboid.geometry.box import Box
 from cuboid.kernels.outlines import KINDS
-from cuboid.objects.affinity import ONE, TWO
+from cuboid.objects.affinity import DIFFERENT_LOG_ODDS, SAME_LOG_ODDS
 from cuboid.objects.association import Association
 from cuboid.objects.object_map import ObjectMap
-from cuboid.surfaces.clusters import FrameCluster
+from cuboid.surfaces.frame_segments import FrameSegment
 from cuboid.surfaces.planes import PlaneTracker
 from cuboid.tolerances import SURE
 
@@ -29,10 +29,10 @@ def test_no_clear_outline_tells_for_a_label_whose_box_has_not_the_size_of_an_obj
     entry = objects.store.add(Box(np.zeros(3), JAR, np.eye(3)), 0)
     objects.store.confirm(entry)
     objects.store.place(entry, Box(np.zeros(3), size, np.eye(3)))
-    seen = FrameCluster(np.zeros(0, np.int64), {}, 1.0, 1.0, np.zeros(4), np.zeros((4, KINDS), np.int64), 1.0)
-    objects._sighting(entry, seen, 2.0)
+    seen = FrameSegment(np.zeros(0, np.int64), {}, 1.0, 1.0, np.zeros(4), np.zeros((4, KINDS), np.int64), 1.0)
+    objects._add_sighting(entry, seen, 2.0)
     assert entry.log_odds == gained
-    objects._sighting(entry, seen, -1.0)
+    objects._add_sighting(entry, seen, -1.0)
     assert entry.log_odds == gained - 1.0
 
 
@@ -46,8 +46,8 @@ def test_a_pair_in_one_place_is_told_once_a_frame_however_many_of_it_have_labels
         entry.points = voxels.xyz(voxels.rows_of(entry.number))
     for entry in pair[:labelled]:
         objects.store.confirm(entry)
-    objects._share_room(pair, news=0.5)
-    assert objects.store.affinity.of(1, 2) == pytest.approx(0.5 * ONE)
+    objects._add_overlaps(pair, novelty=0.5)
+    assert objects.store.affinity.of(1, 2) == pytest.approx(0.5 * SAME_LOG_ODDS)
 
 
 @pytest.mark.parametrize(
@@ -62,8 +62,8 @@ def test_from_a_label_another_one_takes_when_that_is_likely_and_a_candidate_when
     pair = [objects.store.add(Box(np.array([x, 0.35, 0.08]), JAR, np.eye(3)), 0) for x in (0.35, 0.47)]
     for entry in pair if labelled else pair[1:]:
         objects.store.confirm(entry)
-    objects.store.affinity.tell(1, 2, one=False, news=-told / TWO)
+    objects.store.affinity.add_evidence(1, 2, one=False, novelty=-told / DIFFERENT_LOG_ODDS)
     only, found = np.zeros(1, np.int64), np.zeros((1, 2))
     shown = Association(pair, only, only - 1, found, np.ones(1), found.astype(np.int64), np.zeros(2, np.int64))
-    column, allowed = objects._may_take(np.array([1], np.int32), shown)
+    column, allowed = objects._allowed_transfers(np.array([1], np.int32), shown)
     assert allowed[0, column[[0, 2]]].tolist() == [1, takes]

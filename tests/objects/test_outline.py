@@ -9,8 +9,8 @@ import pytest
 
 from cuboid.kernels.outlines import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, KINDS, LEFT, RIGHT, SUPPORT, TOP, UNSURE
 from cuboid.objects.affinity import SURE
-from cuboid.objects.outline import CLEAR, agreeing, enclosed, ends_above, ends_beside
-from cuboid.objects.outline import told_by as told_by_each
+from cuboid.objects.outline import CLEAR, enclosed, ends_above, ends_beside, with_viewpoint_change
+from cuboid.objects.outline import log_odds_of as told_by_each
 from cuboid.tolerances import MOST
 
 
@@ -22,7 +22,7 @@ def outline(top: int, bottom: int, left: int, right: int, pixels: int = 20) -> n
     return kinds
 
 
-def told_by(kinds: np.ndarray, read: float = 1.0) -> float:
+def log_odds_of(kinds: np.ndarray, read: float = 1.0) -> float:
     """What one sighting tells, among others."""
     told = told_by_each(np.stack([outline(UNSURE, UNSURE, UNSURE, UNSURE), kinds]), np.array([1.0, read]))
     return float(told[1])
@@ -30,38 +30,40 @@ def told_by(kinds: np.ndarray, read: float = 1.0) -> float:
 
 def test_two_sightings_of_what_stands_free_are_enough() -> None:
     free = outline(FREE, SUPPORT, FREE, FREE)
-    assert told_by(free) == pytest.approx(log(99) / 2)
-    assert 2 * told_by(free) >= SURE
+    assert log_odds_of(free) == pytest.approx(log(99) / 2)
+    assert 2 * log_odds_of(free) >= SURE
     assert enclosed(free)
 
 
 def test_a_clear_sighting_from_elsewhere_counts_once_more_and_one_from_the_same_place_does_not() -> None:
-    assert CLEAR + agreeing(CLEAR, turn=0.2) >= 1.5 * SURE - 1e-9
-    assert agreeing(CLEAR, turn=0.0) == CLEAR, "a hundred from one place tell no more each"
-    assert agreeing(CLEAR, turn=0.1) == pytest.approx(1.5 * CLEAR)
-    assert agreeing(CLEAR / 2.0, turn=np.inf) == pytest.approx(0.75 * CLEAR), "as far as it is clear"
-    assert agreeing(-1.0, turn=np.inf) == -1.0
+    assert CLEAR + with_viewpoint_change(CLEAR, viewpoint_angle=0.2) >= 1.5 * SURE - 1e-9
+    assert with_viewpoint_change(CLEAR, viewpoint_angle=0.0) == CLEAR, "a hundred from one place tell no more each"
+    assert with_viewpoint_change(CLEAR, viewpoint_angle=0.1) == pytest.approx(1.5 * CLEAR)
+    assert with_viewpoint_change(CLEAR / 2.0, viewpoint_angle=np.inf) == pytest.approx(0.75 * CLEAR), (
+        "as far as it is clear"
+    )
+    assert with_viewpoint_change(-1.0, viewpoint_angle=np.inf) == -1.0
 
 
 def test_three_sightings_of_what_is_fairly_clear_are_enough_where_the_camera_goes_round_it() -> None:
     fair = 0.6 * CLEAR
-    assert fair + 2 * agreeing(fair, turn=0.4) >= SURE > 3 * fair
+    assert fair + 2 * with_viewpoint_change(fair, viewpoint_angle=0.4) >= SURE > 3 * fair
 
 
 def test_what_is_contact_at_the_bottom_may_stand_there() -> None:
-    assert told_by(outline(FREE, CONTACT, FREE, FREE)) == told_by(outline(FREE, SUPPORT, FREE, FREE))
+    assert log_odds_of(outline(FREE, CONTACT, FREE, FREE)) == log_odds_of(outline(FREE, SUPPORT, FREE, FREE))
 
 
 @pytest.mark.parametrize("kind", [BORDER, HIDDEN])
 def test_a_foot_that_is_cut_off_or_hidden_takes_nothing_from_what_the_rest_tells(kind: int) -> None:
-    free = told_by(outline(FREE, SUPPORT, FREE, FREE))
-    assert told_by(outline(FREE, kind, FREE, FREE)) == free
-    assert told_by(outline(FREE, SUPPORT, FREE, kind)) == pytest.approx(0.75 * free)
+    free = log_odds_of(outline(FREE, SUPPORT, FREE, FREE))
+    assert log_odds_of(outline(FREE, kind, FREE, FREE)) == free
+    assert log_odds_of(outline(FREE, SUPPORT, FREE, kind)) == pytest.approx(0.75 * free)
 
 
 def test_a_patch_of_a_wall_is_none() -> None:
     patch = outline(CONTACT, CONTACT, CONTACT, CONTACT)
-    assert told_by(patch) < -0.5
+    assert log_odds_of(patch) < -0.5
     assert not enclosed(patch)
 
 
@@ -111,7 +113,7 @@ def test_the_border_of_the_picture_may_cut_off_the_left_or_the_right() -> None:
     assert not enclosed(outline(BORDER, SUPPORT, FREE, FREE)), "a post goes on, too"
     assert not enclosed(outline(HIDDEN, SUPPORT, FREE, BORDER)), "and nothing else may hide in the unknown"
     assert not enclosed(outline(CONTACT, SUPPORT, FREE, BORDER))
-    assert told_by(outline(FREE, SUPPORT, FREE, BORDER)) < told_by(outline(FREE, SUPPORT, FREE, FREE))
+    assert log_odds_of(outline(FREE, SUPPORT, FREE, BORDER)) < log_odds_of(outline(FREE, SUPPORT, FREE, FREE))
 
 
 def test_what_the_picture_cut_off_at_the_top_was_seen_at_other_times() -> None:
@@ -123,29 +125,29 @@ def test_what_the_picture_cut_off_at_the_top_was_seen_at_other_times() -> None:
 
 
 def test_what_cannot_be_judged_tells_nothing_either_way() -> None:
-    assert told_by(outline(HIDDEN, HIDDEN, HIDDEN, HIDDEN)) == 0.0
-    assert told_by(np.zeros((4, KINDS))) == 0.0
+    assert log_odds_of(outline(HIDDEN, HIDDEN, HIDDEN, HIDDEN)) == 0.0
+    assert log_odds_of(np.zeros((4, KINDS))) == 0.0
     half = outline(FREE, SUPPORT, HIDDEN, HIDDEN)
-    assert told_by(half) == pytest.approx(log(99) / 4)
+    assert log_odds_of(half) == pytest.approx(log(99) / 4)
 
 
 def test_among_others_a_thing_takes_longer_than_alone() -> None:
-    crowded = told_by(outline(FREE, SUPPORT, UNSURE, UNSURE))
-    assert 0 < crowded < told_by(outline(FREE, SUPPORT, FREE, FREE))
-    assert told_by(outline(UNSURE, UNSURE, UNSURE, UNSURE)) < 0
+    crowded = log_odds_of(outline(FREE, SUPPORT, UNSURE, UNSURE))
+    assert 0 < crowded < log_odds_of(outline(FREE, SUPPORT, FREE, FREE))
+    assert log_odds_of(outline(UNSURE, UNSURE, UNSURE, UNSURE)) < 0
 
 
 def test_what_was_filled_tells_nothing() -> None:
     free, wall = outline(FREE, SUPPORT, FREE, FREE), outline(CONTACT, CONTACT, CONTACT, CONTACT)
-    assert told_by(free, MOST) == told_by(free), "a thing with holes is seen well enough"
-    assert told_by(free, MOST / 10) == pytest.approx(told_by(free) / 10)
-    assert told_by(wall, MOST / 10) == pytest.approx(told_by(wall) / 10), "it tells nothing against it, either"
-    assert told_by(free, 0.0) == 0.0
+    assert log_odds_of(free, MOST) == log_odds_of(free), "a thing with holes is seen well enough"
+    assert log_odds_of(free, MOST / 10) == pytest.approx(log_odds_of(free) / 10)
+    assert log_odds_of(wall, MOST / 10) == pytest.approx(log_odds_of(wall) / 10), "it tells nothing against it, either"
+    assert log_odds_of(free, 0.0) == 0.0
 
 
 def test_the_outline_is_left_as_it_was() -> None:
     kinds = outline(FREE, CONTACT, FREE, FREE)
     before = kinds.copy()
-    told_by(kinds)
+    log_odds_of(kinds)
     enclosed(kinds)
     np.testing.assert_array_equal(kinds, before)

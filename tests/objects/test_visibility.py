@@ -9,7 +9,7 @@ from cuboid.frame import Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
 from cuboid.objects.entry import MapObject
-from cuboid.objects.visibility import View, look, with_own
+from cuboid.objects.visibility import Visibility, blended_rectangle, measure_visibility
 from cuboid.working import WorkingImage
 
 CAMERA = Intrinsics(100.0, 100.0, 79.5, 59.5, 160, 120)
@@ -18,7 +18,7 @@ UP = Box(np.array([0.0, 0.0, 1.0]), np.full(3, 0.2), np.array([[1.0, 0.0, 0.0], 
 ROWS = {"top": 49.5, "middle": 59.5, "bottom": 69.5}
 
 
-def seen(depth_m: np.ndarray, lowest_m: float) -> View:
+def seen(depth_m: np.ndarray, lowest_m: float) -> Visibility:
     """Return how the box is seen by a depth image when the map knows its front down to some height."""
     x, y = np.meshgrid(np.linspace(-0.1, 0.1, 21), np.linspace(-0.1, 0.1 - lowest_m, 21))
     points = np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)]).astype(np.float32)
@@ -26,7 +26,7 @@ def seen(depth_m: np.ndarray, lowest_m: float) -> View:
     color = np.full((*depth_m.shape, 3), 90, np.uint8)
     image = WorkingImage(depth_m.astype(np.float32), color, CAMERA, 1, (0, 0))
     slots = np.full(depth_m.shape, -1, np.int32)
-    return look([entry], pack([entry.box]), image, slots, np.zeros(1, np.int32), np.eye(4), 0.0014)[0]
+    return measure_visibility([entry], pack([entry.box]), image, slots, np.zeros(1, np.int32), np.eye(4), 0.0014)[0]
 
 
 def test_what_stands_before_an_object_cuts_its_rectangle() -> None:
@@ -48,6 +48,6 @@ def test_a_foot_without_depth_belongs_to_the_rectangle_unless_it_is_hidden() -> 
 
 def test_what_the_frame_itself_shows_of_an_object_moves_its_rectangle_unless_it_is_another_one() -> None:
     rect = np.array([10.0, 10.0, 50.0, 40.0])
-    assert with_own(rect, np.array([15.0, 10.0, 60.0, 50.0])) == pytest.approx([11.0, 10.0, 52.0, 42.0])
-    assert with_own(rect, np.array([45.0, 10.0, 90.0, 40.0])) == pytest.approx(rect)
-    assert with_own(rect, None) == pytest.approx(rect)
+    assert blended_rectangle(rect, np.array([15.0, 10.0, 60.0, 50.0])) == pytest.approx([11.0, 10.0, 52.0, 42.0])
+    assert blended_rectangle(rect, np.array([45.0, 10.0, 90.0, 40.0])) == pytest.approx(rect)
+    assert blended_rectangle(rect, None) == pytest.approx(rect)

@@ -20,7 +20,7 @@ SCENE = [
 ]
 
 
-def way(frames: int, angle_deg: float = 60.0, radius_m: float = 1.8) -> list[np.ndarray]:
+def camera_path(frames: int, angle_deg: float = 60.0, radius_m: float = 1.8) -> list[np.ndarray]:
     """T_world_camera along an arc around the boxes."""
     turn = np.radians(np.linspace(-120.0, -120.0 + angle_deg, frames))
     return [look_at((radius_m * np.cos(a), radius_m * np.sin(a), 1.1), (0.1, 0.3, 0.25)) for a in turn]

@@ -2,14 +2,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from posed_pictures import CAMERA, black, picture, way
+from posed_pictures import CAMERA, black, camera_path, picture
 
 from cuboid.frame import Frame
 from cuboid.geometry import se3
 from cuboid.poses.alignment import Prior, align, merge, pick
 from cuboid.poses.pyramid import build_levels, keep, shrink
 
-PATH = way(25)
+PATH = camera_path(25)
 
 
 def levels_of(frame: Frame):
@@ -34,9 +34,9 @@ def test_a_known_motion_is_found_from_nothing(first, k: int) -> None:
     metres, degrees = error(found.T_camera_reference, k)
     assert metres < 0.004
     assert degrees < 0.15
-    assert found.holds
-    assert found.agreeing > 0.9
-    assert found.likeness > 0.9
+    assert found.reliable
+    assert found.inliers > 0.9
+    assert found.correlation > 0.9
 
 
 def test_it_is_found_in_another_light(first) -> None:
@@ -57,20 +57,20 @@ def test_something_that_moved_into_the_picture_does_not_disturb(first) -> None:
 
 def test_a_wrong_pose_does_not_hold(first) -> None:
     elsewhere = levels_of(picture(PATH[24], 24))
-    assert not align(pick(first), elsewhere, np.eye(4)).holds
+    assert not align(pick(first), elsewhere, np.eye(4)).reliable
 
 
 def test_a_black_picture_does_not_hold_even_with_depth(first) -> None:
     frame = picture(PATH[1], 1)
     dark = Frame(1, 0.0, np.zeros_like(frame.color), frame.depth_m)
-    assert not align(pick(first), levels_of(dark), np.eye(4)).holds
-    assert not align(pick(first), levels_of(black(1)), np.eye(4)).holds
+    assert not align(pick(first), levels_of(dark), np.eye(4)).reliable
+    assert not align(pick(first), levels_of(black(1)), np.eye(4)).reliable
 
 
 def test_a_flat_wall_without_texture_does_not_hold() -> None:
     color = np.full((240, 320, 3), 128, np.uint8)
     wall = levels_of(Frame(0, 0.0, color, np.full((240, 320), 1.5, np.float32)))
-    assert not align(pick(wall), wall, np.eye(4)).holds
+    assert not align(pick(wall), wall, np.eye(4)).reliable
 
 
 def test_points_of_several_pictures_align_as_well_as_one(first) -> None:

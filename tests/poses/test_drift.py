@@ -112,7 +112,7 @@ def test_the_same_frames_give_the_same_poses() -> None:
 
 
 def test_keyframes_are_no_more_than_are_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(drift, "MOST_KEYFRAMES", 3)
+    monkeypatch.setattr(drift, "MAX_KEYFRAMES", 3)
     correction, _ = run(TRUE)
     assert len(correction._keyframes) == 3
 

@@ -1,27 +1,27 @@
 from __future__ import annotations
 
 import numpy as np
-from posed_pictures import CAMERA, black, picture, way
+from posed_pictures import CAMERA, black, camera_path, picture
 
 from cuboid.frame import Frame
 from cuboid.geometry import se3
-from cuboid.poses.places import Appearance, locate, look, votes
+from cuboid.poses.places import Appearance, describe, locate, votes
 from cuboid.poses.pyramid import shrink
 
-PATH = way(25, 150.0)
+PATH = camera_path(25, 150.0)
 PINHOLE = np.array([CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy])
 
 
 def looks(frame: Frame) -> Appearance:
     gray, depth_m, _ = shrink(frame, CAMERA)
-    return look(gray, depth_m, PINHOLE)
+    return describe(gray, depth_m, PINHOLE)
 
 
 def test_an_image_votes_for_the_place_that_it_shows() -> None:
     known = [looks(picture(PATH[k], k)) for k in (0, 6, 12, 18, 24)]
-    shares = votes(looks(picture(PATH[13], 13)), known)
-    assert int(np.argmax(shares)) == 2
-    assert shares[2] > 0.12
+    fractions = votes(looks(picture(PATH[13], 13)), known)
+    assert int(np.argmax(fractions)) == 2
+    assert fractions[2] > 0.12
 
 
 def test_a_pose_is_found_without_knowing_where_to_look() -> None:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from posed_pictures import CAMERA, ate_m, black, picture, way
+from posed_pictures import CAMERA, ate_m, black, camera_path, picture
 
 from cuboid.errors import FrameError
 from cuboid.frame import Frame
@@ -13,7 +13,7 @@ from cuboid.poses import PoseEstimate, PoseEstimator
 from cuboid.poses.alignment import Alignment, Prior, Reference, align
 from cuboid.poses.pyramid import Level
 
-PATH = way(60, 90.0)
+PATH = camera_path(60, 90.0)
 
 
 def numbered(frame: Frame, index: int) -> Frame:
@@ -45,9 +45,9 @@ def test_the_way_of_the_camera_is_found(pictures: list[Frame]) -> None:
     assert list(trajectory) == list(range(60))
     assert error_m(trajectory, dict(enumerate(PATH))) < 0.006
     # the covariance is that of millimetres, in all directions
-    doubt = np.sqrt(np.array([e.covariance for e in estimates[1:]]).diagonal(axis1=1, axis2=2))
-    assert doubt.min() > 0
-    assert doubt[:, :3].max() < 0.03
+    deviation = np.sqrt(np.array([e.covariance for e in estimates[1:]]).diagonal(axis1=1, axis2=2))
+    assert deviation.min() > 0
+    assert deviation[:, :3].max() < 0.03
 
 
 def test_a_fast_camera_is_followed(pictures: list[Frame]) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from posed_pictures import CAMERA, ate_m, black, picture, way
+from posed_pictures import CAMERA, ate_m, black, camera_path, picture
 
 from cuboid.errors import FrameError
 from cuboid.frame import Frame
@@ -18,7 +18,7 @@ from cuboid.posing import BridgedPoses, EstimatedPoses, GivenPoses
 from cuboid.readers import open_recording
 from cuboid.run import track_recording
 
-PATH = way(30, 45.0)
+PATH = camera_path(30, 45.0)
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from posed_pictures import CAMERA, ate_m, black, picture, way
+from posed_pictures import CAMERA, ate_m, black, camera_path, picture
 
 from cuboid.cli import main
 from cuboid.outputs import read_run, read_trajectory
@@ -22,7 +22,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("plain")
     for name in ("color", "depth"):
         (folder / name).mkdir()
-    for k, T in enumerate(way(FRAMES, 30.0)):
+    for k, T in enumerate(camera_path(FRAMES, 30.0)):
         frame = black(k) if k in COVERED else picture(T, k)
         cv2.imwrite(str(folder / "color" / f"{k:06d}.png"), frame.color[..., ::-1])
         cv2.imwrite(
@@ -53,7 +53,7 @@ def test_it_writes_the_way_of_the_camera(recording: Path, tmp_path: Path, capsys
     there = [k for k in range(FRAMES) if k not in COVERED]
     np.testing.assert_allclose([row.timestamp_s for row in final], np.array(there) / 30, atol=1e-5)
     assert len(online) == len(there)
-    true = way(FRAMES, 30.0)
+    true = camera_path(FRAMES, 30.0)
     for rows in (final, online):
         assert ate_m([row.T_world_camera for row in rows], [true[k] for k in there]) < 0.006
     report = read_run(tmp_path / "out" / "run.json")

@@ -33,7 +33,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 # What a process may take, seconds: of the processor, and, since others may have that, much more by the clock.
-MOST_PROCESSOR_S, MOST_S = 120, 900
+MAX_PROCESSOR_S, MAX_S = 120, 900
 
 # Root may write everywhere; without this it is bound by permissions as others are.
 BOUND = ("setpriv", "--bounding-set=-dac_override,-dac_read_search,-fowner", "--inh-caps=-dac_override")
@@ -61,13 +61,13 @@ def run(words: Sequence[str], **options: Any) -> subprocess.CompletedProcess[str
     def begin() -> None:
         # Here, before the call may become another user's, whom nobody may limit any more.
         if sys.platform == "linux":
-            resource.setrlimit(resource.RLIMIT_CPU, (MOST_PROCESSOR_S, MOST_PROCESSOR_S))
+            resource.setrlimit(resource.RLIMIT_CPU, (MAX_PROCESSOR_S, MAX_PROCESSOR_S))
         if before is not None:
             before()
 
     with subprocess.Popen(words, **streams, text=True, preexec_fn=begin, **options) as process:
         try:
-            out, err = process.communicate(timeout=MOST_S)
+            out, err = process.communicate(timeout=MAX_S)
         except subprocess.TimeoutExpired:
             process.kill()
             raise

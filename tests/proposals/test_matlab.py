@@ -69,7 +69,7 @@ def test_one_process_reads_many_files_and_another_after_a_crash(tmp_path: Path) 
 
 def test_a_file_that_takes_all_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Zeros of 130 MB, in a file of a hundredth of it."""
-    small = matlab.CHILD.read_text().replace("MOST_MEMORY = 1 << 30", "MOST_MEMORY = 128 << 20")
+    small = matlab.CHILD.read_text().replace("MAX_MEMORY = 1 << 30", "MAX_MEMORY = 128 << 20")
     (tmp_path / "child.py").write_text(small)
     monkeypatch.setattr(matlab, "CHILD", tmp_path / "child.py")
     path = tmp_path / "0.mat"

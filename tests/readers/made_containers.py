@@ -370,10 +370,10 @@ def kinect_camera(
     purpose: str, K: tuple[float, ...], sensor: tuple[int, int], corner: tuple[int, int]
 ) -> dict[str, object]:
     (fx, fy, cx, cy), (width, height), (left, top) = K, sensor, corner
-    shares = [(cx + left + 0.5) / width, (cy + top + 0.5) / height, fx / width, fy / height, *[0.0] * 10]
+    fractions = [(cx + left + 0.5) / width, (cy + top + 0.5) / height, fx / width, fy / height, *[0.0] * 10]
     rt = {"Rotation": np.eye(3).ravel().tolist(), "Translation": [0.0, 0.0, 0.0]}
     purpose = f"CALIBRATION_CameraPurpose{purpose}"
-    return {"Purpose": purpose, "Intrinsics": {"ModelParameters": shares}, "Rt": rt}
+    return {"Purpose": purpose, "Intrinsics": {"ModelParameters": fractions}, "Rt": rt}
 
 
 def zipped(frames: Frames, root: Path) -> Path:

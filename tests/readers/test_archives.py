@@ -16,7 +16,7 @@ from made_recordings import make_plain
 from cuboid.errors import FrameError, InputError
 from cuboid.formats import archives, cache
 from cuboid.formats.cache import local_file
-from cuboid.formats.reading import MOST_TEXT_BYTES, UnreadableError, names_in, opened, read_bytes
+from cuboid.formats.reading import MAX_TEXT_BYTES, UnreadableError, names_in, opened, read_bytes
 from cuboid.formats.stored import STORES_OPEN, StoredPath, located
 from cuboid.readers import open_recording
 
@@ -158,11 +158,11 @@ def test_the_rules_of_the_door_hold_in_archives(tmp_path):
             pass
     with pytest.raises(OSError, match="can only be read"):
         (root / "new.txt").open("wb")
-    assert MOST_TEXT_BYTES > 1000
+    assert MAX_TEXT_BYTES > 1000
 
 
 def test_large_compressed_files_are_read_in_any_order_from_a_cache_with_a_limit(tmp_path, monkeypatch):
-    monkeypatch.setattr(archives, "MOST_IN_MEMORY", 1000)
+    monkeypatch.setattr(archives, "MAX_IN_MEMORY", 1000)
     monkeypatch.setattr(cache, "CACHE", held := cache.Cache())
     data = [np.random.default_rng(k).bytes(400_000) for k in range(4)]
     with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED) as packed:

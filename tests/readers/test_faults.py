@@ -12,9 +12,9 @@ from cuboid.readers import SkippedFrame, open_recording
 from cuboid.readers.images import decode_color
 
 
-def cut(path, share):
+def cut(path, fraction):
     data = path.read_bytes()
-    path.write_bytes(data[: int(len(data) * share)])
+    path.write_bytes(data[: int(len(data) * fraction)])
 
 
 def as_jpeg(made, k):

@@ -11,13 +11,13 @@ import pytest
 
 from cuboid.config import TrackerConfig
 from cuboid.geometry.box import Box
-from cuboid.objects.entry import MapObject, together
+from cuboid.objects.entry import MapObject, summed_counts
 from cuboid.scene.freezing import Freezer, freeze
 from cuboid.scene.pace import Pace, Rhythm
 from cuboid.tracker import Tracker
 from worlds import CAMERA
 
-PIECES, PIECE_S, SHARE = 20, 0.0022, 0.2
+PIECES, PIECE_S, FRACTION = 20, 0.0022, 0.2
 
 
 def burn(seconds: float) -> None:
@@ -36,21 +36,21 @@ def work(pace: Pace, ended: list[tuple[float, float]]) -> None:
 
 
 def test_work_is_spread_over_what_the_others_do() -> None:
-    pace, ended = Pace(SHARE, 60.0), list[tuple[float, float]]()
+    pace, ended = Pace(FRACTION, 60.0), list[tuple[float, float]]()
     thread = threading.Thread(target=work, args=(pace, ended))
     thread.start()
     while thread.is_alive():
         burn(0.002)
         time.sleep(0)
     rests = [after - before for before, after in ended]
-    assert np.median(rests) > 0.9 * PIECE_S * (1 / SHARE - 1), "the others have their share between two pieces"
+    assert np.median(rests) > 0.9 * PIECE_S * (1 / FRACTION - 1), "the others have their share between two pieces"
     assert all(later[0] > earlier[1] for earlier, later in pairwise(ended))
 
 
 def test_where_others_have_the_processor_work_is_spread_over_its_time() -> None:
     """Nobody works beside it: by shares it would rest until its time is over, and do all at the end."""
     begun_s, ended = time.monotonic(), list[float]()
-    pace = Pace(SHARE, 1.0, PIECES * PIECE_S)
+    pace = Pace(FRACTION, 1.0, PIECES * PIECE_S)
     for _ in range(PIECES):
         burn(PIECE_S)
         pace.rest()
@@ -60,7 +60,7 @@ def test_where_others_have_the_processor_work_is_spread_over_its_time() -> None:
 
 
 def test_who_waits_and_who_is_alone_need_not_wait_long() -> None:
-    for hurried, pace in ((True, Pace(SHARE, 60.0)), (False, Pace(SHARE, 0.2))):
+    for hurried, pace in ((True, Pace(FRACTION, 60.0)), (False, Pace(FRACTION, 0.2))):
         thread = threading.Thread(target=work, args=(pace, []))
         thread.start()
         time.sleep(0.05)
@@ -70,11 +70,11 @@ def test_who_waits_and_who_is_alone_need_not_wait_long() -> None:
         assert not thread.is_alive()
 
 
-def commits(monkeypatch: pytest.MonkeyPatch, cost_s: float, share: float) -> list[float]:
-    """Return how long the commits of a minute wait, each of some cost, where a process has a share of the processor."""
+def commits(monkeypatch: pytest.MonkeyPatch, cost_s: float, height_fraction: float) -> list[float]:
+    """Return how long the commits of a minute wait, each of some cost, given a fraction of the processor."""
     now_s = [100.0]
     monkeypatch.setattr(time, "monotonic", lambda: now_s[0])
-    monkeypatch.setattr(time, "process_time", lambda: share * now_s[0])
+    monkeypatch.setattr(time, "process_time", lambda: height_fraction * now_s[0])
     rhythm, begun = Rhythm(1.0), [now_s[0]]
     while now_s[0] < 160.0:
         now_s[0] += 0.01
@@ -87,7 +87,7 @@ def commits(monkeypatch: pytest.MonkeyPatch, cost_s: float, share: float) -> lis
 
 
 def test_commits_come_as_often_as_they_should_or_as_they_cost_little(monkeypatch: pytest.MonkeyPatch) -> None:
-    for cost_s, share, expected_s in (
+    for cost_s, height_fraction, expected_s in (
         (0.04, 1.0, 1.0),
         (0.1, 1.0, 2.0),  # a twentieth
         (2.0, 1.0, 5.0),  # however much they cost
@@ -95,7 +95,7 @@ def test_commits_come_as_often_as_they_should_or_as_they_cost_little(monkeypatch
         (0.1, 0.2, 4.0),
         (0.1, 0.8, 2.5),
     ):
-        waits_s = commits(monkeypatch, cost_s, share)
+        waits_s = commits(monkeypatch, cost_s, height_fraction)
         assert waits_s == pytest.approx([expected_s] * len(waits_s), abs=0.03)
         assert len(waits_s) > 5
 
@@ -118,5 +118,5 @@ def test_what_was_taken_stays_as_it_was() -> None:
 
 
 def _change(entry: MapObject) -> None:
-    entry.log_odds, entry.supports = 1.5, together(entry.supports, {1: 4})
+    entry.log_odds, entry.supports = 1.5, summed_counts(entry.supports, {1: 4})
     entry.points = np.ones((5, 3), np.float32)

@@ -19,7 +19,7 @@ from cuboid.posing import GivenPoses
 from cuboid.scene import Scene, Source
 from cuboid.scene.checking import problems
 from cuboid.scene.freezing import freeze
-from cuboid.scene.placing import ESTIMATED, OWN_WORLD, SAME_WORLD, ScenePoses
+from cuboid.scene.localisation import ESTIMATED, OWN_WORLD, SAME_WORLD, ScenePoses
 from cuboid.scene.thawing import roots, thaw
 from cuboid.synthetic import make_scene
 from cuboid.synthetic.view import SceneView
@@ -49,7 +49,7 @@ def record(path: Path, frames: Sequence[Frame], poses: str) -> tuple[Poses, Pose
             given = one.T_world_camera if poses == "given" else None
             with contextlib.suppress(FrameError):
                 posed = located.locate(dataclasses.replace(one, index=k, timestamp_s=k / 15, T_world_camera=given))
-                tracker.carry(posed.moved)
+                tracker.apply_correction(posed.moved)
                 frame = dataclasses.replace(one, index=k, timestamp_s=k / 15, T_world_camera=posed.T_world_camera)
                 tracker.update(frame, posed.anchor)
                 told[k] = posed.T_world_camera

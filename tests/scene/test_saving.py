@@ -20,8 +20,8 @@ from cuboid.results import FrameResult
 from cuboid.scene.database import Writing, open_to_read, open_to_write
 from cuboid.scene.freezing import Freezer, freeze
 from cuboid.scene.kinds import Part
-from cuboid.scene.placing import ESTIMATED, ScenePoses
-from cuboid.scene.saving import SceneShelf, StateFile, block_rows, load_parts, load_state
+from cuboid.scene.localisation import ESTIMATED, ScenePoses
+from cuboid.scene.saving import SceneBlockStore, StateFile, block_rows, load_parts, load_state
 from cuboid.scene.thawing import thaw
 from cuboid.scene.visit import load
 from cuboid.synthetic import make_scene
@@ -88,7 +88,7 @@ def commit(connection: sqlite3.Connection, state: StateFile) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_goes_on_from_any_cut(seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(levels, "AWAY_MOMENTS", 3)
+    monkeypatch.setattr(levels, "MAX_UNVIEWED_MOMENTS", 3)
     show, rng = Show(seed), np.random.default_rng(100 + seed)
     whole = show.tracker()
     expected = [told(whole.update(frame)) for frame in show.frames]
@@ -113,7 +113,7 @@ def test_parts_of_the_map_leave_memory_and_come_back(
     scene: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No result depends on how much memory there is."""
-    monkeypatch.setattr(levels, "AWAY_MOMENTS", 5)
+    monkeypatch.setattr(levels, "MAX_UNVIEWED_MOMENTS", 5)
     show = Show(1)
     whole, poor = (
         Tracker(CAMERA, proposals=lambda frame, _: show.proposals[frame.index], memory_mb=most_mb)
@@ -121,8 +121,8 @@ def test_parts_of_the_map_leave_memory_and_come_back(
     )
     file = open_to_write(tmp_path / "a.cuboid", create=True)
     reader = open_to_read(tmp_path / "a.cuboid")
-    shelf = SceneShelf(reader, tmp_path / "a.cuboid")
-    state = StateFile(poor, file.connection, (), shelf)
+    block_store = SceneBlockStore(reader, tmp_path / "a.cuboid")
+    state = StateFile(poor, file.connection, (), block_store)
     least = most = 0.0
     turned = [dataclasses.replace(f, T_world_camera=TURN @ f.T_world_camera) for f in show.frames]
     frames = [*show.frames, *turned, *show.frames]
@@ -133,10 +133,12 @@ def test_parts_of_the_map_leave_memory_and_come_back(
         assert told(poor.update(frame)) == told(whole.update(frame)), index
         if scene and index % 3 == 0:
             commit(file.connection, state)
-            state.settled()
+            state.mark_committed()
         assert poor.points_known == whole.points_known
-        share = poor.map_bytes / whole.map_bytes
-        least, most = (min(least, share), max(most, share)) if index else (share, share)
+        height_fraction = poor.map_bytes / whole.map_bytes
+        least, most = (
+            (min(least, height_fraction), max(most, height_fraction)) if index else (height_fraction, height_fraction)
+        )
     assert least < 0.7, "what is out of view leaves"
     assert most > 0.9
     assert ends(poor, tmp_path) == ends(whole, tmp_path)
@@ -161,7 +163,7 @@ def test_what_has_changed_is_never_taken_for_what_has_not() -> None:
     for index, frame in enumerate(frames):
         tracker.update(frame, anchor=index // 12)
         if index in (22, 40):
-            tracker.carry({k: se3.exp(np.array([0.01, 0.06 * k, 0.01, 0, 0, 0.01])) for k in (1, 2)})
+            tracker.apply_correction({k: se3.exp(np.array([0.01, 0.06 * k, 0.01, 0, 0, 0.01])) for k in (1, 2)})
         parts = freezer.freeze(tracker)
         assert plain(parts) == plain(freeze(tracker)), index
         spared += sum(part is before.get(key) for key, part in parts.items() if part.kind == "Plane")
@@ -179,7 +181,7 @@ def test_goes_on_after_a_correction_of_poses(tmp_path: Path) -> None:
         for frame in show.frames:
             said.append(told(tracker.update(frame, anchor=frame.index // 12)))
             if frame.index == 22:
-                tracker.carry(moved)
+                tracker.apply_correction(moved)
             tracker = cut(tracker, frame.index)
         return said, ends(tracker, tmp_path)
 
@@ -201,7 +203,7 @@ def test_what_points_owe_lasts_and_no_look_from_outside_settles_it(tmp_path: Pat
     show = Show(2)
     away = [dataclasses.replace(f, T_world_camera=TURN @ f.T_world_camera) for f in show.frames]
     frames = [*show.frames[:12], *away[:12], *show.frames[12:18], *away[12:18]]
-    rng, owing = np.random.default_rng(2), []
+    rng, pending = np.random.default_rng(2), []
     moved = {index: {k: se3.exp(rng.normal(0, 0.006, 6)) for k in range(1, 7)} for index in (13, 17, 20, 26, 31)}
 
     def run(memory_mb: float, meddle: Callable[[Tracker, int], Tracker]) -> tuple[list[object], list[bytes]]:
@@ -209,13 +211,13 @@ def test_what_points_owe_lasts_and_no_look_from_outside_settles_it(tmp_path: Pat
         tracker.voxels.memory_mb = memory_mb
         for index, frame in enumerate(frames):
             if index in moved:
-                tracker.carry(moved[index])
+                tracker.apply_correction(moved[index])
             said.append(told(tracker.update(frame, anchor=1 + index // 6)))
             tracker = meddle(tracker, index)
         return said, ends(tracker, tmp_path)
 
-    def look(tracker: Tracker, index: int) -> Tracker:
-        owing.append(len(tracker.voxels._anchors.owing[0]))
+    def profile(tracker: Tracker, index: int) -> Tracker:
+        pending.append(len(tracker.voxels._anchors.pending_cubes[0]))
         ends(tracker, tmp_path)
         return tracker
 
@@ -223,7 +225,7 @@ def test_what_points_owe_lasts_and_no_look_from_outside_settles_it(tmp_path: Pat
         if index not in (13, 18, 21, 25, 31):
             return tracker
         commit(file.connection, state(tracker))
-        tracker = load_state(file.connection, show.tracker(), shelf=SceneShelf(reader, path))[0]
+        tracker = load_state(file.connection, show.tracker(), block_store=SceneBlockStore(reader, path))[0]
         tracker.voxels.memory_mb = 1.0
         return tracker
 
@@ -235,8 +237,8 @@ def test_what_points_owe_lasts_and_no_look_from_outside_settles_it(tmp_path: Pat
         return states.setdefault(id(tracker), StateFile(tracker, file.connection))
 
     whole = run(float("inf"), lambda tracker, index: tracker)
-    assert run(float("inf"), look) == whole
-    assert min(owing[13:]) > 0
+    assert run(float("inf"), profile) == whole
+    assert min(pending[13:]) > 0
     assert run(1.0, cut) == whole
     reader.close()
     file.close()
@@ -257,11 +259,11 @@ def test_a_map_that_was_written_before_points_owed_anything_is_carried(tmp_path:
             part.fields.pop(name, None)
     (old,) = thaw({key: part for key, part in parts.items() if key not in names}, show.tracker())
     blocks = block_rows(file.connection)
-    shelf = SceneShelf(file.connection, tmp_path / "a.cuboid")
-    old.voxels.restore([(b.number, b.cube, b.rows, b.living, b.visit) for b in blocks], shelf)
+    block_store = SceneBlockStore(file.connection, tmp_path / "a.cuboid")
+    old.voxels.restore([(b.number, b.cube, b.rows, b.living, b.visit) for b in blocks], block_store)
     moved = {k: se3.exp(np.array([0.3 * k, 0, 0, 0, 0, 0])) for k in (1, 2)}
     for one in (old, tracker):
-        one.carry(moved)
+        one.apply_correction(moved)
     np.testing.assert_array_equal(old.map_points().xyz, tracker.map_points().xyz)
     file.close()
 
@@ -289,7 +291,7 @@ def test_estimated_poses_go_on_from_any_cut(tmp_path: Path) -> None:
         for frame in frames:
             try:
                 posed = poses.locate(frame, tracker.up)
-                tracker.carry(posed.moved)
+                tracker.apply_correction(posed.moved)
                 said = tracker.update(dataclasses.replace(frame, T_world_camera=posed.T_world_camera), posed.anchor)
                 told.append(said.T_world_camera.tobytes())
             except FrameError as error:

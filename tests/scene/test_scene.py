@@ -273,7 +273,7 @@ def test_a_place_is_recognised_and_labels_go_on(tmp_path: Path) -> None:
                 frame = Frame(k, k / 15, one.color, one.depth_m)
                 with contextlib.suppress(FrameError):
                     posed = poses.locate(frame)
-                    tracker.carry(posed.moved)
+                    tracker.apply_correction(posed.moved)
                     tracker.update(dataclasses.replace(frame, T_world_camera=posed.T_world_camera), posed.anchor)
                     found[k] = posed.T_world_camera
             if visit == 0:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.surfaces.discovery import hanging_together, largest_level
+from cuboid.surfaces.discovery import connected_groups, largest_level
 
 CELL_M2 = 0.04**2
 
@@ -47,9 +47,9 @@ def test_cells_that_belong_to_a_plane_begin_no_other() -> None:
 @pytest.mark.parametrize("shift", [-300.0, 0.0, 1e5])
 def test_steps_no_wider_than_a_gap_lead_from_one_end_to_the_other_wherever_that_is(shift: float) -> None:
     chain = np.column_stack([shift + np.arange(8) * 0.9, np.full(8, shift)])
-    assert len(np.unique(hanging_together(chain, 1.0))) == 1
-    assert len(np.unique(hanging_together(chain, 0.5))) == 8
+    assert len(np.unique(connected_groups(chain, 1.0))) == 1
+    assert len(np.unique(connected_groups(chain, 0.5))) == 8
 
 
 def test_what_is_wider_than_a_ground_plan_is_one_group() -> None:
-    assert len(np.unique(hanging_together(np.array([[0.0, 0.0], [500.0, 0.0]]), 1.0))) == 1
+    assert len(np.unique(connected_groups(np.array([[0.0, 0.0], [500.0, 0.0]]), 1.0))) == 1

@@ -7,7 +7,7 @@ import pytest
 
 from cuboid.geometry import se3
 from cuboid.surfaces.grid import CELL_M, GroundPlan
-from cuboid.tolerances import LEAST_READINGS
+from cuboid.tolerances import MIN_READINGS
 
 
 def patch(
@@ -18,7 +18,7 @@ def patch(
     keyframe: int = 0,
 ) -> None:
     """Readings in all cells from low to high, but one of 3 x 3 cells."""
-    readings = np.full(np.subtract(high, low) + 1, LEAST_READINGS, np.int32)
+    readings = np.full(np.subtract(high, low) + 1, MIN_READINGS, np.int32)
     if hole is not None:
         readings[hole[0] : hole[0] + 3, hole[1] : hole[1] + 3] = 0
     plan.add(readings, np.array(low), keyframe)
@@ -26,7 +26,7 @@ def patch(
 
 
 def covered(plan: GroundPlan) -> set[tuple[int, int]]:
-    plan.catch_up()
+    plan.refresh_if_late()
     return {(int(i), int(j)) for i, j in np.argwhere(plan.covered) + plan.corner}
 
 
@@ -82,11 +82,11 @@ def test_planes_that_touch_share_ground_and_others_do_not() -> None:
     patch(one, (0, 0), (9, 9))
     patch(two, (11, 0), (20, 9))
     patch(three, (40, 0), (50, 9))
-    assert one.shares_ground(two)
-    assert not one.shares_ground(three)
+    assert one.overlaps(two)
+    assert not one.overlaps(three)
     one.absorb(three)
     assert covered(one) >= covered(three)
-    assert one.shares_ground(three)
+    assert one.overlaps(three)
 
 
 LEVEL = np.array([0.0, 0.0, 1.0])
@@ -97,7 +97,7 @@ def test_a_plan_moves_with_the_keyframe_that_saw_it() -> None:
     patch(plan, (0, 0), (9, 9))
     patch(plan, (20, 0), (29, 9), keyframe=1)
     before = covered(plan)
-    plan.carry({1: se3.exp([2.0, 0, 0, 0, 0, 0])}, LEVEL, 0.0)
+    plan.apply_correction({1: se3.exp([2.0, 0, 0, 0, 0, 0])}, LEVEL, 0.0)
     assert covered(plan) == {(i + 40 if i > 15 else i, j) for i, j in before}
     assert plan.area_m2() == pytest.approx(200 * CELL_M**2)
 
@@ -108,7 +108,7 @@ def test_small_motions_add_up() -> None:
     patch(plan, (0, 0), (9, 9))
     before = covered(plan)
     for _ in range(20):
-        plan.carry({0: se3.exp([CELL_M / 5, 0, 0, 0, 0, 0])}, LEVEL, 0.0)
+        plan.apply_correction({0: se3.exp([CELL_M / 5, 0, 0, 0, 0, 0])}, LEVEL, 0.0)
     assert covered(plan) in ({(i + 4, j) for i, j in before}, {(i + 3, j) for i, j in before})
 
 
@@ -117,7 +117,7 @@ def test_a_plan_that_turns_again_and_again_stays_whole_and_as_large() -> None:
     patch(plan, (-20, -12), (19, 11))
     area_m2 = plan.area_m2()
     for _ in range(12):
-        plan.carry({0: se3.exp([0, 0, 0, 0, 0, 0.1])}, LEVEL, 0.0)
+        plan.apply_correction({0: se3.exp([0, 0, 0, 0, 0, 0.1])}, LEVEL, 0.0)
     assert plan.area_m2() == pytest.approx(area_m2, rel=0.1)
     turn = se3.exp([0, 0, 0, 0, 0, 1.2])[:2, :2]
     inner = np.stack(np.meshgrid(np.arange(-0.9, 0.9, 0.05), np.arange(-0.5, 0.5, 0.05)), -1).reshape(-1, 2)
@@ -136,7 +136,7 @@ def test_a_plan_that_moved_is_as_one_that_was_seen_there(side: int) -> None:
         plan.add(rng.integers(0, 4, (20, 30)).astype(np.int32), plan.corner + 20)
         step = rng.integers(-side, side, 2)
         before = {tuple(cell + plan.corner + step): plan.seen[tuple(cell)] for cell in np.argwhere(plan.seen > 0)}
-        plan.carry({0: se3.exp([*(step * CELL_M), 0, 0, 0, 0])}, LEVEL, 0.0)
+        plan.apply_correction({0: se3.exp([*(step * CELL_M), 0, 0, 0, 0])}, LEVEL, 0.0)
         plan.refresh()
         after = {tuple(cell + plan.corner): plan.seen[tuple(cell)] for cell in np.argwhere(plan.seen > 0)}
         assert {cell: after[cell] for cell in before} == before
@@ -151,7 +151,7 @@ def test_what_moves_beyond_the_widest_window_is_lost_and_no_fault() -> None:
     plan = GroundPlan()
     patch(plan, (0, 0), (9, 9))
     patch(plan, (0, 0), (4, 4), keyframe=1)
-    plan.carry({0: se3.exp([1e4, 1e4, 0, 0, 0, 0])}, LEVEL, 0.0)
+    plan.apply_correction({0: se3.exp([1e4, 1e4, 0, 0, 0, 0])}, LEVEL, 0.0)
     plan.refresh()
     assert plan.covered.any()
     assert plan.area_m2() == pytest.approx(25 * CELL_M**2)

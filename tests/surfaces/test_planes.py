@@ -15,7 +15,7 @@ from cuboid.surfaces.cells import Cells
 from cuboid.surfaces.grid import GroundPlan, cells_of
 from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import LEAST_READINGS
+from cuboid.tolerances import MIN_READINGS
 from cuboid.tracker import Tracker
 from made_scenes import CAMERA, frame_of, look_at, upright
 
@@ -48,7 +48,7 @@ def with_planes_elsewhere(count: int) -> Tracker:
     tracker = Tracker(CAMERA)
     for k in range(count):
         cells = level_cells(40.0 + 4.0 * (k % 12), 4.0 * (k // 12))
-        tracker._planes.vote(cells, LEVEL)
+        tracker._planes.vote_up(cells, LEVEL)
         tracker._planes.update(0, cells)
     assert len(tracker.planes) == count
     return tracker
@@ -88,7 +88,7 @@ def test_a_frame_has_to_do_with_the_planes_in_view_alone() -> None:
     tracker = with_planes_elsewhere(40)
     follow(tracker)
     pose = look_at((0, -1.3, 0.8), (0, 0, 0.05))
-    view = tracker._planes.in_view(CAMERA, 3.0, pose)
+    view = tracker._planes.planes_in_frustum(CAMERA, 3.0, pose)
     assert [plane.index for plane in view.planes] == view.numbers.tolist()
     assert min(view.numbers) >= 40
     assert view.ground.shape[1] * view.ground.shape[2] < 200 * 200
@@ -98,17 +98,17 @@ def test_two_planes_that_prove_to_be_one_are_merged_and_others_keep_their_places
     planes = PlaneTracker(TrackerConfig())
     places = [(0.0, 0.0), (20.0, 0.0), (2.2, 0.0), (40.0, 0.0)]
     for frame, (x, y) in enumerate(places):
-        planes.vote(level_cells(x, y), LEVEL)
+        planes.vote_up(level_cells(x, y), LEVEL)
         planes.update(frame, level_cells(x, y))
     assert [p.index for p in planes.planes] == [0, 1, 2, 3]
     first, gone = planes.planes[0], planes.planes[2]
     assert planes.planes[1].in_use
     # A frame between the two shows that the first one goes on as far as the third.
-    view = planes.in_view(CAMERA, 3.0, look_at((1.7, -1.0, 1.2), (1.7, 0.6, 0.0)))
+    view = planes.planes_in_frustum(CAMERA, 3.0, look_at((1.7, -1.0, 1.2), (1.7, 0.6, 0.0)))
     assert view.numbers.tolist() == [0, 2]
     cells = cells_of(planes.to_plan(level_cells(1.1, 0.0).center)) - view.window[:2]
-    view.seen[0, cells[:, 0], cells[:, 1]] = LEAST_READINGS
-    planes.take_in(view)
+    view.seen[0, cells[:, 0], cells[:, 1]] = MIN_READINGS
+    planes.add_readings(view)
     weight = first.weight + gone.weight
     for frame in range(4, 20):
         planes.update(frame, level_cells(20.0, 0.0))
@@ -122,7 +122,7 @@ def test_two_planes_that_prove_to_be_one_are_merged_and_others_keep_their_places
 
 def test_what_was_seen_once_and_is_too_small_is_forgotten_and_a_table_is_not() -> None:
     planes = PlaneTracker(TrackerConfig())
-    planes.vote(level_cells(0, 0), LEVEL)
+    planes.vote_up(level_cells(0, 0), LEVEL)
     planes.update(0, level_cells(0, 0))
     planes.update(1, level_cells(10, 0, side=4))
     for frame in range(2, 80):
@@ -136,15 +136,15 @@ def test_what_was_seen_once_and_is_too_small_is_forgotten_and_a_table_is_not() -
 def test_identities_are_never_given_twice_and_lead_to_the_plane_that_took_one_in() -> None:
     planes = PlaneTracker(TrackerConfig())
     for frame, (x, y) in enumerate([(0.0, 0.0), (20.0, 0.0), (2.2, 0.0)]):
-        planes.vote(level_cells(x, y), LEVEL)
+        planes.vote_up(level_cells(x, y), LEVEL)
         planes.update(frame, level_cells(x, y))
     first, far, gone = planes.planes
     assert len({p.identity for p in planes.planes}) == 3
-    view = planes.in_view(CAMERA, 3.0, look_at((1.7, -1.0, 1.2), (1.7, 0.6, 0.0)))
+    view = planes.planes_in_frustum(CAMERA, 3.0, look_at((1.7, -1.0, 1.2), (1.7, 0.6, 0.0)))
     assert view.identities.tolist() == [first.identity, gone.identity]
     cells = cells_of(planes.to_plan(level_cells(1.1, 0.0).center)) - view.window[:2]
-    view.seen[0, cells[:, 0], cells[:, 1]] = LEAST_READINGS
-    planes.take_in(view)
+    view.seen[0, cells[:, 0], cells[:, 1]] = MIN_READINGS
+    planes.add_readings(view)
     for frame in range(3, 20):
         planes.update(frame, level_cells(20.0, 0.0))
     assert planes.find(gone.identity) is first
@@ -161,7 +161,7 @@ def test_identities_are_never_given_twice_and_lead_to_the_plane_that_took_one_in
 def test_no_plane_outlives_a_change_of_up() -> None:
     planes = PlaneTracker(TrackerConfig())
     cells = level_cells(0.0, 0.0)
-    assert planes.vote(cells, LEVEL * np.array([-1, -1, 1, 1])), "seen by a camera held upside down: hardly sure"
+    assert planes.vote_up(cells, LEVEL * np.array([-1, -1, 1, 1])), "seen by a camera held upside down: hardly sure"
     planes.update(0, cells)
     old = planes.planes[0].identity
     assert planes.find(old) is not None
@@ -169,7 +169,7 @@ def test_no_plane_outlives_a_change_of_up() -> None:
         cells.places, np.tile([0.0, -1.0, 0.0], (len(cells.normal), 1)), cells.center[:, [0, 2, 1]], cells.area_m2,
         cells.sigma_m, cells.image_shape,
     )  # fmt: skip
-    assert any(planes.vote(turned, np.eye(4)) for _ in range(30)), "a camera held upright sees that up is along -y"
+    assert any(planes.vote_up(turned, np.eye(4)) for _ in range(30)), "a camera held upright sees that up is along -y"
     assert planes.planes == []
     assert planes.find(old) is None
     planes.update(1, turned)
@@ -188,7 +188,7 @@ def test_planes_move_with_the_keyframes_that_saw_them_and_no_others() -> None:
     assert one.keyframes.tolist() == [1, 2]
     still, readings = other.mean.copy(), other.plan.seen.copy()
     before, area_m2 = one.mean.copy(), one.plan.area_m2()
-    tracker.carry({1: se3.exp(np.array([0, 0, 0.1, 0, 0, 0])), 2: se3.exp(np.array([0, 0, 0.14, 0, 0, 0]))})
+    tracker.apply_correction({1: se3.exp(np.array([0, 0, 0.1, 0, 0, 0])), 2: se3.exp(np.array([0, 0, 0.14, 0, 0, 0]))})
     np.testing.assert_allclose(one.mean - before, [0, 0, 0.12], atol=1e-9)
     assert one.normal[0] == pytest.approx(-0.021, rel=0.05)  # it tilts, as least squares have it
     assert one.plan.area_m2() == area_m2
@@ -196,7 +196,7 @@ def test_planes_move_with_the_keyframes_that_saw_them_and_no_others() -> None:
     np.testing.assert_array_equal(other.plan.seen, readings)
     back = {k: se3.exp(np.array([0, 0, -z, 0, 0, 0])) for k, z in ((1, 0.1), (2, 0.14))}
     scatter = one.scatter.copy()
-    tracker.carry(back)
+    tracker.apply_correction(back)
     np.testing.assert_allclose(one.mean, before, atol=1e-9)
     assert np.abs(one.normal - [0, 0, 1]).max() < 1e-6
     assert abs(one.scatter[2, 2]) < 1e-3 * scatter[2, 2]
@@ -214,12 +214,12 @@ def test_a_correction_finds_nothing_anew_of_what_many_wide_planes_cover(monkeypa
         plane.fit()
         plane.plan.begin(ground, np.full(len(ground), 0.02), 1 + k % 8)
         tracker.planes.append(plane)
-        tracker._windows.note(plane)
+        tracker._windows.update(plane)
     before = [plane.plan._places.copy() for plane in tracker.planes]
     refreshed: list[GroundPlan] = []
     monkeypatch.setattr(GroundPlan, "refresh", lambda plan, *_: refreshed.append(plan))
     for _ in range(3):
-        tracker.carry({k: se3.exp(rng.normal(0, 0.02, 6)) for k in range(1, 9)})
+        tracker.apply_correction({k: se3.exp(rng.normal(0, 0.02, 6)) for k in range(1, 9)})
     assert refreshed == []
     assert all(plane.plan.wide and plane.plan.late for plane in tracker.planes), "what they cover comes in its turn"
     moved = [not np.array_equal(plane.plan._places, old) for plane, old in zip(tracker.planes, before, strict=True)]
@@ -228,29 +228,29 @@ def test_a_correction_finds_nothing_anew_of_what_many_wide_planes_cover(monkeypa
 
 def test_what_reaches_up_to_a_plane_carries_it_and_what_stands_on_it_or_below_does_not() -> None:
     planes, cells = PlaneTracker(TrackerConfig()), level_cells(0.0, 0.0, z=0.7)
-    planes.vote(cells, LEVEL)
+    planes.vote_up(cells, LEVEL)
     planes.update(0, cells)
     assert planes.T_plan_world is not None
     R = planes.T_plan_world[:3, :3]
 
-    def lies_on(bottom_m: float, top_m: float, x: float = 0.6) -> bool:
+    def has_plane_on_top(bottom_m: float, top_m: float, x: float = 0.6) -> bool:
         center = np.array([x, 0.6, 0.7 + (bottom_m + top_m) / 2])
-        return planes.lies_on(Box(center, np.array([0.06, 0.06, top_m - bottom_m]), R.T))
+        return planes.has_plane_on_top(Box(center, np.array([0.06, 0.06, top_m - bottom_m]), R.T))
 
-    assert lies_on(-0.7, -0.1), "a leg, the upper end of which the board hides"
-    assert lies_on(-0.7, 0.02), "the side of a shelf"
-    assert not lies_on(0.0, 0.05), "a book"
-    assert not lies_on(-0.7, -0.3), "a bin beneath"
-    assert not lies_on(-0.7, 0.4), "a lamp"
-    assert not lies_on(-0.7, -0.1, x=3.0)
+    assert has_plane_on_top(-0.7, -0.1), "a leg, the upper end of which the board hides"
+    assert has_plane_on_top(-0.7, 0.02), "the side of a shelf"
+    assert not has_plane_on_top(0.0, 0.05), "a book"
+    assert not has_plane_on_top(-0.7, -0.3), "a bin beneath"
+    assert not has_plane_on_top(-0.7, 0.4), "a lamp"
+    assert not has_plane_on_top(-0.7, -0.1, x=3.0)
 
-    def goes_on_from(top_m: float, width_m: float) -> bool:
+    def is_extended_by_plane(top_m: float, width_m: float) -> bool:
         size = np.array([width_m, width_m, 0.7 + top_m])
-        return planes.goes_on_from(Box(np.array([0.6, 0.6, size[2] / 2]), size, R.T))
+        return planes.is_extended_by_plane(Box(np.array([0.6, 0.6, size[2] / 2]), size, R.T))
 
-    assert goes_on_from(0.02, 0.06), "the side of a shelf"
-    assert not goes_on_from(-0.1, 0.06), "a bin beneath"
-    assert not goes_on_from(0.0, 1.2), "a crate, the lid of which is the plane"
+    assert is_extended_by_plane(0.02, 0.06), "the side of a shelf"
+    assert not is_extended_by_plane(-0.1, 0.06), "a bin beneath"
+    assert not is_extended_by_plane(0.0, 1.2), "a crate, the lid of which is the plane"
 
 
 def test_planes_that_are_known_well_are_looked_at_anew_when_the_camera_has_moved() -> None:
@@ -271,13 +271,13 @@ def test_what_a_frame_shows_of_a_plane_is_told_as_the_planes_from_the_next_one_o
     """However many frames have seen it: in a recording of few frames a table's other end is seen in two or three."""
     planes = PlaneTracker(TrackerConfig())
     for frame in range(18):
-        planes.vote(level_cells(0.0, 0.0), LEVEL)
+        planes.vote_up(level_cells(0.0, 0.0), LEVEL)
         planes.update(frame, level_cells(0.0, 0.0))
     end = planes.to_plan(np.array([[1.5, 0.6, 0.0]]))
     assert not planes.planes[0].plan.covers(end)[0]
-    view = planes.in_view(CAMERA, 3.0, look_at((1.7, -1.0, 1.2), (1.7, 0.6, 0.0)))
+    view = planes.planes_in_frustum(CAMERA, 3.0, look_at((1.7, -1.0, 1.2), (1.7, 0.6, 0.0)))
     cells = cells_of(planes.to_plan(level_cells(1.1, 0.0).center)) - view.window[:2]
-    view.seen[0, cells[:, 0], cells[:, 1]] = LEAST_READINGS
-    planes.take_in(view)
+    view.seen[0, cells[:, 0], cells[:, 1]] = MIN_READINGS
+    planes.add_readings(view)
     planes.update(18, level_cells(0.0, 0.0))
     assert planes.planes[0].plan.covers(end)[0]

@@ -8,9 +8,9 @@ from made_planes import level
 
 from cuboid.frame import Float64Array
 from cuboid.surfaces.plane import Plane
-from cuboid.surfaces.seats import carrier, seat_of
+from cuboid.surfaces.seats import seat_of, supporting_plane
 
-LEAST_M2 = 0.08
+MIN_M2 = 0.08
 FLOOR = level(0, 0.0, (-2.0, -2.0, 2.0, 2.0))
 SEAT = level(1, 0.45, (0.0, 0.0, 0.5, 0.5))
 
@@ -26,7 +26,7 @@ BACK = upright(0.53, 0.0, 0.5, 0.45, 0.85)
 
 
 def seat(points: Float64Array, *planes: Plane) -> Float64Array:
-    return seat_of(points, FLOOR, [FLOOR, *planes], LEAST_M2)
+    return seat_of(points, FLOOR, [FLOOR, *planes], MIN_M2)
 
 
 def test_the_seat_of_a_chair_is_a_part_of_it() -> None:
@@ -55,19 +55,19 @@ def test_what_is_no_seat(beside: Plane) -> None:
 
 
 def test_the_floor_carries_the_back_of_a_chair_that_was_seen_above_its_seat() -> None:
-    assert carrier(BACK, SEAT, lambda: [FLOOR, SEAT], LEAST_M2) is FLOOR
+    assert supporting_plane(BACK, SEAT, lambda: [FLOOR, SEAT], MIN_M2) is FLOOR
 
 
 def test_a_seat_carries_what_lies_on_it() -> None:
     bag = upright(0.2, 0.1, 0.4, 0.45, 0.7)
-    assert carrier(bag, SEAT, lambda: [FLOOR, SEAT], LEAST_M2) is SEAT
+    assert supporting_plane(bag, SEAT, lambda: [FLOOR, SEAT], MIN_M2) is SEAT
 
 
 def test_a_table_carries_what_stands_at_its_edge_where_little_of_it_was_seen() -> None:
     table = level(1, 0.75, (-1.0, 0.0, 0.5, 0.5))
-    assert carrier(upright(0.56, 0.1, 0.4, 0.75, 1.0), table, lambda: [FLOOR, table], LEAST_M2) is table
+    assert supporting_plane(upright(0.56, 0.1, 0.4, 0.75, 1.0), table, lambda: [FLOOR, table], MIN_M2) is table
 
 
 def test_a_cup_is_not_carried_by_a_floor_far_below() -> None:
     cup = upright(0.55, 0.1, 0.5, 0.45, 0.55)
-    assert carrier(cup, SEAT, lambda: [level(0, -0.6, (-2.0, -2.0, 2.0, 2.0)), SEAT], LEAST_M2) is SEAT
+    assert supporting_plane(cup, SEAT, lambda: [level(0, -0.6, (-2.0, -2.0, 2.0, 2.0)), SEAT], MIN_M2) is SEAT

@@ -9,7 +9,7 @@ import pytest
 import cuboid
 from cuboid.errors import InputError, OutputError
 from cuboid.evaluation.truth import read_truth
-from cuboid.formats.table_door import data_lines
+from cuboid.formats.table_validation import data_lines
 from cuboid.geometry import se3
 from cuboid.outputs.ply import read_map
 from cuboid.synthetic import KINDS, demo_scene, make_scene, render_recording
@@ -17,7 +17,7 @@ from cuboid.synthetic.raycast import pixel_rays
 from cuboid.synthetic.view import SceneView
 
 
-def shares(truth: dict, body: int) -> np.ndarray:
+def fractions(truth: dict, body: int) -> np.ndarray:
     """Unfold the visibility of an object."""
     return np.concatenate([np.full(count, value) for value, count in truth["visibility"]["objects"][str(body)]])
 
@@ -77,13 +77,13 @@ def test_truth_has_the_form_of_truth_files(small, data_dir):
     assert real["planes"][0].keys() <= made["planes"][0].keys()
     assert made["visibility"]["frames"] == made["frames"] == 12
     for body in made["objects"]:
-        assert len(shares(made, body["id"])) == 12
+        assert len(fractions(made, body["id"])) == 12
 
 
 def test_visible_share_follows_the_camera(small):
     truth = truth_of(small)
     for body in truth["objects"]:
-        values = shares(truth, body["id"])
+        values = fractions(truth, body["id"])
         assert (np.abs(values * 20 - np.rint(values * 20)) < 1e-9).all()
         assert 0.3 < values.max() <= 1
 
@@ -91,13 +91,13 @@ def test_visible_share_follows_the_camera(small):
 def test_what_is_out_of_view_or_hidden_has_share_zero(tmp_path):
     scene = make_scene("leave", 1, frames=40)
     view = SceneView(scene, scene.intrinsics(96, 72))
-    values = np.array([view.visible_shares(k, view.render(k, "clean").hits) for k in (0, 20, 39)])
+    values = np.array([view.visible_fractions(k, view.render(k, "clean").hits) for k in (0, 20, 39)])
     assert (values[0] > 0.2).sum() >= 4
     assert (values[2] > 0.2).sum() >= 4
     assert not values[1].any(), "the camera looks aside"
     demo = demo_scene()
     view = SceneView(demo, demo.intrinsics(96, 72))
-    values = np.array([view.visible_shares(k, view.render(k, "clean").hits) for k in range(0, 60, 6)])
+    values = np.array([view.visible_fractions(k, view.render(k, "clean").hits) for k in range(0, 60, 6)])
     hidden = (values == 0).any(axis=0) & (values.max(axis=0) > 0.3)
     assert hidden.sum() >= 3, "objects pass behind the screen"
 

@@ -25,7 +25,7 @@ def test_objects_stand_on_their_surface_without_overlap(kind, seed):
     plan = outlines(scene)
     for o in scene.objects:
         surface = scene.surfaces[o.surface]
-        assert surface.holds(plan[o.id], 0.0)
+        assert surface.contains(plan[o.id], 0.0)
         bottom = o.mesh().vertices[:, 2].min()
         assert abs(bottom - surface.height_m) < 1e-9 or o.touches
         for other in scene.objects:

@@ -62,8 +62,8 @@ def test_clean_is_exact_and_far_is_nothing():
 @pytest.mark.parametrize("name", ["structured-light", "time-of-flight"])
 def test_grazing_surfaces_are_holes(name):
     assert (measure(name, 1.5, np.cos(np.radians(60)))[:, 60:] > 0).mean() > 0.99
-    share = (measure(name, 1.5, np.cos(np.radians(80)))[:, 60:] > 0).mean()
-    assert 0.3 < share < 0.7
+    fraction = (measure(name, 1.5, np.cos(np.radians(80)))[:, 60:] > 0).mean()
+    assert 0.3 < fraction < 0.7
     assert not measure(name, 1.5, np.cos(np.radians(87))).any()
 
 

@@ -8,7 +8,7 @@ from cuboid.synthetic.material import Material, Texture
 from cuboid.synthetic.mesh import box, corner_normals
 from cuboid.synthetic.paths import look_at
 from cuboid.synthetic.raycast import RayCaster, pixel_rays
-from cuboid.synthetic.shading import Look, _places, part_rows, shade
+from cuboid.synthetic.shading import ShadingParameters, _places, part_rows, shade
 from cuboid.synthetic.view import SceneView
 
 CAMERA = Intrinsics(80.0, 80.0, 31.5, 23.5, 64, 48)
@@ -18,7 +18,7 @@ T = look_at((0, -1.2, 1.0), (0, 0, 0))
 def cast(meshes, materials, lamp=(0.5, -1.0, 2.0)):
     corners = np.concatenate([mesh.corners() for mesh in meshes])
     caster = RayCaster(corners)
-    look = Look(
+    look = ShadingParameters(
         face_part=np.repeat(np.arange(len(meshes), dtype=np.int32), [len(mesh.faces) for mesh in meshes]),
         normals=np.concatenate([corner_normals(mesh) for mesh in meshes]).astype(np.float32),
         parts=part_rows(materials, [np.eye(4)] * len(meshes)),

@@ -13,7 +13,7 @@ from cuboid.errors import InputError, OutputError
 from cuboid.evaluation.truth import read_truth
 from cuboid.synthetic import make_visits, render_visits
 from cuboid.synthetic.kinds import WAYS
-from cuboid.synthetic.visits import LEAST_MOVE_M
+from cuboid.synthetic.visits import MIN_MOVE_M
 
 
 @pytest.mark.parametrize("kind", WAYS)
@@ -30,7 +30,7 @@ def test_a_thing_keeps_its_number_and_its_shape(kind):
         for k in both:
             assert np.allclose(np.sort(before.box(old[k]).size), np.sort(after.box(new[k]).size), atol=0.03)
         for k in moved:
-            assert far[k] > 0.6 * LEAST_MOVE_M
+            assert far[k] > 0.6 * MIN_MOVE_M
         assert {body.id for body in after.ghosts} == {*moved, *(old.keys() - new.keys())}
         assert not np.allclose(before.lamp, after.lamp)
         assert not np.allclose(before.T_room_camera, after.T_room_camera)

@@ -30,9 +30,9 @@ def draw(
 
 def along_edges(box: Box, picture: UInt8Array) -> Float64Array:
     """Return the pixels (12, 9, 3) at nine places between the ends of each edge."""
-    shares = np.linspace(0.1, 0.9, 9)[:, None]
+    fractions = np.linspace(0.1, 0.9, 9)[:, None]
     corners = box.corners()
-    points = np.array([corners[a] + shares * (corners[b] - corners[a]) for a, b in EDGES])
+    points = np.array([corners[a] + fractions * (corners[b] - corners[a]) for a, b in EDGES])
     u, v = np.rint(project(points, INTRINSICS)).astype(int).reshape(-1, 2).T
     return picture[v, u].astype(float).reshape(12, 9, 3)
 
@@ -77,8 +77,8 @@ def test_lines_stand_out_from_any_ground(level: int) -> None:
 def test_a_hidden_object_is_dashed_and_a_seen_one_is_not() -> None:
     def gaps(picture: UInt8Array) -> int:
         corners = project(CORNERED.corners(), INTRINSICS)
-        shares = np.linspace(0, 1, 400)[:, None]
-        u, v = np.rint(corners[0] + shares * (corners[2] - corners[0])).astype(int).T
+        fractions = np.linspace(0, 1, 400)[:, None]
+        u, v = np.rint(corners[0] + fractions * (corners[2] - corners[0])).astype(int).T
         drawn = picture[v, u, 2].astype(int) - picture[v, u, 0] > 40  # label 6 is blue
         return int((np.diff(drawn.astype(int)) == -1).sum())
 

@@ -62,8 +62,11 @@ class Run:
 
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[LiveServer]:
-    for share in ("MOMENT_SHARE", "MAP_SHARE"):  # a tracker that does nothing has no time to take a share of
-        monkeypatch.setattr(f"cuboid.views.live.watch.{share}", 1.0)
+    for fraction in (
+        "MOMENT_FRACTION",
+        "MAP_FRACTION",
+    ):  # a tracker that does nothing has no time to take a fraction of
+        monkeypatch.setattr(f"cuboid.views.live.watch.{fraction}", 1.0)
     monkeypatch.setattr("cuboid.views.live.watch.FAREWELL_S", 0.1)  # most tests have nobody who waits for the end
     with LiveServer(LiveView(), "a <recording>", INTRINSICS) as found:
         yield found
@@ -197,7 +200,7 @@ def test_what_costs_much_is_done_rarely(monkeypatch: pytest.MonkeyPatch) -> None
         clocks["monotonic"] += waited_s
         clocks["thread_time"] += own_s
 
-    ration = Ration(every_s=1.0, share=0.02)
+    ration = Ration(every_s=1.0, fraction=0.02)
     assert ration.due
     ration.begin()
     assert not ration.due

@@ -61,7 +61,7 @@ class Going:
             found: FrameResult = tracker.update(here)
             self._view(here, found, tracker)
             self.last += 1
-            begun_s = time.thread_time()  # the live view takes a share of the tracker's own time: there must be some
+            begun_s = time.thread_time()  # the live view takes a fraction of the tracker's own time: there must be some
             while time.thread_time() - begun_s < 0.02:
                 time.sleep(0)
         self._view.end(complete=True)

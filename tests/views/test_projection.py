@@ -89,17 +89,17 @@ def test_no_visible_part_of_an_edge_is_missing(box: Box) -> None:
     wire = wireframe(box, np.eye(4), INTRINSICS)
     segments = np.concatenate((wire.front, wire.back))
     corners = box.corners()
-    shares = np.linspace(0, 1, 23)[:, None]
-    points = np.concatenate([corners[a] + shares * (corners[b] - corners[a]) for a, b in EDGES])
+    fractions = np.linspace(0, 1, 23)[:, None]
+    points = np.concatenate([corners[a] + fractions * (corners[b] - corners[a]) for a, b in EDGES])
     points = points[points[:, 2] > NEAR_M * 1.01]
     pixels = project(points, INTRINSICS)
     pixels = pixels[((pixels >= 0) & (pixels < (640, 480))).all(axis=1)]
     if len(pixels) == 0:
         return
     assert may_be_in_view([box], np.eye(4), INTRINSICS)[0]
-    way = segments[:, 1] - segments[:, 0]
-    along = ((pixels[:, None] - segments[:, 0]) * way).sum(axis=2) / np.maximum((way**2).sum(axis=1), 1e-12)
-    nearest = segments[:, 0] + np.clip(along, 0, 1)[..., None] * way
+    direction = segments[:, 1] - segments[:, 0]
+    along = ((pixels[:, None] - segments[:, 0]) * direction).sum(axis=2) / np.maximum((direction**2).sum(axis=1), 1e-12)
+    nearest = segments[:, 0] + np.clip(along, 0, 1)[..., None] * direction
     assert np.linalg.norm(pixels[:, None] - nearest, axis=2).min(axis=1).max() < 1e-3
 
 

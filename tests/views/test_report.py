@@ -28,7 +28,7 @@ from cuboid.views.palette import hex_of
 from cuboid.views.report import Summary, page_of, summarise, write_report
 from cuboid.views.report.page import SCRIPTS
 from cuboid.views.report.pictures import ASPECT, cut
-from cuboid.views.report.points import OBJECTS_SHARE, PackedPoints, morton, pack_points, thinned
+from cuboid.views.report.points import OBJECTS_FRACTION, PackedPoints, morton, pack_points, thinned
 from cuboid.views.report.summary import spans
 from made_results import BEST, FRAMES, SKIPPED, SPANS, map_points, write_results
 
@@ -86,7 +86,7 @@ def test_thinning_keeps_as_many_as_it_may_and_favours_objects(label: npt.NDArray
     assert len(kept) == min(len(label), most)
     assert (np.diff(kept) > 0).all()
     own = (label > 0).sum()
-    assert (label[kept] > 0).sum() >= min(own, round(most * OBJECTS_SHARE))
+    assert (label[kept] > 0).sum() >= min(own, round(most * OBJECTS_FRACTION))
 
 
 @given(arrays(np.uint16, (5, 3)))

@@ -142,7 +142,7 @@ def test_fifty_clients_at_once_are_answered(port: int) -> None:
 
 
 def test_more_clients_than_there_is_room_for_are_turned_away(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(serving, "MOST_CONNECTIONS", 3)
+    monkeypatch.setattr(serving, "MAX_CONNECTIONS", 3)
     clients = [socket.create_connection((HOST, port), timeout=20) for _ in range(10)]
     assert any(client.recv(1) == b"" for client in clients[3:])
     for client in clients:

@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from cuboid.annotation.carry import carried
+from cuboid.annotation.propagate import propagated
 from cuboid.annotation.store import KeyframesFile, Outdated
 from cuboid.errors import CuboidError, FrameError, one_line
 from cuboid.readers.recording import Recording
@@ -59,8 +59,8 @@ class Annotator:
         return ("image/jpeg", self._picture(int(asked[1]))) if asked else None
 
     def take(self, address: str, content: bytes) -> Answer | None:
-        """Do what the page asks for, save or carry, and answer in JSON; None where there is no such thing."""
-        action = {"/keyframes": self._save, "/carry": self._carry}.get(urlsplit(address).path)
+        """Do what the page asks for, save or propagate, and answer in JSON; None where there is no such thing."""
+        action = {"/keyframes": self._save, "/carry": self._propagate}.get(urlsplit(address).path)
         if action is None:
             return None
         try:
@@ -77,10 +77,10 @@ class Annotator:
     def _save(self, sent: dict[str, Any]) -> dict[str, Any]:
         return {"revision": self._keyframes.save(int(sent["revision"]), dict(sent["document"]))}
 
-    def _carry(self, sent: dict[str, Any]) -> dict[str, Any]:
+    def _propagate(self, sent: dict[str, Any]) -> dict[str, Any]:
         rects = [np.array(rect, np.float64).reshape(4) for rect in sent["rects"]]
         with self._lock:
-            return {"rects": carried(self._posed, int(sent["from"]), int(sent["to"]), rects)}
+            return {"rects": propagated(self._posed, int(sent["from"]), int(sent["to"]), rects)}
 
     def _picture(self, index: int) -> bytes:
         """Return a frame's color image as JPEG."""

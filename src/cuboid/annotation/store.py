@@ -9,9 +9,9 @@ from typing import Any
 
 from cuboid.errors import InputError
 from cuboid.evaluation.keyframes import check_frames, file_number, keyframes_from_json
-from cuboid.formats.json_door import read_any
+from cuboid.formats.json_validation import read_any
 from cuboid.formats.keyframes_file import FORMAT, VERSION
-from cuboid.formats.reading import MOST_JSON_BYTES, read_bytes
+from cuboid.formats.reading import MAX_JSON_BYTES, read_bytes
 from cuboid.outputs.objects import write_json
 from cuboid.outputs.pending import PendingFile
 from cuboid.readers.recording import Recording
@@ -88,7 +88,7 @@ class KeyframesFile:
             return self.revision
 
     def _on_disk(self) -> bytes | None:
-        return read_bytes(self.path, MOST_JSON_BYTES) if self.path.exists() else None
+        return read_bytes(self.path, MAX_JSON_BYTES) if self.path.exists() else None
 
     def _write(self, document: dict[str, Any]) -> None:
         file = PendingFile(self.path)

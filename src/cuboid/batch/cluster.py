@@ -76,7 +76,7 @@ class Workers:
         try:
             return LocalCluster(
                 n_workers=self.count or cores(),
-                worker_class=PatientNanny,
+                worker_class=RetryingNanny,
                 threads_per_worker=1,
                 memory_limit=self.memory_limit,
                 dashboard_address="127.0.0.1:0",
@@ -108,8 +108,8 @@ class Workers:
         }
 
 
-class PatientNanny(Nanny):
-    """What starts a worker, and starts it again where it is killed: also where that happens before it is up."""
+class RetryingNanny(Nanny):
+    """A nanny that retries: it starts a worker again where it is killed, also before it is up."""
 
     async def instantiate(self) -> Status:
         """Start the worker's process."""

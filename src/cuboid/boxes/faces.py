@@ -7,7 +7,7 @@ import numpy as np
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.kernels.extents import side_layers
-from cuboid.tolerances import JUMP_SIGMAS, LEAST_SIGMA_M, SOME
+from cuboid.tolerances import JUMP_SIGMAS, MIN_SIGMA_M, SOME
 
 
 def to_faces(box: Box, points: Float64Array, trust: Float64Array, noise_m: float, top_alone: bool) -> Box:
@@ -30,7 +30,7 @@ def to_faces(box: Box, points: Float64Array, trust: Float64Array, noise_m: float
     """
     layers = np.empty((5, 3))
     half = box.size / 2.0
-    band = JUMP_SIGMAS * max(noise_m, LEAST_SIGMA_M)
+    band = JUMP_SIGMAS * max(noise_m, MIN_SIGMA_M)
     side_layers(points, trust, box.center, np.ascontiguousarray(box.rotation), half, band, layers)
     outer, depth, inner = layers.T
     some = np.maximum(outer, 1e-12)

@@ -11,7 +11,7 @@ from cuboid.frame import Float32Array, Float64Array
 from cuboid.geometry.box import Box
 from cuboid.kernels import resting as kernel
 from cuboid.kernels.extents import reach
-from cuboid.tolerances import LEAST_SIGMA_M
+from cuboid.tolerances import MIN_SIGMA_M
 
 # Footprints are tried every two degrees: a 30 cm box turned by one degree is 3 mm off at its ends, below the noise.
 _ANGLES = np.radians(np.arange(0.0, 180.0, 2.0))
@@ -30,7 +30,7 @@ def fit_box(
     points: Float32Array | Float64Array,
     normal: Float64Array,
     offset: float | None,
-    share: float,
+    fraction: float,
     weights: Float64Array | None = None,
 ) -> Box:
     """Fit the box of minimal footprint whose third axis is a plane's normal.
@@ -43,8 +43,8 @@ def fit_box(
         Unit normal of the supporting plane, or up.
     offset : float or None
         The plane is normal.p + offset = 0; None: the cluster stands on nothing known and ends at its lowest point.
-    share : float
-        Share of the weight that may stick out at each of the four sides, at the top and, off the plane, at the
+    fraction : float
+        Fraction of the weight that may stick out at each of the four sides, at the top and, off the plane, at the
         bottom: strays. 0..0.1.
     weights : (N,) float64, optional
         How far each point is to be believed.
@@ -58,11 +58,11 @@ def fit_box(
     trust = np.ones(len(cloud)) if weights is None else weights
     row = np.empty(15)
     rest = math.nan if offset is None else offset
-    kernel.fit(cloud, trust, np.ascontiguousarray(normal), rest, share, DIRECTIONS, ARC_SOLVERS, row)
+    kernel.fit(cloud, trust, np.ascontiguousarray(normal), rest, fraction, DIRECTIONS, ARC_SOLVERS, row)
     return _box(row)
 
 
-def fit_boxes(points: Float64Array, counts: Sequence[int], planes: Sequence[Resting], share: float) -> list[Box]:
+def fit_boxes(points: Float64Array, counts: Sequence[int], planes: Sequence[Resting], fraction: float) -> list[Box]:
     """Fit a box to each of several clouds; see `fit_box`.
 
     Parameters
@@ -73,7 +73,7 @@ def fit_boxes(points: Float64Array, counts: Sequence[int], planes: Sequence[Rest
         How many points each has, at least one.
     planes : sequence of ((3,) float64, float or None)
         Normal and offset of what each rests on.
-    share : float
+    fraction : float
     """
     if not counts:
         return []
@@ -81,7 +81,7 @@ def fit_boxes(points: Float64Array, counts: Sequence[int], planes: Sequence[Rest
     normals = np.array([normal for normal, _ in planes])
     offsets = np.array([math.nan if offset is None else offset for _, offset in planes])
     rows = np.empty((len(counts), 15))
-    kernel.fit_each(points, first, normals, offsets, share, DIRECTIONS, ARC_SOLVERS, rows)
+    kernel.fit_each(points, first, normals, offsets, fraction, DIRECTIONS, ARC_SOLVERS, rows)
     turned = rows[:, 6:].reshape(-1, 3, 3)
     return [Box(*parts) for parts in zip(rows[:, :3], rows[:, 3:6], turned, strict=True)]
 
@@ -113,7 +113,7 @@ def box_within(
     length, width = np.split(high - low, 2)
     area = length * width
     least = int(area.argmin())
-    alike = area <= area[least] + 2.0 * LEAST_SIGMA_M * (length[least] + width[least])
+    alike = area <= area[least] + 2.0 * MIN_SIGMA_M * (length[least] + width[least])
     turn = (_ANGLES[:quarter] - towards) % (math.pi / 2)
     off = np.minimum(turn, math.pi / 2 - turn)
     kernel.turned(low, high, int(np.where(alike, off, np.inf).argmin()), bottom, top, _axes(normal), DIRECTIONS, row)
@@ -137,9 +137,9 @@ def plane_axes(normal: Float64Array) -> tuple[Float64Array, Float64Array]:
 
 
 def reach_of(
-    points: Float64Array, weights: Float64Array, directions: Float64Array, share: float
+    points: Float64Array, weights: Float64Array, directions: Float64Array, fraction: float
 ) -> tuple[Float64Array, Float64Array]:
-    """Return from where to where (D,) points (N, 2) reach along directions (D, 2), but for a share of their weight."""
+    """Return how far (D,) points (N, 2) reach along directions (D, 2), but for a fraction of their weight."""
     low, high = np.empty(len(directions)), np.empty(len(directions))
-    reach(points, weights, directions, share, low, high)
+    reach(points, weights, directions, fraction, low, high)
     return low, high

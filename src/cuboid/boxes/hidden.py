@@ -14,14 +14,14 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.tolerances import LEAST_READINGS, LITTLE, SOME, STRAYS
+from cuboid.tolerances import LITTLE, MIN_READINGS, SOME, STRAYS
 
 # A box this near its plane, metres, rests on it.
-LEAST_GAP_M = 1e-6
+MIN_GAP_M = 1e-6
 # A place was seen when so many of the nine voxels of the ground around it were.
 SOME_OF_NINE = math.ceil(9 * SOME)
-# Places of the ground beneath that are looked up, as many a side, in shares of the box from its middle.
-_STEPS = (np.arange(LEAST_READINGS) + 0.5) / LEAST_READINGS - 0.5
+# Places of the ground beneath that are looked up, as many a side, in fractions of the box from its middle.
+_STEPS = (np.arange(MIN_READINGS) + 0.5) / MIN_READINGS - 0.5
 _ALONG, _ACROSS = (places.reshape(-1, 1) for places in np.meshgrid(_STEPS, _STEPS))
 
 
@@ -30,13 +30,13 @@ def with_hidden(
 ) -> Box:
     """Return an object's box with its far side, as far as no frame can have seen that it is not there.
 
-    See `twins` for the parameters.
+    See `mirrored_points` for the parameters.
     """
-    more = twins(points, normal, offset, box, near, voxels)
+    more = mirrored_points(points, normal, offset, box, near, voxels)
     if len(more):
         whole = fit_box(np.concatenate([box.corners(), more]), normal, offset, 0.0)
         # A far side that would reach into a neighbour is none.
-        if clear_of(whole, near):
+        if is_clear_of(whole, near):
             return whole
     return box
 
@@ -71,29 +71,29 @@ def as_deep_as_wide(box: Box, eye: Float64Array, near: Sequence[Box], least_m: f
     size = box.size.copy()
     size[deep] += more_m
     whole = Box(box.center + math.copysign(more_m / 2.0, ray[deep]) * box.rotation[:, deep], size, box.rotation)
-    return whole if clear_of(whole, near) else box
+    return whole if is_clear_of(whole, near) else box
 
 
-def clear_of(box: Box, near: Sequence[Box]) -> bool:
-    """Tell whether a box takes no more of its neighbours than boxes do that stand side by side."""
+def is_clear_of(box: Box, near: Sequence[Box]) -> bool:
+    """Tell whether a box overlaps its neighbours by no more than boxes side by side do."""
     return not near or bool(overlap_min_matrix(pack([box]), pack(near)).max() <= SOME)
 
 
 def with_foot(box: Box, normal: Float64Array, offset: float, near: Sequence[Box], voxels: VoxelMap) -> Box:
     """Return a box that reaches down to its plane, where nothing tells that it floats; see `foot_is_hidden`."""
     gap = box.foot_m(normal, offset)
-    if gap > LEAST_GAP_M and foot_is_hidden(box, normal, offset, near, voxels):
+    if gap > MIN_GAP_M and foot_is_hidden(box, normal, offset, near, voxels):
         box = Box(box.center - 0.5 * gap * normal, box.size + np.array([0.0, 0.0, gap]), box.rotation)
     return box
 
 
-def twins(
+def mirrored_points(
     points: Float64Array, normal: Float64Array, offset: float, box: Box, others: Sequence[Box], voxels: VoxelMap
 ) -> Float64Array:
     """Return the points of an object's far side, as far as no frame can have seen that they are not there.
 
     Most things are as deep behind their middle as before it, and the middle of what stands is beneath its top: a
-    point has its twin on the other side of the vertical axis through the top. It is kept where it lies outside the
+    point is mirrored at the vertical axis through the top. It is kept where it lies outside the
     box, over ground that no frame has seen, and in no other object.
 
     Parameters
@@ -120,8 +120,8 @@ def twins(
     axis = (layer.min(0) + layer.max(0)) / 2.0
     # Half a turn about the normal.
     away = points - axis
-    twin = axis - away + 2.0 * np.outer(away @ normal, normal)
-    beyond = _beyond(twin, box)
+    mirrored = axis - away + 2.0 * np.outer(away @ normal, normal)
+    beyond = _beyond(mirrored, box)
     out = np.flatnonzero(beyond > voxels.voxel_m)
     # What sticks out farthest on one side (a handle, a spout) need not on the other.
     allowed = round(LITTLE * len(points))
@@ -130,10 +130,10 @@ def twins(
     out = out[np.argsort(beyond[out], kind="stable")][: len(out) - allowed]
     free = np.ones(len(out), bool)
     for other in others:
-        free &= _beyond(twin[out], other) > 0.0
+        free &= _beyond(mirrored[out], other) > 0.0
     out = out[free]
-    ground = twin[out] - np.outer(twin[out] @ normal + offset, normal)
-    return np.asarray(twin[out][~_seen(ground, normal, voxels)], dtype=np.float64)
+    ground = mirrored[out] - np.outer(mirrored[out] @ normal + offset, normal)
+    return np.asarray(mirrored[out][~_seen(ground, normal, voxels)], dtype=np.float64)
 
 
 def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequence[Box], voxels: VoxelMap) -> bool:
@@ -150,7 +150,7 @@ def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequen
 
 def _seen(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:
     """Tell which places (N, 3) on a plane were seen: some of the nine voxels around hold a point, one up or down."""
-    return voxels.holds_around(ground, np.array([*plane_axes(normal), normal]), SOME_OF_NINE)
+    return voxels.is_occupied_around(ground, np.array([*plane_axes(normal), normal]), SOME_OF_NINE)
 
 
 def _beyond(points: Float64Array, box: Box) -> Float64Array:

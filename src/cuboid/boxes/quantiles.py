@@ -7,10 +7,10 @@ import numpy as np
 from cuboid.frame import Float32Array, Float64Array
 
 
-def quantile(values: Float32Array | Float64Array, share: float) -> float:
-    """Return below what a share (0..1) of values (N,), at least one, lies: linear between two, as NumPy has it."""
+def quantile(values: Float32Array | Float64Array, fraction: float) -> float:
+    """Return below what a fraction (0..1) of values (N,), at least one, lies: linear between two, as NumPy has it."""
     last = len(values) - 1
-    place = share * last
+    place = fraction * last
     above = min(int(place) + 1, last)
     part = np.partition(values, above)
     # What is next below is the largest of those before it: two places at once take NumPy nine times as long.

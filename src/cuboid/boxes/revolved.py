@@ -18,7 +18,7 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.kernels.bodies import find_body
 from cuboid.kernels.revolve import widest_layer
-from cuboid.tolerances import JUMP_M, LEAST_READINGS, LITTLE, MOST, STRAYS
+from cuboid.tolerances import JUMP_M, LITTLE, MIN_READINGS, MOST, STRAYS
 
 
 def revolved(
@@ -29,7 +29,7 @@ def revolved(
     offset: float,
     noise_m: float,
     layer_m: float,
-    share: float,
+    fraction: float,
 ) -> Box | None:
     """Return the box of a body of revolution of which a part was seen; None where it is none, or that is not sure.
 
@@ -48,15 +48,15 @@ def revolved(
         Standard deviation of the points of a surface, metres.
     layer_m : float
         Thickness of a layer, metres: a voxel.
-    share : float
-        Share of the trust that are strays, at each side.
+    fraction : float
+        Fraction of the trust that are strays, at each side.
     """
     height = points @ normal + offset
     first, second = plane_axes(normal)
     plan = points @ np.array([first, second]).T
     layer = np.floor((height - height.min()) / layer_m).astype(np.int64)
     side = np.flatnonzero(height < quantile(height, 1.0 - 2.0 * STRAYS) - JUMP_M)
-    if len(side) < LEAST_READINGS or not trust[side].sum() > 0.0:
+    if len(side) < MIN_READINGS or not trust[side].sum() > 0.0:
         return None
     center, part = np.empty(2), np.empty(len(side), bool)
     seen = plan[side], layer[side], trust[side], _footprint(box, first, second), noise_m
@@ -77,7 +77,7 @@ def revolved(
     low, high, towards = along - radius, along + radius, None
     # What sticks out by more than noise is a part of its own, where most of it is no strays.
     beyond = distance > radius + off_m
-    strays = share * weight / max(float(trust[beyond].sum()), 1e-12)
+    strays = fraction * weight / max(float(trust[beyond].sum()), 1e-12)
     if strays < MOST:
         least, most = reach_of(plan[beyond], trust[beyond], DIRECTIONS, strays)
         low, high = np.minimum(low, least), np.maximum(high, most)

@@ -32,7 +32,7 @@ COARSE_STEPS, FINE_STEPS = 20, 12
 FOCAL_ONLY, WITH_CENTER = (FOCAL,), (FOCAL, CENTER_X, CENTER_Y)
 WITH_DEPTH = (*WITH_CENTER, DEPTH)
 # With fewer pairs of views nothing is said.
-LEAST_PAIRS = 12
+MIN_PAIRS = 12
 # The depth scale is left as it is unless it is off by more than this, and by three standard errors: lens distortion and
 # drifting poses feign up to 2 %.
 DEPTH_SCALE_OFF = 0.03
@@ -40,8 +40,8 @@ DEPTH_SCALE_OFF = 0.03
 # has short ways, which poses that drift make too long or too short.
 AS_GOOD = 1.07
 # Errors that no spread between parts of a recording shows (what is left of lens distortion, a shutter that rolls, depth
-# and color at different times): share, pixels, pixels, share.
-LEAST_ERROR = np.array([0.005, 0.5, 0.5, 0.003])
+# and color at different times): fraction, pixels, pixels, fraction.
+MIN_ERROR = np.array([0.005, 0.5, 0.5, 0.003])
 # A focal length that is less sure than this says nothing.
 WORST_FOCAL_ERROR = 0.03
 
@@ -57,7 +57,7 @@ class CalibrationResult:
     depth_scale : float
         True metres in a metre of depth as it was read; 1 where nothing speaks clearly against it.
     focal_error : float
-        Standard error of the focal length, as a share of it.
+        Standard error of the focal length, as a fraction of it.
     center_error_px : (float, float)
     measured_depth_scale, depth_scale_error : float
         The depth scale that fits best, and its standard error.
@@ -87,7 +87,7 @@ class CalibrationResult:
 def calibrate(frames: Iterable[Frame], start: Intrinsics, *, estimated: bool = False) -> CalibrationResult:
     """Find the pinhole at which frames fit together.
 
-    Points of each frame are carried into others by the poses; where the pinhole is right, depth and brightness agree
+    Points of each frame are warped into others by the poses; where the pinhole is right, depth and brightness agree
     there. Poses may be off by a few centimetres: each pair of frames may move a little (`cuboid.calibration.solving`).
 
     Parameters
@@ -112,10 +112,10 @@ def calibrate(frames: Iterable[Frame], start: Intrinsics, *, estimated: bool = F
         fine_views.append(build_view(frame, fine_by))
     begin = Pinhole.of(start)
     pairs = choose_pairs(coarse_views, begin.resized(coarse_by))
-    if len(pairs) < LEAST_PAIRS:
+    if len(pairs) < MIN_PAIRS:
         raise InputError(
             f"only {len(pairs)} pairs of {len(coarse_views)} frames see the same from places far enough apart, "
-            f"at least {LEAST_PAIRS} are needed: the camera must go around things, or turn"
+            f"at least {MIN_PAIRS} are needed: the camera must go around things, or turn"
         )
     coarse, fine = Problem(coarse_views, pairs, coarse_by), Problem(fine_views, pairs, fine_by)
     measured, measured_error = 1.0, float("nan")
@@ -183,9 +183,9 @@ def spread_out(T_world_camera: Mapping[int, Float64Array], count: int = FRAMES) 
     if not known:
         return []
     motions = [se3.inverse(a) @ b for (_, a), (_, b) in pairwise(known)]
-    way = np.cumsum([0.0, *(se3.angle(T) + float(np.linalg.norm(T[:3, 3])) for T in motions)])
-    step = max(min(STEP, float(way[-1]) / count), 1e-9)
-    _, first = np.unique(np.floor(way / step), return_index=True)
+    travelled = np.cumsum([0.0, *(se3.angle(T) + float(np.linalg.norm(T[:3, 3])) for T in motions)])
+    step = max(min(STEP, float(travelled[-1]) / count), 1e-9)
+    _, first = np.unique(np.floor(travelled / step), return_index=True)
     chosen = [known[k][0] for k in first]
     if len(chosen) <= count:
         return chosen
@@ -210,5 +210,5 @@ def _told(found: Solution, start: Intrinsics) -> Intrinsics:
 
 def _errors(found: Solution) -> Float64Array:
     """Return standard errors, with those that no spread shows."""
-    errors: Float64Array = np.hypot(found.error, LEAST_ERROR)
+    errors: Float64Array = np.hypot(found.error, MIN_ERROR)
     return errors

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cuboid.calibration.calibrate import FOCAL_ONLY, LEAST_ERROR, LEAST_PAIRS, WITH_CENTER, best_of_tried, spread_out
+from cuboid.calibration.calibrate import FOCAL_ONLY, MIN_ERROR, MIN_PAIRS, WITH_CENTER, best_of_tried, spread_out
 from cuboid.calibration.comparing import FOCAL
 from cuboid.calibration.pairs import choose_pairs
 from cuboid.calibration.solving import Problem
@@ -18,16 +18,16 @@ from cuboid.frame import Float64Array, Frame, Intrinsics
 
 # So many frames of a run are looked at, more where its poses were estimated and know less; a run of fewer than the last
 # is not checked.
-FRAMES, FRAMES_ESTIMATED, LEAST_FRAMES = 24, 48, 8
+FRAMES, FRAMES_ESTIMATED, MIN_FRAMES = 24, 48, 8
 # Focal lengths that are tried, as logarithms beside the one in use.
 TRIED = np.arange(-0.20, 0.201, 0.05)
 STEPS = 12
-# The focal length counts as wrong if it is off by this share and by four standard errors: at 1 m the edge of an image
-# is then 2 cm off, which begins to double objects; a lens taken for a pinhole makes 2 or 3 %, and with estimated poses,
-# which leave the focal length in more doubt, a hand-held camera whose shutter rolls 3.6 %.
+# The focal length counts as wrong if it is off by this fraction and by four standard errors: at 1 m the edge of an
+# image is then 2 cm off, which begins to double objects; a lens taken for a pinhole makes 2 or 3 %, and with estimated
+# poses, which leave the focal length more uncertain, a hand-held camera whose shutter rolls 3.6 %.
 CLEARLY_OFF, CLEARLY_OFF_ESTIMATED = 0.04, 0.05
 CLEARLY_ERRORS = 4.0
-# And the views must disagree less by this share than with the one in use, poses mended for each.
+# And the views must disagree less by this fraction than with the one in use, poses mended for each.
 CLEARLY_BETTER = 0.05
 
 
@@ -42,7 +42,7 @@ class Verdict:
     focal : float or None
         The fx that fits best, pixels; None where too few frames see the same to tell.
     focal_error : float or None
-        Standard error of it, as a share.
+        Standard error of it, as a fraction.
     """
 
     wrong: bool
@@ -75,13 +75,13 @@ def quick_check(frames: Iterable[Frame], intrinsics: Intrinsics, *, estimated: b
     views = [build_view(frame, factor) for frame in frames]
     in_use = Pinhole.of(intrinsics)
     pairs = choose_pairs(views, in_use.resized(factor))
-    if len(pairs) < LEAST_PAIRS:
+    if len(pairs) < MIN_PAIRS:
         return UNKNOWN
     problem = Problem(views, pairs, factor)
     begin = in_use if estimated else best_of_tried(problem, in_use, TRIED)
     found = problem.solve(begin, FOCAL_ONLY if estimated else WITH_CENTER, STEPS, trusting=not estimated)
     off = float(np.log(found.pinhole.fx / in_use.fx))
-    error = float(np.hypot(found.error[FOCAL], LEAST_ERROR[FOCAL]))
+    error = float(np.hypot(found.error[FOCAL], MIN_ERROR[FOCAL]))
     least = CLEARLY_OFF_ESTIMATED if estimated else CLEARLY_OFF
     clear = abs(off) > max(least, CLEARLY_ERRORS * error)
     if clear:
@@ -110,7 +110,7 @@ def intrinsics_warning(
     estimated : bool
         Whether they come from these frames and these intrinsics.
     """
-    if len(T_world_camera) < LEAST_FRAMES:
+    if len(T_world_camera) < MIN_FRAMES:
         return None
     frames = spread_out(T_world_camera, FRAMES_ESTIMATED if estimated else FRAMES)
     verdict = quick_check(_posed(read, T_world_camera, frames), intrinsics, estimated=estimated)

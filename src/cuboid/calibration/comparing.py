@@ -1,4 +1,4 @@
-"""One view carried into another by a pinhole and a motion: where they disagree, and how that changes."""
+"""One view warped into another by a pinhole and a motion: where they disagree, and how that changes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOTION = 6
 # Noise of a reading: Khoshelham, Oude Elberink (Sensors 2012), 1.425 mm at 1 m, growing with the square of the depth,
 # and a millimetre of everything else; and its place is off by this much in the image, pixels.
 DEPTH_NOISE = 1.425e-3
-LEAST_NOISE_M = 1e-3
+MIN_NOISE_M = 1e-3
 PLACE_PX = 0.7
 # Brightness is compared where depths agree within this, metres: else something else is seen.
 SAME_PLACE_M = 0.10
@@ -28,7 +28,7 @@ NEAREST_M = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Carried:
+class Warped:
     """Pixels of a view where they fall on one surface in another.
 
     Attributes
@@ -74,7 +74,7 @@ class Disagreement:
     by_motion: Float64Array
 
 
-def carry(view: View, other: View, T_other_view: Float64Array, pinhole: Pinhole) -> Carried:
+def warp(view: View, other: View, T_other_view: Float64Array, pinhole: Pinhole) -> Warped:
     """Carry the pixels of a view into another of the same size.
 
     Depths are taken as they are read: where the depth scale is not 1, the translation of `T_other_view` is divided by
@@ -93,21 +93,21 @@ def carry(view: View, other: View, T_other_view: Float64Array, pinhole: Pinhole)
     i, j, row, column, p, q = i[keep], j[keep], row[keep], column[keep], p[keep], q[keep]
     depth = _bilinear(other.depth_m, i, j, row - i, column - j)
     contrast = _bilinear(other.contrast, i, j, row - i, column - j)
-    reading_m = np.sqrt(2.0) * (DEPTH_NOISE * p[:, 2] ** 2 + LEAST_NOISE_M)
+    reading_m = np.sqrt(2.0) * (DEPTH_NOISE * p[:, 2] ** 2 + MIN_NOISE_M)
     noise_m = np.hypot(reading_m, PLACE_PX * np.hypot(depth[1], depth[2]))
     gap_m = depth[0] - q[:, 2]
     change = contrast[0] - view.value[keep]
-    return Carried(p, q, depth, contrast, noise_m, gap_m, change, np.abs(gap_m) < SAME_PLACE_M)
+    return Warped(p, q, depth, contrast, noise_m, gap_m, change, np.abs(gap_m) < SAME_PLACE_M)
 
 
 def disagreements(
-    carried: Carried, T_other_view: Float64Array, pinhole: Pinhole, shift_m: Float64Array
+    warped: Warped, T_other_view: Float64Array, pinhole: Pinhole, shift_m: Float64Array
 ) -> tuple[Disagreement, Disagreement]:
     """Return how depth (over its noise) and contrast disagree, the latter where both see one thing.
 
     `shift_m` (3,) is the part of the translation that is divided by the depth scale.
     """
-    p, q, fx, fy = carried.p, carried.q, pinhole.fx, pinhole.fy
+    p, q, fx, fy = warped.p, warped.q, pinhole.fx, pinhole.fy
     x, y = q[:, 0] / q[:, 2], q[:, 1] / q[:, 2]
 
     def along(by_column: Float64Array, by_row: Float64Array, by_depth: Float64Array) -> tuple[Float64Array, ...]:
@@ -126,12 +126,12 @@ def disagreements(
         )
         return by, np.column_stack([by_q, _cross(q, by_q)])
 
-    weight = 1.0 / carried.noise_m
-    by, by_motion = along(carried.depth[1] * weight, carried.depth[2] * weight, -weight)
-    depth = Disagreement(carried.gap_m * weight, by, by_motion)
-    by, by_motion = along(carried.contrast[1], carried.contrast[2], np.zeros(len(p)))
-    same = carried.same
-    return depth, Disagreement(carried.change[same], by[same], by_motion[same])
+    weight = 1.0 / warped.noise_m
+    by, by_motion = along(warped.depth[1] * weight, warped.depth[2] * weight, -weight)
+    depth = Disagreement(warped.gap_m * weight, by, by_motion)
+    by, by_motion = along(warped.contrast[1], warped.contrast[2], np.zeros(len(p)))
+    same = warped.same
+    return depth, Disagreement(warped.change[same], by[same], by_motion[same])
 
 
 def _cross(a: Float64Array, b: Float64Array) -> Float64Array:

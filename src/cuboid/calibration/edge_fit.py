@@ -14,12 +14,12 @@ from cuboid.kernels.edges import depth_edges, edge_agreement
 
 # Images are thinned to at least this width, pixels: an edge is found to half a pixel of them.
 WIDTH_PX = 320
-# A surface ends where the next reading is farther by this share of the depth (more than any noise), at most so many
+# A surface ends where the next reading is farther by this fraction of the depth (more than any noise), at most so many
 # pixels of a 640 image away: a projector's shadow lies between.
 JUMP = 0.05
 GAP_PX = 12
 # With fewer ends a frame says nothing; of more, so many chosen at random are used.
-LEAST_EDGES, MOST_EDGES = 50, 1200
+MIN_EDGES, MAX_EDGES = 50, 1200
 # And so many of each frame for the search over everything.
 FEW_EDGES = 120
 # The search: magnifications 0.62 to 1.62 (a RealSense's two cameras have 1.57), shifts up to 24 pixels of the thinned
@@ -29,12 +29,13 @@ SHIFTED_PX = np.arange(-24.0, 24.1, 3.0)
 SEARCH_BLUR_PX = 4.0
 # The best of the search, so many that differ by this (root mean square over the image), and no move, are followed.
 STARTS, APART_PX = 6, 8.0
-# Then finer: blur, steps of magnification (share) and of shift (pixels).
+# Then finer: blur, steps of magnification (fraction) and of shift (pixels).
 FINER = ((3.0, 0.02, 1.5), (2.0, 0.01, 0.75), (1.2, 0.005, 0.4), (1.0, 0.0025, 0.2))
 FINE_BLUR_PX = FINER[-1][0]
 # Two cameras of one device lie side by side, at most this far apart, metres.
 BESIDE_M = np.arange(-0.08, 0.081, 0.005)
-# That they are apart counts if edges then agree better by this share: less is what noise and nearly equal depths give.
+# That they are apart counts if edges then agree better by this fraction: less is what noise and nearly equal depths
+# give.
 APART_GAIN = 0.05
 # A view is another one if half of its edges are not within 2 pixels of those of one before.
 SAME_VIEW, SAME_PLACE_PX = 0.5, 2
@@ -115,9 +116,9 @@ def gather_edges(frames: Iterable[Frame]) -> tuple[Edges, int] | None:
         height, width = frame.depth_m.shape
         factor = max(1, width // WIDTH_PX)
         ends, along_row = _ends(frame.depth_m)
-        if len(ends) < LEAST_EDGES:
+        if len(ends) < MIN_EDGES:
             continue
-        kept = np.sort(rng.permutation(len(ends))[:MOST_EDGES])
+        kept = np.sort(rng.permutation(len(ends))[:MAX_EDGES])
         ends = ends[kept]
         ends[:, :2] = (ends[:, :2] - (factor - 1) / 2) / factor
         places.append(ends)
@@ -173,10 +174,10 @@ def _refined(levels: dict[float, Edges], move: Float64Array) -> Float64Array:
     """Return the best move near one, by steps that become smaller."""
     steps = np.stack(np.meshgrid(*[np.arange(-2, 3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     best = move
-    for sigma, share, shift in FINER:
+    for sigma, fraction, shift in FINER:
         for _ in range(3):
             moves = np.repeat(best[None], len(steps), axis=0)
-            moves[:, :3] += steps * (share * best[0], shift, shift)
+            moves[:, :3] += steps * (fraction * best[0], shift, shift)
             better = np.asarray(moves[int(np.argmax(levels[sigma].agreement(moves)))])
             if (better == best).all():
                 break
@@ -184,7 +185,7 @@ def _refined(levels: dict[float, Edges], move: Float64Array) -> Float64Array:
     return best
 
 
-def fit_apart(edges: Edges, move: Float64Array) -> Float64Array:
+def fit_baseline(edges: Edges, move: Float64Array) -> Float64Array:
     """Return the move with the distance of the cameras, where edges then agree clearly better."""
     focal = 0.85 * edges.strength.shape[3]  # only where to look: the cameras of depth sensors have 0.6 to 1 widths
     p, off = np.meshgrid(BESIDE_M * focal, np.arange(-1.0, 1.01, 0.25))
@@ -199,7 +200,7 @@ def fit_apart(edges: Edges, move: Float64Array) -> Float64Array:
 
 
 def size_of(edges: Edges, move: Float64Array) -> float:
-    """Return how far a difference of moves carries, root mean square over the image, thinned pixels."""
+    """Return how far a difference of moves shifts, root mean square over the image, thinned pixels."""
     half = edges.center
     return float(np.sqrt(move[0] ** 2 * (half**2).sum() / 3 + move[1] ** 2 + move[2] ** 2))
 

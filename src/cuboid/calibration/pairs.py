@@ -15,8 +15,8 @@ from cuboid.geometry import se3
 MOTIONS_RAD = (0.09, 0.19, 0.35)
 # A motion counts as one of these if it differs by less than this factor.
 ALIKE = 1.6
-# Least share of a view's points that its partner must have in its image.
-LEAST_OVERLAP = 0.45
+# Least fraction of a view's points that its partner must have in its image.
+MIN_OVERLAP = 0.45
 # So many of a view's points tell where it overlaps another.
 PROBES = 80
 
@@ -31,7 +31,7 @@ def choose_pairs(views: Sequence[View], pinhole: Pinhole) -> list[tuple[int, int
         seen = [_overlap_motion(points, view, other, pinhole) for other in views]
         for target in MOTIONS_RAD:
             off = [
-                abs(np.log(motion / target)) if overlap >= LEAST_OVERLAP and motion > 0 else np.inf
+                abs(np.log(motion / target)) if overlap >= MIN_OVERLAP and motion > 0 else np.inf
                 for overlap, motion in seen
             ]
             j = int(np.argmin(off))
@@ -55,7 +55,7 @@ def _probes(view: View, pinhole: Pinhole) -> Float64Array:
 
 
 def _overlap_motion(points: Float64Array, view: View, other: View, pinhole: Pinhole) -> tuple[float, float]:
-    """Return the share of points that lie in the other's image, and how far they move in it, radians."""
+    """Return the fraction of points that lie in the other's image, and how far they move in it, radians."""
     moved = se3.transform(se3.inverse(other.T_world_camera) @ view.T_world_camera, points)
     depth_m = np.where(moved[:, 2] > 0, moved[:, 2], np.inf)
     ray, old = moved[:, :2] / depth_m[:, None], points[:, :2] / points[:, 2:]

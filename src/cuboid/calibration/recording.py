@@ -13,9 +13,9 @@ from cuboid.errors import FrameError, InputError
 from cuboid.frame import Float64Array, Frame
 from cuboid.readers import Recording
 
-# Poses and focal length are estimated in turn, so often at most, until the latter changes by less than this share.
+# Poses and focal length are estimated in turn, so often at most, until the latter changes by less than this fraction.
 ROUNDS = 4
-SETTLED = 0.004
+CONVERGED = 0.004
 # Up to every third frame is enough for that (the camera turns little in a tenth of a second), but this many are used.
 LONGEST_STEP, ENOUGH_FRAMES = 3, 300
 
@@ -80,7 +80,7 @@ def _with_estimated_poses(
             focal_error=float(np.hypot(result.focal_error, change)),  # what the last round changed, a next one may too
         )
         previous = previous.with_intrinsics(found.intrinsics)
-        if change < SETTLED:
+        if change < CONVERGED:
             break
     assert found is not None
     return found

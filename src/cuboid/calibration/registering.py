@@ -20,7 +20,7 @@ from cuboid.calibration.edge_fit import (
     NOWHERE,
     SEARCH_BLUR_PX,
     different_views,
-    fit_apart,
+    fit_baseline,
     fit_move,
     gain_of,
     gather_edges,
@@ -34,17 +34,17 @@ from cuboid.readers.recording import Recording
 # So many frames are looked at.
 FRAMES = 12
 # A run of fewer is not checked.
-LEAST_FRAMES = 8
-# Depth counts as off if it is so by this share of the image's width (4 of 640 pixels: the ends of surfaces are that
-# uncertain), found alike in both halves of the frames, to this share of it or 3 of 640 pixels, and the edges of frames
-# that it was not found in agree better by this much and by so many standard errors. Registered recordings gain up to
-# 0.04, made ones that are 6 pixels off 0.14. Stereo, to which things look larger than they are, feigns up to 8 of 640
-# pixels: below 10 none is warned.
+MIN_FRAMES = 8
+# Depth counts as off if it is so by this fraction of the image's width (4 of 640 pixels: the ends of surfaces are that
+# uncertain), found alike in both halves of the frames, to this fraction of it or 3 of 640 pixels, and the edges of
+# frames that it was not found in agree better by this much and by so many standard errors. Registered recordings gain
+# up to 0.04, made ones that are 6 pixels off 0.14. Stereo, to which things look larger than they are, feigns up to 8 of
+# 640 pixels: below 10 none is warned.
 CLEARLY_OFF, WORTH_A_WARNING = 0.006, 0.0156
 ALIKE, ALIKE_AT_LEAST = 0.35, 0.005
 CLEAR_GAIN, CLEAR_ERRORS = 0.03, 4.0
 # Frames that see the same count once.
-LEAST_VIEWS = 3
+MIN_VIEWS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +99,7 @@ def find_misregistration(frames: Iterable[Frame]) -> Misregistration | None:
     move = fit_move(levels, NOWHERE)
     off = size_of(edges, move - NOWHERE)
     before, after = fine.agreement_inside(np.stack([NOWHERE, move]))
-    clear = bool(views >= LEAST_VIEWS and off > CLEARLY_OFF * width and after - before > CLEAR_GAIN)
+    clear = bool(views >= MIN_VIEWS and off > CLEARLY_OFF * width and after - before > CLEAR_GAIN)
     if clear:  # only then is it worth the time
         even = edges.image % 2 == 0
         fits = [
@@ -108,7 +108,7 @@ def find_misregistration(frames: Iterable[Frame]) -> Misregistration | None:
         gain, error = gain_of(fine, *fits)
         alike = size_of(edges, fits[0] - fits[1]) < max(ALIKE * off, ALIKE_AT_LEAST * width)
         clear = alike and gain > max(CLEAR_GAIN, CLEAR_ERRORS * error)
-    g, du, dv, p, _ = fit_apart(fine, move).tolist()
+    g, du, dv, p, _ = fit_baseline(fine, move).tolist()
     return Misregistration(clear, factor * off, g, (factor * du, factor * dv), factor * p, views)
 
 
@@ -166,7 +166,7 @@ def registration_warning(read: Callable[[int], Frame], intrinsics: Intrinsics, f
     frames : sequence of int
         Numbers of those that were used.
     """
-    if len(frames) < LEAST_FRAMES:
+    if len(frames) < MIN_FRAMES:
         return None
     found = find_misregistration(_spread(read, frames))
     if found is None or not found.clear or found.off_px < WORTH_A_WARNING * intrinsics.width:

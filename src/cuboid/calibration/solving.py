@@ -21,9 +21,9 @@ from cuboid.calibration.comparing import (
     FOCAL,
     MOTION,
     PARAMETERS,
-    Carried,
-    carry,
+    Warped,
     disagreements,
+    warp,
 )
 from cuboid.calibration.pairs import relative
 from cuboid.calibration.views import CELL_PX, Pinhole, View
@@ -36,19 +36,19 @@ NU = 5.0
 ALIKE_PX = 64.0
 # Error of a relative pose, metres and radians: at first, at least (what a file with 4 digits has), at most.
 POSE_ERROR = np.array([0.01, np.radians(0.5)])
-LEAST_POSE_ERROR = np.array([0.0003, np.radians(0.01)])
-MOST_POSE_ERROR = np.array([0.05, np.radians(2.0)])
+MIN_POSE_ERROR = np.array([0.0003, np.radians(0.01)])
+MAX_POSE_ERROR = np.array([0.05, np.radians(2.0)])
 # What is believed before: the focal length within 30 %, the optical centre within 5 % of the image's width, the depth
 # scale within 5 %.
-FOCAL_SHARE, CENTER_SHARE, DEPTH_SHARE = 0.3, 0.05, 0.05
+FOCAL_FRACTION, CENTER_FRACTION, DEPTH_FRACTION = 0.3, 0.05, 0.05
 # Done when a step changes the focal length and the depth scale by less than this, and the centre by less than this
-# share of the width.
+# fraction of the width.
 SMALL_STEP = 1e-4
 # Where agreement is only compared (not fitted), a disagreement counts half at this many deviations of depth's noise,
 # and at this contrast, which is a third of a full step.
 DEPTH_SCALE, CONTRAST_SCALE = 2.0, 0.5
-# Disagreements below this share of their usual size are as good as none; it keeps made images apart from 1 / 0.
-LEAST_SPREAD = 1e-3
+# Disagreements below this fraction of their usual size are as good as none; it keeps made images apart from 1 / 0.
+MIN_SPREAD = 1e-3
 # The pairs are put into so many parts by their time, to see how much the result hangs on each.
 PARTS = 8
 
@@ -123,11 +123,11 @@ class Problem:
         index = np.array(free, np.intp)
         width = self._views[0].depth_m.shape[1]
         belief = np.array(
-            [FOCAL_SHARE**-2, (CENTER_SHARE * width) ** -2, (CENTER_SHARE * width) ** -2, DEPTH_SHARE**-2]
+            [FOCAL_FRACTION**-2, (CENTER_FRACTION * width) ** -2, (CENTER_FRACTION * width) ** -2, DEPTH_FRACTION**-2]
         )
         small = SMALL_STEP * np.array([1.0, width, width, 1.0])
         begin, theta = start.resized(self._factor), np.zeros(PARAMETERS)
-        pose_error = POSE_ERROR if trusting else MOST_POSE_ERROR
+        pose_error = POSE_ERROR if trusting else MAX_POSE_ERROR
         moves = np.zeros((len(self._pairs), MOTION))
         corrections = [np.eye(4)] * len(self._pairs)
         for _ in range(steps):
@@ -149,21 +149,19 @@ class Problem:
         error = self._error(normal, H, g, index) * np.array([1.0, self._factor, self._factor, 1.0])
         return Solution(pinhole.resized(1 / self._factor), error, pose_error, found)
 
-    def _given(self, pair: int, pinhole: Pinhole) -> Carried:
+    def _given(self, pair: int, pinhole: Pinhole) -> Warped:
         """Compare two views, their poses taken as they are."""
         i, j = self._pairs[pair]
-        return carry(self._views[i], self._views[j], _divided(self._T_given[pair], pinhole.depth_scale), pinhole)
+        return warp(self._views[i], self._views[j], _divided(self._T_given[pair], pinhole.depth_scale), pinhole)
 
-    def _mended(
-        self, pinhole: Pinhole, corrections: Sequence[Float64Array]
-    ) -> tuple[list[Float64Array], list[Carried]]:
+    def _mended(self, pinhole: Pinhole, corrections: Sequence[Float64Array]) -> tuple[list[Float64Array], list[Warped]]:
         """Return the motion of each pair, its poses mended, and how its views compare then."""
         T = [
             correction @ _divided(given, pinhole.depth_scale)
             for correction, given in zip(corrections, self._T_given, strict=True)
         ]
         pairs = zip(self._pairs, T, strict=True)
-        return T, [carry(self._views[i], self._views[j], T_pair, pinhole) for (i, j), T_pair in pairs]
+        return T, [warp(self._views[i], self._views[j], T_pair, pinhole) for (i, j), T_pair in pairs]
 
     def _normal_equations(
         self, pinhole: Pinhole, corrections: Sequence[Float64Array], moves: Float64Array, pose_error: Float64Array
@@ -223,7 +221,7 @@ class _Normal:
     b: Float64Array
 
 
-def _disagreement(found: Sequence[Carried]) -> float:
+def _disagreement(found: Sequence[Warped]) -> float:
     depth = np.concatenate([item.gap_m / item.noise_m for item in found])
     change = np.concatenate([item.change[item.same] for item in found])
     return _bounded(depth, DEPTH_SCALE) + _bounded(change, CONTRAST_SCALE)
@@ -252,13 +250,13 @@ def _pose_error(moves: Float64Array, spread: Float64Array, before: Float64Array)
     trust = np.repeat(before**-2, 3)
     pull = (NU + MOTION) / (NU + (moves**2 * trust).sum(1))
     square = (pull[:, None] * moves**2 + np.diagonal(spread, axis1=1, axis2=2)).mean(0).reshape(2, 3).mean(1)
-    error: Float64Array = np.clip(np.sqrt(square), LEAST_POSE_ERROR, MOST_POSE_ERROR)
+    error: Float64Array = np.clip(np.sqrt(square), MIN_POSE_ERROR, MAX_POSE_ERROR)
     return error
 
 
 def _spread(residual: Float64Array) -> float:
     """Return the deviation of residuals, of which a part may be anything (from the median of their sizes)."""
-    return max(1.4826 * float(np.median(np.abs(residual))), LEAST_SPREAD) if len(residual) else 1.0
+    return max(1.4826 * float(np.median(np.abs(residual))), MIN_SPREAD) if len(residual) else 1.0
 
 
 def _bounded(residual: Float64Array, scale: float) -> float:

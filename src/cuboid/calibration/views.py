@@ -16,7 +16,7 @@ from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics
 LOCAL_PX = 8.0
 # Contrast below this many grey levels is noise of the sensor, and is not stretched.
 NOISE_LEVELS = 4.0
-# A block of 2 x 2 readings is one surface if they differ by less than this share of the depth; more than a plane
+# A block of 2 x 2 readings is one surface if they differ by less than this fraction of the depth; more than a plane
 # seen at 80 degrees makes of a pixel, less than an object's step.
 SAME_SURFACE = 0.04
 # Coarse images are so wide, or more; in finer ones a pixel is half as large, unless they are as wide as this already.
@@ -40,7 +40,7 @@ class View:
     smooth : (H, W) bool
         Whether the readings here, to the right, below and diagonally below lie on one surface.
     xyz : (N, 3) float64
-        Column, row and depth (metres) of the pixels that are carried into other views.
+        Column, row and depth (metres) of the pixels that are warped into other views.
     value : (N,) float64
         Their contrast.
     """

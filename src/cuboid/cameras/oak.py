@@ -2,7 +2,7 @@
 
 Options: ``id=`` which of several (its id, or its address), ``size=WIDTHxHEIGHT`` of color (640x400), ``rate=HZ`` (30).
 
-The device takes the distortion out of color, computes depth and carries it into color.
+The device takes the distortion out of color, computes depth and registers it to color.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Options: ``serial=`` which of several, ``size=WIDTHxHEIGHT`` of color (640x480), ``rate=HZ`` (30).
 
 The package pins old versions of packages that it needs for its examples alone, so that no extra can name it; see
-`INSTALL`. Depth is that of its own camera; it is carried into color with what the device says of the two.
+`INSTALL`. Depth is that of its own camera; it is registered to color with what the device says of the two.
 """
 
 from __future__ import annotations

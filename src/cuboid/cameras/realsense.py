@@ -3,7 +3,7 @@
 Options: ``serial=`` which of several, ``size=WIDTHxHEIGHT`` and ``rate=HZ`` of both streams (640x480, 30), ``file=`` a
 ``.bag`` of the SDK, which is played back frame by frame as if it were the camera.
 
-Depth is that of its own camera; it is carried into color with what the device says of the two.
+Depth is that of its own camera; it is registered to color with what the device says of the two.
 """
 
 from __future__ import annotations

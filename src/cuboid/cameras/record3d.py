@@ -25,7 +25,7 @@ NAME = "record3d"
 OPTIONS = ("id",)
 INSTALL = "record3d"
 # ARKit's confidence of a reading: 0 low, 1 medium, 2 high. Low ones are no reading.
-LEAST_CONFIDENCE = 1
+MIN_CONFIDENCE = 1
 # Until the first frame the app may ask its user, seconds.
 FIRST_S = 20.0
 
@@ -91,7 +91,7 @@ class Record3D:
         depth = np.array(stream.get_depth_frame(), np.float32)
         sure = np.asarray(stream.get_confidence_frame())
         if sure.shape == depth.shape:  # the front camera has none
-            depth[sure < LEAST_CONFIDENCE] = 0.0
+            depth[sure < MIN_CONFIDENCE] = 0.0
         return Shot(arrived_s, color, depth, _pose(stream.get_camera_pose()))
 
     def close(self) -> None:

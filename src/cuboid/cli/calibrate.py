@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 HELP = "find focal length, optical centre and depth scale of a recording"
 EXAMPLE = "cuboid calibrate RECORDING --output camera.json"
 
-# Where nothing is known of a camera the search begins with a focal length of this share of the image's width: color
+# Where nothing is known of a camera the search begins with a focal length of this fraction of the image's width: color
 # cameras of common depth cameras have 0.71 to 0.96, and the search reaches 0.61 to 1.12.
-UNKNOWN_FOCAL_SHARE = 0.83
+UNKNOWN_FOCAL_FRACTION = 0.83
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -74,7 +74,7 @@ def _open(args: argparse.Namespace) -> Recording:
     except UnknownIntrinsicsError:
         args.intrinsics = (500.0, 500.0, 0.0, 0.0)  # of any images, to learn their size
         size = open_from(args).intrinsics
-        focal = UNKNOWN_FOCAL_SHARE * size.width
+        focal = UNKNOWN_FOCAL_FRACTION * size.width
         args.intrinsics = (focal, focal, (size.width - 1) / 2, (size.height - 1) / 2)
         return open_from(args)
 

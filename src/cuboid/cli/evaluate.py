@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--trajectory",
         type=Path,
         metavar="FILE",
-        help="true camera poses, by which the result is carried to the truth's world "
+        help="true camera poses, by which the result is aligned with the truth's world "
         "(default: true_trajectory.txt beside TRUTH, where the result's poses were estimated)",
     )
     drawn = parser.add_argument_group("against keyframes")
@@ -143,7 +143,7 @@ def print_comparison(found: Evaluation) -> None:
     out.print(line, markup=False)
 
 
-def _share(value: float | None, digits: int = 3) -> str:
+def _score(value: float | None, digits: int = 3) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
@@ -158,10 +158,10 @@ def _map_table(found: Evaluation) -> Table:
     for at in found.map.at:
         table.add_row(
             f"IoU {at.threshold:.2f}",
-            *map(_share, (at.precision, at.recall, at.f1, at.ap)),
+            *map(_score, (at.precision, at.recall, at.f1, at.ap)),
             f"{at.found} of {at.found + at.missed}",
             str(at.wrong),
-            _share(at.mean_iou),
+            _score(at.mean_iou),
             *map(_length, (at.center_error_cm, at.size_error_cm)),
         )
     return table
@@ -176,8 +176,8 @@ def _map_line(found: Evaluation) -> str:
     if quality.wrong_labels:
         line += f" (labels that fit no object: {', '.join(map(str, quality.wrong_labels))})"
     if proposals is not None:
-        line += f"\n{_share(proposals.per_frame, 2)} boxes a frame before matching: " + "; ".join(
-            f"precision {_share(at.precision)}, recall {_share(at.recall)} at IoU {at.threshold:.2f}"
+        line += f"\n{_score(proposals.per_frame, 2)} boxes a frame before matching: " + "; ".join(
+            f"precision {_score(at.precision)}, recall {_score(at.recall)} at IoU {at.threshold:.2f}"
             for at in proposals.at
         )
     return line
@@ -190,7 +190,7 @@ def _identity_table(identity: Identity) -> Table:
     for at in identity.at:
         table.add_row(
             f"IoU {at.threshold:.2f}",
-            *map(_share, (at.idf1, at.id_precision, at.id_recall, at.mota, at.motp)),
+            *map(_score, (at.idf1, at.id_precision, at.id_recall, at.mota, at.motp)),
             *map(str, (at.switches, at.fragmentations, at.misses, at.false_positives)),
         )
     return table
@@ -200,9 +200,9 @@ def _identity_lines(identity: Identity) -> str:
     score = identity.hota
     return (
         f"HOTA {score.hota:.3f}, DetA {score.det_a:.3f}, AssA {score.ass_a:.3f}, LocA {score.loc_a:.3f}\n"
-        f"label purity {_share(identity.label_purity)}, consistency {_share(identity.label_consistency)}, "
-        f"{_share(identity.labels_per_object, 2)} labels an object, "
-        f"first label after {_share(identity.median_frames_to_first_label, 0)} frames (median)"
+        f"label purity {_score(identity.label_purity)}, consistency {_score(identity.label_consistency)}, "
+        f"{_score(identity.labels_per_object, 2)} labels an object, "
+        f"first label after {_score(identity.median_frames_to_first_label, 0)} frames (median)"
     )
 
 
@@ -214,19 +214,19 @@ def _reidentification_table(identity: Identity) -> Table:
     table.add_row("reappearances", *(str(at.reappearances) for at in curve))
     table.add_row("found again", *(str(at.found) for at in curve))
     table.add_row("with the old label", *(str(at.same_label) for at in curve))
-    table.add_row("re-identification rate", *(_share(at.rate) for at in curve))
+    table.add_row("re-identification rate", *(_score(at.rate) for at in curve))
     return table
 
 
 def _heat_line(heat: HeatQuality) -> str:
     line = (
         f"heat against {heat.points} labelled points ({heat.object_points} on objects, "
-        f"{100 * (heat.mapped or 0.0):.1f} % of all near the map): AP {_share(heat.ap)}"
+        f"{100 * (heat.mapped or 0.0):.1f} % of all near the map): AP {_score(heat.ap)}"
     )
     if heat.best is not None:
         at = heat.best
         line += (
-            f", F {_share(at.f)} at heat {at.heat:.2f} (precision {_share(at.precision)}, recall {_share(at.recall)})"
+            f", F {_score(at.f)} at heat {at.heat:.2f} (precision {_score(at.precision)}, recall {_score(at.recall)})"
         )
     return line
 
@@ -240,7 +240,7 @@ def _objects_table(found: Evaluation) -> Table:
         table.add_row(
             item.name,
             "-" if box is None else str(box.label),
-            _share(None if box is None else box.iou),
+            _score(None if box is None else box.iou),
             _length(None if box is None else box.center_error_cm),
             "-" if had is None else ", ".join(map(str, had.labels)) or "none",
             "-" if had is None else str(had.switches),

@@ -99,7 +99,7 @@ def _registration(found: RecordingInfo) -> str:
     camera, T = found.depth_camera["depth_camera"], found.depth_camera["T_color_depth"]
     apart_mm = 1000 * math.hypot(*(row[3] for row in T[:3]))
     size = f"{camera['width']} x {camera['height']}"
-    return f"carried into color from {size}, fx {camera['fx']:.2f}, {apart_mm:.0f} mm beside{off}"
+    return f"registered to color from {size}, fx {camera['fx']:.2f}, {apart_mm:.0f} mm beside{off}"
 
 
 def _up(found: RecordingInfo) -> str:
@@ -111,6 +111,8 @@ def _up(found: RecordingInfo) -> str:
 def _poses(found: RecordingInfo) -> str:
     if not found.poses_looked_at:
         return "none: they will be estimated"
-    share = "all frames" if found.poses == found.poses_looked_at else f"{found.poses} of {found.poses_looked_at} frames"
+    found_in = (
+        "all frames" if found.poses == found.poses_looked_at else f"{found.poses} of {found.poses_looked_at} frames"
+    )
     length = "" if found.path_length_m is None else f", {found.path_length_m:.2f} m long"
-    return f"{share}, camera to world (x right, y down, z forward){length}"
+    return f"{found_in}, camera to world (x right, y down, z forward){length}"

@@ -75,7 +75,7 @@ def _frames(frames: tuple[int, ...]) -> str:
     return f"{'frame' if len(frames) == 1 else 'frames'} {', '.join(map(str, frames[:NAMED]))}{more}"
 
 
-def _share(value: float | None, digits: int = 3) -> str:
+def _score(value: float | None, digits: int = 3) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
@@ -96,14 +96,14 @@ def _scores_table(found: KeyframeEvaluation) -> Table:
     for at in found.at:
         table.add_row(
             f"IoU {at.threshold:.2f}",
-            _share(at.recall),
-            _share(at.precision),
+            _score(at.recall),
+            _score(at.precision),
             f"{at.found} of {at.rectangles}",
             str(at.false),
             str(sum(at.neither.values())),
             f"{at.objects_found} of {at.objects}",
-            _share(at.one_label),
-            _share(at.idf1),
+            _score(at.one_label),
+            _score(at.idf1),
         )
     return table
 
@@ -113,8 +113,8 @@ def _funnel_table(found: KeyframeEvaluation) -> Table:
 
     table = new_table("where things are lost", *(f"recall at {at.threshold:.2f}" for at in found.at), "a frame")
     for stage in found.funnel:
-        shares = [f"{_share(at.recall)}  ({at.found})" for at in stage.at] or [""] * len(found.at)
-        table.add_row(stage.name, *shares, "" if stage.per_frame is None else f"{stage.per_frame:.1f}")
+        cells = [f"{_score(at.recall)}  ({at.found})" for at in stage.at] or [""] * len(found.at)
+        table.add_row(stage.name, *cells, "" if stage.per_frame is None else f"{stage.per_frame:.1f}")
     return table
 
 

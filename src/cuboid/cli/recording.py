@@ -85,7 +85,7 @@ def add_reading_options(parser: argparse.ArgumentParser, *, thinned: bool = True
         reading.add_argument("--every", type=positive, default=1, metavar="N", help="use each N-th frame")
         reading.add_argument("--limit", type=positive, metavar="N", help="read at most N frames")
     reading.add_argument(
-        "--register", action="store_true", help="find where depth lies beside color, and carry it there"
+        "--register", action="store_true", help="find the registration of depth to color, and apply it"
     )
     return reading
 

@@ -51,10 +51,10 @@ def positive(text: str) -> int:
 
 
 def limit_threads(threads: int) -> None:
-    """Hold every library's pool to its share of `threads`; call it before they are imported."""
-    share = pool_size(threads)
+    """Limit every library's pool to its part of `threads`; call it before they are imported."""
+    threads_of_pool = pool_size(threads)
     for name in POOLS:
-        os.environ[name] = str(share)
+        os.environ[name] = str(threads_of_pool)
     import cv2
 
-    cv2.setNumThreads(share)
+    cv2.setNumThreads(threads_of_pool)

@@ -15,9 +15,9 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.overlap import overlap_min_matrix
 
 THRESHOLDS = (0.25, 0.5)
-# Share of the smaller of two boxes from which on a box is one of an object, or an object one in a box: the lowest
+# Fraction of the smaller of two boxes from which on a box is one of an object, or an object one in a box: the lowest
 # tolerance with which regions are compared in Hoover et al. 1996 must be above 0.5; at 0.5 each box has one object.
-SHARE = 0.5
+FRACTION = 0.5
 _ORDERS = tuple(permutations(range(3)))
 
 
@@ -216,13 +216,13 @@ def fragments_and_merges(boxes: Float64Array, truth: Float64Array, iou: Float64A
     """
     if not (len(boxes) and len(truth)):
         return 0, 0, len(boxes)
-    together = (overlap_min_matrix(boxes, truth) >= SHARE) | (iou >= FOUND_IOU)
+    together = (overlap_min_matrix(boxes, truth) >= FRACTION) | (iou >= FOUND_IOU)
     some = together.any(1)
     best = np.where(together, iou, -1.0).argmax(1)[some]
     per_object = np.bincount(best, minlength=len(truth))
     volume, true_volume = boxes[:, 3:6].prod(1)[:, None], truth[:, 3:6].prod(1)[None]
     common = iou / (1.0 + iou) * (volume + true_volume)  # iou = common / (volume + true_volume - common)
-    held = (common >= SHARE * true_volume).sum(1)
+    held = (common >= FRACTION * true_volume).sum(1)
     return (
         int(np.maximum(per_object - 1, 0).sum()),
         int(np.maximum(held - 1, 0).sum()),

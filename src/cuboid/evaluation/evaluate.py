@@ -52,7 +52,7 @@ class Identity:
     reidentification : tuple of Reidentification
         By length of absence.
     label_purity, label_consistency : float or None
-        Share of sightings whose label mostly means this object; that have their object's most frequent label.
+        Fraction of sightings whose label mostly means this object; that have their object's most frequent label.
     labels_per_object : float or None
         Mean over objects that were found.
     median_frames_to_first_label : float or None
@@ -142,7 +142,7 @@ def evaluate(
     cloud : Path, optional
         A labelled cloud, with which the heat of the map is compared.
     trajectory : Path, optional
-        True camera poses in the TUM form, by which the result is carried to the world of the truth. Where the
+        True camera poses in the TUM form, by which the result is aligned with the world of the truth. Where the
         result's poses were estimated, a `true_trajectory.txt` beside the truth is used by itself.
 
     Raises

@@ -29,7 +29,7 @@ class Hota:
     det_a, det_re, det_pr : float
         Detection accuracy TP / (TP + FN + FP), recall and precision.
     ass_a, ass_re, ass_pr : float
-        Association accuracy: for each true positive, of all frames that have its object or its label, the share
+        Association accuracy: for each true positive, of all frames that have its object or its label, the fraction
         that has both; and the same of the object's, and of the label's frames.
     loc_a : float
         Mean IoU of the true positives; 1 at thresholds that have none.
@@ -74,8 +74,8 @@ def hota(frames: Sequence[FrameOverlap], objects: int, labels: int) -> Hota:
     total_truth, total_found = truths.sum(), found.sum()
 
     def over_positives(whole: Float64Array) -> Float64Array:
-        share = matches * matches / np.maximum(1.0, whole)
-        return np.asarray(share.sum(1) / np.maximum(1.0, positives))
+        fraction = matches * matches / np.maximum(1.0, whole)
+        return np.asarray(fraction.sum(1) / np.maximum(1.0, positives))
 
     det_a = positives / np.maximum(1.0, total_truth + total_found - positives)
     ass_a = over_positives(truths[thing] + found[label] - matches)
@@ -104,7 +104,7 @@ def _global_alignment(
     for frame in frames:
         iou = frame.iou
         whole = iou.sum(0)[None, :] + iou.sum(1)[:, None] - iou
-        # Each overlap as a share of all that its object and its label have in this frame.
+        # Each overlap as a fraction of all that its object and its label have in this frame.
         shared[np.ix_(frame.truth, frame.found)] += np.divide(iou, whole, out=np.zeros_like(iou), where=whole > EPS)
         truths[frame.truth] += 1
         found[frame.found] += 1

@@ -100,10 +100,10 @@ def _outline(picture: UInt8Array, rect: Float64Array, tint: Color, thickness: in
         cv2.rectangle(picture, (x0, y0), (x1, y1), tint, thickness)
         return
     for a, b in (((x0, y0), (x1, y0)), ((x1, y0), (x1, y1)), ((x1, y1), (x0, y1)), ((x0, y1), (x0, y0))):
-        start, way = np.array(a), np.subtract(b, a)
-        length = max(int(np.abs(way).max()), 1)
+        start, direction = np.array(a), np.subtract(b, a)
+        length = max(int(np.abs(direction).max()), 1)
         for s in range(0, length, 2 * dash):
-            ends = [np.round(start + way * (t / length)).astype(int).tolist() for t in (s, min(s + dash, length))]
+            ends = [np.round(start + direction * (t / length)).astype(int).tolist() for t in (s, min(s + dash, length))]
             cv2.line(picture, ends[0], ends[1], tint, thickness)
 
 

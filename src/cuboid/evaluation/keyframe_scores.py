@@ -60,7 +60,7 @@ class ScoresAt:
     objects, objects_found : int
         Objects that have a rectangle that counts; those that are found in one frame or more.
     one_label : float or None
-        Of the pairs of objects that were found more than once, the share with the object's most frequent label.
+        Of the pairs of objects that were found more than once, the fraction with the object's most frequent label.
     idf1 : float or None
         Under the best one-to-one pairing of objects with labels (Ristani et al., ECCV workshops 2016).
     """

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from cuboid.errors import InputError, printable
-from cuboid.formats.json_door import checked, format_in, read_json
+from cuboid.formats.json_validation import checked, format_in, read_json
 from cuboid.formats.keyframes_file import FORMAT, KeyframeEntry, KeyframesDocument
 from cuboid.frame import Float64Array
 from cuboid.readers.recording import Recording
@@ -55,7 +55,7 @@ class DrawnRect:
     rect_xyxy : (4,) float64
         Tight around what is seen of it, pixels of the recording's full size, ends exclusive.
     visible : float
-        Share of it that is seen, 0..1.
+        Fraction of it that is seen, 0..1.
     group : bool
         Whether it is several things that may as well be one.
     """

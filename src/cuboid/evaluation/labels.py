@@ -123,7 +123,7 @@ def _one(frames: IntArray, must: np.ndarray, label: np.ndarray) -> ObjectLabels:
 
 
 def purity(lines: Timelines) -> float | None:
-    """Return the share of sightings whose label means, in most of its sightings, that very object.
+    """Return the fraction of sightings whose label means, in most of its sightings, that very object.
 
     Manning, Raghavan, Schuetze, "Introduction to Information Retrieval", 2008, section 16.3, with the labels as
     clusters and the objects as classes. Many labels for one object do not lower it; see `consistency`.
@@ -132,7 +132,7 @@ def purity(lines: Timelines) -> float | None:
 
 
 def consistency(lines: Timelines) -> float | None:
-    """Return the share of sightings that have their object's most frequent label: purity, the other way round."""
+    """Return the fraction of sightings that have their object's most frequent label: purity, the other way round."""
     return _agreement(lines, by_label=False)
 
 

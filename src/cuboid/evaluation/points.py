@@ -13,9 +13,9 @@ from cuboid.errors import InputError
 from cuboid.evaluation.matching import ratio
 from cuboid.evaluation.truth import Truth
 from cuboid.extras import require
-from cuboid.formats.reading import MOST_BINARY_BYTES, opened
+from cuboid.formats.reading import MAX_BINARY_BYTES, opened
 from cuboid.formats.rows_files import LabelEntry
-from cuboid.formats.table_door import read_lines
+from cuboid.formats.table_validation import read_lines
 from cuboid.frame import Float64Array
 from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import FARTHEST_M
@@ -72,7 +72,7 @@ class HeatQuality:
     points, object_points : int
         Judged points of the labelled cloud, and those on objects.
     mapped : float or None
-        Share of the judged points that have a point of the map nearby; the others count as cold.
+        Fraction of the judged points that have a point of the map nearby; the others count as cold.
     ap : float or None
         Average precision over all heats.
     best : HeatAt or None
@@ -105,7 +105,7 @@ def read_labelled_cloud(path: Path) -> LabelledCloud:
     """
     trimesh = require("trimesh", "cuboid evaluate --cloud", "'cuboid[synth]'")
 
-    with opened(path, MOST_BINARY_BYTES) as file:
+    with opened(path, MAX_BINARY_BYTES) as file:
         try:
             vertex = trimesh.load(file, file_type="ply", process=False).metadata["_ply_raw"]["vertex"]["data"]
             xyz = np.stack([np.ravel(vertex[name]) for name in "xyz"], axis=1).astype(np.float64)

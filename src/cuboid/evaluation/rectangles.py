@@ -11,12 +11,12 @@ import numpy.typing as npt
 from cuboid.evaluation.keyframes import Keyframe
 from cuboid.evaluation.matching import match
 from cuboid.frame import Float64Array
-from cuboid.geometry.rectangles import rect_iou_matrix, shares_inside
+from cuboid.geometry.rectangles import fractions_inside, rect_iou_matrix
 
 # Of a thing that shows less of itself than this, a person would not ask that it be found.
-LEAST_VISIBLE = 0.3
-# Found where at least this share of it lies in a place that counts neither way, a rectangle does so as well.
-LIES_IN_SHARE = 0.5
+MIN_VISIBLE = 0.3
+# Found where at least this fraction of it lies in a place that counts neither way, a rectangle does so as well.
+LIES_IN_FRACTION = 0.5
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -75,11 +75,11 @@ def judge_frame(keyframe: Keyframe, found_xyxy: Float64Array, threshold: float) 
         Least IoU of a pair.
     """
     drawn = keyframe.rects_xyxy
-    counts = np.array([item.visible >= LEAST_VISIBLE for item in keyframe.drawn], bool)
+    counts = np.array([item.visible >= MIN_VISIBLE for item in keyframe.drawn], bool)
     group = np.array([item.group for item in keyframe.drawn], bool)
     iou = rect_iou_matrix(drawn, found_xyxy)
-    inside = shares_inside(found_xyxy, drawn) >= LIES_IN_SHARE
-    ignored: BoolArray = np.any(shares_inside(found_xyxy, keyframe.ignored) >= LIES_IN_SHARE, axis=1)
+    inside = fractions_inside(found_xyxy, drawn) >= LIES_IN_FRACTION
+    ignored: BoolArray = np.any(fractions_inside(found_xyxy, keyframe.ignored) >= LIES_IN_FRACTION, axis=1)
     partner = np.full(len(drawn), -1, np.int64)
     outcomes = [
         _without_partner(bool(ignored[k]), bool(inside[k, ~counts].any()), bool(inside[k, group].any()))

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from cuboid.errors import InputError
 from cuboid.formats.rows_files import BoxEntry, OwnBoxEntry, OwnRectEntry, RectEntry
-from cuboid.formats.table_door import read_table
+from cuboid.formats.table_validation import read_table
 from cuboid.frame import Float64Array
 from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import rotation_from_quat_wxyz
@@ -90,7 +90,7 @@ class Result:
     map_points, trajectory : Path or None
         Files beside the tracks.
     T_truth_result : (4, 4) float64
-        The motion by which the boxes were carried to the world of the truth; the files are as they were.
+        The motion by which the boxes were transformed to the world of the truth; the files are as they were.
     """
 
     path: Path
@@ -105,7 +105,7 @@ class Result:
     T_truth_result: Float64Array = field(default_factory=lambda: np.eye(4))
 
     def moved(self, T_truth_result: Float64Array) -> Result:
-        """Return the same with every box carried to the truth's world by a rigid motion (4, 4)."""
+        """Return the same with every box transformed to the truth's world by a rigid motion (4, 4)."""
         tracks, objects, proposals = self.tracks, self.objects, self.proposals
         return replace(
             self,

@@ -1,6 +1,6 @@
 """What counts: objects that must be found, objects that may be, and boxes that count neither way.
 
-An object must be found in a frame that shows more than `MUST_SEE_SHARE` of it. It may be found where it is shown
+An object must be found in a frame that shows more than `MUST_SEE_FRACTION` of it. It may be found where it is shown
 less: then neither its absence nor its presence counts, as with heavily occluded objects in KITTI (Geiger, Lenz,
 Urtasun, CVPR 2012). The same holds of objects that are not judged and of places to be ignored. A found box that
 pairs with no object to be found is left out where it lies on one of those, or where its centre lies outside of the
@@ -22,13 +22,13 @@ from cuboid.geometry.overlap import intersection_matrix, iou_matrix, pack
 
 BoolArray = npt.NDArray[np.bool_]
 
-# Share of an object above which a frame must find it: at a tenth, a mug has some hundred pixels left.
-MUST_SEE_SHARE = 0.1
+# Fraction of an object above which a frame must find it: at a tenth, a mug has some hundred pixels left.
+MUST_SEE_FRACTION = 0.1
 # Lowest IoU at which anything is called found; what pairs with an object at this is judged, wherever it lies.
 FOUND_IOU = 0.25
-# A box lies on something that does not count if half of it does (COCO's rule for crowds takes the same share of
+# A box lies on something that does not count if half of it does (COCO's rule for crowds takes the same fraction of
 # the found box: Lin et al., ECCV 2014), or if both agree as found boxes do.
-LIES_ON_SHARE = 0.5
+LIES_ON_FRACTION = 0.5
 # Turns about the third axis at which the square box of a round object is held against a found box: a quarter of a turn
 # in steps of 5 degrees, so that the best one is at most 2.5 degrees off, which costs less than 0.04 of IoU.
 TURNS_RAD = np.radians(np.arange(0.0, 90.0, 5.0))
@@ -70,7 +70,7 @@ class Scope:
         Their boxes.
     frames : (T,) int64
     shown : (T, G) float64 or None
-        Their visible shares in the judged frames.
+        Their visible fractions in the judged frames.
     """
 
     def __init__(self, truth: Truth, frames: IntArray) -> None:
@@ -87,12 +87,12 @@ class Scope:
 
     def boxes(self, found: Float64Array) -> Boxes:
         """Return how found boxes (N, 15) lie to the truth."""
-        on_aside = _lies_on(found, self._aside, iou_matrix(found, self._aside)).any(1)
+        on_aside = _stands_on(found, self._aside, iou_matrix(found, self._aside)).any(1)
         outside = np.zeros(len(found), bool)
         if self._region is not None:
             outside = ~self._region.contains(found[:, :3])
         iou = self.iou(found)
-        return Boxes(iou, _lies_on(found, self.packed, iou), on_aside | outside)
+        return Boxes(iou, _stands_on(found, self.packed, iou), on_aside | outside)
 
     def iou(self, found: Float64Array) -> Float64Array:
         """Return the IoU (N, G) of found boxes (N, 15) with the judged objects.
@@ -109,7 +109,7 @@ class Scope:
         """Tell which judged objects the map must have: those that some judged frame must find, (G,)."""
         if self.shown is None:
             return np.ones(len(self.objects), bool)
-        return np.asarray((self.shown > MUST_SEE_SHARE).any(0))
+        return np.asarray((self.shown > MUST_SEE_FRACTION).any(0))
 
     def frame_overlaps(self, rows: BoxRows) -> list[FrameOverlap]:
         """Return for each judged frame what must be found in it, and what was found that counts.
@@ -123,8 +123,8 @@ class Scope:
         overlaps = []
         for t, frame in enumerate(self.frames.tolist()):
             here = slice(int(start[t]), int(end[t]))
-            must = np.flatnonzero(self.shown[t] > MUST_SEE_SHARE)
-            may = (self.shown[t] > 0) & (self.shown[t] <= MUST_SEE_SHARE)
+            must = np.flatnonzero(self.shown[t] > MUST_SEE_FRACTION)
+            may = (self.shown[t] > 0) & (self.shown[t] <= MUST_SEE_FRACTION)
             iou = lie.iou[here][:, must].T
             counts = counted(iou, lie.left_out[here] | lie.on_judged[here][:, may].any(1))
             overlaps.append(FrameOverlap(frame, must, number[here][counts], iou[:, counts]))
@@ -147,8 +147,8 @@ def counted(iou: Float64Array, left_out: BoolArray) -> BoolArray:
     return result
 
 
-def _lies_on(found: Float64Array, things: Float64Array, iou: Float64Array) -> BoolArray:
+def _stands_on(found: Float64Array, things: Float64Array, iou: Float64Array) -> BoolArray:
     """Tell which found boxes (N, 15) lie on which things (M, 15), (N, M)."""
     common = intersection_matrix(found, things)
     volume = found[:, 3:6].prod(1)[:, None]
-    return np.asarray((common > 0) & ((common >= LIES_ON_SHARE * volume) | (iou >= FOUND_IOU)))
+    return np.asarray((common > 0) & ((common >= LIES_ON_FRACTION * volume) | (iou >= FOUND_IOU)))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cuboid.errors import CuboidError, FrameError, InputError
-from cuboid.formats.table_door import data_lines
+from cuboid.formats.table_validation import data_lines
 from cuboid.frame import Float64Array
 from cuboid.outputs.folder import TRAJECTORY
 from cuboid.readers import open_recording

@@ -1,7 +1,7 @@
 """An estimated camera path against the true one: absolute error, drift, coverage.
 
 ATE and RPE after Sturm, Engelhard, Endres, Burgard, Cremers, "A Benchmark for the Evaluation of RGB-D SLAM Systems",
-IROS 2012; the motion that carries the estimate to the truth after Umeyama, "Least-Squares Estimation of Transformation
+IROS 2012; the motion that aligns the estimate with the truth after Umeyama, "Least-Squares Estimation of Transformation
 Parameters Between Two Point Patterns", PAMI 1991, without his scale: depth cameras know how long a metre is.
 """
 
@@ -25,7 +25,7 @@ FORMAT, VERSION = "cuboid-trajectory-evaluation", 1
 LIMIT_S = 0.02
 # Fewer pairs than this can always be laid on each other.
 FEWEST_PAIRS = 3
-# A stretch of one second or one metre may be this share longer or shorter, where poses lie far apart.
+# A stretch of one second or one metre may be this fraction longer or shorter, where poses lie far apart.
 STRETCH_SLACK = 0.5
 
 IntArray = npt.NDArray[np.intp]
@@ -82,7 +82,7 @@ class TrajectoryErrors:
     limit_s : float
         How far apart in time a pair may be.
     coverage : float
-        Share of the truth's poses at whose time there is an estimate: no further away than half its usual interval.
+        Fraction of the truth's poses at whose time there is an estimate: no further away than half its usual interval.
     length_m : float
         Of the true path through the pairs.
     duration_s : float
@@ -200,14 +200,14 @@ def rigid_fit(xyz_a: Float64Array, xyz_b: Float64Array) -> Float64Array:
     return T_a_b
 
 
-def drift(T_est: Float64Array, T_true: Float64Array, way: Float64Array, within: float) -> Drift:
+def drift(T_est: Float64Array, T_true: Float64Array, travelled: Float64Array, within: float) -> Drift:
     """Compare each stretch of length 1 of the two paths.
 
     Parameters
     ----------
     T_est, T_true : (N, 4, 4) float64
         T_world_camera of the pairs.
-    way : (N,) float64
+    travelled : (N,) float64
         Where each is along the path, rising: seconds or metres.
     within : float
         A stretch may be this much longer or shorter; its error is for each unit of what it is.
@@ -216,9 +216,9 @@ def drift(T_est: Float64Array, T_true: Float64Array, way: Float64Array, within: 
     -------
     Drift
     """
-    ends = _nearest(way + 1.0, way)
-    begins = np.arange(len(way))
-    length = way[ends] - way[begins]
+    ends = _nearest(travelled + 1.0, travelled)
+    begins = np.arange(len(travelled))
+    length = travelled[ends] - travelled[begins]
     usable = np.abs(length - 1.0) <= min(within * (1 + 1e-6), STRETCH_SLACK)
     begins, ends, length = begins[usable], ends[usable], length[usable]
     if not len(begins):

@@ -116,9 +116,9 @@ class Panel:
 
     def place(self, xy: Float64Array) -> Float64Array:
         """Return values (N, 2) as pixels."""
-        share = (xy - self.low) / (self.high - self.low)
+        fraction = (xy - self.low) / (self.high - self.low)
         return np.stack(
-            [self.x_px + share[:, 0] * self.width_px, self.y_px + (1.0 - share[:, 1]) * self.height_px], axis=1
+            [self.x_px + fraction[:, 0] * self.width_px, self.y_px + (1.0 - fraction[:, 1]) * self.height_px], axis=1
         )
 
     def draw_grid(self, canvas: Canvas, title: str) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.errors import printable
-from cuboid.formats.json_door import read_json
+from cuboid.formats.json_validation import read_json
 from cuboid.formats.truth_file import BoxOfTruth, RegionOfTruth, TruthDocument, VisibilityOfTruth
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
@@ -98,7 +98,7 @@ class Truth:
     ignored : tuple of Box
         Places where finding something counts neither way.
     visibility : (frames, objects) float64 or None
-        Visible share of each object in each frame, 0..1; None where the file does not say.
+        Visible fraction of each object in each frame, 0..1; None where the file does not say.
     """
 
     path: Path
@@ -146,10 +146,10 @@ def _region(item: RegionOfTruth) -> JudgedRegion:
 
 
 def _visibility(seen: VisibilityOfTruth, ids: list[int]) -> Float64Array:
-    """Return the visible share (frames, objects) from its run lengths; of an object without any it is 0."""
-    shares = np.zeros((seen.frames, len(ids)))
+    """Return the visible fraction (frames, objects) from its run lengths; of an object without any it is 0."""
+    fractions = np.zeros((seen.frames, len(ids)))
     for k, number in enumerate(ids):
         runs = seen.objects.get(str(number))
         if runs is not None:
-            shares[:, k] = np.repeat([share for share, _ in runs], [count for _, count in runs])
-    return shares
+            fractions[:, k] = np.repeat([fraction for fraction, _ in runs], [count for _, count in runs])
+    return fractions

@@ -14,7 +14,7 @@ from cuboid.errors import FrameError, InputError
 from cuboid.evaluation.alignment import TRUE_TRAJECTORY
 from cuboid.evaluation.matching import match, ratio
 from cuboid.evaluation.truth import read_truth
-from cuboid.formats.json_door import read_json
+from cuboid.formats.json_validation import read_json
 from cuboid.formats.visits_file import ChangeOfThing, VisitsDocument
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
@@ -26,7 +26,7 @@ from cuboid.scene import Scene
 
 VISITS = "visits.json"
 # A label is a thing's when their boxes overlap by this.
-LEAST_IOU = 0.2
+MIN_IOU = 0.2
 # A thing, or the empty place of one, is judged when so many frames show it.
 SHOWN_FRAMES = 8
 TOLD = ("moved", "gone", "new")
@@ -58,7 +58,7 @@ class VisitsQuality:
     hidden_called_gone: int
 
     def to_dict(self) -> dict[str, Any]:
-        """Return counts, and shares of them."""
+        """Return counts, and fractions of them."""
         return {
             **asdict(self),
             "kept_share": ratio(self.kept, self.unmoved),
@@ -103,7 +103,7 @@ def evaluate_visits(scene: Path, folder: Path) -> VisitsQuality:
 
 
 def _T_truth_scene(scene: Scene, first: Path) -> Float64Array:
-    """Return what carries the scene's world, that of its first recording, to the truth's."""
+    """Return the transform from the scene's world, that of its first recording, to the truth's."""
     if scene.recordings[0].poses == "given":
         return np.eye(4)
     known, true, found = Trajectory(first / TRUE_TRAJECTORY), [], []
@@ -131,7 +131,7 @@ def _labels(scene: Scene, number: int, folder: Path, T_truth_scene: Float64Array
     there = [Box(transform(T_truth_scene, box.center), box.size, R @ box.rotation) for box in boxes.values()]
     iou = iou_matrix(pack([one.box for one in truth.objects]), pack(there))
     numbers = list(boxes)
-    return {truth.objects[i].id: numbers[j] for i, j in match(iou, LEAST_IOU)}
+    return {truth.objects[i].id: numbers[j] for i, j in match(iou, MIN_IOU)}
 
 
 def _pair(

@@ -187,8 +187,8 @@ def _truncated(box: Box, intrinsics: Intrinsics) -> int:
     low, high = pixels.min(axis=0), pixels.max(axis=0)
     last = np.array([intrinsics.width, intrinsics.height]) - 0.5
     inside = np.clip(np.minimum(high, last) - np.maximum(low, -0.5), 0.0, None)
-    share = float(np.prod(inside) / np.prod(high - low))
-    return 0 if share >= 1.0 else 1 if share >= 0.5 else 2
+    fraction = float(np.prod(inside) / np.prod(high - low))
+    return 0 if fraction >= 1.0 else 1 if fraction >= 0.5 else 2
 
 
 def _wrapped(angle_rad: float) -> float:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cuboid.formats.stored import Entry, StoredPath
 
 # A compressed file up to this size is opened in memory, a larger one in the cache: it must be read in any order.
-MOST_IN_MEMORY = 16 << 20
+MAX_IN_MEMORY = 16 << 20
 # Of a file in a zip: signature and fields, then the lengths of its name and of what else stands before the data.
 _LOCAL_HEADER = struct.Struct("<26xHH")
 BUFFER_BYTES = 1 << 16
@@ -160,7 +160,7 @@ class ZipStore:
             raise PermissionError(errno.EACCES, "is encrypted", str(path))
         if info.compress_type == zipfile.ZIP_STORED:
             return io.BufferedReader(self._window(info), BUFFER_BYTES)
-        if info.file_size <= MOST_IN_MEMORY:
+        if info.file_size <= MAX_IN_MEMORY:
             return io.BytesIO(self._unpacked(info, path))
         from cuboid.formats.cache import CACHE
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from cuboid.formats.table_door import Row
+from cuboid.formats.table_validation import Row
 from cuboid.formats.values import Direction, Entry, FocalLength, ImageSide, Pixel, refuse_no_unit
 from cuboid.geometry.se3 import rigid
 
@@ -16,8 +16,8 @@ COEFFICIENTS = (0, 4, 5, 8)
 # The two cameras of a device are less than this apart, metres: more is a matrix in millimetres, or another matrix.
 FARTHEST_APART_M = 1.0
 # Units of depth images that make a metre; of 16 bits, the coarsest that a depth camera can have is the metre itself.
-LEAST_UNITS, MOST_UNITS = 0.1, 1e7
-DepthUnits = Annotated[float, Meta(ge=LEAST_UNITS, le=MOST_UNITS)]
+MIN_UNITS, MAX_UNITS = 0.1, 1e7
+DepthUnits = Annotated[float, Meta(ge=MIN_UNITS, le=MAX_UNITS)]
 Coefficient = Annotated[float, Meta(ge=-1e6, le=1e6)]
 
 

@@ -12,7 +12,7 @@ from cuboid.formats.keyframes_file import KeyframesDocument
 from cuboid.formats.objects_file import ObjectsDocument
 from cuboid.formats.rows_files import BoxEntry, PoseEntry, ProposalEntry, TrackEntry
 from cuboid.formats.run_file import RunDocument
-from cuboid.formats.table_door import Row, header_of
+from cuboid.formats.table_validation import Row, header_of
 from cuboid.formats.truth_file import TruthDocument
 from cuboid.formats.visits_file import VisitsDocument
 

@@ -29,7 +29,7 @@ class DrawnEntry(Entry, frozen=True):
 
     id: Annotated[Label, Meta(description="of its object")]
     rect: Rect
-    visible: Annotated[Fraction, Meta(description="share of it that is seen")] = 1.0
+    visible: Annotated[Fraction, Meta(description="fraction of it that is seen")] = 1.0
     group: bool = False
 
     def __post_init__(self) -> None:

@@ -14,11 +14,11 @@ from cuboid.errors import InputError
 from cuboid.formats.stored import StoredPath
 
 # The largest file of each kind. A map of 10,000 objects takes 6 MB of JSON, a day of poses 250 MB of text.
-MOST_JSON_BYTES = 64 << 20
-MOST_TEXT_BYTES = 1 << 30
-MOST_BINARY_BYTES = 1 << 30
+MAX_JSON_BYTES = 64 << 20
+MAX_TEXT_BYTES = 1 << 30
+MAX_BINARY_BYTES = 1 << 30
 # A line of a text file; a path has at most 4096 bytes.
-MOST_LINE_CHARS = 10_000
+MAX_LINE_CHARS = 10_000
 
 _KINDS = {
     stat.S_IFDIR: "a folder",
@@ -103,13 +103,13 @@ def text_lines(path: Path) -> Generator[str, None, None]:
     UnreadableError
         As of `opened`, or it is not UTF-8 text, or a line is too long.
     """
-    with opened(path, MOST_TEXT_BYTES) as file, TextIOWrapper(file, encoding="utf-8-sig") as text:
+    with opened(path, MAX_TEXT_BYTES) as file, TextIOWrapper(file, encoding="utf-8-sig") as text:
         number = 0
         try:
-            while line := text.readline(MOST_LINE_CHARS + 1):
+            while line := text.readline(MAX_LINE_CHARS + 1):
                 number += 1
-                if len(line) > MOST_LINE_CHARS:
-                    raise UnreadableError(path, f"line {number} is longer than {MOST_LINE_CHARS} characters")
+                if len(line) > MAX_LINE_CHARS:
+                    raise UnreadableError(path, f"line {number} is longer than {MAX_LINE_CHARS} characters")
                 yield line.rstrip("\n")
         except UnicodeDecodeError:
             raise UnreadableError(path, f"is not a text file (UTF-8), about line {number + 1}") from None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cuboid.formats.table_door import Row
+from cuboid.formats.table_validation import Row
 from cuboid.formats.values import (
     Count,
     Fraction,

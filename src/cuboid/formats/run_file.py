@@ -20,7 +20,7 @@ Whole = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
 Setting = bool | Whole | float | Text | None
 Distortion = Annotated[float, Meta(ge=-1e6, le=1e6)]
 # Frames that results can speak of: 93 hours at 30 a second.
-MOST_FRAMES = 10_000_000
+MAX_FRAMES = 10_000_000
 
 
 class SkippedEntry(Entry, frozen=True):
@@ -33,11 +33,11 @@ class SkippedEntry(Entry, frozen=True):
 class FramesEntry(Entry, frozen=True):
     """The frames of a run."""
 
-    read: Annotated[int, Meta(ge=0, le=MOST_FRAMES)]
-    used: Annotated[int, Meta(ge=0, le=MOST_FRAMES)]
+    read: Annotated[int, Meta(ge=0, le=MAX_FRAMES)]
+    used: Annotated[int, Meta(ge=0, le=MAX_FRAMES)]
     skipped: list[SkippedEntry]
     dropped: Annotated[
-        int, Meta(ge=0, le=MOST_FRAMES, description="that a live camera gave and nobody took in time, without numbers")
+        int, Meta(ge=0, le=MAX_FRAMES, description="that a live camera gave and nobody took in time, without numbers")
     ] = 0
 
     def __post_init__(self) -> None:
@@ -57,7 +57,7 @@ class LimitEntry(Entry, frozen=True):
     """What was more than a frame may bring, and was left out, the least likely first."""
 
     most: Annotated[int, Meta(ge=1, le=1_000_000, description="a frame, at most")]
-    frames: Annotated[int, Meta(ge=1, le=MOST_FRAMES, description="that had more")]
+    frames: Annotated[int, Meta(ge=1, le=MAX_FRAMES, description="that had more")]
     left_out: Annotated[int, Meta(ge=1, le=2**53, description="in all of them")]
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import Meta
 
-from cuboid.formats.run_file import MOST_FRAMES
+from cuboid.formats.run_file import MAX_FRAMES
 from cuboid.formats.values import (
     Count,
     Entry,
@@ -23,10 +23,10 @@ from cuboid.formats.values import (
 from cuboid.geometry.se3 import FARTHEST_M
 
 # Frames times objects: what is visible is held as a table of both.
-MOST_SHARES = 20_000_000
+MAX_FRACTIONS = 20_000_000
 
 Run = tuple[Fraction, Count]
-FrameCount = Annotated[int, Meta(ge=0, le=MOST_FRAMES)]
+FrameCount = Annotated[int, Meta(ge=0, le=MAX_FRAMES)]
 PositiveSide = Annotated[float, Meta(gt=0.0, le=FARTHEST_M, description="metres")]
 
 
@@ -65,10 +65,10 @@ class RegionOfTruth(Entry, frozen=True):
 
 
 class VisibilityOfTruth(Entry, frozen=True):
-    """The visible share of each object in each frame."""
+    """The visible fraction of each object in each frame."""
 
     frames: FrameCount
-    objects: Annotated[dict[str, list[Run]], Meta(description="by id: [share, how many frames in a row], ...")]
+    objects: Annotated[dict[str, list[Run]], Meta(description="by id: [fraction, how many frames in a row], ...")]
 
 
 class TruthDocument(Entry, frozen=True):
@@ -93,8 +93,10 @@ def _refuse_visibility(seen: VisibilityOfTruth, objects: list[ObjectOfTruth], fr
     """Raise ValueError where visibility does not fit the objects or the recording."""
     if frames not in (None, seen.frames):
         raise ValueError(f"visibility speaks of {seen.frames} frames, the file of {frames}")
-    if seen.frames * len(objects) > MOST_SHARES:
-        raise ValueError(f"{len(objects)} objects in {seen.frames} frames are more than {MOST_SHARES} visible shares")
+    if seen.frames * len(objects) > MAX_FRACTIONS:
+        raise ValueError(
+            f"{len(objects)} objects in {seen.frames} frames are more than {MAX_FRACTIONS} visible fractions"
+        )
     for item in objects:
         runs = seen.objects.get(str(item.id))
         if runs is None and item.judged:

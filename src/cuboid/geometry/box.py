@@ -54,7 +54,7 @@ class Box:
         """Return how high its foot is above a plane on which it stands upright, normal.p + offset = 0, metres."""
         return float(normal @ self.center) + offset - float(self.size[2]) / 2.0
 
-    def holds(self, points: Float32Array | Float64Array, beyond_m: float) -> npt.NDArray[np.bool_]:
+    def contains(self, points: Float32Array | Float64Array, beyond_m: float) -> npt.NDArray[np.bool_]:
         """Tell which points (N, 3) lie in the box, or no farther above or below it than `beyond_m`, metres."""
         away = np.abs((points - self.center) @ self.rotation) - self.size / 2.0
         return np.asarray((away <= (0.0, 0.0, beyond_m)).all(1))

@@ -41,7 +41,7 @@ def intersection_matrix(a: Float64Array, b: Float64Array) -> Float64Array:
 def overlaps(a: Float64Array, b: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Return IoU and overlap of boxes (N, 15) and (M, 15), each (N, M).
 
-    The IoU is exact, |A n B| / (|A| + |B| - |A n B|). The overlap is the common volume as a share of the smaller
+    The IoU is exact, |A n B| / (|A| + |B| - |A n B|). The overlap is the common volume as a fraction of the smaller
     box's: 1 where one box lies in the other. A box without volume has 0 of both with any other.
     """
     common = intersection_matrix(a, b)
@@ -62,7 +62,7 @@ def iou_matrix(a: Float64Array, b: Float64Array) -> Float64Array:
 
 
 def overlap_min_matrix(a: Float64Array, b: Float64Array) -> Float64Array:
-    """Return the common volume as a share of the smaller box's, (N, M)."""
+    """Return the common volume as a fraction of the smaller box's, (N, M)."""
     return overlaps(a, b)[1]
 
 

@@ -35,7 +35,7 @@ def rect_iou(a_xyxy: Float64Array, b_xyxy: Float64Array) -> float:
     return float(common / ((ax1 - ax0) * (ay1 - ay0) + (bx1 - bx0) * (by1 - by0) - common))
 
 
-def shares_inside(a_xyxy: Float64Array, b_xyxy: Float64Array) -> Float64Array:
-    """Return the share (N, M), 0..1, of each of N rectangles (N, 4) that lies in each of M others (M, 4)."""
+def fractions_inside(a_xyxy: Float64Array, b_xyxy: Float64Array) -> Float64Array:
+    """Return the fraction (N, M), 0..1, of each of N rectangles (N, 4) that lies in each of M others (M, 4)."""
     common = common_areas(a_xyxy, b_xyxy)
     return np.divide(common, areas(a_xyxy)[:, None], out=np.zeros_like(common), where=common > 0)

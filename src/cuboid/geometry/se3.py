@@ -179,7 +179,7 @@ def _deviation(T: Float64Array) -> float:
 def rigid(T: npt.ArrayLike) -> Float64Array:
     """Return a pose (4, 4) as given by a user, freed of the rounding with which it was written.
 
-    This is the door of poses: what is no rotation and translation does not pass, what passes is one to the last digit.
+    Poses are validated here: what is no rotation and translation does not pass, what passes is one to the last digit.
 
     Raises
     ------
@@ -206,7 +206,7 @@ def refuse_nowhere(numbers: npt.ArrayLike) -> None:
 
 
 def interpolate(T_a_b0: npt.ArrayLike, T_a_b1: npt.ArrayLike, s: float) -> Float64Array:
-    """Return the motion a share `s` of the way from one rigid motion to another.
+    """Interpolate from one rigid motion to another, by a fraction `s`.
 
     Parameters
     ----------
@@ -286,7 +286,7 @@ def tidied(T_a_b: npt.ArrayLike) -> Float64Array:
 
 
 def mean_motion(T_a_camera: Float64Array, T_b_camera: Float64Array) -> Float64Array:
-    """Return the rigid T_a_b (4, 4) that best carries the poses (N, 4, 4) of one world to those of another.
+    """Return the rigid T_a_b (4, 4) that best aligns the poses (N, 4, 4) of one world with those of another.
 
     The rotation is the chordal mean of R_a R_b^T (Hartley, Trumpf, Dai, Li, "Rotation Averaging", IJCV 2013), so
     that a camera that moved along a line, or not at all, determines it too; the translation then has least

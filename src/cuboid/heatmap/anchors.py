@@ -1,9 +1,9 @@
-"""What the map's points hang on: keyframes, whose corrections the points owe until somebody looks where these are.
+"""Anchors of the map's points: keyframes, whose pose corrections are applied to the points lazily.
 
-A correction moves keyframes, and no point. Each point names its anchor: a keyframe as it stood at some moment. When a
-keyframe moves, what hangs on it owes that motion; what is seen from it afterwards hangs on another anchor, which owes
-nothing. Beside each anchor stands in which cubes its points are, so that those that owe are found without a look at
-any other.
+A correction moves keyframes, and no point. Each point names its anchor: a keyframe at some state of its pose. When a
+keyframe moves, its motion is pending for all points of its anchor; points that are seen from it afterwards get another
+anchor, for which nothing is pending. Each anchor lists the cubes that its points are in, so that points with a pending
+motion are found without a search of any other cube.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ CubeNumbers = npt.NDArray[np.int32]
 
 @dataclass(slots=True, eq=False)
 class Anchor:
-    """A keyframe as it stood at some moment; what an attribute holds is replaced, never changed.
+    """A keyframe at some state of its pose; what an attribute holds is replaced, never changed.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Anchor:
     cubes : (N,) int32
         Those in which points of it may be, ascending.
     T_new_old : (4, 4) float64 or None
-        How its points have to move in the world; None where they lie where they belong.
+        Pending motion of its points in the world; None where there is none.
     """
 
     number: int
@@ -52,8 +52,8 @@ class Anchors:
     ----------
     complete : bool
         Whether all are known: those of a map that an earlier version wrote are not.
-    owes : (ANCHORS,) bool
-        Which owe a motion.
+    pending : (ANCHORS,) bool
+        Whether a motion of their points is pending.
     motions : (ANCHORS, 3, 4) float64
         These.
     """
@@ -64,22 +64,22 @@ class Anchors:
         self._now: dict[int, int] = {}
         self._last_number = LAST_KEYFRAME
         self.complete = True
-        self.owes: npt.NDArray[np.bool_] = np.zeros(ANCHORS, bool)
+        self.pending: npt.NDArray[np.bool_] = np.zeros(ANCHORS, bool)
         self.motions: Float64Array = np.zeros((ANCHORS, 3, 4))
         self._keyframes: npt.NDArray[np.uint16] = np.arange(ANCHORS, dtype=np.uint16)
         self._of: dict[int, set[int]] = {}
         self._pairs: tuple[CubeNumbers, CubeNumbers] | None = None
 
     def remake(self) -> None:
-        """Find anew what follows from the anchors: they were loaded."""
-        self.owes[:], self._keyframes[:], self._of, self._pairs = False, np.arange(ANCHORS), {}, None
+        """Recompute what follows from the anchors: they were loaded."""
+        self.pending[:], self._keyframes[:], self._of, self._pairs = False, np.arange(ANCHORS), {}, None
         for one in self._all.values():
             self._note(one)
 
     def _note(self, one: Anchor) -> None:
         self._of.setdefault(one.keyframe, set()).add(one.number)
         self._keyframes[one.number] = one.keyframe
-        self.owes[one.number] = one.T_new_old is not None
+        self.pending[one.number] = one.T_new_old is not None
         if one.T_new_old is not None:
             self.motions[one.number] = one.T_new_old[:3]
             self._pairs = None
@@ -95,11 +95,11 @@ class Anchors:
         return max((int(one.cubes.max(initial=-1)) + 1 for one in self._all.values()), default=0)
 
     def keyframes(self, anchors: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint16]:
-        """Return the keyframes that points of anchors (N,) hang on."""
+        """Return the keyframes of anchors (N,)."""
         return self._keyframes[anchors]
 
-    def hang(self, keyframe: int) -> int:
-        """Return the anchor of what is seen from a keyframe now; it owes nothing."""
+    def current_anchor(self, keyframe: int) -> int:
+        """Return the anchor of what is seen from a keyframe now; no motion is pending for it."""
         number = self._now.get(keyframe)
         if number is None:
             number = keyframe if keyframe not in self._all else self._free()
@@ -128,8 +128,8 @@ class Anchors:
         if len(new):
             one.cubes = np.sort(np.concatenate([one.cubes, new.astype(np.int32)]))
 
-    def owe(self, moved: Mapping[int, Float64Array]) -> CubeNumbers:
-        """Let what hangs on keyframes owe motions (T_new_old); return the cubes in which points of them may be."""
+    def add_pending(self, moved: Mapping[int, Float64Array]) -> CubeNumbers:
+        """Add motions (T_new_old) to those pending for keyframes; return the cubes in which points of them may be."""
         cubes = [np.zeros(0, np.int32)]
         for keyframe, T_new_old in moved.items():
             for number in sorted(self._of.get(keyframe, ())):
@@ -143,8 +143,8 @@ class Anchors:
         return np.concatenate(cubes)
 
     @property
-    def owing(self) -> tuple[CubeNumbers, CubeNumbers]:
-        """The cubes in which points may be that owe a motion, (N,), and the anchor, (N,), of each such pair."""
+    def pending_cubes(self) -> tuple[CubeNumbers, CubeNumbers]:
+        """The cubes with points whose motion is pending, (N,), and the anchor, (N,), of each such pair."""
         if self._pairs is None:
             those = [one for one in self._all.values() if one.T_new_old is not None]
             cubes = np.concatenate([np.zeros(0, np.int32), *(one.cubes for one in those)])
@@ -152,9 +152,9 @@ class Anchors:
             self._pairs = cubes, np.repeat(numbers, [len(one.cubes) for one in those])
         return self._pairs
 
-    def settled(self, cubes: Numbers) -> None:
-        """Let no point in some cubes owe anything."""
-        of, numbers = self.owing
+    def clear_pending(self, cubes: Numbers) -> None:
+        """Note that no motion is pending in some cubes any more."""
+        of, numbers = self.pending_cubes
         gone = np.isin(of, cubes)
         touched = np.unique(numbers[gone]).tolist()
         self._pairs = of[~gone], numbers[~gone]
@@ -167,18 +167,18 @@ class Anchors:
     def _forget(self, one: Anchor) -> None:
         del self._all[one.number]
         self._of[one.keyframe].discard(one.number)
-        self.owes[one.number], self._keyframes[one.number] = False, one.number
+        self.pending[one.number], self._keyframes[one.number] = False, one.number
 
     def now(self, anchors: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint16]:
-        """Return by anchor (ANCHORS,) what those of some anchors (N,) hang on once they have moved as they owe."""
+        """Return by anchor (ANCHORS,) the anchor of the points of some (N,) once their pending motions are applied."""
         to = np.arange(ANCHORS, dtype=np.uint16)
         used = np.flatnonzero(np.bincount(anchors, minlength=1))
-        for number in used[self.owes[used]].tolist():
-            to[number] = self.hang(self._all[number].keyframe)
+        for number in used[self.pending[used]].tolist():
+            to[number] = self.current_anchor(self._all[number].keyframe)
         return to
 
     def begin_anew(self, anchors: npt.NDArray[np.uint16], cubes: Numbers) -> None:
-        """Have these points alone, by anchor (N,) and cube (N,): none of an anchor that is not known owes anything."""
+        """Have these points alone, by anchor (N,) and cube (N,): nothing is pending for an anchor that is not known."""
         for one in self._all.values():
             one.cubes = np.zeros(0, np.int32)
         for number, some in of_each(anchors, cubes):

@@ -17,7 +17,7 @@ from cuboid.working import WorkingImage
 class FinePoints(MovingPoints):
     """Points of which some are there a second time, finer: those of fine cubes, whose voxels have half the edge.
 
-    They lie in cubes, blocks and rows as all others do, move and leave memory as these, and are seen through as these;
+    They lie in cubes, blocks and rows as all others do, are moved, evicted and carved as these;
     nothing is decided by them. Whom a fine point belongs to is what the voxel of the map around it says: no owner and
     no votes are kept of it, and where that voxel holds no point it is not there.
     """
@@ -67,18 +67,18 @@ class FinePoints(MovingPoints):
             return
         inside, c = (slice(top, bottom), slice(left, right)), image.camera
         depth, color, warm = (np.ascontiguousarray(a[inside]) for a in (chosen, image.color, heat))
-        begun, rows, hangs = self.blocks, np.empty(depth.shape, np.int32), self._anchors.hang(anchor)
+        begun, rows, current_anchor = self.blocks, np.empty(depth.shape, np.int32), self._anchors.current_anchor(anchor)
         kernel.fuse(
             depth, color, warm, np.array([c.fx, c.fy, c.cx - left, c.cy - top]),
-            np.ascontiguousarray(T_world_camera), self.fine_m, far_m, frame, frame, hangs, FINE, self._cubes,
+            np.ascontiguousarray(T_world_camera), self.fine_m, far_m, frame, frame, current_anchor, FINE, self._cubes,
             self._points, rows,
         )  # fmt: skip
         self._ready[begun : self.blocks] = self._visit
         count = lookup.touched(rows, self._cubes.cube_of, self._marks, self._seen)
-        self._anchors.has_points_in(hangs, self._seen[:count])
-        self._last_look[self._seen[:count]] = self._looks
+        self._anchors.has_points_in(current_anchor, self._seen[:count])
+        self._last_viewed[self._seen[:count]] = self._looks
 
-    def in_place_of(self, xyz: Float32Array, which: npt.NDArray[np.bool_]) -> tuple[Rows, Rows]:
+    def fine_replacements(self, xyz: Float32Array, which: npt.NDArray[np.bool_]) -> tuple[Rows, Rows]:
         """Return the rows (M,) of fine points that are what points of the map are, finer, and which (M,) these are.
 
         Parameters

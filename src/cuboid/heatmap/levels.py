@@ -1,4 +1,4 @@
-"""The levels of the map: structure that nobody looks at is kept in cells of two voxels a side."""
+"""Levels of detail of the map: background that is out of view is kept in cells of two voxels a side."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from cuboid.tolerances import ARM_LENGTH_M, DRIFT_M
 
 # Moments (see `StoredPoints`) after which what is out of view is kept in cells: the camera has gone by an arm's length,
 # or turned by 46 degrees. Hands that shake, or look aside and back, part none.
-AWAY_MOMENTS = round(ARM_LENGTH_M / DRIFT_M)
-# Rows that are looked through for it a frame, one cube more or less; more where as many frames as moments would not do
-# for all that waits.
-ROWS_A_LOOK = 1024
+MAX_UNVIEWED_MOMENTS = round(ARM_LENGTH_M / DRIFT_M)
+# Rows that are thinned in a frame, up to the next whole cube; more where the backlog would not be done within as many
+# frames as moments.
+THINNED_ROWS_PER_FRAME = 1024
 
 
 class LevelledPoints(StoredPoints):
-    """Points of which those that belong to no object share rows, cell by cell, where nobody has looked for a while.
+    """Points of which those without an owner share rows, cell by cell, in cubes that were out of view for a while.
 
     Which voxels hold a point, whether more than one frame saw it, and whether it is hot, is known of each voxel still;
     place (of each layer of the cell), color and numbers of frames are means. Voxels have rows of their own again as
-    soon as somebody looks there. All of that follows from the frames alone, not from what is in memory.
+    soon as their cube is accessed. All of that follows from the frames alone, not from what is in memory.
     """
 
     def __init__(self, voxel_m: float, memory_mb: float) -> None:
@@ -41,35 +41,35 @@ class LevelledPoints(StoredPoints):
         self._parted = self._parted[:0]
         super().begin_visit(most_hits)
 
-    def look_away(self) -> None:
-        """Let nobody look at anything: the visit has ended."""
+    def thin_all(self) -> None:
+        """Thin all cubes: the visit has ended."""
         self._thin(self._parted[:, 0])
         self._parted = self._parted[:0]
 
-    def _look_elsewhere(self, seen: Rows) -> None:
-        """Let a frame look at some cubes (N,), and have those thinned that it is time for."""
-        self._opened(seen)
-        due = int(np.searchsorted(self._parted[:, 1], self._moments - AWAY_MOMENTS))
+    def _schedule_thinning(self, seen: Rows) -> None:
+        """Mark cubes (N,) as viewed by a frame, and thin those that have been out of view for long enough."""
+        self._mark_viewed(seen)
+        due = int(np.searchsorted(self._parted[:, 1], self._moments - MAX_UNVIEWED_MOMENTS))
         if due:
             cubes = self._parted[:due, 0]
             rows = np.cumsum(self._cubes.rows[cubes])
-            some = 1 + int(np.searchsorted(rows, max(ROWS_A_LOOK, rows[-1] // AWAY_MOMENTS)))
+            some = 1 + int(np.searchsorted(rows, max(THINNED_ROWS_PER_FRAME, rows[-1] // MAX_UNVIEWED_MOMENTS)))
             self._parted = self._parted[some:] if some < due else self._parted[due:]
             self._thin(cubes[:some])
 
     def _thin(self, cubes: Rows) -> None:
         if not len(cubes):
             return
-        self._bring_rows(cubes)
+        self._load_rows(cubes)
         before = self._cubes.rows[cubes]
         moved = np.empty(int(before.sum()), np.int64)
-        words, cell_rows = words_of(self._room.rows), rows_of_a_cube()
+        words, cell_rows = words_of(self._row_memory.rows), rows_of_a_cube()
         count = kernel.thin(cubes, self._first_frame or 0, self._cubes, words, self._points, *cell_rows, moved)
         for cube, rows in zip(cubes.tolist(), before.tolist(), strict=True):
-            self._room.shrink(cube, rows)
-        self._bare[cubes] = True
+            self._row_memory.shrink(cube, rows)
+        self._unindexed[cubes] = True
         if count:
-            self._blocks.give_rows(self.owner[moved[:count]], moved[:count] >> BLOCK_BITS)
+            self._blocks.add_rows(self.owner[moved[:count]], moved[:count] >> BLOCK_BITS)
 
     def spread(self, rows: Rows) -> tuple[Float32Array, Rows]:
         """Return the world points (M, 3) of all voxels that rows (N,) stand for, and which of the rows each is of."""
@@ -88,7 +88,7 @@ class LevelledPoints(StoredPoints):
         return xyz
 
 
-def parted(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def split_rows(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return rows (N,) of type ROW of one cube as a row (M,) for each voxel that they stand for."""
     bits = np.unpackbits(np.where(rows["mark"] > 0, rows["mark"], 1)[:, None], axis=1, bitorder="little")
     of, eighth = np.nonzero(bits)

@@ -96,7 +96,7 @@ def pixel_heat(image: WorkingImage, weighed: WeighedProposals) -> Float32Array:
     heat = np.zeros(image.depth_m.shape, np.float32)
     if len(weighed.weights) == 0:
         return heat
-    kernel.vote(weighed.rectangles, weighed.starts, weighed.covered, weighed.weights, heat)
+    kernel.accumulate_heat(weighed.rectangles, weighed.starts, weighed.covered, weighed.weights, heat)
     sure = max(LITTLE, float(np.sort(weighed.weights)[::-1][:STRONGEST].mean()))
     heat /= -np.float32(sure)
     np.exp(heat, out=heat)

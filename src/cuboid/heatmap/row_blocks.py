@@ -1,4 +1,4 @@
-"""Blocks of the map's rows that hold an object's points. All others need no look."""
+"""Which blocks of the map's rows contain points of an object; all others need not be searched."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ class RowBlocks:
     def __init__(self) -> None:
         self._of: dict[int, set[int]] = {}
 
-    def give(self, numbers: npt.NDArray[np.int64], blocks: Blocks) -> None:
+    def add(self, numbers: npt.NDArray[np.int64], blocks: Blocks) -> None:
         """Let objects (N,), ascending, have rows of blocks (N,)."""
         bounds = [*np.flatnonzero(np.diff(numbers, prepend=-1)).tolist(), len(numbers)]
         for begin, end in pairwise(bounds):
             self._of.setdefault(int(numbers[begin]), set()).update(blocks[begin:end].tolist())
 
-    def give_rows(self, owner: npt.NDArray[np.int32], blocks: Blocks) -> None:
+    def add_rows(self, owner: npt.NDArray[np.int32], blocks: Blocks) -> None:
         """Let the owners of rows (N,), 0 for none, have rows of the blocks (N,) that these lie in."""
         owned = owner > 0
         pairs = np.unique((owner[owned].astype(np.int64) << 32) | blocks[owned])
-        self.give(pairs >> 32, pairs & 0xFFFFFFFF)
+        self.add(pairs >> 32, pairs & 0xFFFFFFFF)
 
-    def pass_on(self, gone: int, kept: int) -> None:
-        """Let what belonged to one object belong to another."""
+    def transfer(self, gone: int, kept: int) -> None:
+        """Transfer the blocks of one object to another."""
         self._of.setdefault(kept, set()).update(self._of.pop(gone, set()))
 
     def release(self, numbers: Iterable[int]) -> Blocks:

@@ -1,4 +1,4 @@
-"""The points of the map in memory: rows in blocks, those of each object, and what is put aside while nobody looks."""
+"""The points of the map in memory: rows in blocks, those of each object, and eviction of what is out of view."""
 
 from __future__ import annotations
 
@@ -10,35 +10,35 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.heatmap.anchors import Anchors
-from cuboid.heatmap.room import Room, resident_mb
+from cuboid.heatmap.block_store import BlockStore, TemporaryBlockStore
 from cuboid.heatmap.row_blocks import RowBlocks
-from cuboid.heatmap.shelf import Shelf, TemporaryShelf
+from cuboid.heatmap.row_memory import RowMemory, resident_mb
 from cuboid.kernels import cubes as kernel_cubes
 from cuboid.kernels import levels, owners
 from cuboid.kernels import voxels as kernel
-from cuboid.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, MOST_BLOCKS, ROW, Points, columns_of
+from cuboid.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, MAX_BLOCKS, ROW, Points, columns_of
 
 Rows = npt.NDArray[np.int64]
 
-# A cube is packed when this share of its rows is dead, and so many.
-DEAD_SHARE, LEAST_DEAD = 0.125, 32
-# What is put aside beyond what memory is short of, in units of 2**20 bytes: not a little each frame.
+# A cube is packed when this fraction of its rows is dead, and so many.
+DEAD_FRACTION, MIN_DEAD = 0.125, 32
+# What is evicted beyond what memory is short of, in units of 2**20 bytes: not a little each frame.
 SPARE_MB = 8.0
 
 
 class StoredPoints:
     """Rows of points in cubes of voxels, and the object that each belongs to.
 
-    Cubes that no frame looks at are put aside where memory is short, and come back when they are looked at or asked
-    for; no result depends on it. Points that owe a motion of their keyframe (`Anchors`) lie where they did, until
-    somebody looks at places where they lie or belong. Rows of points have the same numbers while their cube is not
-    packed: between frames, and where something else looks at places at which points owe a motion.
+    Cubes that are out of view are evicted where memory is short, and loaded again when they are accessed; no result
+    depends on it. Points with a pending motion of their keyframe (`Anchors`) keep their place until their region is
+    accessed. Rows of points keep their numbers while their cube is not packed, which happens between frames, and where
+    a region with pending motions is accessed.
 
     Parameters
     ----------
     voxel_m : float
     memory_mb : float
-        Memory of the process, in units of 2**20 bytes, beyond which cubes that are out of view are put aside.
+        Memory of the process, in units of 2**20 bytes, beyond which cubes that are out of view are evicted.
 
     Attributes
     ----------
@@ -51,22 +51,25 @@ class StoredPoints:
         self.memory_mb = memory_mb
         self.before_visit: Callable[[Rows], None] | None = None
         self._visit, self._most_hits = 0, 0
-        # How many frames looked; how many moments there were at which the camera had moved since the one before; and
-        # the cubes (N, 2) of which each voxel has a row of its own since somebody looked there, with that moment, those
-        # first at which nobody has looked for longest.
+        # How many carving passes there were; how many moments there were at which the camera had moved since the one
+        # before; and the cubes (N, 2) of which each voxel has a row of its own since it was accessed, with that moment,
+        # those out of view for longest first.
         self._looks, self._moments, self._parted = 0, 0, np.zeros((0, 2), np.int64)
         self._blocks, self._anchors = RowBlocks(), Anchors()
-        self._begin(TemporaryShelf())
+        self._begin(TemporaryBlockStore())
 
-    def _begin(self, shelf: Shelf) -> None:
-        self._room, self._shelf = Room(), shelf
-        self._points, self._cubes = self._room.points, self._room.cubes._replace(owes=self._anchors.owes)
+    def _begin(self, block_store: BlockStore) -> None:
+        self._row_memory, self._block_store = RowMemory(), block_store
+        self._points, self._cubes = (
+            self._row_memory.points,
+            self._row_memory.cubes._replace(pending=self._anchors.pending),
+        )
         self._seen = np.zeros(len(self._cubes.key), np.int64)
         self._marks = np.zeros(len(self._cubes.key), bool)
-        # Of each cube, whether its rows are in memory, but no table that leads to them; the last look that had it in
+        # Of each cube, whether its rows are in memory without an index; the last carving pass that had it in
         # view; of each block, the visit that it was made ready for.
-        self._bare = np.zeros(len(self._cubes.key), bool)
-        self._last_look = np.zeros(len(self._cubes.key), np.int32)
+        self._unindexed = np.zeros(len(self._cubes.key), bool)
+        self._last_viewed = np.zeros(len(self._cubes.key), np.int32)
         self._ready = np.zeros(len(self._cubes.cube_of), np.uint16)
 
     @property
@@ -80,11 +83,11 @@ class StoredPoints:
         return self._points.hits
 
     def keyframe(self, rows: Rows) -> npt.NDArray[np.uint16]:
-        """Return the keyframe that the last frame to see each row (N,) hangs on."""
+        """Return the keyframe that the last frame to see each row (N,) is anchored to."""
         return self._anchors.keyframes(self._points.anchor[rows])
 
     def keyframe_of(self, rows: Rows) -> int:
-        """Return the keyframe that most of some rows (N,) hang on, of equals the first; 0 where there are none."""
+        """Return the keyframe that most of some rows (N,) are anchored to, of equals the first; 0 if there are none."""
         return int(np.bincount(self.keyframe(rows), minlength=1).argmax())
 
     @property
@@ -110,23 +113,23 @@ class StoredPoints:
     def copies(self, blocks: Rows) -> list[tuple[int, int, npt.NDArray[Any]]]:
         """Return of each block (N,) the key of its cube, the visit that it is ready for, and a copy of its rows."""
         cubes = self._cubes.cube_of[blocks].astype(np.int64)
-        self._bring_rows(cubes)
+        self._load_rows(cubes)
         keys, visits = self._cubes.key[cubes].tolist(), self._ready[blocks].tolist()
         # As bytes: NumPy copies records field by field.
-        copied = self._room.rows.view(np.uint8).reshape(-1, BLOCK_ROWS * ROW.itemsize)[blocks].view(ROW)
-        rows = [copied[k, : self._room.rows_in(block)] for k, block in enumerate(blocks.tolist())]
+        copied = self._row_memory.rows.view(np.uint8).reshape(-1, BLOCK_ROWS * ROW.itemsize)[blocks].view(ROW)
+        rows = [copied[k, : self._row_memory.rows_in(block)] for k, block in enumerate(blocks.tolist())]
         return list(zip(keys, visits, rows, strict=True))
 
-    def restore(self, blocks: Iterable[tuple[int, int, int, int, int]], shelf: Shelf) -> None:
-        """Take the place of a map whose blocks lie on a shelf; `RowBlocks` and the like are not touched.
+    def restore(self, blocks: Iterable[tuple[int, int, int, int, int]], block_store: BlockStore) -> None:
+        """Restore a map whose blocks are in a block store; `RowBlocks` and the like are not touched.
 
         Parameters
         ----------
         blocks : iterable of (int, int, int, int, int)
             Number, key of the cube, rows, living ones among them, and visit of each, ascending by number.
-        shelf : Shelf
+        block_store : BlockStore
         """
-        self._begin(shelf)
+        self._begin(block_store)
         self._anchors.remake()
         cubes = self._cubes
         for block, key, rows, living, visit in blocks:
@@ -141,16 +144,18 @@ class StoredPoints:
             self._ready[block] = visit
         if self._anchors.cubes > cubes.used[0]:
             raise ValueError(f"points are in {self._anchors.cubes} cubes, expected {cubes.used[0]}")
-        # An earlier version did not tell what hangs on which keyframe where.
+        # An earlier version did not tell which points are anchored to which keyframe.
         self._anchors.complete &= self._anchors.known or self.blocks == 1
 
     def _begin_anew(self) -> None:
-        self._begin(self._shelf if not isinstance(self._shelf, TemporaryShelf) else TemporaryShelf())
+        self._begin(
+            self._block_store if not isinstance(self._block_store, TemporaryBlockStore) else TemporaryBlockStore()
+        )
         self._blocks, self._parted = RowBlocks(), self._parted[:0]
 
-    def put_on(self, shelf: Shelf) -> None:
-        """Put what leaves memory from now on elsewhere; all is in memory yet."""
-        self._shelf = shelf
+    def use_store(self, block_store: BlockStore) -> None:
+        """Evict to another block store from now on; all blocks are in memory."""
+        self._block_store = block_store
 
     def refill(self, keys: npt.NDArray[np.int64], rows: npt.NDArray[Any]) -> None:
         """Have these points and no others.
@@ -164,14 +169,14 @@ class StoredPoints:
         """
         self._begin_anew()
         place = np.empty(len(keys), np.int64)
-        kernel_cubes.enter(keys, rows["voxel"], rows["anchor"], self._cubes, self._points, place)
+        kernel_cubes.allocate_rows(keys, rows["voxel"], rows["anchor"], self._cubes, self._points, place)
         there = place >= 0
-        self._room.rows[place[there]] = rows[there]
+        self._row_memory.rows[place[there]] = rows[there]
         self._cubes.changed[1 : self.blocks] = True
         self._ready[:] = self._visit
-        self._blocks.give_rows(rows["owner"][there], place[there] >> BLOCK_BITS)
+        self._blocks.add_rows(rows["owner"][there], place[there] >> BLOCK_BITS)
         self._find_anchors()
-        self._cubes.mixed[self._anchors.owing[0]] = True
+        self._cubes.index_stale[self._anchors.pending_cubes[0]] = True
 
     def begin_visit(self, most_hits: int) -> None:
         """Let what was seen so far count as no more than so many sightings: the world may have changed since.
@@ -183,14 +188,14 @@ class StoredPoints:
         self._ready_for_visit(np.flatnonzero(self._in_memory()))
 
     def _ready_for_visit(self, cubes: Rows) -> None:
-        all_of = (block for cube in cubes.tolist() for block in self._room.blocks_of(cube))
+        all_of = (block for cube in cubes.tolist() for block in self._row_memory.blocks_of(cube))
         blocks = [block for block in all_of if self._ready[block] != self._visit]
         if blocks and self.before_visit is not None:
             some = np.array(blocks)[~self._fine(self._cubes.cube_of[blocks])]
             rows = (some[:, None] * BLOCK_ROWS + np.arange(BLOCK_ROWS)).ravel()
             self.before_visit(rows[self._points.weight[rows] > 0])
         for block in blocks:
-            part = self._room.block(block)
+            part = self._row_memory.block(block)
             hits = part["hits"]
             if (hits > self._most_hits).any() or part["passes"].any():
                 self._cubes.changed[block] = True
@@ -199,13 +204,13 @@ class StoredPoints:
             part["passes"] = 0
             self._ready[block] = self._visit
 
-    def looked_at(self, keys: npt.NDArray[np.int64], since: int) -> npt.NDArray[np.bool_]:
-        """Tell which cubes (N,), by their keys, were in view from a look on.
+    def viewed_since(self, keys: npt.NDArray[np.int64], since: int) -> npt.NDArray[np.bool_]:
+        """Tell which cubes (N,), by their keys, were in view from a carving pass on.
 
         With 0, those of which this visit may have changed anything, in earlier processes too.
         """
         used = int(self._cubes.used[0])
-        seen = self._last_look[:used] >= since
+        seen = self._last_viewed[:used] >= since
         if since == 0:
             seen = np.zeros(used, bool)
             seen[self._cubes.cube_of[np.flatnonzero(self._ready[: self.blocks] == self._visit)]] = True
@@ -220,36 +225,38 @@ class StoredPoints:
     def _in_memory(self) -> npt.NDArray[np.bool_]:
         """Tell of each cube whether its rows are in memory."""
         used = int(self._cubes.used[0])
-        return np.asarray((self._cubes.bits[:used] > 0) | self._bare[:used])
+        return np.asarray((self._cubes.bits[:used] > 0) | self._unindexed[:used])
 
-    def _bring_rows(self, cubes: Rows) -> None:
-        """Have the rows of cubes (N,) in memory, as they are: some may stand for several voxels."""
-        away = cubes[(self._cubes.bits[cubes] == 0) & ~self._bare[cubes]]
+    def _load_rows(self, cubes: Rows) -> None:
+        """Load the rows of cubes (N,) as they are: some may stand for several voxels."""
+        away = cubes[(self._cubes.bits[cubes] == 0) & ~self._unindexed[cubes]]
         if not len(away):
             return
         away = np.unique(away)
-        blocks = [(block, self._room.rows_in(block)) for cube in away for block in self._room.blocks_of(cube)]
+        blocks = [
+            (block, self._row_memory.rows_in(block)) for cube in away for block in self._row_memory.blocks_of(cube)
+        ]
         blocks = [(block, count) for block, count in blocks if count]
-        found = self._shelf.get([block for block, _ in blocks], [count for _, count in blocks])
+        found = self._block_store.get([block for block, _ in blocks], [count for _, count in blocks])
         for (block, _), rows in zip(blocks, found, strict=True):
-            self._room.block(block)[:] = rows
-        self._bare[away] = True
+            self._row_memory.block(block)[:] = rows
+        self._unindexed[away] = True
         self._ready_for_visit(away)
 
-    def _bring(self, cubes: Rows) -> None:
-        """Have cubes (N,) in memory, with a row of its own for each voxel, and tables that lead to these."""
+    def _load(self, cubes: Rows) -> None:
+        """Load cubes (N,), with a row of its own for each voxel, and an index of these."""
         if self._cubes.bits[cubes].all():
             return
         bare = np.unique(cubes[self._cubes.bits[cubes] == 0])
-        self._bring_rows(bare)
+        self._load_rows(bare)
         begun, parted = self.blocks, np.empty(len(bare), bool)
-        levels.part(bare, self._cubes, words_of(self._room.rows), self._points, *rows_of_a_cube(), parted)
+        levels.split_cells(bare, self._cubes, words_of(self._row_memory.rows), self._points, *rows_of_a_cube(), parted)
         self._ready[begun : self.blocks] = self._visit
-        self._bare[bare] = False
-        self._opened(bare[parted])
+        self._unindexed[bare] = False
+        self._mark_viewed(bare[parted])
 
-    def _opened(self, cubes: Rows) -> None:
-        """Tell that somebody looks at some cubes (N,), each named once."""
+    def _mark_viewed(self, cubes: Rows) -> None:
+        """Note that cubes (N,), each named once, are accessed now."""
         cubes = cubes[~self._fine(cubes)]
         self._marks[cubes] = True
         others = self._parted[~self._marks[self._parted[:, 0]]]
@@ -258,11 +265,11 @@ class StoredPoints:
         now[:, 0], now[:, 1] = cubes, self._moments
         self._parted = np.concatenate([others, now])
 
-    def _bring_all(self) -> None:
-        self._bring(np.arange(self._cubes.used[0]))
+    def _load_all(self) -> None:
+        self._load(np.arange(self._cubes.used[0]))
 
-    def relieve(self, keep: Rows | None = None) -> None:
-        """Put cubes aside where memory is short, those first that were out of view for longest; not those to keep."""
+    def evict(self, keep: Rows | None = None) -> None:
+        """Evict cubes where memory is short, those out of view for longest first; not those to keep."""
         held = resident_mb() if self.memory_mb < float("inf") else None
         if held is None or held <= self.memory_mb:
             return
@@ -270,31 +277,31 @@ class StoredPoints:
         if keep is not None:
             there[keep] = False
         waiting = np.flatnonzero(there)
-        waiting = waiting[np.argsort(self._last_look[waiting], kind="stable")]
+        waiting = waiting[np.argsort(self._last_viewed[waiting], kind="stable")]
         blocks = cubes.blocks[waiting].astype(np.int64)
-        stays = (blocks > 0) & ~self._shelf.takes(blocks.ravel()).reshape(blocks.shape)
+        stays = (blocks > 0) & ~self._block_store.takes(blocks.ravel()).reshape(blocks.shape)
         waiting = waiting[~stays.any(1)]
-        freed = np.cumsum(self._room.bytes_of(waiting)) / 2**20
+        freed = np.cumsum(self._row_memory.bytes_of(waiting)) / 2**20
         for cube in waiting[: 1 + int(np.searchsorted(freed, held - self.memory_mb + SPARE_MB))].tolist():
-            for block in self._room.blocks_of(cube):
-                self._shelf.put(block, self._room.block(block))
-            self._room.let_go(cube)
-            self._bare[cube] = False
+            for block in self._row_memory.blocks_of(cube):
+                self._block_store.put(block, self._row_memory.block(block))
+            self._row_memory.free(cube)
+            self._unindexed[cube] = False
 
     def _pack(self, cubes: Rows) -> None:
         """Pack those of some cubes that have many dead rows."""
         dead = self._cubes.dead[cubes]
-        self._pack_all(cubes[(dead >= LEAST_DEAD) & (dead > DEAD_SHARE * self._cubes.rows[cubes])])
+        self._pack_all(cubes[(dead >= MIN_DEAD) & (dead > DEAD_FRACTION * self._cubes.rows[cubes])])
 
     def _pack_all(self, cubes: Rows) -> None:
         if not len(cubes):
             return
-        plain = self._room.rows.view(np.uint8).reshape(-1, ROW.itemsize)
+        plain = self._row_memory.rows.view(np.uint8).reshape(-1, ROW.itemsize)
         for cube in cubes:
             kernel.pack(cube, self._cubes, plain, self._points)
-        blocks = np.array([block for cube in cubes.tolist() for block in self._room.blocks_of(cube)])
-        owners = [self._room.block(block)["owner"] for block in blocks.tolist()]
-        self._blocks.give_rows(np.concatenate(owners), np.repeat(blocks, [len(some) for some in owners]))
+        blocks = np.array([block for cube in cubes.tolist() for block in self._row_memory.blocks_of(cube)])
+        owners = [self._row_memory.block(block)["owner"] for block in blocks.tolist()]
+        self._blocks.add_rows(np.concatenate(owners), np.repeat(blocks, [len(some) for some in owners]))
 
     def _find_anchors(self) -> None:
         rows = np.flatnonzero(self._points.weight[BLOCK_ROWS : self.blocks * BLOCK_ROWS] > 0) + BLOCK_ROWS
@@ -316,7 +323,7 @@ class StoredPoints:
         used = int(self._cubes.used[0])
         held = np.flatnonzero(self._in_memory())
         places = sum(column[:1].nbytes for column in self._cubes if column.ndim == 2 or column is self._cubes.key)
-        return int(self._room.bytes_of(held).sum()) + used * places
+        return int(self._row_memory.bytes_of(held).sum()) + used * places
 
     def living(self, *, fine: bool = False) -> Rows:
         """Return the rows of all points of the map's voxels, of which some may stand for several; or of fine ones."""
@@ -324,7 +331,7 @@ class StoredPoints:
         return np.asarray(rows[self._fine(self._cubes.cube_of[rows >> BLOCK_BITS]) == fine])
 
     def _all_living(self) -> Rows:
-        self._bring_rows(np.arange(self._cubes.used[0]))
+        self._load_rows(np.arange(self._cubes.used[0]))
         rows = np.flatnonzero(self._points.weight[BLOCK_ROWS : self.blocks * BLOCK_ROWS] > 0)
         return np.asarray(rows + BLOCK_ROWS)
 
@@ -350,7 +357,7 @@ class StoredPoints:
     def _blocks_of(self, number: int) -> Rows:
         """Have the blocks in memory that may hold rows of an object, and return them, ascending."""
         blocks = self._blocks.of(number)
-        self._bring_rows(self._cubes.cube_of[blocks].astype(np.int64))
+        self._load_rows(self._cubes.cube_of[blocks].astype(np.int64))
         return blocks
 
     def _all_of(self, number: int) -> Rows:
@@ -359,12 +366,12 @@ class StoredPoints:
         rows = np.empty(len(blocks) * BLOCK_ROWS, np.int64)
         return rows[: owners.rows_of(number, blocks, BLOCK_ROWS, self.owner, rows)]
 
-    def pass_on(self, gone: int, kept: int) -> None:
-        """Let all rows of one object belong to another."""
+    def transfer(self, gone: int, kept: int) -> None:
+        """Transfer all rows of one object to another."""
         rows = self._all_of(gone)
         self.owner[rows] = kept
         self._cubes.changed[rows >> BLOCK_BITS] = True
-        self._blocks.pass_on(gone, kept)
+        self._blocks.transfer(gone, kept)
 
     def release(self, numbers: Sequence[int]) -> None:
         """Let objects have no rows: these are no one's, and no votes hold them."""
@@ -372,7 +379,7 @@ class StoredPoints:
             return
         blocks, gone = self._blocks.release(numbers), np.zeros(max(numbers) + 1, bool)
         gone[list(numbers)] = True
-        self._bring_rows(self._cubes.cube_of[blocks].astype(np.int64))
+        self._load_rows(self._cubes.cube_of[blocks].astype(np.int64))
         owners.release(gone, blocks, BLOCK_ROWS, self.owner, self._points.confidence, self._cubes.changed)
 
 
@@ -384,5 +391,5 @@ def words_of(rows: npt.NDArray[Any]) -> npt.NDArray[np.uint32]:
 @cache
 def rows_of_a_cube() -> tuple[npt.NDArray[np.uint32], Points]:
     """Return room for as many rows as a cube may have, as words and as columns: rows go through it."""
-    rows = np.empty(MOST_BLOCKS * BLOCK_ROWS, ROW)
+    rows = np.empty(MAX_BLOCKS * BLOCK_ROWS, ROW)
     return words_of(rows), columns_of(rows)

@@ -13,15 +13,15 @@ from cuboid.kernels import claims as kernel_claims
 from cuboid.kernels import lookup, owners
 from cuboid.kernels import voxels as kernel
 from cuboid.kernels.cubes import BLOCK_ROWS, HEATS, LEVELS
-from cuboid.tolerances import LEAST_READINGS
+from cuboid.tolerances import MIN_READINGS
 from cuboid.working import WorkingImage
 
-# Points that a frame looks through: all in view where these are few, else a part of them in turn.
-LOOK_POINTS = 40_000
+# Points that a frame carves: all in view where these are few, else a part of them in turn.
+MAX_CARVED_POINTS = 40_000
 # Votes that a voxel keeps for its owner: so many frames of another opinion change it.
-MOST_VOTES = LEAST_READINGS
+MAX_VOTES = MIN_READINGS
 # A voxel is its owner's when the votes are one in so many of the frames that saw it.
-VOTES_SHARE = 3
+VOTES_RATIO = 3
 
 
 class VoxelMap(FinePoints):
@@ -37,7 +37,7 @@ class VoxelMap(FinePoints):
         Standard deviation of depth is this times z squared.
     max_depth_m : float
     memory_mb : float
-        Memory of the process, in units of 2**20 bytes, beyond which cubes that are out of view are put aside.
+        Memory of the process, in units of 2**20 bytes, beyond which cubes that are out of view are evicted.
 
     Attributes
     ----------
@@ -49,27 +49,27 @@ class VoxelMap(FinePoints):
         super().__init__(voxel_m, memory_mb)
         self.noise_per_m = noise_per_m
         self._max_depth_m = max_depth_m
-        # The cube that the next look begins with; the fine one.
+        # The cube that the next carving pass begins with; the fine one.
         self._next_look = self._next_fine_look = 0
         # Frames since the last one.
         self._waiting = 0
 
     @property
-    def looks(self) -> int:
-        """How many frames have looked through the map."""
+    def carving_passes(self) -> int:
+        """How many frames have carved free space."""
         return self._looks
 
-    def _in_view(self, image: WorkingImage, T_camera_world: Float64Array) -> Rows:
-        """Return the cubes that a frame may see, or see through."""
-        count = lookup.in_view(
+    def _cubes_in_frustum(self, image: WorkingImage, T_camera_world: Float64Array) -> Rows:
+        """Return the cubes in the camera's frustum."""
+        count = lookup.cubes_in_frustum(
             np.ascontiguousarray(T_camera_world), _pinhole(image), image.camera.width, image.camera.height,
             float(image.depth_m.max(initial=0.0)), self.voxel_m, self._cubes, self._seen,
         )  # fmt: skip
         return np.array(self._seen[:count])
 
-    def settle_in_view(self, image: WorkingImage, T_camera_world: Float64Array) -> None:
-        """Let points that owe a motion make it, where they lie or belong in what a frame may see."""
-        if not len(self._anchors.owing[0]):
+    def relocate_in_frustum(self, image: WorkingImage, T_camera_world: Float64Array) -> None:
+        """Apply the pending motions of points that lie, or come to lie, in the camera's frustum."""
+        if not len(self._anchors.pending_cubes[0]):
             return
         c, R, t = image.camera, T_camera_world[:3, :3], T_camera_world[:3, 3]
         # A pixel more on each side than there is.
@@ -77,7 +77,7 @@ class VoxelMap(FinePoints):
         normals = np.array([*sides, (0, 0, 1), (0, 0, -1)], np.float64)
         normals /= np.linalg.norm(normals, axis=1)[:, None]
         beyond = np.array([0, 0, 0, 0, 0, float(image.depth_m.max(initial=0.0))])
-        self._settle_in(np.column_stack([normals @ R, normals @ t + beyond]))
+        self._relocate_in(np.column_stack([normals @ R, normals @ t + beyond]))
 
     def fuse(
         self,
@@ -86,7 +86,7 @@ class VoxelMap(FinePoints):
         T_world_camera: Float64Array,
         frame: int,
         anchor: int = 0,
-        elsewhere: bool = True,
+        new_viewpoint: bool = True,
     ) -> npt.NDArray[np.int32]:
         """Fuse a frame: points that match a point of the map are averaged with it, others are added.
 
@@ -97,10 +97,10 @@ class VoxelMap(FinePoints):
         T_world_camera : (4, 4) float64
         frame : int
         anchor : int
-            Keyframe that the frame hangs on: its points move with it; see `carry`.
-        elsewhere : bool
-            Whether the frame, or the one before it, shows more than others from where it is: else what is cold, walls
-            and floors, is left out.
+            Keyframe that the frame is anchored to: its points move with it; see `apply_correction`.
+        new_viewpoint : bool
+            Whether the frame, or the one before it, is from a new viewpoint: else what is cold, walls and floors, is
+            left out.
 
         Returns
         -------
@@ -108,51 +108,53 @@ class VoxelMap(FinePoints):
             Row of each working pixel, -1 where it was not fused; valid until the next call.
         """
         T_camera_world = inverse(T_world_camera)
-        self.settle_in_view(image, T_camera_world)
-        seen = self._in_view(image, T_camera_world)
-        self._last_look[seen] = self._looks
-        if elsewhere:
-            self.relieve(seen)
-        self._bring(seen)
+        self.relocate_in_frustum(image, T_camera_world)
+        seen = self._cubes_in_frustum(image, T_camera_world)
+        self._last_viewed[seen] = self._looks
+        if new_viewpoint:
+            self.evict(seen)
+        self._load(seen)
         self._pack(seen)
         used = int(self._cubes.used[0])
-        begun, slots, hangs = self.blocks, np.empty(heat.shape, np.int32), self._anchors.hang(anchor)
+        begun, slots, current_anchor = self.blocks, np.empty(heat.shape, np.int32), self._anchors.current_anchor(anchor)
         if self._first_frame is None:
             self._first_frame = frame
         kernel.fuse(
             image.depth_m, image.color, heat, _pinhole(image), np.ascontiguousarray(T_world_camera), self.voxel_m,
-            self._max_depth_m, frame, self._moments if elsewhere else -1, hangs, 0, self._cubes, self._points, slots,
+            self._max_depth_m, frame, self._moments if new_viewpoint else -1, current_anchor, 0, self._cubes,
+            self._points, slots,
         )  # fmt: skip
-        self._moments += elsewhere
+        self._moments += new_viewpoint
         self._ready[begun : self.blocks] = self._visit
         count = lookup.touched(slots, self._cubes.cube_of, self._marks, self._seen)
-        self._anchors.has_points_in(hangs, self._seen[:count])
-        self._look_elsewhere(np.concatenate([seen, np.arange(used, self._cubes.used[0])]))
+        self._anchors.has_points_in(current_anchor, self._seen[:count])
+        self._schedule_thinning(np.concatenate([seen, np.arange(used, self._cubes.used[0])]))
         return slots
 
-    def look_through(self, image: WorkingImage, T_camera_world: Float64Array, elsewhere: bool = True) -> None:
-        """Count the points that this frame sees through, and remove those that are passed more often than hit.
+    def carve_free_space(self, image: WorkingImage, T_camera_world: Float64Array, new_viewpoint: bool = True) -> None:
+        """Carve free space: count the points that rays of this frame pass, and remove those passed more often than hit.
 
-        From where the last look was (not `elsewhere`) a frame sees through the same: the next look stands for it too.
+        From the viewpoint of the last pass (not `new_viewpoint`) a frame carves the same: the next pass counts for it
+        too.
         """
         self._looks += 1
         self._waiting += 1
-        if not elsewhere:
+        if not new_viewpoint:
             return
-        seen = self._in_view(image, T_camera_world)
-        self._bring(seen)
+        seen = self._cubes_in_frustum(image, T_camera_world)
+        self._load(seen)
         fine = self._fine(seen)
-        self._next_look = self._look_at(seen[~fine], self._next_look, image, T_camera_world)
-        self._next_fine_look = self._look_at(seen[fine], self._next_fine_look, image, T_camera_world)
+        self._next_look = self._carve_in_turn(seen[~fine], self._next_look, image, T_camera_world)
+        self._next_fine_look = self._carve_in_turn(seen[fine], self._next_fine_look, image, T_camera_world)
         self._waiting = 0
 
-    def _look_at(self, seen: Rows, first: int, image: WorkingImage, T_camera_world: Float64Array) -> int:
-        """Look through the points of some cubes (N,), as many as a look may, from one on; return the next one."""
+    def _carve_in_turn(self, seen: Rows, first: int, image: WorkingImage, T_camera_world: Float64Array) -> int:
+        """Carve the points of some cubes (N,), as many as a pass may, from one on; return the next one."""
         in_turn = np.concatenate([seen[seen >= first], seen[seen < first]])
         points = np.cumsum(self._cubes.rows[in_turn])
-        now = in_turn[: 1 + int(np.searchsorted(points, LOOK_POINTS))]
-        turns = max(1, -(-int(points[-1]) // LOOK_POINTS)) if len(points) else 1
-        kernel.see_through(
+        now = in_turn[: 1 + int(np.searchsorted(points, MAX_CARVED_POINTS))]
+        turns = max(1, -(-int(points[-1]) // MAX_CARVED_POINTS)) if len(points) else 1
+        kernel.carve_free_space(
             now, image.depth_m, _pinhole(image),
             np.ascontiguousarray(T_camera_world), self.noise_per_m, 2 * self.voxel_m, turns * self._waiting,
             self.voxel_m, self._cubes, self._points,
@@ -175,10 +177,10 @@ class VoxelMap(FinePoints):
         p = self._points
         return rows[: owners.solid_rows_of(
             number, blocks, BLOCK_ROWS, p.owner, p.weight, p.confidence, p.hits, p.heat, np.float32(hot), votes,
-            VOTES_SHARE, MOST_VOTES, rows,
+            VOTES_RATIO, MAX_VOTES, rows,
         )]  # fmt: skip
 
-    def vote(
+    def vote_owners(
         self,
         claim: npt.NDArray[np.int32],
         number_of: npt.NDArray[np.int32],
@@ -187,12 +189,12 @@ class VoxelMap(FinePoints):
         candidate: UInt8Array,
         slots: npt.NDArray[np.int32],
     ) -> None:
-        """Let a frame's shares vote for whom their voxels belong to; see `kernels.claims.vote`."""
-        pairs = np.unique(kernel_claims.vote(
-            claim, number_of, place, allowed, candidate, slots, self.hits, MOST_VOTES, self.owner,
+        """Let a frame's segments vote for the owners of their voxels; see `kernels.claims.vote_owners`."""
+        pairs = np.unique(kernel_claims.vote_owners(
+            claim, number_of, place, allowed, candidate, slots, self.hits, MAX_VOTES, self.owner,
             self._points.confidence, self._points.mark,
         ))  # fmt: skip
-        self._blocks.give(pairs >> 32, pairs & 0xFFFFFFFF)
+        self._blocks.add(pairs >> 32, pairs & 0xFFFFFFFF)
 
     def owner_of(self, slots: npt.NDArray[np.int32]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
         """Return the number of the object (h, w) that each pixel's voxel belongs to, 0 none; and which were known."""
@@ -207,28 +209,28 @@ class VoxelMap(FinePoints):
     def rows_at(self, points: Float64Array) -> Rows:
         """Return the rows (N,) of the voxels at places (N, 3) of the world, -1 where there is no point."""
         points = np.ascontiguousarray(points)
-        self._settle_around(points, self.voxel_m)
+        self._relocate_around(points, self.voxel_m)
         rows, missing = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
         asked = self.voxel_m, self._cubes, self._points.voxel, self._points.weight, rows, missing
         while absent := lookup.rows_at(points, *asked):
-            self._bring(missing[:absent])
+            self._load(missing[:absent])
         return rows
 
-    def holds(self, points: Float64Array) -> npt.NDArray[np.bool_]:
-        """Tell which places (N, 3) of the world lie in a voxel that holds a point."""
+    def is_occupied(self, points: Float64Array) -> npt.NDArray[np.bool_]:
+        """Tell which places (N, 3) of the world lie in an occupied voxel."""
         return self.rows_at(points) >= 0
 
-    def holds_around(self, ground: Float64Array, axes: Float64Array, least: int) -> npt.NDArray[np.bool_]:
+    def is_occupied_around(self, ground: Float64Array, axes: Float64Array, least: int) -> npt.NDArray[np.bool_]:
         """Tell of places (N, 3) on a plane whether so many of the nine voxels around each hold a point, one up or down.
 
         `axes` (3, 3) are, row by row, two axes of the plane and its normal.
         """
         ground, missing = np.ascontiguousarray(ground), np.empty(27 * len(ground), np.int64)
-        self._settle_around(ground, 2 * self.voxel_m)
+        self._relocate_around(ground, 2 * self.voxel_m)
         seen = np.empty(len(ground), np.bool_)
         asked = self.voxel_m, self._cubes, self._points.voxel, self._points.weight, seen, missing
         while absent := lookup.seen_around(ground, axes, self.voxel_m, least, *asked):
-            self._bring(missing[:absent])
+            self._load(missing[:absent])
         return seen
 
     def owner_at(self, points: Float64Array) -> npt.NDArray[np.int32]:

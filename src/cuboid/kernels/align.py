@@ -8,7 +8,7 @@ from numba import njit
 # Channels of a packed image: intensity, its two derivatives per pixel, depth in metres.
 INTENSITY, ALONG_U, ALONG_V, DEPTH = range(4)
 # Entries of the sums that `accumulate` gives.
-IN_VIEW, WITH_DEPTH, AGREEING, ON_SURFACE, SQUARES_I, SQUARES_D, SHADED = range(7)
+IN_IMAGE, WITH_DEPTH, INLIERS, ON_SURFACE, SQUARES_I, SQUARES_D, SHADED = range(7)
 SUMS = 7
 # Columns of a group's sums: weight, intensity there, intensity here, their squares, their product.
 GROUP_SUMS = 6
@@ -163,7 +163,7 @@ def accumulate(
 
     A point is moved into the image. Its intensity, corrected for its group's exposure, is compared with the
     image's there (bilinear); its distance along its normal with that of the reading there. Both residuals
-    carry the weights of a t-distribution. A point whose reading differs by more than the gate is hidden, or its
+    are weighted by a t-distribution. A point whose reading differs by more than the gate is hidden, or its
     surface is out of sight: it counts neither way.
 
     Parameters
@@ -173,7 +173,7 @@ def accumulate(
     group : (N,) int32
         Which image each point is from, 0..G - 1.
     shade : (G, 2) float64
-        Gain and bias that carry this image's intensity to that of a group.
+        Gain and bias from this image's intensity to that of a group.
     image : (H, W, 4) float32
         Packed.
     camera : (4,) float64
@@ -218,7 +218,7 @@ def accumulate(
         nz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z
         if nx * qx + ny * qy + nz * qz > 0.0:  # seen from behind
             continue
-        sums[IN_VIEW] += 1.0
+        sums[IN_IMAGE] += 1.0
         u1, v1 = int(u + 0.5), int(v + 0.5)
         d = image[v1, u1, DEPTH]
         deviation = noise[0] + noise[1] * qz * qz
@@ -226,7 +226,7 @@ def accumulate(
             sums[WITH_DEPTH] += 1.0
             if abs(d - qz) > gate[0] + gate[1] * deviation:
                 continue
-            sums[AGREEING] += 1.0
+            sums[INLIERS] += 1.0
             sx, sy = (u1 - cx) / fx * d, (v1 - cy) / fy * d
             r = (nx * (sx - qx) + ny * (sy - qy) + nz * (d - qz)) / deviation
             if abs(r) * deviation < 0.01 + 3.0 * deviation:

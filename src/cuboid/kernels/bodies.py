@@ -1,4 +1,4 @@
-"""Hot loops that tell bodies of revolution, whatever sticks out of them; see `boxes.revolved`."""
+"""Hot loops that recognise bodies of revolution, whatever sticks out of them; see `boxes.revolved`."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from cuboid.tolerances import (
     DRIFT_M,
     JUMP_M,
     JUMP_SIGMAS,
-    LEAST_READINGS,
-    LEAST_SIGMA_M,
     LITTLE,
+    MIN_READINGS,
+    MIN_SIGMA_M,
     MOST,
     SIGMAS,
     SOME,
@@ -27,9 +27,9 @@ STEPS = 6
 # A side is looked at in so many sectors of the turn.
 SECTORS = 12
 # Half of the turn is seen from one place, a little less of it in depth: what covers less fixes no axis in noise.
-LEAST_ARC = MOST - LITTLE
+MIN_ARC = MOST - LITTLE
 # Of a side so much is its body's: a cap's brim has nearly as many points as its dome.
-LEAST_BODY = MOST - LITTLE
+MIN_BODY = MOST - LITTLE
 
 
 @njit(cache=True, nogil=True)
@@ -67,7 +67,7 @@ def find_body(plan, layer, trust, rectangle, noise, trim, center, part):
         whole, all_of = whole + weights[i], all_of + trust[i]
         round_of += weights[i] * radius[layer[i]]
         square += weights[i] * min(abs(residual[i]), DRIFT_M) ** 2
-    if not whole > 0.0 or whole < LEAST_BODY * all_of:
+    if not whole > 0.0 or whole < MIN_BODY * all_of:
         return 0.0
     usual, spread = round_of / whole, np.sqrt(square / whole)
     # A nearly straight side has its axis far away.
@@ -83,7 +83,7 @@ def find_body(plan, layer, trust, rectangle, noise, trim, center, part):
         sector[i] = np.int64(np.floor(angle * (SECTORS / (2.0 * math.pi)))) + SECTORS // 2
     if not is_round(sector, weights, residual, LITTLE * usual):
         return 0.0
-    off = max(JUMP_SIGMAS * LEAST_SIGMA_M, SIGMAS * spread)
+    off = max(JUMP_SIGMAS * MIN_SIGMA_M, SIGMAS * spread)
     appendage(layer, trust, sector, weights, radius, residual, off, part)
     return off
 
@@ -99,7 +99,7 @@ def fit_trimmed(plan, layer, trust, noise, trim, center, radius, residual, weigh
         all_of[layer[i]] += trust[i]
     for _ in range(3 if trim else 0):
         away[:] = np.abs(residual)
-        limit = SIGMAS * max(1.48 * weighted_median(away, weights), noise, LEAST_SIGMA_M)
+        limit = SIGMAS * max(1.48 * weighted_median(away, weights), noise, MIN_SIGMA_M)
         near_of[:] = 0.0
         for i in range(n):
             near_of[layer[i]] += trust[i] if away[i] < limit else 0.0
@@ -113,7 +113,7 @@ def fit_trimmed(plan, layer, trust, noise, trim, center, radius, residual, weigh
             weights[i] = kept
         if not changed:
             return True
-        if left < LEAST_READINGS or not fit_axis(plan, layer, weights, STEPS, center, radius, residual):
+        if left < MIN_READINGS or not fit_axis(plan, layer, weights, STEPS, center, radius, residual):
             return False
     return True
 
@@ -171,10 +171,10 @@ def is_round(sector, weights, residual, limit):
         sums[k, 1] += weights[i]
     known, low, high = 0, np.inf, -np.inf
     for k in range(SECTORS + 1):
-        if readings[k] >= LEAST_READINGS and sums[k, 1] > 0.0:
+        if readings[k] >= MIN_READINGS and sums[k, 1] > 0.0:
             mean = sums[k, 0] / sums[k, 1]
             known, low, high = known + 1, min(low, mean), max(high, mean)
-    return known >= LEAST_ARC * SECTORS and not high - low > limit
+    return known >= MIN_ARC * SECTORS and not high - low > limit
 
 
 @njit(cache=True, nogil=True)

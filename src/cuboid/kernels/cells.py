@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from cuboid.tolerances import LEAST_SIGMA_M, SIGMAS
+from cuboid.tolerances import MIN_SIGMA_M, SIGMAS
 
 # Columns of a cell's row.
 NX, NY, NZ, CX, CY, CZ, AREA, RMS = range(8)
@@ -18,8 +18,8 @@ CELL_COLUMNS = 8
 # A surface is looked for where it is seen from higher than this (sine, 3 degrees).
 LOWEST = 0.05
 # Readings of a patch that lie level: at least so many.
-LEAST_LEVEL = 3
-# Of a cell, or a patch, at least this share has readings that tell of its plane.
+MIN_LEVEL = 3
+# Of a cell, or a patch, at least this fraction has readings that tell of its plane.
 FILLED = 0.6
 
 
@@ -153,7 +153,7 @@ def level_patches(depth, camera, up, size, noise, min_depth, max_depth, skip, pa
                     here = depth[v, u]
                     if not (min_depth <= here <= max_depth):
                         continue
-                    gate = SIGMAS * 1.42 * noise * here * here * steep + LEAST_SIGMA_M
+                    gate = SIGMAS * 1.42 * noise * here * here * steep + MIN_SIGMA_M
                     # So many pixels on, at most two patches, an upright surface has risen by more than twice the gate.
                     # The first reading from there on, within a patch, tells: surfaces seen low are full of gaps.
                     k = int(np.ceil(2.0 * gate * longest / here))
@@ -177,7 +177,7 @@ def level_patches(depth, camera, up, size, noise, min_depth, max_depth, skip, pa
                     if abs(rise) <= gate:
                         n += 1
                         x, y, z = x + px * here, y + py * here, z + here
-            if n < LEAST_LEVEL or n < FILLED * known:
+            if n < MIN_LEVEL or n < FILLED * known:
                 continue
             z /= n
             out = patches[found]

@@ -1,4 +1,4 @@
-"""Hot loops that share a frame's pixels out among its proposals, and let the shares vote for objects."""
+"""Hot loops that assign a frame's pixels to its proposals, and let the segments vote for the owners of voxels."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ REMEMBERED = 256
 
 
 @njit(cache=True, nogil=True)
-def common(owner, place, rectangles, starts, covered, column, table, sight):
+def proposal_overlaps(owner, place, rectangles, starts, covered, column, table, object_pixels):
     """Count the candidates that each proposal covers, by the object that they belong to.
 
     Parameters
@@ -27,11 +27,11 @@ def common(owner, place, rectangles, starts, covered, column, table, sight):
         See `votes.weigh`.
     column : (h, w) int32, scratch
     table : (N, columns) int64, output
-    sight : (columns,) int64, output
+    object_pixels : (columns,) int64, output
         Pixels of each object, candidates or not, in any proposal or none.
     """
     table[:] = 0
-    sight[:] = 0
+    object_pixels[:] = 0
     # What belongs to one object comes in runs: a sum in hand is faster than one in memory.
     last, run = 0, 0
     for v in range(owner.shape[0]):
@@ -39,10 +39,10 @@ def common(owner, place, rectangles, starts, covered, column, table, sight):
             here = place[owner[v, u]]
             column[v, u] = here
             if here != last:
-                sight[last] += run
+                object_pixels[last] += run
                 last, run = here, 0
             run += 1
-    sight[last] += run
+    object_pixels[last] += run
     for k in range(rectangles.shape[0]):
         x0, y0, x1, y1 = rectangles[k]
         at, last, run = starts[k], 0, 0
@@ -59,27 +59,27 @@ def common(owner, place, rectangles, starts, covered, column, table, sight):
 
 
 @njit(cache=True, nogil=True)
-def shared(claim, owner, known, place, table, size):
-    """Count the pixels that each share of a frame has in common with each object, and those known before.
+def segment_overlaps(claim, owner, known, place, table, size):
+    """Count the pixels that each segment of a frame has in common with each object, and those mapped before.
 
     Parameters
     ----------
     claim : (h, w) int32
-        Share of each pixel, -1 none.
+        Segment of each pixel, -1 none.
     owner : (h, w) int32
         Object of each pixel, 0 none.
     known : (h, w) bool
     place : (M,) int64
         Column of each object by number; the last one for those that do not count, and for 0.
     table : (n + 1, columns) int64, output
-        The last row is for pixels of no share.
+        The last row is for pixels of no segment.
     size : (n + 1,) int64, output
-        Known pixels of each share.
+        Known pixels of each segment.
     """
     table[:] = 0
     size[:] = 0
     nobody = table.shape[0] - 1
-    # They come in runs, as in `common`.
+    # They come in runs, as in `proposal_overlaps`.
     mine, theirs, run, seen = nobody, 0, 0, 0
     for v in range(claim.shape[0]):
         for u in range(claim.shape[1]):
@@ -96,7 +96,7 @@ def shared(claim, owner, known, place, table, size):
 
 
 @njit(cache=True, nogil=True)
-def share_out(order, rectangles, starts, covered, least, free_share, claim):
+def assign_pixels(order, rectangles, starts, covered, least, free_fraction, claim):
     """Give each candidate pixel to at most one proposal: the strongest first, as long as it is mostly free.
 
     Parameters
@@ -108,8 +108,8 @@ def share_out(order, rectangles, starts, covered, least, free_share, claim):
     covered : (L,) uint8
         See `votes.weigh`.
     least : int
-        A share of fewer pixels is none.
-    free_share : float
+        A segment of fewer pixels is none.
+    free_fraction : float
         A proposal is left out when less than this of it is free.
     claim : (h, w) int32, output
         Place in `order` of the proposal that has the pixel, -1 none.
@@ -126,7 +126,7 @@ def share_out(order, rectangles, starts, covered, least, free_share, claim):
                 total += mine[u]
                 free += mine[u] if row[u] < 0 else 0
             at += x1 - x0
-        if free < least or free < free_share * total:
+        if free < least or free < free_fraction * total:
             continue
         at = starts[k]
         for v in range(y0, y1):
@@ -137,8 +137,8 @@ def share_out(order, rectangles, starts, covered, least, free_share, claim):
 
 
 @njit(cache=True, nogil=True)
-def vote(claim, number_of, place, allowed, candidate, slots, hits, most, owner, confidence, voted):
-    """Let the pixels of a frame vote for whom their voxels belong to: a majority vote in one number a voxel.
+def vote_owners(claim, number_of, place, allowed, candidate, slots, hits, most, owner, confidence, voted):
+    """Let the pixels of a frame vote for the owners of their voxels: a majority vote in one number a voxel.
 
     Boyer and Moore 1981: a voxel's owner gains a vote where a frame agrees and loses one where it does not; whoever
     takes the last one away owns it. A voxel has one vote a frame.
@@ -146,13 +146,13 @@ def vote(claim, number_of, place, allowed, candidate, slots, hits, most, owner, 
     Parameters
     ----------
     claim : (h, w) int32
-        Share of each pixel, -1 none.
+        Segment of each pixel, -1 none.
     number_of : (count,) int32
-        Object that each share votes for; 0 abstains.
+        Object that each segment votes for; 0 abstains.
     place : (M,) int64
         Column of each object by number; 0 for no one, -1 for those that are not in view.
     allowed : (count, columns) uint8
-        1 where a share may take voxels that were seen before from an object; any share strengthens what its object
+        1 where a segment may take voxels that were seen before from an object; any segment strengthens what its object
         has, and takes what is new.
     candidate : (h, w) uint8
         0 on supporting planes: such pixels vote for no one.

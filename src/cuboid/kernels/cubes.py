@@ -27,10 +27,10 @@ FINE = -(1 << 63)
 BLOCK_BITS = 10
 BLOCK_ROWS = 1 << BLOCK_BITS
 # Blocks of a cube whose every voxel holds a point, and places of its table: never more than half of them are taken.
-MOST_BLOCKS = 1 << (3 * CUBE_BITS - BLOCK_BITS)
+MAX_BLOCKS = 1 << (3 * CUBE_BITS - BLOCK_BITS)
 TABLE_BITS = 3 * CUBE_BITS + 1
 # A table begins with so many places: a page of memory.
-LEAST_BITS = 11
+MIN_BITS = 11
 # Cubes that came after each other lie near each other: so many of them are looked at only where the bounds of all of
 # them are met.
 BATCH = 64
@@ -55,10 +55,10 @@ class Points(NamedTuple):
     # Red, green, blue (N, 3) in parts of a level, and heat.
     color: npt.NDArray[np.uint16]
     heat: npt.NDArray[np.uint16]
-    # Frames that saw it, and that saw through it.
+    # Frames that saw it (hits), and whose rays passed it.
     hits: npt.NDArray[np.uint16]
     passes: npt.NDArray[np.uint16]
-    # What it hangs on: a keyframe, as of some moment; see `heatmap.anchors`.
+    # Its anchor: a keyframe at some state of its pose; see `heatmap.anchors`.
     anchor: npt.NDArray[np.uint16]
     # Votes that the owner is ahead of all others.
     confidence: npt.NDArray[np.uint8]
@@ -98,11 +98,11 @@ class Cubes(NamedTuple):
     changed: npt.NDArray[np.bool_]
     # How many (2,): cubes, blocks. No cube has block 0.
     used: npt.NDArray[np.int64]
-    # Of each anchor (ANCHORS,), whether what hangs on it owes a motion: such rows lie where they no longer belong, and
-    # no table leads to them.
-    owes: npt.NDArray[np.bool_]
-    # Of each cube (C,), whether its table may lead to such rows, and is to be made anew before it is asked.
-    mixed: npt.NDArray[np.bool_]
+    # Of each anchor (ANCHORS,), whether a motion of its rows is pending: such rows are not where they belong, and no
+    # table leads to them.
+    pending: npt.NDArray[np.bool_]
+    # Of each cube (C,), whether its table may lead to such rows, and is to be rebuilt before it is used.
+    index_stale: npt.NDArray[np.bool_]
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -179,7 +179,7 @@ def make_cube(key, cubes):
         cubes.used[0] += 1
         cubes.table[place] = cube + 1
         cubes.key[cube] = key
-        cubes.bits[cube] = LEAST_BITS
+        cubes.bits[cube] = MIN_BITS
         bounds, (x, y, z) = cubes.bounds[cube // BATCH], corner(key)
         if key < 0:
             x, y, z = x >> 1, y >> 1, z >> 1
@@ -215,9 +215,9 @@ def likely_row(cube, voxel, cubes):
 
 @njit(cache=True, nogil=True)
 def fill_index(cube, cubes, points):
-    """Make a cube's table anew, of the size that its rows need; it leads to those that owe no motion."""
+    """Rebuild a cube's table, of the size that its rows need; it leads to those without a pending motion."""
     count = np.int64(cubes.rows[cube])
-    bits = LEAST_BITS
+    bits = MIN_BITS
     while 10 * count > 7 << bits:
         bits += 1
     bits = min(bits, TABLE_BITS)
@@ -225,10 +225,10 @@ def fill_index(cube, cubes, points):
     cubes.tables[first : first + (1 << bits)] = 0
     cubes.bits[cube] = bits
     mask = (1 << bits) - 1
-    cubes.mixed[cube] = False
+    cubes.index_stale[cube] = False
     for k in range(count):
         row = row_of(cube, k, cubes.blocks)
-        if cubes.owes[points.anchor[row]]:
+        if cubes.pending[points.anchor[row]]:
             continue
         place = scatter(points.voxel[row]) & mask
         while cubes.tables[first + place] > 0:
@@ -239,7 +239,7 @@ def fill_index(cube, cubes, points):
 @njit(cache=True, nogil=True)
 def add_block(cube, k, cubes):
     """Have the block that a cube's row k lies in, where those before it are there; tell whether there is room."""
-    if k >= MOST_BLOCKS << BLOCK_BITS:
+    if k >= MAX_BLOCKS << BLOCK_BITS:
         return False
     if k & (BLOCK_ROWS - 1) == 0 and cubes.blocks[cube, k >> BLOCK_BITS] == 0:
         block = cubes.used[1]
@@ -268,7 +268,7 @@ def add_row(cube, voxel, place, anchor, cubes, points):
 
 
 @njit(cache=True, nogil=True)
-def enter(keys, voxel, anchor, cubes, points, rows):
+def allocate_rows(keys, voxel, anchor, cubes, points, rows):
     """Make room for points of so many different voxels: keys of their cubes (N,), voxels in these, anchors.
 
     Written to `rows` (N,) int64; -1 where there is no more room.
@@ -287,7 +287,7 @@ def empty_cubes(most: int, tables: npt.NDArray[np.uint16]) -> Cubes:
         table=np.zeros(2 * most, np.int32),
         key=np.zeros(most, np.int64),
         bounds=np.zeros((-(-most // BATCH), 6), np.int64),
-        blocks=np.zeros((most, MOST_BLOCKS), np.int32),
+        blocks=np.zeros((most, MAX_BLOCKS), np.int32),
         rows=np.zeros(most, np.int32),
         dead=np.zeros(most, np.int32),
         bits=np.zeros(most, np.uint8),
@@ -296,8 +296,8 @@ def empty_cubes(most: int, tables: npt.NDArray[np.uint16]) -> Cubes:
         turn=np.zeros(most + 1, np.uint8),
         changed=np.zeros(most + 1, bool),
         used=np.array([0, 1]),
-        owes=np.zeros(ANCHORS, bool),
-        mixed=np.zeros(most, bool),
+        pending=np.zeros(ANCHORS, bool),
+        index_stale=np.zeros(most, bool),
     )
 
 

@@ -18,7 +18,7 @@ def depth_edges(depth_m: Float32Array, jump: float, gap: int, out: Float32Array,
     depth_m : (H, W) float32
         Metres, 0 is no reading.
     jump : float
-        The next reading must be farther by more than this share of the depth.
+        The next reading must be farther by more than this fraction of the depth.
     gap : int
         Pixels without a reading (the shadow of a projector) that may lie between the two.
     out : (N, 3) float32

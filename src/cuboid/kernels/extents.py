@@ -11,8 +11,8 @@ BINS = 256
 
 
 @njit(cache=True, nogil=True)
-def reach(points, weights, directions, share, low, high):
-    """Find for each direction the interval that holds all weight but `share` at either end.
+def reach(points, weights, directions, fraction, low, high):
+    """Find for each direction the interval that holds all weight but `fraction` at either end.
 
     The weight is collected in 256 bins over the whole range; within a bin it is taken as spread evenly.
 
@@ -23,12 +23,12 @@ def reach(points, weights, directions, share, low, high):
         Positive.
     directions : (D, 2) float64
         Unit.
-    share : float
-        Share of the weight left out at each end, 0..0.5.
+    fraction : float
+        Fraction of the weight left out at each end, 0..0.5.
     low, high : (D,) float64, output
     """
     spans(points, directions, low, high)
-    if share <= 0.0:
+    if fraction <= 0.0:
         return
     total, alike = 0.0, True
     for i in range(points.shape[0]):
@@ -45,12 +45,12 @@ def reach(points, weights, directions, share, low, high):
         for i in range(points.shape[0]):
             place[i] = min(np.int32((across[i] * x + along[i] * y - first) * scale), np.int32(BINS - 1))
         if alike:
-            low[d], high[d] = counted(place, share * total, first, scale)
+            low[d], high[d] = counted(place, fraction * total, first, scale)
             continue
         bins[:] = 0.0
         for i in range(points.shape[0]):
             bins[place[i]] += weights[i]
-        low[d], high[d] = trimmed(bins, share * total, first, scale)
+        low[d], high[d] = trimmed(bins, fraction * total, first, scale)
 
 
 @njit(cache=True, nogil=True)
@@ -118,8 +118,8 @@ def ends_at(values):
     """Return from where to where values (N,) reach, strays or not; infinite to minus infinite where there are none.
 
     The outermost ones lie too far out where poses and depth err. So the edge follows from what lies further in: beyond
-    it twice the share of strays would go on as evenly as so many values more do that lie next to them; no farther than
-    there are values.
+    it twice the fraction of strays would go on as evenly as so many values more do that lie next to them; no farther
+    than there are values.
     """
     low, high = np.inf, -np.inf
     for value in values:

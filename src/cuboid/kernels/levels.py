@@ -1,4 +1,4 @@
-"""Hot loops of the map's two levels: structure that nobody looks at is kept in cells of two voxels a side.
+"""Hot loops of the map's two levels of detail: background that is out of view is kept in cells of two voxels a side.
 
 A row of a cell stands for several of its eight voxels, which its mark names. Color and heat are kept once; so is the
 place, a part for each layer of voxels, so that a surface between two layers lies there still. Rows of cells come last
@@ -16,7 +16,7 @@ from cuboid.tolerances import LITTLE
 # Cells of two voxels a side along an axis of a cube, as bits of their number.
 CELL_BITS = CUBE_BITS - 1
 CELLS = 1 << (3 * CELL_BITS)
-# Voxels whose heat differs by no more than this share no cell with others: what is cold and what is hot stay apart.
+# Voxels whose heat falls into different steps of this share no cell: what is cold and what is hot stay separate.
 HEAT_STEP = HEATS * LITTLE
 
 
@@ -113,7 +113,7 @@ def thin_one(cube, since, cubes, words, points, made_words, made, moved, others)
     cells = np.int64(0)
     for k in range(count):
         if size[k] > 1:
-            join(cube, k, following, cubes, words, points, made_words, made, cells)
+            merge_rows(cube, k, following, cubes, words, points, made_words, made, cells)
             cells += 1
     kept = np.int64(0)
     for k in range(count):
@@ -140,7 +140,7 @@ def thin_one(cube, since, cubes, words, points, made_words, made, moved, others)
 
 
 @njit(cache=True, nogil=True)
-def join(cube, first, following, cubes, words, points, made_words, made, to):
+def merge_rows(cube, first, following, cubes, words, points, made_words, made, to):
     """Make the row of a cell of a group of rows, which are dead then."""
     places, weights = np.zeros((3, 2)), np.zeros((3, 2))
     red, green, blue, heat, weight = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -181,7 +181,7 @@ def join(cube, first, following, cubes, words, points, made_words, made, to):
 
 
 @njit(cache=True, nogil=True)
-def part(which, cubes, words, points, made_words, made, parted):
+def split_cells(which, cubes, words, points, made_words, made, parted):
     """Let each voxel that a row of a cell stands for have a row of its own again, and make the cubes' tables.
 
     See `thin`; `parted` (C,) bool tells for which of the cubes there was any such row.

@@ -90,7 +90,7 @@ def seen_around(ground, axes, reach, least, voxel_m, cubes, voxels, weights, see
 def places(rows, eighths, voxel_m, cubes, points, motions, xyz):
     """Write where in the world the points of rows (N,) are to `xyz` (N, 3) float32.
 
-    Those that owe a motion, `motions` (ANCHORS, 3, 4) by anchor, are where that carries them. Of rows that stand for
+    Pending motions, `motions` (ANCHORS, 3, 4) by anchor, are applied. Of rows that stand for
     several voxels it is the point of one of these, `eighths` (N,).
     """
     mask, place = CUBE_SIDE - 1, np.empty(3, np.int64)
@@ -107,7 +107,7 @@ def places(rows, eighths, voxel_m, cubes, points, motions, xyz):
         px = (x + (voxel >> (2 * CUBE_BITS)) + (place[0] + 0.5) / PLACES) * edge_m
         py = (y + ((voxel >> CUBE_BITS) & mask) + (place[1] + 0.5) / PLACES) * edge_m
         pz = (z + (voxel & mask) + (place[2] + 0.5) / PLACES) * edge_m
-        if cubes.owes[points.anchor[row]]:
+        if cubes.pending[points.anchor[row]]:
             T = motions[points.anchor[row]]
             for k in range(3):
                 xyz[i, k] = T[k, 0] * px + T[k, 1] * py + T[k, 2] * pz + T[k, 3]
@@ -116,7 +116,7 @@ def places(rows, eighths, voxel_m, cubes, points, motions, xyz):
 
 
 @njit(cache=True, nogil=True)
-def reach(spaces, cube, anchor, motions, voxel_m, cubes, reaches):
+def cubes_meeting(spaces, cube, anchor, motions, voxel_m, cubes, meets):
     """Tell of pairs of a cube and an anchor (N,) whether points of them may be in a region, by the cubes' spheres.
 
     Parameters
@@ -125,10 +125,10 @@ def reach(spaces, cube, anchor, motions, voxel_m, cubes, reaches):
         Half-spaces that the region is what is common to: inside where x a + y b + z c + d >= 0, (a, b, c) unit.
     cube, anchor : (N,) int32
     motions : (ANCHORS, 3, 4) float64
-        That points of each anchor owe.
+        Pending motion of the points of each anchor.
     voxel_m : float
     cubes : Cubes
-    reaches : (N,) bool, output
+    meets : (N,) bool, output
         Where the points lie, or where they belong.
     """
     for i in range(cube.size):
@@ -137,7 +137,7 @@ def reach(spaces, cube, anchor, motions, voxel_m, cubes, reaches):
         half = 0.5 * CUBE_SIDE * edge_m
         px, py, pz = ix * edge_m + half, iy * edge_m + half, iz * edge_m + half
         T = motions[anchor[i]]
-        reaches[i] = _meets(spaces, px, py, pz, 1.74 * half) or _meets(
+        meets[i] = _meets(spaces, px, py, pz, 1.74 * half) or _meets(
             spaces,
             T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3],
             T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3],
@@ -176,7 +176,7 @@ def touched(slots, cube_of, marks, found):
 
 
 @njit(cache=True, nogil=True)
-def in_view(T_camera_world, camera, width, height, far_m, voxel_m, cubes, seen):
+def cubes_in_frustum(T_camera_world, camera, width, height, far_m, voxel_m, cubes, seen):
     """Find the cubes that reach into a picture, and no farther than some distance; by their spheres.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Hot loop over the outlines of a frame's shares: what lies across each piece of them."""
+"""Hot loop over the outlines of a frame's segments: what lies across each piece of them."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from cuboid.tolerances import JUMP_SIGMAS
 # What lies across a piece of outline: columns of `outline`.
 FREE, SUPPORT, UNSURE, CONTACT, HIDDEN, BORDER = range(6)
 KINDS = 6
-# Sides of a thing in the picture, seen from the camera held upright: columns of `outline` too.
+# Sides of a segment in the picture, seen from the camera held upright: columns of `outline` too.
 TOP, BOTTOM, LEFT, RIGHT = range(4)
-# The top and the bottom of a thing are so much of its height.
-END_SHARE = 0.05
+# The top and the bottom of a segment are so much of its height.
+END_FRACTION = 0.05
 # Color that differs by so many levels, over its three channels, has an edge in between: a third of that is shading and
 # the camera's noise. It is compared with that of so many pixels inside, clear of the blur at an outline.
 EDGE_LEVELS, INNER_PIXELS = 90, 2
@@ -21,7 +21,7 @@ EDGE_LEVELS, INNER_PIXELS = 90, 2
 
 @njit(cache=True, nogil=True, inline="always")
 def surrounded(claim, v, u):
-    """Tell whether all four neighbours of a pixel, none beyond the border, are of its share."""
+    """Tell whether all four neighbours of a pixel, none beyond the border, are of its segment."""
     a = claim[v, u]
     beside = (claim[v, u - 1] == a) & (claim[v, u + 1] == a)
     return beside & (claim[v - 1, u] == a) & (claim[v + 1, u] == a)
@@ -29,7 +29,7 @@ def surrounded(claim, v, u):
 
 @njit(cache=True, nogil=True, inline="always")
 def inwards(readings, claim, v, u, dv, du, reach):
-    """Return how many steps inwards of a share's outline its first reading is; `reach` where it is no nearer."""
+    """Return how many steps inwards of a segment's outline its first reading is; `reach` where it is no nearer."""
     height, width = readings.shape
     for n in range(reach):
         vv, uu = v - n * dv, u - n * du
@@ -42,12 +42,12 @@ def inwards(readings, claim, v, u, dv, du, reach):
 
 @njit(cache=True, nogil=True)
 def across(depth, readings, color, claim, on_plane, plane, v, u, dv, du, limit, reach):
-    """Tell what lies across one pixel of a share's outline: the first reading outwards, over holes.
+    """Tell what lies across one pixel of a segment's outline: the first reading outwards, over holes.
 
     Parameters
     ----------
     plane : int
-        What the share stands on, -1 none.
+        What the segment stands on, -1 none.
     v, u, dv, du : int
         The pixel, and the step outwards.
     limit : float
@@ -58,7 +58,7 @@ def across(depth, readings, color, claim, on_plane, plane, v, u, dv, du, limit, 
     Returns
     -------
     (int, int)
-        The kind, -1 where the share itself goes on behind a hole; and the share that begins there, -1 none.
+        The kind, -1 where the segment itself goes on behind a hole; and the segment that begins there, -1 none.
 
     Notes
     -----
@@ -98,15 +98,15 @@ def outlines(
     depth, readings, color, claim, on_plane, corners, plane_of, side_of, focal, noise, jump, gap_m, outline,
     contact,
 ):  # fmt: skip
-    """Tell what bounds each share of a frame: air, what it stands on, another thing, something else, or nothing known.
+    """Tell what bounds each segment of a frame: free space, its support, another segment, another surface, or unknown.
 
-    From each pixel of a share whose neighbour (of four) is not of it, the first reading outwards is looked for, over
+    From each pixel of a segment whose neighbour (of four) is not of it, the first reading outwards is looked for, over
     holes up to a width of `gap_m`. It is FREE where that lies behind by more than a jump; SUPPORT where it lies on the
-    plane that the share stands on; UNSURE where another share begins at the same depth; CONTACT where any other
+    plane that the segment stands on; UNSURE where another segment begins at the same depth; CONTACT where any other
     surface goes on; HIDDEN where it lies before (what is behind it cannot be told); BORDER where the picture ends. In
     a wide hole (something dark, or that shines) color tells: it is FREE beyond an edge of color, and UNSURE where the
-    color of the share goes on. A hole reaches from the last reading of the share to the first one beyond: where it
-    was filled, the share ends within it.
+    color of the segment goes on. A hole reaches from the last reading of the segment to the first one beyond: where it
+    was filled, the segment ends within it.
 
     Parameters
     ----------
@@ -116,15 +116,15 @@ def outlines(
         With its holes.
     color : (h, w, 3) uint8
     claim : (h, w) int32
-        Share of each pixel, -1 none.
+        Segment of each pixel, -1 none.
     on_plane : (h, w) int32
         Supporting plane that a pixel lies on, -1 none.
     corners : (count, 4) int64
-        The least and the largest column and row of each share: left, top, right, bottom.
+        The least and the largest column and row of each segment: left, top, right, bottom.
     plane_of : (count,) int64
-        Plane that each share stands on, -1 none.
+        Plane that each segment stands on, -1 none.
     side_of : (4,) int64
-        Side of a thing that lies below, above, right and left of a pixel in the image: see TOP.
+        Side of a segment that lies below, above, right and left of a pixel in the image: see TOP.
     focal : float
         Pixels.
     noise : float
@@ -153,7 +153,7 @@ def outlines(
                     low, high = (corners[a, 1], corners[a, 3]) if k < 2 else (corners[a, 0], corners[a, 2])
                     here = v if k < 2 else u
                     far = high - here if dv + du > 0 else here - low
-                    if far > max(1.0, END_SHARE * (high - low)):
+                    if far > max(1.0, END_FRACTION * (high - low)):
                         continue
                 z = depth[v, u]
                 limit = jump + JUMP_SIGMAS * noise * z * z

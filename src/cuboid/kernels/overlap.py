@@ -12,7 +12,7 @@ from numba import njit
 
 # Two planes within this are one, metres.
 COINCIDE_M = 1e-10
-MOST_CORNERS = 16
+MAX_CORNERS = 16
 
 # Boxes that came after each other stand near each other, most of them: so many of them are looked at only where the
 # bounds of all of them are met. What rounding may cost, metres.
@@ -53,12 +53,12 @@ def faces_within(center, R, size, other, slack, origin, first, second):
         Added to the other box's half sizes, metres.
     origin : (3,) float64
         The point that distances are taken from, in the frame of the other box.
-    first, second : (MOST_CORNERS, 3) float64, scratch
+    first, second : (MAX_CORNERS, 3) float64, scratch
 
     Returns
     -------
     float
-        Three times this box's share of the volume.
+        Three times the contribution of this box's faces to the volume.
     """
     total = 0.0
     for axis in range(3):
@@ -110,7 +110,7 @@ def intersections(A, B, out):
     out : (N, M) float64, output
         Cubic metres.
     """
-    first, second = np.empty((MOST_CORNERS, 3)), np.empty((MOST_CORNERS, 3))
+    first, second = np.empty((MAX_CORNERS, 3)), np.empty((MAX_CORNERS, 3))
     R, R_back = np.empty((3, 3)), np.empty((3, 3))
     center, center_back, zero = np.empty(3), np.empty(3), np.zeros(3)
     radius = np.empty(B.shape[0])
@@ -131,9 +131,9 @@ def intersections(A, B, out):
                     R[k, m] = B[j, 6 + k] * A[i, 6 + m] + B[j, 9 + k] * A[i, 9 + m] + B[j, 12 + k] * A[i, 12 + m]
                     R_back[m, k] = R[k, m]
             # Both sums are taken about the centre of B.
-            share = faces_within(center, R, A[i, 3:6], B[j, 3:6], COINCIDE_M, zero, first, second)
-            share += faces_within(center_back, R_back, B[j, 3:6], A[i, 3:6], -COINCIDE_M, center_back, first, second)
-            out[i, j] = max(0.0, share / 3.0)
+            volume = faces_within(center, R, A[i, 3:6], B[j, 3:6], COINCIDE_M, zero, first, second)
+            volume += faces_within(center_back, R_back, B[j, 3:6], A[i, 3:6], -COINCIDE_M, center_back, first, second)
+            out[i, j] = max(0.0, volume / 3.0)
 
 
 @njit(cache=True, nogil=True)

@@ -1,4 +1,4 @@
-"""Hot loops that tell which rows of the voxel map belong to which object, and to whom the pixels of a frame do."""
+"""Hot loops over the owners of the voxel map: the rows of an object, and the owner of each pixel of a frame."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def rows_of(number, blocks, size, owner, rows):
 
 
 @njit(cache=True, nogil=True)
-def solid_rows_of(number, blocks, size, owner, weight, confidence, hits, heat, hot, votes, share, most, rows):
+def solid_rows_of(number, blocks, size, owner, weight, confidence, hits, heat, hot, votes, ratio, most, rows):
     """Gather those living rows of an object that are hot and that enough votes bear out; see `rows_of`.
 
     Parameters
@@ -52,7 +52,7 @@ def solid_rows_of(number, blocks, size, owner, weight, confidence, hits, heat, h
     heat : (N,) uint16
     hot : float32
         Least heat, 0..1.
-    votes, share, most : int
+    votes, ratio, most : int
         Least votes: so many, and one in so many of the frames, of which no more than `most` count.
     rows : (B * size,) int64, output
 
@@ -66,8 +66,8 @@ def solid_rows_of(number, blocks, size, owner, weight, confidence, hits, heat, h
         for row in range(block * size, min((block + 1) * size, owner.size)):
             if owner[row] != number or not weight[row] > 0.0 or np.float32(heat[row]) / np.float32(HEATS - 1) < hot:
                 continue
-            told = np.int64(confidence[row])
-            if told >= votes and share * told >= min(np.int64(hits[row]), most):
+            votes_of_row = np.int64(confidence[row])
+            if votes_of_row >= votes and ratio * votes_of_row >= min(np.int64(hits[row]), most):
                 rows[n] = row
                 n += 1
     return n

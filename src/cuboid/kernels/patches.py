@@ -10,7 +10,7 @@ from cuboid.kernels.segments import FAR, NONE, PLANE, SURFACE
 from cuboid.tolerances import SIGMAS
 
 # Fewer cells fix no plane that others are joined to.
-LEAST_CELLS = 9
+MIN_CELLS = 9
 # A cell of a plane faces as it does, to 25 degrees.
 ALIKE_COS = 0.9
 
@@ -61,7 +61,7 @@ def grow_planes(cells, shape, camera, noise, bias, flat, least_area, planes, mem
             continue
         attempt += 1
         tail, area, a, b, c = grow(seed, attempt, cells, camera, 2.0 * noise + bias, flat, member, tried, queue)
-        if area < least_area or tail < LEAST_CELLS:
+        if area < least_area or tail < MIN_CELLS:
             continue
         for i in range(tail):
             member[queue[i] // columns, queue[i] % columns] = count
@@ -107,7 +107,7 @@ def grow(seed, attempt, cells, camera, off, flat, member, tried, queue):
         area += cells[here, AREA]
         m[0], m[1], m[2], m[3], m[4] = m[0] + u * u, m[1] + u * v, m[2] + u, m[3] + v * v, m[4] + v
         m[5], m[6], m[7], m[8] = m[5] + 1.0, m[6] + u * w, m[7] + v * w, m[8] + w
-        if head >= LEAST_CELLS and head >= 1.5 * fitted:
+        if head >= MIN_CELLS and head >= 1.5 * fitted:
             fitted = head
             a, b, c = solve3(m, a, b, c)
         nx, ny, nz = plane_normal(a, b, c, camera)
@@ -277,8 +277,8 @@ def bow_at(r, q, reach, member, off, bow, weight):
         for qq in range(max(0, q - reach), min(columns, q + reach + 1)):
             p = member[rr, qq]
             if p >= 0:
-                share = 1.0 / (1.0 + (rr - r) * (rr - r) + (qq - q) * (qq - q))
-                bow[p] += share * off[rr, qq]
-                weight[p] += share
+                falloff = 1.0 / (1.0 + (rr - r) * (rr - r) + (qq - q) * (qq - q))
+                bow[p] += falloff * off[rr, qq]
+                weight[p] += falloff
     for p in range(bow.size):
         bow[p] = bow[p] / weight[p] if weight[p] > 0.0 else 0.0

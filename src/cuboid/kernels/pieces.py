@@ -1,4 +1,4 @@
-"""Hot loops over the pieces of a frame's shares: parted where depth jumps, joined where they are one, gathered."""
+"""Hot loops over the pixels assigned to proposals: split where depth jumps, joined where they are one, gathered."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ def find_root(parent, a):
 
 
 @njit(cache=True, nogil=True)
-def label_regions(depth, share, noise, jump, parent, labels):
-    """Number the 8-connected regions of pixels of one share whose depth is continuous.
+def label_regions(depth, assigned, noise, jump, parent, labels):
+    """Number the 8-connected regions of pixels of one proposal whose depth is continuous.
 
     Neighbours belong together when their depths differ by less than `jump` (metres) plus the noise of two readings.
 
     Parameters
     ----------
     depth : (H, W) float32
-    share : (H, W) int32
+    assigned : (H, W) int32
         What each pixel belongs to, -1 nothing.
     noise, jump : float
     parent : (H * W,) int32, scratch
@@ -40,7 +40,7 @@ def label_regions(depth, share, noise, jump, parent, labels):
     """
     rows, columns = depth.shape
     for v in range(rows):
-        own, above, near, far = share[v], share[max(v - 1, 0)], depth[v], depth[max(v - 1, 0)]
+        own, above, near, far = assigned[v], assigned[max(v - 1, 0)], depth[v], depth[max(v - 1, 0)]
         for u in range(columns):
             here = v * columns + u
             if own[u] < 0:
@@ -81,12 +81,12 @@ def label_regions(depth, share, noise, jump, parent, labels):
 
 
 @njit(cache=True, nogil=True)
-def measure_regions(labels, share, depth, readings, sizes, read, total, owner, corners):
+def measure_regions(labels, assigned, depth, readings, sizes, read, total, owner, corners):
     """Measure regions by their runs along the rows of the image: a sum in hand is faster than one in memory.
 
     Parameters
     ----------
-    labels, share, depth
+    labels, assigned, depth
         See `judge_regions`.
     readings : (H, W) float32
         Metres, 0 where a hole was filled.
@@ -111,22 +111,27 @@ def measure_regions(labels, share, depth, readings, sizes, read, total, owner, c
                 deep += depth[v, end]
                 end += 1
             if k > 0:
-                sizes[k], read[k], total[k], owner[k] = sizes[k] + end - first, read[k] + known, deep, share[v, first]
+                sizes[k], read[k], total[k], owner[k] = (
+                    sizes[k] + end - first,
+                    read[k] + known,
+                    deep,
+                    assigned[v, first],
+                )
                 box = corners[k]
                 box[0], box[1], box[2], box[3] = min(box[0], first), min(box[1], v), max(box[2], end - 1), v
 
 
 @njit(cache=True, nogil=True)
-def judge_regions(labels, share, depth, readings, least, focal, major, deep, become, sizes, owner):
+def judge_regions(labels, assigned, depth, readings, least, focal, major, deep, become, sizes, owner):
     """Tell which regions are one, and which are none.
 
-    The largest surface of each share is one with those that are about as large and as near.
+    The largest surface of each proposal is one with those that are about as large and as near.
 
     Parameters
     ----------
     labels : (H, W) int32
         From `label_regions`.
-    share : (H, W) int32
+    assigned : (H, W) int32
     depth : (H, W) float32
     readings : (H, W) float32
         Metres, 0 where a hole was filled.
@@ -135,19 +140,19 @@ def judge_regions(labels, share, depth, readings, least, focal, major, deep, bec
     focal : float
         Pixels.
     major : float
-        Least size of one that joins, as a share of the largest one's.
+        Least size of one that joins, as a fraction of the largest one's.
     deep : float
-        Largest difference of their mean depths, as a share of the largest one's length.
+        Largest difference of their mean depths, as a fraction of the largest one's length.
     become : (number + 1,) int32, output
         The region that each is a part of, 0 none.
     sizes : (number + 1,) int64, output
         Pixels of each with all its parts, 0 of what is a part, or none.
     owner : (number + 1,) int64, output
-        Share of each.
+        Proposal of each.
     """
     count = become.size
     read, total, corners = np.empty(count, np.int64), np.empty(count), np.empty((count, 4), np.int64)
-    measure_regions(labels, share, depth, readings, sizes, read, total, owner, corners)
+    measure_regions(labels, assigned, depth, readings, sizes, read, total, owner, corners)
     largest = np.zeros(owner.max() + 2, np.int64)
     for k in range(1, count):
         if sizes[k] > sizes[largest[owner[k]]]:

@@ -10,7 +10,7 @@ from cuboid.tolerances import JUMP_M, SIGMAS
 
 @njit(cache=True, nogil=True)
 def drop_mixed(depth, jump, out):
-    """Copy depth without mixed pixels: readings that hang between a nearer and a farther neighbour.
+    """Copy depth without mixed (flying) pixels: readings between a nearer and a farther neighbour.
 
     A reading goes when, along a row or a column, one neighbour is nearer and the other farther by more than
     `jump` times z squared, plus `JUMP_M`.
@@ -23,12 +23,12 @@ def drop_mixed(depth, jump, out):
         for u in range(1, width - 1):
             z = row[u]
             limit = JUMP_M + jump * z * z
-            mixed = hangs(row[u - 1], z, row[u + 1], limit) | hangs(above[u], z, below[u], limit)
+            mixed = is_mixed(row[u - 1], z, row[u + 1], limit) | is_mixed(above[u], z, below[u], limit)
             clean[u] = np.float32(0.0) if mixed else z
 
 
 @njit(cache=True, nogil=True, inline="always")
-def hangs(before, z, after, limit):
+def is_mixed(before, z, after, limit):
     """Tell whether a reading lies between a nearer and a farther neighbour, far from both."""
     near, far = before - z, z - after
     known = (before > 0.0) & (z > 0.0) & (after > 0.0)
@@ -36,7 +36,7 @@ def hangs(before, z, after, limit):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def stand_on(
+def assign_planes(
     depth, camera, T_grid_camera, planes_camera, numbers, ground, origin, cell, patches, patch, noise, floor, bias,
     max_depth, on_plane, support, seen,
 ):  # fmt: skip
@@ -48,7 +48,7 @@ def stand_on(
     camera : (4,) float64
         fx, fy, cx, cy.
     T_grid_camera : (4, 4) float64
-        Carries camera coordinates to the grid frame, whose third axis is up.
+        Transform from the camera to the grid frame, whose third axis is up.
     planes_camera : (P, 4) float64
         Each plane in the camera frame, as this frame sees it: normal (up) and offset, n.p + d = height.
     numbers : (P,) int32
@@ -141,7 +141,7 @@ def planes_by_row(patches, rows, patch):
 
 @njit(cache=True, nogil=True, inline="always")
 def over_cells(depth, across, ry, T_grid_camera, origin, cell, wide, high, max_depth, place):
-    """Tell over which cell, of wide x high, each reading of a row of the image is; -1 none. See `stand_on`."""
+    """Tell over which cell, of wide x high, each reading of a row of the image is; -1 none. See `assign_planes`."""
     xx, xy, xz, x0 = T_grid_camera[0]
     yx, yy, yz, y0 = T_grid_camera[1]
     # Without a branch: so one instruction takes several pixels.
@@ -156,7 +156,7 @@ def over_cells(depth, across, ry, T_grid_camera, origin, cell, wide, high, max_d
 
 @njit(cache=True, nogil=True, inline="always")
 def heights_above(depth, across, ry, plane, noise, floor, bias, height):
-    """Tell how high each reading of a row of the image is above a plane; see `stand_on`.
+    """Tell how high each reading of a row of the image is above a plane; see `assign_planes`.
 
     Minus infinity where it lies on the plane, infinity where it lies below.
     """
@@ -169,7 +169,7 @@ def heights_above(depth, across, ry, plane, noise, floor, bias, height):
 
 
 @njit(cache=True, nogil=True)
-def places_of(pixels, depth, camera, T, places):
+def back_project(pixels, depth, camera, T, places):
     """Write where in the world pixels are.
 
     Parameters

@@ -20,7 +20,7 @@ BACKGROUND = -1
 
 
 @njit(cache=True, nogil=True, inline="always")
-def take_in(row, v, first, end, height, width, readings, inverse):
+def measure_run(row, v, first, end, height, width, readings, inverse):
     """Add a run of pixels of an image row, up to before its end, to the measures of a segment.
 
     `inverse` is the segment's sum of 1/z with that of the run, added up pixel by pixel.
@@ -38,7 +38,7 @@ def take_in(row, v, first, end, height, width, readings, inverse):
 
 
 @njit(cache=True, nogil=True)
-def take_in_row(v, kind, labels, inverse, segments, planes):
+def measure_row(v, kind, labels, inverse, segments, planes):
     """Add a row of the image to the measures of all that it shows; see `measure`."""
     height, width = labels.shape
     end = 0
@@ -56,7 +56,7 @@ def take_in_row(v, kind, labels, inverse, segments, planes):
                 readings += 1
                 total += inverse[v, end]
             end += 1
-        take_in(row, v, first, end, height, width, readings, total)
+        measure_run(row, v, first, end, height, width, readings, total)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")  # a reading without end has 1/z = 0
@@ -93,7 +93,7 @@ def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, 
         rows[:, LEFT] = width
         rows[:, TOP] = height
     for v in range(height):
-        take_in_row(v, kind, labels, inverse, segments, planes)
+        measure_row(v, kind, labels, inverse, segments, planes)
         row, below = labels[v], labels[min(v + 1, height - 1)]
         for u in range(width):
             for k in range(2):

@@ -16,7 +16,7 @@ REST_M = 2.0 * DRIFT_M
 # A box whose footprint is at most some larger is taken instead of the smallest one where that takes away most of the
 # variance by which points of the sides, a jump below the top, depart from these.
 RIVAL_AREA, BETTER_SIDES = 1.0 + SOME, math.sqrt(MOST)
-# A round footprint follows the law of the disc to this share of its radius, and is at most this share of what was
+# A round footprint follows the law of the disc to this fraction of its radius, and is at most this fraction of what was
 # seen of it wide, per side: half a disc shows its whole width, but for what is lost at its edges.
 ROUND_RESIDUAL, ROUND_RADIUS = 0.03, MOST + LITTLE
 # A disc of which no more than this is missing, metres, is whole: drift and noise widen what was seen all round by a
@@ -26,11 +26,11 @@ MISSING_M = JUMP_M
 # last bit of a sum favours.
 ALIKE_M = 1e-9
 # No side is shorter, metres: points that lie exactly level, or in one place, still have a box.
-LEAST_M = 1e-3
+MIN_M = 1e-3
 
 
 @njit(cache=True, nogil=True)
-def fit_each(points, first, normals, offsets, share, directions, solvers, boxes):
+def fit_each(points, first, normals, offsets, fraction, directions, solvers, boxes):
     """Fit a box to each of several clouds of points that are believed alike.
 
     Parameters
@@ -47,7 +47,7 @@ def fit_each(points, first, normals, offsets, share, directions, solvers, boxes)
     trust = np.ones(points.shape[0])
     for k in range(first.size - 1):
         own = slice(first[k], first[k + 1])
-        fit(points[own], trust[own], normals[k], offsets[k], share, directions, solvers, boxes[k])
+        fit(points[own], trust[own], normals[k], offsets[k], fraction, directions, solvers, boxes[k])
 
 
 @njit(cache=True, nogil=True)
@@ -64,7 +64,7 @@ def plane_axes(normal, axes):
 
 
 @njit(cache=True, nogil=True)
-def fit(points, weights, normal, offset, share, directions, solvers, box):
+def fit(points, weights, normal, offset, fraction, directions, solvers, box):
     """Fit the box of minimal footprint whose third axis is a plane's normal.
 
     Parameters
@@ -76,8 +76,8 @@ def fit(points, weights, normal, offset, share, directions, solvers, box):
         Unit.
     offset : float
         The plane is normal.p + offset = 0; NaN: the cluster stands on nothing known and ends at its lowest point.
-    share : float
-        Share of the weight that may stick out at each side.
+    fraction : float
+        Fraction of the weight that may stick out at each side.
     directions : (2 Q, 2) float64
         Evenly over half a turn, in the plane's axes.
     solvers : (K, 3, L) float64
@@ -94,7 +94,7 @@ def fit(points, weights, normal, offset, share, directions, solvers, box):
         plan[i, 1] = x * axes[1, 0] + y * axes[1, 1] + z * axes[1, 2]
         heights[i] = x * axes[2, 0] + y * axes[2, 1] + z * axes[2, 2]
     low, high = np.empty(directions.shape[0]), np.empty(directions.shape[0])
-    reach(plan, weights, directions, share, low, high)
+    reach(plan, weights, directions, fraction, low, high)
     x, y, radius = disc(low, high, directions, solvers)
     if radius > 0.0:
         for d in range(directions.shape[0]):
@@ -102,7 +102,7 @@ def fit(points, weights, normal, offset, share, directions, solvers, box):
             low[d], high[d] = min(low[d], along - radius), max(high[d], along + radius)
     upright, bottom, top = np.zeros((n, 2)), np.empty(1), np.empty(1)
     upright[:, 0] = heights
-    reach(upright, weights, np.array([[1.0, 0.0]]), share, bottom, top)
+    reach(upright, weights, np.array([[1.0, 0.0]]), fraction, bottom, top)
     # What lies below the plane as a whole rests on something else.
     if bottom[0] + offset < REST_M and top[0] + offset > 0.0:
         bottom[0] = -offset
@@ -153,7 +153,7 @@ def turned(low, high, turn, bottom, top, axes, directions, box):
         length, width, x, y = width, length, y, -x
         ux, uy, vx, vy = vx, vy, -ux, -uy
     z = (top + bottom) / 2.0
-    box[3], box[4], box[5] = max(length, width, LEAST_M), max(min(length, width), LEAST_M), max(top - bottom, LEAST_M)
+    box[3], box[4], box[5] = max(length, width, MIN_M), max(min(length, width), MIN_M), max(top - bottom, MIN_M)
     for k in range(3):
         u, v = ux * axes[0, k] + uy * axes[1, k], vx * axes[0, k] + vy * axes[1, k]
         box[6 + 3 * k], box[7 + 3 * k], box[8 + 3 * k] = u, v, axes[2, k]

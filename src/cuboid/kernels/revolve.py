@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from cuboid.tolerances import LEAST_SIGMA_M, SIGMAS
+from cuboid.tolerances import MIN_SIGMA_M, SIGMAS
 
 
 @njit(cache=True, nogil=True)
@@ -80,7 +80,7 @@ def fit_axis(plan, layer, weights, rounds, center, radius, residual):
             whole += robust[i]
         if step == rounds or not whole > 0.0:
             break
-        usual = SIGMAS * max(2.0 * LEAST_SIGMA_M, 1.25 * spread / whole)
+        usual = SIGMAS * max(2.0 * MIN_SIGMA_M, 1.25 * spread / whole)
         aa = ab = bb = ac = bc = 0.0
         for i in range(count):
             w = robust[i]
@@ -114,7 +114,7 @@ def widest_layer(distance, layer, weights, layers, least, rim):
     least : float
         Weight of a layer that counts.
     rim : float
-        Share of the outer half's mean distance from which on a point belongs to the rim.
+        Fraction of the outer half's mean distance from which on a point belongs to the rim.
     """
     sums = np.zeros((layers, 2))
     for i in range(distance.size):

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from cuboid.kernels.nearness import count_near
-from cuboid.tolerances import LEAST_READINGS, LITTLE, MOST, SAMPLE
+from cuboid.tolerances import LITTLE, MIN_READINGS, MOST, SAMPLE
 
 
 @njit(cache=True, nogil=True)
@@ -32,7 +32,7 @@ def highest_rim(points, order, begins, ends, axes, gap):
     """
     for k in range(len(begins) - 1, -1, -1):
         slab = plan_of(points, order[begins[k] : ends[k]], axes)
-        if len(slab) < LEAST_READINGS:
+        if len(slab) < MIN_READINGS:
             continue
         rest = plan_of(points, order[ends[k] :], axes)
         x, y = longest(slab)
@@ -69,12 +69,12 @@ def longest(plan):
 def width(plan, x, y):
     """Return how far points (N, 2) reach in a direction, without those few that reach farthest on either side."""
     along = np.sort(plan[:, 0] * x + plan[:, 1] * y)
-    return at_share(along, 1.0 - LITTLE) - at_share(along, LITTLE)
+    return at_fraction(along, 1.0 - LITTLE) - at_fraction(along, LITTLE)
 
 
 @njit(cache=True, nogil=True)
-def at_share(along, share):
-    """Return below what a share of sorted values lies, linear between two."""
-    place = share * (len(along) - 1)
+def at_fraction(along, fraction):
+    """Return below what a fraction of sorted values lies, linear between two."""
+    place = fraction * (len(along) - 1)
     k = min(np.int64(place), len(along) - 2) if len(along) > 1 else 0
     return along[k] + (along[min(k + 1, len(along) - 1)] - along[k]) * (place - k)

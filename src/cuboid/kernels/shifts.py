@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from cuboid.tolerances import LEAST_SIGMA_M
+from cuboid.tolerances import MIN_SIGMA_M
 
 
 @njit(cache=True, nogil=True)
@@ -31,7 +31,7 @@ def shift_means(places, weight, reach_m, mean, near):
         moments[i + 1] = moments[i] + weight[i] * places[i]
         mean[i] = places[i]
     moved = np.inf
-    while moved > LEAST_SIGMA_M:
+    while moved > MIN_SIGMA_M:
         moved, low, high = 0.0, 0, 0
         for i in range(n):
             # What lies farther on never goes to a place before.

@@ -126,11 +126,12 @@ def pictured(points, foot, T, camera, places):
 
 
 @njit(cache=True, nogil=True)
-def may_be_in_view(bounds, T, camera, width, height, far):
-    """Tell whether any box within bounds (7,), see `overlap.bound`, may reach into a picture; see `in_view`."""
+def may_be_in_frustum(bounds, T, camera, width, height, far):
+    """Tell whether any box within bounds (7,), see `overlap.bound`, may reach into a picture; as `boxes_in_frustum`."""
     if bounds[0] > bounds[3]:
         return False
-    # All centres lie within a sphere; what `in_view` asks of them is linear once it is multiplied by their depth.
+    # All centres lie within a sphere; what `boxes_in_frustum` asks of them is linear once it is multiplied by their
+    # depth.
     x, y, z = 0.5 * (bounds[0] + bounds[3]), 0.5 * (bounds[1] + bounds[4]), 0.5 * (bounds[2] + bounds[5])
     dx, dy, dz = bounds[3] - bounds[0], bounds[4] - bounds[1], bounds[5] - bounds[2]
     within, radius = 0.5 * np.sqrt(dx * dx + dy * dy + dz * dz) + SLACK_M, bounds[6]
@@ -147,7 +148,7 @@ def may_be_in_view(bounds, T, camera, width, height, far):
 
 
 @njit(cache=True, nogil=True)
-def in_view(boxes, bounds, T_camera_world, camera, width, height, far, found):
+def boxes_in_frustum(boxes, bounds, T_camera_world, camera, width, height, far, found):
     """Find the boxes that reach into a picture with their bounding spheres.
 
     Parameters
@@ -174,7 +175,7 @@ def in_view(boxes, bounds, T_camera_world, camera, width, height, far, found):
     T, n = T_camera_world, 0
     rows = boxes.shape[0]
     for batch in range((rows + BATCH - 1) // BATCH):
-        if not may_be_in_view(bounds[batch], T, camera, width, height, far):
+        if not may_be_in_frustum(bounds[batch], T, camera, width, height, far):
             continue
         for k in range(batch * BATCH, min((batch + 1) * BATCH, rows)):
             px, py, pz = boxes[k, 0], boxes[k, 1], boxes[k, 2]

@@ -57,9 +57,9 @@ def join(segments, contact, weight, count, focal, largest, members, found, parts
                     continue
                 strength = max(weight[a, b], weight[b, a]) / contact[a, b]
                 shared = contact[a, b] / min(segments[a, OUTLINE], segments[b, OUTLINE])
-                apart = strength / np.sqrt(min(1.0, shared))
-                if apart < best and can_join(segments[a], segments[b], focal, largest):
-                    best, i, j = apart, a, b
+                boundary = strength / np.sqrt(min(1.0, shared))
+                if boundary < best and can_join(segments[a], segments[b], focal, largest):
+                    best, i, j = boundary, a, b
         if best == np.inf:
             return n
         one, other = segments[i], segments[j]

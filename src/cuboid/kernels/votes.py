@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from cuboid.tolerances import LEAST_READINGS
+from cuboid.tolerances import MIN_READINGS
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -14,7 +14,7 @@ def weigh(
 ):  # fmt: skip
     """Weigh each proposal by what depth says of it, and tell which candidates it covers.
 
-    The weight is the score times the share of the proposal's readings that are candidates. It is 0 where the
+    The weight is the score times the fraction of the proposal's readings that are candidates. It is 0 where the
     proposal holds no depth support, straddles surfaces farther apart than an object is large, or has not the size
     of an object.
 
@@ -77,7 +77,7 @@ def weigh(
             if last >= 0:
                 left, right, top, bottom = min(left, first), max(right, last), min(top, v), v
         mask += wide * (boxes[k, 3] - boxes[k, 1])
-        if fit < LEAST_READINGS or readings < 0.3 * pixels:
+        if fit < MIN_READINGS or readings < 0.3 * pixels:
             continue
         mean = total / fit
         spread = np.sqrt(max(0.0, square / fit - mean * mean))
@@ -89,7 +89,7 @@ def weigh(
 
 
 @njit(cache=True, nogil=True)
-def vote(rectangles, starts, covered, weights, heat):
+def accumulate_heat(rectangles, starts, covered, weights, heat):
     """Add each proposal's weight to the candidates that it covers; see `weigh` for the parameters."""
     for k in range(weights.size):
         if weights[k] <= 0.0:

@@ -1,4 +1,4 @@
-"""Hot loops of the voxel map: fuse a frame's points, see through stray ones, pack what is left."""
+"""Hot loops of the voxel map: fuse a frame's points, carve free space, pack what is left."""
 
 from __future__ import annotations
 
@@ -26,40 +26,40 @@ from cuboid.kernels.cubes import (
     voxel_in,
 )
 from cuboid.kernels.sightings import NEAREST_M
-from cuboid.tolerances import JUMP_SIGMAS, LEAST_FRAMES, LITTLE
+from cuboid.tolerances import JUMP_SIGMAS, LITTLE, MIN_FRAMES
 
 # Beyond this noise passes half a voxel, metres: cold points there are walls and floors.
 FAR_M = 2.0
 # More frames than this are not counted: what there is is halved.
-MOST_HITS = 65535
+MAX_HITS = 65535
 # Cubes that are remembered while a frame is fused: those of four by four by four never take each other's place.
 LAST_CUBES = 64
 
 
 @njit(cache=True, nogil=True, inline="always")
-def nearer(part, parts, share, to):
-    """Return a mean that is kept in so many parts of 1, after a sighting that has a share in it."""
+def running_mean(part, parts, weight_of_pixel, to):
+    """Return a mean that is kept in so many parts of 1, after a sighting with a weight of `weight_of_pixel`."""
     old = part + 0.5
-    return np.uint16(min(np.int64(old + share * (to * parts - old)), 65535))
+    return np.uint16(min(np.int64(old + weight_of_pixel * (to * parts - old)), 65535))
 
 
 @njit(cache=True, nogil=True, inline="always")
-def speak_for(depth, heat, v, frame, turn, max_depth, shares):
-    """Tell of pixels of a row of the image for how many each speaks; 0 where another one, in turn, speaks for it.
+def pixel_weights(depth, heat, v, frame, turn, max_depth, pixel_weight):
+    """Subsample a row of the image: how many pixels each one represents; 0 where another one, in turn, represents it.
 
-    Of what is cold none speaks where `turn` is below 0; see `fuse`.
+    Cold pixels are left out where `turn` is below 0; see `fuse`.
     """
     # Without a branch: so one instruction takes several pixels.
     for u in range(depth.size):
         z = depth[u]
-        # Of what is cold one pixel in four speaks for all; of what is cold and far one in sixteen.
+        # Of cold pixels one in four is used; of cold and far ones one in sixteen.
         in_turn = ((u & 1) + 2 * (v & 1) == turn & 3) & (turn >= 0)
         in_far_turn = ((u >> 1) & 1) + 2 * ((v >> 1) & 1) == (turn >> 2) & 3
         cold = (4.0 if z <= FAR_M else (16.0 if in_far_turn else 0.0)) if in_turn else 0.0
         # Far away a voxel is hardly wider than a pixel, and its noise wider than both: every other one will do.
         hot = 1.0 if z <= FAR_M else (0.0 if (u + v + frame) & 1 else 2.0)
-        share = cold if heat[u] < LITTLE else hot
-        shares[u] = share if (z > 0.0) & (z <= max_depth) else 0.0
+        weight_of_pixel = cold if heat[u] < LITTLE else hot
+        pixel_weight[u] = weight_of_pixel if (z > 0.0) & (z <= max_depth) else 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -93,16 +93,16 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, turn, anchor,
     frame : int
         Number of this frame; a voxel counts one hit a frame.
     turn : int
-        Which of the pixels that are cold speak for the others; below 0 none, and what is cold is left out.
+        Which of the cold pixels represent the others; below 0 none, and what is cold is left out.
     anchor : int
-        What its points hang on from now on.
+        Anchor of its points from now on.
     level : int
         0; `FINE` where the voxels are those of fine cubes.
     cubes : Cubes
-        Those in view are in memory, and nothing in them or on its way to them owes a motion.
+        Those in view are in memory, and no motion of points in them, or into them, is pending.
     points : Points
     slots : (H, W) int32, output
-        Row of each pixel, -1 where there is no reading and where another cold pixel speaks for it.
+        Row of each pixel, -1 where there is no reading and where another cold pixel represents it.
     """
     height, width = depth.shape
     inverse = 1.0 / voxel_m
@@ -116,17 +116,17 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, turn, anchor,
     changed, bits, anchors = cubes.changed, cubes.bits, points.anchor
     # Cubes that were asked for last, by the last bits of their numbers: to look them up takes far longer.
     last_keys, last_cubes = np.full(LAST_CUBES, -1, np.int64), np.empty(LAST_CUBES, np.int64)
-    # Of one row of the image: for how many pixels each speaks; and of those that are fused the column, where it is in
+    # Of one row of the image: how many pixels each represents; and of those that are fused the column, where it is in
     # its voxel, its cube, -1 none, and voxel, and the row of the map that is likely its own.
-    shares, columns, where = np.empty(width), np.empty(width, np.int64), np.empty((width, 3))
+    pixel_weight, columns, where = np.empty(width), np.empty(width, np.int64), np.empty((width, 3))
     cube_in, voxel_of, likely = np.empty(width, np.int64), np.empty(width, np.int64), np.empty(width, np.int64)
     for v in range(height):
         slots[v] = -1
-        speak_for(depth[v], heat[v], v, frame, turn, max_depth, shares)
+        pixel_weights(depth[v], heat[v], v, frame, turn, max_depth, pixel_weight)
         count = 0
         for u in range(width):
             columns[count] = u
-            count += shares[u] > 0.0
+            count += pixel_weight[u] > 0.0
         for k in range(count):
             u = columns[k]
             z = depth[v, u]
@@ -166,17 +166,17 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, turn, anchor,
             z, warm = depth[v, u], heat[v, u]
             # Depth's variance grows with z^4: a near sighting says more. Half a metre and nearer weigh alike.
             near = max(z, 0.5)
-            w = shares[u] / (near * near * near * near)
+            w = pixel_weight[u] / (near * near * near * near)
             total = weight[row] + w
             a = w / total
             for axis in range(3):
-                place[row, axis] = nearer(place[row, axis], PLACES, a, inside[axis])
-                colors[row, axis] = nearer(colors[row, axis], LEVELS, a, color[v, u, axis] + 0.5 / LEVELS)
-            heats[row] = nearer(heats[row], HEATS, a, warm)
+                place[row, axis] = running_mean(place[row, axis], PLACES, a, inside[axis])
+                colors[row, axis] = running_mean(colors[row, axis], LEVELS, a, color[v, u, axis] + 0.5 / LEVELS)
+            heats[row] = running_mean(heats[row], HEATS, a, warm)
             weight[row] = total
             if last_frame[row] != frame:
                 last_frame[row] = frame
-                if hits[row] == MOST_HITS:
+                if hits[row] == MAX_HITS:
                     hits[row] >>= 1
                     points.passes[row] >>= 1
                     weight[row] *= 0.5
@@ -185,11 +185,11 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, turn, anchor,
 
 
 @njit(cache=True, nogil=True)
-def see_through(which, depth, camera, T_camera_world, noise, margin, step, voxel_m, cubes, points):
-    """Count, for the points of some cubes, sightings that pass through them; remove those passed more often than hit.
+def carve_free_space(which, depth, camera, T_camera_world, noise, margin, step, voxel_m, cubes, points):
+    """Carve free space: count the rays that pass the points of some cubes; remove those passed more often than hit.
 
     A voxel is passed when the reading at its pixel and at the eight around it all lie behind it by more than the
-    margin and by the noise of depth. `step` is how many frames one such look stands for.
+    margin and by the noise of depth. `step` is how many frames one such pass counts for.
     """
     height, width = depth.shape
     T = T_camera_world
@@ -222,8 +222,8 @@ def see_through(which, depth, camera, T_camera_world, noise, margin, step, voxel
                         passed = False
             if passed:
                 cubes.changed[row >> BLOCK_BITS] = True
-                passes[row] = min(MOST_HITS, passes[row] + step)
-                if passes[row] >= LEAST_FRAMES and passes[row] > hits[row]:
+                passes[row] = min(MAX_HITS, passes[row] + step)
+                if passes[row] >= MIN_FRAMES and passes[row] > hits[row]:
                     weight[row] = 0.0
                     hits[row] = 0
                     passes[row] = 0

@@ -1,7 +1,7 @@
-"""Are two objects one: what the proposals of every frame say of it, as log-odds.
+"""Pairwise affinity of objects: the log-odds that two of them are one, accumulated over all frames.
 
-A proposal that covers most of what is seen of two objects takes them for one; where each has a proposal of its own,
-side by side, they are two. One frame errs; the sum over all frames seldom does.
+A proposal that covers most of the visible part of two objects is evidence that they are one; a proposal for each, side
+by side, that they are two. A single frame errs; the sum over all frames seldom does.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ from math import log
 
 from cuboid.tolerances import SURE
 
-# Frames take one thing apart more often (here, once in three) than two things for one (once in seven): what a frame
-# adds to the log-odds that two are one, or takes off.
+# Over-segmentation (one in three frames) is more frequent than under-segmentation (one in seven): what a frame adds to
+# the log-odds that two are one, or takes off.
 SPLIT_RATE, JOIN_RATE = 0.35, 0.15
-ONE, TWO = log((1.0 - SPLIT_RATE) / JOIN_RATE), log(SPLIT_RATE / (1.0 - JOIN_RATE))
-# Beyond this no more is counted, of an object as of a pair, so that a mistake of long ago can be mended.
-MOST_TOLD = 2.0 * SURE
+SAME_LOG_ODDS, DIFFERENT_LOG_ODDS = log((1.0 - SPLIT_RATE) / JOIN_RATE), log(SPLIT_RATE / (1.0 - JOIN_RATE))
+# Log-odds saturate here, of an object as of a pair, so that early mistakes can be corrected.
+MAX_LOG_ODDS = 2.0 * SURE
 
 
 class Affinity:
@@ -25,18 +25,18 @@ class Affinity:
         # Of each object, by those that it was seen beside; a pair is there both ways.
         self._told: dict[int, dict[int, float]] = {}
 
-    def tell(self, a: int, b: int, *, one: bool, news: float) -> None:
-        """Take in what a frame says of two objects, as far as it is news (0..1)."""
-        self._add(a, b, (ONE if one else TWO) * news)
+    def add_evidence(self, a: int, b: int, *, one: bool, novelty: float) -> None:
+        """Add the evidence of a frame on two objects, weighted by the novelty (0..1) of its viewpoint."""
+        self._add(a, b, (SAME_LOG_ODDS if one else DIFFERENT_LOG_ODDS) * novelty)
 
-    def hold(self, a: int, b: int, news: float) -> None:
-        """Take in that one of two holds the other: borders that frames saw between them were those of a part."""
-        told = self.of(a, b)
-        self._add(a, b, ONE * news - min(0.0, told or 0.0))
+    def add_attachment(self, a: int, b: int, novelty: float) -> None:
+        """Add that one of two is attached to the other: borders seen between them were those of a part."""
+        evidence = self.of(a, b)
+        self._add(a, b, SAME_LOG_ODDS * novelty - min(0.0, evidence or 0.0))
 
-    def _add(self, a: int, b: int, told: float) -> None:
+    def _add(self, a: int, b: int, evidence: float) -> None:
         mine = self._told.setdefault(a, {})
-        mine[b] = self._told.setdefault(b, {})[a] = min(MOST_TOLD, max(-MOST_TOLD, mine.get(b, 0.0) + told))
+        mine[b] = self._told.setdefault(b, {})[a] = min(MAX_LOG_ODDS, max(-MAX_LOG_ODDS, mine.get(b, 0.0) + evidence))
 
     def of(self, a: int, b: int) -> float | None:
         """Return the log-odds that two objects are one; None where they were never seen side by side."""
@@ -46,19 +46,19 @@ class Affinity:
         """Return the objects that were seen beside any, ascending."""
         return sorted(number for number, beside in self._told.items() if beside)
 
-    def partners(self, number: int, least: float = -MOST_TOLD, most: float = MOST_TOLD) -> list[int]:
+    def partners(self, number: int, least: float = -MAX_LOG_ODDS, most: float = MAX_LOG_ODDS) -> list[int]:
         """Return the objects that were seen beside one, ascending: those whose log-odds lie in a range."""
         beside = self._told.get(number)
-        return sorted([other for other, told in beside.items() if least <= told <= most]) if beside else []
+        return sorted([other for other, evidence in beside.items() if least <= evidence <= most]) if beside else []
 
-    def pass_on(self, gone: int, kept: int) -> None:
-        """Let what was told of one object hold of another."""
-        for partner, told in list(self._told.get(gone, {}).items()):
+    def transfer(self, gone: int, kept: int) -> None:
+        """Add the affinities of an object that was merged to those of the one that remains."""
+        for partner, evidence in list(self._told.get(gone, {}).items()):
             if partner != kept:
-                self._add(kept, partner, told)
-        self.forget(gone)
+                self._add(kept, partner, evidence)
+        self.remove(gone)
 
-    def forget(self, number: int) -> None:
-        """Drop an object that is no more."""
+    def remove(self, number: int) -> None:
+        """Remove an object."""
         for partner in self._told.pop(number, {}):
             del self._told[partner][number]

@@ -9,16 +9,16 @@ import numpy as np
 from cuboid.boxes.denoising import denoised, is_thick
 from cuboid.boxes.faces import to_faces
 from cuboid.boxes.fit import fit_box
-from cuboid.boxes.hidden import as_deep_as_wide, clear_of, with_hidden
+from cuboid.boxes.hidden import as_deep_as_wide, is_clear_of, with_hidden
 from cuboid.boxes.revolved import revolved
 from cuboid.frame import Float32Array, Float64Array
 from cuboid.geometry.box import Box
 from cuboid.heatmap.stored_points import Rows
 from cuboid.heatmap.voxel_map import VoxelMap
 
-# Share of an object's trust that lies outside its surface at each side: the tails of the sensor's noise.
-STRAY_SHARE = 0.008
-# The noise of the map's points, as a share of that of the usual reading of them.
+# Fraction of an object's trust that lies outside its surface at each side: the tails of the sensor's noise.
+STRAY_FRACTION = 0.008
+# The noise of the map's points, as a fraction of that of the usual reading of them.
 MAP_NOISE = 0.8
 # Voxels that a box is fitted to, at most about; more of a large object do not change it.
 BOX_VOXELS = 1500
@@ -89,10 +89,10 @@ class Boxing:
         others: Sequence[Box],
     ) -> Box:
         if plane is None:
-            return fit_box(points, up, None, STRAY_SHARE, trust)
-        box = fit_box(points, *plane, STRAY_SHARE, trust)
-        round_box = revolved(box, points, trust, *plane, noise_m, self._voxels.voxel_m, STRAY_SHARE)
-        if round_box is not None and clear_of(round_box, others):
+            return fit_box(points, up, None, STRAY_FRACTION, trust)
+        box = fit_box(points, *plane, STRAY_FRACTION, trust)
+        round_box = revolved(box, points, trust, *plane, noise_m, self._voxels.voxel_m, STRAY_FRACTION)
+        if round_box is not None and is_clear_of(round_box, others):
             return to_faces(round_box, points, trust, noise_m, top_alone=True)
         box = to_faces(box, points, trust, noise_m, top_alone=False)
         return with_hidden(box, points, *plane, others, self._voxels)

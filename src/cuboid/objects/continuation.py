@@ -8,7 +8,7 @@ from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.geometry.box import Box
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.extents import beyond_sides
-from cuboid.tolerances import DRIFT_M, LEAST_FRAMES, LEAST_READINGS, MOST, SAMPLE, SOME
+from cuboid.tolerances import DRIFT_M, MIN_FRAMES, MIN_READINGS, MOST, SAMPLE, SOME
 
 # What lies this near a side of the box, voxels, makes that side; it goes on where there are points so far beyond it,
 # voxels.
@@ -50,8 +50,8 @@ def is_structure(box: Box, points: Float32Array, voxels: VoxelMap, owned: UInt8A
     return top or sides > 1
 
 
-def carries(points: Float32Array, normal: Float64Array, offset: float, voxels: VoxelMap) -> bool:
-    """Tell whether what lies above a plane goes on below it: then it carries the plane, and does not stand on it.
+def continues_below(points: Float32Array, normal: Float64Array, offset: float, voxels: VoxelMap) -> bool:
+    """Tell whether what lies above a plane continues below it: then it supports the plane, and does not stand on it.
 
     Beneath what stands on a board, or a table, is air, or something that nobody has seen. The side of a shelf that is a
     little higher than its board goes on below.
@@ -69,7 +69,7 @@ def carries(points: Float32Array, normal: Float64Array, offset: float, voxels: V
     points = points[:: 1 + len(points) // (SAMPLE // 4)].astype(np.float64)
     ground = points - np.outer(points @ normal + offset, normal)
     # What is nearer to the plane may be its own edge, and the plane hides what is right beneath.
-    below_m = DRIFT_M + (np.arange(2 * LEAST_READINGS) + 0.5) * voxels.voxel_m
+    below_m = DRIFT_M + (np.arange(2 * MIN_READINGS) + 0.5) * voxels.voxel_m
     owner = voxels.owner_at((ground - below_m[:, None, None] * normal).reshape(-1, 3))
     seen = np.count_nonzero(owner.reshape(len(below_m), -1) == 0, axis=0)
-    return bool(np.count_nonzero(seen >= LEAST_FRAMES) / len(seen) >= SOME)
+    return bool(np.count_nonzero(seen >= MIN_FRAMES) / len(seen) >= SOME)

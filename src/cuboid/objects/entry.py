@@ -37,8 +37,8 @@ class MapObject:
     label : int
         0 until confirmed.
     keyframe : int
-        That most of its points hang on; -1 where that is not known: a frame has shown its place since, or an earlier
-        version did not tell.
+        That most of its points are anchored to; -1 where that is not known: a frame has shown its place since, or an
+        earlier version did not tell.
     plane : int or None
         Identity of the plane that it stands on.
     points : (N, 3) float32
@@ -54,7 +54,7 @@ class MapObject:
     sightings : int
         Frames whose own proposals it matched.
     log_odds : float
-        That it is an object: what its sightings have told so far.
+        That it is an object: the evidence of its sightings so far.
     outline : (4, KINDS) float64
         What bounded it in its sightings, by side and kind; see `kernels.outlines.outlines`.
     supports : dict of int to int
@@ -63,9 +63,9 @@ class MapObject:
     fitted : int
         Sightings at the last fit of its box.
     carries : bool
-        Whether it was found to carry its plane at the last fit.
+        Whether it was found to support its plane, as furniture does, at the last fit.
     holder : int
-        Number of the object that held it at the last fit, for nothing carried it from below; 0 none.
+        Number of the object that it is attached to, since nothing supported it from below at the last fit; 0 none.
     taken_by : MapObject or None
         The one that it turned out to be a part of.
     """
@@ -93,8 +93,8 @@ class MapObject:
     taken_by: MapObject | None = None
 
     @property
-    def whole(self) -> MapObject:
-        """The object that it is a part of by now: itself until it was merged."""
+    def survivor(self) -> MapObject:
+        """The object that it was merged into, transitively; itself where it was not."""
         entry = self
         while entry.taken_by is not None:
             entry = entry.taken_by
@@ -116,6 +116,6 @@ class MapObject:
         return float(1.0 / (1.0 + np.exp(-self.log_odds)))
 
 
-def together(one: Mapping[int, int], other: Mapping[int, int]) -> dict[int, int]:
+def summed_counts(one: Mapping[int, int], other: Mapping[int, int]) -> dict[int, int]:
     """Return the sums of two counts, by key."""
     return {**one, **{key: one.get(key, 0) + count for key, count in other.items()}}

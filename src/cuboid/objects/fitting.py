@@ -1,4 +1,4 @@
-"""When the box of an object is fitted anew, and what that tells of it."""
+"""When the box of an object is refitted, and what follows from the fit."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from cuboid.frame import Float32Array, Float64Array
 from cuboid.geometry.box import Box
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.boxing import Boxing
-from cuboid.objects.continuation import carries, is_structure
+from cuboid.objects.continuation import continues_below, is_structure
 from cuboid.objects.entry import MapObject
-from cuboid.objects.equilibrium import holder_of, standing
 from cuboid.objects.outline import CLEAR, ends_above
 from cuboid.objects.store import ObjectStore
+from cuboid.objects.support import above_support_rim, find_holder
 from cuboid.objects.validity import fits_object, too_large
 from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import DRIFT_M, LEAST_READINGS, SAMPLE, SIGMAS
+from cuboid.tolerances import DRIFT_M, MIN_READINGS, SAMPLE, SIGMAS
 
-# A box is fitted anew when the sightings have grown by this share.
+# A box is refitted when the number of sightings has grown by this fraction.
 GROWN = 0.15
-# Labelled objects, and candidates, whose boxes are fitted anew in a frame, at most: the rest has its turn next.
+# Labelled objects, and candidates, whose boxes are refitted in a frame, at most; the others follow in later frames.
 FITS = 4
 # What an object loses at a fit that finds it going on into structure, or no more than noise.
 STRUCTURE = CLEAR
@@ -54,14 +54,14 @@ class Fitting:
         self._store = store
         self._boxing = boxing
 
-    def fit_grown(self, numbers: Sequence[int], eye: Float64Array, elsewhere: bool = True) -> None:
+    def fit_grown(self, numbers: Sequence[int], eye: Float64Array, new_viewpoint: bool = True) -> None:
         """Fit the boxes of those objects of which more was seen than at the last fit, from `eye` (3,) now.
 
-        Of what has a label more sightings from one place (not `elsewhere`) tell of the noise alone: it takes as many
-        again.
+        Further sightings of a confirmed object from one viewpoint (not `new_viewpoint`) only repeat its noise: their
+        number must have doubled.
         """
         waiting = [o for o in self._store.all_of(numbers) if o.sightings >= (1 + GROWN) * o.fitted and o.sightings > 0]
-        if not elsewhere:
+        if not new_viewpoint:
             waiting = [o for o in waiting if not o.confirmed or o.sightings >= 2 * o.fitted]
         waiting.sort(key=lambda o: ((o.fitted + 1) / (o.sightings + 1), o.number))
         confirmed = [o for o in waiting if o.confirmed][:FITS]
@@ -73,25 +73,25 @@ class Fitting:
         """Fit the box of an object; retire it where there is nothing to fit one to, or where it has grown too large.
 
         What the camera sees from `eye` (3,), world, metres, is freed from the noise along its rays.
-        It stands for so many fits as would have been, had each sighting been from elsewhere.
+        It counts as the number of fits that there would have been, had each sighting been from a new viewpoint.
         """
         voxels = self._voxels
         rows = voxels.solid_rows_of(entry.number, self._config.hot, min(2, entry.sightings))
         entry.fitted = entry.sightings
-        if len(rows) < LEAST_READINGS:
+        if len(rows) < MIN_READINGS:
             if entry.confirmed:
                 self._store.retire(entry)
             return
         identity = max(entry.supports.items(), key=lambda s: (s[1], -s[0]), default=(None, 0))[0]
         plane = self._planes.find(identity)
         points = voxels.xyz(rows)
-        plane = None if plane is None else self._planes.carrier(points[:: 1 + len(points) // SAMPLE], plane)
+        plane = None if plane is None else self._planes.supporting_plane(points[:: 1 + len(points) // SAMPLE], plane)
         entry.plane = None if plane is None else plane.identity
         rests = None if plane is None else self._planes.in_world(plane)
         if rests is not None:
             above = self._above(points, *rests)
             rows, points = rows[above], points[above]
-            own = standing(points, *rests, voxels.voxel_m)
+            own = above_support_rim(points, *rests, voxels.voxel_m)
             if not own.all():
                 rows, points = rows[own], points[own]
                 # What it stands on is not known yet: it ends at its own foot, which is not what it stands on.
@@ -105,16 +105,17 @@ class Fitting:
         box = bare if rests is None else with_foot(bare, *rests, others, voxels)
         self._store.place(entry, box)
         if plane is not None and rests is not None and box.foot_m(*rests) > DRIFT_M:
-            # What floats may stand on a plane that was not known yet: from now on sightings tell it anew.
+            # What floats may stand on a plane that was not known yet: its support is estimated anew from later
+            # sightings.
             entry.supports = {plane.identity: 1}
         near = self._store.neighbours(entry)
-        entry.holder = 0 if rests is None else holder_of(entry, *rests, near, voxels)
+        entry.holder = 0 if rests is None else find_holder(entry, *rests, near, voxels)
         owned = np.zeros(self._store.numbers, np.uint8)
         owned[[entry.number, *(o.number for o in near if o.confirmed)]] = 1
-        carries_plane = self._carries_plane(entry, rests)
+        supports_plane = self._supports_plane(entry, rests)
         # What is thinner or flatter may be the noise of a surface.
         structure = (
-            carries_plane
+            supports_plane
             or not fits_object(box, self._config)
             or box.size.min() < SIGMAS * noise_m
             or is_structure(box, entry.points, voxels, owned)
@@ -126,22 +127,22 @@ class Fitting:
             # Candidates are fitted while they are likely.
             while (times := times - 1) > 0 and entry.log_odds > 0:
                 entry.log_odds -= STRUCTURE
-        # However clear its outline is: a label of what carries a plane, twice in turn, is none.
-        if too_large(box, self._config) or (entry.confirmed and entry.carries and carries_plane):
+        # However clear its outline is: what supports a plane at two fits in a row is no object.
+        if too_large(box, self._config) or (entry.confirmed and entry.carries and supports_plane):
             self._store.retire(entry)
-        entry.carries = carries_plane
+        entry.carries = supports_plane
 
-    def _carries_plane(self, entry: MapObject, rests: tuple[Float64Array, float] | None) -> bool:
+    def _supports_plane(self, entry: MapObject, rests: tuple[Float64Array, float] | None) -> bool:
         """Tell whether an object goes on below its plane, or up to a plane that lies on it.
 
         One that was seen to end above may be as high as the board that it stands beneath; the side of a shelf is as
         high as the plane itself, which goes on from there.
         """
-        if entry.plane is not None and rests is not None and carries(entry.points, *rests, self._voxels):
+        if entry.plane is not None and rests is not None and continues_below(entry.points, *rests, self._voxels):
             return True
-        if self._planes.goes_on_from(entry.box):
+        if self._planes.is_extended_by_plane(entry.box):
             return True
-        return self._planes.lies_on(entry.box) and not ends_above(entry.outline)
+        return self._planes.has_plane_on_top(entry.box) and not ends_above(entry.outline)
 
     def _with_seat(self, entry: MapObject, bare: Box, plane: Plane, near: Sequence[MapObject]) -> Box:
         """Return the box of an object with its seat, down to its plane, where it floats and has one: a chair has legs.
@@ -154,7 +155,7 @@ class Fitting:
             return box
         foot = bare.center - bare.size[2] / 2.0 * normal
         seat = self._planes.seat_of(entry.points[:: 1 + len(entry.points) // SAMPLE], plane)
-        if not len(seat) or any(o.confirmed and o.box.holds(foot[None], DRIFT_M)[0] for o in near):
+        if not len(seat) or any(o.confirmed and o.box.contains(foot[None], DRIFT_M)[0] for o in near):
             return box
         corners = np.concatenate([bare.corners(), seat])
         whole = fit_box(np.concatenate([corners, seat - np.outer(seat @ normal + offset, normal)]), normal, offset, 0.0)
@@ -166,7 +167,7 @@ class Fitting:
         All of them where that leaves too few to tell anything.
         """
         above = np.asarray(points @ normal + offset > self._config.min_height_m)
-        return above if np.count_nonzero(above) >= LEAST_READINGS else np.ones(len(points), bool)
+        return above if np.count_nonzero(above) >= MIN_READINGS else np.ones(len(points), bool)
 
 
 def _times_grown(entry: MapObject) -> int:

@@ -1,4 +1,4 @@
-"""What bounds a thing tells whether it is an object: air all round, and what it stands on."""
+"""Objectness from the outline of a segment: free space around it, and its support."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from cuboid.frame import Float64Array
 from cuboid.kernels.outlines import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, LEFT, RIGHT, SUPPORT, TOP, UNSURE
 from cuboid.tolerances import MOST, SOME, SURE
 
-# Log-odds that a sighting adds which shows all of an outline, all of it free: two or three make an object sure.
+# Log-odds of a sighting whose outline is completely visible and free: two or three of these confirm an object.
 CLEAR = SURE / 2.0
-# Of an object at least this share of the outline that can be judged is free or rests on its support.
-OWN_SHARE = 0.6
-# A side ends when some of it was seen to end, of the top this share: what always goes up behind something, or into it,
-# is a leg, or a post.
-KNOWN_TOP_SHARE = 0.35
+# Of an object at least this fraction of the outline that can be judged is free or rests on its support.
+OWN_FRACTION = 0.6
+# A side ends when some of it was seen to end, of the top this fraction: what always goes up behind something, or into
+# it, is a leg, or a post.
+KNOWN_TOP_FRACTION = 0.35
 
 Outline = npt.NDArray[Any]
 
 
-def told_by(outlines: Outline, read: Float64Array) -> Float64Array:
+def log_odds_of(outlines: Outline, read: Float64Array) -> Float64Array:
     """Return the log-odds (N,) that sightings add that each shows an object.
 
     Parameters
@@ -30,59 +30,59 @@ def told_by(outlines: Outline, read: Float64Array) -> Float64Array:
     outlines : (N, 4, KINDS)
         Pixels by side and kind; see `kernels.outlines.outlines`.
     read : (N,) float64
-        Share of each thing that is readings, and no holes that were filled.
+        Fraction of each segment that is readings, and no holes that were filled.
     """
     kinds = outlines.sum(1)
     # Everything stands on something, known or not.
     kinds[:, SUPPORT] += outlines[:, BOTTOM, CONTACT]
     kinds[:, CONTACT] -= outlines[:, BOTTOM, CONTACT]
     judged = kinds[:, :HIDDEN].sum(1).astype(np.float64)
-    # What another thing bounds, or a hole without an edge of color, is its own outline half of the time.
+    # What another object bounds, or a hole without an edge of color, is its own outline half of the time.
     own = kinds[:, FREE] + kinds[:, SUPPORT] + 0.5 * kinds[:, UNSURE]
-    share = own / np.maximum(judged, 1.0)
+    fraction = own / np.maximum(judged, 1.0)
     # What is hidden or cut off below is where it stands.
     asked = kinds.sum(1) - outlines[:, BOTTOM, HIDDEN:].sum(1)
-    told = CLEAR * judged / np.maximum(asked, 1.0) * (share - OWN_SHARE) / (1.0 - OWN_SHARE)
-    # What was filled is a guess: a sighting counts in full when most of the thing is readings, else by so much less.
-    return np.asarray(told * np.minimum(1.0, read / MOST), dtype=np.float64)
+    evidence = CLEAR * judged / np.maximum(asked, 1.0) * (fraction - OWN_FRACTION) / (1.0 - OWN_FRACTION)
+    # What was filled is a guess: a sighting counts in full when most of the segment is readings, else by so much less.
+    return np.asarray(evidence * np.minimum(1.0, read / MOST), dtype=np.float64)
 
 
-def agreeing(told: float, turn: float) -> float:
-    """Return the log-odds that a sighting adds of a thing that was seen before, from a little elsewhere.
+def with_viewpoint_change(evidence: float, viewpoint_angle: float) -> float:
+    """Return the log-odds of a repeated sighting, which counts more the more the viewpoint has changed.
 
-    From one place a thing looks as it did before, and so do the errors of a sighting. What is as clear after the camera
-    has gone round it by some of its distance is clear by itself: it counts once more, as far as it is clear.
+    From one viewpoint the errors of sightings are correlated. A sighting that is as clear after a change of the viewing
+    angle is independent evidence: it counts once more, as far as it is clear.
 
     Parameters
     ----------
-    told : float
-        By the sighting alone; see `told_by`.
-    turn : float
-        How far the camera has gone round it since the frame before, radians.
+    evidence : float
+        By the sighting alone; see `log_odds_of`.
+    viewpoint_angle : float
+        Change of the viewing angle since the frame before, radians.
     """
-    return told + max(0.0, told) * told / CLEAR * min(1.0, turn / SOME)
+    return evidence + max(0.0, evidence) * evidence / CLEAR * min(1.0, viewpoint_angle / SOME)
 
 
 def enclosed(outline: Outline, *, cut_off: bool = True, beside: bool = False) -> bool:
     """Tell whether all sides but the bottom were seen to end: what continues into the unknown waits.
 
     The left or the right side may always have been cut off by the picture's border, or hidden by what is known to be
-    another thing: what is seen of such a thing is one, and more of it makes it larger. What goes on upwards may be a
+    another object: what is seen of such an object is one, and more of it makes it larger. What goes on upwards may be a
     post, or a wall.
 
     Parameters
     ----------
     outline : (4, KINDS)
-        Summed over the sightings of a thing.
+        Summed over the sightings of an object.
     cut_off : bool, optional
         Whether it may go on beyond the picture's border, and still have the size of an object.
     beside : bool, optional
-        Whether it stands beside another thing that it is surely no part of.
+        Whether it stands beside another object that it is surely no part of.
     """
     judged = outline[:, :HIDDEN].sum(1)
     whole = outline.sum(1)
     least = np.full(4, SOME)
-    least[TOP] = KNOWN_TOP_SHARE
+    least[TOP] = KNOWN_TOP_FRACTION
     # What the picture cuts off at the top tells nothing of it, where some of it was seen at other times.
     uncut = whole.copy()
     uncut[TOP] -= outline[TOP, BORDER]
@@ -98,22 +98,22 @@ def enclosed(outline: Outline, *, cut_off: bool = True, beside: bool = False) ->
 
 
 def ends_above(outline: Outline) -> bool:
-    """Tell whether some of a thing's top was seen to end by itself, not at another thing of its depth.
+    """Tell whether some of an object's top was seen to end by itself, not at another object of its depth.
 
     Parameters
     ----------
     outline : (4, KINDS)
     """
     top = outline[TOP]
-    return bool(top[FREE] + top[SUPPORT] >= KNOWN_TOP_SHARE * (top.sum() - top[BORDER]))
+    return bool(top[FREE] + top[SUPPORT] >= KNOWN_TOP_FRACTION * (top.sum() - top[BORDER]))
 
 
 def ends_beside(outline: Outline) -> bool:
-    """Tell whether some of a thing's left side, and of its right one, was seen to end: neither goes on behind another.
+    """Tell whether some of an object's left side and of its right one was seen to end: neither goes on behind another.
 
     Parameters
     ----------
     outline : (4, KINDS)
     """
     sides = outline[[LEFT, RIGHT]]
-    return bool((sides[:, :CONTACT].sum(1) >= KNOWN_TOP_SHARE * (sides.sum(1) - sides[:, BORDER])).all())
+    return bool((sides[:, :CONTACT].sum(1) >= KNOWN_TOP_FRACTION * (sides.sum(1) - sides[:, BORDER])).all())

@@ -1,4 +1,4 @@
-"""What the map expects of a frame: proposals that are objects it knows count for more."""
+"""Prior of the map on proposals: those that match known objects weigh more."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.heatmap.pixel_heat import WeighedProposals
-from cuboid.kernels.claims import common
-from cuboid.objects.association import places_of
+from cuboid.kernels.claims import proposal_overlaps
+from cuboid.objects.association import index_table
 from cuboid.objects.entry import MapObject
 
 
@@ -31,10 +31,12 @@ def prior_of(
     n, m = len(weighed.weights), len(labelled)
     if n == 0 or m == 0:
         return np.ones(n)
-    place = places_of([o.number for o in labelled], int(pixel_owner.max()))
-    table, sight = np.empty((n, m + 1), np.int64), np.empty(m + 1, np.int64)
+    place = index_table([o.number for o in labelled], int(pixel_owner.max()))
+    table, object_pixels = np.empty((n, m + 1), np.int64), np.empty(m + 1, np.int64)
     column = np.empty(pixel_owner.shape, np.int32)
-    common(pixel_owner, place, weighed.rectangles, weighed.starts, weighed.covered, column, table, sight)
+    proposal_overlaps(
+        pixel_owner, place, weighed.rectangles, weighed.starts, weighed.covered, column, table, object_pixels
+    )
     mine = table[:, :m]
-    iou = mine / np.maximum(table.sum(1)[:, None] + sight[:m] - mine, 1)
+    iou = mine / np.maximum(table.sum(1)[:, None] + object_pixels[:m] - mine, 1)
     return np.asarray(1.0 + (iou * np.array([o.score for o in labelled])).max(1))

@@ -14,7 +14,7 @@ from cuboid.geometry.overlap import overlap_min_matrix
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.overlap import BATCH, bound, near
 from cuboid.objects.affinity import Affinity
-from cuboid.objects.entry import MapObject, State, together
+from cuboid.objects.entry import MapObject, State, summed_counts
 from cuboid.tolerances import MOST
 
 
@@ -59,8 +59,8 @@ class ObjectStore:
         """Return the boxes (N, 15) of living objects, see `pack`."""
         return self.boxes[[entry.number for entry in entries]]
 
-    def share_room(self, some: Sequence[MapObject], others: Sequence[MapObject]) -> npt.NDArray[np.bool_]:
-        """Tell which living objects are in each other's place (N, M), most of the smaller one: no two solids are."""
+    def overlapping(self, some: Sequence[MapObject], others: Sequence[MapObject]) -> npt.NDArray[np.bool_]:
+        """Tell which living objects overlap in space by half of the smaller one or more, (N, M)."""
         return np.asarray(overlap_min_matrix(self.boxes_of(some), self.boxes_of(others)) >= MOST)
 
     @property
@@ -127,7 +127,7 @@ class ObjectStore:
         """End the lives of several objects; see `retire`."""
         self._voxels.release([entry.number for entry in entries])
         for entry in entries:
-            self._end(entry)
+            self._close(entry)
             if not entry.label:
                 del self._objects[entry.number]
 
@@ -149,21 +149,21 @@ class ObjectStore:
         kept.sightings = max(kept.sightings, gone.sightings)
         kept.log_odds = max(kept.log_odds, gone.log_odds)
         kept.outline = kept.outline + gone.outline
-        kept.supports = together(kept.supports, gone.supports)
+        kept.supports = summed_counts(kept.supports, gone.supports)
         kept.fitted = 0
-        self._voxels.pass_on(gone.number, kept.number)
-        self.affinity.pass_on(gone.number, kept.number)
-        self._end(gone)
+        self._voxels.transfer(gone.number, kept.number)
+        self.affinity.transfer(gone.number, kept.number)
+        self._close(gone)
         del self._objects[gone.number]
         gone.taken_by = kept
         return kept, gone
 
-    def _end(self, entry: MapObject) -> None:
+    def _close(self, entry: MapObject) -> None:
         entry.state = State.RETIRED
         self.boxes[entry.number] = np.nan
         self._changed.add(entry.number // BATCH)
         self._confirmed.pop(entry.number, None)
-        self.affinity.forget(entry.number)
+        self.affinity.remove(entry.number)
 
     def near(self, box: Box, gap_m: float) -> list[MapObject]:
         """Return the living objects whose bounding spheres come that near a box's, by number."""

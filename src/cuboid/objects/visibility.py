@@ -1,4 +1,4 @@
-"""How much of each known object a frame sees."""
+"""Visibility of the known objects in a frame."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cuboid.kernels import sightings as kernel
 from cuboid.kernels.outlines import EDGE_LEVELS
 from cuboid.objects.association import SAME
 from cuboid.objects.entry import MapObject
-from cuboid.tolerances import DRIFT_M, LEAST_READINGS, LITTLE, SAMPLE, SOME
+from cuboid.tolerances import DRIFT_M, LITTLE, MIN_READINGS, SAMPLE, SOME
 from cuboid.working import WorkingImage
 
 # A color agrees with a point's when no channel is farther off than this, of 255: noise, exposure, texture finer than
@@ -23,13 +23,13 @@ ALIKE = EDGE_LEVELS // 3
 
 
 @dataclass(frozen=True, slots=True)
-class View:
-    """An object in a frame.
+class Visibility:
+    """Visibility of an object in a frame.
 
     Attributes
     ----------
     visible : float
-        Share of its near side that is seen, 0..1.
+        Fraction of its near side that is seen, 0..1.
     rect_xyxy : (4,) float64
         Rectangle of what nothing hides of it, down to its foot, in pixels of the full image, clipped to it.
     seen : bool
@@ -40,7 +40,7 @@ class View:
     seen: bool
 
 
-def in_view(
+def boxes_in_frustum(
     boxes: Float64Array, bounds: Float64Array, image: WorkingImage, T_camera_world: Float64Array, far_m: float
 ) -> npt.NDArray[np.int64]:
     """Return which boxes (N, 15), see `pack`, reach into the picture, and so near, with their spheres, ascending.
@@ -49,10 +49,10 @@ def in_view(
     """
     c, found = image.camera, np.empty(len(boxes), np.int64)
     pinhole, T = np.array([c.fx, c.fy, c.cx, c.cy]), np.ascontiguousarray(T_camera_world)
-    return found[: kernel.in_view(boxes, bounds, T, pinhole, c.width, c.height, far_m, found)]
+    return found[: kernel.boxes_in_frustum(boxes, bounds, T, pinhole, c.width, c.height, far_m, found)]
 
 
-def look(
+def measure_visibility(
     objects: Sequence[MapObject],
     boxes: Float64Array,
     image: WorkingImage,
@@ -60,8 +60,8 @@ def look(
     owner: npt.NDArray[np.int32],
     T_camera_world: Float64Array,
     noise_per_m: float,
-) -> list[View]:
-    """Tell for each object how much of it this frame sees.
+) -> list[Visibility]:
+    """Return the visibility of each object in this frame.
 
     A point counts as seen when the reading at its pixel agrees with it; where there is none (in the shadow of what
     stands before it, on what is dark or shines), when the color does. One behind a reading of its own object is
@@ -92,15 +92,15 @@ def look(
     )  # fmt: skip
     seen, hidden, unknown = counts.T
     visible = seen / np.maximum(1.0, seen + hidden + 0.5 * unknown)
-    seen_enough = (visible >= LITTLE) & (seen >= LEAST_READINGS)
+    seen_enough = (visible >= LITTLE) & (seen >= MIN_READINGS)
     rectangles = _rectangles(corners, image)
-    return [View(float(visible[k]), rectangles[k], bool(seen_enough[k])) for k in range(n)]
+    return [Visibility(float(visible[k]), rectangles[k], bool(seen_enough[k])) for k in range(n)]
 
 
-def with_own(rect_xyxy: Float64Array, own_xyxy: Float64Array | None) -> Float64Array:
-    """Return the rectangle (4,) of an object in a frame, moved by some of the way to that of the frame's own thing.
+def blended_rectangle(rect_xyxy: Float64Array, own_xyxy: Float64Array | None) -> Float64Array:
+    """Return the rectangle (4,) of an object in a frame, moved by a fifth towards that of the frame's own segment.
 
-    The map errs by poses and by what it lacks, the frame by noise and holes: both together err less. A thing whose
+    The map errs by poses and by what it lacks, the frame by noise and holes: both together err less. A segment whose
     rectangle is not the same one says nothing, None neither.
     """
     if own_xyxy is None or rect_iou(rect_xyxy, own_xyxy) < SAME:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.formats.json_door import read_json
+from cuboid.formats.json_validation import read_json
 from cuboid.formats.objects_file import FORMAT, VERSION, ObjectEntry, ObjectsDocument
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import Box

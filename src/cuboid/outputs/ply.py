@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.errors import InputError
-from cuboid.formats.reading import MOST_BINARY_BYTES, read_bytes
+from cuboid.formats.reading import MAX_BINARY_BYTES, read_bytes
 from cuboid.geometry.se3 import FARTHEST_M
 from cuboid.results import MapPoints
 
@@ -72,7 +72,7 @@ def read_map(path: Path) -> MapPoints:
     InputError
         The file is missing, has another layout, is shorter than its header says, or a value is out of its range.
     """
-    content = read_bytes(path, MOST_BINARY_BYTES)
+    content = read_bytes(path, MAX_BINARY_BYTES)
     head, mark, body = content.partition(b"end_header\n")
     words = head.split()
     at = words.index(b"vertex") + 1 if b"vertex" in words else len(words)

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.formats.json_door import read_json
+from cuboid.formats.json_validation import read_json
 from cuboid.formats.run_file import ConfigEntry, RunDocument
 from cuboid.outputs.objects import write_json
 from cuboid.outputs.text import rounded
@@ -148,7 +148,7 @@ class RunReport:
 
     @property
     def depth_camera(self) -> DepthCamera | None:
-        """The camera that depth was carried from into color; None where depth was aligned already."""
+        """The depth camera whose images were registered to color; None where depth was aligned already."""
         return depth_camera_of(msgspec.convert(self.config, ConfigEntry))
 
     @property

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cuboid.formats.rows_files import PoseEntry, ProposalEntry, ProposalLabel, TrackEntry
-from cuboid.formats.table_door import header_of, read_lines, read_table
+from cuboid.formats.table_validation import header_of, read_lines, read_table
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import compose, quat_wxyz_from_rotation, rotation_from_quat_wxyz

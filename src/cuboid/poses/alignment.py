@@ -30,14 +30,14 @@ GATE_DEVIATIONS = 6.0
 # The depth's noise: metres, and metres per metre squared (a structured-light sensor's; others are better).
 NOISE = np.array([0.001, 1.4e-3])
 MAX_DEPTH_M = 6.0
-# An alignment holds when readings lie on the surfaces, intensities are alike, so many points say so ...
-LEAST_AGREEING, LEAST_LIKENESS, LEAST_POINTS = 0.6, 0.8, 150
-# ... and no direction is in more doubt than this, metres and radians.
-DOUBT_M, DOUBT_RAD = 0.03, 0.02
+# An alignment is reliable when readings lie on the surfaces, intensities are alike, so many points say so ...
+MIN_INLIERS, MIN_CORRELATION, MIN_POINTS = 0.6, 0.8, 150
+# ... and no direction has a larger standard deviation than this, metres and radians.
+MAX_DEVIATION_M, MAX_DEVIATION_RAD = 0.03, 0.02
 # Residuals of neighbouring pixels err alike: so many count as one.
 ALIKE = 50.0
-# What is in doubt beside noise: metres, and per metre between the cameras; radians, and per metre.
-FLOOR_M, FLOOR_SHARE, FLOOR_RAD, FLOOR_RAD_PER_M = 0.0005, 0.008, 0.0005, 0.008
+# Standard deviation beside noise: metres, and per metre between the cameras; radians, and per metre.
+FLOOR_M, FLOOR_FRACTION, FLOOR_RAD, FLOOR_RAD_PER_M = 0.0005, 0.008, 0.0005, 0.008
 # A variance of intensity that is no more than noise, grey levels squared: two flat images are alike.
 FLAT = 25.0
 # Scales of the residuals before anything is known, and their limits: grey levels, deviations. Depth errs alike over
@@ -81,13 +81,13 @@ class Alignment:
     T_camera_reference : (4, 4) float64
     information : (6, 6) float64
         Inverse covariance of a motion (translation, rotation) of the camera frame.
-    in_view : float
-        Share of the reference's points that fall into the image.
+    in_image : float
+        Fraction of the reference's points that fall into the image.
     points : int
         How many lie on a surface that the image shows.
-    agreeing : float
-        Share of those with a reading whose reading lies on their surface.
-    likeness : float
+    inliers : float
+        Fraction of those with a reading whose reading lies on their surface.
+    correlation : float
         Correlation of the intensities, -1..1, with the group that is most alike.
     sigma : (2,) float64
         Scale of the residuals: grey levels, deviations of the depth's noise.
@@ -97,10 +97,10 @@ class Alignment:
 
     T_camera_reference: Float64Array
     information: Float64Array
-    in_view: float
+    in_image: float
     points: int
-    agreeing: float
-    likeness: float
+    inliers: float
+    correlation: float
     sigma: Float64Array
     shade: Float64Array
 
@@ -113,21 +113,21 @@ class Alignment:
             Distance to the image that the points are from: what intrinsics and depth have wrong grows with it.
         """
         noise = ALIKE * np.linalg.inv(self.information + np.diag([1.0] * 6))
-        floor_m, floor_rad = FLOOR_M + FLOOR_SHARE * baseline_m, FLOOR_RAD + FLOOR_RAD_PER_M * baseline_m
+        floor_m, floor_rad = FLOOR_M + FLOOR_FRACTION * baseline_m, FLOOR_RAD + FLOOR_RAD_PER_M * baseline_m
         return np.asarray(noise + np.diag([floor_m**2] * 3 + [floor_rad**2] * 3))
 
     @property
     def fit(self) -> float:
         """How well image and reference agree, 0..1."""
-        return self.agreeing * max(self.likeness, 0.0)
+        return self.inliers * max(self.correlation, 0.0)
 
     @property
-    def holds(self) -> bool:
+    def reliable(self) -> bool:
         """Whether the pose can be relied on: image and reference show the same, and it fixes all six directions."""
-        if self.agreeing < LEAST_AGREEING or self.likeness < LEAST_LIKENESS or self.points < LEAST_POINTS:
+        if self.inliers < MIN_INLIERS or self.correlation < MIN_CORRELATION or self.points < MIN_POINTS:
             return False
-        doubt = np.sqrt(self.covariance().diagonal())
-        return bool(doubt[:3].max() < DOUBT_M and doubt[3:].max() < DOUBT_RAD)
+        deviation = np.sqrt(self.covariance().diagonal())
+        return bool(deviation[:3].max() < MAX_DEVIATION_M and deviation[3:].max() < MAX_DEVIATION_RAD)
 
 
 def pick(levels: Sequence[Level]) -> Reference:
@@ -255,10 +255,10 @@ class _Sums:
     def sigma(self, sigma: Float64Array) -> Float64Array:
         """Return the scales of the residuals that the weighted residuals tell."""
         s = self._sums
-        share = np.array(
-            [s[kernel.SQUARES_I] / max(s[kernel.SHADED], 1.0), s[kernel.SQUARES_D] / max(s[kernel.AGREEING], 1.0)]
+        scale = np.array(
+            [s[kernel.SQUARES_I] / max(s[kernel.SHADED], 1.0), s[kernel.SQUARES_D] / max(s[kernel.INLIERS], 1.0)]
         )
-        return np.asarray(np.clip(sigma * np.sqrt(share), SIGMA_LOW, SIGMA_HIGH))
+        return np.asarray(np.clip(sigma * np.sqrt(scale), SIGMA_LOW, SIGMA_HIGH))
 
     def shade(self, shade: Float64Array) -> Float64Array:
         """Return gain and bias of each group: those that make mean and variance equal."""
@@ -271,7 +271,7 @@ class _Sums:
         found = np.column_stack([gain, there - gain * here])
         return np.where((weight > 20.0)[:, None], found, shade)
 
-    def likeness(self) -> Float64Array:
+    def correlation(self) -> Float64Array:
         """Return the correlation of the intensities of each group (G,)."""
         weight, there, here, there2, here2, both = self._shades.T
         n = np.maximum(weight, 1.0)
@@ -281,14 +281,14 @@ class _Sums:
 
     def result(self, T: Float64Array, sigma: Float64Array, shade: Float64Array) -> Alignment:
         s = self._sums
-        likeness = self.likeness()
+        correlation = self.correlation()
         return Alignment(
             T,
             self._system[:6].copy(),
-            float(s[kernel.IN_VIEW] / max(len(self._points.points), 1)),
+            float(s[kernel.IN_IMAGE] / max(len(self._points.points), 1)),
             int(s[kernel.ON_SURFACE]),
             float(s[kernel.ON_SURFACE] / max(s[kernel.WITH_DEPTH], 1.0)),
-            float(likeness.max()),
+            float(correlation.max()),
             sigma,
             shade,
         )

@@ -12,30 +12,30 @@ from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry import se3
 from cuboid.poses.alignment import Alignment, Reference, align, merge, pick
 from cuboid.poses.graph import Edge, deviations, optimise, optimise_around
-from cuboid.poses.keyframes import OVERLAP_LEVEL, Keyframe, apart, median_depth_m, overlap
+from cuboid.poses.keyframes import OVERLAP_LEVEL, Keyframe, median_depth_m, overlap, view_distances
 from cuboid.poses.places import Appearance, locate, votes
 from cuboid.poses.pyramid import Level, SmallImage
 
 # Keyframes whose overlap is looked at: those with the most similar views.
 NEAR = 12
-LEAST_OVERLAP = 0.3
-# A new keyframe is tied to so many others that overlap it, and to so many that look like it.
-TIES, LOOPS = 4, 2
-# Least share of a keyframe's clearest corners that a place known again has in common with it.
-LEAST_VOTES = 0.12
+MIN_OVERLAP = 0.3
+# A new keyframe gets edges to so many others that overlap it, and to so many of similar appearance.
+NEIGHBOUR_EDGES, LOOP_EDGES = 4, 2
+# Least fraction of a keyframe's strongest corners that a recognised place has in common with it.
+MIN_VOTES = 0.12
 # Alignments there and back agree within this: metres per metre of depth, and radians.
 THERE_AND_BACK_M, THERE_AND_BACK_RAD = 0.015, 0.015
-# An alignment that nothing led up to must hold better than one that follows a motion.
-KNOWN_AGAIN_AGREEING, KNOWN_AGAIN_LIKENESS = 0.7, 0.85
+# An alignment without a motion prior must be better than one that follows a motion.
+RECOGNISED_INLIERS, RECOGNISED_CORRELATION = 0.7, 0.85
 # The graph is optimised when a new edge is so many deviations from the poses.
-WORTH_IT = 0.5
+MIN_DEVIATION = 0.5
 # Only so many keyframes around the new one move, unless its edges are farther from the poses: a loop was closed.
-AROUND, BENT = 40, 5.0
+MAX_LOCAL_KEYFRAMES, LOOP_DEVIATION = 40, 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class View:
-    """What the atlas takes in of a frame.
+class FrameFeatures:
+    """What the atlas uses of a frame.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Atlas:
     keyframes : list of Keyframe
     edges : list of Edge
     loops : int
-        Places known again: pairs of keyframes tied because they look alike.
+        Recognised places: edges between keyframes found by appearance.
     """
 
     def __init__(self) -> None:
@@ -83,9 +83,9 @@ class Atlas:
         self._work: deque[tuple[int, int, bool]] = deque()
 
     def add(
-        self, frame: int, T_world_camera: Float64Array, submap: int, small: SmallImage, view: View
+        self, frame: int, T_world_camera: Float64Array, submap: int, small: SmallImage, features: FrameFeatures
     ) -> tuple[int, list[int]]:
-        """Take in a keyframe, and note the work of tying it to others.
+        """Add a keyframe, and queue the measurement of its edges.
 
         Returns
         -------
@@ -95,27 +95,30 @@ class Atlas:
             The keyframes that it overlaps, most first.
         """
         number = len(self.keyframes)
-        reference = pick(view.levels)
-        overlapping = self.overlapping(T_world_camera, view.levels[OVERLAP_LEVEL], submap)
-        self._work.extend((k, number, False) for k in overlapping[:TIES])
+        reference = pick(features.levels)
+        overlapping = self.overlapping(T_world_camera, features.levels[OVERLAP_LEVEL], submap)
+        self._work.extend((k, number, False) for k in overlapping[:NEIGHBOUR_EDGES])
         known = [k for k in self.keyframes if k.number not in overlapping]
-        shares = votes(view.appearance, [k.appearance for k in known])
-        likely = [i for i in np.argsort(-shares, kind="stable")[:LOOPS] if shares[i] > LEAST_VOTES]
+        scores = votes(features.appearance, [k.appearance for k in known])
+        likely = [i for i in np.argsort(-scores, kind="stable")[:LOOP_EDGES] if scores[i] > MIN_VOTES]
         self._work.extend((known[i].number, number, True) for i in likely)
         self.keyframes.append(
             Keyframe(
-                number, frame, T_world_camera, small, median_depth_m(reference), view.appearance, submap,
+                number, frame, T_world_camera, small, median_depth_m(reference), features.appearance, submap,
                 _reference=reference,
             )
         )  # fmt: skip
         return number, overlapping
 
-    def add_given(self, frame: int, T_world_camera: Float64Array, submap: int, small: SmallImage, view: View) -> int:
+    def add_given(
+        self, frame: int, T_world_camera: Float64Array, submap: int, small: SmallImage, features: FrameFeatures
+    ) -> int:
         """Take in a keyframe whose pose is given: no measurement moves it. Returns its number."""
-        number, reference = len(self.keyframes), pick(view.levels)
+        number, reference = len(self.keyframes), pick(features.levels)
         self.keyframes.append(
             Keyframe(
-                number, frame, T_world_camera, small, median_depth_m(reference), view.appearance, submap, given=True,
+                number, frame, T_world_camera, small, median_depth_m(reference), features.appearance, submap,
+                given=True,
                 _reference=reference,
             )
         )  # fmt: skip
@@ -123,20 +126,20 @@ class Atlas:
 
     def overlapping(self, T_world_camera: Float64Array, level: Level, submap: int) -> list[int]:
         """Return the keyframes that show much of what an image from a pose shows, most first."""
-        numbers, distance = self._apart(T_world_camera, submap)
+        numbers, distance = self._view_distances(T_world_camera, submap)
         near = [self.keyframes[numbers[i]] for i in np.argsort(distance, kind="stable")[:NEAR]]
-        shares = [(-overlap(k.reference, k.T_world_camera, T_world_camera, level), k.number) for k in near]
-        return [number for share, number in sorted(shares) if -share > LEAST_OVERLAP]
+        scores = [(-overlap(k.reference, k.T_world_camera, T_world_camera, level), k.number) for k in near]
+        return [number for score, number in sorted(scores) if -score > MIN_OVERLAP]
 
-    def view_apart(self, T_world_camera: Float64Array, submap: int) -> float:
-        """Return how different a view is from that of the most similar keyframe; see `apart`."""
-        return float(self._apart(T_world_camera, submap)[1].min(initial=np.inf))
+    def view_distance(self, T_world_camera: Float64Array, submap: int) -> float:
+        """Return the distance of a view to that of the most similar keyframe; see `view_distances`."""
+        return float(self._view_distances(T_world_camera, submap)[1].min(initial=np.inf))
 
-    def _apart(self, T_world_camera: Float64Array, submap: int) -> tuple[list[int], Float64Array]:
+    def _view_distances(self, T_world_camera: Float64Array, submap: int) -> tuple[list[int], Float64Array]:
         """Return the keyframes of a submap, and how different a view is from each."""
         mine = [k for k in self.keyframes if k.submap == submap]
         poses = np.array([k.T_world_camera for k in mine]).reshape(-1, 4, 4)
-        return [k.number for k in mine], apart(T_world_camera, poses, np.array([k.depth_m for k in mine]))
+        return [k.number for k in mine], view_distances(T_world_camera, poses, np.array([k.depth_m for k in mine]))
 
     def reference(self, numbers: list[int]) -> Reference:
         """Return the points of keyframes in the world, what a frame is aligned to."""
@@ -149,29 +152,29 @@ class Atlas:
             return False
         a, b, loop = self._work.popleft()
         if loop:
-            self._tie_alike(a, b)
+            self._add_loop_edge(a, b)
         else:
             one, two = self.keyframes[a], self.keyframes[b]
-            self._tie(a, b, se3.inverse(two.T_world_camera) @ one.T_world_camera)
-        return not self._work and self._settle()
+            self._add_edge(a, b, se3.inverse(two.T_world_camera) @ one.T_world_camera)
+        return not self._work and self._optimise()
 
-    def recognise(self, view: View, camera: Intrinsics, among: Iterable[int], tries: int) -> Place | None:
-        """Find out where an image was taken from what it looks like; None where it shows no place of some keyframes."""
+    def recognise(self, features: FrameFeatures, camera: Intrinsics, among: Iterable[int], tries: int) -> Place | None:
+        """Relocalise an image by its appearance; None where it shows no place of some keyframes."""
         known = [self.keyframes[k] for k in among]
-        shares = votes(view.appearance, [k.appearance for k in known])
+        scores = votes(features.appearance, [k.appearance for k in known])
         pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
         own: Reference | None = None
-        for i in np.argsort(-shares, kind="stable")[:tries]:
+        for i in np.argsort(-scores, kind="stable")[:tries]:
             keyframe = known[i]
-            T = locate(view.appearance, keyframe.appearance, pinhole)
+            T = locate(features.appearance, keyframe.appearance, pinhole)
             if T is None:
                 continue
-            there = align(keyframe.reference, view.levels, T, coarsest=2)
-            if not _known_again(there):
+            there = align(keyframe.reference, features.levels, T, coarsest=2)
+            if not _is_recognised(there):
                 continue
-            own = own or pick(view.levels)
+            own = own or pick(features.levels)
             back = align(own, keyframe.small.levels(), se3.inverse(there.T_camera_reference), coarsest=1)
-            if _known_again(back) and _agree(there, back, keyframe.depth_m):
+            if _is_recognised(back) and _agree(there, back, keyframe.depth_m):
                 return Place(keyframe.number, se3.inverse(there.T_camera_reference), there)
         return None
 
@@ -184,12 +187,12 @@ class Atlas:
         else:
             self.join(known.submap, submap, se3.inverse(T_known_submap))
 
-    def _tie_alike(self, a: int, b: int) -> None:
-        """Tie two keyframes that look alike, where they show the same place; of two submaps one is made."""
+    def _add_loop_edge(self, a: int, b: int) -> None:
+        """Add an edge between two keyframes of similar appearance if they show the same place; merge submaps."""
         one, two = self.keyframes[a], self.keyframes[b]
         camera = two.small.camera
         T = locate(two.appearance, one.appearance, np.array([camera.fx, camera.fy, camera.cx, camera.cy]))
-        if T is None or not self._tie(a, b, T, strict=True):
+        if T is None or not self._add_edge(a, b, T, strict=True):
             return
         self.loops += 1
         old, new = (one, two) if one.submap <= two.submap else (two, one)
@@ -198,56 +201,56 @@ class Atlas:
             self.join(new.submap, old.submap, old.T_world_camera @ edge.T_a_b @ se3.inverse(new.T_world_camera))
 
     def join(self, submap: int, to: int, T_to_submap: Float64Array) -> None:
-        """Make a submap part of another one, and note the work of tying both together."""
-        carried = [k for k in self.keyframes if k.submap == submap]
-        for keyframe in carried:
+        """Merge a submap into another one, and queue the measurement of edges between them."""
+        moved = [k for k in self.keyframes if k.submap == submap]
+        for keyframe in moved:
             keyframe.T_world_camera = se3.tidied(T_to_submap @ keyframe.T_world_camera)
-        for keyframe in carried:  # they overlap each other too, but are tied already
+        for keyframe in moved:  # they overlap each other too, but have edges already
             level = keyframe.small.levels()[OVERLAP_LEVEL]
             overlapping = [] if keyframe.given else self.overlapping(keyframe.T_world_camera, level, to)
-            self._work.extend((k, keyframe.number, False) for k in overlapping[:TIES])
+            self._work.extend((k, keyframe.number, False) for k in overlapping[:NEIGHBOUR_EDGES])
             self._joined = self._joined or bool(overlapping)
-        for keyframe in carried:
+        for keyframe in moved:
             keyframe.submap = to
 
-    def _tie(self, a: int, b: int, T_b_a: Float64Array, strict: bool = False) -> bool:
+    def _add_edge(self, a: int, b: int, T_b_a: Float64Array, strict: bool = False) -> bool:
         """Measure the motion between two keyframes in both directions; keep it where both agree."""
         one, two = self.keyframes[a], self.keyframes[b]
         coarsest = 2 if strict else 1
         there = align(one.reference, two.small.levels(), T_b_a, coarsest=coarsest)
-        if not (there.holds and (not strict or _known_again(there))):
+        if not (there.reliable and (not strict or _is_recognised(there))):
             return False
         back = align(two.reference, one.small.levels(), se3.inverse(there.T_camera_reference), coarsest=1)
-        if not (back.holds and (not strict or _known_again(back))) or not _agree(there, back, one.depth_m):
+        if not (back.reliable and (not strict or _is_recognised(back))) or not _agree(there, back, one.depth_m):
             return False
         for i, j, found in ((a, b, there), (b, a, back)):
             T_i_j = se3.inverse(found.T_camera_reference)
-            doubt = found.covariance(float(np.linalg.norm(T_i_j[:3, 3])))
-            self.edges.append(Edge(i, j, T_i_j, np.asarray(np.linalg.inv(doubt), np.float64)))
+            covariance = found.covariance(float(np.linalg.norm(T_i_j[:3, 3])))
+            self.edges.append(Edge(i, j, T_i_j, np.asarray(np.linalg.inv(covariance), np.float64)))
         return True
 
-    def _settle(self) -> bool:
-        """Let the keyframes' poses agree with what was measured of the last one, or where submaps have met."""
+    def _optimise(self) -> bool:
+        """Optimise the pose graph, where the last keyframe disagrees with its edges or submaps were joined."""
         poses = [k.T_world_camera for k in self.keyframes]
         last = len(poses) - 1
         edges = self.edges if self._joined else [e for e in self.edges if last in (e.a, e.b)]
         new = deviations(edges, poses).max(initial=0.0)
-        if new < WORTH_IT:
+        if new < MIN_DEVIATION:
             return False
-        everywhere = new > BENT or len(poses) <= AROUND or self._joined
+        everywhere = new > LOOP_DEVIATION or len(poses) <= MAX_LOCAL_KEYFRAMES or self._joined
         self._joined = False
         fixed = {0, *(k.number for k in self.keyframes if k.given)}
         if everywhere:
             found = optimise(poses, self.edges, fixed)
         else:
-            found = optimise_around(poses, self.edges, last, AROUND, fixed)
+            found = optimise_around(poses, self.edges, last, MAX_LOCAL_KEYFRAMES, fixed)
         for keyframe, T in zip(self.keyframes, found, strict=True):
             keyframe.T_world_camera = T
         return True
 
 
-def _known_again(found: Alignment) -> bool:
-    return found.holds and found.agreeing > KNOWN_AGAIN_AGREEING and found.likeness > KNOWN_AGAIN_LIKENESS
+def _is_recognised(found: Alignment) -> bool:
+    return found.reliable and found.inliers > RECOGNISED_INLIERS and found.correlation > RECOGNISED_CORRELATION
 
 
 def _agree(there: Alignment, back: Alignment, depth_m: float) -> bool:

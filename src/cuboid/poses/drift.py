@@ -17,15 +17,15 @@ from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry.se3 import inverse, moved_beyond, tidied
 from cuboid.kernels import align as kernel
 from cuboid.poses.alignment import NOISE, Prior, Reference, align, pick
-from cuboid.poses.keyframes import OVERLAP_LEVEL, apart, median_depth_m, overlap
+from cuboid.poses.keyframes import OVERLAP_LEVEL, median_depth_m, overlap, view_distances
 from cuboid.poses.pyramid import Level, build_levels, shrink
-from cuboid.tolerances import DRIFT_M, DRIFT_RAD, LEAST_FRAMES, LEAST_READINGS, MOST, SIGMAS
+from cuboid.tolerances import DRIFT_M, DRIFT_RAD, MIN_FRAMES, MIN_READINGS, MOST, SIGMAS
 
 # A frame becomes a keyframe when its view differs by this much from those of all keyframes, radians; views from farther
 # apart overlap too little to align well.
 NEW_VIEW = 0.17
 # Keyframes that are remembered: 100 kB each. The one that was used longest ago goes.
-MOST_KEYFRAMES = 256
+MAX_KEYFRAMES = 256
 # Views from directions farther apart than this have little in common, radians.
 FAR_VIEW = 0.7
 # The search starts at this level, of 80 pixels: between two comparisons poses err by less than one of them. While the
@@ -35,7 +35,7 @@ COARSEST, ENOUGH = 2, 1
 NEAREST_M = 0.1
 # An alignment explains more than the given poses do where it explains most of what they do not, and of all points this
 # fraction: the edges of things alone have fewer.
-LEAST_GAIN = 0.03
+MIN_GAIN = 0.03
 # What a pose explains is told at this level, of 160 pixels: a reading there is the mean of several. What differs by
 # more than this, metres, is hidden by something, or another surface: it tells nothing.
 TOLD_AT, ELSEWHERE_M = 1, 0.1
@@ -114,7 +114,7 @@ class DriftCorrection:
         self._comparisons += 1
         levels = build_levels(*shrink(frame, self._intrinsics))
         corrected = tidied(self._T_corrected_given @ given)
-        views = apart(
+        views = view_distances(
             corrected,
             np.array([k.corrected for k in self._keyframes]).reshape(-1, 4, 4),
             np.array([k.depth_m for k in self._keyframes]),
@@ -125,7 +125,7 @@ class DriftCorrection:
             prior = Prior(expected, np.diag([DRIFT_M**-2.0] * 3 + [DRIFT_RAD**-2.0] * 3))
             finest = ENOUGH if self.proven_at is None else 0
             found = align(keyframe.reference, levels, expected, prior, coarsest=COARSEST, finest=finest)
-            if found.holds:
+            if found.reliable:
                 as_given = inverse(given) @ keyframe.given
                 self._judge(frame.index, keyframe.reference, levels, as_given, found.T_camera_reference)
                 corrected = tidied(keyframe.corrected @ inverse(found.T_camera_reference))
@@ -138,9 +138,9 @@ class DriftCorrection:
     ) -> None:
         """Take in whether an alignment explains most of what the given poses leave unexplained."""
         left, before = (1.0 - explained(reference, levels[TOLD_AT], T) for T in (found, as_given))
-        misfit = left <= MOST * before and before - left >= LEAST_GAIN
+        misfit = left <= MOST * before and before - left >= MIN_GAIN
         self._misfits = self._misfits + 1 if misfit else 0
-        if self.proven_at is None and self._misfits >= LEAST_FRAMES:
+        if self.proven_at is None and self._misfits >= MIN_FRAMES:
             self.proven_at = index
 
     def _oldest(self, near: list[int], T_world_camera: Float64Array, level: Level) -> _Keyframe | None:
@@ -154,10 +154,10 @@ class DriftCorrection:
     def _remember(self, levels: tuple[Level, ...], given: Float64Array, corrected: Float64Array) -> None:
         """Let a frame be a keyframe, where it has points to align to."""
         reference = pick(levels)
-        if len(reference.levels[OVERLAP_LEVEL].points) < LEAST_READINGS:
+        if len(reference.levels[OVERLAP_LEVEL].points) < MIN_READINGS:
             return
-        if len(self._keyframes) == MOST_KEYFRAMES:
-            self._keyframes.pop(min(range(MOST_KEYFRAMES), key=lambda k: self._keyframes[k].used))
+        if len(self._keyframes) == MAX_KEYFRAMES:
+            self._keyframes.pop(min(range(MAX_KEYFRAMES), key=lambda k: self._keyframes[k].used))
         self._keyframes.append(_Keyframe(given, corrected, reference, median_depth_m(reference), self._comparisons))
 
 
@@ -187,6 +187,6 @@ def explained(reference: Reference, level: Level, T_camera_reference: Float64Arr
     places = np.column_stack([(u - cx) / fx * depth_m, (v - cy) / fy * depth_m, depth_m])
     off_m = np.abs(((places - points) * normals).sum(1))
     here = off_m < ELSEWHERE_M
-    if np.count_nonzero(here) < LEAST_READINGS:
+    if np.count_nonzero(here) < MIN_READINGS:
         return 0.0
     return float((off_m < SIGMAS * (NOISE[0] + NOISE[1] * depth_m**2))[here].mean())

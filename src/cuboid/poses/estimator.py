@@ -11,9 +11,9 @@ from cuboid.errors import FrameError
 from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry import se3
 from cuboid.poses.alignment import Alignment, Prior, Reference, align
-from cuboid.poses.atlas import Atlas, Place, View
+from cuboid.poses.atlas import Atlas, FrameFeatures, Place
 from cuboid.poses.keyframes import OVERLAP_LEVEL, Keyframe
-from cuboid.poses.places import locate, look
+from cuboid.poses.places import describe, locate
 from cuboid.poses.pyramid import Level, SmallImage, keep, shrink
 
 # A frame becomes a keyframe when its view differs by this much from those of all keyframes, radians.
@@ -32,11 +32,11 @@ SURE_FIT = 0.8
 # Searches that start or end this near each other are one: metres, radians.
 SAME_M, SAME_RAD = 0.005, 0.005
 # A lost camera looks first where it was, so many frames long; then only among known places.
-LINGER_FRAMES = 3
+MAX_TRACKED_LOST_FRAMES = 3
 # Known places that a lost frame is compared with.
-TRIES = 4
+MAX_CANDIDATES = 4
 # A camera lost for so many frames starts a new submap; from there it looks for known places every so many frames.
-PATIENCE_FRAMES, SEARCH_EVERY = 30, 5
+MAX_LOST_FRAMES, SEARCH_EVERY = 30, 5
 # An image shows enough for a keyframe with so many corners.
 ENOUGH_CORNERS = 50
 
@@ -83,22 +83,22 @@ class _Shot:
     index: int
     small: SmallImage
     levels: tuple[Level, ...]
-    _view: View | None = None
+    _features: FrameFeatures | None = None
 
     @property
-    def view(self) -> View:
-        """What it looks like, found when it is asked for."""
-        if self._view is None:
+    def features(self) -> FrameFeatures:
+        """Its levels and appearance, computed on demand."""
+        if self._features is None:
             level = self.levels[0]
-            self._view = View(self.levels, look(self.small.gray, level.image[..., 3], level.camera))
-        return self._view
+            self._features = FrameFeatures(self.levels, describe(self.small.gray, level.image[..., 3], level.camera))
+        return self._features
 
 
 class PoseEstimator:
     """Estimates the poses of a stream of RGB-D frames of a static scene.
 
-    Each frame is aligned to the keyframes around it; a frame with a view of its own becomes a keyframe, is tied to
-    those that it overlaps and to those that look alike, and the graph of these ties corrects them all.
+    Each frame is aligned to the keyframes around it; a frame with a view of its own becomes a keyframe, with edges to
+    those that it overlaps and to those of similar appearance, and the pose graph of these edges corrects them all.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ class PoseEstimator:
 
     @property
     def loops(self) -> int:
-        """How many places were known again by their looks, lost cameras not counted."""
+        """How many places were recognised by their appearance (loop closures), lost cameras not counted."""
         return self._atlas.loops
 
     def trajectory(self) -> dict[int, Float64Array]:
@@ -144,7 +144,7 @@ class PoseEstimator:
 
     def begin_lost(self) -> None:
         """Expect frames of another recording: of a known place, or of one that a submap begins with at once."""
-        self._lost, self._elsewhere = PATIENCE_FRAMES, True
+        self._lost, self._elsewhere = MAX_LOST_FRAMES, True
 
     def begin_submap(self) -> int:
         """Return the number of a new submap."""
@@ -160,24 +160,24 @@ class PoseEstimator:
         T_submap_camera : (4, 4) float64
         submap : int
         """
-        if self._atlas.view_apart(T_submap_camera, submap) <= GIVEN_VIEW:
+        if self._atlas.view_distance(T_submap_camera, submap) <= GIVEN_VIEW:
             return None
         shot = self._shot(frame)
-        if not self._rich(shot) or len(shot.view.appearance.corners) < ENOUGH_CORNERS:
+        if not self._rich(shot) or len(shot.features.appearance.corners) < ENOUGH_CORNERS:
             return None
-        return self._atlas.add_given(shot.index, T_submap_camera, submap, shot.small, shot.view)
+        return self._atlas.add_given(shot.index, T_submap_camera, submap, shot.small, shot.features)
 
-    def hang(self, frame: int, T_submap_camera: Float64Array, keyframe: int) -> None:
-        """Let the pose of a frame, which was taken in, hang on a keyframe."""
+    def anchor_frame(self, frame: int, T_submap_camera: Float64Array, keyframe: int) -> None:
+        """Anchor the pose of a frame, which was taken in, to a keyframe."""
         self._anchors[frame] = keyframe, se3.inverse(self.keyframes[keyframe].T_world_camera) @ T_submap_camera
 
     def find(self, frame: Frame, own: Collection[int]) -> Place | None:
         """Look for a frame among all keyframes but its own recording's."""
         shot = self._shot(frame)
-        if not self._rich(shot) or len(shot.view.appearance.corners) < ENOUGH_CORNERS:
+        if not self._rich(shot) or len(shot.features.appearance.corners) < ENOUGH_CORNERS:
             return None
         known = [k.number for k in self.keyframes if k.number not in own]
-        return self._atlas.recognise(shot.view, shot.small.camera, known, TRIES)
+        return self._atlas.recognise(shot.features, shot.small.camera, known, MAX_CANDIDATES)
 
     def join(self, submap: int, to: int, T_to_submap: Float64Array) -> None:
         """Make a submap part of another one."""
@@ -216,19 +216,19 @@ class PoseEstimator:
         if not self.keyframes:
             return self._begin(shot, frame.timestamp_s)
         elapsed_s = self._elapsed(frame.timestamp_s)
-        found = self._follow(shot, elapsed_s) if self._lost < LINGER_FRAMES else None
+        found = self._follow(shot, elapsed_s) if self._lost < MAX_TRACKED_LOST_FRAMES else None
         if found is None:
             return self._search(shot, frame.timestamp_s)
         return self._go_on(shot, found, elapsed_s, frame.timestamp_s)
 
     def _begin(self, shot: _Shot, time_s: float) -> PoseEstimate:
         """Start a submap with a frame, where it shows enough."""
-        view = shot.view
-        if len(view.appearance.corners) < ENOUGH_CORNERS or not self._rich(shot):
+        features = shot.features
+        if len(features.appearance.corners) < ENOUGH_CORNERS or not self._rich(shot):
             return _lost(shot.index)
         if self.keyframes or self._elsewhere:
             self._submap = self.begin_submap()
-        number, _ = self._atlas.add(shot.index, np.eye(4), self._submap, shot.small, view)
+        number, _ = self._atlas.add(shot.index, np.eye(4), self._submap, shot.small, features)
         self._arrive(np.eye(4), time_s)
         self._use([number])
         self._anchors[shot.index] = number, np.eye(4)
@@ -246,7 +246,7 @@ class PoseEstimator:
     def _follow(self, shot: _Shot, elapsed_s: float) -> Alignment | None:
         """Align a frame to the keyframes around; of several places to start from the best end counts.
 
-        The first start is where the motion leads. Where that ends in doubt, the search starts again from where the
+        The first start is where the motion leads. Where the result is uncertain, the search starts again from where the
         camera was, and from where the corners that the frame shares with a keyframe say, until two ends are one.
         """
         T_last = se3.inverse(self._T_world_camera)
@@ -260,7 +260,7 @@ class PoseEstimator:
                 continue  # the same start has the same end: no second opinion
             begun.append(T_start)
             found = align(self._reference, shot.levels, T_start, Prior(T_start, np.diag(change**-2)))
-            if not found.holds:
+            if not found.reliable:
                 continue
             again = best is not None and _same(found.T_camera_reference, best.T_camera_reference)
             if best is None or found.fit > best.fit:
@@ -272,17 +272,17 @@ class PoseEstimator:
     def _from_corners(self, shot: _Shot) -> Float64Array | None:
         """Return where the corners shared with the first keyframe around put the camera, T_camera_world."""
         keyframe = self.keyframes[self._local[0]]
-        T_camera_keyframe = locate(shot.view.appearance, keyframe.appearance, shot.levels[0].camera)
+        T_camera_keyframe = locate(shot.features.appearance, keyframe.appearance, shot.levels[0].camera)
         return None if T_camera_keyframe is None else T_camera_keyframe @ se3.inverse(keyframe.T_world_camera)
 
     def _search(self, shot: _Shot, time_s: float) -> PoseEstimate:
         """Look for a known place; after long without one, start anew."""
         self._lost += 1
-        if not self._rich(shot) or len(shot.view.appearance.corners) < ENOUGH_CORNERS:
+        if not self._rich(shot) or len(shot.features.appearance.corners) < ENOUGH_CORNERS:
             return _lost(shot.index)
-        place = self._atlas.recognise(shot.view, shot.small.camera, range(len(self.keyframes)), TRIES)
+        place = self._atlas.recognise(shot.features, shot.small.camera, range(len(self.keyframes)), MAX_CANDIDATES)
         if place is None:
-            return self._begin(shot, time_s) if self._lost >= PATIENCE_FRAMES else _lost(shot.index)
+            return self._begin(shot, time_s) if self._lost >= MAX_LOST_FRAMES else _lost(shot.index)
         keyframe = self.keyframes[place.keyframe]
         self._submap = keyframe.submap
         self._arrive(keyframe.T_world_camera @ place.T_keyframe_camera, time_s)
@@ -294,10 +294,12 @@ class PoseEstimator:
         motion = se3.log(found.T_camera_reference @ self._T_world_camera) / elapsed_s
         self._arrive(se3.inverse(found.T_camera_reference), time_s)
         self._motion = motion
-        is_keyframe = self._atlas.view_apart(self._T_world_camera, self._submap) > NEW_VIEW and self._rich(shot)
+        is_keyframe = self._atlas.view_distance(self._T_world_camera, self._submap) > NEW_VIEW and self._rich(shot)
         corrected = False
         if is_keyframe:
-            number, overlapping = self._atlas.add(shot.index, self._T_world_camera, self._submap, shot.small, shot.view)
+            number, overlapping = self._atlas.add(
+                shot.index, self._T_world_camera, self._submap, shot.small, shot.features
+            )
             self._use([number, *overlapping[: LOCAL - 1]])
         else:
             corrected = self._work(shot)
@@ -309,7 +311,7 @@ class PoseEstimator:
         moved = self._atlas.work()
         if self._submap and shot.index % SEARCH_EVERY == 0:
             others = [k.number for k in self.keyframes if k.submap != self._submap]
-            place = self._atlas.recognise(shot.view, shot.small.camera, others, TRIES)
+            place = self._atlas.recognise(shot.features, shot.small.camera, others, MAX_CANDIDATES)
             if place is not None:
                 self._atlas.join_at(place, self._T_world_camera, self._submap)
                 moved = True
@@ -344,8 +346,10 @@ class PoseEstimator:
         anchor = self._local[0]
         T_anchor_camera = self._T_anchor_camera()
         self._anchors[frame] = anchor, T_anchor_camera
-        doubt = found.covariance(float(np.linalg.norm(T_anchor_camera[:3, 3])))
-        return PoseEstimate(frame, self._T_world_camera.copy(), doubt, anchor, is_keyframe, corrected, self._submap)
+        covariance = found.covariance(float(np.linalg.norm(T_anchor_camera[:3, 3])))
+        return PoseEstimate(
+            frame, self._T_world_camera.copy(), covariance, anchor, is_keyframe, corrected, self._submap
+        )
 
 
 def _same(T: Float64Array, T_other: Float64Array) -> bool:

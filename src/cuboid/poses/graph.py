@@ -18,7 +18,7 @@ STEPS = 8
 STILL = 2e-5
 # Beyond so many deviations an edge pulls with a constant force (Huber): a wrong one cannot bend the graph much.
 ROBUST_DEVIATIONS = 10.0
-# What keeps a pose in place that no edge ties down, and the fixed one: information of both.
+# Information of a pose that no edge constrains, and of a fixed one.
 LOOSE, FIXED = 1e-3, 1e12
 
 
@@ -44,7 +44,7 @@ class Edge:
 def residuals(edges: Sequence[Edge], T_world: Sequence[Float64Array]) -> Float64Array:
     """Return how far b is from where each edge puts it, (E, 6): translation and rotation vector in that place."""
     poses = np.asarray(T_world)
-    return _apart(*_stacked(edges)[:3], poses)
+    return _errors(*_stacked(edges)[:3], poses)
 
 
 def deviations(edges: Sequence[Edge], T_world: Sequence[Float64Array]) -> Float64Array:
@@ -66,7 +66,7 @@ def optimise(
         The poses to start from.
     edges : sequence of Edge
     fixed : collection of int
-        The poses that stay; poses that no chain of edges ties to them keep their places among each other.
+        The poses that stay; poses that no chain of edges connects to them keep their places among each other.
 
     Returns
     -------
@@ -80,7 +80,7 @@ def optimise(
     diagonal = np.full((n, 6), LOOSE)
     diagonal[sorted(fixed)] = FIXED
     for _ in range(STEPS):
-        e = _apart(a, b, T_b_a, poses)
+        e = _errors(a, b, T_b_a, poses)
         size = np.sqrt(np.einsum("ei,eij,ej->e", e, information, e))
         weighted = information * np.minimum(1.0, ROBUST_DEVIATIONS / np.maximum(size, 1e-12))[:, None, None]
         step = _solve(a, b, _jacobian(a, b, poses), weighted, e, diagonal)
@@ -158,13 +158,13 @@ def _stacked(edges: Sequence[Edge]) -> tuple[Indices, Indices, Float64Array, Flo
     )
 
 
-def _apart(a: Indices, b: Indices, T_b_a: Float64Array, poses: Float64Array) -> Float64Array:
+def _errors(a: Indices, b: Indices, T_b_a: Float64Array, poses: Float64Array) -> Float64Array:
     """Return translation and rotation vector (E, 6) of T_b_a T_a^-1 T_b."""
     R = poses[:, :3, :3]
     turned = R[a].transpose(0, 2, 1)
-    way = np.einsum("eij,ej->ei", turned, poses[b, :3, 3] - poses[a, :3, 3])
+    displacement = np.einsum("eij,ej->ei", turned, poses[b, :3, 3] - poses[a, :3, 3])
     turn = T_b_a[:, :3, :3] @ turned @ R[b]
-    shift = np.einsum("eij,ej->ei", T_b_a[:, :3, :3], way) + T_b_a[:, :3, 3]
+    shift = np.einsum("eij,ej->ei", T_b_a[:, :3, :3], displacement) + T_b_a[:, :3, 3]
     axis = 0.5 * np.stack(
         [turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], 1
     )

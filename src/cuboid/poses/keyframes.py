@@ -14,10 +14,10 @@ from cuboid.poses.pyramid import Level, SmallImage
 
 # Overlap is told by the points of this level, every so many of them.
 OVERLAP_LEVEL, OVERLAP_EVERY = 2, 4
-# A point is in sight when the reading there is no nearer than this share of its depth.
-SIGHT_SHARE = 0.05
+# A point is in sight when the reading there is no nearer than this fraction of its depth.
+SIGHT_FRACTION = 0.05
 # Views from directions farther apart than this have little in common, cosine (60 degrees).
-LEAST_COSINE = 0.5
+MIN_COSINE = 0.5
 
 
 @dataclass(slots=True)
@@ -69,7 +69,7 @@ def median_depth_m(reference: Reference) -> float:
 
 
 def overlap(reference: Reference, T_world_keyframe: Float64Array, T_world_camera: Float64Array, level: Level) -> float:
-    """Return the share of a keyframe's points that an image from a pose would show, 0..1.
+    """Return the fraction of a keyframe's points that an image from a pose would show, 0..1.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def overlap(reference: Reference, T_world_keyframe: Float64Array, T_world_camera
         The image's, any size.
     """
     T = se3.inverse(T_world_camera) @ T_world_keyframe
-    if T[2, 2] < LEAST_COSINE:
+    if T[2, 2] < MIN_COSINE:
         return 0.0
     coarse = reference.levels[OVERLAP_LEVEL]
     if len(coarse.points) == 0:
@@ -94,12 +94,14 @@ def overlap(reference: Reference, T_world_keyframe: Float64Array, T_world_camera
     seen = (points[:, 2] > 0.1) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
     seen &= (normals * points).sum(1) < 0
     reading = level.image[v[seen].astype(int), u[seen].astype(int), 3]
-    hidden = (reading > 0) & (reading < z[seen] * (1 - SIGHT_SHARE))
+    hidden = (reading > 0) & (reading < z[seen] * (1 - SIGHT_FRACTION))
     return float(np.count_nonzero(~hidden) / len(points))
 
 
-def apart(T_world_camera: Float64Array, T_world_keyframes: Float64Array, depth_m: Float64Array) -> Float64Array:
-    """Return how different a view is from others, as angles: that turned, and that of the way at the depth.
+def view_distances(
+    T_world_camera: Float64Array, T_world_keyframes: Float64Array, depth_m: Float64Array
+) -> Float64Array:
+    """Return the distance of a view to others, as an angle: the rotation, and the displacement over the depth.
 
     Parameters
     ----------
@@ -113,7 +115,7 @@ def apart(T_world_camera: Float64Array, T_world_keyframes: Float64Array, depth_m
     (N,) float64
         Radians.
     """
-    way = np.linalg.norm(T_world_keyframes[:, :3, 3] - T_world_camera[:3, 3], axis=1)
+    displacement = np.linalg.norm(T_world_keyframes[:, :3, 3] - T_world_camera[:3, 3], axis=1)
     trace = np.einsum("nij,ij->n", T_world_keyframes[:, :3, :3], T_world_camera[:3, :3])
     turn = np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0))
-    return np.asarray(np.hypot(turn, way / depth_m))
+    return np.asarray(np.hypot(turn, displacement / depth_m))

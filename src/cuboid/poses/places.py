@@ -1,4 +1,4 @@
-"""Known places: which keyframe an image looks like, and from where it was taken, by corner features."""
+"""Place recognition: which keyframe an image resembles, and from where it was taken, by corner features."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ CORNERS = 400
 THUMB_HW = (24, 32)
 # Corners that vote for a place, and the bits of 256 in which two corners that look the same may differ.
 VOTERS, SAME_BITS = 120, 50
-# A corner's match is clear when its distance is below this share of the second best.
+# A corner's match is clear when its distance is below this fraction of the second best.
 CLEAR = 0.8
 # A corner's place in the image may differ by this much from where its keyframe's point falls, pixels.
 CORNER_PX = 2.5
 RANSAC_ROUNDS = 200
 # So many corners agree by chance on no pose.
-LEAST_MATCHES = 15
+MIN_MATCHES = 15
 
 
 @dataclass(frozen=True, slots=True)
 class Appearance:
-    """How an image looks.
+    """Appearance of an image.
 
     Attributes
     ----------
@@ -49,8 +49,8 @@ class Appearance:
     points: Float32Array
 
 
-def look(gray: UInt8Array, depth_m: Float32Array, camera: Float64Array) -> Appearance:
-    """Return how an image (h, w) with depth looks; camera is fx, fy, cx, cy."""
+def describe(gray: UInt8Array, depth_m: Float32Array, camera: Float64Array) -> Appearance:
+    """Return the appearance of an image (h, w) with depth; camera is fx, fy, cx, cy."""
     found, descriptors = _orb().detectAndCompute(gray, None)
     if descriptors is None:
         descriptors = np.empty((0, 32), np.uint8)
@@ -76,7 +76,7 @@ def thumbnail(gray: UInt8Array) -> Float32Array:
 
 
 def votes(seen: Appearance, known: Sequence[Appearance]) -> Float64Array:
-    """Return how much each known image looks like one, (N,): the share of its clearest corners that look the same.
+    """Return the similarity of each known image to one, (N,): the fraction of its strongest corners that match.
 
     Each corner votes for the one image that has the corner most like it. The thumbnails' correlation counts like
     a tenth of the corners, so that images without corners still have an order.
@@ -113,11 +113,11 @@ def locate(seen: Appearance, known: Appearance, camera: Float64Array) -> Float64
     import cv2
 
     deep = np.isfinite(known.points[:, 2])
-    if np.count_nonzero(deep) < LEAST_MATCHES or len(seen.corners) < LEAST_MATCHES:
+    if np.count_nonzero(deep) < MIN_MATCHES or len(seen.corners) < MIN_MATCHES:
         return None
     pairs = _matcher().knnMatch(known.descriptors[deep], seen.descriptors, k=2)
     good = [p[0] for p in pairs if len(p) == 2 and p[0].distance < CLEAR * p[1].distance]
-    if len(good) < LEAST_MATCHES:
+    if len(good) < MIN_MATCHES:
         return None
     points = known.points[deep][[m.queryIdx for m in good]].astype(np.float64)
     pixels = seen.corners[[m.trainIdx for m in good]].astype(np.float64)
@@ -127,7 +127,7 @@ def locate(seen: Appearance, known: Appearance, camera: Float64Array) -> Float64
     done, turn, shift, inliers = cv2.solvePnPRansac(
         points, pixels, K, None, iterationsCount=RANSAC_ROUNDS, reprojectionError=CORNER_PX, flags=cv2.SOLVEPNP_EPNP
     )
-    if not done or inliers is None or len(inliers) < LEAST_MATCHES:
+    if not done or inliers is None or len(inliers) < MIN_MATCHES:
         return None
     T = np.eye(4)
     T[:3, :3] = cv2.Rodrigues(turn)[0]

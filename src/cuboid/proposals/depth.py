@@ -25,14 +25,14 @@ from cuboid.kernels.pixels import drop_mixed
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import JoinedMasks, Proposals, ProposalSource
 from cuboid.sensor import MIXED_PER_M, cell_pixels
-from cuboid.tolerances import BIAS_M, JUMP_SIGMAS, LEAST_SIGMA_M, SOME
+from cuboid.tolerances import BIAS_M, JUMP_SIGMAS, MIN_SIGMA_M, SOME
 from cuboid.working import COLOR_LEVELS, HOLE_M
 
 # Images wider than this are halved until they are not, pixels, unless the user says otherwise: at 1.5 m a pixel of 320
 # is then 6 mm.
 WIDEST = 480
-LEAST_WIDE = 120
-# Readings of a block of pixels belong to one surface within this share of their depth.
+MIN_WIDE = 120
+# Readings of a block of pixels belong to one surface within this fraction of their depth.
 SAME_SURFACE = 0.01
 # Neighbouring readings err together: over a region the noise is this times the nominal one. At distance z that is the
 # deviation of depth over z squared; it is that of 1/z itself, wherever a pixel looks.
@@ -45,20 +45,20 @@ PLANE_BOW_M = 0.008
 # How far, in cells, a plane reaches beyond the cells that it was found in.
 PLANE_REACH = 2
 # The error that noise comes on top of, along a plane that the frame itself shows, metres: of the reading and the plane.
-LEAST_BIAS_M = 2.0 * LEAST_SIGMA_M
+MIN_BIAS_M = 2.0 * MIN_SIGMA_M
 # Steps in depth below this, and below four deviations, do not part surfaces, metres.
 JUMP_M = 0.012
 # How far a crease lies behind the chord over it, in arms: 0.4 is a bend of 44 degrees; the inside of a bowl of 7 cm
 # radius has 0.11.
 BEND = 0.4
 # Fewer pixels are no segment.
-LEAST_PIXELS = 10
+MIN_PIXELS = 10
 # The largest segments that are kept.
 SEGMENTS = 100
 # Regions of an image have at most so many pairs of neighbours each (Euler's formula).
 NEIGHBOURS = 3
 # A region is at least this times the least size of an object: what is seen of one at an angle is narrower.
-LEAST_SIZE = 5.0 / 6.0
+MIN_SIZE = 5.0 / 6.0
 # Proposals of a frame, the best ones: some for each of as many objects as a desk holds. More cost time downstream.
 MOST = 140
 # With so many readings a piece is no work of noise.
@@ -120,14 +120,14 @@ def _regions(
 ) -> _Regions:
     shape, noise = depth_m.shape, REGION_NOISE * config.depth_noise_per_m
     # What stands at the end of the range is bounded by what lies behind, as far as an object is long.
-    inverse, kind, on, planes = _set_planes_apart(depth_m, camera, noise, config.max_depth_m + config.max_size_m)
+    inverse, kind, on, planes = _segment_planes(depth_m, camera, noise, config.max_depth_m + config.max_size_m)
     # A deviation of 1/z after halving is half of what one reading has; the first Kinect's is kept for both.
     smooth, marks = np.empty(shape, np.float32), np.empty(shape, np.uint8)
     labels, queue = np.empty(shape, np.int16), np.empty(depth_m.size, np.int32)
     # Creases are judged over less surface to either side than the smallest object's half; a step of twice its size is
     # surely another object's outline.
     segments.mark(inverse, kind, camera.fx, noise, JUMP_M, config.min_size_m / 2.0, BEND, smooth, marks)
-    last = segments.label_surfaces(kind, marks, LEAST_PIXELS, SEGMENTS, labels, queue)
+    last = segments.label_surfaces(kind, marks, MIN_PIXELS, SEGMENTS, labels, queue)
     fill_holes(kind, on, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse)
     table = np.empty((last + 1, regions.COLUMNS))
     contact = np.empty((last + 1, last + 1), np.float32)
@@ -149,7 +149,7 @@ def _regions(
     return _Regions(labels, members[:n], measures[:n], parts[:n])
 
 
-def _set_planes_apart(
+def _segment_planes(
     depth_m: Float32Array, camera: Intrinsics, noise: float, max_depth_m: float
 ) -> tuple[Float32Array, UInt8Array, npt.NDArray[np.int8], int]:
     """Return 1/z, each pixel's kind (none, on a large plane, on another surface, far) and plane, and their number."""
@@ -166,7 +166,7 @@ def _set_planes_apart(
     inverse, kind = np.empty(depth_m.shape, np.float32), np.empty(depth_m.shape, np.uint8)
     on = np.empty(depth_m.shape, np.int8)
     patches.classify(
-        depth_m, cells, planes, count, member, pinhole, size, PLANE_REACH, noise, BIAS_M, LEAST_BIAS_M,
+        depth_m, cells, planes, count, member, pinhole, size, PLANE_REACH, noise, BIAS_M, MIN_BIAS_M,
         max_depth_m, inverse, kind, on,
     )  # fmt: skip
     return inverse, kind, on, count
@@ -183,7 +183,7 @@ def _scores(measures: Float64Array, focal_px: float, config: TrackerConfig) -> F
     high = m[regions.BOTTOM] - m[regions.TOP] + 1.0
     metres_per_pixel = m[regions.READINGS] / np.maximum(m[regions.INVERSE], 1e-9) / focal_px
     long_m = np.maximum(wide, high) * metres_per_pixel
-    least_m = LEAST_SIZE * config.min_size_m
+    least_m = MIN_SIZE * config.min_size_m
     fits = (long_m >= least_m) & (long_m <= config.max_size_m) & (m[regions.READINGS] > 0)
     # Few readings, and sizes near the least, are where noise makes pieces of its own.
     solid = np.clip(m[regions.READINGS] / SOLID_PIXELS, 0.0, 1.0) * np.clip(long_m / (2.0 * least_m), 0.0, 1.0)
@@ -224,6 +224,6 @@ def depth_source(options: str | None, config: TrackerConfig) -> ProposalSource:
     """
     if options is None:
         return DepthSegmentation(WIDEST, config)
-    if not options.isdecimal() or int(options) < LEAST_WIDE:
-        raise InputError(f"proposal source 'depth:N' takes a width in pixels from {LEAST_WIDE} up, got '{options}'")
+    if not options.isdecimal() or int(options) < MIN_WIDE:
+        raise InputError(f"proposal source 'depth:N' takes a width in pixels from {MIN_WIDE} up, got '{options}'")
     return DepthSegmentation(int(options), config)

@@ -15,13 +15,13 @@ from cuboid.proposals.types import Proposals, ProposalSource
 LIKELY = 0.3
 # Least area of a box, pixels of the working image: 5 cm at 1.1 m, squared. Half of it doubles the time and fills the
 # list with patterns printed on things.
-LEAST_AREA = 150.0
+MIN_AREA = 150.0
 # Weaker edges and worse boxes are left out: without either the search takes three times as long.
-LEAST_EDGE = 0.4
-# Share of the pixels that edges may take, the strongest: a cluttered desk has an eighth, noise a third, which takes
+MIN_EDGE = 0.4
+# Fraction of the pixels that edges may take, the strongest: a cluttered desk has an eighth, noise a third, which takes
 # seconds.
-MOST_EDGES = 0.15
-LEAST_SCORE = 0.1
+MAX_EDGES = 0.15
+MIN_SCORE = 0.1
 # Overlap of neighbouring places in the sliding search.
 ALPHA = 0.6
 # Overlap above which a worse box goes, and how it sinks down the list: spreads a hundred boxes over all of the image.
@@ -44,9 +44,9 @@ class EdgeBoxes:
         edges = find_edges(frame, self._noise_per_m)
         finder = cv2.ximgproc.createEdgeBoxes()
         finder.setMaxBoxes(MOST)
-        finder.setMinBoxArea(LEAST_AREA)
-        finder.setEdgeMinMag(LEAST_EDGE)
-        finder.setMinScore(LEAST_SCORE)
+        finder.setMinBoxArea(MIN_AREA)
+        finder.setEdgeMinMag(MIN_EDGE)
+        finder.setMinScore(MIN_SCORE)
         finder.setAlpha(ALPHA)
         finder.setBeta(BETA)
         finder.setEta(ETA)
@@ -60,8 +60,8 @@ class EdgeBoxes:
 
 def _strongest(strength: Float32Array) -> Float32Array:
     """Return edges (H, W) without the weakest of those that are too many; of equals some all over the image stay."""
-    places = np.flatnonzero(strength >= LEAST_EDGE)
-    most = int(MOST_EDGES * strength.size)
+    places = np.flatnonzero(strength >= MIN_EDGE)
+    most = int(MAX_EDGES * strength.size)
     if len(places) <= most:
         return strength
     scattered = places * 2_654_435_761 % 2**32

@@ -29,14 +29,14 @@ import numpy.typing as npt
 from cuboid.errors import InputError
 from cuboid.formats.reading import opened
 from cuboid.formats.rows_files import RectangleEntry
-from cuboid.formats.table_door import read_table
+from cuboid.formats.table_validation import read_table
 from cuboid.frame import Float64Array
 from cuboid.proposals.boxes import boxes_as_proposals, masks_as_proposals
 from cuboid.proposals.matlab import READER
 from cuboid.proposals.types import Proposals
 
 # The largest file, unpacked: 800 masks of 640 x 480 pixels.
-MOST_BYTES = 256 << 20
+MAX_BYTES = 256 << 20
 
 Loader = Callable[[Path, int, int], Proposals]
 
@@ -56,12 +56,12 @@ def load_csv(path: Path, width: int, height: int) -> Proposals:
 
 def load_npz(path: Path, width: int, height: int) -> Proposals:
     """Read a ``.npz`` file; parameters and errors are those of `load_csv`."""
-    with opened(path, MOST_BYTES) as file:
+    with opened(path, MAX_BYTES) as file:
         try:
             with zipfile.ZipFile(file) as members:
                 unpacked = sum(member.file_size for member in members.infolist())
-            if unpacked > MOST_BYTES:
-                raise ValueError(f"it unpacks to {unpacked >> 20} MB, expected at most {MOST_BYTES >> 20}")
+            if unpacked > MAX_BYTES:
+                raise ValueError(f"it unpacks to {unpacked >> 20} MB, expected at most {MAX_BYTES >> 20}")
             file.seek(0)
             with np.load(file, allow_pickle=False) as arrays:
                 found = {name: np.asarray(arrays[name]) for name in arrays.files}
@@ -101,7 +101,7 @@ def _masks_of_superpixels(
     if pixels.ndim != 2 or pixels.dtype.kind not in "iuf":
         raise InputError(f"{path}: superpixels must be an image of numbers, got {pixels.dtype} {pixels.shape}")
     number, cells = _whole(path, "superpixels", pixels), np.split(_whole(path, "labels", labels), ends)[:-1]
-    if number.size == 0 or number.min() < 0 or number.max() > number.size or len(cells) * number.size > MOST_BYTES:
+    if number.size == 0 or number.min() < 0 or number.max() > number.size or len(cells) * number.size > MAX_BYTES:
         raise InputError(f"{path}: superpixels must be numbered from 0 or 1, at most one a pixel, with labels for some")
     masks = np.zeros((len(cells), *number.shape), dtype=np.bool_)
     for k, cell in enumerate(cells):

@@ -21,7 +21,7 @@ from cuboid.formats.reading import opened
 
 CHILD = Path(__file__).with_name("matlab_child.py")
 # The largest file.
-MOST_BYTES = 256 << 20
+MAX_BYTES = 256 << 20
 # A file of 256 MB takes a second or two; the start of the process as much again.
 LIMIT_S = 20.0
 
@@ -42,7 +42,7 @@ class MatlabReader:
         InputError
             If it cannot be read, or reading it crashes, or takes too much time or memory.
         """
-        with opened(path, MOST_BYTES):
+        with opened(path, MAX_BYTES):
             pass  # a regular file of a fair size
         with self._lock:
             process = self._started()

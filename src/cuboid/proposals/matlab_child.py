@@ -16,9 +16,9 @@ import numpy as np
 from scipy.io import loadmat, whosmat
 
 # Bytes that the process may hold; a file that wants more is refused.
-MOST_MEMORY = 1 << 30
+MAX_MEMORY = 1 << 30
 # Values of a variable: 800 masks of 640 x 480 pixels.
-MOST_VALUES = 256 << 20
+MAX_VALUES = 256 << 20
 # What the first bytes of a file of MATLAB 7.3 say; it is another format altogether (HDF5).
 MATLAB_73 = b"MATLAB 7.3"
 KNOWN = ("bboxes", "bboxes_scores", "masks", "scores", "superpixels", "labels")
@@ -31,7 +31,7 @@ def main() -> None:
         try:
             answer, arrays = read(json.loads(line))
         except MemoryError:
-            answer, arrays = {"error": f"it takes more than {MOST_MEMORY >> 20} MB of memory"}, []
+            answer, arrays = {"error": f"it takes more than {MAX_MEMORY >> 20} MB of memory"}, []
         except Exception as error:  # of programs of any age: whatever is wrong with a file, it is the file's fault
             answer, arrays = {"error": (str(error) or type(error).__name__).splitlines()[0]}, []
         say(sys.stdout.buffer, answer, arrays)
@@ -51,7 +51,7 @@ def limit_memory() -> None:
         import resource
     except ImportError:  # Windows
         return
-    resource.setrlimit(resource.RLIMIT_DATA, (MOST_MEMORY, MOST_MEMORY))
+    resource.setrlimit(resource.RLIMIT_DATA, (MAX_MEMORY, MAX_MEMORY))
 
 
 def read(path: str) -> tuple[dict[str, Any], list[np.ndarray[Any, Any]]]:
@@ -61,8 +61,8 @@ def read(path: str) -> tuple[dict[str, Any], list[np.ndarray[Any, Any]]]:
             raise ValueError("it is of MATLAB 7.3; save it with '-v7'")
         file.seek(0)
         largest = max((math.prod(shape) for _, shape, _ in whosmat(file)), default=0)  # type: ignore[arg-type]
-        if largest > MOST_VALUES:
-            raise ValueError(f"a variable has {largest} values, expected at most {MOST_VALUES}")
+        if largest > MAX_VALUES:
+            raise ValueError(f"a variable has {largest} values, expected at most {MAX_VALUES}")
         file.seek(0)
         loaded: dict[str, Any] = loadmat(file, squeeze_me=False, struct_as_record=True)  # type: ignore[arg-type]
     found = fields(loaded)

@@ -28,7 +28,7 @@ from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource
 
 # Detections below this are left out: detectors list hundreds of boxes that they do not believe in.
-LEAST_SCORE = 0.05
+MIN_SCORE = 0.05
 # Boxes that overlap more say the same: what the family's own code uses.
 OVERLAP = 0.7
 # Where a model takes any size, the image's own rounded up to this: the largest stride of the family.
@@ -36,7 +36,7 @@ STRIDE = 32
 # The strides of YOLOX's grids: a row of its table for each of their cells.
 STRIDES = (8, 16, STRIDE)
 # Sizes above this many cells are none: the logarithm of 1,000.
-MOST_LOG = 7.0
+MAX_LOG = 7.0
 # Grey of the bars beside an image of another shape than the input.
 GREY = 114
 
@@ -110,7 +110,7 @@ class OnnxModel:
         outputs = self._run(pixels)
         prototypes = next((np.asarray(o) for o in outputs if np.ndim(o) == 4), None)
         found = self._detections(outputs, 0 if prototypes is None else prototypes.shape[1])
-        kept = np.flatnonzero(found.scores >= LEAST_SCORE)
+        kept = np.flatnonzero(found.scores >= MIN_SCORE)
         kept = kept[thin_out(found.boxes_xyxy[kept], found.scores[kept], OVERLAP)][:MOST]
         shift = np.array([fit.left, fit.top, fit.left, fit.top], dtype=np.float64)
         given = (found.boxes_xyxy[kept] - shift) / fit.scale
@@ -180,7 +180,7 @@ class OnnxModel:
             if 5 + k <= table.shape[0] < table.shape[1]:
                 return _of_rows(table.T, k, first_score=4)
             if 6 + k <= table.shape[1] < table.shape[0]:
-                likely = table[:, 4] >= LEAST_SCORE
+                likely = table[:, 4] >= MIN_SCORE
                 rows = table[likely]
                 if self._cells is not None:
                     rows[:, :4] = _decoded(rows[:, :4], self._cells[likely])
@@ -202,7 +202,7 @@ def _cells_of(rows: int, columns: int, stride: int) -> Float64Array:
 def _decoded(within: Float64Array, cells: Float64Array) -> Float64Array:
     """Return centre and size (N, 4) in pixels of boxes told within cells: offsets in cells, logarithms of sizes."""
     # No box is larger than any input; beyond, the exponential of what is no box would overflow.
-    sizes = np.exp(np.minimum(within[:, 2:], MOST_LOG))
+    sizes = np.exp(np.minimum(within[:, 2:], MAX_LOG))
     return np.hstack([within[:, :2] + cells[:, :2], sizes]) * cells[:, 2:]
 
 

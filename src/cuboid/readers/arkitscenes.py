@@ -25,13 +25,13 @@ import cv2
 import numpy as np
 
 from cuboid.errors import FrameError, InputError
-from cuboid.formats.table_door import data_lines
+from cuboid.formats.table_validation import data_lines
 from cuboid.frame import UInt8Array
 from cuboid.geometry import se3
 from cuboid.readers.images import decode_color, image_dimensions, images_in
 from cuboid.readers.phone import SAME_FOCAL, confident_depth, phone_cameras, shrink_factor, shrunk
 from cuboid.readers.posetext import TimedPose, Trajectory, parse_numbers
-from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, holds
+from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, has_file
 from cuboid.readers.tum import associate
 
 DEPTH_UNITS_PER_METRE = 1000.0
@@ -40,7 +40,7 @@ COLOR_FOLDERS = ("vga_wide", "lowres_wide", "wide")
 DEPTH, CONFIDENCE, TRAJECTORY = "lowres_depth", "confidence", "lowres_wide.traj"
 NAME = re.compile(r"\d+_(\d+\.\d+)")
 DEPTH_FILE = re.compile(rf"{NAME.pattern}\.png")
-LEAST_CONFIDENCE = 1
+MIN_CONFIDENCE = 1
 # Color and depth are of one moment; their times may differ in the last digit.
 WITHIN_S = 0.005
 # So many of the files with a camera are read to learn the usual one.
@@ -51,7 +51,7 @@ LARGEST_GAP_S = 0.25
 
 def recognises(path: Path) -> bool:
     """Tell whether the folder holds lowres_depth and one of the folders with color, with names of an id and a time."""
-    return _color_folder(path) is not None and holds(path / DEPTH, DEPTH_FILE)
+    return _color_folder(path) is not None and has_file(path / DEPTH, DEPTH_FILE)
 
 
 def _color_folder(path: Path) -> str | None:
@@ -80,7 +80,7 @@ def read(path: Path) -> Listing:
                 color=partial(_color, color, cameras, K[0], shrink_factor(size)),
                 depth=None
                 if depth is None
-                else partial(confident_depth, depth, path / CONFIDENCE / depth.name, LEAST_CONFIDENCE),
+                else partial(confident_depth, depth, path / CONFIDENCE / depth.name, MIN_CONFIDENCE),
                 timestamp_s=time_s,
                 pose=None if trajectory is None else partial(trajectory.at, time_s),
                 fault=None if k in pairs else f"color without depth: none of the time of {folder}/{color.name}",

@@ -3,7 +3,7 @@
 Expected: an ``.mkv`` file with the tracks COLOR (MJPEG, NV12, YUY2 or BGRA) and DEPTH (16-bit, big-endian, millimetres)
 and the attachment ``calibration.json``; other tracks and attachments are left alone.
 
-Depth is carried into color with the two cameras of the attachment. The cameras of a mode (which part of the sensor it
+Depth is registered to color with the two cameras of the attachment. The cameras of a mode (which part of the sensor it
 shows) are those of the Azure Kinect Sensor SDK.
 """
 
@@ -29,7 +29,7 @@ from cuboid.readers.tum import associate
 
 DEPTH_UNITS_PER_METRE = 1000.0
 CALIBRATION = "calibration.json"
-MOST_CALIBRATION_BYTES = 1 << 20
+MAX_CALIBRATION_BYTES = 1 << 20
 # Both cameras are triggered together; a recording may shift one of them by up to half the time between two images.
 WITHIN_S = 0.02
 # The calibration is that of the whole sensor: the width and height that it has in each mode, and the column and row at
@@ -145,7 +145,7 @@ def _calibration(path: Path, found: Matroska, color: tuple[int, int], depth: tup
         raise InputError(f"{path}: has no attachment {CALIBRATION}: it was not written by k4arecorder, or is cut short")
     offset, length = found.attachments[name]
     try:
-        document: Any = json.loads(read_span(path, offset, min(length, MOST_CALIBRATION_BYTES)).rstrip(b"\0"))
+        document: Any = json.loads(read_span(path, offset, min(length, MAX_CALIBRATION_BYTES)).rstrip(b"\0"))
         cameras = {camera["Purpose"]: camera for camera in document["CalibrationInformation"]["Cameras"]}
         color_K, color_D, T_color = _camera(cameras[PURPOSES["color"]], COLOR_MODES, color)
         depth_K, depth_D, T_depth = _camera(cameras[PURPOSES["depth"]], DEPTH_MODES, depth)
@@ -165,7 +165,7 @@ def _camera(
     parameters = [float(value) for value in camera["Intrinsics"]["ModelParameters"][:14]]
     if not np.isfinite(parameters).all() or len(parameters) < 14:
         raise ValueError("a camera has no 14 finite parameters")
-    cx, cy, fx, fy, k1, k2, k3, k4, k5, k6, _, _, p2, p1 = parameters  # shares of the whole sensor
+    cx, cy, fx, fy, k1, k2, k3, k4, k5, k6, _, _, p2, p1 = parameters  # fractions of the whole sensor
     K = (fx * width, fy * height, cx * width - left - 0.5, cy * height - top - 0.5)
     matrix = np.eye(4)
     matrix[:3, :3] = np.reshape(camera["Rt"]["Rotation"], (3, 3))

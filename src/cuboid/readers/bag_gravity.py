@@ -13,7 +13,7 @@ from cuboid.readers.bag import Bag
 # Measurements this far from a frame in time are averaged: half of a second makes a step of 0.1 m/s a tilt of 1 degree.
 WINDOW_NS = 250_000_000
 # Gravity, and how far from it a measurement may be while the camera hardly accelerates, m/s^2.
-GRAVITY, MOST_OFF = 9.81, 1.5
+GRAVITY, MAX_OFF = 9.81, 1.5
 
 
 class Gravity:
@@ -44,14 +44,14 @@ class Gravity:
             raise FrameError(f"{self._topic} has no measurement within {WINDOW_NS * 1e-6:g} ms")
         mean = np.mean([acceleration(message) for message in messages], axis=0)
         size = float(np.linalg.norm(mean))
-        if not abs(size - GRAVITY) <= MOST_OFF:
+        if not abs(size - GRAVITY) <= MAX_OFF:
             raise FrameError(f"{self._topic} measures {size:.3g} m/s^2, which is not gravity alone")
         return np.asarray(self._R_color_imu @ mean / size, np.float64)
 
 
 def measures_gravity(message: Any) -> bool:
     """Tell whether a message holds an acceleration, not rates of turn alone."""
-    return bool(abs(float(np.linalg.norm(acceleration(message))) - GRAVITY) <= 2 * MOST_OFF)
+    return bool(abs(float(np.linalg.norm(acceleration(message))) - GRAVITY) <= 2 * MAX_OFF)
 
 
 def acceleration(message: Any) -> Float64Array:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 # A MessageIndex record: operation code and length, channel, bytes of the array; then pairs of log time and offset.
 _HEADER, _ENTRY_BYTES = struct.Struct("<BQHI"), 16
 # The indexes behind a chunk are larger only in a damaged file.
-MOST_BYTES = 1 << 26
+MAX_BYTES = 1 << 26
 
 Times = npt.NDArray[np.int64]
 
@@ -42,7 +42,7 @@ def mcap_times(owner: Any) -> dict[int, Times]:
     ]
     _announce(owner.bio, [(start, length) for start, length, _ in parts])
     for start, length, offsets in parts:
-        if length > MOST_BYTES:
+        if length > MAX_BYTES:
             raise ValueError(f"{length} bytes of message indexes at byte {start}")
         owner.bio.seek(start)
         data = owner.bio.read(length)

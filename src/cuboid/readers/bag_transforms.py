@@ -190,8 +190,8 @@ def _at(edges: list[Edge], time_s: float, child: str) -> Float64Array:
     if 0 < after < len(order):
         before_s, after_s = times_s[order[after - 1]], times_s[order[after]]
         if after_s - before_s <= LARGEST_GAP_S:
-            share = (time_s - before_s) / (after_s - before_s)
-            return se3.interpolate(transforms[order[after - 1]], transforms[order[after]], float(share))
+            fraction = (time_s - before_s) / (after_s - before_s)
+            return se3.interpolate(transforms[order[after - 1]], transforms[order[after]], float(fraction))
     nearest = int(np.argmin(np.abs(times_s - time_s)))
     if abs(times_s[nearest] - time_s) > NEAREST_WITHIN_S:
         raise FrameError(

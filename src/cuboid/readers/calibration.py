@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from cuboid.errors import InputError, OutputError
-from cuboid.formats.camera_file import LEAST_UNITS, MOST_UNITS, CameraDocument, MatrixRow
-from cuboid.formats.json_door import read_json
-from cuboid.formats.table_door import read_lines
+from cuboid.formats.camera_file import MAX_UNITS, MIN_UNITS, CameraDocument, MatrixRow
+from cuboid.formats.json_validation import read_json
+from cuboid.formats.table_validation import read_lines
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.readers.depth_camera import DepthCamera, depth_camera_of
 from cuboid.readers.reader import Calibration, Listing
@@ -64,9 +64,9 @@ def choose(
     elif intrinsics is not None:
         calibration = _from_user(intrinsics)
     if depth_scale is not None:
-        if not LEAST_UNITS <= depth_scale <= MOST_UNITS:
+        if not MIN_UNITS <= depth_scale <= MAX_UNITS:
             raise InputError(
-                f"the depth scale must be {LEAST_UNITS:g} to {MOST_UNITS:g} units per metre, got {depth_scale:g}"
+                f"the depth scale must be {MIN_UNITS:g} to {MAX_UNITS:g} units per metre, got {depth_scale:g}"
             )
         units = float(depth_scale)
     if calibration is None:
@@ -76,10 +76,10 @@ def choose(
             f"{recording}: the depth scale is not known; "
             f"give it with --depth-scale UNITS_PER_METRE or as {_DEPTH_UNITS} in {CAMERA_FILE}"
         )
-    if not LEAST_UNITS <= units <= MOST_UNITS:
+    if not MIN_UNITS <= units <= MAX_UNITS:
         raise InputError(
             f"{recording}: its depth scale of {units:.3g} units per metre is none; "
-            f"expected {LEAST_UNITS:g} to {MOST_UNITS:g}, or give it with --depth-scale"
+            f"expected {MIN_UNITS:g} to {MAX_UNITS:g}, or give it with --depth-scale"
         )
     return calibration, units
 
@@ -98,7 +98,7 @@ def up_world(listing: Listing) -> tuple[float, float, float] | None:
 
 
 # Focal lengths of cameras, in widths of their images: 179.4 degrees are in view at the least, 3.4 minutes at the most.
-LEAST_FOCAL, MOST_FOCAL = 0.005, 1000.0
+MIN_FOCAL, MAX_FOCAL = 0.005, 1000.0
 
 
 def for_size(calibration: Calibration, width: int, height: int, recording: Path) -> Intrinsics:
@@ -121,10 +121,10 @@ def for_size(calibration: Calibration, width: int, height: int, recording: Path)
             "are the intrinsics for another image size?"
         )
     fx, fy, cx, cy = map(float, (calibration.fx, calibration.fy, calibration.cx, calibration.cy))
-    if not (LEAST_FOCAL * width <= min(fx, fy) and max(fx, fy) <= MOST_FOCAL * width):
+    if not (MIN_FOCAL * width <= min(fx, fy) and max(fx, fy) <= MAX_FOCAL * width):
         raise InputError(
             f"{recording}: the focal lengths ({fx:.3g}, {fy:.3g}), from {calibration.source}, are no camera's; "
-            f"expected {LEAST_FOCAL:g} to {MOST_FOCAL:g} times the width of the images, {width} pixels"
+            f"expected {MIN_FOCAL:g} to {MAX_FOCAL:g} times the width of the images, {width} pixels"
         )
     return Intrinsics(fx, fy, cx, cy, width, height)
 
@@ -147,7 +147,7 @@ def undistortion(calibration: Calibration, size: tuple[int, int], recording: Pat
 
 
 def registration(calibration: Calibration, intrinsics: Intrinsics, recording: Path) -> Registration | None:
-    """Return what carries depth into images with these intrinsics; None where depth is aligned already.
+    """Return the registration of depth to images with these intrinsics; None where depth is aligned already.
 
     Raises
     ------

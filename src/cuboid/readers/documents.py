@@ -10,7 +10,7 @@ from cuboid.errors import InputError
 from cuboid.formats.reading import read_bytes
 
 # The largest document that is read: a pose for every frame of an hour.
-MOST_BYTES = 256 << 20
+MAX_BYTES = 256 << 20
 
 
 def read_object(path: Path) -> dict[str, Any]:
@@ -21,7 +21,7 @@ def read_object(path: Path) -> dict[str, Any]:
     InputError
         If it cannot be read, is too large, is not JSON, or holds something else.
     """
-    return parse_object(read_bytes(path, MOST_BYTES), str(path))
+    return parse_object(read_bytes(path, MAX_BYTES), str(path))
 
 
 def parse_object(data: bytes, where: str) -> dict[str, Any]:

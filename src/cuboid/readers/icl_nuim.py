@@ -23,7 +23,7 @@ import numpy as np
 
 from cuboid.errors import FrameError, InputError, shown
 from cuboid.formats.reading import names_in
-from cuboid.formats.table_door import data_lines
+from cuboid.formats.table_validation import data_lines
 from cuboid.frame import Float64Array
 from cuboid.readers.posetext import parse_numbers, pose_from_quaternion
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader

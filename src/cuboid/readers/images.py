@@ -19,8 +19,8 @@ from cuboid.readers.reader import ImageSource
 from cuboid.readers.undistortion import DepthArray
 
 # The largest file, and the most pixels, that are decoded; a depth camera's color image has 12 megapixels at most.
-MOST_IMAGE_BYTES = 256 << 20
-MOST_PIXELS = 64 << 20
+MAX_IMAGE_BYTES = 256 << 20
+MAX_PIXELS = 64 << 20
 
 JPEG_END = b"\xff\xd9"
 # Some writers pad a JPEG file behind its end marker; compressed data itself never holds the marker.
@@ -135,7 +135,7 @@ def _refuse_implausible(raw: DepthArray, units_per_metre: float, low: float, hig
 
 def _decode(path: Path, what: str, flags: int) -> npt.NDArray[Any]:
     try:
-        data = read_bytes(path, MOST_IMAGE_BYTES)
+        data = read_bytes(path, MAX_IMAGE_BYTES)
     except UnreadableError as error:
         raise FrameError(f"{what} {'is missing' if error.missing else error.reason}") from None
     return decode_bytes(data, what, flags)
@@ -166,8 +166,8 @@ def _check_whole(data: bytes, what: str) -> None:
     size = image_size(data)
     if size is None:
         raise FrameError(f"{what} is neither a PNG nor a JPEG ({len(data)} bytes)")
-    if not 0 < size[0] * size[1] <= MOST_PIXELS:
-        raise FrameError(f"{what} is {size[0]}x{size[1]}, expected at most {MOST_PIXELS / 1e6:.0f} megapixels")
+    if not 0 < size[0] * size[1] <= MAX_PIXELS:
+        raise FrameError(f"{what} is {size[0]}x{size[1]}, expected at most {MAX_PIXELS / 1e6:.0f} megapixels")
     if data.startswith(PNG_MAGIC):
         fault = _png_fault(data)
     else:

@@ -15,7 +15,7 @@ image::
     affine a b                   a d + b metres
     0 0                          d millimetres
 
-The first number in a name puts color and depth together. Depth is carried into color.
+The first number in a name puts color and depth together. Depth is registered to color.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ import numpy as np
 
 from cuboid.errors import FrameError, InputError, shown
 from cuboid.formats.reading import names_in
-from cuboid.formats.table_door import data_lines
+from cuboid.formats.table_validation import data_lines
 from cuboid.frame import Float32Array, Float64Array
 from cuboid.geometry import se3
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.netpbm import read_netpbm
 from cuboid.readers.posetext import pose_from_matrix
-from cuboid.readers.reader import READERS, Calibration, FrameEntry, ImageSource, Listing, Reader, holds
+from cuboid.readers.reader import READERS, Calibration, FrameEntry, ImageSource, Listing, Reader, has_file
 
 CALIBRATION, FRAMES = "calib.txt", "Frames"
 FILE = re.compile(r"\D*(\d+)\.(ppm|png|jpg|pgm)")
 DEPTH_FILE = re.compile(r"\D*\d+\.pgm")
 # Of the depth that an affine rule makes larger numbers are no readings.
-MOST_AFFINE = 32000
+MAX_AFFINE = 32000
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,14 +58,14 @@ class _Rule:
     def metres(self, d: Float32Array) -> Float32Array:
         """Return depth in metres, 0 where there is no reading."""
         if self.affine:
-            return np.where((d > 0) & (d <= MOST_AFFINE), self.a * d + self.b, 0).astype(np.float32)
+            return np.where((d > 0) & (d <= MAX_AFFINE), self.a * d + self.b, 0).astype(np.float32)
         away = np.where((d > 0) & (d < self.a), self.a - d, np.inf)
         return (8 * self.b * self.fx / away).astype(np.float32)
 
 
 def recognises(path: Path) -> bool:
     """Tell whether the folder holds calib.txt, and Frames with files NNNN.pgm."""
-    return (path / CALIBRATION).is_file() and holds(path / FRAMES, DEPTH_FILE)
+    return (path / CALIBRATION).is_file() and has_file(path / FRAMES, DEPTH_FILE)
 
 
 def read(path: Path) -> Listing:

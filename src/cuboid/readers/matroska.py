@@ -21,7 +21,7 @@ ATTACHMENTS, ATTACHED, FILE_NAME, FILE_DATA = 0x1941A469, 0x61A7, 0x466E, 0x465C
 FOLDERS = {SEGMENT, CLUSTER, BLOCK_GROUP, INFO, TRACKS, TRACK, VIDEO, ATTACHMENTS, ATTACHED}
 MAGIC = b"\x1a\x45\xdf\xa3"
 # Numbers and names are no longer than this; pictures are not read here.
-MOST_VALUE_BYTES = 1 << 16
+MAX_VALUE_BYTES = 1 << 16
 DEFAULT_SCALE_NS = 1_000_000
 
 
@@ -107,7 +107,7 @@ class _State:
             found.attachments[self.attachment] = (offset, length)
         elif kind == TRACK:
             self.track = Track()
-        elif kind in _FIELDS and length <= MOST_VALUE_BYTES:
+        elif kind in _FIELDS and length <= MAX_VALUE_BYTES:
             file.seek(offset)
             self._field(found, kind, file.read(length))
 

@@ -11,14 +11,14 @@ import numpy.typing as npt
 
 from cuboid.errors import FrameError
 from cuboid.formats.reading import UnreadableError, read_bytes
-from cuboid.readers.images import MOST_IMAGE_BYTES, MOST_PIXELS
+from cuboid.readers.images import MAX_IMAGE_BYTES, MAX_PIXELS
 
 CHANNELS = {b"P5": 1, b"P6": 3}
 # Between the words of the header are blanks and comments; behind the last is one blank.
 _BLANK = rb"(?:\s|#[^\n]*\n)+"
 HEADER = re.compile(rb"(P[56])" + _BLANK + rb"(\d{1,9})" + _BLANK + rb"(\d{1,9})" + _BLANK + rb"(\d{1,5})\s")
 # No header with its comments is longer.
-MOST_HEADER_BYTES = 4096
+MAX_HEADER_BYTES = 4096
 
 
 def read_netpbm(path: Path, name: str) -> npt.NDArray[Any]:
@@ -36,7 +36,7 @@ def read_netpbm(path: Path, name: str) -> npt.NDArray[Any]:
         If the file is missing, too large, no such image, or cut short.
     """
     try:
-        data = read_bytes(path, MOST_IMAGE_BYTES)
+        data = read_bytes(path, MAX_IMAGE_BYTES)
     except UnreadableError as error:
         raise FrameError(f"{name} {'is missing' if error.missing else error.reason}") from None
     return parse_netpbm(data, name)
@@ -44,11 +44,11 @@ def read_netpbm(path: Path, name: str) -> npt.NDArray[Any]:
 
 def parse_netpbm(data: bytes, name: str) -> npt.NDArray[Any]:
     """Return the image that the bytes of a file hold; raises as `read_netpbm` does."""
-    header = HEADER.match(data[:MOST_HEADER_BYTES])
+    header = HEADER.match(data[:MAX_HEADER_BYTES])
     if header is None:
         raise FrameError(f"{name} is neither a binary PGM nor a PPM ({len(data)} bytes)")
     channels, width, height, largest = CHANNELS[header[1]], *(int(header[k]) for k in (2, 3, 4))
-    if not 0 < width * height <= MOST_PIXELS or not 0 < largest < 1 << 16:
+    if not 0 < width * height <= MAX_PIXELS or not 0 < largest < 1 << 16:
         raise FrameError(f"{name} is {width}x{height} up to {largest}, no image of a camera")
     kind = np.dtype(">u2" if largest > 255 else "u1")  # of two bytes the higher comes first
     expected = width * height * channels * kind.itemsize

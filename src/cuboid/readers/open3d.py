@@ -21,7 +21,7 @@ from typing import Any
 
 from cuboid.errors import FrameError, InputError
 from cuboid.formats.reading import names_in
-from cuboid.formats.table_door import data_lines
+from cuboid.formats.table_validation import data_lines
 from cuboid.frame import Float64Array
 from cuboid.readers.calibration import CAMERA_FILE
 from cuboid.readers.depth_camera import check_number

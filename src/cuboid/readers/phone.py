@@ -12,13 +12,13 @@ from cuboid.errors import FrameError
 from cuboid.formats.reading import UnreadableError, read_bytes
 from cuboid.frame import UInt8Array
 from cuboid.readers.depth_camera import DepthCamera
-from cuboid.readers.images import MOST_IMAGE_BYTES, decode_bytes, decode_depth
+from cuboid.readers.images import MAX_IMAGE_BYTES, decode_bytes, decode_depth
 from cuboid.readers.reader import Calibration
 
 # Depth has 192x256 pixels: color is shrunk by a whole number to about this width or height, whichever is longer. Finer
 # color says more of textures than of shapes, and costs in proportion.
 LONGEST_SIDE_PX = 640
-# A frame whose focal length is further than this share from the median is of another zoom.
+# A frame whose focal length is further than this fraction from the median is of another zoom.
 SAME_FOCAL = 0.03
 # Of ARKit's world, as all these apps run it (world alignment "gravity").
 UP_WORLD = (0.0, 1.0, 0.0)
@@ -74,7 +74,7 @@ def confident_depth(file: Path, confidence: Path, least: int) -> npt.NDArray[np.
         return raw
     name = f"image confidence/{confidence.name}"
     try:
-        sure = decode_bytes(read_bytes(confidence, MOST_IMAGE_BYTES), name, cv2.IMREAD_UNCHANGED)
+        sure = decode_bytes(read_bytes(confidence, MAX_IMAGE_BYTES), name, cv2.IMREAD_UNCHANGED)
     except UnreadableError as error:
         raise FrameError(f"{name} {error.reason}") from None
     if sure.shape != raw.shape:

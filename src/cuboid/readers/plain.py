@@ -21,7 +21,7 @@ from pathlib import Path
 
 from cuboid.errors import FrameError, InputError, shown
 from cuboid.formats.reading import names_in
-from cuboid.formats.table_door import data_lines
+from cuboid.formats.table_validation import data_lines
 from cuboid.frame import Float64Array
 from cuboid.readers.posetext import parse_numbers, parse_time, pose_from_quaternion
 from cuboid.readers.reader import READERS, FrameEntry, Listing, Reader

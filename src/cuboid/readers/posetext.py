@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.errors import FrameError, InputError, shown
-from cuboid.formats.table_door import data_lines
+from cuboid.formats.table_validation import data_lines
 from cuboid.formats.values import LATEST_S, refuse_no_quaternion
 from cuboid.frame import Float64Array
 from cuboid.geometry import se3

@@ -65,7 +65,7 @@ class Calibration:
         It is taken out of color and depth.
     depth_camera : DepthCamera or None
         Where depth was taken by a camera of its own, beside this one, and is not aligned to color; then the
-        attributes above are those of the color camera, and depth is carried into its image.
+        attributes above are those of the color camera, and depth is registered to its image.
     """
 
     fx: float
@@ -136,7 +136,7 @@ class Reader:
     gives_way: bool = False
 
 
-def holds(path: Path, name: re.Pattern[str]) -> bool:
+def has_file(path: Path, name: re.Pattern[str]) -> bool:
     """Tell whether a path is a folder with a file whose whole name matches; stops at the first.
 
     Raises

@@ -7,7 +7,7 @@ Expected: a ``.bag`` file with the topics ::
     /device_0/sensor_1/Color_0/image/data          rgb8, bgr8, ...
     /device_0/sensor_2/Accel_0/imu/data            tells where up is; may be absent
 
-Depth is that of its own camera: it is carried into color with what the file says of the two. Times count from the
+Depth is that of its own camera: it is registered to color with what the file says of the two. Times count from the
 start.
 """
 

@@ -27,10 +27,10 @@ from cuboid.formats.reading import UnreadableError, names_in, opened
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.readers.depth_camera import check_number
 from cuboid.readers.documents import read_object
-from cuboid.readers.images import MOST_IMAGE_BYTES, MOST_PIXELS, decode_color, images_in
+from cuboid.readers.images import MAX_IMAGE_BYTES, MAX_PIXELS, decode_color, images_in
 from cuboid.readers.phone import T_OPENGL_OPENCV, UP_WORLD, phone_cameras, shrink_factor, shrunk
 from cuboid.readers.posetext import pose_from_quaternion
-from cuboid.readers.reader import READERS, FrameEntry, Listing, Reader, holds
+from cuboid.readers.reader import READERS, FrameEntry, Listing, Reader, has_file
 
 METADATA = "metadata.json"
 DEPTH_FILE = re.compile(r"(\d+)\.exr")
@@ -39,7 +39,7 @@ DEFAULT_RATE_HZ = 30.0
 
 def recognises(path: Path) -> bool:
     """Tell whether the folder holds metadata.json, rgb and depth with files N.exr."""
-    return (path / METADATA).is_file() and (path / "rgb").is_dir() and holds(path / "depth", DEPTH_FILE)
+    return (path / METADATA).is_file() and (path / "rgb").is_dir() and has_file(path / "depth", DEPTH_FILE)
 
 
 def read(path: Path) -> Listing:
@@ -126,7 +126,7 @@ def _depth(file: Path) -> Float32Array:
 
     name = f"depth image depth/{file.name}"
     try:
-        with opened(file, MOST_IMAGE_BYTES):  # the library would wait for a FIFO
+        with opened(file, MAX_IMAGE_BYTES):  # the library would wait for a FIFO
             local = str(local_file(file))
     except UnreadableError as error:
         raise FrameError(f"{name} {error.reason}") from None
@@ -135,7 +135,7 @@ def _depth(file: Path) -> Float32Array:
     try:
         with OpenEXR.File(local, header_only=True) as image:
             low, high = (np.array(corner, np.int64) for corner in image.header()["dataWindow"])
-        if not 0 < int(np.prod(high - low + 1)) <= MOST_PIXELS:
+        if not 0 < int(np.prod(high - low + 1)) <= MAX_PIXELS:
             raise ValueError(f"no image has a window from {low.tolist()} to {high.tolist()}")
         with OpenEXR.File(local) as image:
             pixels = next(iter(image.channels().values())).pixels

@@ -26,15 +26,15 @@ from cuboid.formats.reading import UnreadableError, names_in, read_bytes
 from cuboid.frame import Float32Array
 from cuboid.readers.depth_camera import check_number
 from cuboid.readers.documents import read_object
-from cuboid.readers.images import MOST_PIXELS
+from cuboid.readers.images import MAX_PIXELS
 from cuboid.readers.phone import UP_WORLD, phone_cameras
-from cuboid.readers.reader import READERS, Listing, Reader, holds
+from cuboid.readers.reader import READERS, Listing, Reader, has_file
 from cuboid.readers.record3d import color_camera, frame_entry
 
 METADATA, FRAMES = "metadata", "rgbd"
 FILE = re.compile(r"(\d+)\.(jpg|depth)")
 DEPTH_FILE = re.compile(r"\d+\.depth")
-LEAST_CONFIDENCE = 1
+MIN_CONFIDENCE = 1
 # Blocks of LZFSE: their first four bytes. Behind them stands how many bytes they make.
 _STORED, _LZVN, _FSE, _END = b"bvx-", b"bvxn", b"bvx2", b"bvx$"
 _FSE_HEADER = struct.Struct("<4sIQQQ")
@@ -43,7 +43,7 @@ _LOW_20 = (1 << 20) - 1
 
 def recognises(path: Path) -> bool:
     """Tell whether the folder, or archive, holds metadata, and rgbd with files N.depth."""
-    return (path / METADATA).is_file() and holds(path / FRAMES, DEPTH_FILE)
+    return (path / METADATA).is_file() and has_file(path / FRAMES, DEPTH_FILE)
 
 
 def read(path: Path) -> Listing:
@@ -54,7 +54,7 @@ def read(path: Path) -> Listing:
     for name in ("dw", "dh"):
         check_number(name, metadata.get(name), str(path / METADATA))
     depth_size = (int(metadata["dw"]), int(metadata["dh"]))
-    if depth_size[0] * depth_size[1] > MOST_PIXELS:
+    if depth_size[0] * depth_size[1] > MAX_PIXELS:
         raise InputError(f"{path / METADATA}: depth of {depth_size[0]}x{depth_size[1]} is no image of a phone")
     files: dict[int, dict[str, Path]] = {}
     for name in names_in(path / FRAMES):
@@ -75,7 +75,7 @@ def _depth(file: Path, size: tuple[int, int]) -> Float32Array:
     confidence = file.with_suffix(".conf")
     if confidence.is_file():
         sure = np.frombuffer(_unpacked(confidence, width * height), np.uint8).reshape(height, width)
-        depth_m = np.where(sure >= LEAST_CONFIDENCE, depth_m, np.float32(0))
+        depth_m = np.where(sure >= MIN_CONFIDENCE, depth_m, np.float32(0))
     return depth_m
 
 

@@ -113,7 +113,7 @@ class Recording:
 
     @property
     def depth_camera(self) -> DepthCamera | None:
-        """The camera that depth was carried from into color; None where depth was aligned already."""
+        """The depth camera whose images were registered to color; None where depth was aligned already."""
         return self.calibration.depth_camera
 
     def __len__(self) -> int:
@@ -151,7 +151,7 @@ class Recording:
         return other
 
     def with_depth_camera(self, depth_camera: DepthCamera) -> Recording:
-        """Return the same recording with depth carried into color from this camera.
+        """Return the same recording with depth registered to color from this camera.
 
         Raises
         ------

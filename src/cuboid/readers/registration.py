@@ -12,13 +12,13 @@ from cuboid.readers.depth_camera import DepthCamera
 # A pixel whose ray, bent by the lens again, comes out this far from it has no ray: it lies where the lens's model ends.
 RAY_ERROR_PX = 0.5
 # With a shorter focal length a camera sees all before it in a few pixels.
-LEAST_FOCAL_PX = 1.0
+MIN_FOCAL_PX = 1.0
 # A lens that gives fewer of its pixels a ray is none.
-LEAST_SEEN = 0.5
+MIN_SEEN = 0.5
 
 
 class Registration:
-    """What carries depth from its own camera into the color image, made once for all frames.
+    """Registration of depth from its own camera to the color image, computed once for all frames.
 
     Every surface that the depth camera sees keeps its place in space, is seen from where the color camera is, and hides
     what lies behind it. What the color camera sees and the depth camera does not has no reading.
@@ -36,14 +36,14 @@ class Registration:
     """
 
     def __init__(self, depth: DepthCamera, color: Intrinsics) -> None:
-        if not min(depth.fx, depth.fy, color.fx, color.fy) >= LEAST_FOCAL_PX:
+        if not min(depth.fx, depth.fy, color.fx, color.fy) >= MIN_FOCAL_PX:
             raise ValueError(f"a focal length is {min(depth.fx, depth.fy, color.fx, color.fy):.3g} pixels")
         self._T_color_depth = np.ascontiguousarray(depth.T_color_depth)
         self._K_color = np.array([color.fx, color.fy, color.cx, color.cy])
         self._shape = (color.height, color.width)
         self._pixel = 1.0 / min(depth.fx, depth.fy)
         rays = _rays(depth)
-        if not np.isfinite(rays).mean() > LEAST_SEEN:
+        if not np.isfinite(rays).mean() > MIN_SEEN:
             raise ValueError(
                 "its distortion coefficients bend the image by more than a lens does; the order is k1, k2, p1, p2, k3"
             )

@@ -34,7 +34,7 @@ def reopen_recording(
     distortion : tuple of float
         Of its lens, from the results; it was taken out.
     depth_camera : DepthCamera or None
-        From the results; depth was carried from it into color.
+        From the results; depth was registered from it to color.
     last_frame : int
         The last of its frames that the results speak of.
     depth_units_per_metre : float, optional

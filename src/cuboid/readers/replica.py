@@ -18,12 +18,12 @@ from pathlib import Path
 
 from cuboid.errors import FrameError, InputError
 from cuboid.formats.reading import names_in
-from cuboid.formats.table_door import data_lines
+from cuboid.formats.table_validation import data_lines
 from cuboid.frame import Float64Array
 from cuboid.readers.depth_camera import check_number
 from cuboid.readers.documents import read_object
 from cuboid.readers.posetext import parse_numbers, pose_from_matrix
-from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, holds
+from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, has_file
 
 RESULTS, TRAJECTORY, PARAMETERS = "results", "traj.txt", "cam_params.json"
 FRAME_FILE = re.compile(r"(frame|depth)(\d+)\.(jpg|png)")
@@ -32,7 +32,7 @@ _FIELDS = ("fx", "fy", "cx", "cy", "w", "h", "scale")
 
 def recognises(path: Path) -> bool:
     """Tell whether the folder holds results/ with files named frameNNNNNN or depthNNNNNN."""
-    return (path / RESULTS).is_dir() and holds(path / RESULTS, FRAME_FILE)
+    return (path / RESULTS).is_dir() and has_file(path / RESULTS, FRAME_FILE)
 
 
 def read(path: Path) -> Listing:

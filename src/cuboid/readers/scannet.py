@@ -9,7 +9,7 @@ Expected tree::
       intrinsic/intrinsic_color.txt   4x4 matrices
       intrinsic/intrinsic_depth.txt
 
-Color and depth are of one place and of two cameras' images: depth is carried into color.
+Color and depth are of one place and of two cameras' images: depth is registered to color.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from cuboid.errors import FrameError, InputError
-from cuboid.formats.table_door import data_lines
+from cuboid.formats.table_validation import data_lines
 from cuboid.frame import Float64Array
 from cuboid.readers.calibration import CAMERA_FILE
 from cuboid.readers.depth_camera import DepthCamera

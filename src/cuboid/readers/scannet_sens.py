@@ -3,7 +3,7 @@
 Expected: a ``.sens`` file of version 4: the header with both cameras, then for each frame its pose (camera to world),
 two times in microseconds, and its color (JPEG or PNG) and depth (zlib or raw, 16-bit).
 
-Color and depth are of one place and of two cameras' images: depth is carried into color.
+Color and depth are of one place and of two cameras' images: depth is registered to color.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Rea
 
 VERSION = 4
 # The sensor's name is no longer than this.
-MOST_NAME_BYTES = 1 << 12
+MAX_NAME_BYTES = 1 << 12
 _MATRICES = struct.Struct("<64f")  # intrinsics and extrinsics of color, then of depth, 4x4 each
 _FORMS = struct.Struct("<iiIIIIfQ")  # both compressions, both sizes, units of depth a metre, number of frames
 _FRAME = struct.Struct("<16fQQQQ")  # pose, both times, both lengths
@@ -62,7 +62,7 @@ def read(path: Path) -> Listing:
 def _listing(path: Path, file: BinaryIO) -> Listing:
     end = path.stat().st_size
     _, name_bytes = struct.unpack("<IQ", file.read(12))
-    if name_bytes > MOST_NAME_BYTES:
+    if name_bytes > MAX_NAME_BYTES:
         raise InputError(f"{path}: is damaged: the sensor's name has {name_bytes} bytes")
     file.seek(name_bytes, os.SEEK_CUR)
     matrices = np.array(_MATRICES.unpack(file.read(_MATRICES.size))).reshape(4, 4, 4)

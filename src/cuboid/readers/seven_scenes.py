@@ -12,7 +12,7 @@ Expected tree::
 
 The frames may also lie in the upper folder itself.
 
-As published, depth and poses are the depth camera's: depth is carried into the color image, and the poses become those
+As published, depth and poses are the depth camera's: depth is registered to the color image, and the poses become those
 of the color camera. Where the folder or the user names another camera, images count as registered unless a depth camera
 is named with it.
 """
@@ -32,14 +32,14 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.se3 import rigid
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.posetext import parse_numbers
-from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, holds
+from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, has_file
 
 FRAME_FILE = re.compile(r"frame-(\d+)\.(color|depth|pose)\.(png|jpg|jpeg|txt)")
 DEPTH_UNITS_PER_METRE = 1000.0
 # 3RScan has frames of such names too, and this file beside them.
 INFO_3RSCAN = "_info.txt"
 # A matrix has four lines; more of a file than this is not looked at.
-MOST_LINES = 20
+MAX_LINES = 20
 # Color and depth of the dataset are not registered. Its page gives the depth camera (585, 585, 320, 240) and nothing of
 # the color camera; that is a Kinect's: 525 (OpenNI's), 2.5 cm beside the other. Where color images show the
 # edges of depth (u_depth = 1.11 u_color - 29, v_depth = 1.11 v_color - 24) both numbers hold for things 2 m away, and
@@ -66,7 +66,7 @@ CALIBRATION = Calibration(
 
 def recognises(path: Path) -> bool:
     """Tell whether the folder holds files named frame-NNNNNN.color, .depth or .pose."""
-    return holds(path, FRAME_FILE) and not (path / INFO_3RSCAN).is_file()
+    return has_file(path, FRAME_FILE) and not (path / INFO_3RSCAN).is_file()
 
 
 def read(path: Path) -> Listing:
@@ -91,7 +91,7 @@ def read(path: Path) -> Listing:
 def _pose(path: Path) -> Float64Array:
     """Read T_world_camera from the file of one frame."""
     try:
-        values = parse_numbers(" ".join(islice(text_lines(path), MOST_LINES)), 16, "the 16 numbers of a 4x4 matrix")
+        values = parse_numbers(" ".join(islice(text_lines(path), MAX_LINES)), 16, "the 16 numbers of a 4x4 matrix")
         return rigid(np.reshape(values, (4, 4)))
     except UnreadableError as error:
         what = f"the camera pose is missing: {path.name}" if error.missing else f"{path.name} {error.reason}"

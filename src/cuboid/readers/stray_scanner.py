@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from cuboid.errors import FrameError, InputError
-from cuboid.formats.table_door import data_lines
+from cuboid.formats.table_validation import data_lines
 from cuboid.frame import Float64Array, UInt8Array
 from cuboid.readers.images import image_dimensions, images_in
 from cuboid.readers.phone import UP_WORLD, confident_depth, phone_cameras, shrink_factor, shrunk
@@ -32,7 +32,7 @@ DEPTH_UNITS_PER_METRE = 1000.0
 VIDEO, ODOMETRY, MATRIX = "rgb.mp4", "odometry.csv", "camera_matrix.csv"
 FIELDS = "timestamp, frame, x, y, z, qx, qy, qz, qw"
 # Confidence below which a depth is no reading: ARKit's "low" is mostly the edge of something else.
-LEAST_CONFIDENCE = 1
+MIN_CONFIDENCE = 1
 
 # Timestamp and the seven numbers of a pose, and the line they stand in.
 OdometryRow = tuple[int, list[float]]
@@ -56,7 +56,7 @@ def read(path: Path) -> Listing:
     frames = [
         FrameEntry(
             color=partial(_color, video, number, factor),
-            depth=partial(confident_depth, depths[number], path / "confidence" / depths[number].name, LEAST_CONFIDENCE),
+            depth=partial(confident_depth, depths[number], path / "confidence" / depths[number].name, MIN_CONFIDENCE),
             timestamp_s=rows[number][1][0] if number in rows else None,
             pose=partial(_pose, rows, number),
         )

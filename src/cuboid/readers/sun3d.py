@@ -23,11 +23,11 @@ import numpy.typing as npt
 
 from cuboid.errors import FrameError, InputError
 from cuboid.formats.reading import names_in
-from cuboid.formats.table_door import data_lines
+from cuboid.formats.table_validation import data_lines
 from cuboid.frame import Float64Array
 from cuboid.readers.images import decode_depth, images_in
 from cuboid.readers.posetext import parse_numbers, pose_from_matrix
-from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, holds
+from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, has_file
 from cuboid.readers.tum import associate
 
 DEPTH_UNITS_PER_METRE = 1000.0
@@ -40,7 +40,7 @@ WITHIN_S = 0.02
 
 def recognises(path: Path) -> bool:
     """Tell whether the folder holds image, intrinsics.txt and depth with names of a number and a time."""
-    return (path / INTRINSICS).is_file() and (path / "image").is_dir() and holds(path / "depth", DEPTH_FILE)
+    return (path / INTRINSICS).is_file() and (path / "image").is_dir() and has_file(path / "depth", DEPTH_FILE)
 
 
 def read(path: Path) -> Listing:

@@ -9,7 +9,7 @@ Expected tree, with sequence.zip unpacked or not::
         frame-000000.depth.pgm         16-bit; .png as well
         frame-000000.pose.txt          4x4 matrix, camera to world
 
-Color is finer than depth, and both are of one place: depth is carried into color.
+Color is finer than depth, and both are of one place: depth is registered to color.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.images import decode_depth
 from cuboid.readers.netpbm import read_netpbm
 from cuboid.readers.posetext import parse_numbers, pose_from_matrix
-from cuboid.readers.reader import READERS, Calibration, FrameEntry, ImageSource, Listing, Reader, holds
-from cuboid.readers.seven_scenes import INFO_3RSCAN, MOST_LINES
+from cuboid.readers.reader import READERS, Calibration, FrameEntry, ImageSource, Listing, Reader, has_file
+from cuboid.readers.seven_scenes import INFO_3RSCAN, MAX_LINES
 
 FRAME_FILE = re.compile(r"frame-(\d+)\.(color|depth|pose)\.(jpg|png|pgm|txt)")
 FIELDS = ("m_colorWidth", "m_colorHeight", "m_depthWidth", "m_depthHeight", "m_depthShift")
@@ -38,7 +38,7 @@ CAMERAS = ("m_calibrationColorIntrinsic", "m_calibrationDepthIntrinsic")
 
 def recognises(path: Path) -> bool:
     """Tell whether the folder holds _info.txt and files named frame-NNNNNN.color, .depth or .pose."""
-    return (path / INFO_3RSCAN).is_file() and holds(path, FRAME_FILE)
+    return (path / INFO_3RSCAN).is_file() and has_file(path, FRAME_FILE)
 
 
 def read(path: Path) -> Listing:
@@ -103,7 +103,7 @@ def _pinhole(values: dict[str, str], name: str, path: Path) -> tuple[float, floa
 
 def _pose(path: Path) -> Float64Array:
     try:
-        words = " ".join(line for _, line in zip(range(MOST_LINES), text_lines(path), strict=False))
+        words = " ".join(line for _, line in zip(range(MAX_LINES), text_lines(path), strict=False))
         values = parse_numbers(words, 16, "the 16 numbers of a 4x4 matrix")
     except (InputError, ValueError) as error:
         raise FrameError(f"no camera pose: {error}") from None

@@ -15,7 +15,7 @@ from cuboid.frame import Float64Array, UInt8Array
 DepthArray = npt.NDArray[np.uint16] | npt.NDArray[np.float32]
 
 # An image that is stretched or pressed together by more than this factor of its area anywhere is no camera's.
-MOST_STRETCHED = 10.0
+MAX_STRETCHED = 10.0
 
 
 class Undistortion:
@@ -80,5 +80,5 @@ def _refuse_folds(u: Float64Array, v: Float64Array) -> None:
     with np.errstate(over="ignore", invalid="ignore"):  # coefficients may bend pixels to infinity: no area then
         (u_down, u_right), (v_down, v_right) = step(u), step(v)
         area = u_right * v_down - u_down * v_right
-    if not (area.min() > 1 / MOST_STRETCHED and area.max() < MOST_STRETCHED):
+    if not (area.min() > 1 / MAX_STRETCHED and area.max() < MAX_STRETCHED):
         raise ValueError("they bend the image by more than a lens does; the order is k1, k2, p1, p2, k3")

@@ -23,7 +23,7 @@ from cuboid.errors import FrameError, InputError
 from cuboid.formats.reading import names_in, text_lines
 from cuboid.frame import Float64Array
 from cuboid.readers.posetext import parse_numbers, pose_from_quaternion
-from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, holds
+from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, has_file
 
 IMAGE = re.compile(r"(\d+)-(color|depth)\.(png|jpg|jpeg)")
 POSE_FIELDS = "qw qx qy qz tx ty tz"
@@ -36,7 +36,7 @@ CALIBRATION = Calibration(534.8, 534.8, 320.9, 246.9, (640, 480), "fitted to the
 
 def recognises(path: Path) -> bool:
     """Tell whether the folder holds images named NNNNN-color and NNNNN-depth."""
-    return holds(path, IMAGE)
+    return has_file(path, IMAGE)
 
 
 def read(path: Path) -> Listing:

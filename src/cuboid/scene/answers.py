@@ -95,7 +95,7 @@ class ScenePast:
     iou : float or None
         Overlap of the frame's own box with it; None where the frame has none.
     visible : float
-        Share of its near side that was seen, 0..1.
+        Fraction of its near side that was seen, 0..1.
     rect_xyxy : (4,) float64
         Pixels of the image.
     """

@@ -19,20 +19,20 @@ from cuboid.geometry.se3 import quat_wxyz_from_rotation, transform
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.cubes import CUBE_BITS, keys_of
 from cuboid.objects.entry import MapObject
-from cuboid.scene.door import BOX, DamagedError, box_of, columns_of, floats_of, told
-from cuboid.scene.likeness import LAYERS, Look, look_of
+from cuboid.scene.localisation import Joined
 from cuboid.scene.packing import check_sum, deflated, inflated
-from cuboid.scene.placing import Joined
+from cuboid.scene.similarity import LAYERS, ColorProfile, color_profile_of
+from cuboid.scene.validation import BOX, DamagedError, box_of, columns_of, floats_of, read_rows
 from cuboid.surfaces.grid import CELL_M as GROUND_CELL_M
 from cuboid.surfaces.grid import cells_of
-from cuboid.tolerances import LEAST_READINGS
+from cuboid.tolerances import MIN_READINGS
 from cuboid.tracker import Tracker
 
 # Of an object so many points are remembered, to tell whether they are still there.
 POINTS = 300
-# A place was seen before when this share of its ground was. It was empty unless this share of what stands there now, so
-# far above its ground, metres, lies in cells of the map, of such a side, that were no object's, or no such share of it
-# rises so far: what was not told from the room before, or from its ground, is not new.
+# A place was seen before when this fraction of its ground was. It was empty unless this fraction of what stands there
+# now, so far above its ground, metres, lies in cells of the map, of such a side, that were no object's, or no such
+# fraction of it rises so far: what was not told from the room before, or from its ground, is not new.
 KNOWN_GROUND, STOOD, ABOVE_M, CELL_M = 0.5, 0.5, 0.02, 0.02
 
 Cells = npt.NDArray[np.int64]
@@ -47,7 +47,7 @@ class Known:
     ----------
     label, number : int
     box : Box
-    look : (LAYERS, 3) float64
+    profile : (LAYERS, 3) float64
         L*, a*, b* of the parts of its height, the lowest first.
     points : (N, 3) float32
     """
@@ -55,7 +55,7 @@ class Known:
     label: int
     number: int
     box: Box
-    look: Look
+    profile: ColorProfile
     points: Float32Array
 
 
@@ -94,21 +94,21 @@ class Before:
         noted, self._noted = self._noted, []
         return _together(noted)
 
-    def carry(self, joined: Sequence[Joined]) -> None:
-        """Let what stood in parts of the scene that were unconnected be known where these belong."""
+    def apply_joins(self, joined: Sequence[Joined]) -> None:
+        """Transform what stood in parts of the scene that were unconnected to where these belong."""
         for part in joined:
-            inside = {label: part.holds(one.box.center[None])[0] for label, one in self.known.items()}
+            inside = {label: part.contains(one.box.center[None])[0] for label, one in self.known.items()}
             self.known = {k: _moved(one, part.T_new_old) if inside[k] else one for k, one in self.known.items()}
             self._cubes = None
 
-    def looked_at(self, voxels: VoxelMap, since: int) -> set[int]:
-        """Return the labels of what stood in cubes that were in view from a look on; see `VoxelMap.looked_at`."""
+    def labels_in_viewed_cubes(self, voxels: VoxelMap, since: int) -> set[int]:
+        """Return the labels of what stood in cubes in view since a carving pass; see `VoxelMap.viewed_since`."""
         if self._cubes is None:
             cubes = [np.unique(keys_of(_cube_of(one.points, voxels.voxel_m))) for one in self.known.values()]
             labels = np.repeat(np.fromiter(self.known, np.int64), [len(keys) for keys in cubes])
             self._cubes = labels, np.concatenate([np.zeros(0, np.int64), *cubes])
         labels, keys = self._cubes
-        return set(labels[voxels.looked_at(keys, since)].tolist())
+        return set(labels[voxels.viewed_since(keys, since)].tolist())
 
     def was_seen(self, tracker: Tracker, entry: MapObject) -> bool:
         """Tell whether the ground that an object stands on had been seen before the visit.
@@ -164,13 +164,13 @@ def begin(connection: sqlite3.Connection, tracker: Tracker) -> None:
             points = np.ascontiguousarray(entry.points[:: 1 + len(entry.points) // POINTS], "<f4")
             box = entry.box
             nine = (*box.center.tolist(), *box.size.tolist(), *quat_wxyz_from_rotation(box.rotation).tolist())
-            look = look_of(entry).astype("<f8").tobytes()
-            row = (entry.label, *nine, look, points.tobytes(), entry.label, entry.number)
+            profile = color_profile_of(entry).astype("<f8").tobytes()
+            row = (entry.label, *nine, profile, points.tobytes(), entry.label, entry.number)
             places = f"{', '.join('?' * 13)}, (SELECT picture FROM objects WHERE label = ?), ?"
             connection.execute(f"INSERT INTO known VALUES ({places})", row)
     connection.execute("UPDATE objects SET picture_share = 0")  # each visit takes pictures of its own
     for plane in tracker.support.planes:
-        seen = plane.plan.seen >= LEAST_READINGS
+        seen = plane.plan.seen >= MIN_READINGS
         corner = plane.plan.corner.tolist()
         row = (plane.identity, *corner, *seen.shape, np.packbits(seen).tobytes())
         connection.execute("INSERT INTO ground VALUES (?, ?, ?, ?, ?, ?)", row)
@@ -186,19 +186,19 @@ def load(connection: sqlite3.Connection) -> Before:
     """
     known = {}
     columns = columns_of("known", ("label", *BOX, "look", "points", "number"))
-    for label, *row in told(connection, columns, "known"):
-        look, points = floats_of(row[10], "<f8", "known.look"), floats_of(row[11], "<f4", "known.points")
-        if look.size != LAYERS * 3 or points.size % 3:
-            raise DamagedError(f"a row of known is damaged: {look.size} and {points.size} numbers")
+    for label, *row in read_rows(connection, columns, "known"):
+        profile, points = floats_of(row[10], "<f8", "known.look"), floats_of(row[11], "<f4", "known.points")
+        if profile.size != LAYERS * 3 or points.size % 3:
+            raise DamagedError(f"a row of known is damaged: {profile.size} and {points.size} numbers")
         box = box_of(row[:10], "known")
-        known[label] = Known(label, row[12], box, look.reshape(LAYERS, 3), points.reshape(-1, 3))
+        known[label] = Known(label, row[12], box, profile.reshape(LAYERS, 3), points.reshape(-1, 3))
     ground: dict[int, Ground] = {}
-    for plane, i, j, rows, columns_, seen in told(connection, columns_of("ground"), "ground"):
+    for plane, i, j, rows, columns_, seen in read_rows(connection, columns_of("ground"), "ground"):
         if len(seen) != -(-rows * columns_ // 8):
             raise DamagedError(f"a row of ground is damaged: {len(seen)} bytes are not {rows} x {columns_} cells")
         bits = np.unpackbits(np.frombuffer(seen, np.uint8), count=rows * columns_).reshape(rows, columns_)
         ground[plane] = np.array([i, j]), bits.astype(bool)
-    noted = told(connection, columns_of("occupied"), "occupied")
+    noted = read_rows(connection, columns_of("occupied"), "occupied")
     return Before(known, ground, [_cells_in(inflated(data, check, "occupied.cells")) for check, data in noted])
 
 

@@ -1,7 +1,7 @@
 """What changed between two visits: what is gone, what is new, and what is gone here and stands there.
 
-Nothing is called gone that was only hidden or out of view: an object goes when frames see through its points, as the
-tracker does it. What stood nowhere before and is like what is gone is that object: it was moved.
+Nothing is called gone that was only hidden or out of view: an object goes when free-space carving removes its points,
+as in the tracker. What stood nowhere before and is like what is gone is that object: it was moved.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.objects.entry import MapObject
 from cuboid.scene.before import Before, Known
-from cuboid.scene.likeness import alike, look_of
-from cuboid.scene.placing import Joined
+from cuboid.scene.localisation import Joined
+from cuboid.scene.similarity import color_profile_of, similarity
 from cuboid.scene.standing import Standing, fraction_near, standing
 from cuboid.tracker import Tracker
 
 # An object that lies still has half its old points within this of its new ones, metres, or its middle there.
-STILL_M, STILL_SHARE, STILL_MIDDLE_M = 0.025, 0.5, 0.03
+STILL_M, STILL_FRACTION, STILL_MIDDLE_M = 0.025, 0.5, 0.03
 # What is moved is at least this like what it was, and this much more so than any other, 0..1.
 SURE, CLEARER = 0.2, 1.5
-# An object is gone when this share of its old points is seen through, less than that of them is seen again, and less
+# An object is gone when this fraction of its old points is carved, less than that of them is seen again, and less
 # than so much of it is seen anywhere: a rim at its foot, which is not told from what it stood on.
 CARVED, SEEN_AGAIN, LEFT = 0.5, 0.15, 0.3
 # What stands in an object's place is another one when it is no more like it than this, and what was there is not.
@@ -67,7 +67,7 @@ class Change:
 
 
 class Changes:
-    """Holds what is against what was when a visit began.
+    """Compares the map with how things stood when a visit began.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class Changes:
 
     def __init__(self, first_frame: int, before: Before) -> None:
         self._first_frame, self._before = first_frame, before
-        # Look and frame since which nothing was held against what was; 0: all that the visit may have changed.
+        # Carving pass and frame since which nothing was compared with what was; 0: all that the visit may have changed.
         self._since = self._since_frame = 0
 
     def recognise(self, tracker: Tracker, frame: int) -> None:
@@ -88,29 +88,29 @@ class Changes:
         Of what no frame since the last time showed, nothing can have changed.
         """
         known = self._before.known
-        looked_at = self._before.looked_at(tracker.voxels, self._since)
+        viewed = self._before.labels_in_viewed_cubes(tracker.voxels, self._since)
         for entry in tracker.ever_labelled():
             old = known.get(entry.label)
             seen = entry.last_frame >= max(self._since_frame, self._first_frame)
-            if old is not None and entry.confirmed and (seen or entry.label in looked_at):
+            if old is not None and entry.confirmed and (seen or entry.label in viewed):
                 self._hold_against(tracker, entry, old)
         self._find_again(tracker)
         while self._join_what_went_together(tracker):
             pass
-        self._since, self._since_frame = tracker.voxels.looks, frame + 1
+        self._since, self._since_frame = tracker.voxels.carving_passes, frame + 1
 
-    def carry(self, joined: Sequence[Joined]) -> None:
-        """Take in that the map was moved, and that parts of the scene which were unconnected are where they belong."""
-        self._before.carry(joined)
+    def apply_joins(self, joined: Sequence[Joined]) -> None:
+        """Note that the map was moved, and apply the transforms of parts that were connected to the scene."""
+        self._before.apply_joins(joined)
         self._since = self._since_frame = 0
 
     def _hold_against(self, tracker: Tracker, entry: MapObject, old: Known) -> None:
-        """End an object that frames see through, or in whose place others stand."""
+        """Retire an object whose points were carved, or in whose place others stand."""
         voxels = tracker.voxels
         carved = float((voxels.rows_at(old.points.astype(np.float64)) < 0).mean())
         fitted_anew = entry.box is not old.box and entry.last_frame >= self._first_frame
-        in_place = _apart_m(entry.box, old.box) < 0.5 * max(old.box.size.max(), entry.box.size.max())
-        replaced = fitted_anew and in_place and self._alike(entry, old) < UNLIKE
+        in_place = _distance_m(entry.box, old.box) < 0.5 * max(old.box.size.max(), entry.box.size.max())
+        replaced = fitted_anew and in_place and self._similarity(entry, old) < UNLIKE
         if carved < CARVED and not replaced:
             return
         rows = voxels.rows_of(entry.number)
@@ -147,13 +147,13 @@ class Changes:
             self._find_moved(tracker, gone, new)
 
     def _find_moved(self, tracker: Tracker, gone: Sequence[MapObject], new: Sequence[MapObject]) -> None:
-        alike = np.array([[self._alike(o, self._before.known[old.label]) for o in new] for old in gone])
+        similarity = np.array([[self._similarity(o, self._before.known[old.label]) for o in new] for old in gone])
         taken: set[int] = set()
-        for k in np.argsort(-alike.max(1), kind="stable"):
-            j = int(np.argmax(alike[k]))
-            row, column = np.delete(alike[k], j), np.delete(alike[:, j], k)
+        for k in np.argsort(-similarity.max(1), kind="stable"):
+            j = int(np.argmax(similarity[k]))
+            row, column = np.delete(similarity[k], j), np.delete(similarity[:, j], k)
             others = max(row.max(initial=0.0), column.max(initial=0.0))
-            if alike[k, j] >= SURE and alike[k, j] >= CLEARER * others and j not in taken:
+            if similarity[k, j] >= SURE and similarity[k, j] >= CLEARER * others and j not in taken:
                 tracker.adopt(new[j], gone[k])
                 taken.add(j)
 
@@ -164,8 +164,8 @@ class Changes:
         moved = [o for o in moved if not _in_place(o.box, known[o.label].box)]
         for one, two in combinations(moved, 2):
             old, other = known[one.label], known[two.label]
-            apart_m, apart_before_m = _apart_m(one.box, two.box), _apart_m(old.box, other.box)
-            beside = abs(apart_m - apart_before_m) <= STILL_MIDDLE_M and _level(tracker, one, two)
+            distance_m, distance_before_m = _distance_m(one.box, two.box), _distance_m(old.box, other.box)
+            beside = abs(distance_m - distance_before_m) <= STILL_MIDDLE_M and _level(tracker, one, two)
             if (
                 beside
                 and fraction_near(one.points, two.points, PIECE_M) > 0
@@ -212,23 +212,23 @@ class Changes:
             return Change(entry.label, "gone", old.box.center, None)
         if not seen:
             return Change(entry.label, "not looked at", old.box.center, None)
-        metres = _apart_m(entry.box, old.box)
-        near = _in_place(entry.box, old.box) or fraction_near(old.points, entry.points, STILL_M) >= STILL_SHARE
+        metres = _distance_m(entry.box, old.box)
+        near = _in_place(entry.box, old.box) or fraction_near(old.points, entry.points, STILL_M) >= STILL_FRACTION
         if near or self._standing(tracker, old).still:
             return Change(entry.label, "unchanged", old.box.center, entry.box.center)
-        return Change(entry.label, "moved", old.box.center, entry.box.center, metres, self._alike(entry, old))
+        return Change(entry.label, "moved", old.box.center, entry.box.center, metres, self._similarity(entry, old))
 
-    def _alike(self, entry: MapObject, old: Known) -> float:
-        """Return how like an object is to one that was there, 0..1: in size and in colors from foot to top."""
-        return alike(look_of(entry), entry.box, old.look, old.box)
+    def _similarity(self, entry: MapObject, old: Known) -> float:
+        """Return the similarity of an object to one that was there, 0..1: in size and in colors from foot to top."""
+        return similarity(color_profile_of(entry), entry.box, old.profile, old.box)
 
 
-def _apart_m(box: Box, other: Box) -> float:
+def _distance_m(box: Box, other: Box) -> float:
     return float(np.linalg.norm(box.center - other.center))
 
 
 def _in_place(box: Box, other: Box) -> bool:
-    return _apart_m(box, other) <= STILL_MIDDLE_M
+    return _distance_m(box, other) <= STILL_MIDDLE_M
 
 
 def _level(tracker: Tracker, one: MapObject, two: MapObject) -> bool:

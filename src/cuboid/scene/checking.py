@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from cuboid.errors import InputError, OutputError, one_line
-from cuboid.heatmap.levels import parted
+from cuboid.heatmap.levels import split_rows
 from cuboid.scene import before
 from cuboid.scene.database import complaining, open_damaged, open_to_read, open_to_write, transaction
-from cuboid.scene.door import TABLES, DamagedError, Row, columns_of, refuse_no_row
 from cuboid.scene.earlier import Keys, Rows, earlier_block, refill, take_earlier
 from cuboid.scene.editing import CAMERA
 from cuboid.scene.packing import BlockRow, unpacked_block
 from cuboid.scene.saving import StateFile, block_rows, load_blocks, load_parts, strange_is_damaged
 from cuboid.scene.thawing import roots, thaw
+from cuboid.scene.validation import TABLES, DamagedError, Row, columns_of, refuse_no_row
 from cuboid.tracker import Tracker
 
 # What people and other programs are told, in the order in which rows refer to each other.
@@ -233,5 +233,5 @@ def _readable_blocks(old: sqlite3.Connection, voxel_m: float, lost: list[str]) -
 def _cube_block(row: Row) -> tuple[Rows, Keys]:
     told = BlockRow(*row[:5])
     rows = unpacked_block(told, *row[5:])
-    rows = parted(rows[rows["weight"] > 0])
+    rows = split_rows(rows[rows["weight"] > 0])
     return rows, np.full(len(rows), told.cube)

@@ -14,15 +14,15 @@ from typing import Any
 from cuboid.errors import InputError, OutputError
 from cuboid.formats.reading import kind_of, real_path
 from cuboid.outputs.pending import PendingFile
-from cuboid.scene.door import DamagedError
 from cuboid.scene.schema import APPLICATION_ID, MIGRATIONS, VERSION
+from cuboid.scene.validation import DamagedError
 
 # Who writes holds a lock on the file of this name beside the scene.
 LOCK = "-writer"
 # SQLite keeps files of these names there.
 BESIDE = ("-journal", "-wal", "-shm")
 # How long one waits for another that has the file for a moment, seconds.
-PATIENCE_S = 10.0
+LOCK_TIMEOUT_S = 10.0
 # A page of the file, bytes: the map's blocks are much larger.
 PAGE_BYTES = 4096
 # Pages of the log after which they are put where they belong, 64 MB: several commits, most of which write the same
@@ -36,7 +36,7 @@ RESCUE = "'cuboid scene check --rescue NEW' saves what can be read"
 
 @contextmanager
 def complaining(path: Path) -> Iterator[None]:
-    """Turn what SQLite, the system and the door refuse into one line.
+    """Turn what SQLite, the system and the validation refuse into one line.
 
     Raises
     ------
@@ -195,7 +195,7 @@ def _connect(path: Path, mode: str, *, immutable: bool = False) -> sqlite3.Conne
     quiet = "&immutable=1" if immutable else ""
     uri = f"{real_path(path).as_uri()}?mode={mode}{quiet}"
     connection = sqlite3.connect(
-        uri, uri=True, timeout=PATIENCE_S, isolation_level=None, check_same_thread=False, factory=_Connection
+        uri, uri=True, timeout=LOCK_TIMEOUT_S, isolation_level=None, check_same_thread=False, factory=_Connection
     )
     connection.execute("PRAGMA foreign_keys = ON")
     return connection

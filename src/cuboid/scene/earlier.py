@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.cubes import KEY_BITS, KEY_OFFSET, LEVELS, PLACES, ROW, cubes_of
-from cuboid.kernels.voxels import MOST_HITS
-from cuboid.scene.door import DamagedError, Row, told_each
+from cuboid.kernels.voxels import MAX_HITS
 from cuboid.scene.packing import from_planes, inflated
+from cuboid.scene.validation import DamagedError, Row, iterate_table
 
 Rows = npt.NDArray[np.void]
 Keys = npt.NDArray[np.int64]
@@ -33,7 +33,7 @@ def take_earlier(connection: sqlite3.Connection, voxels: VoxelMap) -> bool:
         A block of it is.
     """
     blocks = []
-    for place, row in enumerate(told_each(connection, "earlier_blocks")):
+    for place, row in enumerate(iterate_table(connection, "earlier_blocks")):
         if row[0] != place:
             raise DamagedError(f"the map is damaged: block {row[0]} is there, expected block {place}")
         blocks.append(earlier_block(row, voxels.voxel_m))
@@ -72,7 +72,7 @@ def earlier_block(row: Row, voxel_m: float) -> tuple[Rows, Keys]:
     rows["color"], rows["heat"] = np.clip(values[:, 3:6] * LEVELS, 0, 65535), np.clip(values[:, 6] * 65535, 0, 65535)
     rows["weight"] = values[:, 7]
     for name in ("hits", "passes", "anchor"):
-        rows[name] = np.clip(columns[name], 0, MOST_HITS)
+        rows[name] = np.clip(columns[name], 0, MAX_HITS)
     for name in ("owner", "confidence", "last_frame"):
         rows[name] = columns[name]
     cubes, rows["voxel"] = cubes_of(voxel)

@@ -12,7 +12,7 @@ from cuboid.frame import Intrinsics
 from cuboid.objects.entry import MapObject
 from cuboid.scene.database import transaction
 from cuboid.scene.records import Records
-from cuboid.scene.saving import SceneShelf, StateFile
+from cuboid.scene.saving import SceneBlockStore, StateFile
 from cuboid.scene.visit import load
 from cuboid.tracker import Tracker
 
@@ -23,9 +23,9 @@ CAMERA = Intrinsics(1.0, 1.0, 0.0, 0.0, 1, 1)
 @contextmanager
 def edited(connection: sqlite3.Connection, path: str) -> Iterator[Tracker]:
     """Give the tracker of a scene, and save what was done with it."""
-    shelf = SceneShelf(connection, Path(path))
-    tracker, poses = load(connection, Tracker(CAMERA), shelf)
-    state = StateFile(tracker, connection, (poses,), shelf)
+    block_store = SceneBlockStore(connection, Path(path))
+    tracker, poses = load(connection, Tracker(CAMERA), block_store)
+    state = StateFile(tracker, connection, (poses,), block_store)
     yield tracker
     records = Records(connection, 0)
     with transaction(connection):

@@ -144,7 +144,7 @@ class Freezer:
         part = Part(kind.cls.__name__, {})
         self._copied = not kind.many
         for name, value in zip(names, values, strict=True):
-            if name not in kind.kept_apart:
+            if name not in kind.excluded:
                 part.fields[name] = self._plain(value, name, part)
         return part
 

@@ -29,7 +29,7 @@ from cuboid.poses.keyframes import Keyframe
 from cuboid.poses.places import Appearance
 from cuboid.poses.pyramid import SmallImage
 from cuboid.posing import EstimatedPoses
-from cuboid.scene.placing import ScenePoses
+from cuboid.scene.localisation import ScenePoses
 from cuboid.surfaces.grid import GroundPlan
 from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.planes import PlaneTracker
@@ -49,7 +49,7 @@ class Kind:
     cls : type
     key : callable
         Returns what tells an object from others of its class; none where there is only one.
-    kept_apart : frozenset of str
+    excluded : frozenset of str
         Attributes that are saved elsewhere, are given anew, or follow from others.
     many : bool
         There may be many, of which few change. What their attributes hold is only replaced, never changed: those that
@@ -60,7 +60,7 @@ class Kind:
 
     cls: type
     key: Callable[[Any], object] = lambda item: ""
-    kept_apart: frozenset[str] = frozenset()
+    excluded: frozenset[str] = frozenset()
     many: bool = False
     stamp: Callable[[Any], object] | None = None
 
@@ -68,7 +68,18 @@ class Kind:
 # Rows of the map are saved in blocks: see `saving`.
 _ROWS = frozenset(
     {
-        *("memory_mb", "_room", "_shelf", "_points", "_cubes", "_seen", "_marks", "_bare", "_last_look", "_ready"),
+        *(
+            "memory_mb",
+            "_row_memory",
+            "_block_store",
+            "_points",
+            "_cubes",
+            "_seen",
+            "_marks",
+            "_unindexed",
+            "_last_viewed",
+            "_ready",
+        ),
         "before_visit",
     }
 )
@@ -76,25 +87,25 @@ _ROWS = frozenset(
 KINDS = {
     kind.cls: kind
     for kind in (
-        Kind(Tracker, kept_apart=frozenset({"intrinsics", "_propose", "_memory_mb"})),
+        Kind(Tracker, excluded=frozenset({"intrinsics", "_propose", "_memory_mb"})),
         Kind(PlaneTracker),
         Kind(UpVote),
         Kind(Windows),
         Kind(Plane, key=lambda plane: plane.identity, stamp=lambda plane: (plane.stamp, plane.plan.stamp)),
-        Kind(VoxelMap, kept_apart=_ROWS),
+        Kind(VoxelMap, excluded=_ROWS),
         Kind(RowBlocks),
-        Kind(Anchors, kept_apart=frozenset({"owes", "motions", "_keyframes", "_of", "_pairs"})),
+        Kind(Anchors, excluded=frozenset({"pending", "motions", "_keyframes", "_of", "_pairs"})),
         Kind(Anchor, key=lambda anchor: anchor.number, many=True),
         Kind(ObjectMap),
         Kind(Boxing),
-        Kind(ObjectStore, kept_apart=frozenset({"_bounds", "_changed"})),
+        Kind(ObjectStore, excluded=frozenset({"_bounds", "_changed"})),
         Kind(Affinity),
         Kind(MapObject, key=lambda entry: entry.number, many=True),
-        Kind(ScenePoses, kept_apart=frozenset({"intrinsics"})),
+        Kind(ScenePoses, excluded=frozenset({"intrinsics"})),
         Kind(EstimatedPoses),  # of files from before there were parts
-        Kind(PoseEstimator, kept_apart=frozenset({"intrinsics"})),
+        Kind(PoseEstimator, excluded=frozenset({"intrinsics"})),
         Kind(Atlas),
-        Kind(Keyframe, key=lambda keyframe: keyframe.number, kept_apart=frozenset({"_reference"}), many=True),
+        Kind(Keyframe, key=lambda keyframe: keyframe.number, excluded=frozenset({"_reference"}), many=True),
     )
 }
 

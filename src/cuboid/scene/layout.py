@@ -1,4 +1,4 @@
-"""A place known again by the layout of its objects: where light or the side that it is seen from are other ones.
+"""A place recognised by the layout of its objects: where light or the side that it is seen from are other ones.
 
 Objects stand where they stood, most of them. Two that are like two known ones, as far apart, say where a part of the
 scene lies, for both stand level; it is believed when many others then meet what they are like, when no other answer is
@@ -17,18 +17,18 @@ from cuboid.frame import Float32Array, Float64Array
 from cuboid.geometry.se3 import inverse, transform
 from cuboid.objects.entry import MapObject
 from cuboid.scene.changes import SURE
-from cuboid.scene.likeness import alike, look_of
+from cuboid.scene.similarity import color_profile_of, similarity
 
 # Objects of the part that are looked for, those seen most often, and known ones that each is held against.
 LOOKED_FOR, CANDIDATES = 16, 20
 # Two pairs are as far apart, and objects meet, within this, metres; two nearer each other than that tell no direction.
-APART_M, MEET_M, LEAST_APART_M = 0.03, 0.04, 0.1
+APART_M, MEET_M, MIN_APART_M = 0.03, 0.04, 0.1
 # So many objects meet: in rooms full of objects, three or four do by chance.
-LEAST_MET = 5
+MIN_MET = 5
 # The next best answer that is another one, farther off than this, metres and radians, is so much worse.
 OTHER_M, OTHER_RAD, CLEARER = 0.1, 0.2, 1.5
-# Of the part's points around, this share has known ones within this, metres.
-AROUND_M, SAME_M, SAME_SHARE = 1.0, 0.03, 0.5
+# Of the part's points around, this fraction has known ones within this, metres.
+AROUND_M, SAME_M, SAME_FRACTION = 1.0, 0.03, 0.5
 # Answers that are looked at, those of the most alike pairs.
 ANSWERS = 500
 
@@ -38,14 +38,16 @@ Numbers = npt.NDArray[np.int64]
 def find_layout(known: Sequence[MapObject], seen: Sequence[MapObject], up: Float64Array) -> Float64Array | None:
     """Return the motion T_known_seen (4, 4) about up that lets objects meet known ones; None where it is not clear."""
     seen = sorted(seen, key=lambda o: (-o.frames_seen, o.label))[:LOOKED_FOR]
-    if len(known) < LEAST_MET or len(seen) < LEAST_MET:
+    if len(known) < MIN_MET or len(seen) < MIN_MET:
         return None
     side = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
     side /= np.linalg.norm(side)
     level = np.eye(4)
     level[:3, :3] = np.stack([side, np.cross(up, side), up])
-    looks = [look_of(o) for o in known]
-    like = np.array([[alike(a, o.box, look_of(s), s.box) for a, o in zip(looks, known, strict=True)] for s in seen])
+    looks = [color_profile_of(o) for o in known]
+    like = np.array(
+        [[similarity(a, o.box, color_profile_of(s), s.box) for a, o in zip(looks, known, strict=True)] for s in seen]
+    )
     k, s = (np.array([o.box.center for o in some]) @ level[:3, :3].T for some in (known, seen))
     motions = _answers(like, k, s)
     if not len(motions):
@@ -56,7 +58,7 @@ def find_layout(known: Sequence[MapObject], seen: Sequence[MapObject], up: Float
     turn = np.abs((motions[:, 0] - motions[best, 0] + np.pi) % (2 * np.pi) - np.pi)
     other = (np.linalg.norm(middles - middles[best], axis=1) > OTHER_M) | (turn > OTHER_RAD)
     met, there = _met(motions[best], like, k, s)
-    if len(np.unique(there)) < LEAST_MET or scores[best] < CLEARER * scores[other].max(initial=0.0):
+    if len(np.unique(there)) < MIN_MET or scores[best] < CLEARER * scores[other].max(initial=0.0):
         return None
     return np.asarray(inverse(level) @ _fitted(k[there], s[met]) @ level)
 
@@ -69,7 +71,7 @@ def same_place(known: Float32Array, seen: Float32Array, T_known_seen: Float64Arr
     if not len(near) or not len(known):
         return False
     distance, _ = cKDTree(known).query(there, distance_upper_bound=SAME_M)
-    return bool(np.isfinite(distance).mean() >= SAME_SHARE)
+    return bool(np.isfinite(distance).mean() >= SAME_FRACTION)
 
 
 def _answers(like: Float64Array, known: Float64Array, seen: Float64Array) -> Float64Array:
@@ -81,7 +83,7 @@ def _answers(like: Float64Array, known: Float64Array, seen: Float64Array) -> Flo
     i, j = i[alike_enough], j[alike_enough]
     a, b = np.triu_indices(len(i), 1)
     there, here = known[j[b]] - known[j[a]], seen[i[b]] - seen[i[a]]
-    fits = (i[a] != i[b]) & (j[a] != j[b]) & (np.linalg.norm(here[:, :2], axis=1) >= LEAST_APART_M)
+    fits = (i[a] != i[b]) & (j[a] != j[b]) & (np.linalg.norm(here[:, :2], axis=1) >= MIN_APART_M)
     fits &= np.abs(np.linalg.norm(there[:, :2], axis=1) - np.linalg.norm(here[:, :2], axis=1)) < APART_M
     fits &= np.abs(there[:, 2] - here[:, 2]) < APART_M
     fits[fits] = _most(like[i[a[fits]], j[a[fits]]] * like[i[b[fits]], j[b[fits]]])
@@ -129,7 +131,7 @@ def _nearest(known: Float64Array, points: Float64Array) -> tuple[Float64Array, N
 
 
 def _fitted(known: Float64Array, seen: Float64Array) -> Float64Array:
-    """Return the motion (4, 4) about the third axis that carries points (N, 3) best to known ones."""
+    """Return the motion (4, 4) about the third axis that best aligns points (N, 3) with known ones."""
     x, y = known - known.mean(0), seen - seen.mean(0)
     yaw = np.arctan2((y[:, 0] * x[:, 1] - y[:, 1] * x[:, 0]).sum(), (x[:, :2] * y[:, :2]).sum())
     T = np.eye(4)

@@ -7,11 +7,11 @@ from threading import Event
 
 # Processor time that is worked at a stretch, and the least that is rested, by the clock, seconds.
 STRETCH_S, REST_S = 0.002, 0.02
-# Commits have no larger share of the processor's time than this, however large the scene; for that they wait at most so
-# many times as long as they should.
-COMMIT_SHARE, LONGEST_WAIT = 0.05, 5.0
+# Commits have no larger fraction of the processor's time than this, however large the scene; for that they wait at most
+# so many times as long as they should.
+COMMIT_FRACTION, LONGEST_WAIT = 0.05, 5.0
 # Where other programs have the processor they wait at most so many times as long as without these: of what little is
-# left they have a larger share then, but what is lost with the process stays little.
+# left they have a larger fraction then, but what is lost with the process stays little.
 LOADED_WAIT = 2.0
 
 
@@ -36,7 +36,7 @@ class Rhythm:
     @property
     def wait_s(self) -> float:
         """How long a commit waits after the one before, by what that cost, where nothing else has the processor."""
-        return min(max(self._every_s, self.cost_s / COMMIT_SHARE), LONGEST_WAIT * self._every_s)
+        return min(max(self._every_s, self.cost_s / COMMIT_FRACTION), LONGEST_WAIT * self._every_s)
 
     def due(self) -> bool:
         """Tell whether it is time for one."""
@@ -50,11 +50,11 @@ class Rhythm:
 
 
 class Pace:
-    """Lets a thread work for a share of what the process works.
+    """Lets a thread work for a fraction of what the process works.
 
     Parameters
     ----------
-    share : float
+    fraction : float
         Of the process's processor time.
     most_s : float
         After so long it works without rest: the others may have nothing to do.
@@ -62,8 +62,8 @@ class Pace:
         Processor time that the work is likely to take, 0 where that is not known: it rests as `most_s` allows for.
     """
 
-    def __init__(self, share: float = 1.0, most_s: float = 0.0, cost_s: float = 0.0) -> None:
-        self._share, self._until_s = share, time.monotonic() + most_s
+    def __init__(self, fraction: float = 1.0, most_s: float = 0.0, cost_s: float = 0.0) -> None:
+        self._fraction, self._until_s = fraction, time.monotonic() + most_s
         self._stretched = most_s / cost_s if cost_s > 0.0 else float("inf")
         self._hurry = Event()
         self._begun: tuple[float, float] | None = None
@@ -73,7 +73,7 @@ class Pace:
         now_s = time.thread_time()
         if self._begun is None:
             self._begun = now_s, time.process_time()
-        worked_s, due_s = now_s - self._begun[0], self._begun[1] + (now_s - self._begun[0]) / self._share
+        worked_s, due_s = now_s - self._begun[0], self._begun[1] + (now_s - self._begun[0]) / self._fraction
         if worked_s < STRETCH_S:
             return
         # Where others have the processor it comes later than by the clock.

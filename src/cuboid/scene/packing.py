@@ -15,7 +15,7 @@ from msgspec import Meta
 
 from cuboid.errors import shown
 from cuboid.kernels.cubes import BLOCK_ROWS, ROW
-from cuboid.scene.door import DamagedError
+from cuboid.scene.validation import DamagedError
 
 # Images of at least so many pixels a side are kept as PNG, compressed so far.
 SMALLEST_IMAGE, PNG_COMPRESSION = 48, 3

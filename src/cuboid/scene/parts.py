@@ -1,4 +1,4 @@
-"""What a scene file told of a part that was unconnected, carried to where the part belongs."""
+"""What a scene file told of a part that was unconnected, transformed to where the part belongs."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from cuboid.frame import Float32Array
 from cuboid.geometry.se3 import quat_wxyz_from_rotation, transform
-from cuboid.scene.door import DamagedError, columns_of, floats_of, rotation_of, told
-from cuboid.scene.placing import Joined
+from cuboid.scene.localisation import Joined
+from cuboid.scene.validation import DamagedError, columns_of, floats_of, read_rows, rotation_of
 
 # Rows that have a place, and a turn: table, its columns of the place, those of the quaternion (w first).
 _TURNED = (
@@ -24,23 +24,23 @@ _PLACES = (("changes", "from_x from_y from_z"), ("changes", "to_x to_y to_z"))
 _KEYS = {"frames": "recording frame", "changes": "recording label", "boxes": "id", "objects": "label", "known": "label"}
 
 
-def carry_rows(connection: sqlite3.Connection, joined: Sequence[Joined]) -> None:
+def transform_rows(connection: sqlite3.Connection, joined: Sequence[Joined]) -> None:
     """Carry all rows that lie in parts of the scene which became part of others, within the caller's transaction."""
     for part in joined:
         for table, place, turn in _TURNED:
-            _carry(connection, part, table, place, turn)
+            _transform(connection, part, table, place, turn)
         for table, place in _PLACES:
-            _carry(connection, part, table, place, "")
+            _transform(connection, part, table, place, "")
 
 
-def _carry(connection: sqlite3.Connection, part: Joined, table: str, place: str, turn: str) -> None:
+def _transform(connection: sqlite3.Connection, part: Joined, table: str, place: str, turn: str) -> None:
     keys, columns = _KEYS[table].split(), [*place.split(), *turn.split()]
     points = ["points"] if table == "known" else []
     names = columns_of(table, [*keys, *columns, *points])
     rows = []
-    for row in told(connection, names, f"{table} WHERE {columns[0]} IS NOT NULL"):
+    for row in read_rows(connection, names, f"{table} WHERE {columns[0]} IS NOT NULL"):
         numbers = np.array(row[len(keys) : len(keys) + len(columns)])
-        if part.holds(numbers[None, :3])[0]:
+        if part.contains(numbers[None, :3])[0]:
             new = transform(part.T_new_old, numbers[:3]).tolist()
             if turn:
                 rotation = part.T_new_old[:3, :3] @ rotation_of(numbers[3:].tolist(), table)

@@ -16,7 +16,7 @@ from cuboid.frame import Float64Array
 from cuboid.results import SceneChange
 from cuboid.scene.answers import SceneObject, ScenePast, SceneRecording
 from cuboid.scene.database import complaining, open_to_read
-from cuboid.scene.door import BOX, Row, box_of, columns_of, rotation_of, told
+from cuboid.scene.validation import BOX, Row, box_of, columns_of, read_rows, rotation_of
 
 _COLUMNS = (
     "label", "name", "state", "merged_into", *BOX, "score", "heat", "points", "red", "green", "blue", "first_frame",
@@ -183,7 +183,7 @@ class SceneReader:
         if not self.path.exists():
             return []
         with complaining(self.path):
-            return told(self._connection(), columns, rest, values)
+            return read_rows(self._connection(), columns, rest, values)
 
     def _connection(self) -> sqlite3.Connection:
         if self._read is None:

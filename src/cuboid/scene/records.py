@@ -77,7 +77,7 @@ class Rows:
         many("UPDATE objects SET state = 'merged', merged_into = ? WHERE label = ?", [(b, a) for a, b in self.merged])
         many(
             "UPDATE objects SET picture_share = ?, picture = ? WHERE label = ?",
-            [(share, picture, label) for label, (share, picture) in self.pictures.items()],
+            [(quality, picture, label) for label, (quality, picture) in self.pictures.items()],
         )
 
 
@@ -102,7 +102,7 @@ class Records:
         self._told: dict[int, tuple[object, ...]] = {}
         self._merged = {k for (k,) in connection.execute("SELECT label FROM objects WHERE merged_into IS NOT NULL")}
         self._pixels = pixels
-        self._share: dict[int, float] = dict(connection.execute("SELECT label, picture_share FROM objects"))
+        self._quality: dict[int, float] = dict(connection.execute("SELECT label, picture_share FROM objects"))
         # Of each object that this recording has seen: its first frame, and in how many it was.
         self.seen: dict[int, tuple[int, int]] = {
             label: (first, count)
@@ -156,16 +156,16 @@ class Records:
         best: tuple[float, Sighting, float] | None = None
         for seen in sightings:
             x0, y0, x1, y1 = seen.rect_xyxy
-            share = seen.visible * float(np.sqrt(max(0.0, (x1 - x0) * (y1 - y0))))
-            times = share / max(self._share.get(seen.label, 0.0), 1.0)
+            quality = seen.visible * float(np.sqrt(max(0.0, (x1 - x0) * (y1 - y0))))
+            times = quality / max(self._quality.get(seen.label, 0.0), 1.0)
             if times > BETTER and (best is None or times > best[0]):
-                best = times, seen, share
+                best = times, seen, quality
         if best is not None:
-            _, seen, share = best
+            _, seen, quality = best
             picture = picture_of(frame, seen.rect_xyxy)
             if picture:
-                self._share[seen.label] = share
-                self._rows.pictures[seen.label] = share, picture
+                self._quality[seen.label] = quality
+                self._rows.pictures[seen.label] = quality, picture
 
 
 def picture_of(frame: Frame, rect_xyxy: Float64Array) -> bytes:

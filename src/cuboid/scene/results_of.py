@@ -16,10 +16,10 @@ from cuboid.frame import Intrinsics
 from cuboid.outputs import ObjectsFile, ResultWriter, RunReport
 from cuboid.results import FrameResult, Sighting, SupportPlane, TrackedObject
 from cuboid.scene.answers import SceneObject, ScenePast
-from cuboid.scene.door import CameraColumn, Outline, Settings, columns_of, document, told
 from cuboid.scene.editing import CAMERA
-from cuboid.scene.saving import SceneShelf
+from cuboid.scene.saving import SceneBlockStore
 from cuboid.scene.scene import Scene
+from cuboid.scene.validation import CameraColumn, Outline, Settings, columns_of, document, read_rows
 from cuboid.scene.visit import load
 from cuboid.tracker import Tracker
 
@@ -49,7 +49,7 @@ def write_results(scene: Scene, connection: sqlite3.Connection, number: int, fol
         The results cannot be written.
     """
     columns = columns_of("recordings", ("path", "format", "poses", "complete", "next_frame", "camera", "settings"))
-    rows = told(connection, columns, "recordings WHERE id = ?", (number,))
+    rows = read_rows(connection, columns, "recordings WHERE id = ?", (number,))
     if not rows:
         raise InputError(f"{scene.path}: there is no recording {number}; there are 1 to {len(scene.recordings)}")
     path, form, poses, complete, frames, camera, settings = rows[0]
@@ -60,12 +60,12 @@ def write_results(scene: Scene, connection: sqlite3.Connection, number: int, fol
     read = len(range(0, frames, every))
     missing = [k for k in range(0, frames, every) if k not in known]
     sightings, objects = _seen(scene, number)
-    tracker = load(connection, Tracker(CAMERA), SceneShelf(connection, scene.path))[0]
+    tracker = load(connection, Tracker(CAMERA), SceneBlockStore(connection, scene.path))[0]
     planes = tuple(
         SupportPlane(
             np.array(plane[:3]), plane[3], np.array(document(plane[4], Outline, "planes.outline")).reshape(-1, 3)
         )
-        for plane in told(connection, columns_of("planes", _PLANE), "planes ORDER BY rowid")
+        for plane in read_rows(connection, columns_of("planes", _PLANE), "planes ORDER BY rowid")
     )
     with ResultWriter(folder, force=force) as writer:
         for frame, (time_s, T_world_camera) in known.items():

@@ -54,7 +54,8 @@ class IntoScene:
     path : Path
         Of its file, which is made where there is none.
     same_world : bool
-        The recording's given poses are in the scene's world; else they are aligned with it by the looks of the place.
+        The recording's given poses are in the scene's world; else they are aligned with it by the appearance of the
+        place.
     resume : bool
         Go on with a run that was broken off.
     commit_every_s : float

@@ -18,7 +18,6 @@ import numpy.typing as npt
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.cubes import ROW
 from cuboid.scene.database import complaining
-from cuboid.scene.door import DamagedError, columns_of, told, told_each
 from cuboid.scene.earlier import take_earlier
 from cuboid.scene.freezing import Freezer, Taken
 from cuboid.scene.kinds import Part
@@ -32,6 +31,7 @@ from cuboid.scene.packing import (
     unpacked_block,
 )
 from cuboid.scene.thawing import thaw
+from cuboid.scene.validation import DamagedError, columns_of, iterate_table, read_rows
 from cuboid.tracker import Tracker
 
 BESIDE = ", ".join(BlockRow._fields)
@@ -58,7 +58,7 @@ class Snapshot:
     changed: dict[int, tuple[int, int, npt.NDArray[Any]]]
 
 
-class SceneShelf:
+class SceneBlockStore:
     """The blocks of a scene: those of the map that are not in memory come from here.
 
     Parameters
@@ -94,7 +94,7 @@ class SceneShelf:
         found, columns = [], columns_of("blocks")
         with complaining(self._path):
             for block, count in zip(blocks, counts, strict=True):
-                rows = told(self._connection, columns, "blocks WHERE number = ?", (block,))
+                rows = read_rows(self._connection, columns, "blocks WHERE number = ?", (block,))
                 has = rows[0][3] if rows else 0
                 if has != count:
                     raise DamagedError(f"block {block} of the map is damaged: it has {has} rows, expected {count}")
@@ -112,7 +112,7 @@ class StateFile:
         Of the scene: what it holds of an earlier state is replaced.
     others : iterable of object
         What else is saved with it.
-    shelf : SceneShelf, optional
+    block_store : SceneBlockStore, optional
         Where the map's blocks come from that are not in memory.
     """
 
@@ -121,9 +121,9 @@ class StateFile:
         tracker: Tracker,
         connection: sqlite3.Connection,
         others: Iterable[object] = (),
-        shelf: SceneShelf | None = None,
+        block_store: SceneBlockStore | None = None,
     ) -> None:
-        self._tracker, self._shelf = tracker, shelf
+        self._tracker, self._block_store = tracker, block_store
         self._freezers = [(root, Freezer()) for root in (tracker, *others)]
         # Digests of what the file holds by part and path, the part itself under ""; b"" where that is not known.
         self._written: dict[tuple[str, str], bytes] = {}
@@ -144,11 +144,11 @@ class StateFile:
         if self._begin:
             blocks, self._begin = np.arange(1, voxels.blocks), False
         changed = dict(zip(blocks.tolist(), voxels.copies(blocks), strict=True))
-        if self._shelf is not None:  # only now: what was put aside before is on another one
-            self._shelf.awaited = blocks
-            if self._shelf.voxels is not voxels:
-                voxels.put_on(self._shelf)
-                self._shelf.voxels = voxels
+        if self._block_store is not None:  # only now: what was put aside before is on another one
+            self._block_store.awaited = blocks
+            if self._block_store.voxels is not voxels:
+                voxels.use_store(self._block_store)
+                self._block_store.voxels = voxels
         return Snapshot(taken, voxels.blocks, changed)
 
     def write(
@@ -181,10 +181,10 @@ class StateFile:
             pace.rest()
         self._plain = set() if ended else {*rest[PACKED_A_TIME:], *state.changed}
 
-    def settled(self) -> None:
+    def mark_committed(self) -> None:
         """Tell that what was written last is committed."""
-        if self._shelf is not None:
-            self._shelf.awaited = np.zeros(0, np.int64)
+        if self._block_store is not None:
+            self._block_store.awaited = np.zeros(0, np.int64)
 
     def _write_parts(self, connection: sqlite3.Connection, state: Snapshot, pace: Pace) -> None:
         now: dict[tuple[str, str], bytes] = {}
@@ -231,11 +231,11 @@ def has_state(connection: sqlite3.Connection) -> bool:
 
 
 def load_state(
-    connection: sqlite3.Connection, fresh: Tracker, *others: object, shelf: SceneShelf | None = None
+    connection: sqlite3.Connection, fresh: Tracker, *others: object, block_store: SceneBlockStore | None = None
 ) -> tuple[Any, ...]:
     """Return a tracker that goes on from the state of a scene, and what else was saved with it.
 
-    Blocks of the map are read when they are looked at or asked for.
+    Blocks of the map are read when they are accessed.
 
     Parameters
     ----------
@@ -244,7 +244,7 @@ def load_state(
         A new one for the frames that come: their intrinsics and proposals.
     *others : object
         New ones of what else may have been saved.
-    shelf : SceneShelf, optional
+    block_store : SceneBlockStore, optional
         Where blocks are read from; the same connection unless given.
 
     Returns
@@ -257,7 +257,7 @@ def load_state(
     InputError
         The state is damaged, or of another version.
     """
-    shelf = shelf or SceneShelf(connection, Path("the scene"))
+    block_store = block_store or SceneBlockStore(connection, Path("the scene"))
     parts = load_parts(connection)
     with strange_is_damaged():
         tracker, *rest = thaw(parts, fresh, *others)
@@ -265,8 +265,8 @@ def load_state(
             raise DamagedError("the state of the tracker is missing")
         if not take_earlier(connection, tracker.voxels):
             blocks = block_rows(connection)
-            tracker.voxels.restore([(b.number, b.cube, b.rows, b.living, b.visit) for b in blocks], shelf)
-            shelf.voxels = tracker.voxels
+            tracker.voxels.restore([(b.number, b.cube, b.rows, b.living, b.visit) for b in blocks], block_store)
+            block_store.voxels = tracker.voxels
     return tracker, *rest
 
 
@@ -279,9 +279,10 @@ def block_rows(connection: sqlite3.Connection) -> list[BlockRow]:
         One makes no sense, or they are not all that the map has.
     """
     blocks = [
-        BlockRow(*row) for row in told(connection, columns_of("blocks", BlockRow._fields), "blocks ORDER BY number")
+        BlockRow(*row)
+        for row in read_rows(connection, columns_of("blocks", BlockRow._fields), "blocks ORDER BY number")
     ]
-    said = [value for (value,) in told(connection, ("scene.value",), "scene WHERE key = 'blocks'")]
+    said = [value for (value,) in read_rows(connection, ("scene.value",), "scene WHERE key = 'blocks'")]
     expected = int(said[0]) - 1 if said and said[0].isdecimal() else -1
     if len(blocks) != expected or any(block.number != k for k, block in enumerate(blocks, 1)):
         raise DamagedError(f"the map is damaged: {len(blocks)} blocks, expected {max(expected, 0)}")
@@ -327,11 +328,11 @@ def load_parts(connection: sqlite3.Connection) -> dict[str, Part]:
     if sealed is not None and sealed[0] != _seal(connection):  # scenes of before the seal have none
         raise DamagedError("the state of the tracker is damaged: its parts are not those that were written")
     parts: dict[str, Part] = {}
-    for key, kind, check, fields in told_each(connection, "parts"):
+    for key, kind, check, fields in iterate_table(connection, "parts"):
         if check_sum(fields) != check:
             raise DamagedError(f"the part '{key}' is damaged: its check sum is wrong")
         parts[key] = Part(kind, msgspec.msgpack.decode(fields))
-    for key, path, form, check, data in told_each(connection, "arrays"):
+    for key, path, form, check, data in iterate_table(connection, "arrays"):
         if key in parts:
             parts[key].arrays[path] = form, unpacked(data, check, form, f"the array '{path}' of '{key}'")
     return parts
@@ -345,6 +346,6 @@ def load_blocks(connection: sqlite3.Connection) -> Iterator[tuple[BlockRow, npt.
     InputError
         One is damaged.
     """
-    for row in told_each(connection, "blocks"):
+    for row in iterate_table(connection, "blocks"):
         block = BlockRow(*row[:5])
         yield block, unpacked_block(block, *row[5:])

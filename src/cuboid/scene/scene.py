@@ -20,11 +20,11 @@ from cuboid.proposals.types import ProposalSource
 from cuboid.scene import before, editing
 from cuboid.scene import visit as visits
 from cuboid.scene.database import Writing, complaining, open_to_read, open_to_write, transaction
-from cuboid.scene.door import columns_of, told
-from cuboid.scene.placing import ESTIMATED, OWN_WORLD, SAME_WORLD, ScenePoses
+from cuboid.scene.localisation import ESTIMATED, OWN_WORLD, SAME_WORLD, ScenePoses
 from cuboid.scene.reader import SceneReader
-from cuboid.scene.saving import SceneShelf, has_state
+from cuboid.scene.saving import SceneBlockStore, has_state
 from cuboid.scene.session import COMMIT_EVERY_S, OwnFrames, SceneTracker
+from cuboid.scene.validation import columns_of, read_rows
 from cuboid.scene.visit import Source
 from cuboid.tracker import Tracker
 
@@ -47,7 +47,7 @@ class Scene(SceneReader):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self._write: Writing | None = None
-        self._shelf: sqlite3.Connection | None = None
+        self._block_connection: sqlite3.Connection | None = None
         self._tracker: SceneTracker | None = None
 
     @classmethod
@@ -81,9 +81,9 @@ class Scene(SceneReader):
         if self._tracker is not None:
             self._tracker.drop()
             self._tracker = None
-        if self._shelf is not None:
-            self._shelf.close()
-            self._shelf = None
+        if self._block_connection is not None:
+            self._block_connection.close()
+            self._block_connection = None
         if self._read is not None:
             self._read.close()
             self._read = None
@@ -140,12 +140,12 @@ class Scene(SceneReader):
             own = OwnFrames(make_source(proposals))
             tracker = Tracker(intrinsics, config, own, memory_mb=memory_mb)
             poses = ScenePoses(intrinsics, tracker.config)
-            if self._shelf is not None:
-                self._shelf.close()
-            self._shelf = open_to_read(self.path)
-            shelf = SceneShelf(self._shelf, self.path)
+            if self._block_connection is not None:
+                self._block_connection.close()
+            self._block_connection = open_to_read(self.path)
+            block_store = SceneBlockStore(self._block_connection, self.path)
             if has_state(connection):
-                tracker, poses = self._going_on(connection, config, tracker, shelf)
+                tracker, poses = self._going_on(connection, config, tracker, block_store)
             else:  # it may have had a state, and lost it with a damaged file
                 tracker.begin_labels(
                     1 + connection.execute("SELECT coalesce(max(label), 0) FROM objects").fetchone()[0]
@@ -168,8 +168,8 @@ class Scene(SceneReader):
                     tracker.begin_visit()
             own.first_frame = visit.first_frame
             columns = columns_of("objects", ("label", "name"))
-            names: dict[int, str] = dict(told(connection, columns, "objects WHERE name IS NOT NULL"))
-        self._tracker = SceneTracker(self.path, file, tracker, poses, visit, names, commit_every_s, shelf, stood)
+            names: dict[int, str] = dict(read_rows(connection, columns, "objects WHERE name IS NOT NULL"))
+        self._tracker = SceneTracker(self.path, file, tracker, poses, visit, names, commit_every_s, block_store, stood)
         return self._tracker
 
     def _going_on(
@@ -177,10 +177,10 @@ class Scene(SceneReader):
         connection: sqlite3.Connection,
         config: TrackerConfig | None,
         fresh: Tracker,
-        shelf: SceneShelf,
+        block_store: SceneBlockStore,
     ) -> tuple[Tracker, ScenePoses]:
         """Return tracker and poses as the scene has them."""
-        tracker, poses = visits.load(connection, fresh, shelf)
+        tracker, poses = visits.load(connection, fresh, block_store)
         if config is not None:
             own = tracker.config.to_dict()
             for name, value in config.to_dict().items():
@@ -271,7 +271,7 @@ class Scene(SceneReader):
 
     def _writing(self) -> Writing:
         if self._tracker is not None:
-            self._tracker.settle()
+            self._tracker.finish_commit()
         if self._write is None:
             self._write = open_to_write(self.path, create=True)
         return self._write

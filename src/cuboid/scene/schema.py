@@ -183,8 +183,8 @@ _NUMBERS = """
 ALTER TABLE known ADD COLUMN number INTEGER NOT NULL DEFAULT 0;
 """
 
-# Points may owe motions, as the tracker's state tells: no table is another one, but who does not know of that would
-# take points to be where they no longer belong.
+# Points may have pending motions, as the tracker's state tells: no table is another one, but who does not know of that
+# would take points to be where they no longer belong.
 _ANCHORS = ""
 
 # Rows may stand for several voxels, which a byte of theirs tells that was zero: no table is another one, but who does

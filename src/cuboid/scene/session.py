@@ -17,19 +17,19 @@ from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
 from cuboid.scene import changes, layout, parts
 from cuboid.scene.before import Before, write_noted
 from cuboid.scene.database import Writing, complaining, transaction
+from cuboid.scene.localisation import ESTIMATED, SAME_WORLD, Joined, ScenePoses
 from cuboid.scene.pace import Pace, Rhythm
-from cuboid.scene.placing import ESTIMATED, SAME_WORLD, Joined, ScenePoses
 from cuboid.scene.records import Records
-from cuboid.scene.saving import SceneShelf, StateFile
+from cuboid.scene.saving import SceneBlockStore, StateFile
 from cuboid.scene.visit import Visit
 from cuboid.tracker import Tracker
 
 # How often what is new is written, seconds.
 COMMIT_EVERY_S = 1.0
-# What is committed is written bit by bit beside the frames that follow, with such a share of what these work; within as
-# long as the next commit waits where nothing else has the processor.
-WRITING_SHARE = 0.06
-# Every so many points of the map are held against the others.
+# What is committed is written bit by bit beside the frames that follow, with such a fraction of what these work; within
+# as long as the next commit waits where nothing else has the processor.
+WRITING_FRACTION = 0.06
+# Every so many points of the map are compared with the others.
 SPARSE = 7
 
 
@@ -51,7 +51,7 @@ class SceneTracker:
     names : mapping of int to str
         By label.
     commit_every_s : float
-    shelf : SceneShelf
+    block_store : SceneBlockStore
         Where parts of the map are that are not in memory.
     before : Before
         How things stood when the recording began.
@@ -71,13 +71,13 @@ class SceneTracker:
         visit: Visit,
         names: Mapping[int, str],
         commit_every_s: float,
-        shelf: SceneShelf,
+        block_store: SceneBlockStore,
         before: Before,
     ) -> None:
         self._path, self._file, self._tracker, self._visit = path, file, tracker, visit
         self._names, self._poses = names, poses
         self._records = Records(file.connection, visit.number, visit.pixels)
-        self._state = StateFile(tracker, file.connection, (poses,), shelf)
+        self._state = StateFile(tracker, file.connection, (poses,), block_store)
         self._before, self._changes = before, changes.Changes(visit.first_frame, before)
         self._joined: list[Joined] = []
         self._pending: list[tuple[str, str]] = []
@@ -140,11 +140,11 @@ class SceneTracker:
             "later one connects them",
         )
 
-    def carry(self, moved: Mapping[int, Float64Array]) -> None:
-        """Move what was found with the keyframes; see `Tracker.carry`."""
-        self._tracker.carry(moved)
+    def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
+        """Apply a pose correction; see `Tracker.apply_correction`."""
+        self._tracker.apply_correction(moved)
         joined = self._poses.take_joined()
-        self._changes.carry(joined)
+        self._changes.apply_joins(joined)
         self._joined += joined
 
     def skip(self, index: int) -> None:
@@ -197,7 +197,7 @@ class SceneTracker:
     def commit_if_due(self) -> None:
         """Write what is new, where the last time is long enough ago; between two frames."""
         if self._writing is not None and self._writing.done():
-            self.settle()
+            self.finish_commit()
         if self._writing is None and self._rhythm.due():
             self._commit()
 
@@ -218,13 +218,13 @@ class SceneTracker:
             return
         self._open = False
         try:
-            self.settle()
+            self.finish_commit()
             if self._visit.number > 1:
                 self._changes.recognise(self._tracker, self._visit.first_frame + self._next_frame)
             if complete:
-                self._tracker.voxels.look_away()
+                self._tracker.voxels.thin_all()
             self._commit(complete=complete, ended=True)
-            self.settle()
+            self.finish_commit()
         finally:
             self._thread.shutdown()
 
@@ -244,14 +244,14 @@ class SceneTracker:
         visit, next_frame = self._visit, self._next_frame
         told = self._changes.tell(self._tracker, self._records.seen) if ended and visit.number > 1 else []
         noted = self._before.take_noted()
-        pace = self._pace = Pace() if ended else Pace(WRITING_SHARE, self._rhythm.wait_s, self._rhythm.cost_s)
+        pace = self._pace = Pace() if ended else Pace(WRITING_FRACTION, self._rhythm.wait_s, self._rhythm.cost_s)
 
         def write() -> None:
             begun_s, connection = time.thread_time(), self._file.connection
             with transaction(connection):
                 self._state.write(connection, state, pace, ended=ended)
                 rows.write(connection)
-                parts.carry_rows(connection, joined)
+                parts.transform_rows(connection, joined)
                 write_noted(connection, noted)
                 changes.write(connection, visit.number, told)
                 visit.write(connection, next_frame, pending, complete=complete, ended=ended)
@@ -262,14 +262,14 @@ class SceneTracker:
         self._rhythm.begin(time.thread_time() - begun_s)
         self._writing = self._thread.submit(write)
 
-    def settle(self) -> None:
+    def finish_commit(self) -> None:
         """Wait until what is being written is committed; raises OutputError where it could not be."""
         if self._writing is not None:
             writing, self._writing = self._writing, None
             self._pace.hurry()
             with complaining(self._path):
                 writing.result()
-            self._state.settled()
+            self._state.mark_committed()
 
 
 class OwnFrames:

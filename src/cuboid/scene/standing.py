@@ -12,8 +12,8 @@ from cuboid.frame import Float32Array
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.scene.before import Known
 
-# What was there is there still when this share of it is seen again, and less than that of it is seen through. On made
-# visits, of what did not move nine tenths are seen again, and less than a tenth is seen through.
+# What was there is there still when this fraction of it is seen again, and less than that of it is carved. On made
+# visits, of what did not move nine tenths are seen again, and less than a tenth is carved.
 SAME_PLACE, CHANGED = 0.6, 0.15
 # A point is seen again where a frame saw something in its voxel or in one beside it, that itself first.
 AROUND = np.array(sorted(np.ndindex(3, 3, 3), key=lambda k: (np.abs(np.array(k) - 1).sum(), k))) - 1
@@ -56,7 +56,7 @@ def standing(voxels: VoxelMap, old: Known, first_frame: int) -> Standing:
 
 
 def fraction_near(points: Float32Array, others: Float32Array, within_m: float) -> float:
-    """Return the share of points (N, 3) that have others (M, 3) near by."""
+    """Return the fraction of points (N, 3) that have others (M, 3) near by."""
     if len(points) == 0 or len(others) == 0:
         return 0.0
     distance, _ = cKDTree(others).query(points, distance_upper_bound=within_m)

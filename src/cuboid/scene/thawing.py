@@ -16,8 +16,8 @@ import numpy as np
 from cuboid.errors import InputError
 from cuboid.posing import EstimatedPoses
 from cuboid.scene.kinds import ENUMS, KINDS, VALUES, Part, attributes, fields_of
+from cuboid.scene.localisation import ScenePoses
 from cuboid.scene.packing import from_bytes, from_form
-from cuboid.scene.placing import ScenePoses
 from cuboid.surfaces.grid import GroundPlan
 from cuboid.tracker import Tracker
 
@@ -95,7 +95,7 @@ class _Thawer:
             elif beginning is _UNKNOWN:
                 raise _strange(f"{type(item).__name__}.{name}")
             else:
-                apart = type(item) in KINDS and name in KINDS[type(item)].kept_apart
+                apart = type(item) in KINDS and name in KINDS[type(item)].excluded
                 value = beginning if apart else deepcopy(beginning)
             object.__setattr__(item, name, value)
 

@@ -15,10 +15,10 @@ from cuboid.errors import InputError, shown
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.scene import before
 from cuboid.scene.database import transaction
-from cuboid.scene.door import columns_of, document, told
-from cuboid.scene.placing import ScenePoses
-from cuboid.scene.saving import SceneShelf, load_state, strange_is_damaged
+from cuboid.scene.localisation import ScenePoses
+from cuboid.scene.saving import SceneBlockStore, load_state, strange_is_damaged
 from cuboid.scene.thawing import roots
+from cuboid.scene.validation import columns_of, document, read_rows
 from cuboid.tracker import Tracker
 
 
@@ -130,7 +130,7 @@ def resume(connection: sqlite3.Connection, source: Source, path: str) -> Visit:
     columns = (
         "id", "path", "poses", "complete", "first_frame", "next_frame", "camera", "settings", "T_world_recording"
     )  # fmt: skip
-    rows = told(connection, columns_of("recordings", columns), "recordings ORDER BY id DESC LIMIT 1")
+    rows = read_rows(connection, columns_of("recordings", columns), "recordings ORDER BY id DESC LIMIT 1")
     if not rows or rows[0][3]:
         raise InputError(f"{path}: --resume: no recording was broken off; without it, one is added")
     number, recording, poses, _, first_frame, next_frame, camera, settings, T = rows[0]
@@ -149,7 +149,9 @@ def resume(connection: sqlite3.Connection, source: Source, path: str) -> Visit:
     return Visit(number, first_frame, next_frame, T_world_recording, begun.get("scale", 1))
 
 
-def load(connection: sqlite3.Connection, fresh: Tracker, shelf: SceneShelf | None = None) -> tuple[Tracker, ScenePoses]:
+def load(
+    connection: sqlite3.Connection, fresh: Tracker, block_store: SceneBlockStore | None = None
+) -> tuple[Tracker, ScenePoses]:
     """Return a tracker, and where its frames are taken, that go on from the state of a scene.
 
     Parameters
@@ -157,7 +159,7 @@ def load(connection: sqlite3.Connection, fresh: Tracker, shelf: SceneShelf | Non
     connection : sqlite3.Connection
     fresh : Tracker
         A new one for the frames that come.
-    shelf : SceneShelf, optional
+    block_store : SceneBlockStore, optional
         Where blocks of the map are read from; the same connection unless given.
 
     Raises
@@ -165,7 +167,7 @@ def load(connection: sqlite3.Connection, fresh: Tracker, shelf: SceneShelf | Non
     InputError
         The state is damaged, or of another version.
     """
-    tracker, poses, estimated = load_state(connection, *roots(fresh), shelf=shelf)
+    tracker, poses, estimated = load_state(connection, *roots(fresh), block_store=block_store)
     if poses is None:
         poses = ScenePoses(fresh.intrinsics, tracker.config)
         if estimated is not None:
@@ -178,7 +180,7 @@ def pending(connection: sqlite3.Connection, visit: Visit) -> dict[str, str]:
     """Return what the files of the results held when a run was broken off, by name."""
     texts: dict[str, list[str]] = {}
     columns = columns_of("pending", ("file", "text"))
-    for file, text in told(connection, columns, "pending WHERE recording = ? ORDER BY id", (visit.number,)):
+    for file, text in read_rows(connection, columns, "pending WHERE recording = ? ORDER BY id", (visit.number,)):
         texts.setdefault(file, []).append(text)
     return {file: "".join(parts) for file, parts in texts.items()}
 

@@ -31,7 +31,7 @@ from cuboid.store.summary import summarise_store
 from cuboid.views.serving import HEADERS, LOCAL_NAMES
 
 COOKIE = "cuboid-token"
-MOST_ROWS = 1000
+MAX_ROWS = 1000
 TYPES = {".html": "text/html", ".json": "application/json", ".csv": "text/csv", ".txt": "text/plain"}
 
 # What the API takes, with its type as OpenAPI has it; the names are those of the command line.
@@ -46,7 +46,7 @@ PARAMETERS: dict[str, tuple[dict[str, Any], str]] = {
     "color": ({"type": "string", "enum": list(COLOR_WORDS)}, "color of a third of its points"),
     "min_score": ({"type": "number"}, "confidence that it is an object, 0 to 1"),
     "like": ({"type": "string", "example": "kitchen-3#7"}, "RECORDING#LABEL: the most like this one first"),
-    "limit": ({"type": "integer", "default": 50, "maximum": MOST_ROWS}, "at most so many"),
+    "limit": ({"type": "integer", "default": 50, "maximum": MAX_ROWS}, "at most so many"),
 }
 PATHS = {
     "/api/objects": ("Objects, as `cuboid find` finds them", tuple(PARAMETERS)),
@@ -250,7 +250,7 @@ def _filters(request: Request) -> Filters:
         color=asked.get("color"),
         min_score=number("min_score", 0.0) if "min_score" in asked else None,
         like=like,
-        limit=int(min(MOST_ROWS, max(1.0, number("limit", 50)))),
+        limit=int(min(MAX_ROWS, max(1.0, number("limit", 50)))),
     )
 
 

@@ -28,9 +28,9 @@ class Indicators:
     Attributes
     ----------
     overlapping : int
-        Share `OVERLAPPING` or more of the smaller box with another object.
+        Overlap another object by `OVERLAPPING` or more of the smaller box.
     floating : int
-        Stand in free space: no plane carries them and no other object touches them.
+        Stand in free space: no plane supports them and no other object touches them.
     brief : int
         Were seen in fewer than `BRIEF_FRAMES` frames.
     """

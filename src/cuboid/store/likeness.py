@@ -32,7 +32,7 @@ COLOR_WORDS = tuple(WORDS)
 SHAPE_BINS, SHAPE_PAIRS = 16, 2048
 DIGITS = 3
 # Of more points, so many tell the colors as well.
-MOST_POINTS = 2000
+MAX_POINTS = 2000
 # Linear RGB of each value of a byte.
 _LINEAR = linear_rgb(np.arange(256) / 255.0)
 
@@ -42,7 +42,7 @@ def color_fractions(rgb: UInt8Array) -> Float32Array:
     if not len(rgb):
         return np.zeros(len(COLOR_WORDS), np.float32)
     typical, owner = _typical()
-    some = rgb[:: -(-len(rgb) // MOST_POINTS)]
+    some = rgb[:: -(-len(rgb) // MAX_POINTS)]
     lab = oklab(_LINEAR[some])
     apart = (typical**2).sum(axis=1) - 2.0 * lab @ typical.T  # but for the length of each, which they have in common
     counts = np.bincount(owner[apart.argmin(axis=1)], minlength=len(WORDS))

@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cuboid.errors import CuboidError, InputError, OutputError, one_line
-from cuboid.formats.reading import MOST_BINARY_BYTES, UnreadableError, read_bytes
+from cuboid.formats.reading import MAX_BINARY_BYTES, UnreadableError, read_bytes
 from cuboid.outputs.pending import PendingFile
 
 # Whose errors are refusals of an object store.
@@ -104,7 +104,7 @@ class Place:
         """
         if self.local is not None:
             try:
-                return read_bytes(self.local / name, MOST_BINARY_BYTES)
+                return read_bytes(self.local / name, MAX_BINARY_BYTES)
             except UnreadableError as error:
                 if error.missing:
                     raise FileNotFoundError(str(error)) from None

@@ -9,7 +9,7 @@ import duckdb
 import pyarrow as pa
 
 from cuboid.errors import InputError, one_line
-from cuboid.formats.reading import MOST_BINARY_BYTES, UnreadableError, opened
+from cuboid.formats.reading import MAX_BINARY_BYTES, UnreadableError, opened
 from cuboid.store.place import Place
 from cuboid.store.schema import DONE, RUNS, TABLES
 from cuboid.store.snapshot import ATTEMPTS, Snapshot, snapshot
@@ -130,7 +130,7 @@ def listed(place: Place, names: Iterable[str]) -> str:
     names = list(names)
     if place.local is not None:
         for name in names:
-            with opened(place.local / name, MOST_BINARY_BYTES):
+            with opened(place.local / name, MAX_BINARY_BYTES):
                 pass
     addresses = (place.address(name).replace("'", "''") for name in names)
     return "[" + ", ".join(f"'{address}'" for address in addresses) + "]"

@@ -17,7 +17,7 @@ import msgspec
 import pyarrow as pa
 
 from cuboid.errors import InputError
-from cuboid.formats.json_door import checked
+from cuboid.formats.json_validation import checked
 from cuboid.store.place import Place
 from cuboid.store.schema import DONE, RUNS, TABLES
 

@@ -1,1 +1,1 @@
-"""Stage 5: supporting planes, and the clusters of hot points that stand on them."""
+"""Stage 5: supporting planes, and the segments of a frame that stand on them."""

@@ -10,10 +10,10 @@ import numpy.typing as npt
 from cuboid.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.kernels import cells as kernel
 from cuboid.sensor import cell_pixels
-from cuboid.tolerances import ARM_LENGTH_M, JUMP_SIGMAS, LEAST_SIGMA_M
+from cuboid.tolerances import ARM_LENGTH_M, JUMP_SIGMAS, MIN_SIGMA_M
 
 # So many cells are a surface.
-LEAST_CELLS = 6
+MIN_CELLS = 6
 # A cell is flat whose residual of 1/z is within JUMP_SIGMAS of the sensor's noise: dark and shiny table tops show 1.5
 # to 3 deviations, a cell over an object's foot more than 5.
 
@@ -91,7 +91,7 @@ def find_cells(
         normal=found[:, kernel.NX : kernel.NZ + 1] @ R.T,
         center=found[:, kernel.CX : kernel.CZ + 1] @ R.T + t,
         area_m2=found[:, kernel.AREA],
-        sigma_m=np.maximum(LEAST_SIGMA_M, noise_per_m * found[:, kernel.CZ] ** 2),
+        sigma_m=np.maximum(MIN_SIGMA_M, noise_per_m * found[:, kernel.CZ] ** 2),
         image_shape=shape,
     )
 
@@ -136,7 +136,7 @@ def with_level_patches(
         normal=np.concatenate([cells.normal, np.tile(up, (number, 1))]),
         center=np.concatenate([cells.center, level[:, :3] @ R.T + t]),
         area_m2=np.concatenate([cells.area_m2, level[:, 3]]),
-        sigma_m=np.concatenate([cells.sigma_m, np.maximum(LEAST_SIGMA_M, noise_per_m * level[:, 2] ** 2)]),
+        sigma_m=np.concatenate([cells.sigma_m, np.maximum(MIN_SIGMA_M, noise_per_m * level[:, 2] ** 2)]),
         image_shape=cells.image_shape,
     )
 

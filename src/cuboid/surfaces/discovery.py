@@ -1,4 +1,4 @@
-"""Where a plane begins: level cells at one height, of what hangs together there."""
+"""Where a plane begins: a connected component of level cells at one height."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ def largest_level(
     end = np.searchsorted(heights, heights + 2 * ON_PLANE_M, side="right")
     first = int(np.argmax(total[end] - total[:-1]))
     members = order[first : end[first]]
-    group = hanging_together(centers[members], gap_m)
+    group = connected_groups(centers[members], gap_m)
     return np.asarray(members[group == np.argmax(np.bincount(group, area_m2[members]))])
 
 
-def hanging_together(points: Float64Array, gap_m: float) -> npt.NDArray[np.int32]:
-    """Number plan coordinates (N, 2 or 3) by group: (N,), alike where steps of a gap lead from one to the other.
+def connected_groups(points: Float64Array, gap_m: float) -> npt.NDArray[np.int32]:
+    """Number plan coordinates (N, 2 or 3) by connected component: (N,), connected where gaps are no wider than one.
 
     Gaps are as wide along each of the plan's axes. What is wider than a ground plan is one group.
     """

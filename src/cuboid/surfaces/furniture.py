@@ -25,7 +25,7 @@ def is_lid(plane: Plane, largest_m2: float, others: Callable[[], Iterable[Plane]
         other.in_use
         and ON_PLANE_M < float(other.height(center)[0]) <= LID_HEIGHT_M
         and area_m2 <= MOST * other.plan.area_m2()
-        and plane.plan.share_over(other.plan) >= MOST
+        and plane.plan.fraction_over(other.plan) >= MOST
         for other in others()
         if other is not plane
     )

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.surfaces.stamped import Stamped
-from cuboid.tolerances import LEAST_READINGS
+from cuboid.tolerances import MIN_READINGS
 
 # Edge of a cell of the ground plan, metres: finer than any table, coarser than depth noise.
 CELL_M = 0.05
@@ -26,9 +26,9 @@ RIM_M = CELL_M
 NEARBY_M = 2.0 * CLOSE_M
 # A window is never wider than this many cells (200 m).
 LIMIT_CELLS = 4000
-# A window that has to grow grows by so many cells more, or by this share of it, so that growing is rare.
-SLACK_CELLS, SLACK_SHARE = 16, 0.25
-# Of a window wider than this, cells, only what changed is found anew, and so much around it: 8 m, as wide as any hole
+# A window that has to grow grows by so many cells more, or by this fraction of it, so that growing is rare.
+SLACK_CELLS, SLACK_FRACTION = 16, 0.25
+# Of a window wider than this, cells, only what changed is recomputed, and so much around it: 8 m, as wide as any hole
 # that is filled there.
 WHOLE_CELLS, AROUND_CELLS = 400, 160
 
@@ -79,7 +79,7 @@ class GroundPlan(Stamped):
     stale : bool
         More cells are known than at the last `refresh`.
     late : bool
-        The plane has moved since then: what it covers is found anew when it is looked at; see `catch_up`.
+        The plane has moved since then: what it covers is recomputed when it is accessed; see `refresh_if_late`.
     """
 
     def __init__(self) -> None:
@@ -104,7 +104,7 @@ class GroundPlan(Stamped):
         """Whether finding what it covers takes long."""
         return bool(max(self.seen.shape) > WHOLE_CELLS)
 
-    def reach(self, low: Places, high: Places) -> None:
+    def grow_to(self, low: Places, high: Places) -> None:
         """Grow the window so that it holds readings in cells from `low` to `high`, both (2,) and included."""
         if self.seen.size == 0:
             self.corner = low - _MARGIN
@@ -114,11 +114,11 @@ class GroundPlan(Stamped):
         pads = np.abs(window - self.window)
         if pads.any():
             around = ((pads[0], pads[2]), (pads[1], pads[3]))
-            self.seen, self.keyframes = np.pad(self.seen, around), np.pad(self._hanging(), around)
+            self.seen, self.keyframes = np.pad(self.seen, around), np.pad(self._keyframes_of_cells(), around)
             self.covered, self.nearby = np.pad(self.covered, around), np.pad(self.nearby, around)
             self.corner = window[:2]
 
-    def _hanging(self) -> npt.NDArray[np.uint16]:
+    def _keyframes_of_cells(self) -> npt.NDArray[np.uint16]:
         """Return the keyframe of each cell: the first, where an earlier version did not tell."""
         return self.keyframes if self.keyframes.shape == self.seen.shape else np.zeros(self.seen.shape, np.uint16)
 
@@ -126,7 +126,7 @@ class GroundPlan(Stamped):
         """Return the window (4,) that also holds cells from `low` to `high`; as it is where it would be too wide."""
         before = np.maximum(0, self.corner - low + _MARGIN)
         after = np.maximum(0, high + _MARGIN + 1 - self.window[2:])
-        slack = np.maximum(SLACK_CELLS, (SLACK_SHARE * np.array(self.seen.shape)).astype(np.int64))
+        slack = np.maximum(SLACK_CELLS, (SLACK_FRACTION * np.array(self.seen.shape)).astype(np.int64))
         before, after = before + (before > 0) * slack, after + (after > 0) * slack
         if (self.seen.shape + before + after).max() > LIMIT_CELLS:
             return self.window
@@ -136,9 +136,9 @@ class GroundPlan(Stamped):
         """Begin with what was seen at these plan coordinates (N, 2), each standing for an area."""
         cells = cells_of(points)
         half = np.rint(np.sqrt(area_m2) / 2 / CELL_M).astype(np.int64)
-        self.reach((cells - half[:, None]).min(0), (cells + half[:, None]).max(0))
+        self.grow_to((cells - half[:, None]).min(0), (cells + half[:, None]).max(0))
         for (i, j), k in zip(cells - self.corner, half, strict=True):
-            self.seen[max(0, i - k) : max(0, i + k + 1), max(0, j - k) : max(0, j + k + 1)] = LEAST_READINGS
+            self.seen[max(0, i - k) : max(0, i + k + 1), max(0, j - k) : max(0, j + k + 1)] = MIN_READINGS
         self.keyframes[:] = keyframe
         self._all_changed()
 
@@ -153,18 +153,18 @@ class GroundPlan(Stamped):
         some = slice(i[0], i[-1] + 1), slice(j[0], j[-1] + 1)
         readings, corner = readings[some], corner + np.array([i[0], j[0]])
         keyframe = keyframe if isinstance(keyframe, int) else keyframe[some]
-        self.reach(corner, corner + readings.shape - 1)
+        self.grow_to(corner, corner + readings.shape - 1)
         window = np.concatenate([corner, corner + readings.shape])
-        mine, theirs = common(self.window, window)
-        before = int(np.count_nonzero(self.seen[mine] >= LEAST_READINGS))
+        mine, theirs = window_intersection(self.window, window)
+        before = int(np.count_nonzero(self.seen[mine] >= MIN_READINGS))
         new, held = readings[theirs], readings[theirs] > 0
         first = np.argwhere(held & (self.seen[mine] == 0))
         if len(first):
             self._are_new(first + np.maximum(self.window[:2], window[:2]))
-        self.keyframes = self._hanging()
+        self.keyframes = self._keyframes_of_cells()
         self.keyframes[mine][held] = keyframe if isinstance(keyframe, int) else keyframe[theirs][held]
         self.seen[mine] += new
-        grown = int(np.count_nonzero(self.seen[mine] >= LEAST_READINGS)) - before
+        grown = int(np.count_nonzero(self.seen[mine] >= MIN_READINGS)) - before
         if grown:
             self._known += grown
             self._changed = _around(self._changed, looked_at) if self.stale else looked_at
@@ -172,10 +172,10 @@ class GroundPlan(Stamped):
 
     def absorb(self, other: GroundPlan) -> None:
         """Take in the readings of another plan."""
-        self.add(other.seen, other.corner, other._hanging())
+        self.add(other.seen, other.corner, other._keyframes_of_cells())
         self.refresh()
 
-    def carry(self, moved: Mapping[int, Float64Array], normal: Float64Array, offset: float) -> None:
+    def apply_correction(self, moved: Mapping[int, Float64Array], normal: Float64Array, offset: float) -> None:
         """Move with the keyframes from which the plane was seen; of cells that meet the one with most readings stays.
 
         Parameters
@@ -190,7 +190,7 @@ class GroundPlan(Stamped):
             self._all_changed()  # an earlier version did not tell
         old = cells_of(self._places)
         i, j = (old - self.corner).T
-        readings, keyframes = self.seen[i, j], self._hanging()[i, j]
+        readings, keyframes = self.seen[i, j], self._keyframes_of_cells()[i, j]
         names, of = np.unique(keyframes, return_inverse=True)
         T = np.array([moved.get(name, np.eye(4)) for name in names.tolist()]).reshape(-1, 4, 4)[of]
         places = self._places.astype(np.float64)
@@ -203,16 +203,16 @@ class GroundPlan(Stamped):
     def _move(
         self, old: Places, cells: Places, readings: npt.NDArray[np.int32], keyframes: npt.NDArray[np.uint16]
     ) -> None:
-        """Let cells (N, 2) be elsewhere, with their readings (N,) and keyframes (N,)."""
+        """Move cells (N, 2), with their readings (N,) and keyframes (N,)."""
         window = self._grown(cells.min(0), cells.max(0))
         inside = np.flatnonzero(((cells >= window[:2]) & (cells < window[2:])).all(1))
         order = inside[np.argsort(-readings[inside], kind="stable")]
         order = order[np.unique(_numbers(cells[order]), return_index=True)[1]]
         self._places, cells = self._places[order], cells[order]
         i, j = (old - self.corner).T
-        self.seen[i, j], self.keyframes = 0, self._hanging()
+        self.seen[i, j], self.keyframes = 0, self._keyframes_of_cells()
         if (window != self.window).any():
-            mine, theirs = common(window, self.window)
+            mine, theirs = window_intersection(window, self.window)
             for name in ("covered", "nearby"):
                 layer = np.zeros(window[2:] - window[:2], np.uint8)
                 layer[mine] = getattr(self, name)[theirs]
@@ -223,13 +223,13 @@ class GroundPlan(Stamped):
         self.seen[i, j], self.keyframes[i, j] = readings[order], keyframes[order]
         cells = self._filled(cells)
         i, j = (cells - self.corner).T
-        self._known = int(np.count_nonzero(self.seen[i, j] >= LEAST_READINGS))
+        self._known = int(np.count_nonzero(self.seen[i, j] >= MIN_READINGS))
         both = np.concatenate([old, cells])
         self._changed = np.concatenate([both.min(0), both.max(0) + 1])
         self.stale = self.late = True
 
-    def catch_up(self) -> None:
-        """Find anew what the plane covers, where it has moved; of the widest ones, that comes in its turn."""
+    def refresh_if_late(self) -> None:
+        """Recompute what the plane covers, where it has moved; the widest planes are refreshed in turn."""
         if self.late and not self.wide:
             self.refresh()
 
@@ -255,13 +255,13 @@ class GroundPlan(Stamped):
     def _all_changed(self) -> None:
         self._places = self._places[:0]
         self._are_new(np.argwhere(self.seen > 0) + self.corner)
-        self._known = int(np.count_nonzero(self.seen >= LEAST_READINGS))
+        self._known = int(np.count_nonzero(self.seen >= MIN_READINGS))
         self._changed = self.window
         self.stale = True
         self.refresh()
 
     def refresh(self) -> None:
-        """Find anew what the plane covers, where that changed."""
+        """Recompute what the plane covers, where that changed."""
         if not self.stale:
             return
         self.stale = self.late = False
@@ -271,12 +271,12 @@ class GroundPlan(Stamped):
             part = np.concatenate([np.maximum(part[:2], wide[:2]), np.minimum(part[2:], wide[2:])])
             if (part[2:] <= part[:2]).any():  # the window is as wide as it may be, and this is outside
                 return
-        here, _ = common(self.window, part)
+        here, _ = window_intersection(self.window, part)
         covered = _covered(self.seen[here])
         nearby = cv2.dilate(covered, _NEARBY)
         # Where a part ends within the window, what lies beyond it is not known.
         inner = part + np.where(part == self.window, 0, _UNSURE * np.array([1, 1, -1, -1]))
-        here, there = common(self.window, inner)[0], common(part, inner)[0]
+        here, there = window_intersection(self.window, inner)[0], window_intersection(part, inner)[0]
         self.covered[here], self.nearby[here] = covered[there], nearby[there]
 
     def area_m2(self) -> float:
@@ -285,26 +285,26 @@ class GroundPlan(Stamped):
 
     def near(self, points: Float64Array) -> npt.NDArray[np.bool_]:
         """Tell which plan coordinates (N, 2) lie where the plane is or may go on."""
-        self.catch_up()
+        self.refresh_if_late()
         return self._look_up(self.nearby, points)
 
     def covers(self, points: Float64Array) -> npt.NDArray[np.bool_]:
         """Tell which plan coordinates (N, 2) the plane covers."""
-        self.catch_up()
+        self.refresh_if_late()
         return self._look_up(self.covered, points)
 
-    def shares_ground(self, other: GroundPlan) -> bool:
+    def overlaps(self, other: GroundPlan) -> bool:
         """Tell whether two planes cover a cell in common."""
-        self.catch_up()
-        other.catch_up()
-        mine, theirs = common(self.window, other.window)
+        self.refresh_if_late()
+        other.refresh_if_late()
+        mine, theirs = window_intersection(self.window, other.window)
         return bool((self.covered[mine] & other.covered[theirs]).any())
 
-    def share_over(self, other: GroundPlan) -> float:
-        """Return the share of the cells in which this plane was seen that lie where another one is."""
-        other.catch_up()
-        mine, theirs = common(self.window, other.window)
-        over = np.count_nonzero((self.seen[mine] >= LEAST_READINGS) & (other.covered[theirs] > 0))
+    def fraction_over(self, other: GroundPlan) -> float:
+        """Return the fraction of the cells in which this plane was seen that another plane covers."""
+        other.refresh_if_late()
+        mine, theirs = window_intersection(self.window, other.window)
+        over = np.count_nonzero((self.seen[mine] >= MIN_READINGS) & (other.covered[theirs] > 0))
         return over / max(1, self._known)
 
     def _look_up(self, layer: UInt8Array, points: Float64Array) -> npt.NDArray[np.bool_]:
@@ -326,7 +326,7 @@ class GroundPlan(Stamped):
 def _covered(seen: npt.NDArray[np.int32]) -> UInt8Array:
     """Return what readings (N, M) cover: gaps closed, holes filled, and a rim around."""
     n = _CLOSE.shape[0]
-    known = np.pad((seen >= LEAST_READINGS).astype(np.uint8), n)
+    known = np.pad((seen >= MIN_READINGS).astype(np.uint8), n)
     closed = cv2.morphologyEx(known, cv2.MORPH_CLOSE, _CLOSE)
     contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     filled = np.zeros_like(closed)
@@ -339,8 +339,8 @@ def _around(a: Places, b: Places) -> Places:
     return np.concatenate([np.minimum(a[:2], b[:2]), np.maximum(a[2:], b[2:])])
 
 
-def common(a: Places, b: Places) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """Return what two windows (4,) have in common, as places in the one and in the other."""
+def window_intersection(a: Places, b: Places) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Return the intersection of two windows (4,), as slices of the one and of the other."""
     # Of four numbers Python's own make less ado than NumPy.
     (ax, ay, ax_end, ay_end), (bx, by, bx_end, by_end) = a.tolist(), b.tolist()
     x, y = max(ax, bx), max(ay, by)

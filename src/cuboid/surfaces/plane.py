@@ -12,13 +12,13 @@ import numpy.typing as npt
 from cuboid.frame import Float64Array
 from cuboid.surfaces.grid import GroundPlan
 from cuboid.surfaces.stamped import Stamped
-from cuboid.tolerances import DRIFT_M, DRIFT_RAD, JUMP_M, LEAST_SIGMA_M, LITTLE, SIGMAS
+from cuboid.tolerances import DRIFT_M, DRIFT_RAD, JUMP_M, LITTLE, MIN_SIGMA_M, SIGMAS
 
 Keyframes = npt.NDArray[np.int64]
 
 # A horizontal cell belongs to a plane when it is within this of it, metres, or three standard deviations.
 ON_PLANE_M = 0.02
-# What carries a plane reaches up to it, but for the board that the plane is the top of, and for drift, metres.
+# What supports a plane reaches up to it, but for the board that the plane is the top of, and for drift, metres.
 REACH_M = 2.0 * DRIFT_M
 # How far a frame sees a plane from where the map has it.
 _PRIOR = np.diag([DRIFT_RAD**-2, DRIFT_RAD**-2, DRIFT_M**-2])
@@ -43,11 +43,11 @@ class Plane(Stamped):
     plan : GroundPlan
         What it covers.
     taken_by : Plane or None
-        The one that it turned out to be a part of.
+        The one that absorbed it.
     keyframes : (K,) int64
         Those from which it was seen.
     told : (K, 13) float64
-        What was seen of it from each of them: weight, mean and scatter. Together these are the plane's own.
+        Moments of what was seen of it from each of them: weight, mean and scatter. Together these are the plane's own.
     """
 
     index: int = -1
@@ -73,15 +73,15 @@ class Plane(Stamped):
         step = mean - self.mean
         total = self.weight + w
         own = (centred * weights[:, None]).T @ centred
-        self._tell(np.array([keyframe]), np.concatenate([[w], mean, own.ravel()])[None])
+        self._add_moments(np.array([keyframe]), np.concatenate([[w], mean, own.ravel()])[None])
         self.scatter += own + np.outer(step, step) * (self.weight * w / total)
         self.mean = self.mean + step * (w / total)
         self.weight = total
 
     def absorb(self, other: Plane) -> None:
         """Take in another plane that turned out to be the same."""
-        other._know_keyframes()
-        self._tell(other.keyframes, other.told)
+        other._init_keyframes()
+        self._add_moments(other.keyframes, other.told)
         step = other.mean - self.mean
         total = self.weight + other.weight
         self.scatter += other.scatter + np.outer(step, step) * (self.weight * other.weight / total)
@@ -106,23 +106,23 @@ class Plane(Stamped):
         self.normal = normal / math.sqrt(normal.dot(normal))
         self.offset = -float(self.normal @ self.mean)
 
-    def _know_keyframes(self) -> None:
-        """Let what an earlier version wrote hang on the first keyframe: it did not tell."""
+    def _init_keyframes(self) -> None:
+        """Anchor what an earlier version wrote to the first keyframe: it did not tell."""
         if not len(self.keyframes) and self.weight > 0:
             self.keyframes = np.zeros(1, np.int64)
             self.told = np.concatenate([[self.weight], self.mean, self.scatter.ravel()])[None]
 
-    def _tell(self, keyframes: Keyframes, told: Float64Array) -> None:
+    def _add_moments(self, keyframes: Keyframes, told: Float64Array) -> None:
         """Take in what was seen from keyframes (N,), (N, 13)."""
-        self._know_keyframes()
+        self._init_keyframes()
         for keyframe, row in zip(keyframes, told, strict=True):
             at = np.flatnonzero(self.keyframes == keyframe)
             if len(at):
-                self.told[at[0]] = _together(np.stack([self.told[at[0]], row]))
+                self.told[at[0]] = _combined(np.stack([self.told[at[0]], row]))
             else:
                 self.keyframes, self.told = np.append(self.keyframes, keyframe), np.concatenate([self.told, row[None]])
 
-    def carry(self, moved: Mapping[int, Float64Array]) -> bool:
+    def apply_correction(self, moved: Mapping[int, Float64Array]) -> bool:
         """Move with the keyframes from which the plane was seen; tell whether any of these moved.
 
         Parameters
@@ -130,18 +130,18 @@ class Plane(Stamped):
         moved : mapping of int to (4, 4) float64
             T_new_old in the plan frame, of each keyframe that moved.
         """
-        self._know_keyframes()
+        self._init_keyframes()
         going = np.array([k for k, keyframe in enumerate(self.keyframes.tolist()) if keyframe in moved], np.int64)
         if not len(going):
             return False
         mine = {keyframe: moved[keyframe] for keyframe in self.keyframes[going].tolist()}
-        self.plan.carry(mine, self.normal, self.offset)
+        self.plan.apply_correction(mine, self.normal, self.offset)
         T = np.array(list(mine.values()))
         R, told = T[:, :3, :3], self.told[going]
         told[:, 1:4] = np.einsum("kij,kj->ki", R, told[:, 1:4]) + T[:, :3, 3]
         told[:, 4:] = (R @ told[:, 4:].reshape(-1, 3, 3) @ R.transpose(0, 2, 1)).reshape(-1, 9)
         self.told[going] = told
-        whole = _together(self.told)
+        whole = _combined(self.told)
         self.mean, self.scatter = whole[1:4], whole[4:].reshape(3, 3)
         self.fit()
         return True
@@ -159,7 +159,7 @@ class Plane(Stamped):
         design = points - middle
         design[:, 2] = 1.0
         residual = self.height(points)
-        finest_m = SIGMAS * LEAST_SIGMA_M
+        finest_m = SIGMAS * MIN_SIGMA_M
         weights = 1.0 / (sigma_m**2 + finest_m**2)
         solution: Float64Array = np.zeros(3)
         for _ in range(2):
@@ -171,11 +171,11 @@ class Plane(Stamped):
         return np.append(normal, offset) / math.sqrt(normal.dot(normal))
 
 
-def _together(told: Float64Array) -> Float64Array:
-    """Return weight, mean and scatter (13,) of all that was told, (K, 13)."""
+def _combined(told: Float64Array) -> Float64Array:
+    """Return the combined moments (13,), weight, mean and scatter, of those of each keyframe (K, 13)."""
     weights = told[:, 0]
     weight = weights.sum()
     mean = weights @ told[:, 1:4] / weight
-    apart = told[:, 1:4] - mean
-    scatter = told[:, 4:].sum(0) + ((apart * weights[:, None]).T @ apart).ravel()
+    distance = told[:, 1:4] - mean
+    scatter = told[:, 4:].sum(0) + ((distance * weights[:, None]).T @ distance).ravel()
     return np.concatenate([[weight], mean, scatter])

@@ -20,17 +20,17 @@ from cuboid.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse, transform
 from cuboid.surfaces import furniture, seats
-from cuboid.surfaces.cells import LEAST_CELLS, Cells
+from cuboid.surfaces.cells import MIN_CELLS, Cells
 from cuboid.surfaces.discovery import largest_level
-from cuboid.surfaces.in_view import PlanesInView, cut_out, frustum
+from cuboid.surfaces.duplicates import merge_duplicates
+from cuboid.surfaces.frustum_planes import FrustumPlanes, crop_planes, frustum
 from cuboid.surfaces.plane import ON_PLANE_M, REACH_M, Plane
-from cuboid.surfaces.twins import merge_twins
 from cuboid.surfaces.up import REFRESH_FRAMES, SAME_COS, UpVote
 from cuboid.surfaces.windows import Windows, window_of
-from cuboid.tolerances import DRIFT_M, LEAST_FRAMES, LITTLE, MOST, SIGMAS
+from cuboid.tolerances import DRIFT_M, LITTLE, MIN_FRAMES, MOST, SIGMAS
 
-# A plane that is not used yet is forgotten after so many frames without a sighting.
-FORGET_FRAMES = 60
+# A plane that is not in use yet is removed when it was not seen for more frames than this.
+MAX_UNSEEN_FRAMES = 60
 
 
 class PlaneTracker:
@@ -39,7 +39,7 @@ class PlaneTracker:
     Attributes
     ----------
     T_plan_world : (4, 4) float64 or None
-        Carries the world to the plan frame, whose third axis is up; None while up is unknown.
+        Transform from the world to the plan frame, whose third axis is up; None while up is unknown.
     planes : list of Plane
         In the plan frame, each at its `index`.
     """
@@ -53,15 +53,15 @@ class PlaneTracker:
 
     def _clear(self) -> None:
         self.planes: list[Plane] = []
-        # By identity, those that took others in under the identities of these too.
+        # By identity; a plane that absorbed others has their identities too.
         self._of: dict[int, Plane] = {}
-        self._windows = Windows(FORGET_FRAMES)
+        self._windows = Windows(MAX_UNSEEN_FRAMES)
         self._main: Plane | None = None
-        # The frame that was looked at last, and how it saw the planes that it saw well, by identity: normal and offset
-        # in the plan frame.
+        # The last frame whose cells were used, and the planes as that frame saw them, by identity: normal and offset in
+        # the plan frame.
         self._looked_at = -1
         self._as_seen: dict[int, Float64Array] = {}
-        # Those with readings that were not looked at yet, and those looked at since twins were looked for.
+        # Those with readings that are not processed yet, and those processed since duplicates were searched for.
         self._stale: set[Plane] = set()
         self._changed: set[Plane] = set()
 
@@ -69,8 +69,8 @@ class PlaneTracker:
         """Count a frame, and tell whether it is to vote for up."""
         return self._vote.is_due()
 
-    def vote(self, cells: Cells, T_world_camera: Float64Array, up_camera: Float64Array | None = None) -> bool:
-        """Let a frame's flat cells say which way is up; all begins anew, and True is returned, where that changes."""
+    def vote_up(self, cells: Cells, T_world_camera: Float64Array, up_camera: Float64Array | None = None) -> bool:
+        """Update the vote for up with a frame's flat cells; where up changes, reset all planes and return True."""
         up = self._vote.update(cells, T_world_camera, up_camera)
         if up is not None and (self.T_plan_world is None or self._vote.changed):
             side = np.eye(3)[int(np.argmin(np.abs(up)))]
@@ -83,7 +83,7 @@ class PlaneTracker:
         return False
 
     def update(self, frame: int, cells: Cells, keyframe: int = 0) -> npt.NDArray[np.int32]:
-        """Take in the flat cells of a frame that hangs on a keyframe.
+        """Update the planes with the flat cells of a frame that is anchored to a keyframe.
 
         Returns
         -------
@@ -99,9 +99,9 @@ class PlaneTracker:
         centers, sigma_m = cells.center[flat] @ R.T, cells.sigma_m[flat]
         matched = self._match(centers, sigma_m)
         before = len(self.planes)
-        self._learn(frame, keyframe, centers, cells.area_m2[flat], sigma_m, matched)
+        self._refit(frame, keyframe, centers, cells.area_m2[flat], sigma_m, matched)
         self._discover(frame, keyframe, centers, cells.area_m2[flat], sigma_m, matched)
-        removed = self._tidy(frame, centers)
+        removed = self._maintain(frame, centers)
         if removed or len(self.planes) > before:
             matched = self._match(centers, sigma_m)
         owner[cells.places[flat]] = matched[:, None]
@@ -113,7 +113,7 @@ class PlaneTracker:
         self, centers: Float64Array, sigma_m: Float64Array, matched: npt.NDArray[np.int32]
     ) -> dict[int, Float64Array]:
         """Return as what the frame sees each plane of which it shows enough, by identity; see `Plane.adapted`."""
-        enough = np.flatnonzero(np.bincount(matched[matched >= 0]) >= LEAST_CELLS).tolist()
+        enough = np.flatnonzero(np.bincount(matched[matched >= 0]) >= MIN_CELLS).tolist()
         return {
             self.planes[k].identity: self.planes[k].adapted(centers[matched == k], sigma_m[matched == k])
             for k in enough
@@ -121,20 +121,20 @@ class PlaneTracker:
 
     @property
     def known(self) -> bool:
-        """Whether the frame that was looked at last shows planes, and all that it shows are known well.
+        """Whether the last processed frame shows planes, and all that it shows are known well.
 
-        Then another one from there need not be looked at: until the camera has moved by what poses err, planes are
+        Then another one from there need not be processed: until the camera has moved by the pose error, planes are
         where they were seen last, and what comes into view of them is less than they reach beyond what is seen, see
         `grid.RIM_M`.
         """
         seen = [self._of[identity] for identity in self._as_seen]
         return bool(seen) and all(plane.frames >= REFRESH_FRAMES for plane in seen)
 
-    def in_camera(self, view: PlanesInView, T_world_camera: Float64Array) -> Float64Array:
+    def in_camera(self, view: FrustumPlanes, T_world_camera: Float64Array) -> Float64Array:
         """Return planes in view as frames see them now, (K, 4): normal and offset in the camera frame.
 
         The poses drift: a frame's own table may lie a centimetre off the map's. Each plane is shifted and tilted to
-        its cells in the frame that was looked at last, as far as the priors of drift allow.
+        its cells in the last processed frame, as far as the priors of drift allow.
         """
         assert self.T_plan_world is not None
         T, planes = self.T_plan_world @ T_world_camera, np.empty((len(view.planes), 4))
@@ -144,21 +144,21 @@ class PlaneTracker:
             row[:3], row[3] = normal @ T[:3, :3], normal @ T[:3, 3] + offset
         return planes
 
-    def in_view(self, camera: Intrinsics, depth_m: float, T_world_camera: Float64Array) -> PlanesInView:
+    def planes_in_frustum(self, camera: Intrinsics, depth_m: float, T_world_camera: Float64Array) -> FrustumPlanes:
         """Return the planes that a frame with readings up to some depth may see."""
         window = window_of(self.to_plan(transform(T_world_camera, frustum(camera, depth_m))))
         window += np.array([-1, -1, 1, 1])
-        return cut_out([self.planes[k] for k in self._windows.within(window)], window)
+        return crop_planes([self.planes[k] for k in self._windows.within(window)], window)
 
-    def take_in(self, view: PlanesInView, keyframe: int = 0) -> None:
-        """Take in where a frame that hangs on a keyframe saw readings of the planes in view."""
+    def add_readings(self, view: FrustumPlanes, keyframe: int = 0) -> None:
+        """Add the readings on the planes in view, of a frame that is anchored to a keyframe, to their ground plans."""
         for plane, readings in zip(view.planes, view.seen, strict=True):
             plane.plan.add(readings, view.window[:2], keyframe)
             if plane.plan.stale:
                 self._stale.add(plane)
-                self._windows.note(plane)
+                self._windows.update(plane)
 
-    def carry(self, moved: Mapping[int, Float64Array]) -> None:
+    def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
         """Move the planes with the keyframes from which they were seen.
 
         Parameters
@@ -172,9 +172,9 @@ class PlaneTracker:
         T = self.T_plan_world
         in_plan = {keyframe: T @ T_new_old @ inverse(T) for keyframe, T_new_old in moved.items()}
         for plane in self.planes:
-            if plane.carry(in_plan):
+            if plane.apply_correction(in_plan):
                 self._changed.add(plane)
-                self._windows.note(plane)
+                self._windows.update(plane)
                 if plane.plan.stale:
                     self._stale.add(plane)
 
@@ -191,7 +191,7 @@ class PlaneTracker:
             owner[fits], best[fits] = k, off[fits]
         return owner
 
-    def _learn(
+    def _refit(
         self,
         frame: int,
         keyframe: int,
@@ -216,13 +216,13 @@ class PlaneTracker:
         sigma_m: Float64Array,
         matched: npt.NDArray[np.int32],
     ) -> None:
-        """Start planes where enough that is level hangs together, the largest first."""
+        """Start planes from connected level areas that are large enough, the largest first."""
         for _ in range(3):
             free = np.flatnonzero(matched < 0)
-            if len(free) < LEAST_CELLS:
+            if len(free) < MIN_CELLS:
                 return
             members = largest_level(centers, area_m2, free, self._config.max_size_m)
-            if len(members) < LEAST_CELLS or area_m2[members].sum() < 0.5 * self._config.min_plane_area_m2:
+            if len(members) < MIN_CELLS or area_m2[members].sum() < 0.5 * self._config.min_plane_area_m2:
                 return
             plane = Plane(len(self.planes), self._next_identity, frames=1, last_frame=frame)
             self._of[plane.identity] = plane
@@ -231,16 +231,16 @@ class PlaneTracker:
             plane.fit()
             plane.plan.begin(centers[members], area_m2[members], keyframe)
             self.planes.append(plane)
-            self._windows.note(plane)
+            self._windows.update(plane)
             matched[members] = plane.index
 
-    def _tidy(self, frame: int, centers: Float64Array) -> bool:
-        """Put planes in view to use, forget those that were noise, merge those that are one; True where some went."""
+    def _maintain(self, frame: int, centers: Float64Array) -> bool:
+        """Put planes in view to use, remove those that were noise, merge duplicates; True where some were removed."""
         least = self._config.min_plane_area_m2
         near = {self.planes[k] for k in self._windows.at(centers)} | self._stale
         for plane in sorted(near, key=lambda p: p.index):
             # What it covers, before things that stand there are told from it; of the widest ones in their turn.
-            if not plane.plan.wide or self._has_turn(frame, plane.index):
+            if not plane.plan.wide or self._is_scheduled(frame, plane.index):
                 plane.plan.refresh()
                 self._stale.discard(plane)
             area = plane.plan.area_m2()
@@ -249,20 +249,20 @@ class PlaneTracker:
                     plane.in_use = False
                 elif not plane.in_use:
                     # Seen often enough, or at once as much as would be.
-                    plane.in_use = plane.frames >= LEAST_FRAMES or area >= LEAST_FRAMES * least
-            self._windows.note(plane)
+                    plane.in_use = plane.frames >= MIN_FRAMES or area >= MIN_FRAMES * least
+            self._windows.update(plane)
         self._changed |= near
-        gone = self._windows.over(frame)
-        if self._has_turn(frame, 0):
-            merged, self._changed = merge_twins(self.planes, self._windows, self._changed)
+        gone = self._windows.expired(frame)
+        if self._is_scheduled(frame, 0):
+            merged, self._changed = merge_duplicates(self.planes, self._windows, self._changed)
             gone += merged
         self._remove(set(gone))
         main = self._windows.heaviest()
         self._main = None if main is None else self.planes[main]
         return bool(gone)
 
-    def _has_turn(self, frame: int, index: int) -> bool:
-        """Tell whether a plane's turn, once in `REFRESH_FRAMES`, has come since the last look."""
+    def _is_scheduled(self, frame: int, index: int) -> bool:
+        """Tell whether a plane's turn, once in `REFRESH_FRAMES`, has come since the last processed frame."""
         return (frame - index) // REFRESH_FRAMES > (self._looked_at - index) // REFRESH_FRAMES
 
     def _remove(self, gone: set[int]) -> None:
@@ -274,14 +274,14 @@ class PlaneTracker:
         self.planes = [self.planes[k] for k in keep]
         for k, plane in enumerate(self.planes):
             plane.index = k
-        self._windows.keep(keep)
-        heirs = {identity: _heir(plane) for identity, plane in self._of.items()}
+        self._windows.retain(keep)
+        heirs = {identity: _survivor(plane) for identity, plane in self._of.items()}
         self._of = {identity: heir for identity, heir in heirs.items() if heir is not None}
         self._stale, self._changed = ({p for p in some if p.index >= 0} for some in (self._stale, self._changed))
 
     def find(self, identity: int | None) -> Plane | None:
-        """Return the plane that has, or has taken in the one that had, an identity; None where there is none."""
-        plane = None if identity is None else _heir(self._of.get(identity))
+        """Return the plane with an identity, or the one that absorbed it; None where there is none."""
+        plane = None if identity is None else _survivor(self._of.get(identity))
         return plane if plane is not None and plane.in_use else None
 
     @property
@@ -297,16 +297,16 @@ class PlaneTracker:
         """Up in the world, (3,), or the images' up while that is not known."""
         return self._vote.image_up if self.up is None else self.up
 
-    def lies_on(self, box: Box) -> bool:
+    def has_plane_on_top(self, box: Box) -> bool:
         """Tell whether a supporting plane lies on top of a box that stands up: it is furniture, or a part of it."""
-        return any(True for _ in self._on_top_of(box, REACH_M + LITTLE * box.size[2]))
+        return any(True for _ in self._planes_on_top_of(box, REACH_M + LITTLE * box.size[2]))
 
-    def goes_on_from(self, box: Box) -> bool:
+    def is_extended_by_plane(self, box: Box) -> bool:
         """Tell whether a plane as high as the top of a box that stands up goes on beyond it: the side of a shelf."""
         footprint_m2 = box.size[0] * box.size[1]
-        return any(footprint_m2 < MOST * plane.plan.area_m2() for plane in self._on_top_of(box, DRIFT_M))
+        return any(footprint_m2 < MOST * plane.plan.area_m2() for plane in self._planes_on_top_of(box, DRIFT_M))
 
-    def _on_top_of(self, box: Box, off_m: float) -> Iterator[Plane]:
+    def _planes_on_top_of(self, box: Box, off_m: float) -> Iterator[Plane]:
         """Yield the planes over the middle of a box that stands up which are no farther from its top, metres."""
         if self.T_plan_world is None or box.size[2] <= 2.0 * REACH_M:
             return
@@ -316,10 +316,10 @@ class PlaneTracker:
             if plane.in_use and abs(float(plane.height(center)[0]) + top_m) <= off_m and plane.plan.covers(center)[0]:
                 yield plane
 
-    def carrier(self, points: Float32Array, plane: Plane) -> Plane:
-        """Return what carries a thing at points (N, 3) of the world; see `seats.carrier`."""
+    def supporting_plane(self, points: Float32Array, plane: Plane) -> Plane:
+        """Return the plane that supports an object with points (N, 3) of the world; see `seats.supporting_plane`."""
         places = self.to_plan(points)
-        return seats.carrier(places, plane, partial(self._at, places), self._config.min_plane_area_m2)
+        return seats.supporting_plane(places, plane, partial(self._at, places), self._config.min_plane_area_m2)
 
     def seat_of(self, points: Float32Array, plane: Plane) -> Float64Array:
         """Return places (N, 3) in the world of the seats of a thing that floats; see `seats.seat_of`."""
@@ -329,7 +329,7 @@ class PlaneTracker:
         return np.asarray(seat @ self.T_plan_world[:3, :3])
 
     def to_plan(self, points: Float32Array | Float64Array) -> Float64Array:
-        """Carry world points (N, 3) to the plan frame."""
+        """Transform world points (N, 3) to the plan frame."""
         assert self.T_plan_world is not None
         return np.asarray(points, dtype=np.float64) @ self.T_plan_world[:3, :3].T
 
@@ -350,8 +350,8 @@ class PlaneTracker:
         return np.asarray(np.column_stack([plan, height]) @ self.T_plan_world[:3, :3])
 
 
-def _heir(plane: Plane | None) -> Plane | None:
-    """Return the plane that took one in, that one itself while it is there; None where it is no more."""
+def _survivor(plane: Plane | None) -> Plane | None:
+    """Return the plane that absorbed one, or the plane itself; None where neither exists any more."""
     while plane is not None and plane.index < 0:
         plane = plane.taken_by
     return plane

@@ -1,4 +1,4 @@
-"""Seats: level patches beside a thing, about as long as it, which are a part of it and carry nothing of it."""
+"""Seats: level patches beside a thing, about as long as it, which are a part of it and support nothing of it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ import cv2
 import numpy as np
 
 from cuboid.frame import Float64Array
-from cuboid.surfaces.grid import CELL_M, GroundPlan, Places, cells_of, common
+from cuboid.surfaces.grid import CELL_M, GroundPlan, Places, cells_of, window_intersection
 from cuboid.surfaces.plane import REACH_M, Plane
-from cuboid.tolerances import LEAST_READINGS, MOST
+from cuboid.tolerances import MIN_READINGS, MOST
 
 
-def carrier(points: Float64Array, plane: Plane, others: Callable[[], Iterable[Plane]], least_m2: float) -> Plane:
-    """Return what carries a thing: the plane that it was seen above, unless that is a seat beside it; then a lower one.
+def supporting_plane(
+    points: Float64Array, plane: Plane, others: Callable[[], Iterable[Plane]], least_m2: float
+) -> Plane:
+    """Return the plane that supports an object: the one it was seen above, or a lower one where that is its own seat.
 
     Of the lower ones it is the highest that may go on beneath the thing's middle, and above which it is no higher than
     it is long: else it would hang.
@@ -31,7 +33,7 @@ def carrier(points: Float64Array, plane: Plane, others: Callable[[], Iterable[Pl
     """
     low, high = points.min(0), points.max(0)
     middle = (low + high)[None] / 2.0
-    if plane.plan.covers(middle)[0] or not len(seat_beside(plane.plan, points, least_m2)):
+    if plane.plan.covers(middle)[0] or not len(seat_cells(plane.plan, points, least_m2)):
         return plane
     foot = np.append(middle[0, :2], low[2])[None]
     above = float(plane.height(foot)[0]) + REACH_M
@@ -42,12 +44,12 @@ def carrier(points: Float64Array, plane: Plane, others: Callable[[], Iterable[Pl
 def seat_of(points: Float64Array, plane: Plane, others: Iterable[Plane], least_m2: float) -> Float64Array:
     """Return places (N, 3) of the seats of a thing that floats above its plane, all in the plan frame.
 
-    See `carrier` for the parameters; `others` are the planes themselves.
+    See `supporting_plane` for the parameters; `others` are the planes themselves.
     """
     low, high = points.min(0), points.max(0)
     found = [np.zeros((0, 3))]
     for other in others:
-        x, y = (seat_beside(other.plan, points, least_m2).T + 0.5) * CELL_M
+        x, y = (seat_cells(other.plan, points, least_m2).T + 0.5) * CELL_M
         z = -(x * other.normal[0] + y * other.normal[1] + other.offset) / other.normal[2]
         places = np.column_stack([x, y, z])
         within = (z > low[2] - REACH_M) & (z < high[2] + REACH_M)
@@ -56,18 +58,18 @@ def seat_of(points: Float64Array, plane: Plane, others: Iterable[Plane], least_m
     return np.concatenate(found)
 
 
-def seat_beside(plan: GroundPlan, points: Float64Array, least_m2: float) -> Places:
+def seat_cells(plan: GroundPlan, points: Float64Array, least_m2: float) -> Places:
     """Return the cells (N, 2) of the pieces of a plane that a thing touches, in plan, and that are not much longer.
 
-    What is half as long again, or more, holds the thing, or carries it.
+    A piece that is half as long again, or more, supports the object, or is one that it is attached to.
     """
     cells = cells_of(points)
     low, high = cells.min(0), cells.max(0) + 1
     longest = int((1.0 + MOST) * (high - low).max())
     window = np.concatenate([low - longest - 1, high + longest + 1])
-    mine, theirs = common(plan.window, window)
+    mine, theirs = window_intersection(plan.window, window)
     known, beside = np.zeros((2, *(window[2:] - window[:2])), np.uint8)
-    known[theirs] = plan.seen[mine] >= LEAST_READINGS
+    known[theirs] = plan.seen[mine] >= MIN_READINGS
     if np.count_nonzero(known) * CELL_M**2 < least_m2:
         return np.zeros((0, 2), np.int64)
     beside[tuple((cells - window[:2]).T)] = 1

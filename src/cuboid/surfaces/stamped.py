@@ -1,4 +1,4 @@
-"""Objects that tell whether they have changed since somebody last looked at them."""
+"""Objects with a modification counter."""
 
 from __future__ import annotations
 

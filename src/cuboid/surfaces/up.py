@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float64Array
-from cuboid.surfaces.cells import LEAST_CELLS, Cells
-from cuboid.tolerances import ARM_LENGTH_M, DRIFT_RAD, LEAST_FRAMES, LEAST_READINGS, LITTLE, MOST, SOME
+from cuboid.surfaces.cells import MIN_CELLS, Cells
+from cuboid.tolerances import ARM_LENGTH_M, DRIFT_RAD, LITTLE, MIN_FRAMES, MIN_READINGS, MOST, SOME
 
 # A flat face of a thing is smaller than this, square metres; one of a room, or of furniture, is larger.
 FACE_M2 = 0.2
@@ -22,19 +22,19 @@ NOISE_COS = math.sqrt(MOST)
 FIXED_LIKELY = MOST
 # A surface that only an odd camera would take for level is a wall sooner than a table, unless it is within arm's reach,
 # or the camera, fixed to something, has not moved beyond drift in so many votes.
-STILL_VOTES = LEAST_READINGS
-# Another direction becomes up when it is so many times as likely.
-OVERTAKE = 2.0
+STILL_VOTES = MIN_READINGS
+# Another direction becomes up when its likelihood is larger by this ratio.
+MIN_LIKELIHOOD_RATIO = 2.0
 # How likely a flat area is level that a camera held as this one is would not take for level.
 ODD = LITTLE
 # How a camera may be held, turned about its sight: of each the axes of the upright camera in it, (3, 3, 3). One that
 # hangs upside down sees a table as an upright one that looks down sees the wall behind it: this is the likelier one.
 TURNS = np.array([[[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]] for c, s in ((1, 0), (0, 1), (0, -1))], float)
-# What is known of planes, and of up once it is known, is found anew every so many frames.
+# What is known of planes, and of up once it is known, is updated every so many frames.
 REFRESH_FRAMES = 8
 
 
-def _upright(normals_camera: Float64Array) -> Float64Array:
+def _level_likelihood(normals_camera: Float64Array) -> Float64Array:
     """Return how likely surfaces (N, 3) are level by the image-up parts of their normals, `ODD`..1, (N, 3) by turn.
 
     Seen by a camera that is held upright, a table's normal points up in the image, a wall's sideways or, when the
@@ -74,7 +74,7 @@ class UpVote:
         """
         up = -self._facing @ TURNS[:, :, 1].T / max(1e-9, float(self._seen[:, 3].sum()))
         best = int(np.argmax(up))
-        plain = self._votes >= LEAST_FRAMES and up[best] >= max(SOME, OVERTAKE * up[0])
+        plain = self._votes >= MIN_FRAMES and up[best] >= max(SOME, MIN_LIKELIHOOD_RATIO * up[0])
         return best if plain else 0
 
     def is_due(self) -> bool:
@@ -114,7 +114,7 @@ class UpVote:
             return self._up
         current = directions @ self._up > SAME_COS
         held = float(likely[current].max()) if current.any() else 0.0
-        if not current[best] and known[best] and likely[best] > OVERTAKE * held:
+        if not current[best] and known[best] and likely[best] > MIN_LIKELIHOOD_RATIO * held:
             self._up, self.changed = directions[best].copy(), True
         return self._up
 
@@ -152,8 +152,8 @@ class UpVote:
 
     def _collect(self, cells: Cells, T_world_camera: Float64Array) -> None:
         left = np.ones(len(cells.places), dtype=bool)
-        upright = _upright(cells.normal @ T_world_camera[:3, :3])
-        while len(members := np.flatnonzero(left)) >= LEAST_CELLS:
+        upright = _level_likelihood(cells.normal @ T_world_camera[:3, :3])
+        while len(members := np.flatnonzero(left)) >= MIN_CELLS:
             normals, area = cells.normal[members], cells.area_m2[members]
             gain = (normals @ normals.T > SAME_COS) @ area
             if gain.max() < LITTLE * FACE_M2:
@@ -169,9 +169,9 @@ class UpVote:
 
     def _add(self, row: Float64Array) -> None:
         if len(self._seen):
-            likeness = self._seen[:, :3] @ row[:3]
-            k = int(np.argmax(likeness))
-            if likeness[k] > SAME_COS:
+            similarity = self._seen[:, :3] @ row[:3]
+            k = int(np.argmax(similarity))
+            if similarity[k] > SAME_COS:
                 mean = self._seen[k, :3] * self._seen[k, 3] + row[:3] * row[3]
                 self._seen[k] += row
                 self._seen[k, :3] = mean / np.linalg.norm(mean)

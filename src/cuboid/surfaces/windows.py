@@ -1,4 +1,4 @@
-"""Where planes are, in one table: which of them a frame, a cluster or another plane may have to do with."""
+"""Where planes are, in one table: which of them may be relevant for a frame, a segment or another plane."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ class Windows:
 
     Parameters
     ----------
-    forget_frames : int
+    max_unseen_frames : int
         A plane that is not in use is over so many frames after it was seen last.
     """
 
-    def __init__(self, forget_frames: int) -> None:
-        self._forget_frames = forget_frames
+    def __init__(self, max_unseen_frames: int) -> None:
+        self._forget_frames = max_unseen_frames
         self._windows: Places = np.zeros((0, 4), np.int64)
         self._ends: Places = np.zeros(0, np.int64)
         self._weights: Float64Array = np.zeros(0)
         self._means: Float64Array = np.zeros((0, 3))
 
-    def keep(self, keep: list[int]) -> None:
+    def retain(self, keep: list[int]) -> None:
         """Keep only these planes, in this order."""
         self._windows, self._ends = self._windows[keep], self._ends[keep]
         self._weights, self._means = self._weights[keep], self._means[keep]
 
-    def note(self, plane: Plane) -> None:
+    def update(self, plane: Plane) -> None:
         """Take in a new plane, or what has become of one."""
         k = plane.index
         if k == len(self._windows):
@@ -44,7 +44,7 @@ class Windows:
         self._ends[k] = NEVER if plane.in_use else plane.last_frame + self._forget_frames
         self._weights[k] = plane.weight if plane.in_use else -1.0
 
-    def over(self, frame: int) -> list[int]:
+    def expired(self, frame: int) -> list[int]:
         """Return the planes that are to be forgotten."""
         return [int(k) for k in np.flatnonzero(self._ends < frame)]
 
@@ -59,10 +59,10 @@ class Windows:
         meets = (w[:, 0] < window[2]) & (w[:, 1] < window[3]) & (w[:, 2] > window[0]) & (w[:, 3] > window[1])
         return [int(k) for k in np.flatnonzero(meets)]
 
-    def level_with(self, plane: Plane, apart_m: float) -> list[int]:
+    def level_with(self, plane: Plane, distance_m: float) -> list[int]:
         """Return the others whose windows have cells in common with a plane's and whose middles lie as high or low."""
         near = [k for k in self.within(plane.plan.window) if k != plane.index]
-        return [near[i] for i in np.flatnonzero(np.abs(plane.height(self._means[near])) <= apart_m)]
+        return [near[i] for i in np.flatnonzero(np.abs(plane.height(self._means[near])) <= distance_m)]
 
     def at(self, points: Float64Array) -> list[int]:
         """Return the planes whose windows reach among plan coordinates (N, 2 or 3)."""

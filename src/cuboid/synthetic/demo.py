@@ -41,7 +41,7 @@ def demo_scene(frames: int = DEMO_FRAMES) -> Scene:
     for name, seed, x, y, degrees in _LAID:
         model = turned(MAKERS[name](np.random.default_rng(seed)), np.radians(degrees))
         draft.objects.put_at(model, 0, (x, y))
-    draft.waypoints = _way()
+    draft.waypoints = _path()
     scene = finish(draft, "synthetic demo", "demo", 11, np.eye(4), 540.0)
     return Scene(
         **{name: getattr(scene, name) for name in Scene.__slots__ if name != "T_world_room"},
@@ -61,15 +61,15 @@ def _furnish(draft: Draft) -> None:
     draft.add(post, turn(np.radians(-79)) @ shift((0.72, 0, 0)) @ turn(np.pi / 2), doubtful=True)
 
 
-def _way() -> Float64Array:
+def _path() -> Float64Array:
     """Return waypoints: along the table, behind the screen, aside to the wall, and back."""
     middle = (0.0, 0.0, 0.76)
     arc = around(middle, np.radians([-106, -98, -90, -82, -74, -66, -60]), 1.3, np.linspace(1.3, 1.38, 7))
     eye, toward = arc[-1, :3], np.arctan2(*(arc[-1, 3:5] - arc[-1, :2])[::-1])
     rows = [arc]
-    for share in (0.25, 0.5, 0.75, 1.0, 1.0, 0.75, 0.5, 0.25):
-        bearing = toward - share * np.radians(58)
-        target = eye + 1.3 * np.array([np.cos(bearing), np.sin(bearing), -0.47 * (1 - 0.7 * share)])
+    for fraction in (0.25, 0.5, 0.75, 1.0, 1.0, 0.75, 0.5, 0.25):
+        bearing = toward - fraction * np.radians(58)
+        target = eye + 1.3 * np.array([np.cos(bearing), np.sin(bearing), -0.47 * (1 - 0.7 * fraction)])
         rows.append(np.concatenate([eye, target])[None])
     rows.append(around(middle, np.radians([-57, -50]), 1.28, [1.38, 1.4]))
     return np.concatenate(rows)

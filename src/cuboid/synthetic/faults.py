@@ -110,7 +110,7 @@ WHOLE_FAULTS: Mapping[str, Fault] = MappingProxyType(
 )
 FAULTS: Mapping[str, Fault] = MappingProxyType({**FRAME_FAULTS, **WHOLE_FAULTS})
 # The last frames that "few-poses" leaves without a pose.
-FEW_POSES_SHARE = 0.1
+FEW_POSES_FRACTION = 0.1
 
 
 def named(words: Sequence[str], frames: int) -> tuple[str, ...]:
@@ -134,7 +134,7 @@ def named(words: Sequence[str], frames: int) -> tuple[str, ...]:
 
 def _first_without_pose(names: Sequence[str], frames: int) -> int:
     """Return the first frame that "few-poses" leaves without a pose, else the number of frames."""
-    return frames - max(1, round(FEW_POSES_SHARE * frames)) if "few-poses" in names else frames
+    return frames - max(1, round(FEW_POSES_FRACTION * frames)) if "few-poses" in names else frames
 
 
 def spoil(folder: Path, faults: Sequence[str], frames: int, rng: np.random.Generator) -> None:

@@ -76,10 +76,10 @@ def build_table(draft: Draft) -> None:
     _middle_table(draft)
     for model in draft.models(int(draft.rng.integers(6, 10))):
         draft.objects.put(model, 0, APART_M, within=0.9)
-    way_table(draft)
+    path_table(draft)
 
 
-def way_table(draft: Draft) -> None:
+def path_table(draft: Draft) -> None:
     """Let the camera go round the table."""
     draft.waypoints = _circling(draft, 0, radius=draft.rng.uniform(1.1, 1.45))
 
@@ -90,11 +90,11 @@ def build_occluders(draft: Draft) -> None:
     _middle_table(draft)
     for model in draft.models(int(draft.rng.integers(6, 9))):
         draft.objects.put(model, 0, APART_M, within=0.8)
-    way = _circling(draft, 0, radius=2.0, height=draft.rng.uniform(1.25, 1.4), steady=True)
-    draft.waypoints = way
-    angle = np.unwrap(np.arctan2(way[:, 1], way[:, 0]))
-    for share, low in ((0.4, False), (0.8, bool(draft.rng.random() < 0.5))):
-        at = float(np.interp(share + draft.rng.uniform(-0.05, 0.05), np.linspace(0, 1, len(angle)), angle))
+    waypoints = _circling(draft, 0, radius=2.0, height=draft.rng.uniform(1.25, 1.4), steady=True)
+    draft.waypoints = waypoints
+    angle = np.unwrap(np.arctan2(waypoints[:, 1], waypoints[:, 0]))
+    for fraction, low in ((0.4, False), (0.8, bool(draft.rng.random() < 0.5))):
+        at = float(np.interp(fraction + draft.rng.uniform(-0.05, 0.05), np.linspace(0, 1, len(angle)), angle))
         place = turn(at) @ shift((draft.rng.uniform(1.02, 1.1), 0, 0)) @ turn(-np.pi / 2)
         if low:
             size = (draft.rng.uniform(0.3, 0.4), 0.3, draft.rng.uniform(1.0, 1.1))
@@ -110,10 +110,10 @@ def build_leave(draft: Draft) -> None:
     _middle_table(draft)
     for model in draft.models(int(draft.rng.integers(5, 9))):
         draft.objects.put(model, 0, APART_M, within=0.85)
-    way_leave(draft)
+    path_leave(draft)
 
 
-def way_leave(draft: Draft) -> None:
+def path_leave(draft: Draft) -> None:
     """Let the camera turn away from the table and come back."""
     angle = draft.rng.uniform(np.radians(70), np.radians(95)) * (1 if draft.rng.random() < 0.5 else -1)
     turning = 2 * abs(angle) / STEP_RAD
@@ -149,10 +149,10 @@ def build_tables(draft: Draft) -> None:
     for surface, count, names in ((0, 5, tuple(MAKERS)), (1, 4, tuple(MAKERS)), (2, 2, SMALL), (3, 4, SMALL)):
         for model in draft.models(count, names):
             draft.objects.put(model, surface, APART_M, within=0.85)
-    way_tables(draft)
+    path_tables(draft)
 
 
-def way_tables(draft: Draft) -> None:
+def path_tables(draft: Draft) -> None:
     """Let the camera walk from one table to the next, to the shelf, and back."""
     draft.waypoints = _tour(
         draft, [0, 1, 3, 1, 0], eyes=((-0.7, -0.45), (0.6, -0.35), (1.05, -0.75)), order=(0, 1, 2, 1, 0)
@@ -205,10 +205,10 @@ def build_room(draft: Draft) -> None:
     ):
         for model in draft.models(count, names):
             draft.objects.put(model, surface, APART_M, within=0.85)
-    way_room(draft)
+    path_room(draft)
 
 
-def way_room(draft: Draft) -> None:
+def path_room(draft: Draft) -> None:
     """Let the camera turn from the curtain to the table and walk through the room."""
     tour = _tour(draft, [0, 2, 1, 0], eyes=((-0.6, -0.75), (0.3, -1.85), (1.15, 0.1), (0.9, -0.75)), order=(0, 1, 2, 3))
     draft.waypoints = np.concatenate([_curtain_first(tour[0]), tour])
@@ -226,7 +226,7 @@ KINDS: Mapping[str, Builder] = MappingProxyType(
 )
 # How the camera goes where a place is visited again.
 WAYS: Mapping[str, Builder] = MappingProxyType(
-    {"table": way_table, "leave": way_leave, "tables": way_tables, "clutter": way_table, "room": way_room}
+    {"table": path_table, "leave": path_leave, "tables": path_tables, "clutter": path_table, "room": path_room}
 )
 # Frames of a recording where none are asked for: what the way of the kind takes.
 FRAMES: Mapping[str, int] = MappingProxyType(
@@ -276,7 +276,7 @@ def make_scene(
 
 def finish(draft: Draft, name: str, kind: str, seed: int, T_world_room: Float64Array, focal_px: float) -> Scene:
     """Return the scene of a draft."""
-    way = fly(draft.waypoints, draft.frames, CAMERAS[draft.camera], draft.rng, whole=draft.whole)
+    waypoints = fly(draft.waypoints, draft.frames, CAMERAS[draft.camera], draft.rng, whole=draft.whole)
     return Scene(
         name=name,
         kind=kind,
@@ -285,7 +285,7 @@ def finish(draft: Draft, name: str, kind: str, seed: int, T_world_room: Float64A
         furniture=tuple(draft.furniture),
         surfaces=draft.objects.surfaces,
         T_world_room=T_world_room,
-        T_room_camera=way,
+        T_room_camera=waypoints,
         focal_px=focal_px,
     )
 
@@ -334,10 +334,10 @@ def _circling(
         radii = radius + rng.uniform(-0.5 * wide, wide, count)
         levels = level + rng.uniform(-0.6 * wide, (2.2 if draft.camera == "drone" else 1.0) * wide, count)
         angles = np.linspace(0, 0.8 * angle, count)
-    way = around(middle, rng.uniform(0, 2 * np.pi) + (1 if rng.random() < 0.5 else -1) * angles, radii, levels)
+    waypoints = around(middle, rng.uniform(0, 2 * np.pi) + (1 if rng.random() < 0.5 else -1) * angles, radii, levels)
     if not steady:
-        way[:, 3:] += rng.uniform(-0.06, 0.06, (len(way), 3)) * (draft.camera != "orbit")
-    return way
+        waypoints[:, 3:] += rng.uniform(-0.06, 0.06, (len(waypoints), 3)) * (draft.camera != "orbit")
+    return waypoints
 
 
 def _leaving(draft: Draft, surface: int, angle: float, length_m: float) -> Float64Array:
@@ -347,16 +347,16 @@ def _leaving(draft: Draft, surface: int, angle: float, length_m: float) -> Float
     start, arc = rng.uniform(0, 2 * np.pi), length_m / radius
     middle = (*top.center, top.height_m + 0.05)
     angles = start + arc * np.array([0, 0.2, 0.4, 0.5, 0.6, 0.8, 1.0])
-    way = around(middle, angles, radius, level)
+    waypoints = around(middle, angles, radius, level)
     # Turned away, the target swings about the camera's place; in steps, so that the curve keeps its distance.
-    rows = [way[:3]]
-    eye, toward = way[3, :3], np.arctan2(*(way[3, 3:5] - way[3, :2])[::-1])
-    for share in (0.25, 0.5, 0.75, 1.0, 1.0, 0.75, 0.5, 0.25):
-        bearing = toward + share * angle
-        drop = (top.height_m - level) * (1 - 0.6 * share)
+    rows = [waypoints[:3]]
+    eye, toward = waypoints[3, :3], np.arctan2(*(waypoints[3, 3:5] - waypoints[3, :2])[::-1])
+    for fraction in (0.25, 0.5, 0.75, 1.0, 1.0, 0.75, 0.5, 0.25):
+        bearing = toward + fraction * angle
+        drop = (top.height_m - level) * (1 - 0.6 * fraction)
         target = eye + radius * np.array([np.cos(bearing), np.sin(bearing), 0]) + (0, 0, drop)
         rows.append(np.concatenate([eye, target])[None])
-    return np.concatenate([*rows, way[4:]])
+    return np.concatenate([*rows, waypoints[4:]])
 
 
 def _tour(
@@ -382,9 +382,9 @@ def _curtain_first(first: Float64Array) -> Float64Array:
     far = float(np.linalg.norm(toward[:2]))
     begin = end - 2.3 if abs(np.sin(end - 2.3) + 1) < abs(np.sin(end + 2.3) + 1) else end + 2.3
     rows = []
-    for share in (0.0, 0.02, 0.25, 0.5, 0.75):
-        bearing = begin + share * (end - begin)
-        drop = 0.1 + share * (toward[2] - 0.1)
+    for fraction in (0.0, 0.02, 0.25, 0.5, 0.75):
+        bearing = begin + fraction * (end - begin)
+        drop = 0.1 + fraction * (toward[2] - 0.1)
         target = eye + np.array([far * np.cos(bearing), far * np.sin(bearing), drop])
         rows.append([*eye, *target])
     return np.array(rows)

@@ -35,7 +35,7 @@ class Mesh:
     faces: Faces
 
     def moved(self, T: npt.ArrayLike) -> Mesh:
-        """Return the mesh carried by a (4, 4) motion (or a scale without mirror)."""
+        """Return the mesh transformed by a (4, 4) motion (or a scale without mirror)."""
         return Mesh(se3.transform(T, self.vertices), self.faces)
 
     def corners(self) -> Float64Array:

@@ -80,18 +80,18 @@ def fly(waypoints: npt.ArrayLike, frames: int, style: Style, rng: np.random.Gene
     clock = np.concatenate([[0.0], np.cumsum(np.maximum(moved, turned) + 1e-9)])
     end = clock[-1] if whole else min(clock[-1], float(max(frames - 1, 1)))
     at = np.linspace(0, end, frames)
-    way = np.column_stack([np.interp(at, clock, column) for column in curve.T])
-    way = gaussian_filter1d(way, INERTIA_FRAMES, axis=0, mode="nearest")
-    return _carried(way, style, rng)
+    trajectory = np.column_stack([np.interp(at, clock, column) for column in curve.T])
+    trajectory = gaussian_filter1d(trajectory, INERTIA_FRAMES, axis=0, mode="nearest")
+    return _held_camera(trajectory, style, rng)
 
 
-def _carried(way: Float64Array, style: Style, rng: np.random.Generator) -> Float64Array:
-    frames = len(way)
+def _held_camera(trajectory: Float64Array, style: Style, rng: np.random.Generator) -> Float64Array:
+    frames = len(trajectory)
     sway = smooth_noise(frames, 6, style.hertz, rng) * ([style.sway_m] * 3 + [style.sway_rad] * 3)
-    velocity = np.gradient(way[:, :3], axis=0) if frames > 1 else np.zeros((1, 3))
+    velocity = np.gradient(trajectory[:, :3], axis=0) if frames > 1 else np.zeros((1, 3))
     poses = np.empty((frames, 4, 4))
     for k in range(frames):
-        level = look_at(way[k, :3], way[k, 3:])
+        level = look_at(trajectory[k, :3], trajectory[k, 3:])
         roll = style.bank * float(velocity[k] @ level[:3, 0]) + sway[k, 5]
         poses[k] = level @ turn(sway[k, 3], 0) @ turn(sway[k, 4], 1) @ turn(roll, 2)
         poses[k, :3, 3] += sway[k, :3]

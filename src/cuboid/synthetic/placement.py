@@ -15,7 +15,7 @@ from cuboid.synthetic.shapes import Model, turned
 
 # Draws for a free place before a model is left out.
 TRIES = 300
-# Objects keep this much from the edge of what carries them, metres.
+# Objects keep this much from the edge of what supports them, metres.
 EDGE_M = 0.025
 # Below this gap (metres) two objects count as touching: no depth camera tells it from none.
 TOUCH_M = 0.002
@@ -45,8 +45,8 @@ class Arrangement:
     ) -> SceneObject | None:
         """Put a model anywhere on a surface, at least `gap` metres from all others.
 
-        `within` is the share of the surface, around its middle, where the model's centre may lie; `number` is what it
-        is called, the next one unless given. Returns None where there is no room.
+        `within` is the fraction of the surface, around its middle, where the model's centre may lie; `number` is what
+        it is called, the next one unless given. Returns None where there is no room.
         """
         model = turned(model, self._rng.uniform(0, 2 * np.pi))
         outline = hull(model.mesh().vertices[:, :2])
@@ -109,7 +109,7 @@ class Arrangement:
         self.objects = [replace(o, judged=o.judged and o.id not in ids) for o in self.objects]
 
     def _free(self, outline: Float64Array, surface: int, gap: float, ignoring: int = 0) -> bool:
-        if not self.surfaces[surface].holds(outline, EDGE_M):
+        if not self.surfaces[surface].contains(outline, EDGE_M):
             return False
         return all(
             gap_m(outline, self._outlines[other.id]) >= gap

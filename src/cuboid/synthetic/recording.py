@@ -55,16 +55,16 @@ CloudPart = tuple[Float32Array, UInt8Array, npt.NDArray[np.int32]]
 
 @dataclass(frozen=True, slots=True)
 class _Done:
-    """What a rendered frame leaves besides its images: visible shares (M,), those of ghosts, points of the cloud."""
+    """What a rendered frame leaves besides its images: visible fractions (M,), those of ghosts, points of the cloud."""
 
-    shares: Float64Array
+    fractions: Float64Array
     empty: Float64Array
     cloud: CloudPart | None
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """In how many frames a recording shows a fair share of each thing.
+    """In how many frames a recording shows a fair fraction of each thing.
 
     Attributes
     ----------
@@ -92,9 +92,9 @@ class _Renderer:
         name = f"{frame:06d}"
         (self._folder / "color" / f"{name}.jpg").write_bytes(encode_color(rendered.color))
         (self._folder / "depth" / f"{name}.png").write_bytes(encode_depth(rendered.depth_m))
-        shares = self._view.visible_shares(frame, rendered.hits)
-        empty = self._view.empty_shares(frame, rendered.hits)
-        return _Done(shares, empty, self._cloud(rendered) if frame % CLOUD_EVERY_FRAMES == 0 else None)
+        fractions = self._view.visible_fractions(frame, rendered.hits)
+        empty = self._view.empty_fractions(frame, rendered.hits)
+        return _Done(fractions, empty, self._cloud(rendered) if frame % CLOUD_EVERY_FRAMES == 0 else None)
 
     def _cloud(self, rendered: Rendered) -> CloudPart:
         each = (slice(None, None, CLOUD_EVERY_PIXELS),) * 2
@@ -167,7 +167,7 @@ def render_recording(
                 if progress is not None:
                     progress(len(done), scene.frames)
         _write_texts(work, scene, intrinsics, pose_noise)
-        truth.write_truth(work / truth.TRUTH, scene, intrinsics, np.array([one.shares for one in done]))
+        truth.write_truth(work / truth.TRUTH, scene, intrinsics, np.array([one.fractions for one in done]))
         cloud = truth.LabelledCloud()
         for one in done:
             if one.cloud is not None:
@@ -178,11 +178,11 @@ def render_recording(
         folder.commit()
     return Shown(
         {
-            body.id: int((np.array([one.shares[k] for one in done]) >= truth.SHOWN_SHARE).sum())
+            body.id: int((np.array([one.fractions[k] for one in done]) >= truth.SHOWN_FRACTION).sum())
             for k, body in enumerate(scene.objects)
         },
         {
-            body.id: int((np.array([one.empty[k] for one in done]) >= truth.SHOWN_SHARE).sum())
+            body.id: int((np.array([one.empty[k] for one in done]) >= truth.SHOWN_FRACTION).sum())
             for k, body in enumerate(scene.ghosts)
         },
     )

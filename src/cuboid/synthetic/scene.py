@@ -1,4 +1,4 @@
-"""A scene: what stands where, what carries it, and the camera's way; all in a room whose z is up."""
+"""A scene: what stands where, what supports it, and the camera's path; all in a room whose z is up."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FRAMES_PER_S = 30.0
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """A level face that carries objects.
+    """A level face that supports objects.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Surface:
     angle_rad: float = 0.0
     round: bool = False
 
-    def holds(self, points: Float64Array, margin_m: float) -> bool:
+    def contains(self, points: Float64Array, margin_m: float) -> bool:
         """Tell whether points (N, 2) in the room all lie on it, `margin_m` from its edge."""
         c, s = np.cos(self.angle_rad), np.sin(self.angle_rad)
         own = (points - self.center) @ np.array([[c, -s], [s, c]])
@@ -97,7 +97,7 @@ class SceneObject(Placed):
 
 @dataclass(frozen=True, slots=True)
 class Furniture(Placed):
-    """A thing that is no object: what carries objects, walls, and what is in the way.
+    """A thing that is no object: what supports objects, walls, and obstacles.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class Furniture(Placed):
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A room, and the way of a camera through it.
+    """A room, and the path of a camera through it.
 
     Attributes
     ----------

@@ -44,9 +44,9 @@ STRUCTURED_LIGHT_RANGE_M = (0.45, 5.0)
 TIME_OF_FLIGHT_RANGE_M = (0.5, 4.5)
 CLEAN_RANGE_M = (0.05, 12.0)
 
-# Neighbours that differ by more than this share of their depth, plus 1 cm, lie on two surfaces.
-EDGE_SHARE = 0.02
-# Share of pixels without reading: at an edge, and anywhere.
+# Neighbours that differ by more than this fraction of their depth, plus 1 cm, lie on two surfaces.
+EDGE_FRACTION = 0.02
+# Fraction of pixels without reading: at an edge, and anywhere.
 EDGE_HOLES, STRAY_HOLES = 0.35, 0.0008
 # Angles of incidence (degrees) from which readings begin to be lost, and at which all are.
 GRAZING_DEG = (74.0, 85.0)
@@ -97,8 +97,8 @@ def time_of_flight(
     edge = _edges(depth_m)
     near, far = cv2.erode(_filled(depth_m), _CROSS), cv2.dilate(_filled(depth_m), _CROSS)
     draw = rng.random(z.shape, np.float32)
-    share = rng.random(z.shape, np.float32)
-    mixed = np.where(edge & (draw > 0.5), share * near + (1 - share) * np.minimum(far, z + 1), z)
+    fraction = rng.random(z.shape, np.float32)
+    mixed = np.where(edge & (draw > 0.5), fraction * near + (1 - fraction) * np.minimum(far, z + 1), z)
     lost = (draw < STRAY_HOLES) | _grazing(angle, draw)
     return _within(mixed + noise, z, lost, TIME_OF_FLIGHT_RANGE_M)
 
@@ -136,7 +136,7 @@ def _edges(depth_m: Float32Array) -> Mask:
     jump = cv2.dilate(depth, _CROSS) - cv2.erode(depth, _CROSS)
     # A slanted surface has even steps: what half the jump to either side explains is no edge.
     bend = np.abs(cv2.Laplacian(depth, cv2.CV_32F, ksize=1))
-    edge: Mask = (jump > EDGE_SHARE * depth + 0.01) & (bend > 0.3 * jump)
+    edge: Mask = (jump > EDGE_FRACTION * depth + 0.01) & (bend > 0.3 * jump)
     return edge
 
 

@@ -37,7 +37,7 @@ _GAMMA = np.rint(np.linspace(0.0, 1.0, 4096) ** (1 / 2.2) * 255).astype(np.uint8
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class ShadingParameters:
     """What the shading knows of a scene's surfaces.
 
     Attributes
@@ -58,7 +58,7 @@ class Look:
 
 
 def part_rows(materials: Sequence[Material], T_body_room: Sequence[Float64Array]) -> Float64Array:
-    """Return the table `Look.parts`."""
+    """Return the table `ShadingParameters.parts`."""
     rows = np.empty((len(materials), 21))
     for row, look, T in zip(rows, materials, T_body_room, strict=True):
         row[0:3], row[3:6] = linear(look.color), linear(look.second)
@@ -69,7 +69,7 @@ def part_rows(materials: Sequence[Material], T_body_room: Sequence[Float64Array]
 
 def shade(
     caster: RayCaster,
-    look: Look,
+    look: ShadingParameters,
     hits: Hits,
     rng: np.random.Generator,
 ) -> tuple[UInt8Array, Float32Array]:
@@ -78,7 +78,7 @@ def shade(
     points, normals = np.empty((2, *shape, 3), np.float32)
     cosine = np.empty(shape, np.float32)
     _places(hits.depth_m, hits.face, hits.u, hits.v, hits.rays, hits.eye, look.normals, points, normals, cosine)
-    lit = _lit_share(caster, look, points[::2, ::2], normals[::2, ::2])
+    lit = _lit_fraction(caster, look, points[::2, ::2], normals[::2, ::2])
     part = np.where(hits.face >= 0, look.face_part[hits.face], np.int32(-1))
     color = np.empty((*shape, 3), np.uint8)
     _colors(part, points, normals, hits.eye, look.parts, look.lamp.mean(axis=0), lit, _NOISE, _GAMMA, color)
@@ -88,8 +88,10 @@ def shade(
     return noisy, cosine
 
 
-def _lit_share(caster: RayCaster, look: Look, points: Float32Array, normals: Float32Array) -> Float32Array:
-    """Return the share of the lamp that reaches points (h, w, 3) with normals (h, w, 3), (h, w)."""
+def _lit_fraction(
+    caster: RayCaster, look: ShadingParameters, points: Float32Array, normals: Float32Array
+) -> Float32Array:
+    """Return the fraction of the lamp that reaches points (h, w, 3) with normals (h, w, 3), (h, w)."""
     start = np.ascontiguousarray((points + normals * np.float32(SHADOW_BIAS_M)).reshape(-1, 3))
     lit = np.zeros(len(start), np.float32)
     for point in look.lamp:
@@ -122,10 +124,10 @@ def _cell(noise: Float32Array, x: float, y: float, z: float) -> float:  # pragma
 
 
 @njit(cache=True, nogil=True)
-def _second_share(
+def _second_fraction(
     noise: Float32Array, texture: int, x: float, y: float, z: float
 ) -> float:  # pragma: no cover (compiled)
-    """Return the share of the second color at a place in units of the texture's scale, 0..1."""
+    """Return the fraction of the second color at a place in units of the texture's scale, 0..1."""
     if texture == 1:  # checker
         even = int(np.floor(x + 0.37)) + int(np.floor(y + 0.37)) + int(np.floor(z + 0.37))
         return float(even & 1)
@@ -158,7 +160,7 @@ def _second_share(
 
 @njit(cache=True, nogil=True)
 def _smooth_lit(lit: Float32Array, part: npt.NDArray[np.int32], r: int, c: int) -> float:  # pragma: no cover (compiled)
-    """Spread the lamp's share from the pixels that have it to their neighbours on the same part."""
+    """Spread the lamp's fraction from the pixels that have it to their neighbours on the same part."""
     total, weight = 0.0, 1e-6
     for i in range((r - 1) // 2, (r + 1) // 2 + 1):
         for j in range((c - 1) // 2, (c + 1) // 2 + 1):
@@ -216,7 +218,7 @@ def _colors(
     gamma: UInt8Array,
     color: UInt8Array,
 ) -> None:  # pragma: no cover (compiled)
-    """Fill `color` (H, W, 3) from what `_places` found and the tables of `Look`."""
+    """Fill `color` (H, W, 3) from what `_places` found and the tables of `ShadingParameters`."""
     for r in range(part.shape[0]):
         for c in range(part.shape[1]):
             if part[r, c] < 0:
@@ -228,7 +230,7 @@ def _colors(
             x = look[9] * px + look[10] * py + look[11] * pz + look[12]
             y = look[13] * px + look[14] * py + look[15] * pz + look[16]
             z = look[17] * px + look[18] * py + look[19] * pz + look[20]
-            share = _second_share(noise, int(look[6]), x / look[7], y / look[7], z / look[7])
+            fraction = _second_fraction(noise, int(look[6]), x / look[7], y / look[7], z / look[7])
             fine = 0.94 + 0.12 * _noise_at(noise, x / FINE_M, y / FINE_M, z / FINE_M)
             lx, ly, lz = lamp[0] - px, lamp[1] - py, lamp[2] - pz
             far = np.sqrt(lx * lx + ly * ly + lz * lz)
@@ -244,5 +246,5 @@ def _colors(
             half *= half
             gloss = look[8] * sees * GLOSS * half**20 if half > 0.5 else 0.0
             for k in range(3):
-                amount = (look[k] * (1 - share) + look[3 + k] * share) * fine * light + gloss
+                amount = (look[k] * (1 - fraction) + look[3 + k] * fraction) * fine * light + gloss
                 color[r, c, k] = gamma[int(min(max(amount, 0.0), 1.0) * 4095)]

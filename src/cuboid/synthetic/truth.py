@@ -23,13 +23,13 @@ from cuboid.synthetic.scene import FRAMES_PER_S, Scene
 
 TRUTH, TRAJECTORY, CLOUD = "truth.json", "true_trajectory.txt", "true_cloud.ply"
 
-# An object counts as shown from this share on, in at least so many frames; what was shown less is not judged.
-SHOWN_SHARE, SHOWN_FRAMES = 0.3, 8
+# An object counts as shown from this fraction on, in at least so many frames; what was shown less is not judged.
+SHOWN_FRACTION, SHOWN_FRAMES = 0.3, 8
 # Points of the cloud are thinned to one in a cube of this size, metres.
 CLOUD_CELL_M = 0.008
 
 
-def write_truth(path: Path, scene: Scene, intrinsics: Intrinsics, shares: Float64Array) -> None:
+def write_truth(path: Path, scene: Scene, intrinsics: Intrinsics, fractions: Float64Array) -> None:
     """Write `truth.json`.
 
     Parameters
@@ -38,8 +38,8 @@ def write_truth(path: Path, scene: Scene, intrinsics: Intrinsics, shares: Float6
     scene : Scene
     intrinsics : Intrinsics
         Of the recording.
-    shares : (N, M) float64
-        Visible share of each object in each frame, in the order of `scene.objects`.
+    fractions : (N, M) float64
+        Visible fraction of each object in each frame, in the order of `scene.objects`.
     """
     truth = {
         "format": "cuboid-truth",
@@ -49,14 +49,14 @@ def write_truth(path: Path, scene: Scene, intrinsics: Intrinsics, shares: Float6
         "K": [rounded(value, LENGTH) for value in (intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy)],
         "note": "exact, from the geometry that the recording was rendered from",
         "planes": [_plane(scene, k) for k in range(len(scene.surfaces))],
-        "objects": _objects(scene, shares),
+        "objects": _objects(scene, fractions),
         "judged_region": None,
         "ignore": [{"name": body.model.name, **_box(scene.box(body))} for body in scene.furniture if body.doubtful],
         "visibility": {
             "frames": scene.frames,
             "note": "share of the camera-facing points that true depth shows within 2 cm; 0.05 steps, "
             "[value, run length]; 0 = not visible",
-            "objects": {str(body.id): run_lengths(shares[:, k]) for k, body in enumerate(scene.objects)},
+            "objects": {str(body.id): run_lengths(fractions[:, k]) for k, body in enumerate(scene.objects)},
         },
     }
     path.write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
@@ -90,11 +90,11 @@ def _box(box: Box) -> dict[str, Any]:
     }
 
 
-def _objects(scene: Scene, shares: Float64Array) -> list[dict[str, Any]]:
+def _objects(scene: Scene, fractions: Float64Array) -> list[dict[str, Any]]:
     needed = min(SHOWN_FRAMES, max(1, scene.frames // 4))
     rows = []
     for k, body in enumerate(scene.objects):
-        shown = int((shares[:, k] >= SHOWN_SHARE).sum()) >= needed
+        shown = int((fractions[:, k] >= SHOWN_FRACTION).sum()) >= needed
         rows.append(
             {
                 "id": body.id,
@@ -104,7 +104,7 @@ def _objects(scene: Scene, shares: Float64Array) -> list[dict[str, Any]]:
                 **({"round": True} if scene.is_round(body) else {}),
                 "plane": body.surface,
                 "touches": list(body.touches),
-                "frames_present": int((shares[:, k] > 0).sum()),
+                "frames_present": int((fractions[:, k] > 0).sum()),
             }
         )
     return rows

@@ -22,9 +22,9 @@ EXTENSIONS = (".obj", ".glb", ".ply")
 LONGEST_M = (0.04, 0.6)
 OTHERWISE_M = 0.18
 # More would make the rays slow and add nothing at this distance.
-MOST_FACES = 200_000
+MAX_FACES = 200_000
 # The largest file, and the largest coordinate (of a mesh in micrometres): such meshes have more faces than that.
-MOST_MESH_BYTES = 256 << 20
+MAX_MESH_BYTES = 256 << 20
 LARGEST = 1e9
 # The thinnest side, metres: below it a body has no inside and its outline no area.
 THINNEST_M = 0.004
@@ -59,7 +59,7 @@ def load_mesh(path: Path) -> Model:
     """
     trimesh = require("trimesh", "cuboid synth --meshes", "'cuboid[synth]'")
 
-    with opened(path, MOST_MESH_BYTES) as file:
+    with opened(path, MAX_MESH_BYTES) as file:
         try:
             beside = trimesh.resolvers.FilePathResolver(str(path))  # materials and textures
             loaded = trimesh.load(file, file_type=path.suffix[1:].lower(), resolver=beside, force="mesh")
@@ -71,8 +71,8 @@ def load_mesh(path: Path) -> Model:
         raise InputError(f"{path}: no triangles in it")
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise InputError(f"{path}: expected vertices of three numbers, got {vertices.shape}")
-    if len(faces) > MOST_FACES:
-        raise InputError(f"{path}: {len(faces)} triangles, expected at most {MOST_FACES}")
+    if len(faces) > MAX_FACES:
+        raise InputError(f"{path}: {len(faces)} triangles, expected at most {MAX_FACES}")
     if not (np.abs(vertices) <= LARGEST).all():
         raise InputError(f"{path}: a vertex is NaN, infinite, or above {LARGEST:g}")
     if faces.min() < 0 or faces.max() >= len(vertices):

@@ -17,9 +17,9 @@ from cuboid.synthetic.mesh import corner_normals, merged, sample_surface
 from cuboid.synthetic.raycast import SHADOW_BIAS_M, Hits, RayCaster, pixel_rays
 from cuboid.synthetic.scene import Placed, Scene, SceneObject
 from cuboid.synthetic.sensors import SENSORS
-from cuboid.synthetic.shading import Look, part_rows, shade
+from cuboid.synthetic.shading import ShadingParameters, part_rows, shade
 
-# Points an object's surface is sampled with for its visible share: 0.05 is then 30 of them.
+# Points an object's surface is sampled with for its visible fraction: 0.05 is then 30 of them.
 SURFACE_POINTS = 600
 # An object is looked at from these directions to find the part of its surface that can be seen at all: the
 # inside of a hollow body and the face it stands on cannot. From level to straight above.
@@ -31,8 +31,8 @@ _VIEWS = np.array(
 FAR_M = 3.0
 # A point is seen where true depth agrees with its own, metres.
 AGREES_M = 0.02
-# Steps of the visible share.
-SHARE_STEPS = 20
+# Steps of the visible fraction.
+FRACTION_STEPS = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ class SceneView:
         whole = merged(meshes)
         self._caster = RayCaster(whole.corners())
         self.face_label: npt.NDArray[np.int32] = np.repeat(np.array(labels, np.int32), faces)
-        self._look = Look(
+        self._look = ShadingParameters(
             face_part=np.repeat(np.arange(len(meshes), dtype=np.int32), faces),
             normals=np.concatenate([corner_normals(mesh) for mesh in meshes]).astype(np.float32),
             parts=part_rows(materials, T_body_room),
@@ -102,13 +102,13 @@ class SceneView:
         """Return the object that each pixel sees, (H, W) int32, 0 for none."""
         return np.where(hits.face >= 0, self.face_label[hits.face], 0).astype(np.int32)
 
-    def visible_shares(self, frame: int, hits: Hits) -> Float64Array:
-        """Return for each object the share of its points facing the camera that is seen, in 0.05 steps."""
+    def visible_fractions(self, frame: int, hits: Hits) -> Float64Array:
+        """Return for each object the fraction of its points facing the camera that is seen, in 0.05 steps."""
         T_camera_room = se3.inverse(self._poses[frame])
         return np.array([self._share(points, normals, T_camera_room, hits) for points, normals in self._surfaces])
 
-    def empty_shares(self, frame: int, hits: Hits) -> Float64Array:
-        """Return for each ghost the share of its points facing the camera at or through which the camera sees."""
+    def empty_fractions(self, frame: int, hits: Hits) -> Float64Array:
+        """Return for each ghost the fraction of its points facing the camera at or through which the camera sees."""
         T_camera_room = se3.inverse(self._poses[frame])
         return np.array([self._share(*ghost, T_camera_room, hits, through=True) for ghost in self._ghosts])
 
@@ -133,7 +133,7 @@ class SceneView:
         depth = hits.depth_m[y[inside].astype(np.int64), x[inside].astype(np.int64)]
         off = depth - front[inside, 2]
         agrees = (off >= -AGREES_M if through else np.abs(off) <= AGREES_M) & (depth > 0)
-        return round(float(agrees.sum() / facing.sum()) * SHARE_STEPS) / SHARE_STEPS
+        return round(float(agrees.sum() / facing.sum()) * FRACTION_STEPS) / FRACTION_STEPS
 
 
 def _surface(scene: Scene, body: SceneObject) -> tuple[Float64Array, Float64Array]:
@@ -143,8 +143,8 @@ def _surface(scene: Scene, body: SceneObject) -> tuple[Float64Array, Float64Arra
     points, normals = sample_surface(mesh, 4 * SURFACE_POINTS, rng)
     alone, seen = RayCaster(mesh.corners()), np.zeros(len(points), np.bool_)
     start = (points + SHADOW_BIAS_M * normals).astype(np.float32)
-    for way in _VIEWS:
-        facing = np.flatnonzero(~seen & (normals @ way > 0.1))
-        seen[facing] = alone.reaches(start[facing], start[facing] + FAR_M * way.astype(np.float32)) > 0
+    for direction in _VIEWS:
+        facing = np.flatnonzero(~seen & (normals @ direction > 0.1))
+        seen[facing] = alone.reaches(start[facing], start[facing] + FAR_M * direction.astype(np.float32)) > 0
     kept = np.flatnonzero(seen)[:: max(1, int(seen.sum()) // SURFACE_POINTS)]
     return points[kept], normals[kept]

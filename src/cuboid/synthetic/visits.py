@@ -32,7 +32,7 @@ VISITS = "visits.json"
 # Between two visits so many things move, one turns where it stands, one is taken, one comes.
 MOVED = 2
 # What is moved stands at least so far from where it stood, metres.
-LEAST_MOVE_M = 0.15
+MIN_MOVE_M = 0.15
 # What turns where it stands keeps its middle so far, metres.
 TURNED_M = 0.05
 # How far the lamp goes, metres.
@@ -109,7 +109,7 @@ def _moved(place: Arrangement, number: int, rng: np.random.Generator) -> SceneOb
         new = place.put(old.model, int(rng.integers(len(place.surfaces))), APART_M, 0.85, number)
         if new is None:
             break
-        if np.linalg.norm(new.T_room_model[:3, 3] - old.T_room_model[:3, 3]) >= LEAST_MOVE_M:
+        if np.linalg.norm(new.T_room_model[:3, 3] - old.T_room_model[:3, 3]) >= MIN_MOVE_M:
             return old
         place.take(number)
     place.restore(old)

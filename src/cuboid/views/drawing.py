@@ -27,12 +27,12 @@ GAP_PX = 5.0
 STRIP_PX = 24
 STRIP_TEXT_PX = 14
 
-# Shares of the drawing in what is seen: a hint of a surface, the top more than the sides as if lit from
+# Opacity of the drawing in what is seen: a hint of a surface, the top more than the sides as if lit from
 # above; halos, hidden edges and hidden objects shine through.
-TOP_SHARE = 0.30
-SIDE_SHARE = 0.12
-BEHIND_SHARE = 0.62
-STRIP_SHARE = 0.70
+TOP_FRACTION = 0.30
+SIDE_FRACTION = 0.12
+BEHIND_FRACTION = 0.62
+STRIP_FRACTION = 0.70
 
 DARK = (14, 16, 20)
 WHITE = (245, 246, 248)
@@ -198,13 +198,13 @@ def _draw(
 
 def _tint(picture: UInt8Array, layer: UInt8Array, drawn: list[_Drawn]) -> None:
     """Lay a hint of color over the sides of seen boxes that look at the camera."""
-    for wanted, share in ((False, SIDE_SHARE), (True, TOP_SHARE)):
+    for wanted, fraction in ((False, SIDE_FRACTION), (True, TOP_FRACTION)):
         np.copyto(layer, picture)
         for item in drawn:
             for face, outline in item.wire.faces if not item.dashed else ():
                 if (face == TOP) == wanted:
                     cv2.fillConvexPoly(layer, _fixed(outline), item.color, cv2.LINE_AA, SHIFT)
-        _blend(picture, layer, share)
+        _blend(picture, layer, fraction)
 
 
 def _draw_behind(picture: UInt8Array, layer: UInt8Array, drawn: list[_Drawn], unit: float) -> None:
@@ -220,7 +220,7 @@ def _draw_behind(picture: UInt8Array, layer: UInt8Array, drawn: list[_Drawn], un
         _lines(layer, _fixed(item.wire.back), DARK, thin + halo)
         _lines(layer, _fixed(item.wire.back), item.color, thin)
         _lines(layer, _fixed(item.wire.front), DARK, front + 2 * halo)
-    _blend(picture, layer, BEHIND_SHARE)
+    _blend(picture, layer, BEHIND_FRACTION)
 
 
 def dashes(segments: Float64Array, dash_px: float, gap_px: float) -> Float64Array:
@@ -231,8 +231,8 @@ def dashes(segments: Float64Array, dash_px: float, gap_px: float) -> Float64Arra
         count = max(1, round((length + gap_px) / (dash_px + gap_px)))
         period = (length + gap_px) / count
         from_px = np.arange(count) * period
-        shares = np.stack((from_px, from_px + period - gap_px), axis=1) / max(length, 1e-9)
-        parts.append(start + shares[:, :, None] * (end - start))
+        fractions = np.stack((from_px, from_px + period - gap_px), axis=1) / max(length, 1e-9)
+        parts.append(start + fractions[:, :, None] * (end - start))
     return np.concatenate(parts)
 
 
@@ -251,7 +251,7 @@ def put_strip(picture: UInt8Array, status: Status, unit: float) -> None:
     """Write frame, frames a second and objects into a dark strip at the bottom of a picture (H, W, 3)."""
     height, size_px = _px(STRIP_PX, unit), _px(STRIP_TEXT_PX, unit)
     strip = picture[-height:]
-    _blend(strip, np.full_like(strip, DARK), STRIP_SHARE)
+    _blend(strip, np.full_like(strip, DARK), STRIP_FRACTION)
     top = picture.shape[0] - height + (height - round(1.25 * size_px)) // 2
     left = _px(10, unit)
     rate = "" if status.frames_per_second is None else f"{status.frames_per_second:.0f} frames/s"
@@ -261,8 +261,8 @@ def put_strip(picture: UInt8Array, status: Status, unit: float) -> None:
             put_text(picture, text, left + round(at_px * unit), top, size_px, tint)
 
 
-def _blend(picture: UInt8Array, layer: UInt8Array, share: float) -> None:
-    cv2.addWeighted(layer, share, picture, 1.0 - share, 0.0, dst=picture)
+def _blend(picture: UInt8Array, layer: UInt8Array, fraction: float) -> None:
+    cv2.addWeighted(layer, fraction, picture, 1.0 - fraction, 0.0, dst=picture)
 
 
 def _fixed(points: Float64Array) -> npt.NDArray[np.int32]:

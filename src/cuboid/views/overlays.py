@@ -14,8 +14,8 @@ from cuboid.results import MapPoints, SupportPlane
 from cuboid.views.palette import color_of
 from cuboid.views.projection import NEAR_M, project
 
-# Share of the colormap in a pixel of heat 1; colder ones have less, cold ones none.
-HEAT_SHARE = 0.80
+# Fraction of the colormap in a pixel of heat 1; colder ones have less, cold ones none.
+HEAT_FRACTION = 0.80
 
 # Depths of the two ends of the colormap, metres: what indoor depth cameras measure well. Equal steps are
 # equal steps of disparity, as in the sensor, so that near objects get most of the colors.
@@ -24,7 +24,7 @@ NEAREST_M, FARTHEST_M = 0.5, 5.0
 # The relief: where the light shines to in the camera frame (a unit vector), how much of a pixel it decides,
 # how bright the farthest and the nearest surface are, and over how many pixels the depth's noise is averaged.
 LIGHT = (0.48, 0.60, 0.64)
-SHADED_SHARE = 0.75
+SHADED_FRACTION = 0.75
 DARKEST, BRIGHTEST = 0.25, 0.85
 SMOOTH_PX = 5
 
@@ -32,15 +32,15 @@ SMOOTH_PX = 5
 # than the spacing of the map's points, which the blur then closes.
 CELL_PX = 4
 BLUR_CELLS = 5
-# Share of the blur's window that must hold points: less is a stray point.
-LEAST_COVER = 0.15
+# Fraction of the blur's window that must hold points: less is a stray point.
+MIN_COVER = 0.15
 # An outline is cut where it passes the camera: its edges are projected in so many steps. Coordinates of pixels that are
 # further out are clipped.
 EDGE_STEPS, FARTHEST_PX = 16, 20_000.0
-PLANE_SHARE = 0.35
-# Points so much behind the surface that the camera sees are hidden by it, share of the depth.
+PLANE_FRACTION = 0.35
+# Points so much behind the surface that the camera sees are hidden by it, fraction of the depth.
 BEHIND = 0.04
-# A cell so much farther than one beside it is seen through a gap between points, share of the depth.
+# A cell so much farther than one beside it is seen through a gap between points, fraction of the depth.
 THROUGH = 0.10
 
 
@@ -63,8 +63,8 @@ def heat_over(color: UInt8Array, heat: Float32Array) -> UInt8Array:
     if heat.shape != (height, width):
         heat = np.asarray(cv2.resize(heat, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
     level = np.clip(heat * np.float32(255.0), 0.0, 255.0).astype(np.uint8)
-    share = cv2.merge([level] * 3).astype(np.float32) * np.float32(HEAT_SHARE / 255.0)
-    mixed = color + share * (_colors(level, cv2.COLORMAP_INFERNO).astype(np.float32) - color)
+    fraction = cv2.merge([level] * 3).astype(np.float32) * np.float32(HEAT_FRACTION / 255.0)
+    mixed = color + fraction * (_colors(level, cv2.COLORMAP_INFERNO).astype(np.float32) - color)
     return np.asarray(np.round(mixed), np.uint8)
 
 
@@ -87,7 +87,7 @@ def depth_picture(depth_m: Float32Array, intrinsics: Intrinsics) -> UInt8Array:
     known = depth_m > 0
     disparity = np.reciprocal(np.where(known, depth_m, np.float32(FARTHEST_M)))
     level = np.clip((disparity - 1.0 / FARTHEST_M) / (1.0 / NEAREST_M - 1.0 / FARTHEST_M), 0.0, 1.0)
-    light = (1.0 - SHADED_SHARE) + SHADED_SHARE * _lit(depth_m, disparity, intrinsics)
+    light = (1.0 - SHADED_FRACTION) + SHADED_FRACTION * _lit(depth_m, disparity, intrinsics)
     brightness = (DARKEST + (BRIGHTEST - DARKEST) * level) * light
     picture = _colors((255.0 * brightness).astype(np.uint8), cv2.COLORMAP_BONE)
     picture[~known] = 0
@@ -171,7 +171,7 @@ def planes_over(
         pixels = np.clip(project(seen, intrinsics), -FARTHEST_PX, FARTHEST_PX).round().astype(np.int32)
         layer = picture.copy()
         cv2.fillPoly(layer, [pixels], color_of(number + 1))
-        picture = np.asarray(cv2.addWeighted(layer, PLANE_SHARE, picture, 1.0 - PLANE_SHARE, 0.0), np.uint8)
+        picture = np.asarray(cv2.addWeighted(layer, PLANE_FRACTION, picture, 1.0 - PLANE_FRACTION, 0.0), np.uint8)
         cv2.polylines(picture, [pixels], True, color_of(number + 1), 2, cv2.LINE_AA)
     return picture
 
@@ -180,7 +180,7 @@ def _closed(value: Float32Array, cover: Float32Array, height: int, width: int) -
     window = (BLUR_CELLS, BLUR_CELLS)
     weight = cv2.GaussianBlur(cover, window, 0, borderType=cv2.BORDER_REPLICATE)
     total = cv2.GaussianBlur(value, window, 0, borderType=cv2.BORDER_REPLICATE)
-    mean = np.where(weight > LEAST_COVER, total / np.maximum(weight, 1e-6), 0.0).astype(np.float32)
+    mean = np.where(weight > MIN_COVER, total / np.maximum(weight, 1e-6), 0.0).astype(np.float32)
     larger = cv2.resize(mean, None, fx=CELL_PX, fy=CELL_PX, interpolation=cv2.INTER_LINEAR)
     return np.asarray(larger[:height, :width], np.float32)
 

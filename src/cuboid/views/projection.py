@@ -194,9 +194,9 @@ def clip_segments(ends: Float64Array, planes: Float64Array) -> Float64Array:
     leave = np.where(slope < 0, at, np.inf).min(axis=1, initial=1.0)
     outside = ((slope == 0) & (d0 < 0)).any(axis=1)
     kept = (entry < leave) & ~outside
-    start, way = ends[kept, :1], ends[kept, 1:] - ends[kept, :1]
-    shares = np.stack((entry[kept], leave[kept]), axis=1)[:, :, None]
-    parts: Float64Array = start + shares * way
+    start, direction = ends[kept, :1], ends[kept, 1:] - ends[kept, :1]
+    fractions = np.stack((entry[kept], leave[kept]), axis=1)[:, :, None]
+    parts: Float64Array = start + fractions * direction
     return parts
 
 

@@ -21,7 +21,7 @@ LOCAL_NAMES = ("localhost", HOST)
 LOCAL_ENDINGS = (".local", ".lan", ".internal", ".home.arpa", ".localdomain")
 
 # So many connections at once: a browser opens 6.
-MOST_CONNECTIONS = 128
+MAX_CONNECTIONS = 128
 # Who says nothing for so long is cut off; so is, later, who takes in an answer too slowly.
 SILENT_S = 10.0
 SLOW_S = 60.0
@@ -40,7 +40,7 @@ HEADERS = {
 }
 
 # What a page sends back is a document of some kilobytes; more than this is none of ours.
-MOST_BYTES = 16 << 20
+MAX_BYTES = 16 << 20
 
 Answer = tuple[str, bytes]
 
@@ -89,7 +89,7 @@ class PageHandler(BaseHTTPRequestHandler):
         length = self.headers.get("Content-Length", "")
         if "Origin" not in self.headers or self.headers.get_content_type() != "application/json":
             self.send_error(HTTPStatus.FORBIDDEN)
-        elif not (length.isascii() and length.isdecimal() and len(length) < 10 and int(length) <= MOST_BYTES):
+        elif not (length.isascii() and length.isdecimal() and len(length) < 10 and int(length) <= MAX_BYTES):
             self.send_error(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
         else:
             content = self.rfile.read(int(length))
@@ -149,7 +149,7 @@ class PageServer(ThreadingHTTPServer):
 
     daemon_threads = True
     block_on_close = False
-    request_queue_size = MOST_CONNECTIONS
+    request_queue_size = MAX_CONNECTIONS
 
     def __init__(self, address: tuple[str, int], handler: type[PageHandler]) -> None:
         self._begun_s: dict[Any, float] = {}
@@ -157,7 +157,7 @@ class PageServer(ThreadingHTTPServer):
 
     def process_request(self, request: Any, client_address: Any) -> None:
         """Answer in a thread of its own, unless there are too many already."""
-        if len(self._begun_s) >= MOST_CONNECTIONS:
+        if len(self._begun_s) >= MAX_CONNECTIONS:
             super().shutdown_request(request)
             return
         self._begun_s[request] = time.monotonic()

@@ -66,6 +66,6 @@ def mixed(picture: UInt8Array, cover: UInt8Array, color: Color | UInt8Array) -> 
 
     `cover` (h, w) is 0 where the picture stays and 255 where nothing of it is left.
     """
-    share = cover[..., None].astype(np.uint16)
-    both = (255 - share) * picture + share * np.asarray(color, np.uint16)
+    fraction = cover[..., None].astype(np.uint16)
+    both = (255 - fraction) * picture + fraction * np.asarray(color, np.uint16)
     return ((both + 127) // 255).astype(np.uint8)

@@ -28,7 +28,7 @@ def video_rate(every: int) -> float:
     return max(FRAMES_PER_SECOND / every, SLOWEST_FRAMES_PER_SECOND)
 
 
-class View(Protocol):
+class FrameSink(Protocol):
     """Shown every used frame of a run."""
 
     def show(self, frame: Frame, result: FrameResult, objects: Sequence[TrackedObject]) -> None:

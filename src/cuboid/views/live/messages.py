@@ -29,14 +29,14 @@ SHARED = ("math.js", "elements.js", "data.js", "shaders.js", "renderer.js", "sce
 SCRIPTS = ("follow.js", "live.js")
 
 # 1.8 MB a map: what a forwarded port in a local network carries in a fraction of a second.
-MOST_POINTS = 150_000
+MAX_POINTS = 150_000
 
 # The picture beside the scene, and in the camera's pyramid: 30 kB.
 PICTURE_WIDTH_PX = 480
 PICTURE_QUALITY = 80
 
 # So many points tell how far apart the map's points lie; before that it is too small to measure.
-LEAST_POINTS = 1000
+MIN_POINTS = 1000
 
 PLACE_DIGITS, TURN_DIGITS = 4, 6
 
@@ -95,7 +95,7 @@ def end_message(complete: bool) -> bytes:
     return json.dumps({"ended": True, "complete": complete}).encode("ascii")
 
 
-def map_message(number: int, points: MapPoints, spacing_m: float, most: int = MOST_POINTS) -> bytes:
+def map_message(number: int, points: MapPoints, spacing_m: float, most: int = MAX_POINTS) -> bytes:
     """Return a map as the page reads it.
 
     Four bytes with the length of a JSON text, the text (padded with spaces to a multiple of 4), then per point
@@ -137,7 +137,7 @@ def map_message(number: int, points: MapPoints, spacing_m: float, most: int = MO
 
 def spacing_of(points: MapPoints) -> float | None:
     """Return how far apart neighbours of a map lie, metres; None while it is too small to tell."""
-    return spacing(points.xyz) if len(points.xyz) >= LEAST_POINTS else None
+    return spacing(points.xyz) if len(points.xyz) >= MIN_POINTS else None
 
 
 def _scene(moment: Moment) -> dict[str, Any]:

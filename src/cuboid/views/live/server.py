@@ -21,7 +21,7 @@ PORT = 8765
 PORTS = range(PORT, PORT + 20)
 
 # A question that nothing new can answer waits so long; then the page asks again.
-PATIENCE_S = 5.0
+POLL_TIMEOUT_S = 5.0
 
 # The page itself waits only so long for a first moment; it loads again when there is one.
 FIRST_S = 1.0
@@ -97,7 +97,7 @@ class LiveServer:
         return self._moment(int(asked[2])) if asked[1] == "moment" else self._map(int(asked[2]))
 
     def _moment(self, number: int) -> Answer:
-        moment = self.view.moment_after(number, PATIENCE_S)
+        moment = self.view.moment_after(number, POLL_TIMEOUT_S)
         if moment is not None:
             return "application/json", self._once(
                 self.view.moments, "moment", moment.number, lambda: moment_message(moment, self._intrinsics)
@@ -109,7 +109,7 @@ class LiveServer:
         return "application/json", end_message(ended)
 
     def _map(self, number: int) -> Answer:
-        found = self.view.map_after(number, PATIENCE_S)
+        found = self.view.map_after(number, POLL_TIMEOUT_S)
         if found is None:
             return "application/octet-stream", b""
         return "application/octet-stream", self._once(self.view.maps, "map", found[0], lambda: self._packed_map(*found))

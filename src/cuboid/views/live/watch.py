@@ -15,17 +15,17 @@ from cuboid.frame import Float32Array, Float64Array, Frame, UInt8Array
 from cuboid.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
 
 # Eyes see motion from here on. On a slow or busy machine moments are rarer: what is done for them (a picture is drawn
-# and packed, 5 ms) takes no more than this share of the tracker's own processor time.
+# and packed, 5 ms) takes no more than this fraction of the tracker's own processor time.
 MOMENT_EVERY_S = 0.15
-MOMENT_SHARE = 0.02
+MOMENT_FRACTION = 0.02
 
 # The map likewise: to copy and to pack 360 000 points takes 20 ms.
 MAP_EVERY_S = 1.0
-MAP_SHARE = 0.015
+MAP_FRACTION = 0.015
 
 # The camera's path has a corner wherever it has moved so far; a page is told at most so many of them (16 kB).
 STRIDE_M = 0.01
-MOST_PLACES = 1000
+MAX_PLACES = 1000
 
 # Who has asked for nothing for so long has gone, or looks at another tab.
 GONE_AFTER_S = 3.0
@@ -96,13 +96,13 @@ class Ration:
     ----------
     every_s : float
         At most so often.
-    share : float
-        What may be spent on it, as a share of the processor time of the thread that asks, 0..1.
+    fraction : float
+        What may be spent on it, as a fraction of the processor time of the thread that asks, 0..1.
     """
 
-    def __init__(self, every_s: float, share: float) -> None:
+    def __init__(self, every_s: float, fraction: float) -> None:
         self._every_s = every_s
-        self._share = share
+        self._fraction = fraction
         self._begun_s = self._own_s = -np.inf
         self._cost_s = 0.0
 
@@ -110,7 +110,7 @@ class Ration:
     def due(self) -> bool:
         """Whether it is time."""
         waited = time.monotonic() - self._begun_s >= self._every_s
-        return waited and (time.thread_time() - self._own_s) * self._share >= self._cost_s
+        return waited and (time.thread_time() - self._own_s) * self._fraction >= self._cost_s
 
     def begin(self) -> None:
         """Note that it is done now."""
@@ -137,8 +137,8 @@ class LiveView:
     """
 
     def __init__(self) -> None:
-        self.moments = Ration(MOMENT_EVERY_S, MOMENT_SHARE)
-        self.maps = Ration(MAP_EVERY_S, MAP_SHARE)
+        self.moments = Ration(MOMENT_EVERY_S, MOMENT_FRACTION)
+        self.maps = Ration(MAP_EVERY_S, MAP_FRACTION)
         self._changed = threading.Condition()
         self._moment: Moment | None = None
         self._map: tuple[int, MapPoints] | None = None
@@ -186,17 +186,17 @@ class LiveView:
         """The camera's pose in the first used frame, (4, 4)."""
         return self._first
 
-    def moment_after(self, number: int, patience_s: float) -> Moment | None:
+    def moment_after(self, number: int, timeout_s: float) -> Moment | None:
         """Wait for a later moment than the one of this number; None where none comes, or the run has ended."""
         with self._changed:
-            self._wait(lambda: self._is_later(number), patience_s)
+            self._wait(lambda: self._is_later(number), timeout_s)
             return self._moment if self._is_later(number) else None
 
-    def map_after(self, number: int, patience_s: float) -> tuple[int, MapPoints] | None:
+    def map_after(self, number: int, timeout_s: float) -> tuple[int, MapPoints] | None:
         """Wait for a later map than the one of this number, and return it with its own; None where none comes."""
         with self._changed:
             self._map_asked = True
-            self._wait(lambda: self._is_later_map(number), patience_s)
+            self._wait(lambda: self._is_later_map(number), timeout_s)
             return self._map if self._is_later_map(number) else None
 
     def end(self, complete: bool) -> None:
@@ -225,11 +225,11 @@ class LiveView:
             self._told += 1
             self._changed.notify_all()
 
-    def _wait(self, met: Callable[[], bool], patience_s: float) -> None:
+    def _wait(self, met: Callable[[], bool], timeout_s: float) -> None:
         """Wait until something is met or the run has ended."""
         self._waiting += 1
         try:
-            self._changed.wait_for(lambda: met() or self._ended is not None, patience_s)
+            self._changed.wait_for(lambda: met() or self._ended is not None, timeout_s)
         finally:
             self._waiting -= 1
             self._asked_s = time.monotonic()
@@ -249,7 +249,7 @@ class LiveView:
             self._places.append(place)
 
     def _path(self) -> Float32Array:
-        places = self._places[:: 1 + len(self._places) // MOST_PLACES]
+        places = self._places[:: 1 + len(self._places) // MAX_PLACES]
         return np.array(places, np.float32).reshape(-1, 3)
 
     def _take_moment(self) -> None:

@@ -15,10 +15,10 @@ from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.results import MapPoints
 
 # A laptop without a graphics card still turns so many points smoothly; packed they are about 3 MB.
-MOST_POINTS = 400_000
+MAX_POINTS = 400_000
 
-# Points of objects are what people look at: they keep up to this share of the page's points.
-OBJECTS_SHARE = 0.5
+# Points of objects are what people look at: they keep up to this fraction of the page's points.
+OBJECTS_FRACTION = 0.5
 
 # A tenth of the finest map's voxel: no eye sees it, and differences of so small numbers pack well.
 STEP_M = 0.001
@@ -75,7 +75,7 @@ class PackedPoints:
         }
 
 
-def pack_points(points: MapPoints, most: int = MOST_POINTS) -> PackedPoints:
+def pack_points(points: MapPoints, most: int = MAX_POINTS) -> PackedPoints:
     """Return the map as the page reads it.
 
     Parameters
@@ -116,8 +116,8 @@ def thinned(label: npt.NDArray[np.int32], most: int) -> npt.NDArray[np.int64]:
     if len(label) <= most:
         return np.arange(len(label))
     own, other = np.flatnonzero(label), np.flatnonzero(label == 0)
-    share = max(round(most * OBJECTS_SHARE), most - len(other))
-    kept = np.concatenate((_evenly(own, share), _evenly(other, most - min(len(own), share))))
+    fraction = max(round(most * OBJECTS_FRACTION), most - len(other))
+    kept = np.concatenate((_evenly(own, fraction), _evenly(other, most - min(len(own), fraction))))
     return np.sort(kept)
 
 

@@ -13,15 +13,15 @@ import numpy.typing as npt
 from cuboid.kernels.cubes import BLOCK_ROWS, ROW, TABLE_BITS, Cubes, Points, columns_of, empty_cubes
 
 # Blocks of rows that there is room for, at most and at least; what cannot be reserved is halved.
-MOST_BLOCKS, LEAST_BLOCKS = 1 << 18, 1 << 8
+MAX_BLOCKS, MIN_BLOCKS = 1 << 18, 1 << 8
 BLOCK_BYTES = BLOCK_ROWS * ROW.itemsize
 _STATM = Path("/proc/self/statm")
 # Linux need not have room for what is only reserved; Python names this since 3.13.
 _NO_RESERVE = 0x4000 if sys.platform == "linux" else 0
 
 
-class Room:
-    """Rows, and the tables that find them, at fixed places; what is let go of begins again as zeros.
+class RowMemory:
+    """Rows, and the tables that find them, at fixed places; what is freed begins again as zeros.
 
     Attributes
     ----------
@@ -32,13 +32,13 @@ class Room:
     """
 
     def __init__(self) -> None:
-        blocks = MOST_BLOCKS
+        blocks = MAX_BLOCKS
         while True:
             try:
                 self._rows, self._index = _reserved(blocks * BLOCK_BYTES), _reserved(blocks << (TABLE_BITS + 1))
                 break
             except (OSError, ValueError):
-                if blocks <= LEAST_BLOCKS:
+                if blocks <= MIN_BLOCKS:
                     raise MemoryError("no memory can be reserved for the map") from None
                 blocks >>= 1
         self.rows: npt.NDArray[Any] = np.frombuffer(self._rows, ROW)
@@ -60,12 +60,12 @@ class Room:
         blocks = self.cubes.blocks[cube]
         return [int(block) for block in blocks[blocks > 0]]
 
-    def let_go(self, cube: int) -> None:
+    def free(self, cube: int) -> None:
         """Give the memory of a cube back."""
         for block in self.blocks_of(cube):
-            _give_back(self._rows, block * BLOCK_BYTES, BLOCK_BYTES)
+            _discard_pages(self._rows, block * BLOCK_BYTES, BLOCK_BYTES)
         if self.cubes.bits[cube]:
-            _give_back(self._index, cube << (TABLE_BITS + 1), 2 << int(self.cubes.bits[cube]))
+            _discard_pages(self._index, cube << (TABLE_BITS + 1), 2 << int(self.cubes.bits[cube]))
             self.cubes.bits[cube] = 0
 
     def shrink(self, cube: int, before: int) -> None:
@@ -74,9 +74,9 @@ class Room:
             used = -(-self.rows_in(block) * ROW.itemsize // mmap.PAGESIZE) * mmap.PAGESIZE
             had = min(max(before - int(self.cubes.turn[block]) * BLOCK_ROWS, 0), BLOCK_ROWS) * ROW.itemsize
             if used < had:
-                _give_back(self._rows, block * BLOCK_BYTES + used, BLOCK_BYTES - used)
+                _discard_pages(self._rows, block * BLOCK_BYTES + used, BLOCK_BYTES - used)
         if self.cubes.bits[cube]:
-            _give_back(self._index, cube << (TABLE_BITS + 1), 2 << int(self.cubes.bits[cube]))
+            _discard_pages(self._index, cube << (TABLE_BITS + 1), 2 << int(self.cubes.bits[cube]))
             self.cubes.bits[cube] = 0
 
     def bytes_of(self, cubes: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
@@ -104,5 +104,5 @@ def _reserved(size: int) -> mmap.mmap:
     return memory
 
 
-def _give_back(memory: mmap.mmap, first: int, size: int) -> None:
+def _discard_pages(memory: mmap.mmap, first: int, size: int) -> None:
     memory.madvise(mmap.MADV_DONTNEED, first, size)

@@ -1,4 +1,4 @@
-"""What carries a thing: its plane, what it stands on top of; or nothing, and then what it touches holds it."""
+"""Support relations: an object rests on its plane or on another object, or else is attached to one that it touches."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from cuboid.geometry.distances import points_near
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.rims import highest_rim
 from cuboid.objects.entry import MapObject
-from cuboid.tolerances import DRIFT_M, JUMP_M, LEAST_READINGS, SAMPLE, SOME, STRAYS
+from cuboid.tolerances import DRIFT_M, JUMP_M, MIN_READINGS, SAMPLE, SOME, STRAYS
 
 
-def holder_of(
+def find_holder(
     entry: MapObject, normal: Float64Array, offset: float, others: Iterable[MapObject], voxels: VoxelMap
 ) -> int:
-    """Return the number of the object that holds another one, which nothing carries from below; 0 where there is none.
+    """Return the number of the object that another, unsupported one is attached to; 0 where there is none.
 
-    A solid is carried by its plane, or stands on top of another one. One whose foot is above the plane and lower than
+    A solid is supported by its plane, or stands on top of another one. One whose foot is above the plane and lower than
     the top of what it touches does neither: what it touches holds it, as a teapot its spout, a pot the plant in it.
-    What is beneath has to be known: the plane, seen below it, or the other one's room. Else its foot may be hidden.
+    What is beneath has to be known: the plane, seen below it, or the other one's volume. Else its foot may be hidden.
 
     Parameters
     ----------
@@ -43,13 +43,13 @@ def holder_of(
     foot = quantile(height, 2.0 * STRAYS)
     if foot <= DRIFT_M:
         return 0
-    # What could carry it would be beneath its lowest part.
+    # What could support it would be beneath its lowest part.
     low = np.flatnonzero(height <= foot + DRIFT_M)
     low = low[:: 1 + len(low) // SAMPLE]
-    points, height, bare = points[low], height[low], None
+    points, height, plane_visible = points[low], height[low], None
     best, holder = 0, 0
     for other in others:
-        if len(other.points) < LEAST_READINGS:
+        if len(other.points) < MIN_READINGS:
             continue
         # Points of voxels side by side are no farther apart than two voxels.
         touches = points_near(entry.points, other.points, 2.0 * voxels.voxel_m)
@@ -58,20 +58,22 @@ def holder_of(
         theirs = other.points @ normal + offset
         if quantile(theirs, 2.0 * STRAYS) >= foot or quantile(theirs, 1.0 - 2.0 * STRAYS) <= foot + JUMP_M:
             continue
-        if bare is None:
-            bare = _bare(points - np.outer(height, normal), normal, voxels)
+        if plane_visible is None:
+            plane_visible = _plane_visible(points - np.outer(height, normal), normal, voxels)
         inside = (np.abs((points - other.box.center) @ other.box.rotation) <= other.box.size / 2.0)[:, :2].all(1)
         # What holds another one at its side is the larger one; what is around its foot may be the smaller one.
-        beneath = inside if len(other.points) < len(entry.points) else inside | bare
+        beneath = inside if len(other.points) < len(entry.points) else inside | plane_visible
         if np.count_nonzero(beneath) / len(low) >= 1.0 - SOME:
             best, holder = touches, other.number
     return holder
 
 
-def standing(points: Float32Array, normal: Float64Array, offset: float, voxel_m: float) -> npt.NDArray[np.bool_]:
+def above_support_rim(
+    points: Float32Array, normal: Float64Array, offset: float, voxel_m: float
+) -> npt.NDArray[np.bool_]:
     """Tell which points of what floats above its plane stand, (N,): without the rim of what they stand on.
 
-    What carries a solid is beneath it. Of a shelf that is seen edge-on from far no more is seen than its rim, which is
+    What supports a solid is beneath it. Of a shelf that is seen edge-on from far no more is seen than its rim, which is
     lower than what stands on it, before it, and wider.
 
     Parameters
@@ -98,7 +100,7 @@ def standing(points: Float32Array, normal: Float64Array, offset: float, voxel_m:
     return np.asarray(height >= (level[0] if rim < 0 else low[rim] + DRIFT_M))
 
 
-def _bare(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:
+def _plane_visible(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:
     """Tell where of places (N, 3) on a plane the plane itself was seen: voxels that are no object's."""
     step = voxels.voxel_m * normal
     owner = voxels.owner_at(np.concatenate([ground - step, ground, ground + step]))

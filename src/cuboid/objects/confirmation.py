@@ -1,4 +1,4 @@
-"""Is a candidate a whole object: its sides were seen to end, it has the size of one, and is no part of another."""
+"""Criteria for confirming a candidate: its sides were seen to end, it has the size of one, and is no part of one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cuboid.config import TrackerConfig
 from cuboid.geometry.distances import touch
 from cuboid.kernels.outlines import BOTTOM, CONTACT, FREE, LEFT, RIGHT, SUPPORT, TOP
 from cuboid.objects.entry import MapObject
-from cuboid.objects.outline import OWN_SHARE, enclosed, ends_above, ends_beside
+from cuboid.objects.outline import OWN_FRACTION, enclosed, ends_above, ends_beside
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object
 from cuboid.objects.visibility import ALIKE
@@ -20,8 +20,8 @@ from cuboid.tolerances import DRIFT_M, MOST, SAMPLE, STRAYS, SURE
 UNSURE = 1.1
 
 
-def is_whole(entry: MapObject, store: ObjectStore, planes: PlaneTracker, config: TrackerConfig) -> bool:
-    """Tell whether a candidate has a box, and is a whole object: all of it, of the size of one, no part of another.
+def is_confirmable(entry: MapObject, store: ObjectStore, planes: PlaneTracker, config: TrackerConfig) -> bool:
+    """Tell whether a candidate has a box and is a complete object, of the size of one, and no part of another.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def is_whole(entry: MapObject, store: ObjectStore, planes: PlaneTracker, config:
             entry.outline, cut_off=2.0 * entry.box.size.max() <= config.max_size_m, beside=_is_beside(entry, store)
         )
         and not _floats(entry, planes)
-        and not planes.lies_on(entry.box)
+        and not planes.has_plane_on_top(entry.box)
         and fits_object(entry.box, config)
         and not _may_be_foot(entry, store, planes)
         and not _may_be_end(entry, store, planes)
@@ -69,7 +69,7 @@ def _floats(entry: MapObject, planes: PlaneTracker) -> bool:
 
 
 def _may_be_foot(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> bool:
-    """Tell whether an object always ends above at another thing, or goes on behind it, and touches one that is higher.
+    """Tell whether an object always ends above at another object, or goes on behind it, and touches one that is higher.
 
     It may be the foot of that: the pot of a plant, which ends above at it, or the brim of a cap, of which one side is
     behind it. What ends above by itself, and is more than half as high, is no such foot.
@@ -85,7 +85,7 @@ def _may_be_foot(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> 
     return any(
         len(other.points) > 0
         and quantile(other.points @ normal, 1.0 - 2.0 * STRAYS) + offset > least
-        and (touch(entry.points, other.points, DRIFT_M) or other.box.holds(some, DRIFT_M).any())
+        and (touch(entry.points, other.points, DRIFT_M) or other.box.contains(some, DRIFT_M).any())
         for other in store.neighbours(entry)
     )
 
@@ -101,7 +101,7 @@ def _may_be_end(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> b
     normal, offset = planes.in_world(plane)
     height = entry.points @ normal + offset
     low, high = quantile(height, 2.0 * STRAYS), quantile(height, 1.0 - 2.0 * STRAYS)
-    if low <= DRIFT_M or high - low > OWN_SHARE * high:
+    if low <= DRIFT_M or high - low > OWN_FRACTION * high:
         return False
     return any(
         other.log_odds > 0.0
@@ -115,7 +115,7 @@ def _may_be_end(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> b
 def _may_be_part(entry: MapObject, store: ObjectStore) -> bool:
     """Tell whether an object may be a part of a labelled one: frames do not agree yet that two which touch are two.
 
-    Or they share room, which no two solids do.
+    Or they overlap in space, which no two solids do.
     """
     labelled = [other for other in store.neighbours(entry) if other.confirmed]
     if not labelled:
@@ -123,7 +123,7 @@ def _may_be_part(entry: MapObject, store: ObjectStore) -> bool:
     unsure = set(store.affinity.partners(entry.number, least=-UNSURE))
     if any(other.number in unsure and touch(entry.points, other.points, DRIFT_M) for other in labelled):
         return True
-    return bool(store.share_room([entry], labelled).any())
+    return bool(store.overlapping([entry], labelled).any())
 
 
 def _may_be_rim(entry: MapObject, planes: PlaneTracker) -> bool:

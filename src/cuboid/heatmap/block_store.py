@@ -1,4 +1,4 @@
-"""Where blocks of the map are while nobody looks at them."""
+"""Backing store for evicted blocks of the map."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.errors import OutputError
-from cuboid.heatmap.room import BLOCK_BYTES
+from cuboid.heatmap.row_memory import BLOCK_BYTES
 from cuboid.kernels.cubes import ROW
 
 Rows = npt.NDArray[Any]
 
 
-class Shelf(Protocol):
+class BlockStore(Protocol):
     """Keeps blocks of rows by number."""
 
     def takes(self, blocks: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
@@ -42,7 +42,7 @@ class Shelf(Protocol):
         """
 
 
-class TemporaryShelf:
+class TemporaryBlockStore:
     """A file that has no name and is gone with the process."""
 
     def __init__(self) -> None:
@@ -63,7 +63,7 @@ class TemporaryShelf:
                 written = os.pwrite(self._file, data, at)
                 data, at = data[written:], at + written
         except OSError as error:
-            raise OutputError(f"{tempfile.gettempdir()}: parts of the map cannot be put aside: {error}") from error
+            raise OutputError(f"{tempfile.gettempdir()}: parts of the map cannot be evicted: {error}") from error
 
     def get(self, blocks: Sequence[int], counts: Sequence[int]) -> list[Rows]:
         """Return the rows of blocks that have so many."""

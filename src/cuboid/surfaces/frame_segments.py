@@ -1,4 +1,4 @@
-"""The things that one frame shows: its pixels shared out among its proposals, and what bounds each share."""
+"""The segments of one frame: its pixels assigned to its proposals, and what bounds each segment."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ import numpy.typing as npt
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, Float64Array
 from cuboid.heatmap.pixel_heat import WeighedProposals
-from cuboid.kernels.claims import share_out
+from cuboid.kernels.claims import assign_pixels
 from cuboid.kernels.outlines import KINDS, outlines
 from cuboid.kernels.pieces import gather_regions, judge_regions, label_regions
-from cuboid.kernels.pixels import places_of
-from cuboid.limits import MOST_CLUSTERS
-from cuboid.tolerances import JUMP_M, LEAST_READINGS, MOST
+from cuboid.kernels.pixels import back_project
+from cuboid.limits import MAX_SEGMENTS
+from cuboid.tolerances import JUMP_M, MIN_READINGS, MOST
 from cuboid.working import WorkingImage
 
-# A share of fewer working pixels is noise: a 3 cm object at 2 m covers about this many.
-LEAST_PIXELS = 24
-# A proposal is left out when less than this of it is free of stronger ones.
-FREE_SHARE = 0.7
+# A segment of fewer working pixels is noise: a 3 cm object at 2 m covers about this many.
+MIN_PIXELS = 24
+# A proposal is left out when a smaller fraction of it is free of stronger ones.
+FREE_FRACTION = 0.7
 # Surfaces of one proposal that a jump in depth parts, as the inside and the outside of a mug, are one thing when each
-# is at least this share of the largest one, and no deeper away from it than this share of its length. Smaller ones are
-# slivers of what is behind, farther ones that itself.
-MAJOR_SHARE, DEEP_SHARE = 0.4, MOST
+# is at least this fraction of the largest one, and no deeper away from it than this fraction of its length. Smaller
+# ones are slivers of what is behind, farther ones that itself.
+MAJOR_FRACTION, DEEP_FRACTION = 0.4, MOST
 # What is beyond a hole in the depth image is looked for over so much, metres: the shadow at an outline is as wide.
 GAP_M = 0.08
 
 
 @dataclass(frozen=True, slots=True)
-class FrameCluster:
-    """A thing as one frame shows it.
+class FrameSegment:
+    """A segment of a frame.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class FrameCluster:
     outline : (4, KINDS) int64
         Pixels of its outline by side and by what is beyond them; see `kernels.outlines.outlines`.
     read : float
-        Share of its pixels that are readings, 0..1; the others are holes, filled.
+        Fraction of its pixels that are readings, 0..1; the others are holes, filled.
     """
 
     pixels: npt.NDArray[np.int64]
@@ -62,30 +62,30 @@ class FrameCluster:
 
 
 @dataclass(frozen=True, slots=True)
-class FrameClusters:
-    """The things that a frame shows.
+class FrameSegments:
+    """The segments of a frame.
 
     Attributes
     ----------
-    clusters : list of FrameCluster
+    segments : list of FrameSegment
     claim : (h, w) int32
-        Place in `clusters` of each working pixel's, -1 none.
+        Place in `segments` of each working pixel's, -1 none.
     contact : (n, n) int64
         [i, j]: pixels of the outline of i beyond which j begins.
-    share : (n,) int64
-        The proposal that each was a piece of.
+    proposal : (n,) int64
+        The proposal that each came from.
     left_out : int
         How many more there were than a frame may have.
     """
 
-    clusters: list[FrameCluster]
+    segments: list[FrameSegment]
     claim: npt.NDArray[np.int32]
     contact: npt.NDArray[np.int64]
-    share: npt.NDArray[np.int64]
+    proposal: npt.NDArray[np.int64]
     left_out: int = 0
 
 
-def frame_clusters(
+def segment_frame(
     image: WorkingImage,
     solid: WorkingImage,
     heat: Float32Array,
@@ -96,8 +96,8 @@ def frame_clusters(
     identities: npt.NDArray[np.int64],
     side_of: npt.NDArray[np.int64],
     config: TrackerConfig,
-) -> FrameClusters:
-    """Share the pixels of a frame out among its proposals, the strongest first.
+) -> FrameSegments:
+    """Assign the pixels of a frame to its proposals, the strongest first.
 
     Parameters
     ----------
@@ -122,58 +122,63 @@ def frame_clusters(
     order = np.argsort(-strength, kind="stable")
     order = order[strength[order] > 0]
     claim = np.empty(heat.shape, np.int32)
-    share_out(order, weighed.rectangles, weighed.starts, weighed.covered, LEAST_PIXELS, FREE_SHARE, claim)
+    assign_pixels(order, weighed.rectangles, weighed.starts, weighed.covered, MIN_PIXELS, FREE_FRACTION, claim)
     labels, parent = np.empty(claim.shape, np.int32), np.empty(claim.size, np.int32)
     number = label_regions(solid.depth_m, claim, config.depth_noise_per_m, JUMP_M, parent, labels)
     become, sizes, owner = (np.empty(number + 1, kind) for kind in (np.int32, np.int64, np.int64))
     judge_regions(
-        labels, claim, solid.depth_m, image.depth_m, LEAST_READINGS, image.camera.fx, MAJOR_SHARE, DEEP_SHARE, become,
+        labels, claim, solid.depth_m, image.depth_m, MIN_READINGS, image.camera.fx, MAJOR_FRACTION, DEEP_FRACTION,
+        become,
         sizes, owner,
     )  # fmt: skip
     left_out = _leave_out(sizes, owner)
-    first, pixels, things = np.empty((number + 1, 2), np.int64), np.empty(claim.size, np.int64), np.empty_like(claim)
+    first, pixels, segment_of = (
+        np.empty((number + 1, 2), np.int64),
+        np.empty(claim.size, np.int64),
+        np.empty_like(claim),
+    )
     corners, warmth = np.empty((number, 4), np.int64), np.empty(number)
     beneath = np.empty((number, len(identities)), np.int64)
     kept = gather_regions(
-        labels, become, sizes, LEAST_PIXELS, image.depth_m, heat, support, first, pixels, corners, things, warmth,
+        labels, become, sizes, MIN_PIXELS, image.depth_m, heat, support, first, pixels, corners, segment_of, warmth,
         beneath,
     )  # fmt: skip
-    corners, beneath, large = corners[:kept], beneath[:kept], sizes >= LEAST_PIXELS
-    shares, sizes, c = owner[large], sizes[large], image.camera
+    corners, beneath, large = corners[:kept], beneath[:kept], sizes >= MIN_PIXELS
+    proposal_of, sizes, c = owner[large], sizes[large], image.camera
     # Of planes that are beneath as much the oldest.
     plane_of = np.where(beneath.any(1), beneath.argmax(1), -1) if len(identities) else np.full(kept, -1)
     outline, contact = np.empty((kept, 4, KINDS), np.int64), np.empty((kept, kept), np.int64)
     outlines(
-        solid.depth_m, image.depth_m, image.color, things, on_plane, corners,
+        solid.depth_m, image.depth_m, image.color, segment_of, on_plane, corners,
         plane_of, side_of, c.fx, config.depth_noise_per_m, JUMP_M, GAP_M, outline, contact,
     )  # fmt: skip
     rects = (corners + np.array([0, 0, 1, 1])) * float(image.step) + np.array([*image.phase, *image.phase])
     rects = np.minimum(rects, np.array([c.width, c.height] * 2) * image.step)
-    scores, warm = weighed.weights[order[shares]].tolist(), (warmth[:kept] / sizes).tolist()
+    scores, warm = weighed.weights[order[proposal_of]].tolist(), (warmth[:kept] / sizes).tolist()
     above, names, read = beneath.tolist(), identities.tolist(), (np.diff(first[:kept])[:, 0] / sizes).tolist()
-    clusters = []
+    segments = []
     for k, (begin, end) in enumerate(first[:kept].tolist()):
         supports = {name: count for name, count in zip(names, above[k], strict=True) if count}
-        clusters.append(FrameCluster(pixels[begin:end], supports, warm[k], scores[k], rects[k], outline[k], read[k]))
-    return FrameClusters(clusters, things, contact, shares, left_out)
+        segments.append(FrameSegment(pixels[begin:end], supports, warm[k], scores[k], rects[k], outline[k], read[k]))
+    return FrameSegments(segments, segment_of, contact, proposal_of, left_out)
 
 
 def points_of(pixels: npt.NDArray[np.int64], image: WorkingImage, T_world_camera: Float64Array) -> Float64Array:
     """Return where in the world pixels (N,) of the flattened image are that have a reading: (N, 3) float64, metres."""
     c, places = image.camera, np.empty((len(pixels), 3))
     pinhole = np.array([c.fx, c.fy, c.cx, c.cy])
-    places_of(pixels, image.depth_m, pinhole, np.ascontiguousarray(T_world_camera), places)
+    back_project(pixels, image.depth_m, pinhole, np.ascontiguousarray(T_world_camera), places)
     return places
 
 
 def _leave_out(sizes: npt.NDArray[np.int64], owner: npt.NDArray[np.int64]) -> int:
-    """Let all regions but the most that a frame may have be none: those of the strongest shares, of these the largest.
+    """Keep at most as many regions as a frame may have: those of the strongest proposals, of these the largest.
 
-    Returns how many are left out that are large enough for a cluster; `sizes` (N,) are the pixels of each region,
-    `owner` (N,) its share.
+    Returns how many are left out that are large enough for a segment; `sizes` (N,) are the pixels of each region,
+    `owner` (N,) its proposal.
     """
-    large = np.flatnonzero(sizes >= LEAST_PIXELS)
-    if len(large) <= MOST_CLUSTERS:
+    large = np.flatnonzero(sizes >= MIN_PIXELS)
+    if len(large) <= MAX_SEGMENTS:
         return 0
-    sizes[large[np.lexsort((-sizes[large], owner[large]))[MOST_CLUSTERS:]]] = 0
-    return len(large) - MOST_CLUSTERS
+    sizes[large[np.lexsort((-sizes[large], owner[large]))[MAX_SEGMENTS:]]] = 0
+    return len(large) - MAX_SEGMENTS

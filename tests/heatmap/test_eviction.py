@@ -24,11 +24,11 @@ def test_what_a_later_visit_adds_comes_back_as_it_was_put_aside() -> None:
     for k in range(8):
         voxels.fuse(image(), np.zeros((240, 320), np.float32), POSE, k)
     rows = voxels.living()
-    before = voxels._room.rows[rows].copy()
+    before = voxels._row_memory.rows[rows].copy()
     assert voxels.hits[rows].max() > 3
     voxels.memory_mb = 1.0
-    voxels.relieve()
+    voxels.evict()
     assert not voxels._cubes.bits.any(), "nothing was put aside"
-    np.testing.assert_array_equal(voxels._room.rows[voxels.living()], before)
+    np.testing.assert_array_equal(voxels._row_memory.rows[voxels.living()], before)
     voxels.begin_visit(3)
     assert voxels.hits[voxels.living()].max() == 3

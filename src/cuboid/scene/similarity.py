@@ -1,4 +1,4 @@
-"""How like two objects are, over days and under other lights: in size, and in colors from foot to top."""
+"""Similarity of two objects, over days and in other light: in size, and in colors from foot to top."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ LAYERS = 3
 # and of a and b (CIE L*a*b*).
 SIZE_SIGMA, LIGHT_SIGMA, COLOR_SIGMA = 0.2, 20.0, 7.0
 
-Look = npt.NDArray[np.float64]
+ColorProfile = npt.NDArray[np.float64]
 
 
-def alike(look: Look, box: Box, other_look: Look, other_box: Box) -> float:
-    """Return how like two objects are, 0..1: in size and in colors from foot to top."""
+def similarity(profile: ColorProfile, box: Box, other_profile: ColorProfile, other_box: Box) -> float:
+    """Return the similarity of two objects, 0..1: in size and in colors from foot to top."""
     sides = np.log(_sides(box) / _sides(other_box)) / SIZE_SIGMA
-    off = (look - other_look) / np.array([LIGHT_SIGMA, COLOR_SIGMA, COLOR_SIGMA])
+    off = (profile - other_profile) / np.array([LIGHT_SIGMA, COLOR_SIGMA, COLOR_SIGMA])
     return float(np.exp(-0.5 * ((sides**2).mean() + (off**2).mean())))
 
 
-def look_of(entry: MapObject) -> Look:
+def color_profile_of(entry: MapObject) -> ColorProfile:
     """Return the colors (LAYERS, 3) of an object from foot to top, as L*, a*, b*."""
     lab = _lab(entry.colors)
     height = (entry.points.astype(np.float64) - entry.box.center) @ entry.box.rotation[:, 2]
-    share = height / max(float(entry.box.size[2]), 1e-6) + 0.5
-    layer = np.clip((share * LAYERS).astype(int), 0, LAYERS - 1)
+    height_fraction = height / max(float(entry.box.size[2]), 1e-6) + 0.5
+    layer = np.clip((height_fraction * LAYERS).astype(int), 0, LAYERS - 1)
     whole = lab.mean(0) if len(lab) else np.zeros(3)
     return np.array([lab[layer == k].mean(0) if (layer == k).any() else whole for k in range(LAYERS)])
 

@@ -38,7 +38,7 @@ def test_objects_that_drift_doubled_become_one_under_the_older_label() -> None:
     tracker = drifted_tracker()
     doubled = tracker.objects
     assert len(doubled) >= 3
-    tracker.carry({2: BACK})
+    tracker.apply_correction({2: BACK})
     for k in range(37, 80):
         tracker.update(frame_of(SCENE, eye(k), k), anchor=2)
     objects = tracker.objects
@@ -56,7 +56,7 @@ def test_a_world_that_moves_as_a_whole_takes_all_with_it() -> None:
         tracker.update(frame_of(SCENE, eye(k), k), anchor=1)
     before, planes, points = tracker.objects, tracker.planes, tracker.map_points()
     T = se3.exp([0.3, -0.2, 0.1, 0.0, 0.0, 0.1])
-    tracker.carry({1: T})
+    tracker.apply_correction({1: T})
     for old, new in zip(before, tracker.objects, strict=True):
         np.testing.assert_allclose(new.box.center, se3.transform(T, old.box.center), atol=1e-6)
         np.testing.assert_allclose(new.box.rotation, T[:3, :3] @ old.box.rotation, atol=1e-6)
@@ -80,10 +80,10 @@ def test_what_was_seen_since_from_another_keyframe_moves_with_that() -> None:
         tracker.update(frame_of(SCENE, eye(k), k), anchor=1 if k < 26 else 2)
     before, T = tracker.objects, se3.exp([0.3, -0.2, 0.0, 0.0, 0.0, 0.1])
     assert len(before) == 2
-    tracker.carry({2: T})
+    tracker.apply_correction({2: T})
     for old, new in zip(before, tracker.objects, strict=True):
         np.testing.assert_allclose(new.box.center, se3.transform(T, old.box.center), atol=1e-6)
     again = tracker.objects
-    tracker.carry({1: T})
+    tracker.apply_correction({1: T})
     for old, new in zip(again, tracker.objects, strict=True):
         np.testing.assert_allclose(new.box.center, old.box.center, atol=1e-9)

@@ -1,4 +1,4 @@
-"""The house rules that a machine can check."""
+"""The rules of the architecture that a machine can check."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_a_stage_knows_only_those_before_it(stage: str) -> None:
     later = {*STAGES[STAGES.index(stage) + 1 :]} if stage in STAGES else {*STAGES}
     later |= {"cli", "run", "evaluation", "synthetic", "tracker"}
     for path in sorted((SOURCE / stage).glob("**/*.py")):
-        assert not imported_packages(path) & later, f"{path.name} of {stage} looks ahead"
+        assert not imported_packages(path) & later, f"{path.name} of {stage} imports a later stage"
 
 
 @pytest.mark.parametrize("name", ["run.txt", "dev.txt"])

@@ -8,9 +8,9 @@ from made_maps import box_of, grid, map_of
 
 from cuboid.config import TrackerConfig
 from cuboid.kernels.outlines import BORDER, BOTTOM, FREE, HIDDEN, KINDS, LEFT, RIGHT, SUPPORT, TOP, UNSURE
+from cuboid.objects.confirmation import is_confirmable
 from cuboid.objects.entry import MapObject
 from cuboid.objects.store import ObjectStore
-from cuboid.objects.wholeness import is_whole
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -24,7 +24,7 @@ class _Table:
     def in_world(self, plane: int) -> tuple[np.ndarray, float]:
         return UP, 0.0
 
-    def lies_on(self, box: object) -> bool:
+    def has_plane_on_top(self, box: object) -> bool:
         return False
 
 
@@ -48,7 +48,7 @@ def whole(entry: MapObject, beside: np.ndarray, *, labelled: bool = False) -> bo
     other.points = beside.astype(np.float32)
     if labelled:
         store.confirm(other)
-    return is_whole(entry, store, _Table(), TrackerConfig())  # type: ignore[arg-type]
+    return is_confirmable(entry, store, _Table(), TrackerConfig())  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -82,8 +82,8 @@ def test_a_label_waits_where_a_flat_thing_goes_on_behind_a_far_higher_one(
     other.points = dome.astype(np.float32)
     store.confirm(other)
     for _ in range(8):
-        store.affinity.tell(1, 2, one=False, news=1.0)
-    assert is_whole(brim, store, _Table(), TrackerConfig()) is expected  # type: ignore[arg-type]
+        store.affinity.add_evidence(1, 2, one=False, novelty=1.0)
+    assert is_confirmable(brim, store, _Table(), TrackerConfig()) is expected  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -135,9 +135,9 @@ def test_a_label_waits_where_a_thing_may_be_the_end_of_a_larger_one_of_its_color
     other.log_odds = 1.0
     if pot is not None:
         other.points, other.colors = body.astype(np.float32), np.tile(np.array(pot, np.uint8), (len(body), 1))
-    assert is_whole(spout, store, _Table(), TrackerConfig())  # type: ignore[arg-type]
-    store.affinity.tell(1, 2, one=False, news=1.0)  # beside each other in a picture
-    assert is_whole(spout, store, _Table(), TrackerConfig()) is expected  # type: ignore[arg-type]
+    assert is_confirmable(spout, store, _Table(), TrackerConfig())  # type: ignore[arg-type]
+    store.affinity.add_evidence(1, 2, one=False, novelty=1.0)  # beside each other in a picture
+    assert is_confirmable(spout, store, _Table(), TrackerConfig()) is expected  # type: ignore[arg-type]
 
 
 def test_what_was_found_to_carry_a_plane_gets_no_label() -> None:
@@ -160,8 +160,8 @@ def test_a_side_that_a_known_other_thing_hides_need_not_be_seen(labelled: bool, 
     if labelled:
         store.confirm(other)
     for _ in range(sightings):
-        store.affinity.tell(1, 2, one=False, news=1.0)
-    assert is_whole(stapler, store, _Table(), TrackerConfig()) is expected  # type: ignore[arg-type]
+        store.affinity.add_evidence(1, 2, one=False, novelty=1.0)
+    assert is_confirmable(stapler, store, _Table(), TrackerConfig()) is expected  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

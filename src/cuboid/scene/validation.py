@@ -1,4 +1,4 @@
-"""The door of scene files: what their tables hold, column by column, and every row checked as it is read."""
+"""Validation of scene files: what their tables hold, column by column; every row is checked as it is read."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from msgspec import Meta
 
 from cuboid.errors import InputError, shown
-from cuboid.formats.json_door import in_words
+from cuboid.formats.json_validation import in_words
 from cuboid.formats.values import (
     Cosine,
     Count,
@@ -133,7 +133,9 @@ class DamagedError(InputError):
     """What a scene file holds is not what was written."""
 
 
-def told(connection: sqlite3.Connection, columns: Iterable[str], rest: str, values: Iterable[Any] = ()) -> list[Row]:
+def read_rows(
+    connection: sqlite3.Connection, columns: Iterable[str], rest: str, values: Iterable[Any] = ()
+) -> list[Row]:
     """Return the rows of a query, each value as its column must be.
 
     Parameters
@@ -156,8 +158,8 @@ def told(connection: sqlite3.Connection, columns: Iterable[str], rest: str, valu
     return checked(rows, names)
 
 
-def told_each(connection: sqlite3.Connection, table: str) -> Iterator[Row]:
-    """Iterate over the rows of a whole table, which may be large; raises as `told`."""
+def iterate_table(connection: sqlite3.Connection, table: str) -> Iterator[Row]:
+    """Iterate over the rows of a whole table, which may be large; raises as `read_rows`."""
     columns = columns_of(table)
     cursor = connection.execute(f"SELECT {', '.join(columns)} FROM {table}")
     while rows := cursor.fetchmany(ROWS_A_TIME):
@@ -165,7 +167,7 @@ def told_each(connection: sqlite3.Connection, table: str) -> Iterator[Row]:
 
 
 def checked(rows: list[Row], columns: Sequence[str]) -> list[Row]:
-    """Return rows of these columns, which have their tables; raises as `told`."""
+    """Return rows of these columns, which have their tables; raises as `read_rows`."""
     try:
         found: list[Row] = msgspec.convert(rows, _kind(tuple(columns)))
         return found

@@ -1,8 +1,8 @@
 """Where the frames of a scene's recordings were taken, in the scene's world; what is not placed yet stands aside.
 
-A recording whose world is not known to be the scene's is found by its looks. Until then it is a part of its own: level
-as the scene is, but so far aside that nothing of it meets anything else. When it is recognised it is moved to where it
-belongs, with all that was found in it.
+A recording whose world is not known to be the scene's is localised by its appearance. Until then it is a part of its
+own: level as the scene is, but so far aside that nothing of it meets anything else. When it is recognised it is moved
+to where it belongs, with all that was found in it.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from cuboid.working import thin
 
 # Parts that are not connected stand so far from each other, metres: farther than any room is wide. Voxels reach 10 km.
 ASIDE_M = 200.0
-# Frames of a new part without a level surface, after which the images' up has to do.
-PATIENCE_FRAMES = 30
+# Frames of a new part without a level surface, at most: after that the images' up is used.
+MAX_FRAMES_WITHOUT_UP = 30
 # A recording with poses of its own is looked for every so many frames, until so many that were recognised agree: one
 # alone may be a shift along a wall. Then its keyframes are looked for, until so many were recognised: each has an error
 # of a centimetre, and a lever as long as the room.
@@ -45,13 +45,13 @@ class Joined:
     middle : (3,) float64
         Where it stood in the world: all within half of `ASIDE_M` of it was its.
     T_new_old : (4, 4) float64
-        What carries it to where it belongs.
+        Transform to where it belongs.
     """
 
     middle: Float64Array
     T_new_old: Float64Array
 
-    def holds(self, points: Float64Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    def contains(self, points: Float64Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
         """Tell which points (N, 3) of the world were the part's."""
         return np.asarray(np.linalg.norm(points - self.middle, axis=1) < ASIDE_M / 2)
 
@@ -111,7 +111,7 @@ class ScenePoses:
 
     @property
     def T_world_recording(self) -> Float64Array:
-        """What carries the world of a recording with poses of its own to the scene's, (4, 4)."""
+        """Transform from the world of a recording with poses of its own to the scene's, (4, 4)."""
         return tidied(self._T_world_part.get(self._part, np.eye(4)) @ self._T_part_recording)
 
     @property
@@ -166,7 +166,7 @@ class ScenePoses:
     def stands_in(self, part: int, place: Float64Array) -> bool:
         """Tell whether a place (3,) of the world lies in a part."""
         T = self._T_world_part.get(part)
-        return T is not None and bool(Joined(T[:3, 3], T).holds(place[None])[0])
+        return T is not None and bool(Joined(T[:3, 3], T).contains(place[None])[0])
 
     def connect(self, part: int, T_world_part_now: Float64Array) -> None:
         """Let a part lie where the layout of its objects says: T_new_old in the world."""
@@ -198,7 +198,7 @@ class ScenePoses:
         if due and not (self._aligned and len(self._seen_as) >= ENOUGH):
             self._look_for(frame)
             T_part_camera = tidied(self._T_part_recording @ frame.T_world_camera)
-        self._estimator.hang(frame.index, T_part_camera, self._own[-1])
+        self._estimator.anchor_frame(frame.index, T_part_camera, self._own[-1])
         return self._part, T_part_camera, self._own[-1]
 
     def _look_for(self, frame: Frame) -> None:
@@ -245,7 +245,7 @@ class ScenePoses:
         cells = find_voting_cells(image.depth_m, image.camera, T_part_camera, c.depth_noise_per_m, c.max_depth_m)
         up = vote.update(cells, T_part_camera, frame.up_camera)
         self._waited += 1
-        if up is None and self._waited < PATIENCE_FRAMES:
+        if up is None and self._waited < MAX_FRAMES_WITHOUT_UP:
             raise FrameError(LOST)
         return vote.image_up if up is None else up
 
@@ -289,7 +289,7 @@ def _near(T: Float64Array, T_other: Float64Array) -> bool:
 
 
 def _turn(a: Float64Array, b: Float64Array) -> Float64Array:
-    """Return the least rotation (3, 3) that carries a direction to another."""
+    """Return the least rotation (3, 3) from a direction to another."""
     axis, cosine = np.cross(a, b), float(a @ b)
     if np.linalg.norm(axis) < 1e-9:
         axis = np.cross(a, np.eye(3)[int(np.argmin(np.abs(a)))]) if cosine < 0 else axis

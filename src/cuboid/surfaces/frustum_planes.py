@@ -1,4 +1,4 @@
-"""The planes that a frame may see, cut out where it sees them."""
+"""The planes in the camera's frustum, cropped to it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float64Array, Intrinsics, UInt8Array
-from cuboid.surfaces.grid import CELL_M, Places, common
+from cuboid.surfaces.grid import CELL_M, Places, window_intersection
 from cuboid.surfaces.plane import Plane
 
 
 @dataclass(frozen=True, slots=True)
-class PlanesInView:
-    """What `stand_on` takes of the planes in view, K of them, over the ground in view.
+class FrustumPlanes:
+    """What `assign_planes` takes of the planes in view, K of them, over the ground in view.
 
     Attributes
     ----------
@@ -46,17 +46,17 @@ class PlanesInView:
         return np.asarray(self.window[:2] * CELL_M, dtype=np.float64)
 
 
-def cut_out(planes: list[Plane], window: Places) -> PlanesInView:
-    """Cut out of each plane's plan what lies in a window (4,)."""
+def crop_planes(planes: list[Plane], window: Places) -> FrustumPlanes:
+    """Crop the ground plan of each plane to a window (4,)."""
     shape = (len(planes), *(window[2:] - window[:2]))
     ground = np.zeros(shape, np.uint8)
     for layer, plane in zip(ground, planes, strict=True):
         if plane.in_use:
-            plane.plan.catch_up()
-            theirs, mine = common(plane.plan.window, window)
+            plane.plan.refresh_if_late()
+            theirs, mine = window_intersection(plane.plan.window, window)
             layer[mine] = plane.plan.covered[theirs]
     numbers = np.array([plane.index for plane in planes], np.int32)
-    return PlanesInView(planes, numbers, window, ground, np.zeros(shape, np.int32))
+    return FrustumPlanes(planes, numbers, window, ground, np.zeros(shape, np.int32))
 
 
 def frustum(camera: Intrinsics, depth_m: float) -> Float64Array:

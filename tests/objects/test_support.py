@@ -6,7 +6,7 @@ import numpy as np
 from made_maps import box_of, grid, map_of, shell
 
 from cuboid.objects.entry import MapObject
-from cuboid.objects.equilibrium import holder_of, standing
+from cuboid.objects.support import above_support_rim, find_holder
 
 UP = np.array([0.0, 0.0, 1.0])
 TABLE = grid((0.0, 0.6), (0.0, 0.4), (-0.01, 0.0))
@@ -26,7 +26,7 @@ def holder(table: np.ndarray, *things: np.ndarray) -> int:
     numbered = list(enumerate(things, 1))
     entries = [MapObject(k, box_of(p), 0, 0, points=p.astype(np.float32)) for k, p in numbered]
     voxels = map_of((table, 0), *((points, number) for number, points in numbered))
-    return holder_of(entries[0], UP, 0.0, entries[1:], voxels)
+    return find_holder(entries[0], UP, 0.0, entries[1:], voxels)
 
 
 def test_a_spout_over_the_table_is_held_by_its_pot() -> None:
@@ -75,7 +75,7 @@ RIM = grid((0.1, 0.45), (0.22, 0.26), (0.59, 0.62))
 
 def stands(*parts: np.ndarray) -> list[bool]:
     """For each of the parts of a thing above a floor at height 0 whether most of it stands."""
-    own = standing(np.concatenate(parts).astype(np.float32), UP, 0.0, 0.01)
+    own = above_support_rim(np.concatenate(parts).astype(np.float32), UP, 0.0, 0.01)
     told = np.split(own, np.cumsum([len(part) for part in parts])[:-1])
     return [bool(part.mean() > 0.75) for part in told]
 

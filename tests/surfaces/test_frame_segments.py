@@ -10,7 +10,7 @@ from cuboid.config import TrackerConfig
 from cuboid.frame import Intrinsics
 from cuboid.heatmap.pixel_heat import WeighedProposals
 from cuboid.kernels.outlines import BOTTOM, FREE, LEFT, RIGHT, SUPPORT, TOP
-from cuboid.surfaces.clusters import LEAST_PIXELS, FrameClusters, frame_clusters, points_of
+from cuboid.surfaces.frame_segments import MIN_PIXELS, FrameSegments, points_of, segment_frame
 from cuboid.working import WorkingImage
 
 CAMERA = Intrinsics(60.0, 60.0, 29.5, 19.5, 60, 40)
@@ -22,7 +22,7 @@ SIDES = np.array([BOTTOM, TOP, RIGHT, LEFT])
 def found(
     depth: np.ndarray, support: np.ndarray, heights: np.ndarray, boxes: list[tuple[int, int, int, int]],
     weights: list[float], prior: list[float] | None = None, filled: np.ndarray | None = None,
-) -> FrameClusters:  # fmt: skip
+) -> FrameSegments:  # fmt: skip
     """The things of a frame whose proposals are whole boxes; `filled` are holes that were given their depth."""
     image = WorkingImage(depth.astype(np.float32), np.zeros((*depth.shape, 3), np.uint8), CAMERA, 1, (0, 0))
     read = image if filled is None else replace(image, depth_m=np.where(filled, np.float32(0), image.depth_m))
@@ -34,7 +34,7 @@ def found(
         np.concatenate(covered),
         np.array(weights, np.float32),
     )
-    return frame_clusters(
+    return segment_frame(
         read, image, np.full(depth.shape, 0.5, np.float32), weighed, np.array(prior or [1.0] * len(boxes)),
         np.where(heights == 0, support, -1).astype(np.int32), support.astype(np.int32), PLANES, SIDES,
         TrackerConfig(),
@@ -52,11 +52,11 @@ def scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def test_a_share_is_parted_where_depth_jumps() -> None:
     things = found(*scene(), [(15, 10, 45, 30)], [0.8])
-    assert len(things.clusters) == 2
-    left, right = things.clusters
+    assert len(things.segments) == 2
+    left, right = things.segments
     assert left.rect_xyxy.tolist() == [15, 10, 30, 30]
     assert right.rect_xyxy.tolist() == [30, 10, 45, 30]
-    assert things.share.tolist() == [0, 0], "both are pieces of one proposal"
+    assert things.proposal.tolist() == [0, 0], "both are pieces of one proposal"
     assert (left.score, left.heat, left.supports) == (np.float32(0.8), 0.5, {7: 300})
     assert things.contact[0, 1] == things.contact[1, 0] == 20
     assert left.outline[BOTTOM].tolist() == [0, 15, 0, 0, 0, 0]
@@ -69,22 +69,22 @@ def test_a_share_is_parted_where_depth_jumps() -> None:
 def test_surfaces_of_one_proposal_that_are_about_as_large_and_near_are_one_thing() -> None:
     depth, support, heights = scene()
     depth[10:30, 30:45] = 1.1
-    (thing,) = found(depth, support, heights, [(15, 10, 45, 30)], [0.8]).clusters
+    (thing,) = found(depth, support, heights, [(15, 10, 45, 30)], [0.8]).segments
     assert thing.rect_xyxy.tolist() == [15, 10, 45, 30]
-    assert len(found(depth, support, heights, [(15, 10, 30, 30), (30, 10, 45, 30)], [0.8, 0.7]).clusters) == 2
+    assert len(found(depth, support, heights, [(15, 10, 30, 30), (30, 10, 45, 30)], [0.8, 0.7]).segments) == 2
 
 
 def test_a_thing_knows_how_much_of_it_was_read() -> None:
     filled = np.zeros((40, 60), bool)
     filled[10:25, 15:30] = True
-    left, right = found(*scene(), [(15, 10, 30, 30), (30, 10, 45, 30)], [0.8, 0.7], filled=filled).clusters
+    left, right = found(*scene(), [(15, 10, 30, 30), (30, 10, 45, 30)], [0.8, 0.7], filled=filled).segments
     assert (left.read, right.read) == (0.25, 1.0)
     assert len(left.pixels) == 75
 
 
 def test_points_are_in_the_world() -> None:
     depth, *others = scene()
-    thing = found(depth, *others, [(15, 10, 45, 30)], [0.8]).clusters[0]
+    thing = found(depth, *others, [(15, 10, 45, 30)], [0.8]).segments[0]
     image = WorkingImage(depth.astype(np.float32), np.zeros((40, 60, 3), np.uint8), CAMERA, 1, (0, 0))
     v, u = np.divmod(thing.pixels, 60)
     in_camera = np.column_stack([(u - 29.5) / 60, (v - 19.5) / 60, np.ones(len(u))])
@@ -95,18 +95,18 @@ def test_points_are_in_the_world() -> None:
 def test_what_the_map_expects_wins_over_what_is_a_little_stronger() -> None:
     boxes = [(15, 10, 30, 30), (15, 10, 45, 30)]
     one = found(*scene(), boxes, [0.5, 0.6])
-    assert one.share.tolist() == [0, 0], "the larger one has all"
+    assert one.proposal.tolist() == [0, 0], "the larger one has all"
     other = found(*scene(), boxes, [0.5, 0.6], [2.0, 1.0])
-    assert len(other.clusters) == 1, "of the larger one too little is left"
-    assert other.clusters[0].rect_xyxy.tolist() == [15, 10, 30, 30]
+    assert len(other.segments) == 1, "of the larger one too little is left"
+    assert other.segments[0].rect_xyxy.tolist() == [15, 10, 30, 30]
 
 
 def test_what_is_too_small_or_weighs_nothing_is_no_thing() -> None:
     depth, support, heights = scene()
-    few = LEAST_PIXELS - 1
-    assert found(depth, support, heights, [(15, 10, 15 + few, 11)], [0.8]).clusters == []
-    assert found(depth, support, heights, [(15, 10, 45, 30)], [0.0]).clusters == []
+    few = MIN_PIXELS - 1
+    assert found(depth, support, heights, [(15, 10, 15 + few, 11)], [0.8]).segments == []
+    assert found(depth, support, heights, [(15, 10, 45, 30)], [0.0]).segments == []
     nothing = found(np.zeros((40, 60)), support, heights, [(15, 10, 45, 30)], [0.8])
-    assert nothing.clusters == []
+    assert nothing.segments == []
     assert nothing.contact.shape == (0, 0)
     assert (nothing.claim == -1).all()

@@ -1,4 +1,4 @@
-"""Planes that turn out to be one: what was seen of a table from two sides."""
+"""Duplicate planes: a table that was seen from two sides first."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from cuboid.surfaces.windows import Windows
 from cuboid.tolerances import DRIFT_M
 
 
-def merge_twins(planes: list[Plane], windows: Windows, changed: set[Plane]) -> tuple[list[int], set[Plane]]:
-    """Let each plane take in those that are one with it, where either has changed.
+def merge_duplicates(planes: list[Plane], windows: Windows, changed: set[Plane]) -> tuple[list[int], set[Plane]]:
+    """Let each plane absorb its duplicates, where either has changed.
 
     Returns
     -------
     list of int
-        The planes that went.
+        The planes that were absorbed.
     set of Plane
-        Those that took one in.
+        Those that absorbed one.
     """
     queue = sorted({(min(p.index, k), max(p.index, k)) for p in changed for k in _level_with(p, windows)})
     gone: list[int] = []
@@ -25,10 +25,10 @@ def merge_twins(planes: list[Plane], windows: Windows, changed: set[Plane]) -> t
     while queue:
         k, j = heappop(queue)
         one, two = planes[k], planes[j]
-        if k in gone or j in gone or not _are_twins(one, two):
+        if k in gone or j in gone or not _are_duplicates(one, two):
             continue
         one.absorb(two)
-        windows.note(one)
+        windows.update(one)
         grown.add(one)
         gone.append(j)
         for more in _level_with(one, windows):
@@ -41,7 +41,7 @@ def _level_with(plane: Plane, windows: Windows) -> list[int]:
     return windows.level_with(plane, DRIFT_M + 1e-6)
 
 
-def _are_twins(one: Plane, two: Plane) -> bool:
-    """Tell whether the middle of each of two planes is as near the other as poses drift, and both cover a place."""
-    apart = max(abs(float(one.height(two.mean[None])[0])), abs(float(two.height(one.mean[None])[0])))
-    return apart <= DRIFT_M and one.plan.shares_ground(two.plan)
+def _are_duplicates(one: Plane, two: Plane) -> bool:
+    """Tell whether two planes are as near to each other as poses drift, at their means, and overlap in plan."""
+    distance = max(abs(float(one.height(two.mean[None])[0])), abs(float(two.height(one.mean[None])[0])))
+    return distance <= DRIFT_M and one.plan.overlaps(two.plan)

@@ -1,4 +1,4 @@
-"""The door of text files with a row a line: from words to numbers, each as its format says, or one line why not."""
+"""Validation of text files with a row a line: from words to numbers, each as its format says, or one line why not."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TypeVar
 import msgspec
 
 from cuboid.errors import InputError, shown
-from cuboid.formats.json_door import in_words
+from cuboid.formats.json_validation import in_words
 from cuboid.formats.reading import text_lines
 
 

@@ -34,18 +34,18 @@ def fused(shifts_m: list[float]) -> VoxelMap:
 
 def settle(voxels: VoxelMap, low: float = -99.0, high: float = 99.0) -> None:
     """Look at a part of the map, from `low` to `high` along x, m: points that lie or belong there move as they owe."""
-    voxels._settle_around(np.array([[low, -99.0, -99.0], [high, 99.0, 99.0]]), 0.0)
+    voxels._relocate_around(np.array([[low, -99.0, -99.0], [high, 99.0, 99.0]]), 0.0)
 
 
 def points_of(voxels: VoxelMap) -> list[tuple[np.ndarray, np.void]]:
     """Voxel of the world (3,) and row of each point."""
     rows = voxels.living()
     keys = voxels._cubes.key[voxels._cubes.cube_of[rows >> BLOCK_BITS]]
-    return list(zip(voxels_of(keys, voxels._points.voxel[rows]), voxels._room.rows[rows], strict=True))
+    return list(zip(voxels_of(keys, voxels._points.voxel[rows]), voxels._row_memory.rows[rows], strict=True))
 
 
 def carried_slowly(voxels: VoxelMap, moved: dict[int, np.ndarray]) -> dict[tuple[int, ...], dict[str, Any]]:
-    """What `carry` makes of a map, point by point: values of each voxel of the world."""
+    """What `apply_correction` makes of a map, point by point: values of each voxel of the world."""
     groups: dict[tuple[int, ...], list[tuple[np.ndarray, np.void]]] = {}
     for voxel, row in points_of(voxels):
         place = voxel + (row["place"] + 0.5) / PLACES
@@ -99,7 +99,7 @@ def test_a_map_moves_as_its_points_do_one_by_one(moving: list[int]) -> None:
         for _ in range(2):
             moved = {k: se3.exp(rng.normal(size=6) * size) for k in moving}
             expected = carried_slowly(voxels, moved)
-            voxels.carry(moved)
+            voxels.apply_correction(moved)
             settle(voxels)
             rows, points = voxels.living(), points_of(voxels)
             assert {tuple(voxel.tolist()) for voxel, _ in points} == set(expected)
@@ -125,7 +125,7 @@ def test_a_map_moves_as_its_points_do_one_by_one(moving: list[int]) -> None:
 def test_a_part_that_moves_away_again_and_again_leaves_nothing_behind() -> None:
     voxels, first = mottled(4), mottled(4).blocks
     for k in range(300):
-        voxels.carry({1: se3.exp([1.0 if k % 2 else -1.0, 0.1 * k, 0, 0, 0, 0])})
+        voxels.apply_correction({1: se3.exp([1.0 if k % 2 else -1.0, 0.1 * k, 0, 0, 0, 0])})
         settle(voxels)
     assert voxels.blocks < 20 * first
 
@@ -154,7 +154,7 @@ def test_a_correction_touches_no_point_and_a_look_only_those_that_lie_or_belong_
     xyz, keyframe = voxels.xyz(voxels.living()), voxels.keyframe(voxels.living())
     voxels.take_changed()
     moved = moved_by(rng, 0.02)
-    voxels.carry(moved)
+    voxels.apply_correction(moved)
     assert not len(voxels.take_changed())
     for old, (_, _, new) in zip(before, voxels.copies(np.arange(1, voxels.blocks)), strict=True):
         np.testing.assert_array_equal(old, new)
@@ -180,13 +180,13 @@ def test_looks_here_and_there_between_corrections_leave_the_map_that_looks_every
     owners: dict[int, np.ndarray] = {}
     for _ in range(8):
         moved = moved_by(rng, 0.03)
-        lazy.carry(moved)
-        eager.carry(moved)
+        lazy.apply_correction(moved)
+        eager.apply_correction(moved)
         settle(eager)
-        assert not len(eager._anchors.owing[0])
+        assert not len(eager._anchors.pending_cubes[0])
         low = float(at.uniform(-1, 20))
         settle(lazy, low, low + 2.0)
-        assert len(lazy._anchors.owing[0])
+        assert len(lazy._anchors.pending_cubes[0])
         owners = {number: lazy.xyz(rows) for number, rows in lazy.owned().items()}
     for one, other in ((lazy, eager), (eager, lazy)):
         near, _ = cKDTree(other.xyz(other.living())).query(one.xyz(one.living()))
@@ -196,7 +196,7 @@ def test_looks_here_and_there_between_corrections_leave_the_map_that_looks_every
         assert np.abs(owners[number].mean(0) - eager.xyz(rows).mean(0)).max() < 0.03
     settle(lazy)
     rows = lazy.living()
-    assert not len(lazy._anchors.owing[0])
+    assert not len(lazy._anchors.pending_cubes[0])
     assert (lazy.rows_at(lazy.xyz(rows).astype(np.float64)) == rows).mean() > 0.999
     assert lazy.alive == len(rows)
 
@@ -206,7 +206,7 @@ def test_numbers_of_anchors_do_not_run_out(monkeypatch: pytest.MonkeyPatch) -> N
     voxels, rng = wide(8, 5_000), np.random.default_rng(8)
     count = len(voxels.living())
     for k in range(30):
-        voxels.carry(moved_by(rng, 0.001))
+        voxels.apply_correction(moved_by(rng, 0.001))
         settle(voxels, k / 2, k / 2 + 1)
         slots = voxels.fuse(image(), np.ones((240, 320), np.float32), POSE, k, anchor=1 + k % 20)
         assert (voxels.keyframe(slots[slots >= 0]) == 1 + k % 20).all()
@@ -220,7 +220,7 @@ def test_a_correction_of_a_large_map_takes_as_long_as_there_are_keyframes() -> N
     for _ in range(6):  # the first one loads the kernels
         moved = moved_by(rng, 0.01)
         begun_s = time.thread_time()
-        voxels.carry(moved)
+        voxels.apply_correction(moved)
         took_s.append(time.thread_time() - begun_s)
     assert min(took_s[1:]) < 0.01, took_s
 
@@ -234,18 +234,18 @@ def test_a_map_that_was_doubled_by_drift_is_single_again() -> None:
     double.owner[rows[second]] = 2
     double.owner[rows[~second]] = 1
     younger = int(np.count_nonzero(second))
-    double.carry({2: se3.exp([-0.05, 0, 0, 0, 0, 0])})
+    double.apply_correction({2: se3.exp([-0.05, 0, 0, 0, 0, 0])})
     settle(double)
     assert double.count < 1.06 * single.count  # what both views had averaged lies between
     # much of the second view fell onto the first, whose object is the older one
     assert np.count_nonzero(double.owner[double.living()] == 2) < 0.6 * younger
-    there = double.holds(single.xyz(single.living()).astype(np.float64))
+    there = double.is_occupied(single.xyz(single.living()).astype(np.float64))
     assert there.mean() > 0.97
 
 
 def test_the_moved_map_goes_on_as_one_that_was_never_wrong() -> None:
     voxels = fused([0.3])
-    voxels.carry({1: se3.exp([-0.3, 0, 0, 0, 0, 0])})
+    voxels.apply_correction({1: se3.exp([-0.3, 0, 0, 0, 0, 0])})
     assert (voxels.rows_at(voxels.xyz(voxels.living()).astype(np.float64)) >= 0).mean() > 0.999
     count = voxels.count
     voxels.fuse(image(), np.ones((240, 320), np.float32), POSE, 1, anchor=1)
@@ -255,11 +255,11 @@ def test_the_moved_map_goes_on_as_one_that_was_never_wrong() -> None:
 def test_what_hangs_on_no_moved_keyframe_stays() -> None:
     voxels = fused([0.0])
     before = voxels.xyz(voxels.living())
-    voxels.carry({5: se3.exp([1.0, 0, 0, 0, 0, 0])})
+    voxels.apply_correction({5: se3.exp([1.0, 0, 0, 0, 0, 0])})
     after = voxels.xyz(voxels.living())
     np.testing.assert_array_equal(before, after)
     empty = VoxelMap(0.01, 1.4e-3, 3.0)
-    empty.carry({1: np.eye(4)})
+    empty.apply_correction({1: np.eye(4)})
     assert empty.count == 0
 
 
@@ -270,7 +270,9 @@ def test_each_object_has_its_own_living_rows() -> None:
     slots = rows.astype(np.int32)[None]
     claim = (np.arange(len(rows), dtype=np.int32) % 3)[None]
     free = np.ones((3, 1), np.uint8)
-    voxels.vote(claim, np.array([0, 1, 2], np.int32), np.zeros(9, np.int64), free, np.ones_like(claim, np.uint8), slots)
+    voxels.vote_owners(
+        claim, np.array([0, 1, 2], np.int32), np.zeros(9, np.int64), free, np.ones_like(claim, np.uint8), slots
+    )
     owned = voxels.owned()
     assert list(owned) == [1, 2]
     for number, own in owned.items():

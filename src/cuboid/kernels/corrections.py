@@ -1,4 +1,4 @@
-"""Hot loops of what follows a correction of poses: points move with the keyframes that they hang on."""
+"""Hot loops of pose corrections: points move with the keyframes that they are anchored to."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from cuboid.kernels.cubes import (
     row_of,
     voxel_in,
 )
-from cuboid.kernels.voxels import MOST_HITS
+from cuboid.kernels.voxels import MAX_HITS
 
 
 @njit(cache=True, nogil=True)
-def owing(which, cubes, points, rows):
-    """Find the living rows of some cubes that owe a motion.
+def pending_rows(which, cubes, points, rows):
+    """Find the living rows of some cubes whose motion is pending.
 
     Parameters
     ----------
@@ -45,34 +45,34 @@ def owing(which, cubes, points, rows):
     for cube in which:
         for k in range(cubes.rows[cube]):
             row = row_of(cube, k, cubes.blocks)
-            if cubes.owes[points.anchor[row]] and points.weight[row] > 0.0:
+            if cubes.pending[points.anchor[row]] and points.weight[row] > 0.0:
                 rows[count] = row
                 count += 1
     return count
 
 
 @njit(cache=True, nogil=True)
-def leave(which, cubes, points):
-    """Let all rows of some cubes (N,) that owe a motion be dead."""
+def remove_pending(which, cubes, points):
+    """Remove all rows of some cubes (N,) whose motion is pending."""
     for cube in which:
         for k in range(cubes.rows[cube]):
             row = row_of(cube, k, cubes.blocks)
-            if cubes.owes[points.anchor[row]] and points.weight[row] > 0.0:
+            if cubes.pending[points.anchor[row]] and points.weight[row] > 0.0:
                 points.weight[row] = 0.0
                 cubes.dead[cube] += 1
 
 
 @njit(cache=True, nogil=True)
-def move(keys, taken, owes, motions, voxel_m, to):
-    """Let points that were taken from their cubes move as they owe.
+def apply_motions(keys, taken, pending, motions, voxel_m, to):
+    """Apply pending motions to points that were removed from their cubes.
 
     Parameters
     ----------
     keys : (N,) int64
-        Of the cubes that they were in; those of the cubes that they come to lie in afterwards.
+        Of the cubes that they were in; afterwards of the cubes that they come to lie in.
     taken : Points
         Their columns (N, ...); voxel and place are where they come to lie afterwards.
-    owes : (ANCHORS,) bool
+    pending : (ANCHORS,) bool
     motions : (ANCHORS, 3, 4) float64
         By anchor.
     voxel_m : float
@@ -89,7 +89,7 @@ def move(keys, taken, owes, motions, voxel_m, to):
         x, y, z = corner(keys[i])
         voxel, anchor, place = np.int64(taken.voxel[i]), taken.anchor[i], taken.place[i]
         x, y, z = x + (voxel >> (2 * CUBE_BITS)), y + ((voxel >> CUBE_BITS) & mask), z + (voxel & mask)
-        if owes[anchor]:
+        if pending[anchor]:
             T, edge_m = motions[anchor], edge_of(keys[i], voxel_m)
             px = (x + (place[0] + 0.5) / PLACES) * edge_m
             py = (y + (place[1] + 0.5) / PLACES) * edge_m
@@ -98,7 +98,7 @@ def move(keys, taken, owes, motions, voxel_m, to):
             qy = (T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]) / edge_m
             qz = (T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]) / edge_m
             x, y, z = np.int64(np.floor(qx)), np.int64(np.floor(qy)), np.int64(np.floor(qz))
-            place[0], place[1], place[2] = inside(qx - x), inside(qy - y), inside(qz - z)
+            place[0], place[1], place[2] = quantised(qx - x), quantised(qy - y), quantised(qz - z)
             keys[i] = pack_key(x >> CUBE_BITS, y >> CUBE_BITS, z >> CUBE_BITS) | (keys[i] & FINE)
             taken.voxel[i] = voxel_in(x, y, z)
         if count == 0 or to[count - 1] != keys[i]:
@@ -108,14 +108,14 @@ def move(keys, taken, owes, motions, voxel_m, to):
 
 
 @njit(cache=True, nogil=True, inline="always")
-def inside(part):
+def quantised(part):
     """Return a place in a voxel, 0..1, as rows have it."""
     return min(np.int64(part * PLACES), np.int64(PLACES) - 1)
 
 
 @njit(cache=True, nogil=True)
-def settle(keys, taken, anchor, cubes, points, rows):
-    """Let points that have moved enter the cubes where they come to lie.
+def insert_points(keys, taken, anchor, cubes, points, rows):
+    """Insert points that have moved into the cubes where they come to lie.
 
     Of two points that meet in a voxel place, color and heat are averaged, hits and passes add up; the oldest object's
     keeps the owner.
@@ -127,9 +127,9 @@ def settle(keys, taken, anchor, cubes, points, rows):
     taken : Points
         Their columns (N, ...).
     anchor : (ANCHORS,) uint16
-        What those of each anchor hang on now; it owes nothing.
+        New anchor of the points of each; nothing is pending for it.
     cubes : Cubes
-        Those of these keys are in memory, and their tables lead to no row that owes a motion.
+        Those of these keys are in memory, and their tables lead to no row with a pending motion.
     points : Points
     rows : (N,) int64, output
         Where each is now; -1 where there was no more room.
@@ -141,10 +141,10 @@ def settle(keys, taken, anchor, cubes, points, rows):
         rows[i] = -1
         if cube < 0:
             continue
-        voxel, hangs = np.int64(taken.voxel[i]), anchor[taken.anchor[i]]
+        voxel, current_anchor = np.int64(taken.voxel[i]), anchor[taken.anchor[i]]
         row, at = find_row(cube, voxel, cubes, points.voxel)
         if row < 0:
-            row = add_row(cube, voxel, at, hangs, cubes, points)
+            row = add_row(cube, voxel, at, current_anchor, cubes, points)
             if row < 0:
                 continue
             points.weight[row] = 0.0
@@ -153,14 +153,14 @@ def settle(keys, taken, anchor, cubes, points, rows):
         rows[i] = row
         cubes.changed[row >> BLOCK_BITS] = True
         if points.weight[row] > 0.0:
-            meet(row, i, hangs, taken, points)
+            merge_point(row, i, current_anchor, taken, points)
         else:
-            enter(row, i, hangs, taken, points)
+            write_point(row, i, current_anchor, taken, points)
 
 
 @njit(cache=True, nogil=True)
-def enter(row, i, anchor, taken, points):
-    """Let a point that was taken have a row, its voxel's."""
+def write_point(row, i, anchor, taken, points):
+    """Write a point to the row of its voxel."""
     points.weight[row], points.owner[row], points.last_frame[row] = taken.weight[i], taken.owner[i], taken.last_frame[i]
     for k in range(3):
         points.place[row, k] = taken.place[i, k]
@@ -170,17 +170,17 @@ def enter(row, i, anchor, taken, points):
 
 
 @njit(cache=True, nogil=True)
-def meet(row, i, anchor, taken, points):
-    """Let a point that was taken become one with that of a row."""
+def merge_point(row, i, anchor, taken, points):
+    """Merge a point with that of a row."""
     weight = points.weight[row] + taken.weight[i]
-    share = np.float64(taken.weight[i]) / weight
+    fraction = np.float64(taken.weight[i]) / weight
     points.weight[row] = weight
     for k in range(3):
-        points.place[row, k] = mean(points.place[row, k], taken.place[i, k], share)
-        points.color[row, k] = mean(points.color[row, k], taken.color[i, k], share)
-    points.heat[row] = mean(points.heat[row], taken.heat[i], share)
-    points.hits[row] = min(np.int64(points.hits[row]) + taken.hits[i], MOST_HITS)
-    points.passes[row] = min(np.int64(points.passes[row]) + taken.passes[i], MOST_HITS)
+        points.place[row, k] = weighted_mean(points.place[row, k], taken.place[i, k], fraction)
+        points.color[row, k] = weighted_mean(points.color[row, k], taken.color[i, k], fraction)
+    points.heat[row] = weighted_mean(points.heat[row], taken.heat[i], fraction)
+    points.hits[row] = min(np.int64(points.hits[row]) + taken.hits[i], MAX_HITS)
+    points.passes[row] = min(np.int64(points.passes[row]) + taken.passes[i], MAX_HITS)
     one, other = points.owner[row], taken.owner[i]
     points.owner[row] = min(one, other) if min(one, other) > 0 else max(one, other)
     if taken.last_frame[i] >= points.last_frame[row]:
@@ -189,6 +189,6 @@ def meet(row, i, anchor, taken, points):
 
 
 @njit(cache=True, nogil=True, inline="always")
-def mean(one, other, share):
-    """Return the mean of two whole numbers of which the other has a share."""
-    return np.int64(one + share * (np.int64(other) - np.int64(one)) + 0.5)
+def weighted_mean(one, other, fraction):
+    """Return the mean of two integers, of which the second has a weight of `fraction`."""
+    return np.int64(one + fraction * (np.int64(other) - np.int64(one)) + 0.5)

@@ -1,4 +1,4 @@
-"""The doors: what is opened, what is said of what is wrong, and that the documentation is of what is read."""
+"""Validation of files: what is opened, what is said of what is wrong, and that the documentation is of what is read."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import pytest
 
 from cuboid.errors import CuboidError, FrameError, InputError, one_line, shown
 from cuboid.formats import reading
-from cuboid.formats.json_door import read_json
+from cuboid.formats.json_validation import read_json
 from cuboid.formats.objects_file import ObjectsDocument
 from cuboid.formats.reading import UnreadableError, opened, read_bytes, text_lines
 from cuboid.formats.rows_files import TrackEntry
-from cuboid.formats.table_door import read_table
+from cuboid.formats.table_validation import read_table
 from cuboid.frame import Frame
 from cuboid.outputs.rows import TRACKS_HEADER
 
@@ -49,7 +49,7 @@ def test_no_more_is_read_than_a_file_of_its_kind_can_have(tmp_path: Path, monkey
     path.write_bytes(b"short\n" + b"y" * 20_000)
     with pytest.raises(UnreadableError, match="line 2 is longer than 10000 characters"):
         list(text_lines(path))
-    monkeypatch.setattr(reading, "MOST_TEXT_BYTES", 1000)
+    monkeypatch.setattr(reading, "MAX_TEXT_BYTES", 1000)
     with pytest.raises(UnreadableError, match="is larger than"):
         list(text_lines(path))
 

@@ -16,9 +16,9 @@ from made_scene import CAMERA, Shown, record
 from cuboid.errors import InputError
 from cuboid.scene import Scene, before
 from cuboid.scene.checking import problems, rescue
-from cuboid.scene.door import TABLES, DamagedError
-from cuboid.scene.parts import carry_rows
-from cuboid.scene.placing import Joined
+from cuboid.scene.localisation import Joined
+from cuboid.scene.parts import transform_rows
+from cuboid.scene.validation import TABLES, DamagedError
 
 
 @pytest.fixture(scope="module")
@@ -158,7 +158,7 @@ def test_a_part_is_not_carried_over_a_row_that_makes_no_sense(path: Path) -> Non
     change(path, "UPDATE boxes SET qw = 0.5")
     connection = sqlite3.connect(path)
     with pytest.raises(DamagedError, match="a row of boxes is damaged: the quaternion"):
-        carry_rows(connection, [Joined(np.zeros(3), np.eye(4))])
+        transform_rows(connection, [Joined(np.zeros(3), np.eye(4))])
     connection.close()
 
 

@@ -1,4 +1,4 @@
-"""Rectangles carried from one frame to another: where the same things should be, as camera poses and depth tell."""
+"""Rectangles propagated from one frame to another: where the same things should be, as camera poses and depth tell."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from cuboid.readers.recording import Recording
 MIDDLE = 0.25
 # Nearer than this no sensor measures, metres.
 NEAR_M = 0.05
-# Of what leaves the picture at least this share must stay, or it is taken to have left.
-LEAST_LEFT = 0.15
+# Of what leaves the picture at least this fraction must stay, or it is taken to have left.
+MIN_LEFT = 0.15
 
 Rect = tuple[int, int, int, int]
 
 
-def carried(recording: Recording, source: int, target: int, rects: Sequence[Float64Array]) -> list[Rect | None]:
+def propagated(recording: Recording, source: int, target: int, rects: Sequence[Float64Array]) -> list[Rect | None]:
     """Return where rectangles of one frame should be in another one.
 
     The middle of a rectangle moves as the point behind it does, its size with the distance. Where a pose or all depth
@@ -48,10 +48,10 @@ def carried(recording: Recording, source: int, target: int, rects: Sequence[Floa
     if T_world_target is None or frame.T_world_camera is None:
         return [_whole(rect) for rect in rects]
     T_target_source = inverse(T_world_target) @ frame.T_world_camera
-    return [_carried(rect, frame.depth_m, T_target_source, recording.intrinsics) for rect in rects]
+    return [_propagated(rect, frame.depth_m, T_target_source, recording.intrinsics) for rect in rects]
 
 
-def _carried(
+def _propagated(
     rect: Float64Array, depth_m: Float32Array, T_target_source: Float64Array, intrinsics: Intrinsics
 ) -> Rect | None:
     K, z = intrinsics, _depth_of(rect, depth_m)
@@ -65,7 +65,7 @@ def _carried(
     center = moved[:2] / moved[2] * (K.fx, K.fy) + (K.cx, K.cy)
     low, high = center - half * z / moved[2], center + half * z / moved[2]
     inside = np.clip((low, high), 0.0, (K.width, K.height))
-    if np.prod(inside[1] - inside[0]) < LEAST_LEFT * np.prod(high - low):
+    if np.prod(inside[1] - inside[0]) < MIN_LEFT * np.prod(high - low):
         return None
     return _whole(inside.ravel())
 

@@ -1,4 +1,4 @@
-"""The door of JSON files: from bytes to a document of which every field is as its format says, or one line why not."""
+"""Validation of JSON files: from bytes to a document whose fields are as its format says, or one line why not."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, TypeVar, get_args, get_type_hints
 import msgspec
 
 from cuboid.errors import InputError, shown
-from cuboid.formats.reading import MOST_JSON_BYTES, read_bytes
+from cuboid.formats.reading import MAX_JSON_BYTES, read_bytes
 
 T = TypeVar("T")
 
@@ -47,17 +47,17 @@ def read_json(path: Path, kind: type[T]) -> T:
         The file cannot be read, is no JSON, is of another format or version, or a field is not as it must be; the
         message names the field, what is there, and what was expected.
     """
-    return checked(path, read_bytes(path, MOST_JSON_BYTES), kind)
+    return checked(path, read_bytes(path, MAX_JSON_BYTES), kind)
 
 
 def read_any(path: Path) -> dict[str, Any]:
     """Read a JSON object of whatever fields; raises as `read_json`."""
-    return checked(path, read_bytes(path, MOST_JSON_BYTES), dict[str, Any])
+    return checked(path, read_bytes(path, MAX_JSON_BYTES), dict[str, Any])
 
 
 def format_in(path: Path) -> str | None:
     """Return the format that a JSON document says it has, if it says one; raises as `read_json`."""
-    said = checked(path, read_bytes(path, MOST_JSON_BYTES), _Head).format
+    said = checked(path, read_bytes(path, MAX_JSON_BYTES), _Head).format
     return said if isinstance(said, str) else None
 
 
