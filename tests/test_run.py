@@ -111,7 +111,7 @@ def test_same_input_twice_gives_the_same_bytes_with_one_thread_or_two(tmp_path: 
 
 def test_the_whole_frame_counts_decoding_and_every_stage() -> None:
     timings = track(FakeRecording(30), None, scale=2).report.milliseconds
-    assert list(timings) == ["frame", "decode", "scale", "proposals", "matching"]
+    assert list(timings) == ["frame", "decode", "scale", "poses", "proposals", "matching"]
     assert timings["matching"].median_ms == pytest.approx(2.0)
     assert timings["frame"].median_ms >= timings["decode"].median_ms + timings["scale"].median_ms
 

@@ -51,7 +51,7 @@ class Worlds(RuleBasedStateMachine):
         result = self.tracker.update(frame, self.anchor)
         self.index += 1
         self.watch.result(frame, result)
-        self.watch.show_view()
+        self.watch.check_map()
 
     @rule(frames=st.integers(4, 12))
     def go_round(self, frames: int) -> None:
@@ -104,7 +104,7 @@ class Worlds(RuleBasedStateMachine):
         rng = self.world.rng
         moved = {int(k): se3.exp(rng.normal(size=6) * size) for k in rng.integers(0, self.anchor + 2, count)}
         self.tracker.apply_correction(moved)
-        self.watch.show_view()
+        self.watch.check_map()
         self.show("round")
 
 

@@ -142,7 +142,7 @@ class Watch:
         self._ended: set[int] = set()
         self.labelled = 0
 
-    def look(self) -> None:
+    def check_map(self) -> None:
         """Look at the map of objects, the map of points, and the planes."""
         self._objects()
         self._labels()

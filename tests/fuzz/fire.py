@@ -140,7 +140,7 @@ def _take(seed: int, frames: int, fired: Fired, size: tuple[int, int] | None) ->
                 fired.took(FRAME, time.thread_time() - begun_s, where)
             fired.frames += 1
             watch.result(item.frame, result)
-            watch.look()
+            watch.check_map()
         except FrameError:
             fired.refused += 1
         except Exception as error:

@@ -55,6 +55,9 @@ class _Keyframe:
 class DriftCorrection:
     """Corrects the given poses of a recording where they have proved to drift.
 
+    `track_recording` does so by itself. Whoever calls the tracker gives it frames with the poses that `correct` returns:
+    ``dataclasses.replace(frame, T_world_camera=correction.correct(frame, frame.T_world_camera))``.
+
     Parameters
     ----------
     intrinsics : Intrinsics
