@@ -10,6 +10,8 @@ from math import log
 
 from cuboid.tolerances import SURE
 
+Pair = tuple[int, int]
+
 # Over-segmentation (one in three frames) is more frequent than under-segmentation (one in seven): what a frame adds to
 # the log-odds that two are one, or takes off.
 SPLIT_RATE, JOIN_RATE = 0.35, 0.15
@@ -22,8 +24,9 @@ class Affinity:
     """The log-odds, for each pair of objects seen side by side, that they are one."""
 
     def __init__(self) -> None:
-        # Of each object, by those that it was seen beside; a pair is there both ways.
-        self._told: dict[int, dict[int, float]] = {}
+        # A saved scene has these by their names.
+        self._log_odds: dict[Pair, float] = {}
+        self._partners: dict[int, set[int]] = {}
 
     def add_evidence(self, a: int, b: int, *, one: bool, novelty: float) -> None:
         """Add the evidence of a frame on two objects, weighted by the novelty (0..1) of its viewpoint."""
@@ -35,30 +38,37 @@ class Affinity:
         self._add(a, b, SAME_LOG_ODDS * novelty - min(0.0, evidence or 0.0))
 
     def _add(self, a: int, b: int, evidence: float) -> None:
-        mine = self._told.setdefault(a, {})
-        mine[b] = self._told.setdefault(b, {})[a] = min(MAX_LOG_ODDS, max(-MAX_LOG_ODDS, mine.get(b, 0.0) + evidence))
+        pair = (min(a, b), max(a, b))
+        self._partners.setdefault(a, set()).add(b)
+        self._partners.setdefault(b, set()).add(a)
+        self._log_odds[pair] = min(MAX_LOG_ODDS, max(-MAX_LOG_ODDS, self._log_odds.get(pair, 0.0) + evidence))
 
     def of(self, a: int, b: int) -> float | None:
         """Return the log-odds that two objects are one; None where they were never seen side by side."""
-        return self._told.get(a, {}).get(b)
+        return self._log_odds.get((min(a, b), max(a, b)))
 
     def objects(self) -> list[int]:
         """Return the objects that were seen beside any, ascending."""
-        return sorted(number for number, beside in self._told.items() if beside)
+        return sorted(number for number, beside in self._partners.items() if beside)
 
     def partners(self, number: int, least: float = -MAX_LOG_ODDS, most: float = MAX_LOG_ODDS) -> list[int]:
         """Return the objects that were seen beside one, ascending: those whose log-odds lie in a range."""
-        beside = self._told.get(number)
-        return sorted([other for other, evidence in beside.items() if least <= evidence <= most]) if beside else []
+        odds, beside = self._log_odds, self._partners.get(number)
+        if not beside:
+            return []
+        if least <= -MAX_LOG_ODDS and most >= MAX_LOG_ODDS:
+            return sorted(beside)
+        return sorted([k for k in beside if least <= odds[(number, k) if number < k else (k, number)] <= most])
 
     def transfer(self, gone: int, kept: int) -> None:
         """Add the affinities of an object that was merged to those of the one that remains."""
-        for partner, evidence in list(self._told.get(gone, {}).items()):
+        for partner in self.partners(gone):
             if partner != kept:
-                self._add(kept, partner, evidence)
+                self._add(kept, partner, self._log_odds[(min(gone, partner), max(gone, partner))])
         self.remove(gone)
 
     def remove(self, number: int) -> None:
         """Remove an object."""
-        for partner in self._told.pop(number, {}):
-            del self._told[partner][number]
+        for partner in self._partners.pop(number, ()):
+            self._log_odds.pop((min(number, partner), max(number, partner)), None)
+            self._partners[partner].discard(number)
