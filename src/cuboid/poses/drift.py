@@ -17,13 +17,10 @@ from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry.se3 import inverse, moved_beyond, tidied
 from cuboid.kernels import align as kernel
 from cuboid.poses.alignment import NOISE, Prior, Reference, align, pick
-from cuboid.poses.keyframes import OVERLAP_LEVEL, median_depth_m, overlap, view_distances
+from cuboid.poses.keyframes import NEW_VIEW, OVERLAP_LEVEL, median_depth_m, overlap, pixels_of, view_distances
 from cuboid.poses.pyramid import Level, build_levels, shrink
 from cuboid.tolerances import DRIFT_M, DRIFT_RAD, MIN_FRAMES, MIN_READINGS, MOST, SIGMAS
 
-# A frame becomes a keyframe when its view differs by this much from those of all keyframes, radians; views from farther
-# apart overlap too little to align well.
-NEW_VIEW = 0.17
 # Keyframes that are remembered: 100 kB each. The one that was used longest ago goes.
 MAX_KEYFRAMES = 256
 # Views from directions farther apart than this have little in common, radians.
@@ -31,14 +28,12 @@ FAR_VIEW = 0.7
 # The search starts at this level, of 80 pixels: between two comparisons poses err by less than one of them. While the
 # poses have not proved to drift it ends at 160 pixels, which takes a third of the time: that is true to millimetres.
 COARSEST, ENOUGH = 2, 1
-# Points nearer than this to the camera, metres, are not looked for in an image.
-NEAREST_M = 0.1
 # An alignment explains more than the given poses do where it explains most of what they do not, and of all points this
 # fraction: the edges of things alone have fewer.
 MIN_GAIN = 0.03
 # What a pose explains is told at this level, of 160 pixels: a reading there is the mean of several. What differs by
 # more than this, metres, is hidden by something, or another surface: it tells nothing.
-TOLD_AT, ELSEWHERE_M = 1, 0.1
+TOLD_AT, OTHER_SURFACE_M = 1, 0.1
 
 
 @dataclass(slots=True)
@@ -90,7 +85,7 @@ class DriftCorrection:
             T_world_camera as the recording has it.
         """
         camera = self._intrinsics
-        if frame.depth_m.shape == (camera.height, camera.width) and self._is_elsewhere(given):
+        if frame.depth_m.shape == (camera.height, camera.width) and self._is_new_viewpoint(given):
             self._compare(frame, given)
         if self.proven_at is None:
             return given
@@ -98,7 +93,7 @@ class DriftCorrection:
         self.most_m = max(self.most_m, float(np.linalg.norm(corrected[:3, 3] - given[:3, 3])))
         return corrected
 
-    def _is_elsewhere(self, given: Float64Array) -> bool:
+    def _is_new_viewpoint(self, given: Float64Array) -> bool:
         """Tell whether the camera has moved by as much as poses may err since a frame was compared last.
 
         The second comparison comes after half of that: so, mostly, it is not those frames that are compared of which
@@ -129,8 +124,9 @@ class DriftCorrection:
             finest = ENOUGH if self.proven_at is None else 0
             found = align(keyframe.reference, levels, expected, prior, coarsest=COARSEST, finest=finest)
             if found.reliable:
-                as_given = inverse(given) @ keyframe.given
-                self._judge(frame.index, keyframe.reference, levels, as_given, found.T_camera_reference)
+                if self.proven_at is None:
+                    as_given = inverse(given) @ keyframe.given
+                    self._judge(frame.index, keyframe.reference, levels, as_given, found.T_camera_reference)
                 corrected = tidied(keyframe.corrected @ inverse(found.T_camera_reference))
                 self._T_corrected_given = tidied(corrected @ inverse(given))
         if views.min(initial=np.inf) > NEW_VIEW:
@@ -143,7 +139,7 @@ class DriftCorrection:
         left, before = (1.0 - explained(reference, levels[TOLD_AT], T) for T in (found, as_given))
         misfit = left <= MOST * before and before - left >= MIN_GAIN
         self._misfits = self._misfits + 1 if misfit else 0
-        if self.proven_at is None and self._misfits >= MIN_FRAMES:
+        if self._misfits >= MIN_FRAMES:
             self.proven_at = index
 
     def _oldest(self, near: list[int], T_world_camera: Float64Array, level: Level) -> _Keyframe | None:
@@ -178,18 +174,13 @@ def explained(reference: Reference, level: Level, T_camera_reference: Float64Arr
     """
     T, picked = T_camera_reference.astype(np.float32), reference.levels[TOLD_AT]
     points, normals = picked.points @ T[:3, :3].T + T[:3, 3], picked.normals @ T[:3, :3].T
-    fx, fy, cx, cy = level.camera
-    height, width = level.image.shape[:2]
-    z = np.maximum(points[:, 2], NEAREST_M)
-    u, v = np.rint(points[:, 0] / z * fx + cx), np.rint(points[:, 1] / z * fy + cy)
-    seen = (points[:, 2] > NEAREST_M) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    u, v = u[seen].astype(int), v[seen].astype(int)
+    seen, u, v = pixels_of(points, level)
     depth_m = level.image[v, u, kernel.DEPTH]
-    read = depth_m > 0
+    read, (fx, fy, cx, cy) = depth_m > 0, level.camera
     u, v, depth_m, points, normals = u[read], v[read], depth_m[read], points[seen][read], normals[seen][read]
     places = np.column_stack([(u - cx) / fx * depth_m, (v - cy) / fy * depth_m, depth_m])
     off_m = np.abs(((places - points) * normals).sum(1))
-    here = off_m < ELSEWHERE_M
+    here = off_m < OTHER_SURFACE_M
     if np.count_nonzero(here) < MIN_READINGS:
         return 0.0
     return float((off_m < SIGMAS * (NOISE[0] + NOISE[1] * depth_m**2))[here].mean())

@@ -12,13 +12,11 @@ from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry import se3
 from cuboid.poses.alignment import Alignment, Prior, Reference, align
 from cuboid.poses.atlas import Atlas, FrameFeatures, Place
-from cuboid.poses.keyframes import OVERLAP_LEVEL, Keyframe
+from cuboid.poses.keyframes import NEW_VIEW, OVERLAP_LEVEL, Keyframe
 from cuboid.poses.places import describe, locate
 from cuboid.poses.pyramid import Level, SmallImage, keep, shrink
 
-# A frame becomes a keyframe when its view differs by this much from those of all keyframes, radians.
-NEW_VIEW = 0.17
-# One whose pose is given needs fewer: nothing is aligned to it but what has lost its way.
+# One whose pose is given needs fewer, whose views differ by this: nothing is aligned to it but what has lost its way.
 GIVEN_VIEW = 0.3
 # A frame is aligned to so many keyframes at once: those that overlap it most, chosen anew every so many frames.
 LOCAL, CHOOSE_EVERY = 3, 5

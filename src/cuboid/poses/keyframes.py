@@ -5,15 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.geometry import se3
+from cuboid.kernels import align as kernel
 from cuboid.poses.alignment import Reference, pick
 from cuboid.poses.places import Appearance
 from cuboid.poses.pyramid import Level, SmallImage
 
 # Overlap is told by the points of this level, every so many of them.
 OVERLAP_LEVEL, OVERLAP_EVERY = 2, 4
+# A frame becomes a keyframe when its view differs by this much from those of all keyframes, radians: it overlaps them
+# well still.
+NEW_VIEW = 0.17
+# Points nearer than this to the camera, metres, are not looked for in an image.
+NEAREST_M = 0.1
 # A point is in sight when the reading there is no nearer than this fraction of its depth.
 SIGHT_FRACTION = 0.05
 # Views from directions farther apart than this have little in common, cosine (60 degrees).
@@ -87,15 +94,23 @@ def overlap(reference: Reference, T_world_keyframe: Float64Array, T_world_camera
         return 0.0
     points = coarse.points[::OVERLAP_EVERY] @ T[:3, :3].T + T[:3, 3]
     normals = coarse.normals[::OVERLAP_EVERY] @ T[:3, :3].T
+    seen, u, v = pixels_of(points, level)
+    facing = (normals[seen] * points[seen]).sum(1) < 0
+    reading, z = level.image[v, u, kernel.DEPTH][facing], points[seen, 2][facing]
+    hidden = (reading > 0) & (reading < z * (1 - SIGHT_FRACTION))
+    return float(np.count_nonzero(~hidden) / len(points))
+
+
+def pixels_of(
+    points: npt.NDArray[np.floating], level: Level
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return which points (N, 3) of the camera frame fall into an image, and column and row of each of these."""
     fx, fy, cx, cy = level.camera
     height, width = level.image.shape[:2]
-    z = np.maximum(points[:, 2], 1e-3)
+    z = np.maximum(points[:, 2], NEAREST_M)
     u, v = np.rint(points[:, 0] / z * fx + cx), np.rint(points[:, 1] / z * fy + cy)
-    seen = (points[:, 2] > 0.1) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    seen &= (normals * points).sum(1) < 0
-    reading = level.image[v[seen].astype(int), u[seen].astype(int), 3]
-    hidden = (reading > 0) & (reading < z[seen] * (1 - SIGHT_FRACTION))
-    return float(np.count_nonzero(~hidden) / len(points))
+    seen = (points[:, 2] > NEAREST_M) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    return seen, u[seen].astype(np.int64), v[seen].astype(np.int64)
 
 
 def view_distances(
