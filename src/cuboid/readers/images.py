@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import zlib
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.errors import FrameError
-from cuboid.formats.reading import UnreadableError, names_in, read_bytes
+from cuboid.formats.reading import UnreadableError, read_bytes
 from cuboid.frame import Float32Array, UInt8Array
 from cuboid.readers.imagesize import PNG_MAGIC, image_size
 from cuboid.readers.reader import ImageSource
@@ -35,14 +34,6 @@ PLAUSIBLE_M = (0.1, 20.0)
 # Pixels as stored: a turn noted in EXIF would part color from depth and from the intrinsics.
 _COLOR_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
 _COLOR_RGB_FLAGS = getattr(cv2, "IMREAD_COLOR_RGB", None)  # absent from some builds of OpenCV 4
-
-
-IMAGE_ENDINGS = (".png", ".jpg", ".jpeg")
-
-
-def images_in(folder: Path) -> list[Path]:
-    """Return the image files in a folder, sorted; raises InputError where it cannot be listed."""
-    return [folder / name for name in sorted(names_in(folder)) if os.path.splitext(name)[1].lower() in IMAGE_ENDINGS]
 
 
 def image_dimensions(path: Path) -> tuple[int, int] | None:

@@ -10,6 +10,7 @@ from cuboid.errors import InputError, shown
 from cuboid.formats.reading import names_in
 from cuboid.formats.stored import ARCHIVE_ENDINGS, StoredPath, located
 from cuboid.readers import calibration as calibrations
+from cuboid.readers.image_folder import left_out, left_out_warning
 from cuboid.readers.reader import READERS, Listing, Reader
 from cuboid.readers.recording import Recording
 
@@ -74,7 +75,9 @@ def open_recording(
     except ValueError:  # a NUL, or half a character, in the name
         raise InputError(f"{shown(str(path))}: no recording can have this name") from None
     calibration, depth_units_per_metre = calibrations.choose(listing, intrinsics, depth_scale, found)
-    listing = dataclasses.replace(listing, up_world=calibrations.up_world(listing))
+    stray = left_out_warning(found, left_out(listing.frames))
+    warnings = listing.warnings if stray is None else (*listing.warnings, stray)
+    listing = dataclasses.replace(listing, up_world=calibrations.up_world(listing), warnings=warnings)
     return Recording(found, f"{name}:{text}" if text else name, listing, calibration, depth_units_per_metre)
 
 
@@ -99,8 +102,8 @@ def _find(given: Path, readers: list[tuple[str, Reader]]) -> tuple[str, Reader, 
         inner = []
         for path in level:
             here = [(name, reader, path) for name, reader in readers if reader.recognises(path)]
-            if not (path / calibrations.CAMERA_FILE).is_file():
-                here = [one for one in here if not one[1].gives_way] or here
+            if len(here) > 1:
+                here = [one for one in here if not one[1].gives_way(path)] or here
             found += here
             if not here and depth < LEVELS:
                 inner += _inside(path, {ending for _, reader in readers for ending in reader.files})
