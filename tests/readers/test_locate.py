@@ -74,6 +74,19 @@ def test_absent_empty_and_unrecognised(tmp_path):
     assert "\n" not in str(raised.value)
 
 
+def test_what_was_seen_and_which_layouts_are_near(plain):
+    for k in range(5):
+        plain.depth(k).rename(plain.path / f"{k}.tiff")
+    (plain.path / "depth").rmdir()
+    with pytest.raises(InputError, match="holds no recording") as raised:
+        open_recording(plain.path)
+    seen, *near = raised.value.__notes__
+    assert seen == "seen: 5 .tiff, 1 .json, 1 .txt, 5 .png in color/"
+    assert near[0] == "near: plain, but it lacks depth/ or depths/"
+    assert near[1].startswith("near: open3d, but it lacks depth/, camera_intrinsic.json or trajectory.log")
+    assert not any("tum" in note for note in near)  # nothing of it is there
+
+
 @pytest.mark.parametrize("inside", ["color", "color/000001.png", "poses.txt"])
 def test_a_part_of_a_recording_points_to_the_whole(plain, inside):
     with pytest.raises(InputError, match=f"is a part of a recording; name {plain.path}$"):
@@ -90,7 +103,7 @@ def test_relative_paths_and_links(plain, tmp_path, monkeypatch):
 def test_format_by_name(plain):
     assert open_recording(plain.path, format="plain").format == "plain"
     with pytest.raises(
-        InputError, match=r"a recording of one of these forms is expected: tum \(rgb\.txt, depth\.txt\)$"
+        InputError, match=r"a recording of one of these forms is expected: tum \(rgb\.txt, depth\.txt\)\n"
     ):
         open_recording(plain.path, format="tum")
     with pytest.raises(InputError, match="unknown format 'bag'; there are: 3rscan, 7-scenes, "):

@@ -200,7 +200,7 @@ def test_images_that_cannot_be_paired_are_named(plain):
     path = _renamed(plain, "rgb", "depth", lambda folder, k: f"{k + 100 * (folder == 'depth')}.png")
     (path / "depth" / "102.png").unlink()
     with pytest.raises(
-        InputError, match=r"5 images in rgb/ \(0\.png to 4\.png\) and 4 in depth/ \(100\.png to 104\.png\)"
+        InputError, match=r"rgb/ \(5: 0\.png to 4\.png\) and depth/ \(4: 100\.png to 104\.png\) cannot be"
     ):
         open_recording(path)
 

@@ -11,6 +11,7 @@ from cuboid.formats.reading import names_in
 from cuboid.formats.stored import ARCHIVE_ENDINGS, StoredPath, located
 from cuboid.readers import calibration as calibrations
 from cuboid.readers.image_folder import left_out, left_out_warning
+from cuboid.readers.nearest import nothing_found
 from cuboid.readers.reader import READERS, Listing, Reader
 from cuboid.readers.recording import Recording
 
@@ -18,8 +19,6 @@ from cuboid.readers.recording import Recording
 LEVELS = 2
 # So many recordings are named when there are several to choose from.
 NAMED = 8
-# And so many forms are described; of more only one.
-DESCRIBED, EXAMPLE = 3, "plain"
 
 
 def open_recording(
@@ -109,7 +108,7 @@ def _find(given: Path, readers: list[tuple[str, Reader]]) -> tuple[str, Reader, 
                 inner += _inside(path, {ending for _, reader in readers for ending in reader.files})
         level = inner
     if not found:
-        raise InputError(_nothing_found(given, readers))
+        raise _nothing_found(given, readers)
     return _only_one(found, given)
 
 
@@ -143,15 +142,8 @@ def _open_to_us(path: Path) -> bool:
     return isinstance(path, StoredPath) or os.access(path, os.R_OK | os.X_OK if path.is_dir() else os.R_OK)
 
 
-def _nothing_found(given: Path, readers: list[tuple[str, Reader]]) -> str:
+def _nothing_found(given: Path, readers: list[tuple[str, Reader]]) -> InputError:
     above = [path for path in (given.parent, given.parent.parent) for _, reader in readers if reader.recognises(path)]
     if above:
-        return f"{given} is a part of a recording; name {above[0]}"
-    if len(readers) > DESCRIBED:
-        example = next((f", such as {name} ({reader.expects})" for name, reader in readers if name == EXAMPLE), "")
-        expected = f"a recording in one of {len(readers)} forms is expected{example}; docs/recordings.md has all"
-    else:
-        described = "; ".join(f"{name} ({reader.expects})" for name, reader in readers)
-        expected = f"a recording of one of these forms is expected: {described}"
-    what = "is a file" if given.is_file() else "is empty" if not any(names_in(given)) else "holds no recording"
-    return f"{given} {what}; {expected}"
+        return InputError(f"{given} is a part of a recording; name {above[0]}")
+    return nothing_found(given, readers)

@@ -129,8 +129,8 @@ def _by_time(color: dict[Decimal, Path], depth: dict[Decimal, Path]) -> tuple[li
 def _no_partners(colors: Images, depths: Images) -> str:
     """Say which files have no partner."""
     return (
-        f"{colors.folder.parent}: {len(colors.files)} images in {colors.folder.name}/ ({_names(colors)}) and "
-        f"{len(depths.files)} in {depths.folder.name}/ ({_names(depths)}) cannot be paired: no number in their names "
+        f"{colors.folder.parent}: {colors.folder.name}/ ({len(colors.files)}: {_names(colors)}) and "
+        f"{depths.folder.name}/ ({len(depths.files)}: {_names(depths)}) cannot be paired: no number in the names "
         "agrees, and the counts differ; give partners the same number"
     )
 
