@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cuboid.decoding import Decoded
+from cuboid.diagnosis import Counts, RunFacts, diagnose, explains, median_or_none
 from cuboid.downscaling import downscale
 from cuboid.errors import FrameError, InputError
 from cuboid.frame import Float64Array
@@ -18,6 +19,7 @@ from cuboid.posing import LOST, GivenPoses, Poses
 from cuboid.run_types import Progress, RecordingLike, TrackerLike, Watch
 
 if TYPE_CHECKING:
+    from cuboid.calibration.pose_fit import PoseFit
     from cuboid.scene.running import SceneRun
     from cuboid.views.video import FrameSink
 
@@ -40,6 +42,7 @@ class Pipeline:
     times_s: dict[int, float] = field(default_factory=dict)
     T_world_camera: dict[int, Float64Array] = field(default_factory=dict)
     skipped: list[tuple[int, str]] = field(default_factory=list)
+    counts: Counts = field(default_factory=Counts)
 
     def __post_init__(self) -> None:
         if self.session is not None:
@@ -82,6 +85,7 @@ class Pipeline:
             return str(error)
         self.T_world_camera[frame.index] = posed.T_world_camera
         clock.laps(result.milliseconds)
+        self.counts.add(small, result)
         if self.writer is not None:
             self.writer.add(result, self.scale)
             clock.lap("write")
@@ -95,19 +99,55 @@ class Pipeline:
         self.progress.frame(result)
         return ""
 
-    def warnings(self, recording: RecordingLike) -> tuple[str, ...]:
-        """Return what is likely to be wrong with the recording; costs a second where results are written."""
+    def warnings(self, recording: RecordingLike, every: int) -> tuple[str, ...]:
+        """Return what is likely to be wrong with the run; costs a second or two where results are written."""
         if self.writer is None:
-            return self.poses.warnings()
+            return (*self.poses.warnings(), *self._diagnosis(recording, every, None))
         from cuboid.calibration.check import intrinsics_warning
+        from cuboid.calibration.pose_fit import pose_fit
         from cuboid.calibration.registering import registration_warning
 
         corrected = self.poses.trajectory()
         poses = self.T_world_camera if corrected is None else corrected
         estimated = corrected is not None and not self.poses.given_with_frames
-        found = intrinsics_warning(recording.read, recording.intrinsics, poses, estimated=estimated)
+        fit = None if estimated else pose_fit(recording.read, recording.intrinsics, poses)
+        found = None
+        if fit is None or explains(fit):
+            found = intrinsics_warning(recording.read, recording.intrinsics, poses, estimated=estimated)
         beside = registration_warning(recording.read, recording.intrinsics, sorted(poses))
-        return (*self.poses.warnings(), *(one for one in (found, beside) if one is not None))
+        checked = (one for one in (found, beside) if one is not None)
+        return (*self.poses.warnings(), *checked, *self._diagnosis(recording, every, fit))
+
+    def _diagnosis(self, recording: RecordingLike, every: int, fit: PoseFit | None) -> tuple[str, ...]:
+        reasons = [reason for _, reason in self.skipped]
+        facts = RunFacts(
+            frames_read=len(self.T_world_camera) + len(self.skipped),
+            frames_used=len(self.T_world_camera),
+            frames_lost=reasons.count(LOST),
+            frames_without_pose=self._without_pose(recording),
+            every=every,
+            depth_fraction=median_or_none(self.counts.depth_fraction),
+            depth_median_m=median_or_none(self.counts.depth_median_m),
+            depth_units_per_metre=recording.depth_units_per_metre,
+            pose_fit=fit,
+            up_known=self.tracker.up is not None,
+            planes=len(self.tracker.planes),
+            proposals=self.counts.proposals,
+            objects=len(self.tracker.objects),
+        )
+        return diagnose(facts)
+
+    def _without_pose(self, recording: RecordingLike) -> int:
+        """Return how many of the skipped frames lack a pose that should come with them."""
+        if not self.poses.given_with_frames:
+            return 0
+        count = 0
+        for frame, _ in self.skipped:
+            try:
+                recording.pose(frame)
+            except FrameError:
+                count += 1
+        return count
 
     def trajectory(self) -> list[PoseRow] | None:
         """Return the corrected poses of the frames that were used; None where none was corrected.

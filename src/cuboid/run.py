@@ -226,9 +226,9 @@ def _report(
         seconds=time.perf_counter() - begun_s,
         peak_memory_mb=peak_memory_mb(),
         warnings=(
-            *(live.warnings if live else ()),
+            *recording.warnings,
             *(pipeline.session.warnings() if pipeline.session else ()),
-            *pipeline.warnings(bare),
+            *pipeline.warnings(bare, int(settings.get("every", 1))),
         ),
         frames_dropped=live.dropped if live else 0,
         limits=pipeline.log.limits(),
