@@ -102,10 +102,13 @@ def median_or_none(values: list[float]) -> float | None:
 
 
 def diagnose(facts: RunFacts) -> tuple[str, ...]:
-    """Return the warnings about a run, one line each, causes before their effects; empty where nothing is wrong."""
-    causes = (_lost(facts), _without_pose(facts), _few_readings(facts), _scale_or_poses(facts), _up(facts))
+    """Return the warnings about a run, one line each, the causes of others first; empty where nothing is wrong.
+
+    That no object was found is a warning of its own where none of the others explains it.
+    """
+    causes = (_scale_or_poses(facts), _few_readings(facts), _lost(facts), _without_pose(facts))
     found = tuple(cause for cause in causes if cause is not None)
-    return found if facts.objects or not facts.frames_used else (*found, _no_object(facts, explained=bool(found)))
+    return (_no_object(facts),) if not (found or facts.objects) and facts.frames_used else found
 
 
 def _lost(facts: RunFacts) -> str | None:
@@ -176,16 +179,8 @@ def _scale_or_poses(facts: RunFacts) -> str | None:
     return None
 
 
-def _up(facts: RunFacts) -> str | None:
-    if facts.up_known or not facts.frames_used:
-        return None
-    return "up is not known: no floor or table was seen; name it as 'up_world' in camera.json"
-
-
-def _no_object(facts: RunFacts, *, explained: bool) -> str:
-    """Return the line about an empty result, with the most likely reason unless another warning holds it."""
-    if explained:
-        return f"no object found, probably for the reason above; {HELP}"
+def _no_object(facts: RunFacts) -> str:
+    """Return the line about an empty result that no other warning explains, with the most likely reason."""
     if facts.frames_used < FEW_FRAMES:
         advice = "--every 1 reads all" if facts.every > 1 else "record more"
         return (
@@ -195,6 +190,11 @@ def _no_object(facts: RunFacts, *, explained: bool) -> str:
         return (
             f"no object found: the median depth is {facts.depth_median_m:.1f} m, objects are found up to "
             f"{REACH_M:g} m; move nearer, or correct the scale with --depth-scale"
+        )
+    if not facts.up_known:
+        return (
+            "no object found, and up is not known: no floor or table was seen; keep the surface under the things in "
+            "the picture, or name 'up_world' in camera.json"
         )
     if not facts.proposals:
         return f"no object found: no frame had a box of its own; look at 'cuboid render DIR --show heat'; {HELP}"

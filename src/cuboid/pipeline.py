@@ -102,7 +102,7 @@ class Pipeline:
     def warnings(self, recording: RecordingLike, every: int) -> tuple[str, ...]:
         """Return what is likely to be wrong with the run; costs a second or two where results are written."""
         if self.writer is None:
-            return (*self.poses.warnings(), *self._diagnosis(recording, every, None))
+            return (*self._diagnosis(recording, every, None), *self.poses.warnings())
         from cuboid.calibration.check import intrinsics_warning
         from cuboid.calibration.pose_fit import pose_fit
         from cuboid.calibration.registering import registration_warning
@@ -116,7 +116,7 @@ class Pipeline:
             found = intrinsics_warning(recording.read, recording.intrinsics, poses, estimated=estimated)
         beside = registration_warning(recording.read, recording.intrinsics, sorted(poses))
         checked = (one for one in (found, beside) if one is not None)
-        return (*self.poses.warnings(), *checked, *self._diagnosis(recording, every, fit))
+        return (*self._diagnosis(recording, every, fit), *self.poses.warnings(), *checked)
 
     def _diagnosis(self, recording: RecordingLike, every: int, fit: PoseFit | None) -> tuple[str, ...]:
         reasons = [reason for _, reason in self.skipped]
