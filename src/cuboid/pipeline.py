@@ -110,7 +110,10 @@ class Pipeline:
         corrected = self.poses.trajectory()
         poses = self.T_world_camera if corrected is None else corrected
         estimated = corrected is not None and not self.poses.given_with_frames
-        fit = None if estimated else pose_fit(recording.read, recording.intrinsics, poses)
+        fit = None
+        if self.poses.given_with_frames:  # as they were given: correcting drift bends them to a wrong depth scale
+            given = ((frame, recording.pose(frame)) for frame in self.T_world_camera)
+            fit = pose_fit(recording.read, recording.intrinsics, {k: T for k, T in given if T is not None})
         found = None
         if fit is None or explains(fit):
             found = intrinsics_warning(recording.read, recording.intrinsics, poses, estimated=estimated)
