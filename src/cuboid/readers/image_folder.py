@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from cuboid.errors import InputError
 from cuboid.formats.reading import names_in
 from cuboid.readers.reader import FrameEntry
 
@@ -63,13 +64,7 @@ def counted_endings(names: Iterable[str]) -> str:
 
 
 def left_out(frames: Iterable[FrameEntry]) -> list[Path]:
-    """Return the images beside those of the frames whose names have another pattern than these.
-
-    Raises
-    ------
-    InputError
-        A folder cannot be listed.
-    """
+    """Return the images beside those of the frames whose names have another pattern than these."""
     patterns: dict[Path, set[str]] = {}
     for entry in frames:
         for image in (entry.color, entry.depth):
@@ -78,10 +73,17 @@ def left_out(frames: Iterable[FrameEntry]) -> list[Path]:
     return [
         folder / name
         for folder, known in patterns.items()
-        if folder.is_dir()
-        for name in sorted(names_in(folder))
+        for name in _names_if_there(folder)
         if is_image(name) and pattern_of(name) not in known
     ]
+
+
+def _names_if_there(folder: Path) -> list[str]:
+    """Return the names in a folder, sorted; none where a list of images names a folder that is not there."""
+    try:
+        return sorted(names_in(folder))
+    except (InputError, ValueError):
+        return []
 
 
 def left_out_warning(recording: Path, files: Sequence[Path]) -> str | None:

@@ -69,7 +69,7 @@ def pair_images(colors: Images, depths: Images) -> tuple[list[Pair], str | None]
     list of Pair
         Sorted by number.
     str or None
-        A note for the user if they were not put together by number.
+        A warning for the user if they were put together by order.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def pair_images(colors: Images, depths: Images) -> tuple[list[Pair], str | None]
     if common and (not timed or 2 * common > fewer):
         return [Pair(n, color.get(n), depth.get(n)) for n in sorted(color.keys() | depth.keys())], None
     if timed:
-        return _by_time(color, depth)
+        return _by_time(color, depth), None
     if len(colors.files) != len(depths.files):
         raise InputError(_no_partners(colors, depths))
     numbers = colors.numbers or [Decimal(k) for k in range(len(colors.files))]
@@ -110,7 +110,7 @@ def _seconds(numbers: Sequence[Decimal]) -> list[float]:
     return [float(number if (time_s := seconds_of(number)) is None else time_s) for number in numbers]
 
 
-def _by_time(color: dict[Decimal, Path], depth: dict[Decimal, Path]) -> tuple[list[Pair], str]:
+def _by_time(color: dict[Decimal, Path], depth: dict[Decimal, Path]) -> list[Pair]:
     """Give each color image the depth image nearest in time, one to one; depth images that are left have no frame."""
     colors, depths = sorted(color), sorted(depth)
     pairs = associate(_seconds(colors), _seconds(depths), ASSOCIATE_WITHIN_S)
@@ -119,11 +119,7 @@ def _by_time(color: dict[Decimal, Path], depth: dict[Decimal, Path]) -> tuple[li
             f"{color[colors[0]].parent}: no color image has a depth image within {1000 * ASSOCIATE_WITHIN_S:g} ms; "
             f"the first are {_name(color[colors[0]])} and {_name(depth[depths[0]])}"
         )
-    found = [Pair(n, color[n], depth[depths[pairs[k]]] if k in pairs else None) for k, n in enumerate(colors)]
-    return (
-        found,
-        f"color and depth are paired by the times in their names, {1000 * ASSOCIATE_WITHIN_S:g} ms apart at most",
-    )
+    return [Pair(n, color[n], depth[depths[pairs[k]]] if k in pairs else None) for k, n in enumerate(colors)]
 
 
 def _no_partners(colors: Images, depths: Images) -> str:
