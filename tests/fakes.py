@@ -34,6 +34,7 @@ class FakeRecording:
         self.distortion: tuple[float, ...] = ()
         self.depth_units_per_metre = 1000.0
         self.depth_camera = None
+        self.warnings: tuple[str, ...] = ()
         self.has_poses = poses
         self._frames = frames
         self._broken = broken or {}
@@ -46,7 +47,12 @@ class FakeRecording:
     def pose(self, index: int) -> np.ndarray | None:
         if index in self._retire_removed:
             raise FrameError("the frame has no camera pose")
-        return self.read(index).T_world_camera
+        return self._T_world_camera(index)
+
+    def _T_world_camera(self, index: int) -> np.ndarray:
+        T_world_camera = np.eye(4)
+        T_world_camera[0, 3] = index * 0.01
+        return T_world_camera
 
     def without_poses(self) -> FakeRecording:
         return FakeRecording(self._frames, self._broken, tuple(range(self._frames)), poses=False)
@@ -55,14 +61,12 @@ class FakeRecording:
         self.reads.append(index)
         if index in self._broken:
             raise FrameError(self._broken[index])
-        T_world_camera = np.eye(4)
-        T_world_camera[0, 3] = index * 0.01
         return Frame(
             index,
             index / 30.0,
             np.full((48, 64, 3), index % 256, np.uint8),
             np.full((48, 64), 1.5, np.float32),
-            None if index in self._retire_removed else T_world_camera,
+            None if index in self._retire_removed else self._T_world_camera(index),
         )
 
 

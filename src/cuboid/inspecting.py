@@ -69,6 +69,8 @@ class RecordingInfo:
         How far depth lies beside color, where that is clear.
     skipped : tuple of Skipped
         Kinds of frames that cannot be used, the most frequent first.
+    warnings : tuple of str
+        What the user should know of the files, such as images that were left out.
     """
 
     path: str
@@ -94,6 +96,7 @@ class RecordingInfo:
     up_measured: bool
     depth_off_px: float | None
     skipped: tuple[Skipped, ...]
+    warnings: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """Return it ready for JSON."""
@@ -153,6 +156,7 @@ def inspect_recording(recording: Recording, *, every_frame: bool = False) -> Rec
         up_measured=recording.up_measured,
         depth_off_px=_depth_off_px(bare, kept),
         skipped=_kinds(reasons),
+        warnings=recording.warnings,
     )
 
 

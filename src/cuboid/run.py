@@ -21,6 +21,7 @@ from cuboid.outputs import FinishedResults, ObjectsFile, ResultWriter, RunReport
 from cuboid.outputs.folder import VIDEO
 from cuboid.pipeline import Pipeline
 from cuboid.posing import AUTO, CORRECTED, ESTIMATED, GIVEN, Poses
+from cuboid.run_checks import checked_warnings
 from cuboid.run_plan import Plan, plan_for
 from cuboid.run_types import MakeFrameSink, MakeTracker, Progress, RecordingLike, RunOutcome, TrackerLike, Watch
 from cuboid.saving import write_page
@@ -136,7 +137,7 @@ def track_recording(
             complete = pipeline.follow(decoded, stop)
         if complete and not tracker.T_world_camera and plan.poses == ESTIMATED:
             raise InputError(f"{taken.path}: no camera pose can be estimated: no frame has enough depth and texture")
-        warnings = tracker.warnings if writer is None else tracker.checked_warnings(bare)
+        warnings = tracker.warnings if writer is None else checked_warnings(tracker, bare, every)
         report = _report(taken, tracker, session, settings, complete, threads, begun_s, warnings)
         points = tracker.map_points()
         found = ObjectsFile(tracker.up, taken.intrinsics, tuple(tracker.planes), points.counted(tracker.objects))
@@ -224,7 +225,7 @@ def _report(
         milliseconds=tracker.log.timings(),
         seconds=time.perf_counter() - begun_s,
         peak_memory_mb=peak_memory_mb(),
-        warnings=(*(live.warnings if live else ()), *(session.warnings() if session else ()), *warnings),
+        warnings=(*recording.warnings, *(session.warnings() if session else ()), *warnings),
         frames_dropped=live.dropped if live else 0,
         limits=tracker.log.limits(),
     )

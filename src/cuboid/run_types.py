@@ -50,6 +50,10 @@ class RecordingLike(Protocol):
     def has_poses(self) -> bool:
         """Whether camera poses come with it."""
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the user should know of its files, one line each."""
+
     def __len__(self) -> int:
         """Return the number of frames, bad ones included."""
 

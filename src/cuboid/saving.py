@@ -14,6 +14,7 @@ from cuboid.measuring import peak_memory_mb
 from cuboid.outputs import FinishedResults, ObjectsFile, ResultWriter, RunReport
 from cuboid.outputs.folder import REPORT
 from cuboid.outputs.writer import RowLog
+from cuboid.run_checks import checked_warnings
 from cuboid.run_types import RecordingLike, lens_settings
 
 if TYPE_CHECKING:
@@ -58,6 +59,11 @@ def save_results(
         writer.go_on(rows.texts(corrected=corrected is not None))
         every, skipped = _counted(tracker)
         lens = {} if recording is None else lens_settings(recording)
+        warnings = (
+            tracker.warnings
+            if recording is None
+            else (*recording.warnings, *checked_warnings(tracker, recording, every))
+        )
         report = RunReport(
             version=__version__,
             complete=True,
@@ -72,7 +78,7 @@ def save_results(
             milliseconds=tracker.log.timings(),
             seconds=seconds,
             peak_memory_mb=peak_memory_mb(),
-            warnings=tracker.warnings if recording is None else tracker.checked_warnings(recording),
+            warnings=warnings,
             limits=tracker.log.limits(),
         )
         points = tracker.map_points()

@@ -80,6 +80,11 @@ class Stream:
         self._count = 0
         self._kept: Recording | None = None
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What went wrong with the source so far."""
+        return tuple(self.source.warnings)
+
     def __len__(self) -> int:
         """Return how many frames have come so far."""
         return self._count

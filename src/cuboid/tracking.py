@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cuboid.config import TrackerConfig
+from cuboid.diagnosis import Counts, diagnose
 from cuboid.errors import CuboidError, FrameError, shown
 from cuboid.frame import Float64Array, Frame, Intrinsics, SkippedFrame
 from cuboid.limits import MEMORY_MB
@@ -21,6 +22,7 @@ from cuboid.outputs import PoseRow
 from cuboid.outputs.writer import RowLog
 from cuboid.posing import ESTIMATED, GIVEN, Poses, checked_origin, source_of_poses
 from cuboid.results import FrameResult, MapPoints, SupportPlane
+from cuboid.run_checks import run_facts
 from cuboid.run_types import RecordingLike, TrackerLike
 
 if TYPE_CHECKING:
@@ -122,7 +124,7 @@ class Tracker:
         self._mapper, self._source, self._write = mapper, source, write
         self._busy = threading.Lock()
         self._begun_s = time.perf_counter()
-        self.log = FrameLog()
+        self.log, self.counts = FrameLog(), Counts()
         self.times_s: dict[int, float] = {}
         self.T_world_camera: dict[int, Float64Array] = {}
 
@@ -179,6 +181,7 @@ class Tracker:
             return self.skip(frame.index, str(error))
         self.T_world_camera[frame.index] = posed.T_world_camera
         clock.laps(result.milliseconds)
+        self.counts.add(frame, result)
         if self._write is not None:
             self._write(result)
             clock.lap("write")
@@ -253,6 +256,11 @@ class Tracker:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is likely to be wrong with the frames, one line each."""
+        return (*diagnose(run_facts(self)), *self.pose_warnings)
+
+    @property
+    def pose_warnings(self) -> tuple[str, ...]:
+        """What is likely to be wrong with the camera poses, one line each."""
         return () if self._source is None else self._source.warnings()
 
     @property
@@ -268,17 +276,6 @@ class Tracker:
     def map_points(self) -> MapPoints:
         """Return the global point map."""
         return self._mapper.map_points()
-
-    def checked_warnings(self, recording: RecordingLike) -> tuple[str, ...]:
-        """Return the warnings, with those of intrinsics and registration, which read frames again (a second)."""
-        from cuboid.calibration.check import intrinsics_warning
-        from cuboid.calibration.registering import registration_warning
-
-        estimated = self.poses == ESTIMATED
-        poses = self.trajectory
-        found = intrinsics_warning(recording.read, recording.intrinsics, poses, estimated=estimated)
-        beside = registration_warning(recording.read, recording.intrinsics, sorted(poses))
-        return (*self.warnings, *(one for one in (found, beside) if one is not None))
 
     def corrected_trajectory(self) -> list[PoseRow] | None:
         """Return the poses of the used frames as corrected since they came; None where none was corrected.

@@ -85,11 +85,11 @@ def test_a_run_with_a_wrong_focal_length_goes_on_and_says_so(
         start = f"{K.fx * factor},{K.fy * factor},{K.cx},{K.cy}"
         words = [command, str(recording.path), "--intrinsics", start, "--output", str(output), "--threads", "1"]
         assert main(words) == 0
-        said = [line for line in capsys.readouterr().err.splitlines() if "warning" in line]
+        said = [line for line in capsys.readouterr().out.splitlines() if "warning" in line]
         warnings = read_run(output / "run.json").warnings
         assert len(warnings) == len(said) == wrong
         if wrong:
-            assert said[0] == f"cuboid: warning: {warnings[0]}"
+            assert said[0] == f"warning: {warnings[0]}"
             assert f"focal length in use, {K.fx * 1.08:.1f} px, is off" in warnings[0]
             assert "'cuboid calibrate' finds the intrinsics" in warnings[0]
 

@@ -63,7 +63,7 @@ def _empty(tmp_path):
 def test_absent_empty_and_unrecognised(tmp_path):
     with pytest.raises(InputError, match="nowhere does not exist"):
         open_recording(tmp_path / "nowhere")
-    expected = r"a recording in one of \d+ forms is expected, such as plain \(camera.json, color/, depth/\); docs/rec.*"
+    expected = r"a recording in one of \d+ forms is expected, such as plain .*; docs/rec.*"
     with pytest.raises(InputError, match=f"empty is empty; {expected}"):
         open_recording(_empty(tmp_path))
     (tmp_path / "notes.txt").write_text("hello")
@@ -72,6 +72,19 @@ def test_absent_empty_and_unrecognised(tmp_path):
     with pytest.raises(InputError, match=f"notes.txt is a file; {expected}") as raised:
         open_recording(tmp_path / "notes.txt")
     assert "\n" not in str(raised.value)
+
+
+def test_what_was_seen_and_which_layouts_are_near(plain):
+    for k in range(5):
+        plain.depth(k).rename(plain.path / f"{k}.tiff")
+    (plain.path / "depth").rmdir()
+    with pytest.raises(InputError, match="holds no recording") as raised:
+        open_recording(plain.path)
+    seen, *near = raised.value.__notes__
+    assert seen == "seen: 5 .tiff, 1 .json, 1 .txt, 5 .png in color/"
+    assert near[0] == "near: plain, but it lacks depth/ or depths/"
+    assert near[1].startswith("near: open3d, but it lacks depth/, camera_intrinsic.json or trajectory.log")
+    assert not any("tum" in note for note in near)  # nothing of it is there
 
 
 @pytest.mark.parametrize("inside", ["color", "color/000001.png", "poses.txt"])
@@ -90,7 +103,7 @@ def test_relative_paths_and_links(plain, tmp_path, monkeypatch):
 def test_format_by_name(plain):
     assert open_recording(plain.path, format="plain").format == "plain"
     with pytest.raises(
-        InputError, match=r"a recording of one of these forms is expected: tum \(rgb\.txt, depth\.txt\)$"
+        InputError, match=r"a recording of one of these forms is expected: tum \(rgb\.txt, depth\.txt\)\n"
     ):
         open_recording(plain.path, format="tum")
     with pytest.raises(InputError, match="unknown format 'bag'; there are: 3rscan, 7-scenes, "):

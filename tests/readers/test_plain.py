@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from made_recordings import CAMERA, NO_TURN, color_image, make_plain
+from made_recordings import CAMERA, NO_TURN, color_image, make_plain, write_image
 
 from cuboid.errors import FrameError, InputError
 from cuboid.frame import Intrinsics
@@ -35,7 +35,8 @@ def test_numbers_put_files_together(plain):
     """Frame 1's images are gone, depth has names of its own: the numbers decide, not the order."""
     plain.color(1).unlink()
     plain.depth(1).unlink()
-    plain.depth(2).rename(plain.depth(2).with_name("depth_2.png"))
+    for k in (0, 2, 3, 4):
+        plain.depth(k).rename(plain.depth(k).with_name(f"depth_{k}.png"))
     recording = open_recording(plain.path)
     assert len(recording) == 4
     frame = recording.read(1)
@@ -125,13 +126,103 @@ def test_faulty_files_are_named(plain, name, text, reason):
     assert "\n" not in str(raised.value)
 
 
-def test_names_without_number_or_with_the_same_one(plain):
-    odd = plain.color(0).with_name("left.png")
-    plain.color(0).rename(odd)
-    with pytest.raises(InputError, match=r"left\.png: the name must end with the frame's number"):
+@pytest.mark.parametrize("stray", ["._000000.png", "preview.png", "304.j.jpg", "000001 (1).png", "depth_2.png"])
+def test_a_stray_image_is_left_out_and_named(plain, stray):
+    write_image(plain.color(0).with_name(stray), color_image(0))
+    for name in ("Thumbs.db", ".DS_Store"):
+        plain.depth(0).with_name(name).write_bytes(b"no image")
+    recording = open_recording(plain.path)
+    assert len(recording) == 5
+    assert recording.warnings == (f"1 image left out, whose name does not fit those of the others: color/{stray}",)
+
+
+def test_a_whole_recording_has_no_warnings(plain):
+    assert open_recording(plain.path).warnings == ()
+
+
+def test_two_names_with_the_same_number(plain):
+    plain.color(0).rename(plain.color(0).with_name("1.png"))
+    with pytest.raises(InputError, match=r"color: (000001\.png and 1|1\.png and 000001)\.png have the same number"):
         open_recording(plain.path)
-    odd.rename(odd.with_name("1.png"))
-    with pytest.raises(InputError, match=r"000001\.png and 1\.png have the same number"):
+
+
+def _renamed(plain, color, depth, name):
+    """Move the images to folders of these names, and name image k of a folder `name(folder, k)`."""
+    for old, new in (("color", color), ("depth", depth)):
+        for k in range(5):
+            (plain.path / old / f"{k:06d}.png").rename(plain.path / old / name(new, k))
+        (plain.path / old).rename(plain.path / new)
+    return plain.path
+
+
+@pytest.mark.parametrize(
+    ("color", "depth"),
+    [("rgb", "depth"), ("images", "depths"), ("color", "depth"), ("RGB", "Depth"), ("img", "depth_maps")],
+)
+def test_folders_by_the_names_that_people_give_them(plain, color, depth):
+    path = _renamed(plain, color, depth, lambda _, k: f"{k}.png")
+    recording = open_recording(path)
+    assert (recording.format, len(recording), recording.warnings) == ("plain", 5, ())
+    assert recording.read(3).depth_m[5, 1] == pytest.approx(1.03)
+    assert recording.read(3).T_world_camera[0, 3] == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        lambda folder, k: f"{folder}_{k + 8}.png",  # 8, 9, 10: not the order of the characters
+        lambda folder, k: f"cam1-{k:03d}-{folder}.png",
+        lambda folder, k: f"2024-03-01_{k:06d}_{folder}.png",
+        lambda folder, k: f"{k:07d}-{1000 * k + (7 if folder == 'rgb' else 0):012d}.png",
+        lambda folder, k: f"{'abcde'[k]}.png",
+    ],
+)
+def test_names_of_any_form_pair_color_with_its_depth(plain, name):
+    (plain.path / "poses.txt").unlink()
+    recording = open_recording(_renamed(plain, "rgb", "depth", name))
+    assert (len(recording), recording.warnings) == (5, ())
+    for k in range(5):
+        frame = recording.read(k)
+        assert (frame.color[0, 0, 1], frame.depth_m[5, 1]) == (10 + k, pytest.approx(1 + 0.01 * k))
+
+
+def test_images_whose_numbers_never_agree_are_paired_by_order(plain):
+    path = _renamed(plain, "rgb", "depth", lambda folder, k: f"{k + 100 * (folder == 'depth')}.png")
+    recording = open_recording(path)
+    assert recording.warnings == (
+        "color and depth are paired by order, no number in their names agrees: rgb/0.png with depth/100.png, ...",
+    )
+    assert recording.read(3).depth_m[5, 1] == pytest.approx(1.03)
+    assert recording.read(3).T_world_camera[0, 3] == pytest.approx(0.3)
+
+
+def test_images_that_cannot_be_paired_are_named(plain):
+    path = _renamed(plain, "rgb", "depth", lambda folder, k: f"{k + 100 * (folder == 'depth')}.png")
+    (path / "depth" / "102.png").unlink()
+    with pytest.raises(
+        InputError, match=r"rgb/ \(5: 0\.png to 4\.png\) and depth/ \(4: 100\.png to 104\.png\) cannot be"
+    ):
+        open_recording(path)
+
+
+@pytest.mark.parametrize("form", ["{:.6f}", "{:.0f}000000000"])
+def test_times_in_the_names_pair_the_nearest(plain, form):
+    (plain.path / "poses.txt").unlink()
+    shift = {"rgb": 0.0, "depth": 0.004 if "6" in form else 0.0}
+    path = _renamed(plain, "rgb", "depth", lambda folder, k: form.format(1305031102 + k + shift[folder]) + ".png")
+    (path / "depth" / (form.format(1305031104 + shift["depth"]) + ".png")).unlink()
+    recording = open_recording(path)
+    assert (len(recording), recording.has_timestamps) == (5, True)
+    assert recording.timestamp_s(3) - recording.timestamp_s(0) == pytest.approx(3)
+    assert recording.read(3).depth_m[5, 1] == pytest.approx(1.03)
+    with pytest.raises(FrameError, match="color without depth: rgb/"):
+        recording.read(2)
+
+
+def test_depth_in_other_files_says_what_is_there(plain):
+    for k in range(5):
+        plain.depth(k).rename(plain.depth(k).with_suffix(".npy"))
+    with pytest.raises(InputError, match=r"depth/ holds no images \(\.png, \.jpg, \.jpeg\), but 5 \.npy$"):
         open_recording(plain.path)
 
 

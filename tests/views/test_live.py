@@ -229,9 +229,9 @@ def test_the_end_is_told_with_the_last_of_all(server: LiveServer) -> None:
 
     thread = threading.Thread(target=follow)
     thread.start()
-    server.view.end(complete=True)
+    server.view.end(complete=True, warnings=["depth has few readings"])
     thread.join(10)
-    assert answers[-1] == {"ended": True, "complete": True}
+    assert answers[-1] == {"ended": True, "complete": True, "warnings": ["depth has few readings"]}
     assert answers[-2]["frame"] == last.index
 
 

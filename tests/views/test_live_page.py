@@ -64,7 +64,7 @@ class Going:
             begun_s = time.thread_time()  # the live view takes a fraction of the tracker's own time: there must be some
             while time.thread_time() - begun_s < 0.02:
                 time.sleep(0)
-        self._view.end(complete=True)
+        self._view.end(complete=True, warnings=["up is not known"])
 
     def end(self) -> None:
         self._ended.set()
@@ -114,6 +114,7 @@ def test_the_page_follows_a_run_to_its_end(watched: Watched) -> None:
         run.end()
         page.wait_for_selector("body[data-ended]")
         assert "the run is complete" in page.locator("#facts").inner_text()
+        assert page.locator("#warnings li").all_inner_texts() == ["up is not known"]
         assert int(page.locator("body").get_attribute("data-frame") or 0) == run.last - 1
     assert watched.complaints == []
     assert all(address.startswith(f"http://localhost:{server.port}/") for address in watched.requests)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -302,3 +303,39 @@ def test_without_webgl_the_rest_is_shown_all_the_same(launched: Browser, results
     assert len(SEEN) == found.page.locator("#plot .row").count()
     assert found.complaints == []
     found.page.close()
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_warnings_are_a_banner_that_can_be_hidden(launched: Browser, results: Path, tmp_path: Path, width: int) -> None:
+    finished = FinishedResults(results)
+    warnings = (
+        "the camera was lost in 30 of 100 frames; move slower",
+        "a <b>long</b> line " + 12 * "that goes on and on ",
+    )
+    summary = summarise(finished, None)
+    report = dataclasses.replace(summary.report, warnings=warnings)
+    write_report(tmp_path / "report.html", dataclasses.replace(summary, report=report))
+    found = Watched(launched)
+    found.page.set_viewport_size({"width": width, "height": 640})
+    found.open(tmp_path / "report.html")
+    settle(found.page)
+    assert found.page.locator("#warnings li").all_inner_texts() == [warnings[0], warnings[1].strip()]
+    box, view = found.page.locator("#warnings").bounding_box(), found.page.locator("#view").bounding_box()
+    assert box is not None
+    assert view is not None
+    assert box["x"] + box["width"] <= width
+    assert view["y"] == pytest.approx(box["y"] + box["height"], abs=1)
+    found.page.click("#warnings .close")
+    assert found.page.locator("#warnings").is_hidden()
+    settle(found.page)
+    assert found.complaints == []
+    found.page.close()
+
+
+def test_without_warnings_there_is_no_banner(page: Page) -> None:
+    assert page.locator("#warnings").is_hidden()
+    view = page.locator("#view").bounding_box()
+    header = page.locator("header").first.bounding_box()
+    assert view is not None
+    assert header is not None
+    assert view["y"] == pytest.approx(header["height"], abs=1)

@@ -17,7 +17,7 @@ from typing import NoReturn
 
 from cuboid import __version__
 from cuboid.cli.optional_words import without_guessing
-from cuboid.errors import CuboidError, one_line
+from cuboid.errors import CuboidError, one_line, printable
 
 COMMANDS = (
     "track",
@@ -89,6 +89,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return status
     except CuboidError as error:
         print(one_line(f"cuboid: error: {error}"), file=sys.stderr)
+        for note in getattr(error, "__notes__", ()):
+            print(f"  {printable(note)}", file=sys.stderr)
         return MISTAKE
     except KeyboardInterrupt:
         print("cuboid: interrupted; nothing was written", file=sys.stderr)

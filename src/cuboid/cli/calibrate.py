@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _open(args: argparse.Namespace) -> Recording:
     """Open the recording; where its intrinsics are not known, with a guess."""
-    from cuboid.readers.calibration import UnknownIntrinsicsError
+    from cuboid.readers.missing_camera import UnknownIntrinsicsError
 
     try:
         return open_from(args)

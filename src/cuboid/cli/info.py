@@ -43,7 +43,7 @@ def _print(found: RecordingInfo) -> None:
     out = console()
     for name, text in rows(found):
         out.print(f"{name:<{NAME_WIDTH}}{text}", markup=False, soft_wrap=True)
-    for line in skipped_lines(found):
+    for line in [*skipped_lines(found), *(f"warning: {warning}" for warning in found.warnings)]:
         out.print(line, markup=False, soft_wrap=True)
 
 

@@ -13,6 +13,7 @@ from cuboid.cli.optional_words import OPTIONAL
 
 if TYPE_CHECKING:
     from cuboid.frame import Frame, Intrinsics
+    from cuboid.outputs import RunReport
     from cuboid.results import FrameResult
     from cuboid.run_types import MapLike, Watch
     from cuboid.views.live import LiveView
@@ -60,10 +61,10 @@ class Watching:
         for look in self.looks:
             look(frame, result, tracker)
 
-    def end(self, complete: bool) -> None:
+    def end(self, report: RunReport) -> None:
         """Tell that the run is over."""
         if self.live is not None:
-            self.live.end(complete)
+            self.live.end(report.complete, report.warnings)
 
 
 @contextmanager

@@ -57,7 +57,7 @@ def print_outcome(outcome: SlamOutcome, output: Path) -> None:
 
     out, report = console(), outcome.report
     for warning in report.warnings:
-        print(f"cuboid: warning: {warning}", file=sys.stderr)
+        out.print(f"warning: {warning}", markup=False, soft_wrap=not out.is_terminal)
     for line in skipped_lines(report):
         out.print(line, markup=False)
     timing = report.milliseconds.get("poses")

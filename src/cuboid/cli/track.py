@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
                     **tracking_from(args),
                     memory_mb=args.memory,
                 )
-                looks.end(outcome.report.complete)
+                looks.end(outcome.report)
     print_outcome(outcome, args.output)
     if not outcome.report.complete:
         print("cuboid: interrupted; the results are marked as not complete", file=sys.stderr)
@@ -87,7 +87,7 @@ def print_outcome(outcome: RunOutcome, output: Path) -> None:
     else:
         out.print("no object found")
     for warning in report.warnings:
-        print(f"cuboid: warning: {warning}", file=sys.stderr)
+        out.print(f"warning: {warning}", markup=False, soft_wrap=not out.is_terminal)
     for line in [*skipped_lines(report), *limit_lines(report)]:
         out.print(line, markup=False)
     if report.frames_dropped:

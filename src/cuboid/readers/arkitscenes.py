@@ -28,7 +28,8 @@ from cuboid.errors import FrameError, InputError
 from cuboid.formats.table_validation import data_lines
 from cuboid.frame import UInt8Array
 from cuboid.geometry import se3
-from cuboid.readers.images import decode_color, image_dimensions, images_in
+from cuboid.readers.image_folder import images_in
+from cuboid.readers.images import decode_color, image_dimensions
 from cuboid.readers.phone import SAME_FOCAL, confident_depth, phone_cameras, shrink_factor, shrunk
 from cuboid.readers.posetext import TimedPose, Trajectory, parse_numbers
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, has_file

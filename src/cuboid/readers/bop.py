@@ -23,7 +23,7 @@ from cuboid.errors import FrameError, InputError
 from cuboid.frame import Float64Array
 from cuboid.geometry import se3
 from cuboid.readers.documents import read_object
-from cuboid.readers.images import images_in
+from cuboid.readers.image_folder import images_in
 from cuboid.readers.posetext import pose_from_matrix
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
 

@@ -17,6 +17,7 @@ from cuboid.formats.json_validation import read_json
 from cuboid.formats.table_validation import read_lines
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.readers.depth_camera import DepthCamera, depth_camera_of
+from cuboid.readers.missing_camera import missing_camera
 from cuboid.readers.reader import Calibration, Listing
 from cuboid.readers.registration import Registration
 from cuboid.readers.undistortion import Undistortion
@@ -34,10 +35,6 @@ HOW_TO_GIVE = f"give them with --intrinsics FX,FY,CX,CY or in {CAMERA_FILE}"
 GivenIntrinsics = Sequence[float] | str | os.PathLike[str] | Calibration
 
 
-class UnknownIntrinsicsError(InputError):
-    """The intrinsics of a recording are nowhere to be found."""
-
-
 def choose(
     listing: Listing, intrinsics: GivenIntrinsics | None, depth_scale: float | None, recording: Path
 ) -> tuple[Calibration, float]:
@@ -49,7 +46,8 @@ def choose(
     Raises
     ------
     InputError
-        If one of the two is nowhere to be found, or what was found makes no sense.
+        If one of the two is nowhere to be found (the error's notes then hold the `camera.json` to write), or what was
+        found makes no sense.
     """
     calibration, units = listing.calibration, listing.depth_units_per_metre
     found = _find_file(listing.camera_folders)
@@ -69,13 +67,8 @@ def choose(
                 f"the depth scale must be {MIN_UNITS:g} to {MAX_UNITS:g} units per metre, got {depth_scale:g}"
             )
         units = float(depth_scale)
-    if calibration is None:
-        raise UnknownIntrinsicsError(f"{recording}: the intrinsics are not known; {HOW_TO_GIVE}")
-    if units is None:
-        raise InputError(
-            f"{recording}: the depth scale is not known; "
-            f"give it with --depth-scale UNITS_PER_METRE or as {_DEPTH_UNITS} in {CAMERA_FILE}"
-        )
+    if calibration is None or units is None:
+        raise missing_camera(listing, recording, calibration, units, CAMERA_FILE)
     if not MIN_UNITS <= units <= MAX_UNITS:
         raise InputError(
             f"{recording}: its depth scale of {units:.3g} units per metre is none; "

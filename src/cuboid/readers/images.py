@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import zlib
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.errors import FrameError
-from cuboid.formats.reading import UnreadableError, names_in, read_bytes
+from cuboid.formats.reading import UnreadableError, read_bytes
 from cuboid.frame import Float32Array, UInt8Array
 from cuboid.readers.imagesize import PNG_MAGIC, image_size
 from cuboid.readers.reader import ImageSource
@@ -32,17 +31,13 @@ SATURATED = 65535
 # start at 0.1-0.5 m, and end below 20 m. A wrong scale (mm taken for m, ...) puts all readings outside.
 PLAUSIBLE_M = (0.1, 20.0)
 
+# A scale that is wrong is most often so by one of these factors; the right one brings the median below this fraction of
+# the farthest plausible reading.
+FACTORS, USUAL_FAR = (1000, 100, 10, 0.1, 0.01, 0.001), 0.25
+
 # Pixels as stored: a turn noted in EXIF would part color from depth and from the intrinsics.
 _COLOR_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
 _COLOR_RGB_FLAGS = getattr(cv2, "IMREAD_COLOR_RGB", None)  # absent from some builds of OpenCV 4
-
-
-IMAGE_ENDINGS = (".png", ".jpg", ".jpeg")
-
-
-def images_in(folder: Path) -> list[Path]:
-    """Return the image files in a folder, sorted; raises InputError where it cannot be listed."""
-    return [folder / name for name in sorted(names_in(folder)) if os.path.splitext(name)[1].lower() in IMAGE_ENDINGS]
 
 
 def image_dimensions(path: Path) -> tuple[int, int] | None:
@@ -126,10 +121,15 @@ def _refuse_implausible(raw: DepthArray, units_per_metre: float, low: float, hig
     if readings.size == 0:
         raise FrameError(f"depth image {name} has no reading at all: every pixel is 0 or {SATURATED}")
     if not ((readings >= low) & (readings <= high)).any():
-        nearest, farthest = readings.min() / units_per_metre, readings.max() / units_per_metre
+        near, far, median = (float(value) for value in (readings.min(), readings.max(), np.median(readings)))
+        likely = next(
+            (units_per_metre * f for f in FACTORS if low < median / f and median / f < USUAL_FAR * high), None
+        )
+        hint = "" if likely is None else f" (at {likely:g} it is {near / likely:.2g} to {far / likely:.2g} m)"
         raise FrameError(
-            f"depth image {name} reads {nearest:.4g} to {farthest:.4g} m at {units_per_metre:g} units per "
-            f"metre, nothing between {PLAUSIBLE_M[0]:g} and {PLAUSIBLE_M[1]:g} m; check --depth-scale"
+            f"depth image {name} reads {near / units_per_metre:.4g} to {far / units_per_metre:.4g} m at "
+            f"{units_per_metre:g} units per metre, nothing between {PLAUSIBLE_M[0]:g} and {PLAUSIBLE_M[1]:g} m; "
+            f"check --depth-scale{hint}"
         )
 
 

@@ -10,6 +10,8 @@ from cuboid.errors import InputError, shown
 from cuboid.formats.reading import names_in
 from cuboid.formats.stored import ARCHIVE_ENDINGS, StoredPath, located
 from cuboid.readers import calibration as calibrations
+from cuboid.readers.image_folder import left_out, left_out_warning
+from cuboid.readers.nearest import nothing_found
 from cuboid.readers.reader import READERS, Listing, Reader
 from cuboid.readers.recording import Recording
 
@@ -17,8 +19,6 @@ from cuboid.readers.recording import Recording
 LEVELS = 2
 # So many recordings are named when there are several to choose from.
 NAMED = 8
-# And so many forms are described; of more only one.
-DESCRIBED, EXAMPLE = 3, "plain"
 
 
 def open_recording(
@@ -74,7 +74,9 @@ def open_recording(
     except ValueError:  # a NUL, or half a character, in the name
         raise InputError(f"{shown(str(path))}: no recording can have this name") from None
     calibration, depth_units_per_metre = calibrations.choose(listing, intrinsics, depth_scale, found)
-    listing = dataclasses.replace(listing, up_world=calibrations.up_world(listing))
+    stray = left_out_warning(found, left_out(listing.frames))
+    warnings = listing.warnings if stray is None else (*listing.warnings, stray)
+    listing = dataclasses.replace(listing, up_world=calibrations.up_world(listing), warnings=warnings)
     return Recording(found, f"{name}:{text}" if text else name, listing, calibration, depth_units_per_metre)
 
 
@@ -99,14 +101,14 @@ def _find(given: Path, readers: list[tuple[str, Reader]]) -> tuple[str, Reader, 
         inner = []
         for path in level:
             here = [(name, reader, path) for name, reader in readers if reader.recognises(path)]
-            if not (path / calibrations.CAMERA_FILE).is_file():
-                here = [one for one in here if not one[1].gives_way] or here
+            if len(here) > 1:
+                here = [one for one in here if not one[1].gives_way(path)] or here
             found += here
             if not here and depth < LEVELS:
                 inner += _inside(path, {ending for _, reader in readers for ending in reader.files})
         level = inner
     if not found:
-        raise InputError(_nothing_found(given, readers))
+        raise _nothing_found(given, readers)
     return _only_one(found, given)
 
 
@@ -140,15 +142,8 @@ def _open_to_us(path: Path) -> bool:
     return isinstance(path, StoredPath) or os.access(path, os.R_OK | os.X_OK if path.is_dir() else os.R_OK)
 
 
-def _nothing_found(given: Path, readers: list[tuple[str, Reader]]) -> str:
+def _nothing_found(given: Path, readers: list[tuple[str, Reader]]) -> InputError:
     above = [path for path in (given.parent, given.parent.parent) for _, reader in readers if reader.recognises(path)]
     if above:
-        return f"{given} is a part of a recording; name {above[0]}"
-    if len(readers) > DESCRIBED:
-        example = next((f", such as {name} ({reader.expects})" for name, reader in readers if name == EXAMPLE), "")
-        expected = f"a recording in one of {len(readers)} forms is expected{example}; docs/recordings.md has all"
-    else:
-        described = "; ".join(f"{name} ({reader.expects})" for name, reader in readers)
-        expected = f"a recording of one of these forms is expected: {described}"
-    what = "is a file" if given.is_file() else "is empty" if not any(names_in(given)) else "holds no recording"
-    return f"{given} {what}; {expected}"
+        return InputError(f"{given} is a part of a recording; name {above[0]}")
+    return nothing_found(given, readers)

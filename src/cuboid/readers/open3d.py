@@ -26,7 +26,7 @@ from cuboid.frame import Float64Array
 from cuboid.readers.calibration import CAMERA_FILE
 from cuboid.readers.depth_camera import check_number
 from cuboid.readers.documents import read_object
-from cuboid.readers.images import images_in
+from cuboid.readers.image_folder import images_in
 from cuboid.readers.posetext import parse_numbers, pose_from_matrix
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
 

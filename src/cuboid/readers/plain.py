@@ -4,17 +4,17 @@ Expected tree::
 
     my-recording/            <- the recording
       camera.json            {"fx":, "fy":, "cx":, "cy":, "width":, "height":, "depth_units_per_metre":}
-      color/000000.png       8-bit color (.jpg as well)
-      depth/000000.png       16-bit, aligned to color, 0 is no reading
+      color/000000.png       8-bit color (.jpg as well); or rgb/, images/, ...
+      depth/000000.png       16-bit, aligned to color, 0 is no reading; or depths/, ...
       poses.txt              lines "number tx ty tz qx qy qz qw", camera to world; may be absent
       timestamps.txt         lines "number seconds"; may be absent
 
-The number in a name puts color, depth, pose and time together; it may be the time itself (12.033.png).
+The number in a name puts color, depth, pose and time together; it may be the time itself (12.033.png). Images whose
+numbers never agree are paired by time or by order, see `pairing`.
 """
 
 from __future__ import annotations
 
-import re
 from decimal import Decimal, InvalidOperation
 from functools import partial
 from pathlib import Path
@@ -23,11 +23,14 @@ from cuboid.errors import FrameError, InputError, shown
 from cuboid.formats.reading import names_in
 from cuboid.formats.table_validation import data_lines
 from cuboid.frame import Float64Array
+from cuboid.readers.calibration import CAMERA_FILE
+from cuboid.readers.image_folder import IMAGE_ENDINGS, counted_endings
+from cuboid.readers.pairing import Images, find_images, pair_images, seconds_of
 from cuboid.readers.posetext import parse_numbers, parse_time, pose_from_quaternion
 from cuboid.readers.reader import READERS, FrameEntry, Listing, Reader
 
-EXTENSIONS = (".png", ".jpg", ".jpeg")
-NUMBERED = re.compile(r"\D*(\d+(?:\.\d+)?)")
+COLOR_FOLDERS = ("color", "colour", "colors", "rgb", "rgbs", "image", "images", "img", "imgs")
+DEPTH_FOLDERS = ("depth", "depths", "depth_image", "depth_images", "depth_map", "depth_maps")
 POSE_FIELDS = "number tx ty tz qx qy qz qw"
 
 # A line of poses.txt: its number in the file, and the seven numbers behind the frame's number.
@@ -35,45 +38,55 @@ PoseLine = tuple[int, list[float]]
 
 
 def recognises(path: Path) -> bool:
-    """Tell whether the folder holds the folders color and depth."""
-    return (path / "color").is_dir() and (path / "depth").is_dir()
+    """Tell whether the folder holds one of `COLOR_FOLDERS` and one of `DEPTH_FOLDERS`."""
+    return _folder(path, COLOR_FOLDERS) is not None and _folder(path, DEPTH_FOLDERS) is not None
+
+
+def gives_way(path: Path) -> bool:
+    """Tell whether a reader that knows more of the same folder is right: unless it has color/ and camera.json."""
+    return not ((path / CAMERA_FILE).is_file() and (path / COLOR_FOLDERS[0]).is_dir())
 
 
 def read(path: Path) -> Listing:
-    """List the frames; InputError where a name or a line has another form."""
-    colors, depths = _images(path / "color"), _images(path / "depth")
-    numbers = sorted(colors.keys() | depths.keys())
-    if not numbers:
-        raise InputError(f"{path}: color/ and depth/ hold no images ({', '.join(EXTENSIONS)})")
+    """List the frames; InputError where images cannot be paired, or a line has another form."""
+    color, depth = _folder(path, COLOR_FOLDERS), _folder(path, DEPTH_FOLDERS)
+    assert color is not None, "recognises"
+    assert depth is not None, "recognises"
+    colors, depths = find_images(color), find_images(depth)
+    _require_images(path, colors, depths)
+    pairs, note = pair_images(colors, depths)
+    numbers = [pair.number for pair in pairs]
     poses = _poses(path / "poses.txt", numbers) if (path / "poses.txt").is_file() else None
     times_s = _times_s(path / "timestamps.txt", numbers)
     frames = [
         FrameEntry(
-            color=colors.get(number),
-            depth=depths.get(number),
-            timestamp_s=times_s.get(number),
-            pose=None if poses is None else partial(_pose, poses, number, len(numbers)),
+            color=pair.color,
+            depth=pair.depth,
+            timestamp_s=times_s.get(pair.number),
+            pose=None if poses is None else partial(_pose, poses, pair.number, len(numbers)),
         )
-        for number in numbers
+        for pair in pairs
     ]
-    return Listing(frames, camera_folders=(path,))
+    return Listing(frames, camera_folders=(path,), warnings=() if note is None else (note,))
 
 
-def _images(folder: Path) -> dict[Decimal, Path]:
-    """Return the images of a folder by the number in their names."""
-    images: dict[Decimal, Path] = {}
-    for name in sorted(names_in(folder)):
-        file = folder / name
-        if file.suffix.lower() not in EXTENSIONS:
-            continue
-        match = NUMBERED.fullmatch(file.stem)
-        if not match:
-            raise InputError(f"{file}: the name must end with the frame's number, like 000012{file.suffix}")
-        number = Decimal(match[1])
-        if number in images:
-            raise InputError(f"{folder}: {images[number].name} and {name} have the same number")
-        images[number] = file
-    return images
+def _folder(path: Path, names: tuple[str, ...]) -> Path | None:
+    """Return the first of these folders that is there, in lower case, capitalised or in upper case."""
+    written = (path / form for name in names for form in (name, name.capitalize(), name.upper()))
+    return next((folder for folder in written if folder.is_dir()), None)
+
+
+def _require_images(path: Path, *folders: Images) -> None:
+    """Raise InputError unless there are images in both folders."""
+    empty = [images.folder for images in folders if not images.files]
+    if not empty:
+        return
+    names = " and ".join(f"{folder.name}/" for folder in empty)
+    seen = ", ".join(dict.fromkeys(text for folder in empty if (text := counted_endings(names_in(folder)))))
+    raise InputError(
+        f"{path}: {names} hold{'s' * (len(empty) == 1)} no images ({', '.join(IMAGE_ENDINGS)})"
+        f"{f', but {seen}' if seen else ''}"
+    )
 
 
 def _numbered_lines(path: Path, fields: str, numbers: list[Decimal]) -> dict[Decimal, PoseLine]:
@@ -103,10 +116,11 @@ def _poses(path: Path, numbers: list[Decimal]) -> dict[Decimal, PoseLine]:
 
 
 def _times_s(path: Path, numbers: list[Decimal]) -> dict[Decimal, float]:
-    """Return the frames' times in seconds: of timestamps.txt, else numbers that have a decimal point."""
+    """Return the frames' times in seconds: of timestamps.txt, else numbers that are times."""
     if not path.is_file():
-        decimals = any(number != number.to_integral_value() for number in numbers)
-        return {number: _time_s(str(number), f"{path.parent}: frame number") for number in numbers} if decimals else {}
+        if not any(map(seconds_of, numbers)):
+            return {}
+        return {n: _time_s(str(seconds_of(n) or n), f"{path.parent}: frame number") for n in numbers}
     rows = _numbered_lines(path, "number seconds", numbers)
     for number in numbers:
         if number not in rows:
@@ -128,4 +142,6 @@ def _pose(poses: dict[Decimal, PoseLine], number: Decimal, frames: int) -> Float
     return pose_from_quaternion((qw, qx, qy, qz), (tx, ty, tz), f"poses.txt line {line_number}")
 
 
-READERS.register("plain")(Reader("camera.json, color/, depth/", recognises, read, gives_way=True))
+READERS.register("plain")(
+    Reader("camera.json, color/ or rgb/ or images/, depth/ or depths/", recognises, read, gives_way=gives_way)
+)

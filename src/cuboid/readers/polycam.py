@@ -26,7 +26,8 @@ from cuboid.errors import FrameError, InputError
 from cuboid.frame import Float64Array, UInt8Array
 from cuboid.readers.depth_camera import check_number
 from cuboid.readers.documents import read_object
-from cuboid.readers.images import decode_color, image_dimensions, images_in
+from cuboid.readers.image_folder import images_in
+from cuboid.readers.images import decode_color, image_dimensions
 from cuboid.readers.phone import (
     SAME_FOCAL,
     T_OPENGL_OPENCV,

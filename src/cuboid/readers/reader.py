@@ -96,6 +96,8 @@ class Listing:
         Whether the poses are those of the depth camera, where depth has a camera of its own; else of the color camera.
     up_world : (float, float, float) or None
         Unit vector away from the earth's pull in the world of the poses, where the format or the file says so.
+    warnings : tuple of str
+        What the user should know of the files, one line each.
     """
 
     frames: Sequence[FrameEntry]
@@ -104,6 +106,7 @@ class Listing:
     camera_folders: tuple[Path, ...] = ()
     poses_of_depth: bool = False
     up_world: tuple[float, float, float] | None = None
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,9 +126,8 @@ class Reader:
         format's name.
     files : tuple of str
         Endings of the names of files that may be such a recording; folders always may.
-    gives_way : bool
-        Whether another reader that recognises the same path is right, for it knows more of it, unless a
-        ``camera.json`` lies there.
+    gives_way : callable
+        Path -> bool: whether another reader that recognises the same path is right, for it knows more of it.
     """
 
     expects: str
@@ -133,7 +135,7 @@ class Reader:
     read: Callable[[Path], Listing]
     read_with: Callable[[Path, Mapping[str, str]], Listing] | None = None
     files: tuple[str, ...] = ()
-    gives_way: bool = False
+    gives_way: Callable[[Path], bool] = lambda path: False
 
 
 def has_file(path: Path, name: re.Pattern[str]) -> bool:

@@ -27,7 +27,8 @@ from cuboid.formats.reading import UnreadableError, names_in, opened
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.readers.depth_camera import check_number
 from cuboid.readers.documents import read_object
-from cuboid.readers.images import MAX_IMAGE_BYTES, MAX_PIXELS, decode_color, images_in
+from cuboid.readers.image_folder import images_in
+from cuboid.readers.images import MAX_IMAGE_BYTES, MAX_PIXELS, decode_color
 from cuboid.readers.phone import T_OPENGL_OPENCV, UP_WORLD, phone_cameras, shrink_factor, shrunk
 from cuboid.readers.posetext import pose_from_quaternion
 from cuboid.readers.reader import READERS, FrameEntry, Listing, Reader, has_file

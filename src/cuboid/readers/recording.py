@@ -53,6 +53,8 @@ class Recording:
     up_world : (3,) float64 or None
         Unit vector away from the earth's pull in the world of the poses, where the recording says so; `up_camera` has
         what was measured with each frame.
+    warnings : tuple of str
+        What the user should know of its files, one line each: images left out, images paired by order.
     """
 
     def __init__(
@@ -68,6 +70,7 @@ class Recording:
         self.calibration = calibration
         self.depth_units_per_metre = depth_units_per_metre
         self._frames: Sequence[FrameEntry] = listing.frames
+        self.warnings = listing.warnings
         self.has_poses = any(entry.pose is not None for entry in listing.frames)
         self.has_timestamps = all(entry.timestamp_s is not None for entry in listing.frames)
         np.empty(LARGE_BLOCK_BYTES, np.uint8)  # freed at once, never touched: see above

@@ -25,7 +25,8 @@ from cuboid.formats.table_validation import data_lines
 from cuboid.frame import Float64Array
 from cuboid.readers.calibration import CAMERA_FILE
 from cuboid.readers.depth_camera import DepthCamera
-from cuboid.readers.images import image_dimensions, images_in
+from cuboid.readers.image_folder import images_in
+from cuboid.readers.images import image_dimensions
 from cuboid.readers.posetext import parse_numbers, pose_from_matrix
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
 

@@ -22,7 +22,8 @@ import numpy as np
 from cuboid.errors import FrameError, InputError
 from cuboid.formats.table_validation import data_lines
 from cuboid.frame import Float64Array, UInt8Array
-from cuboid.readers.images import image_dimensions, images_in
+from cuboid.readers.image_folder import images_in
+from cuboid.readers.images import image_dimensions
 from cuboid.readers.phone import UP_WORLD, confident_depth, phone_cameras, shrink_factor, shrunk
 from cuboid.readers.posetext import parse_numbers, pose_from_quaternion
 from cuboid.readers.reader import READERS, FrameEntry, Listing, Reader

@@ -25,7 +25,8 @@ from cuboid.errors import FrameError, InputError
 from cuboid.formats.reading import names_in
 from cuboid.formats.table_validation import data_lines
 from cuboid.frame import Float64Array
-from cuboid.readers.images import decode_depth, images_in
+from cuboid.readers.image_folder import images_in
+from cuboid.readers.images import decode_depth
 from cuboid.readers.posetext import parse_numbers, pose_from_matrix
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, has_file
 from cuboid.readers.tum import associate

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -90,9 +91,9 @@ def warm_up() -> None:
     ink("#1", TAG_PX)
 
 
-def end_message(complete: bool) -> bytes:
-    """Return what says that the run has ended."""
-    return json.dumps({"ended": True, "complete": complete}).encode("ascii")
+def end_message(complete: bool, warnings: Sequence[str] = ()) -> bytes:
+    """Return the message that the run has ended, with its warnings."""
+    return json.dumps({"ended": True, "complete": complete, "warnings": list(warnings)}).encode("ascii")
 
 
 def map_message(number: int, points: MapPoints, spacing_m: float, most: int = MAX_POINTS) -> bytes:

@@ -106,7 +106,7 @@ class LiveServer:
         if ended is None:
             return "application/json", b"{}"
         self.view.farewell()
-        return "application/json", end_message(ended)
+        return "application/json", end_message(ended, self.view.warnings)
 
     def _map(self, number: int) -> Answer:
         found = self.view.map_after(number, POLL_TIMEOUT_S)

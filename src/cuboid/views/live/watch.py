@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
@@ -152,6 +152,7 @@ class LiveView:
         self._waiting = 0
         self._map_asked = False
         self._ended: bool | None = None
+        self._warnings: tuple[str, ...] = ()
         self._told = 0
 
     def __call__(self, frame: Frame, result: FrameResult, tracker: TrackerView) -> None:
@@ -199,20 +200,27 @@ class LiveView:
             self._wait(lambda: self._is_later_map(number), timeout_s)
             return self._map if self._is_later_map(number) else None
 
-    def end(self, complete: bool) -> None:
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The warnings of the run; empty until it has ended."""
+        return self._warnings
+
+    def end(self, complete: bool, warnings: Sequence[str] = ()) -> None:
         """Take the last moment and the last map, and give those who look the time to fetch them.
 
         Parameters
         ----------
         complete : bool
             False where the run was broken off.
+        warnings : sequence of str
+            What is likely to be wrong with it.
         """
         watched = self.is_watched
         if watched and self._last is not None:
             self._take_moment()
             self._take_map()
         with self._changed:
-            self._ended = complete
+            self._ended, self._warnings = complete, tuple(warnings)
             self._changed.notify_all()
             if watched:
                 self._changed.wait_for(lambda: self._told > 0, FAREWELL_S)

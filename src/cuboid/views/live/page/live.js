@@ -208,6 +208,7 @@ async function main() {
   follow("/map", (answer, number) => (answer.byteLength ? takeMap(answer) : number));
   await follow("/moment", async (answer, number) => {
     const moment = JSON.parse(new TextDecoder().decode(answer));
+    if (moment.ended) showWarnings(moment.warnings);
     if (moment.ended) end(moment.complete ? "the run is complete, see report.html in its results" : "the run was broken off");
     if (!moment.number) return number;
     await takeMoment(moment);

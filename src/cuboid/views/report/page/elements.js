@@ -12,4 +12,14 @@ function element(name, attributes = {}, ...children) {
   return made;
 }
 
+/** Show lines about what is likely to be wrong above the page, until they are hidden by a click. */
+function showWarnings(warnings) {
+  const banner = find("warnings");
+  banner.hidden = !warnings.length;
+  banner.querySelector("ul").replaceChildren(...warnings.map((warning) => element("li", {}, warning)));
+  banner.querySelector("button").onclick = () => {
+    banner.hidden = true;
+  };
+}
+
 const plural = (count, word) => `${count.toLocaleString("en")} ${word}${count === 1 ? "" : "s"}`;

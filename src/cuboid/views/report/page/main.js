@@ -162,6 +162,7 @@ function setUpHeader() {
   if (data.points.count) facts.push(`${plural(data.points.total, "point")}`);
   find("facts").textContent = facts.join("  ·  ");
   if (!run.complete) find("facts").prepend(element("span", { class: "warning" }, "interrupted, not complete"));
+  showWarnings(run.warnings);
 }
 
 function setUpButtons() {

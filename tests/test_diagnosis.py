@@ -1,0 +1,105 @@
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from cuboid.calibration.pose_fit import PoseFit
+from cuboid.diagnosis import RunFacts, diagnose, explains
+
+GOOD = RunFacts(
+    frames_read=100,
+    frames_used=98,
+    frames_lost=0,
+    frames_without_pose=2,
+    every=1,
+    depth_fraction=0.75,
+    depth_median_m=1.1,
+    depth_units_per_metre=1000.0,
+    pose_fit=PoseFit(given=0.85, inverted=0.3, still=0.2, depth_factor=2.0, scaled=0.4),
+    up_known=True,
+    planes=2,
+    proposals=400,
+    objects=8,
+)
+
+
+def _fit(**changes: float) -> PoseFit:
+    assert GOOD.pose_fit is not None
+    return dataclasses.replace(GOOD.pose_fit, **changes)
+
+
+def test_a_good_run_has_no_warnings() -> None:
+    assert diagnose(GOOD) == ()
+    assert diagnose(dataclasses.replace(GOOD, pose_fit=None)) == ()  # poses estimated
+    # a camera that hardly moves: every hypothesis fits
+    assert diagnose(dataclasses.replace(GOOD, pose_fit=PoseFit(0.89, 0.89, 0.89, 0.1, 0.89))) == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"frames_lost": 30}, "the camera was lost in 30 of 100 frames; move slower"),
+        ({"frames_lost": 30, "every": 3}, "the camera was lost in 30 of 100 frames; read all frames with --every 1"),
+        ({"frames_without_pose": 40}, "40 of 100 frames have no camera pose and were not used; --bridge"),
+        ({"depth_fraction": 0.06}, "depth has few readings: 6 % of the pixels (median)"),
+        ({"pose_fit": _fit(given=0.1, scaled=0.9, depth_factor=0.1)}, "run again with --depth-scale 10000"),
+        ({"pose_fit": _fit(given=0.1, scaled=0.9, depth_factor=10.0)}, "run again with --depth-scale 100"),
+        ({"pose_fit": _fit(given=0.3, inverted=0.9)}, "the given poses are inverted: 90 % of the depth"),
+        ({"pose_fit": _fit(given=0.2)}, "the given poses do not explain the frames: only 20 % of the depth"),
+        ({"depth_median_m": 13.0}, "the median depth is 13 m; at --depth-scale 10000 it is 1.3 m"),
+        ({"depth_median_m": 0.11}, "the median depth is 0.11 m; at --depth-scale 100 it is 1.1 m"),
+    ],
+)
+def test_each_fault_alone_gives_its_line_and_what_helps(change: dict, expected: str) -> None:
+    (warning,) = diagnose(dataclasses.replace(GOOD, **change))
+    assert expected in warning
+    assert len(warning) < 300
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({}, "no object found: 400 boxes in 98 frames, none confirmed; look at 'cuboid render DIR --show planes'"),
+        ({"proposals": 0}, "no object found: no frame had a box of its own; look at 'cuboid render DIR --show heat'"),
+        (
+            {"frames_used": 4},
+            "no object found in 4 frames: a thing must be seen clearly about three times; record more",
+        ),
+        ({"frames_used": 4, "every": 9}, "--every 1 reads all"),
+        ({"up_known": False}, "no object found, and up is not known: no floor or table was seen"),
+        ({"depth_median_m": 5.2}, "no object found: the median depth is 5.2 m, objects are found up to 4 m"),
+    ],
+)
+def test_an_empty_result_is_explained(change: dict, expected: str) -> None:
+    (warning,) = diagnose(dataclasses.replace(GOOD, objects=0, **change))
+    assert expected in warning
+
+
+def test_an_empty_result_with_a_cause_is_not_explained_twice() -> None:
+    (warning,) = diagnose(dataclasses.replace(GOOD, objects=0, up_known=False, depth_fraction=0.02))
+    assert warning.startswith("depth has few readings")
+
+
+def test_causes_come_first() -> None:
+    facts = dataclasses.replace(GOOD, depth_median_m=13.0, frames_lost=60)
+    assert [warning.partition(" ")[2].split()[0] for warning in diagnose(facts)] == ["depth", "camera"]
+
+
+def test_objects_without_up_are_no_fault() -> None:
+    """A desk that is seen in parts: its objects are found all the same."""
+    assert diagnose(dataclasses.replace(GOOD, up_known=False, planes=0)) == ()
+
+
+def test_a_scale_that_the_poses_prove_is_named_once() -> None:
+    facts = dataclasses.replace(GOOD, depth_median_m=11.0, pose_fit=_fit(given=0.1, scaled=0.9, depth_factor=0.1))
+    (warning,) = diagnose(facts)
+    assert "--depth-scale 10000" in warning
+
+
+def test_poses_explain_unless_another_hypothesis_is_clearly_better() -> None:
+    assert explains(_fit())
+    assert explains(_fit(inverted=0.92))  # by a few percent: no proof
+    assert not explains(_fit(given=0.3, inverted=0.9))
+    assert not explains(_fit(given=0.84, scaled=0.98))
+    assert not explains(_fit(given=0.2))

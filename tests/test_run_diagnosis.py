@@ -1,0 +1,119 @@
+"""Whole runs over made recordings with one fault each: the fault is named, with the call that helps."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from cuboid.errors import InputError
+from cuboid.geometry.se3 import inverse, quat_wxyz_from_rotation
+from cuboid.outputs import RunReport
+from cuboid.readers import open_recording
+from cuboid.run import track_recording
+from cuboid.synthetic import make_scene, render_recording
+from made_scenes import CAMERA, cast, look_at, upright
+
+FRAMES = 48
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("diagnosis") / "table"
+    render_recording(make_scene("table", 3, frames=FRAMES), path, size=(320, 240))
+    return path
+
+
+def report_of(path: Path, output: Path, **options: float) -> RunReport:
+    recording = open_recording(path, **options)
+    outcome = track_recording(recording, output, page=False)
+    assert json.loads((output / "run.json").read_text())["warnings"] == list(outcome.report.warnings)
+    return outcome.report
+
+
+def changed(good: Path, folder: Path, change: Callable[[Path], None]) -> Path:
+    shutil.copytree(good, folder)
+    change(folder)
+    return folder
+
+
+def test_a_good_recording_has_no_warnings(good: Path, tmp_path: Path) -> None:
+    assert report_of(good, tmp_path / "out").warnings == ()
+
+
+@pytest.mark.parametrize("factor", [10.0, 0.1])
+def test_a_depth_scale_off_by_ten_is_named_with_the_right_one(good: Path, tmp_path: Path, factor: float) -> None:
+    units = open_recording(good).depth_units_per_metre
+    warnings = report_of(good, tmp_path / "out", depth_scale=units / factor).warnings
+    assert warnings[0].startswith(f"the depth scale of {units / factor:g} units per metre is wrong")
+    assert warnings[0].endswith(f"run again with --depth-scale {units:g}")
+
+
+def test_metres_taken_for_millimetres_are_refused_with_the_right_scale(good: Path, tmp_path: Path) -> None:
+    units = open_recording(good).depth_units_per_metre
+    with pytest.raises(InputError, match=rf"check --depth-scale \(at {units:g} it is [0-9.]+ to [0-9.]+ m\)"):
+        report_of(good, tmp_path / "out", depth_scale=units / 1000)
+
+
+def _invert(folder: Path) -> None:
+    recording = open_recording(folder)
+    lines = []
+    for k in range(len(recording)):
+        T = inverse(recording.pose(k))
+        w, x, y, z = quat_wxyz_from_rotation(T[:3, :3])
+        lines.append(" ".join(map(str, [k, *T[:3, 3], x, y, z, w])))
+    (folder / "poses.txt").write_text("\n".join(lines))
+
+
+def test_inverted_poses_are_named(good: Path, tmp_path: Path) -> None:
+    warnings = report_of(changed(good, tmp_path / "bad", _invert), tmp_path / "out").warnings
+    assert warnings[0].startswith("the given poses are inverted: ")
+    assert "--poses estimated" in warnings[0]
+
+
+def _empty(folder: Path) -> None:
+    for file in (folder / "depth").iterdir():
+        depth = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        kept = np.zeros_like(depth)
+        kept[100:140, 140:180] = depth[100:140, 140:180]
+        cv2.imwrite(str(file), kept)
+
+
+def test_depth_that_is_nearly_empty_is_named(good: Path, tmp_path: Path) -> None:
+    warnings = report_of(changed(good, tmp_path / "bad", _empty), tmp_path / "out").warnings
+    assert warnings[0].startswith("depth has few readings: 2 % of the pixels")
+
+
+def test_a_wall_alone_has_no_object_and_says_why(tmp_path: Path) -> None:
+    folder = tmp_path / "wall"
+    for name in ("color", "depth"):
+        (folder / name).mkdir(parents=True)
+    wall = [upright((0.0, 3.0), (20.0, 0.2, 20.0), z=-10.0)]
+    rng = np.random.default_rng(1)
+    for k in range(24):
+        depth, _ = cast(wall, look_at((0.02 * k, 1.0, 1.5), (0.02 * k, 3.0, 1.5)))
+        noisy = np.where(depth > 0, depth + rng.normal(size=depth.shape) * 0.002, 0)
+        cv2.imwrite(str(folder / "depth" / f"{k}.png"), np.round(noisy * 1000).astype(np.uint16))
+        cv2.imwrite(str(folder / "color" / f"{k}.png"), rng.integers(0, 255, (240, 320, 3), np.uint8))
+    size = {"width": CAMERA.width, "height": CAMERA.height}
+    camera = {"fx": CAMERA.fx, "fy": CAMERA.fy, "cx": CAMERA.cx, "cy": CAMERA.cy, **size, "depth_units_per_metre": 1000}
+    (folder / "camera.json").write_text(json.dumps(camera))
+    half = np.sqrt(0.5)  # the camera looks along the world's y, its z is up
+    poses = [f"{k} {0.02 * k} 1.0 1.5 {-half} 0 0 {half}" for k in range(24)]
+    (folder / "poses.txt").write_text("\n".join(poses))
+    warnings = report_of(folder, tmp_path / "out").warnings
+    assert len(warnings) == 1
+    assert warnings[0].startswith("no object found")
+
+
+def test_images_left_out_are_among_the_warnings(good: Path, tmp_path: Path) -> None:
+    def add(folder: Path) -> None:
+        (folder / "color" / "preview.png").write_bytes(b"no image")
+
+    warnings = report_of(changed(good, tmp_path / "bad", add), tmp_path / "out").warnings
+    assert warnings == ("1 image left out, whose name does not fit those of the others: color/preview.png",)
