@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from cuboid import __version__
 from cuboid.cli.recording import add_reading_options, add_tracking, config_from, reading_from
 from cuboid.cli.workers import add_workers, workers_from
+from cuboid.errors import one_line
 
 if TYPE_CHECKING:
     from cuboid.batch.batch import Plan
@@ -46,7 +47,10 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.cli.extras import need_cluster
 
     need_cluster("'cuboid batch'")
+    from contextlib import nullcontext
+
     from cuboid.batch.batch import Order, carry_out, plan
+    from cuboid.batch.claim import claimed
     from cuboid.batch.sources import expand
     from cuboid.cli.batch_progress import BatchProgress
     from cuboid.store.page import write_summary
@@ -56,8 +60,14 @@ def run(args: argparse.Namespace) -> int:
     version = f"{__version__}+{args.tag}" if args.tag else __version__
     order = Order(args.output, settings_from(args), args.tables_only, args.retry, version)
     sources = expand(args.sources)
-    Place(order.store)  # a mistake in its name is told before workers are started
-    with workers_from(args).connected() as client:
+    place = Place(order.store)  # a mistake in its name is told before workers are started
+
+    def waiting() -> None:
+        print(
+            one_line(f"cuboid: {order.store}: another batch works on this store; waiting for its end"), file=sys.stderr
+        )
+
+    with workers_from(args).connected() as client, nullcontext() if args.dry_run else claimed(place, waiting):
         planned = plan(client, sources, order)
         if args.dry_run:
             _print_plan(planned)
