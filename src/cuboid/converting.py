@@ -154,6 +154,7 @@ def convert_recording(
     form: str,
     frames: range,
     *,
+    force: bool = False,
     progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> dict[int, str]:
     """Write frames of a recording in another form.
@@ -167,6 +168,8 @@ def convert_recording(
         Of `WRITERS`.
     frames : range
         Numbers of the frames.
+    force : bool
+        Whether a recording that an earlier conversion into a folder wrote there is replaced.
     progress : callable
         Told how many frames are done, and of how many.
 

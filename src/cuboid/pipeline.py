@@ -76,7 +76,7 @@ class Pipeline:
                 clock.lap("poses")
             if posed.moved:
                 self.tracker.apply_correction(posed.moved)
-                clock.lap("carry")
+                clock.lap("correction")
             result = self.tracker.update(dataclasses.replace(small, T_world_camera=posed.T_world_camera), posed.anchor)
         except FrameError as error:
             return str(error)
