@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Callable, Mapping
+from glob import escape, glob
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +46,7 @@ def refuse_existing_files(args: argparse.Namespace) -> None:
         if file is not None and file != PRINTED:
             refuse_existing(Path(file), force=args.force)
     pictures: Path | None = getattr(args, "pictures", None)
-    if pictures is not None and pictures.is_dir() and any(pictures.iterdir()) and not args.force:
+    if pictures is not None and not args.force and glob(f"{escape(str(pictures))}/*"):
         raise OutputError(f"{pictures}: the folder exists; --force replaces pictures in it")
 
 
@@ -55,7 +57,7 @@ def refuse_existing(file: Path, *, force: bool) -> None:
     ------
     OutputError
     """
-    if file.is_file() and not force:
+    if not force and os.path.isfile(file):
         raise OutputError(f"{file}: exists; --force replaces it")
 
 
