@@ -47,6 +47,15 @@ def test_a_second_batch_says_that_it_waits_and_goes_on_after_the_first(place: Pl
         pass
 
 
+def test_a_batch_that_did_nothing_leaves_no_folder(tmp_path: Path) -> None:
+    with claimed(Place(str(tmp_path / "store")), never):
+        assert (tmp_path / "store" / LOCK).is_file()
+    assert list(tmp_path.iterdir()) == []
+    with claimed(Place(str(tmp_path / "store")), never):
+        (tmp_path / "store" / "runs").mkdir()
+    assert (tmp_path / "store" / "runs").is_dir()
+
+
 def test_the_lock_of_a_killed_batch_ends(tmp_path: Path) -> None:
     script = (
         "import os, sys; from cuboid.batch.claim import claimed; from cuboid.store.place import Place\n"

@@ -51,19 +51,33 @@ def claimed(place: Place, waiting: Callable[[], None]) -> Iterator[None]:
 
 @contextmanager
 def _file_lock(store: Path, waiting: Callable[[], None]) -> Iterator[None]:
-    with writing(store / LOCK):
-        store.mkdir(parents=True, exist_ok=True)
-        handle = os.open(store / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    handle = _locked(store, waiting)
     try:
+        yield
+    finally:
+        with suppress(OSError):  # nothing was done: leave no folder
+            if os.listdir(store) == [LOCK]:
+                (store / LOCK).unlink()
+                store.rmdir()
+        os.close(handle)
+
+
+def _locked(store: Path, waiting: Callable[[], None]) -> int:
+    """Return a handle of the lock's file; it is locked until the handle is closed."""
+    while True:
+        with writing(store / LOCK):
+            store.mkdir(parents=True, exist_ok=True)
+            handle = os.open(store / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
         with suppress(OSError):  # a file system without locks
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 waiting()
                 fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(handle)
+        with suppress(FileNotFoundError):
+            if os.fstat(handle).st_ino == (store / LOCK).stat().st_ino:
+                return handle
+        os.close(handle)  # the holder before has just removed the file
 
 
 @contextmanager
