@@ -68,12 +68,18 @@ def run(args: argparse.Namespace) -> int:
 def _document(found: CalibrationResult, units: float, output: Path) -> dict[str, Any]:
     """Return what was found, ready for JSON; null for what was not fitted."""
     from dataclasses import asdict
+    from math import isfinite
 
     figures = asdict(found)
-    figures["before"], figures["after"] = figures.pop("start"), figures.pop("intrinsics")
-    kept = {name: None if value != value else value for name, value in figures.items()}
-    kept["center_error_px"] = [None if value != value else value for value in found.center_error_px]
-    return {"output": str(output), "depth_units_per_metre": units, **kept}
+    before, after, center = figures.pop("start"), figures.pop("intrinsics"), figures.pop("center_error_px")
+    return {
+        "output": str(output),
+        "before": before,
+        "after": after,
+        "depth_units_per_metre": units,
+        "center_error_px": [value if isfinite(value) else None for value in center],
+        **{name: value if isfinite(value) else None for name, value in figures.items()},
+    }
 
 
 def _open(args: argparse.Namespace) -> Recording:
