@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import json
 import threading
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from cuboid.errors import InputError, OutputError
 from cuboid.outputs import read_objects, read_run, read_tracks, read_trajectory
 from cuboid.outputs.folder import OUTPUT_NAMES, REPORT, TRAJECTORY_ONLINE, VIDEO
+from cuboid.posing import GivenPoses, SteadiedPoses
 from cuboid.run import track_recording
 from cuboid.run_types import RunOutcome
 from fakes import FakeRecording, FakeTracker
@@ -40,6 +42,17 @@ def test_frames_keep_their_numbers_with_every_limit_and_skipped_ones(tmp_path: P
     assert [row.frame for row in read_tracks(tmp_path / "out" / "tracks.csv")] == [3, 12, 15]
     assert len(read_trajectory(tmp_path / "out" / "trajectory.txt")) == 4
     assert run.complete
+
+
+def test_correcting_the_map_is_a_stage_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    locate = GivenPoses.locate
+    moved = {0: np.eye(4)}
+    monkeypatch.setattr(
+        SteadiedPoses, "locate", lambda self, frame: dataclasses.replace(locate(self, frame), moved=moved)
+    )
+    stages = track(FakeRecording(4), None).milliseconds
+    assert "correction" in stages
+    assert "carry" not in stages
 
 
 def test_a_frame_that_the_tracker_refuses_is_skipped(tmp_path: Path) -> None:

@@ -7,7 +7,9 @@ it was registered to color, as TUM's form always has.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
@@ -16,7 +18,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError, InputError
+from cuboid.errors import FrameError, InputError, OutputError
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.geometry import se3
 from cuboid.outputs.folder import ResultFolder, writing
@@ -32,6 +34,8 @@ TUM_UNITS = 5000.0
 # PNG at this effort: a few percent larger than the best, in a tenth of the time.
 PNG_EFFORT = 1
 SATURATED = 65535
+# This file marks a folder that a conversion wrote; only such a folder is replaced.
+MARK = ".converted"
 
 
 class RecordingWriter(Protocol):
@@ -154,6 +158,7 @@ def convert_recording(
     form: str,
     frames: range,
     *,
+    force: bool = False,
     progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> dict[int, str]:
     """Write frames of a recording in another form.
@@ -167,6 +172,8 @@ def convert_recording(
         Of `WRITERS`.
     frames : range
         Numbers of the frames.
+    force : bool
+        Whether a folder that an earlier conversion wrote is replaced, when the new one is complete.
     progress : callable
         Told how many frames are done, and of how many.
 
@@ -180,11 +187,11 @@ def convert_recording(
     InputError
         No frame can be used.
     OutputError
-        The folder exists, or cannot be written.
+        The folder exists and `force` is not given or no conversion wrote it, or it cannot be written.
     """
     skipped: dict[int, str] = {}
     units = units_kept(recording.depth_units_per_metre, recording.depth_camera)
-    with ResultFolder(output) as folder, writing(output):
+    with _replacing(output, force=force) as place, ResultFolder(place) as folder, writing(output):
         work = folder.file("")
         with WRITERS[form](work, recording.intrinsics, units, recording.up_world) as writer:
             for done, index in enumerate(frames):
@@ -196,8 +203,25 @@ def convert_recording(
                 first = next(iter(skipped.items()), (0, "there are none"))
                 raise InputError(f"{recording.path}: no frame can be converted; frame {first[0]}: {first[1]}")
             writer.finish()
+        (work / MARK).touch()
         folder.commit()
     return skipped
+
+
+@contextmanager
+def _replacing(output: Path, *, force: bool) -> Iterator[Path]:
+    """Give the folder to write: the output, or one beside it that takes the place of an earlier conversion."""
+    if not (force and output.exists()):
+        yield output
+        return
+    if not (output / MARK).is_file():
+        raise OutputError(f"{output}: exists and was not written by 'cuboid convert'; name another folder")
+    beside = output.with_name(f".{output.name}.new")
+    with writing(output):
+        shutil.rmtree(beside, ignore_errors=True)  # of a conversion that was killed
+        yield beside
+        shutil.rmtree(output)
+        beside.rename(output)
 
 
 def _read(recording: Recording, index: int, skipped: dict[int, str]) -> Frame | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import socket
 import threading
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -284,6 +285,41 @@ def test_what_no_page_sends_is_refused_without_a_traceback(
     status, said = ask(server, "POST", path, body, own)
     assert status in (400, 422)
     assert len(said) < 300
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("target", ["http://[", "//[", "http://[::1/frame/0.jpg", "/frame/[.jpg"])
+def test_an_address_that_is_not_valid_is_not_found(
+    server: PageServer, capfd: pytest.CaptureFixture[str], target: str
+) -> None:
+    host = f"{HOST}:{server.server_port}"
+    own = f"Host: {host}\r\nOrigin: http://{host}\r\nContent-Type: application/json\r\nContent-Length: 2\r\n\r\n{{}}"
+    for method in ("GET", "POST"):
+        with socket.create_connection((HOST, server.server_port), timeout=20) as client:
+            client.sendall(f"{method} {target} HTTP/1.0\r\n{own}".encode())
+            assert client.recv(12) == b"HTTP/1.0 404", method
+    assert capfd.readouterr().err == ""
+
+
+def test_more_rectangles_than_a_frame_can_have_are_refused(server: PageServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    def never(*args: object) -> None:
+        raise AssertionError("must not be called")
+
+    monkeypatch.setattr("cuboid.annotation.server.propagated", never)
+    rects = [[100, 40, 130, 80]] * 200_000
+    found = send(server, "/carry", {"from": 0, "to": 5, "rects": rects})
+    assert found == (413, "expected at most 1000 rectangles, got 200000")
+
+
+@pytest.mark.parametrize(
+    "rect", [[-1e308, 0, 1e308, 20], [float("nan")] * 4, [0, 0, float("inf"), 5], [0, 0, 161, 5], [9, 0, 5, 5]]
+)
+@pytest.mark.filterwarnings("error")
+def test_rectangles_outside_the_picture_are_refused_without_a_warning(
+    server: PageServer, capfd: pytest.CaptureFixture[str], rect: list[float]
+) -> None:
+    status, said = send(server, "/carry", {"from": 0, "to": 5, "rects": [rect]})
+    assert (status, "expected rectangles within 160 x 120 pixels" in said) == (400, True)
     assert capfd.readouterr().err == ""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -65,6 +66,15 @@ def test_what_is_done_is_not_done_again_and_what_changed_is(store: Path, source:
     shutil.copytree(source, tmp_path / "source")  # a copy is another recording
     other = run("batch", tmp_path / "source", "--output", tmp_path / "store", "--workers", 1, "--limit", 3, "--dry-run")
     assert "10 to do, 0 done" in other.stdout
+
+
+def test_json_says_what_would_be_done_and_what_was_done(store: Path, source: Path) -> None:
+    words = ("batch", source, "--output", store, "--workers", 1, "--json")
+    before = {"done_before": 4, "failed_before": 6, "not_listed": []}
+    assert json.loads(run(*words, "--dry-run").stdout) == {"to_do": [], **before}
+    done = json.loads(run(*words).stdout)
+    assert {name: done[name] for name in before} == before
+    assert (done["store"], done["done"], done["failed"], done["set_aside"]) == (str(store), 0, 0, 0)
 
 
 def test_workers_without_memory_for_anything_are_told_in_a_line(source: Path, tmp_path: Path) -> None:

@@ -12,6 +12,8 @@ from pathlib import Path
 import psutil
 
 from batches import LIMIT_S, call, content, recordings, run, states, surroundings
+from cuboid.batch.claim import claimed
+from cuboid.store.place import Place
 
 # More with CUBOID_CHAOS=200.
 COUNT = int(os.environ.get("CUBOID_CHAOS", "12"))
@@ -90,10 +92,22 @@ def test_two_batches_on_one_store_do_all_once(tmp_path: Path) -> None:
         subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=surroundings())
         for _ in range(2)
     ]
-    for process in both:
-        _, said = process.communicate(timeout=LIMIT_S)
-        assert process.returncode == 0, said
+    told = [process.communicate(timeout=LIMIT_S) for process in both]
+    assert [process.returncode for process in both] == [0, 0], told
+    assert sorted(out.split(";")[0] for out, _ in told) == ["6 done", "nothing to do"]
     assert len(states(tmp_path / "store")) == 6
     alone = run("batch", source, "--output", tmp_path / "alone", "--workers", 2)
     assert alone.returncode == 0
     assert content(tmp_path / "store") == content(tmp_path / "alone")
+
+
+def test_a_second_batch_says_that_it_waits(tmp_path: Path) -> None:
+    source = recordings(tmp_path / "source", 1, 4)
+    words = call("batch", source, "--output", tmp_path / "store", "--workers", 1)
+    with claimed(Place(str(tmp_path / "store")), lambda: None):
+        second = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=surroundings())
+        assert second.stderr is not None
+        line = second.stderr.readline()
+        assert line == f"cuboid: {tmp_path / 'store'}: another batch works on this store; waiting for its end\n"
+    out, _ = second.communicate(timeout=LIMIT_S)
+    assert (second.returncode, out.split(";")[0]) == (0, "1 done")

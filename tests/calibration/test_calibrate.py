@@ -133,9 +133,12 @@ def test_estimated_poses_and_unknown_intrinsics(
     for name in ("color", "depth"):
         (bare / name).symlink_to(recording.path / name)
     words = ["calibrate", str(bare), "--output", str(tmp_path / "c.json"), "--depth-scale", "5000", "--limit", "45"]
-    assert main(words) == 0
+    assert main([*words, "--json", str(tmp_path / "figures.json")]) == 0
     assert "poses that were estimated do not tell them" in capsys.readouterr().out
     found = json.loads((tmp_path / "c.json").read_text())
+    figures = json.loads((tmp_path / "figures.json").read_text())
+    assert figures["after"]["fx"] == pytest.approx(found["fx"], abs=1e-3)
+    assert (figures["before"]["width"], figures["center_error_px"]) == (320, [None, None])
     assert found["fx"] == pytest.approx(recording.intrinsics.fx, rel=0.02)
     assert (found["cx"], found["depth_units_per_metre"]) == (159.5, 5000)
     assert main([*words, "--poses", "given", "--force"]) == 2

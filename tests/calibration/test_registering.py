@@ -108,7 +108,7 @@ def test_without_register_one_line_warns_with_it_the_run_is_mended(deregistered,
     config = json.loads((tmp_path / "b" / "run.json").read_text())["config"]
     assert config["depth_camera"]["fx"] == pytest.approx(DEPTH.fx, rel=0.01)
     assert np.shape(config["T_color_depth"]) == (4, 4)
-    assert main(["report", str(tmp_path / "b")]) == 0  # opens the recording as it was tracked
+    assert main(["report", str(tmp_path / "b"), "--force"]) == 0  # opens the recording as it was tracked
 
 
 def test_no_word_where_depth_is_registered(registered, capsys, tmp_path):

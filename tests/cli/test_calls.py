@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -12,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from cuboid import __version__
-from cuboid.cli import COMMANDS, main
+from cuboid.cli import COMMANDS, GROUPS, main
 from cuboid.outputs import read_run
 from fakes import FakeTracker, write_recording
 
@@ -64,6 +65,34 @@ def test_help_names_every_command_and_loads_nothing_heavy() -> None:
     assert all(any(line.split()[: len(name.split())] == name.split() for line in shown) for name in COMMANDS)
 
 
+def test_the_help_lists_the_commands_in_groups_and_comes_without_a_command_too(call: Call) -> None:
+    status, shown, err = call()
+    assert (status, err) == (0, "")
+    assert call("--help") == (0, shown, "")
+    for group, commands in GROUPS.items():
+        after = shown.split(f"\n{group}:\n")[1].split("\n\n")[0].splitlines()
+        assert [line.strip().split("  ")[0] for line in after] == list(commands)
+
+
+@pytest.mark.parametrize("words", [("info", "RECORDING"), ("info", "RECORDING", "--json"), ("track", "--help"), ()])
+def test_a_reader_that_has_read_enough_is_no_fault(words: tuple[str, ...], recording: Path) -> None:
+    call = [str(recording) if word == "RECORDING" else word for word in words]
+    for unbuffered in ("", "1"):
+        process = subprocess.Popen(
+            [sys.executable, "-m", "cuboid", *call],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
+        )
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()  # as 'head' does, only sooner
+        err = process.stderr.read()
+        process.stderr.close()
+        assert process.wait(timeout=60) in (0, 141), err
+        assert err == b""
+
+
 def test_version(call: Call) -> None:
     assert call("--version") == (0, f"cuboid {__version__}\n", "")
 
@@ -71,8 +100,15 @@ def test_version(call: Call) -> None:
 @pytest.mark.parametrize(
     ("words", "part"),
     [
-        ((), "required: COMMAND; for example: cuboid demo"),
-        (("trakc",), "invalid choice: 'trakc'"),
+        (("trakc",), "invalid choice: 'trakc'; did you mean 'track'?"),
+        (("store",), "invalid choice: 'store'; did you mean 'store compact'?"),
+        (("--verison",), "unrecognized arguments: --verison; did you mean '--version'?"),
+        (("scene", "lst", "f"), "invalid choice: 'lst'; did you mean 'list'?"),
+        (("scene", "list", "f", "--al"), "unrecognized arguments: --al; did you mean '--all'?"),
+        (("render", "r", "--show", "haet"), "invalid choice: 'haet'; did you mean 'heat'?"),
+        (("track", "r", "--ouput", "o"), "unrecognized arguments: --ouput; did you mean '--output'?"),
+        (("track", "r", "-o", "o", "--evry=2"), "unrecognized arguments: --evry; did you mean '--every'?"),
+        (("track", "r", "-o"), "argument --output: expected one argument"),
         (("track",), "required: --output; for example: cuboid track RECORDING --output DIR"),
         (("track", "r", "--output", "o", "--scale", "3"), "--scale: invalid choice: 3"),
         (("track", "r", "--output", "o", "--every", "0"), "whole number of at least 1, got '0'"),

@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import shlex
 import subprocess
 import sys
+from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
 
@@ -15,7 +17,11 @@ import pytest
 
 from cuboid.cli import COMMANDS, main
 from cuboid.cli.optional_words import without_guessing
-from fakes import write_recording
+from cuboid.config import TrackerConfig
+from cuboid.exports import EXPORTS
+from cuboid.proposals import SOURCES
+from cuboid.readers import READERS
+from fakes import FakeTracker, write_recording
 
 MODULES = {name: import_module(f"cuboid.cli.{name.replace(' ', '_')}") for name in COMMANDS}
 
@@ -73,6 +79,111 @@ def test_json_prints_and_json_with_a_file_writes(
     assert json.loads((tmp_path / "all.json").read_text()) == printed
 
 
+# Serve until Ctrl-C, or print a script: these have no results.
+WITHOUT_RESULTS = {"annotate", "view", "serve", "completion"}
+
+
+def parsers_of(name: str) -> list[argparse.ArgumentParser]:
+    """Return the parser of a command, or those of its verbs."""
+    parser = parser_of(name)
+    verbs = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    return list(verbs[0].choices.values()) if verbs else [parser]
+
+
+def test_all_commands_with_results_have_json_and_force_which_mean_the_same() -> None:
+    meanings: dict[str, set[str | None]] = {"--json": set(), "--force": set()}
+    for name in COMMANDS:
+        for parser in parsers_of(name):
+            for option, found in meanings.items():
+                action = parser._option_string_actions.get(option)
+                assert (action is None) == (name in WITHOUT_RESULTS), (parser.prog, option)
+                if action is not None:
+                    found.add(action.help)
+    assert all(len(found) == 1 for found in meanings.values()), meanings
+
+
+def test_o_is_output_for_all_commands() -> None:
+    for name in COMMANDS:
+        for parser in parsers_of(name):
+            options = parser._option_string_actions
+            assert options.get("-o") is options.get("--output"), parser.prog
+
+
+@pytest.mark.parametrize("option", ["--json", "--force"])
+def test_a_file_that_exists_is_replaced_with_force_only(
+    option: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "all.json"
+    file.write_text("mine")
+    words = ["doctor", "--json", str(file)]
+    if option == "--json":
+        assert main(words) == 2
+        assert capfd.readouterr().err == f"cuboid: error: {file}: exists; --force replaces it\n"
+        assert file.read_text() == "mine"
+    else:
+        assert main([*words, "--force"]) == 0
+        assert json.loads(file.read_text())["checks"]
+
+
+@pytest.fixture
+def results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Results of a short run with a quick tracker."""
+    monkeypatch.setattr("cuboid.run._tracker", FakeTracker)
+    recording = write_recording(tmp_path / "recording", 3, (120, 160))
+    assert main(["track", str(recording), "-o", str(tmp_path / "results"), "--video"]) == 0
+    return tmp_path / "results"
+
+
+@pytest.mark.parametrize(
+    ("words", "keys"),
+    [
+        (("track", "RECORDING", "-o", "NEW"), {"output", "objects", "run"}),
+        (("convert", "RECORDING", "-o", "NEW"), {"output", "form", "frames", "left_out"}),
+        (("info", "RECORDING"), {"path", "format", "frames"}),
+        (("bench", "RECORDING"), {"milliseconds", "frames_per_second"}),
+        (("render", "RESULTS", "--force"), {"output", "frames"}),
+        (("report", "RESULTS", "-o", "NEW.html"), {"output", "objects"}),
+        (("export", "RESULTS", "--to", "csv", "-o", "NEW.csv"), {"output", "form", "notes"}),
+        (("synth", "-o", "NEW", "--frames", "2", "--size", "64x48"), {"output", "name", "frames", "objects"}),
+    ],
+)
+def test_json_is_all_that_is_printed(
+    words: tuple[str, ...], keys: set[str], results: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    names = {"RECORDING": "recording", "RESULTS": "results", "NEW": "new", "NEW.html": "n.html", "NEW.csv": "n.csv"}
+    call = [str(results.parent / names[word]) if word in names else word for word in words]
+    capfd.readouterr()
+    assert main([*call, "--json"]) == 0
+    printed = json.loads(capfd.readouterr().out)
+    assert keys <= printed.keys()
+
+
+def test_render_and_report_ask_before_they_replace(results: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    for command, name in (("render", "labelled.mp4"), ("report", "report.html")):
+        before = (results / name).read_bytes()
+        capfd.readouterr()
+        assert main([command, str(results)]) == 2
+        assert capfd.readouterr().err == f"cuboid: error: {results / name}: exists; --force replaces it\n"
+        assert (results / name).read_bytes() == before
+        assert main([command, str(results), "--force"]) == 0
+
+
+def test_the_help_lists_the_names_that_options_take(capfd: pytest.CaptureFixture[str]) -> None:
+    listed = {
+        ("track",): [*READERS.names(), *SOURCES.names(), *(item.name for item in fields(TrackerConfig))],
+        ("export",): EXPORTS.names(),
+        ("scene", "export"): ["results", *EXPORTS.names()],
+        ("convert",): ["plain", "tum", "mcap"],
+        ("scene",): ["list", "show", "changes", "name", "merge", "forget", "check", "export", "compact"],
+    }
+    for words, names in listed.items():
+        with pytest.raises(SystemExit) as ended:
+            main([*words, "--help"])
+        assert ended.value.code == 0
+        shown = re.sub(r"-\s+", "-", capfd.readouterr().out)  # names are broken at hyphens
+        assert [name for name in names if name not in shown] == []
+
+
 def test_json_takes_no_word_that_is_no_json_file() -> None:
     assert without_guessing(["info", "--json", "rec"]) == ["info", "--json=-", "rec"]
     assert without_guessing(["info", "rec", "--json", "a.json"]) == ["info", "rec", "--json", "a.json"]
@@ -91,7 +202,19 @@ def test_the_shell_is_told_how_to_complete(shell: str, capfd: pytest.CaptureFixt
 
 @pytest.mark.parametrize(
     ("line", "there"),
-    [("cuboid exp", "export"), ("cuboid track r --dep", "--depth-scale"), ("cuboid synth --kind ro", "room")],
+    [
+        ("cuboid exp", "export"),
+        ("cuboid track r --dep", "--depth-scale"),
+        ("cuboid synth --kind ro", "room"),
+        ("cuboid track r --proposals edge", "edgeboxes"),
+        ("cuboid track r --format stray", "stray-scanner"),
+        ("cuboid track r --set vox", "voxel_m="),
+        ("cuboid track --camera real", "realsense"),
+        ("cuboid export d --to coc", "coco"),
+        ("cuboid convert r --to mca", "mcap"),
+        ("cuboid scene comp", "compact"),
+        ("cuboid scene export s --to resu", "results"),
+    ],
 )
 def test_words_are_completed(line: str, there: str, tmp_path: Path) -> None:
     script = "from cuboid.cli import main; main()"

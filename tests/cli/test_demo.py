@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -40,8 +41,9 @@ def test_the_demo_finds_objects_and_shows_them(made: tuple[Path, str]) -> None:
 def test_a_second_demo_takes_the_place_of_the_first(made: tuple[Path, str]) -> None:
     output, _ = made
     (output / "results" / "mine.txt").write_text("x")
-    done = demo("--output", output, "--frames", "12", "--no-video")
+    done = demo("--output", output, "--frames", "12", "--no-video", "--json")
     assert done.returncode == 0, done.stderr
+    assert {"output", "objects", "run", "evaluation"} <= json.loads(done.stdout).keys()
     assert read_run(output / "results" / "run.json").frames_used == 12
     assert not (output / "results" / "labelled.mp4").exists()
     assert (output / "results" / "mine.txt").exists()

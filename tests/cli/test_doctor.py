@@ -1,9 +1,13 @@
 from __future__ import annotations
 
+import tomllib
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from cuboid.cli import doctor, main
 
@@ -22,7 +26,7 @@ def test_a_sound_installation(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["doctor"]) == 0
     lines = lines_of(capsys)
     assert {"numpy", "numba", "opencv contrib", "kernels", "kernel cache", "temporary folder"} <= set(lines)
-    assert all(state == "ok" for state, _ in lines.values())
+    assert {state for state, _ in lines.values()} <= {"ok", "missing"}
     ready, _, total, *_ = lines["kernels"][1].split()
     assert 0 <= int(ready) <= int(total)
     assert int(total) >= 5
@@ -50,4 +54,14 @@ def test_a_missing_extra_is_no_fault_and_says_how_to_get_it(
 ) -> None:
     without(monkeypatch, "onnxruntime")
     assert main(["doctor"]) == 0
-    assert lines_of(capsys)["onnxruntime"] == ("ok", "not installed: pip install 'cuboid[onnx]'")
+    assert lines_of(capsys)["onnxruntime"] == ("missing", "not installed: pip install 'cuboid[onnx]'")
+
+
+def test_each_package_of_each_extra_is_listed_once() -> None:
+    project = Path(__file__).resolve().parents[2] / "pyproject.toml"
+    extras = tomllib.loads(project.read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    wanted = {canonicalize_name(Requirement(item).name) for name in extras if name != "dev" for item in extras[name]}
+    listed = [canonicalize_name(distribution) for distribution, _, extra in doctor.PACKAGES if extra]
+    assert sorted(listed) == sorted(wanted)
+    names = [distribution for distribution, *_ in doctor.PACKAGES]
+    assert len(names) == len(set(names))

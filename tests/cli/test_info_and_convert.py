@@ -13,6 +13,7 @@ from made_recordings import CAMERA, make_plain, write_image
 
 from cuboid.cli import main
 from cuboid.readers import open_recording
+from fakes import write_recording
 
 
 def test_info_says_what_was_recognised_and_what_will_be_skipped(tmp_path, capsys):
@@ -110,3 +111,28 @@ def test_a_range_without_frames_is_refused(tmp_path, capsys):
     assert main(["convert", str(made.path), "--output", str(tmp_path / "out"), "--first", "9"]) == 2
     assert "has 5 frames, none from 9 to 4" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_only_an_earlier_conversion_is_replaced(tmp_path, capsys):
+    made, other, output = (
+        write_recording(tmp_path / "made", 6),
+        write_recording(tmp_path / "other", 3),
+        tmp_path / "out",
+    )
+    assert main(["convert", str(made), "-o", str(output)]) == 0
+    before = contents(output)
+    for words in ((str(other), "-o", str(output)), (str(other), "-o", str(made), "--force")):
+        assert main(["convert", *words]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert "exists; --force" in said[0]
+    assert "was not written by 'cuboid convert'" in said[1]
+    assert main(["convert", str(tmp_path / "other"), "-o", str(output), "--first", "9", "--force"]) == 2
+    assert contents(output) == before
+    assert main(["convert", str(other), "-o", str(output), "--to", "tum", "--force"]) == 0
+    assert len(open_recording(output)) == 3
+    assert not (output / "color").exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["made", "other", "out"]
+
+
+def contents(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}

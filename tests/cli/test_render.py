@@ -55,7 +55,7 @@ def decode(path: Path) -> list[UInt8Array]:
 def test_each_view_has_every_used_frame(
     results: Path, flags: tuple[str, ...], name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert call(results, *flags) == 0
+    assert call(results, *flags, "--force") == 0
     shown = decode(results / name)
     assert len(shown) == 3  # 0, 4 and 6
     assert shown[0].shape == (120, 160, 3)
@@ -65,14 +65,14 @@ def test_each_view_has_every_used_frame(
 def test_the_views_differ(results: Path) -> None:
     last = []
     for flags in ((), ("--show", "depth"), ("--show", "proposals"), ("--show", "planes")):
-        call(results, *flags, "--output", results / "view.mp4")
+        call(results, *flags, "--force", "-o", results / "view.mp4")
         last.append(decode(results / "view.mp4")[-1].astype(int))
     assert all(np.abs(a - b).mean() > 0.5 for a, b in [(last[0], one) for one in last[1:]])
 
 
 def test_what_is_drawn_anew_is_what_was_drawn_in_the_run(results: Path) -> None:
     before = decode(results / "labelled.mp4")
-    call(results)
+    call(results, "--force")
     strip_px = 24  # says frames a second, which the run measured anew in every frame
     for a, b in zip(before, decode(results / "labelled.mp4"), strict=True):
         assert np.abs(a[:-strip_px].astype(int) - b[:-strip_px]).mean() < 0.5
@@ -82,8 +82,8 @@ def test_the_recording_may_have_moved(results: Path, tmp_path: Path) -> None:
     moved = tmp_path / "elsewhere"
     shutil.move(tmp_path / "recording", moved)
     with pytest.raises(InputError, match="recording"):
-        call(results)
-    assert call(results, "--recording", moved) == 0
+        call(results, "--force")
+    assert call(results, "--recording", moved, "--force") == 0
 
 
 def test_another_recording_is_refused(results: Path, tmp_path: Path) -> None:
@@ -91,7 +91,7 @@ def test_another_recording_is_refused(results: Path, tmp_path: Path) -> None:
     short = write_recording(tmp_path / "short", 3, (120, 160))
     for other, got in ((large, "7 frames of 320 x 240"), (short, "3 frames of 160 x 120")):
         with pytest.raises(InputError, match=f"expected frame 6 and 160 x 120 pixels, got {got}"):
-            call(results, "--recording", other)
+            call(results, "--recording", other, "--force")
 
 
 def test_wrong_calls_are_one_line(results: Path, tmp_path: Path) -> None:
@@ -101,7 +101,7 @@ def test_wrong_calls_are_one_line(results: Path, tmp_path: Path) -> None:
         call(tmp_path / "nothing")
     (results / "tracks.csv").unlink()
     with pytest.raises(InputError, match=r"tracks\.csv: cannot be read"):
-        call(results)
+        call(results, "--force")
 
 
 def test_times_that_fit_no_frame_are_an_error_and_leave_no_video(results: Path) -> None:

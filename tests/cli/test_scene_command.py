@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
 from pathlib import Path
@@ -101,3 +102,40 @@ def test_mistakes_are_one_line(path, capsys, monkeypatch, words, message):
     line = said(capsys, *(str(path) if word == "PATH" else word for word in words), status=2)
     assert message in line
     assert len(line.splitlines()) == 1
+
+
+def test_each_verb_gives_json(path, tmp_path, capsys):
+    def given(*words):
+        return json.loads(said(capsys, *words, "--json"))
+
+    listed = given("list", path)["objects"]
+    assert [(item["label"], item["state"], item["merged_into"]) for item in listed] == [
+        (1, "present", None),
+        (2, "present", None),
+    ]
+    with Scene.open(path) as scene:
+        for item, own in zip(listed, scene.objects, strict=True):
+            assert item["center"] == pytest.approx(own.box.center, abs=1e-6)
+            assert item["rotation"] == pytest.approx(own.box.rotation, abs=1e-6)
+            assert tuple(item["last_seen"].values()) == own.last_seen
+    (one,) = given("show", path)["recordings"]
+    assert (one["number"], one["frames"], one["complete"]) == (1, 24, True)
+    assert given("show", path, 2)["object"] == listed[1]
+    assert given("changes", path) == {"changes": []}
+    assert given("name", path, 2, " mug ") == {"label": 2, "name": "mug"}
+    exported = given("export", path, "--to", "csv", "-o", tmp_path / "o.csv")
+    assert exported == {"output": str(tmp_path / "o.csv"), "form": "csv", "notes": []}
+    assert given("merge", path, 1, 2) == {"label": 1, "merged": [1, 2]}
+    assert given("forget", path, 1) == {"forgotten": 1}
+    assert given("list", path) == {"objects": []}
+    assert given("check", path) == {"problems": []}
+    assert set(given("compact", path)) == {"bytes_before", "bytes_after"}
+
+
+def test_figures_in_a_file_are_replaced_with_force_only(path, tmp_path, capsys):
+    file = tmp_path / "objects.json"
+    assert f"all figures in {file}" in said(capsys, "list", path, "--json", file)
+    assert f"{file}: exists; --force replaces it" in said(capsys, "list", path, "--json", file, status=2)
+    said(capsys, "name", path, 1, "box")
+    said(capsys, "list", path, "--json", file, "--force")
+    assert json.loads(file.read_text())["objects"][0]["name"] == "box"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import cv2
@@ -75,7 +76,14 @@ def test_results_are_not_replaced_unasked(recording: Path, tmp_path: Path, capsy
     (tmp_path / "out").mkdir()
     assert call(recording, tmp_path / "out", "--limit", "2") == 2
     assert "the output folder exists; --force replaces the results in it" in capsys.readouterr().err
-    assert call(recording, tmp_path / "out", "--limit", "2", "--force") == 0
+    assert call(recording, tmp_path / "out", "--limit", "2", "--force", "--json") == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["run"] == json.loads((tmp_path / "out" / "run.json").read_text())
+    assert {name: printed[name] for name in ("output", "lost", "loops")} == {
+        "output": str(tmp_path / "out"),
+        "lost": 0,
+        "loops": 0,
+    }
 
 
 def test_a_recording_in_the_dark_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -100,7 +100,7 @@ def test_killed_at_any_moment(tmp_path: Path) -> None:
         if now != same:  # the new ones: times differ in run.json, and perhaps the page is not yet there
             assert {*now} - {*same} == set()
             assert {*same} - {*now} <= {"report.html"}
-            assert run(command("report", out)).returncode == 0
+            assert run(command("report", out, "--force")).returncode == 0
     assert ended < KILLS, "no run was killed"
     assert contents(recording) == before
     time.sleep(0.1)

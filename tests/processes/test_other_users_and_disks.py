@@ -71,7 +71,7 @@ def test_another_user_spoils_nothing_of_roots(place: Path, theirs: Path) -> None
     for words in (
         ("track", recording, "--output", out, "--force"),
         ("track", recording, "--output", place / "new"),
-        ("report", out),
+        ("report", out, "--force"),
         ("export", out, "--to", "json", "--output", place / "out.json"),
     ):
         said = run(as_nobody(command(*words)), env=own)
@@ -119,10 +119,10 @@ def test_a_really_full_disk_leaves_what_was_there(place: Path, disk: Path, left_
         ("track", recording, "--output", out, "--force"),
         ("track", recording, "--output", out, "--force", "--video"),
         ("track", recording, "--output", disk / "new"),
-        ("report", out),
+        ("report", out, "--force"),
         ("convert", recording, "--to", "plain", "--output", disk / "copy"),
     ]
-    small = [("render", out), ("export", out, "--to", "json", "--output", disk / "out.json", "--force")]
+    small = [("render", out, "--force"), ("export", out, "--to", "json", "--output", disk / "out.json", "--force")]
     for words in large if left_bytes else large + small:
         line = refused(run(command(*words)))
         assert "cannot be written: the disk is full (No space left on device)" in line, words

@@ -39,11 +39,11 @@ def at_most(limit_bytes: int) -> Callable[[], None]:
     [
         ("track", "RECORDING", "--output", "OUT", "--force"),
         ("track", "RECORDING", "--output", "OUT", "--force", "--video"),
-        ("report", "OUT"),
-        ("render", "OUT"),
+        ("report", "OUT", "--force"),
+        ("render", "OUT", "--force"),
         ("export", "OUT", "--to", "json", "--output", "OUT.json", "--force"),
         ("export", "OUT", "--to", "ply", "--output", "OUT-ply", "--force"),
-        ("evaluate", "OUT", "truth.json", "--json", "OUT.json"),
+        ("evaluate", "OUT", "truth.json", "--json", "OUT.json", "--force"),
     ],
     ids=lambda words: " ".join(words[:1] + words[3:4]),
 )
@@ -68,7 +68,7 @@ def test_a_folder_that_cannot_be_written_is_one_line(results: Path, recording: P
         words = bound(command("track", recording, "--output", out, *(["--force"] if force else [])))
         assert "Permission denied" in refused(run(words))
         if force:
-            assert "Permission denied" in refused(run(bound(command("report", results))))
+            assert "Permission denied" in refused(run(bound(command("report", results, "--force"))))
         assert run(bound(command("export", results, "--to", "csv", "--output", results / "x.csv"))).returncode == (
             2 if force else 0
         )
@@ -83,7 +83,7 @@ def test_what_may_not_be_read_is_one_line(results: Path, recording: Path, tmp_pa
     shutil.copytree(recording, copy)
     (results / "tracks.csv").chmod(0)
     (copy / "camera.json").chmod(0)
-    assert "tracks.csv: cannot be read: Permission denied" in refused(run(bound(command("report", results))))
+    assert "tracks.csv: cannot be read: Permission denied" in refused(run(bound(command("report", results, "--force"))))
     assert "camera.json: cannot be read: Permission denied" in refused(
         run(bound(command("track", copy, "--output", tmp_path / "new")))
     )

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from made_scene import CAMERA, THINGS, Shown, record
 
+from cuboid import cli
 from cuboid.config import TrackerConfig
 from cuboid.errors import CuboidError, FrameError, InputError, OutputError
 from cuboid.frame import Frame
@@ -21,6 +22,7 @@ from cuboid.outputs import FinishedResults
 from cuboid.posing import GivenPoses
 from cuboid.scene import Scene, Source
 from cuboid.scene.checking import problems, rescue
+from cuboid.scene.database import open_to_read, open_to_write
 from cuboid.scene.schema import MIGRATIONS, VERSION
 from cuboid.synthetic import make_scene
 from cuboid.synthetic.view import SceneView
@@ -152,6 +154,33 @@ def test_other_files_are_refused_in_one_line(path: Path, tmp_path: Path) -> None
         assert file.read_bytes() == before
     with pytest.raises(InputError, match=r"made with voxel_m = 0\.01, not 0\.02"), Scene.open(path) as scene:
         scene.tracker(CAMERA, TrackerConfig(voxel_m=0.02))
+
+
+@pytest.mark.parametrize("version", [-(2**31), -9, -1, 0])
+def test_a_version_below_the_first_is_refused_and_nothing_is_written(version: int, path: Path, tmp_path: Path) -> None:
+    spoiled = Path(shutil.copy(path, tmp_path / "spoiled.cuboid"))
+    with sqlite3.connect(spoiled) as connection:
+        connection.execute(f"PRAGMA user_version = {version}")
+    connection.close()
+    before = spoiled.read_bytes()
+    for way in (Scene.open, open_to_read, open_to_write):
+        with pytest.raises(InputError, match=f"damaged .scene version {version}; expected 1 to {VERSION}") as found:
+            way(spoiled)
+        assert "\n" not in str(found.value)
+        assert spoiled.read_bytes() == before
+    assert cli.main(["scene", "list", str(spoiled)]) == 2
+    assert cli.main(["scene", "check", str(spoiled)]) != 0
+
+
+def test_reading_a_file_of_an_earlier_version_does_not_change_it(tmp_path: Path) -> None:
+    kept = Path(shutil.copy(Path(__file__).parent / "kept" / "version-1.cuboid", tmp_path))
+    before = kept.read_bytes()
+    with Scene.open(kept) as scene:
+        assert [item.label for item in scene.objects] == [1, 2]
+    assert cli.main(["scene", "list", str(kept)]) == 0
+    assert problems(kept) == []
+    assert kept.read_bytes() == before
+    assert [one.name for one in tmp_path.iterdir()] == [kept.name]
 
 
 @pytest.mark.parametrize("version", range(1, VERSION))

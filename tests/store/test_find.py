@@ -95,6 +95,34 @@ def test_sql(capsysbinary: pytest.CaptureFixture[bytes], store: str) -> None:
     question = f"select recording, count(*) as n from objects where run = '{run_of(2)}' group by recording"
     assert main(["sql", store, question, "--csv"]) == 0
     assert capsysbinary.readouterr().out == b'"recording","n"\n"kitchen-2",2\n'
+    values = (
+        "select 1 as n, 'x' as t, null as z, 'nan'::float as f, '\\xff'::blob as b, date '2026-03-01' as d, [1, 2] as l"
+    )
+    assert main(["sql", store, values, "--json"]) == 0
+    row = {"n": 1, "t": "x", "z": None, "f": None, "b": "/w==", "d": "2026-03-01", "l": [1, 2]}
+    assert json.loads(capsysbinary.readouterr().out) == {"rows": [row]}
+    assert main(["sql", store, question, "--csv", "--json"]) == 2
+
+
+def test_what_a_compaction_did_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    place = Place(str(tmp_path))
+    put_run(place, 1, [thing(1)], recording="one")
+    put_run(place, 2, [thing(1)], recording="two")
+    assert main(["store", "compact", place.url, "--json"]) == 0
+    done = json.loads(capsys.readouterr().out)
+    assert (done["runs"], done["removed"]) == (2, 0)
+    assert set(done) == {"runs", "files_before", "files_after", "removed"}
+
+
+def test_a_page_that_exists_is_replaced_with_force_only(
+    store: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "found.html"
+    page.write_text("mine")
+    assert main(["find", store, "--html", str(page)]) == 2
+    assert (page.read_text(), "exists; --force replaces it" in capsys.readouterr().err) == ("mine", True)
+    assert main(["find", store, "--html", str(page), "--force"]) == 0
+    assert page.read_text().startswith("<!doctype html>")
 
 
 @pytest.mark.parametrize(

@@ -37,10 +37,10 @@ cuboid.run._tracker = FakeTracker
 folder = Path({folder!r})
 write_recording(folder / "recording", 6)
 assert main(["track", str(folder / "recording"), "--output", str(folder / "out"), "--video"]) == 0
-assert main(["report", str(folder / "out")]) == 0
+assert main(["report", str(folder / "out"), "--force"]) == 0
 assert main(["export", str(folder / "out"), "--to", "json", "--output", str(folder / "out.json")]) == 0
 (folder / "out" / "objects.json").write_text('{{"format": "cuboid-objects", "version": 1, "up": ' + "[" * 100_000)
-assert main(["report", str(folder / "out")]) == 2
+assert main(["report", str(folder / "out"), "--force"]) == 2
 """
 
 

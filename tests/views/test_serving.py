@@ -113,7 +113,7 @@ def test_clients_that_leave_are_no_fault(port: int, capfd: pytest.CaptureFixture
 def test_slow_clients_are_cut_and_hold_up_nobody(
     port: int, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(serving, "SLOW_S", 0.5)
+    monkeypatch.setattr(serving, "SENDING_S", 0.5)
     clients = [socket.create_connection((HOST, port), timeout=20) for _ in range(50)]
     for client in clients:
         client.sendall(b"GET / HTTP/1.1\r\nX: ")
@@ -141,15 +141,58 @@ def test_fifty_clients_at_once_are_answered(port: int) -> None:
     assert found == [200] * 50
 
 
-def test_more_clients_than_there_is_room_for_are_turned_away(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(serving, "MAX_CONNECTIONS", 3)
-    clients = [socket.create_connection((HOST, port), timeout=20) for _ in range(10)]
-    assert any(client.recv(1) == b"" for client in clients[3:])
+def dripping(port: int, count: int) -> list[socket.socket]:
+    """Return connections that never finish their requests."""
+    clients = [socket.create_connection((HOST, port), timeout=20) for _ in range(count)]
+    for client in clients:
+        with suppress(OSError):  # cut off already
+            client.sendall(b"GET / HTTP/1.1\r\nX: ")
+    return clients
+
+
+def test_dripping_connections_do_not_shut_out_a_quick_request(
+    port: int, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(PageServer, "service_actions", lambda self: None)  # no time limit helps
+    threads = threading.active_count()
+    clients = dripping(port, 140)
+    assert [status(port) for _ in range(5)] == [200] * 5
+    assert threading.active_count() - threads <= serving.MAX_CONNECTIONS + 20  # of those cut off some still end
+    assert clients[0].recv(1) == b""  # the oldest ones had to go
+    clients[-1].settimeout(0.05)
+    with pytest.raises(TimeoutError):  # the newest has not been cut off
+        clients[-1].recv(1)
     for client in clients:
         client.close()
-    monkeypatch.undo()
-    time.sleep(0.2)
-    assert status(port) == 200
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def test_a_connection_that_is_worked_on_is_not_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(serving, "MAX_CONNECTIONS", 3)
+    go, begun = threading.Event(), threading.Semaphore(0)
+
+    class Handler(serving.PageHandler):
+        @staticmethod
+        def show(address: str) -> serving.Answer:
+            begun.release()
+            assert go.wait(20)
+            return "text/plain", b"done"
+
+    found: list[int] = []
+    with serving.listening_at(0, Handler) as server:
+        threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True).start()
+        port = server.server_port
+        asking = [threading.Thread(target=lambda: found.append(status(port))) for _ in range(3)]
+        for thread in asking:
+            thread.start()
+            assert begun.acquire(timeout=20)
+        with socket.create_connection((HOST, port), timeout=20) as client:
+            assert client.recv(1) == b""  # there is no room
+        go.set()
+        for thread in asking:
+            thread.join()
+        server.shutdown()
+    assert found == [200] * 3
 
 
 def test_a_live_view_for_others_answers_to_no_name_of_another_site() -> None:

@@ -8,19 +8,19 @@ import threading
 from http import HTTPStatus
 from importlib.resources import files
 from typing import Any
-from urllib.parse import urlsplit
 
 import numpy as np
 
 from cuboid.annotation.propagate import propagated
 from cuboid.annotation.store import KeyframesFile, Outdated
 from cuboid.errors import CuboidError, FrameError, one_line
+from cuboid.frame import Float64Array
 from cuboid.readers.recording import Recording
 from cuboid.views.palette import COLORS
 from cuboid.views.report.page import assembled, own
 from cuboid.views.report.pictures import encode_jpeg
 from cuboid.views.report.summary import label_colors
-from cuboid.views.serving import Answer, PageHandler, PageServer, Refusal, listening_at
+from cuboid.views.serving import Answer, PageHandler, PageServer, Refusal, listening_at, path_and_query
 
 # In the order in which they use each other; the first are those of the report.
 SHARED = ("math.js", "elements.js")
@@ -29,6 +29,8 @@ SCRIPTS = ("keyframes.js", "saving.js", "pictures.js", "board.js", "card.js", "t
 PICTURE = re.compile(r"/frame/(\d{1,9})\.jpg")
 # Edges must be as sharp as they are: rectangles are drawn to the pixel.
 QUALITY = 95
+# The most rectangles that are propagated in one request, 0.2 s of work: a frame has some tens of objects.
+MAX_RECTS = 1000
 
 
 class Annotator:
@@ -52,7 +54,7 @@ class Annotator:
 
     def show(self, address: str) -> Answer | None:
         """Return kind and content of what lies at an address; None where nothing does."""
-        path = urlsplit(address).path
+        path, _ = path_and_query(address)
         if path == "/":
             return "text/html; charset=utf-8", self._page().encode("utf-8")
         asked = PICTURE.fullmatch(path)
@@ -60,7 +62,7 @@ class Annotator:
 
     def take(self, address: str, content: bytes) -> Answer | None:
         """Do what the page asks for, save or propagate, and answer in JSON; None where there is no such thing."""
-        action = {"/keyframes": self._save, "/carry": self._propagate}.get(urlsplit(address).path)
+        action = {"/keyframes": self._save, "/carry": self._propagate}.get(path_and_query(address)[0])
         if action is None:
             return None
         try:
@@ -78,9 +80,24 @@ class Annotator:
         return {"revision": self._keyframes.save(int(sent["revision"]), dict(sent["document"]))}
 
     def _propagate(self, sent: dict[str, Any]) -> dict[str, Any]:
-        rects = [np.array(rect, np.float64).reshape(4) for rect in sent["rects"]]
+        rects = self._rects(sent["rects"])
         with self._lock:
             return {"rects": propagated(self._posed, int(sent["from"]), int(sent["to"]), rects)}
+
+    def _rects(self, sent: list[Any]) -> list[Float64Array]:
+        """Return rectangles as arrays (4,); Refusal where there are too many, ValueError where one is not valid."""
+        if len(sent) > MAX_RECTS:
+            raise Refusal(
+                HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"expected at most {MAX_RECTS} rectangles, got {len(sent)}"
+            )
+        rects = [np.array(rect, np.float64).reshape(4) for rect in sent]
+        K = self._recording.intrinsics
+        for x0, y0, x1, y1 in rects:
+            if not (0 <= x0 <= x1 <= K.width and 0 <= y0 <= y1 <= K.height):
+                raise ValueError(
+                    f"expected rectangles within {K.width} x {K.height} pixels, got [{x0:g}, {y0:g}, {x1:g}, {y1:g}]"
+                )
+        return rects
 
     def _picture(self, index: int) -> bytes:
         """Return a frame's color image as JPEG."""

@@ -40,9 +40,10 @@ class Source:
 def expand(words: Iterable[str]) -> list[Source]:
     """Return the recordings that are meant, each once, by name.
 
-    A folder that is no recording stands for what lies in it: every recording up to two folders deeper, and every
-    entry that holds none as well, so that one that is broken is not left out in silence. What a glob gives, a line of a
-    list file (`.txt`) and a URL are a recording each.
+    A folder that is not a recording stands for the recordings in it, up to two folders deeper. Each of its entries
+    without a recording is a source as well, so that a broken one is reported. So is a folder without any recording
+    beside other words, as a shell makes them of ``recordings/*``. Each match of a glob, each line of a list file
+    (`.txt`) and each URL is a recording.
 
     Parameters
     ----------
@@ -51,9 +52,10 @@ def expand(words: Iterable[str]) -> list[Source]:
     Raises
     ------
     InputError
-        A word names nothing, or two recordings have one name.
+        A word names nothing, the only word is a folder without recordings, or two recordings have one name.
     """
-    found = {source.url: source for word in words for source in _expand(word)}
+    words = list(words)
+    found = {source.url: source for word in words for source in _expand(word, alone=len(words) == 1)}
     by_name: dict[str, Source] = {}
     for source in sorted(found.values()):
         other = by_name.setdefault(source.name, source)
@@ -64,7 +66,7 @@ def expand(words: Iterable[str]) -> list[Source]:
     return list(by_name.values())
 
 
-def _expand(word: str) -> list[Source]:
+def _expand(word: str, *, alone: bool) -> list[Source]:
     if is_remote(word):
         return _remote(word)
     if word.endswith(LIST_ENDINGS) and os.path.isfile(word):
@@ -76,7 +78,10 @@ def _expand(word: str) -> list[Source]:
         return _beneath(_fixed(path), sorted(glob.glob(path, recursive=True)), word)
     if not os.path.isdir(path) or _recognised(path):
         return [Source(os.path.basename(path), path)]
-    return [Source(os.path.relpath(one, path), one) for one in _inside(path)]
+    if not alone and not _deeper(path, LEVELS):
+        return [Source(os.path.basename(path), path)]
+    start = path if alone else os.path.dirname(path)
+    return [Source(os.path.relpath(one, start), one) for one in _inside(path)]
 
 
 def _inside(folder: str) -> list[str]:

@@ -1,7 +1,7 @@
 """The command `cuboid`: a module for each of its commands, and only the chosen one is imported.
 
-A command module has `HELP` (one line), `EXAMPLE` (a call that works), `add_arguments(parser)` and `run(args) -> int`;
-whatever is slow to import is imported inside `run`.
+A command module has `EXAMPLE` (a call that works), `add_arguments(parser)` and `run(args) -> int`; whatever is slow to
+import is imported inside `run`.
 """
 
 from __future__ import annotations
@@ -13,58 +13,53 @@ from collections.abc import Sequence
 from importlib import import_module
 from io import TextIOWrapper
 from types import ModuleType
-from typing import NoReturn
 
 from cuboid import __version__
 from cuboid.cli.optional_words import without_guessing
+from cuboid.cli.parser import MISTAKE, Parser, did_you_mean
 from cuboid.errors import CuboidError, one_line, printable
 
-COMMANDS = (
-    "track",
-    "batch",
-    "find",
-    "sql",
-    "serve",
-    "store compact",
-    "info",
-    "convert",
-    "evaluate",
-    "evaluate trajectory",
-    "annotate",
-    "render",
-    "report",
-    "view",
-    "export",
-    "scene",
-    "slam",
-    "calibrate",
-    "demo",
-    "synth",
-    "bench",
-    "doctor",
-    "completion",
-)
+# The commands by what they are for, as the help lists them; a line each.
+GROUPS = {
+    "run": {
+        "track": "track the objects of a recording and write what was found",
+        "slam": "estimate the camera poses of a recording from its images and write the trajectory",
+        "demo": "make a recording, track it, and compare with the truth",
+    },
+    "look": {
+        "info": "show what was recognised in a recording, and which frames will be skipped",
+        "view": "look at finished results in the browser, image and map side by side",
+        "report": "write the 3D page of finished results (report.html)",
+        "render": "draw the results of a run into its recording, as a video",
+        "scene": "list, show and change what is in a scene file",
+        "export": "write the results of a run for other programs: PLY, COCO, KITTI, MCAP, JSON, CSV, rerun",
+    },
+    "judge": {
+        "evaluate": "judge a result by the truth: boxes, labels over time",
+        "evaluate trajectory": "compare an estimated camera path with the true one",
+        "annotate": "draw rectangles of objects into some frames of a recording, in the browser",
+        "bench": "measure milliseconds a stage, frames/s and memory on a recording",
+        "doctor": "check packages, compiled kernels, extras and threads",
+    },
+    "many recordings": {
+        "batch": "track many recordings into one store of objects",
+        "find": "find objects in a store by size, place, time, color or likeness",
+        "sql": "ask the tables of a store in SQL",
+        "serve": "serve the pages of a store and a read-only API of its tables",
+        "store compact": "gather the small files of a store into large ones, and remove leftovers of killed tasks",
+    },
+    "make": {
+        "synth": "make a recording whose truth is known exactly",
+        "convert": "write a recording in another form: a plain folder, TUM's, or a bag of ROS 2",
+        "calibrate": "find focal length, optical centre and depth scale of a recording",
+        "completion": "print the script that lets a shell complete commands and options",
+    },
+}
+COMMANDS = tuple(name for group in GROUPS.values() for name in group)
 
-OK, MISTAKE, INTERRUPTED = 0, 2, 130
+OK, INTERRUPTED = 0, 130
 
 DESCRIPTION = "Objects that stay found: persistent labels and 3D boxes from an RGB-D video, on one CPU core."
-
-
-class _Parser(argparse.ArgumentParser):
-    """A parser whose complaints are one line.
-
-    Attributes
-    ----------
-    example : str
-        A call that works, which is shown where something is missing.
-    """
-
-    example = "cuboid demo"
-
-    def error(self, message: str) -> NoReturn:
-        shown = f"; for example: {self.example}" if "required: " in message else ""
-        line = one_line(f"cuboid: error: {message}{shown} (see '{self.prog} --help')")
-        self.exit(MISTAKE, f"{line}\n")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -84,9 +79,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     _open_streams()
     try:
-        status = _run(words)
-        sys.stdout.flush()
-        return status
+        return _flushed(words)
     except CuboidError as error:
         print(one_line(f"cuboid: error: {error}"), file=sys.stderr)
         for note in getattr(error, "__notes__", ()):
@@ -125,22 +118,33 @@ def _open_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
+def _flushed(words: list[str]) -> int:
+    """Run, and flush standard output while what it refuses can still be handled."""
+    try:
+        status = _run(words)
+    except SystemExit:  # --help, or a complaint
+        sys.stdout.flush()
+        raise
+    sys.stdout.flush()
+    return status
+
+
 def _run(words: list[str]) -> int:
     if " ".join(words[:2]) in COMMANDS:  # a command of two words
         words = [" ".join(words[:2]), *words[2:]]
-    chosen = next((word for word in words if not word.startswith("-")), None)
     completing = "_ARGCOMPLETE" in os.environ  # the words are in the environment then
-    known = chosen in COMMANDS and not completing
-    parser = _Parser(prog="cuboid", description=DESCRIPTION, allow_abbrev=False)
+    parser = Parser(prog="cuboid", description=DESCRIPTION, allow_abbrev=False)
     parser.add_argument("--version", action="version", version=f"cuboid {__version__}")
-    commands = parser.add_subparsers(title="commands", dest="command", metavar="COMMAND", required=True)
+    chosen = next((word for word in words if not word.startswith("-")), None)
+    if not completing and chosen not in COMMANDS:
+        return _without_command(parser, words)
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     modules: dict[str, ModuleType] = {}
-    for name in (chosen,) if known and chosen else COMMANDS:
+    for name in COMMANDS if completing else (str(chosen),):
         module = modules[name] = import_module(f"cuboid.cli.{name.replace(' ', '_')}")
         command = commands.add_parser(
             name,
-            help=module.HELP,
-            description=module.HELP[0].upper() + module.HELP[1:] + ".",
+            description=description(name),
             epilog=f"example: {module.EXAMPLE}",
             allow_abbrev=False,
         )
@@ -150,10 +154,46 @@ def _run(words: list[str]) -> int:
         import argcomplete
 
         argcomplete.autocomplete(parser, always_complete_options="long")
-    args = parser.parse_args(without_guessing(words))
+    words = without_guessing(words)
+    command.refuse_unknown_options(words[words.index(command.prog.removeprefix("cuboid ")) + 1 :])
+    args = parser.parse_args(words)
+    if "force" in args:
+        from cuboid.cli.results import refuse_existing_files
+
+        refuse_existing_files(args)
     if "threads" in args:
         from cuboid.cli.threads import limit_threads
 
         limit_threads(args.threads)
     status: int = modules[args.command].run(args)
     return status
+
+
+def description(name: str) -> str:
+    """Return what a command does, as a sentence."""
+    line = next(group[name] for group in GROUPS.values() if name in group)
+    return f"{line[0].upper()}{line[1:]}."
+
+
+def _without_command(parser: Parser, words: list[str]) -> int:
+    """Print the help where nothing else is asked for; complain of a command that does not exist."""
+    unknown = [word for word in words if not word.startswith("-")]
+    if unknown:
+        hint = did_you_mean(" ".join(unknown[:2]), COMMANDS) or did_you_mean(unknown[0], COMMANDS)
+        parser.error(f"argument COMMAND: invalid choice: {unknown[0]!r}{hint}")
+    parser.usage = "cuboid [-h] [--version] COMMAND ..."
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _listed()
+    parser.refuse_unknown_options(words)
+    parser.parse_args(words)
+    parser.print_help()
+    return OK
+
+
+def _listed() -> str:
+    """Return the commands in their groups, a line each."""
+    width = max(map(len, COMMANDS))
+    lines = []
+    for group, commands in GROUPS.items():
+        lines += [f"{group}:", *(f"  {name:{width}}  {line}" for name, line in commands.items()), ""]
+    return "\n".join([*lines, "'cuboid COMMAND --help' lists the options of a command."])

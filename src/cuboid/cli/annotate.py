@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cuboid.cli.recording import add_reading, open_from
+from cuboid.cli.results import add_output
 from cuboid.cli.serving import add_page, serve
 from cuboid.cli.threads import positive
 
 if TYPE_CHECKING:
     from cuboid.readers import Recording
 
-HELP = "draw what is to be found into some frames of a recording, in the browser"
 EXAMPLE = "cuboid annotate RECORDING"
 
 # So many keyframes are suggested: ten minutes of work, and enough to tell a good result from a bad one.
@@ -24,8 +24,8 @@ NAME = "keyframes.json"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
     add_reading(parser, thinned=False)
-    parser.add_argument(
-        "--output",
+    add_output(
+        parser,
         type=Path,
         metavar="FILE",
         help=f"file of the keyframes, new or to be continued (default: {NAME} in the recording)",

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 from cuboid import __version__
 from cuboid.cli.recording import add_reading_options, add_tracking, config_from, reading_from
+from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.workers import add_workers, workers_from
+from cuboid.errors import one_line
 
 if TYPE_CHECKING:
     from cuboid.batch.batch import Plan
 
-HELP = "track many recordings into one store of objects"
 EXAMPLE = "cuboid batch RECORDINGS --output STORE"
 
 # So many recordings are named by --dry-run; of the rest the number.
@@ -29,13 +30,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a recording, a folder of recordings, a glob in quotes, a .txt with one a line, or a URL",
     )
     results = parser.add_argument_group("results")
-    results.add_argument("--output", required=True, metavar="STORE", help="folder or URL of the store")
+    add_output(results, required=True, metavar="STORE", help="folder or URL of the store")
     results.add_argument("--tables-only", action="store_true", help="keep the tables alone, no folder a recording")
     results.add_argument("--retry", action="store_true", help="try again what failed or was set aside")
     results.add_argument(
         "--tag", metavar="NAME", help="name this version, as in 1.0+NAME: it is done anew, and compared"
     )
     results.add_argument("--dry-run", action="store_true", help="say what would be done, and do nothing")
+    add_results(results)
     add_workers(parser)
     add_reading_options(parser)
     add_tracking(parser)
@@ -46,7 +48,10 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.cli.extras import need_cluster
 
     need_cluster("'cuboid batch'")
+    from contextlib import nullcontext
+
     from cuboid.batch.batch import Order, carry_out, plan
+    from cuboid.batch.claim import claimed
     from cuboid.batch.sources import expand
     from cuboid.cli.batch_progress import BatchProgress
     from cuboid.store.page import write_summary
@@ -56,11 +61,17 @@ def run(args: argparse.Namespace) -> int:
     version = f"{__version__}+{args.tag}" if args.tag else __version__
     order = Order(args.output, settings_from(args), args.tables_only, args.retry, version)
     sources = expand(args.sources)
-    Place(order.store)  # a mistake in its name is told before workers are started
-    with workers_from(args).connected() as client:
+    place = Place(order.store)  # a mistake in its name is told before workers are started
+
+    def waiting() -> None:
+        print(
+            one_line(f"cuboid: {order.store}: another batch works on this store; waiting for its end"), file=sys.stderr
+        )
+
+    with workers_from(args).connected() as client, nullcontext() if args.dry_run else claimed(place, waiting):
         planned = plan(client, sources, order)
         if args.dry_run:
-            _print_plan(planned)
+            give(args, _plan_document(planned), lambda: _print_plan(planned))
             return 0
         with BatchProgress(planned, str(client.dashboard_link)) as shown:
             try:
@@ -72,7 +83,8 @@ def run(args: argparse.Namespace) -> int:
                 return 130
     if planned.tasks:
         write_summary(order.store)
-    print(shown.summary(order.store))
+    document = {"store": order.store, **shown.figures(), **_before(planned)}
+    give(args, document, lambda: print(shown.summary(order.store)))
     return 0 if shown.count(DONE) == len(planned.tasks) and not planned.broken else 3
 
 
@@ -94,6 +106,18 @@ def settings_from(args: argparse.Namespace) -> dict[str, Any]:
         "limit": args.limit,
         "scale": args.scale,
     }
+
+
+def _plan_document(planned: Plan) -> dict[str, Any]:
+    """Return what would be done, ready for JSON."""
+    to_do = [{"recording": task.source.name, "source": task.source.url} for task in planned.tasks]
+    return {"to_do": to_do, **_before(planned)}
+
+
+def _before(planned: Plan) -> dict[str, Any]:
+    """Return what is not to be done, and why, ready for JSON."""
+    broken = [{"recording": one.name, "source": one.url, "reason": why} for one, why in planned.broken.items()]
+    return {"done_before": planned.done, "failed_before": planned.failed, "not_listed": broken}
 
 
 def _print_plan(planned: Plan) -> None:

@@ -6,7 +6,7 @@ import sys
 import time
 from collections import Counter
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -70,6 +70,14 @@ class BatchProgress:
     def count(self, state: str) -> int:
         """Return how many recordings ended so."""
         return self._states[state]
+
+    def figures(self) -> dict[str, Any]:
+        """Return what was done, ready for JSON."""
+        from cuboid.store.schema import DONE, FAILED, SET_ASIDE
+
+        states = {state.replace(" ", "_"): self._states[state] for state in (DONE, FAILED, SET_ASIDE)}
+        seconds = round(time.monotonic() - self._begun_s, 3)
+        return {**states, "frames": self._frames, "objects": self._objects, "seconds": seconds}
 
     def summary(self, store: str) -> str:
         """Return the last line."""

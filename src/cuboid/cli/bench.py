@@ -8,14 +8,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cuboid.cli.json_option import PRINTED, add_json
 from cuboid.cli.recording import add_recording, open_from, tracking_from
+from cuboid.cli.results import add_results, give
 from cuboid.cli.threads import cores
 
 if TYPE_CHECKING:
     from cuboid.run_types import RunOutcome
 
-HELP = "measure milliseconds a stage, frames/s and memory on a recording"
 EXAMPLE = "cuboid bench RECORDING --limit 100"
 
 # Cost over time compares these parts of the used frames: early, but with a map to match against, and the end.
@@ -27,14 +26,13 @@ TAIL = {"median": "median", "99th percentile": "p99", "worst": "worst"}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    add_json(parser)
     add_recording(parser, default_threads=1)
+    add_results(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Track without writing anything, and print the measurements."""
     from cuboid.cli.progress import progress
-    from cuboid.cli.tables import write_json
     from cuboid.run import track_recording
 
     with progress() as shown:
@@ -45,10 +43,7 @@ def run(args: argparse.Namespace) -> int:
             **tracking_from(args),
         )
     measured = measurements(outcome)
-    if args.json is not None:
-        write_json(measured, args.json)
-    if args.json != PRINTED:
-        _print(measured, outcome)
+    give(args, measured, lambda: _print(measured, outcome))
     return 0
 
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.recording import add_reading, open_from
+from cuboid.cli.results import add_output, add_results, give
 
 if TYPE_CHECKING:
     from cuboid.calibration import CalibrationResult
     from cuboid.readers import Recording
 
-HELP = "find focal length, optical centre and depth scale of a recording"
 EXAMPLE = "cuboid calibrate RECORDING --output camera.json"
 
 # Where nothing is known of a camera the search begins with a focal length of this fraction of the image's width: color
@@ -23,10 +23,10 @@ UNKNOWN_FOCAL_FRACTION = 0.83
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
     results = parser.add_argument_group("results")
-    results.add_argument(
-        "--output", type=Path, required=True, metavar="FILE", help="the camera.json to write; --intrinsics takes it"
+    add_output(
+        results, type=Path, required=True, metavar="FILE", help="the camera.json to write; --intrinsics takes it"
     )
-    results.add_argument("--force", action="store_true", help="replace FILE")
+    add_results(results)
     reading = add_reading(parser)
     reading.add_argument(
         "--poses",
@@ -61,8 +61,25 @@ def run(args: argparse.Namespace) -> int:
     distortion = rescaled(recording.distortion, found.intrinsics.fx / recording.calibration.fx)
     with new_file(args.output, force=args.force) as file:
         write_camera(file, found.intrinsics, units, distortion, recording.depth_camera)
-    _print(found, recording, args.output)
+    give(args, _document(found, units, args.output), lambda: _print(found, recording, args.output))
     return 0
+
+
+def _document(found: CalibrationResult, units: float, output: Path) -> dict[str, Any]:
+    """Return what was found, ready for JSON; null for what was not fitted."""
+    from dataclasses import asdict
+    from math import isfinite
+
+    figures = asdict(found)
+    before, after, center = figures.pop("start"), figures.pop("intrinsics"), figures.pop("center_error_px")
+    return {
+        "output": str(output),
+        "before": before,
+        "after": after,
+        "depth_units_per_metre": units,
+        "center_error_px": [value if isfinite(value) else None for value in center],
+        **{name: value if isfinite(value) else None for name, value in figures.items()},
+    }
 
 
 def _open(args: argparse.Namespace) -> Recording:

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cuboid.cli.names import camera_names
+from cuboid.cli.parser import takes_names
 from cuboid.cli.recording import open_from
 
 if TYPE_CHECKING:
@@ -15,7 +17,6 @@ if TYPE_CHECKING:
     from cuboid.cli.interrupt import Interruption
     from cuboid.readers import Recording
 
-NAMES = "realsense, oak, record3d, ros2, orbbec"
 # What says how a recording is read.
 OF_RECORDINGS = ("format", "intrinsics", "depth_scale", "topics", "register")
 
@@ -23,7 +24,8 @@ OF_RECORDINGS = ("format", "intrinsics", "depth_scale", "topics", "register")
 def add_camera(parser: argparse.ArgumentParser) -> None:
     """Add `--camera`, `--record` and `--record-as`."""
     camera = parser.add_argument_group("live camera, instead of RECORDING; Ctrl-C ends it")
-    camera.add_argument("--camera", metavar="NAME[:OPTION=VALUE,...]", help=f"one of {NAMES}")
+    live = camera.add_argument("--camera", metavar="NAME[:OPTION=VALUE,...]", help="one of")
+    takes_names(live, camera_names)
     camera.add_argument("--record", type=Path, metavar="DIR", help="also keep its frames, as a recording")
     camera.add_argument(
         "--record-as", choices=("plain", "mcap"), default="plain", help="what they are kept as (default: plain)"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-HELP = "print what lets a shell complete cuboid's commands and options"
 EXAMPLE = 'eval "$(cuboid completion bash)"'
 SHELLS = ("bash", "zsh", "fish", "powershell")
 

@@ -6,9 +6,9 @@ import argparse
 from pathlib import Path
 
 from cuboid.cli.recording import add_reading, open_from
+from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.threads import positive
 
-HELP = "write a recording in another form: a plain folder, TUM's, or a bag of ROS 2"
 EXAMPLE = "cuboid convert RECORDING --to mcap --output DIR"
 FORMS = ("plain", "tum", "mcap")
 # So many reasons for frames that were left out are shown.
@@ -18,7 +18,8 @@ SHOWN = 8
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
     results = parser.add_argument_group("results")
-    results.add_argument("--output", type=Path, required=True, metavar="DIR", help="folder of the new recording")
+    add_output(results, type=Path, required=True, metavar="DIR", help="folder of the new recording")
+    add_results(results)
     results.add_argument("--to", choices=FORMS, default="plain", help="its form (default: plain)")
     cut = parser.add_argument_group("cutting")
     cut.add_argument("--first", type=_number, default=0, metavar="N", help="first frame, counted from 0")
@@ -30,7 +31,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Convert, and say what was left out."""
     from cuboid.cli.progress import counting
-    from cuboid.cli.tables import console
     from cuboid.cli.threads import limit_threads
     from cuboid.converting import convert_recording
     from cuboid.errors import InputError, OutputError
@@ -45,14 +45,27 @@ def run(args: argparse.Namespace) -> int:
     if not frames:
         raise InputError(f"{recording.path}: has {len(recording)} frames, none from {args.first} to {last}")
     with counting("converting") as shown:
-        skipped = convert_recording(recording, args.output, args.to, frames, progress=shown)
+        skipped = convert_recording(recording, args.output, args.to, frames, force=args.force, progress=shown)
+    document = {
+        "output": str(args.output),
+        "form": args.to,
+        "frames": len(frames) - len(skipped),
+        "left_out": [{"frame": frame, "reason": reason} for frame, reason in skipped.items()],
+    }
+    done = f"{len(frames) - len(skipped)} of {len(recording)} frames in {args.output}"
+    give(args, document, lambda: _print(skipped, done))
+    return 0
+
+
+def _print(skipped: dict[int, str], done: str) -> None:
+    from cuboid.cli.tables import console
+
     out = console()
     for index, reason in list(skipped.items())[:SHOWN]:
         out.print(f"  frame {index} left out: {reason}", markup=False)
     if len(skipped) > SHOWN:
         out.print(f"  and {len(skipped) - SHOWN} others")
-    out.print(f"{len(frames) - len(skipped)} of {len(recording)} frames in {args.output}", markup=False)
-    return 0
+    out.print(done, markup=False)
 
 
 def _number(text: str) -> int:

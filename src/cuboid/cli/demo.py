@@ -6,9 +6,9 @@ import argparse
 import sys
 from pathlib import Path
 
+from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.threads import add_threads, cores, positive
 
-HELP = "make a recording, track it, and compare with the truth"
 EXAMPLE = "cuboid demo"
 
 RECORDING, RESULTS = "recording", "results"
@@ -16,8 +16,8 @@ RECORDING, RESULTS = "recording", "results"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    parser.add_argument(
-        "--output",
+    add_output(
+        parser,
         type=Path,
         default=Path("cuboid-demo"),
         metavar="DIR",
@@ -25,6 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--frames", type=positive, metavar="N", help="length of the recording")
     parser.add_argument("--no-video", action="store_true", help="leave out labelled.mp4")
+    add_results(parser)
     add_threads(parser, default=min(2, cores()))
 
 
@@ -33,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.cli.evaluate import print_comparison
     from cuboid.cli.interrupt import interruptible
     from cuboid.cli.progress import progress
-    from cuboid.cli.track import print_outcome
+    from cuboid.cli.track import outcome_document, print_outcome
     from cuboid.evaluation import evaluate
     from cuboid.readers import open_recording
     from cuboid.run import track_recording
@@ -51,8 +52,13 @@ def run(args: argparse.Namespace) -> int:
             progress=shown,
             stop=interruption,
         )
-    print_outcome(outcome, results)
-    print_comparison(evaluate(results, recording / TRUTH))
+    found = evaluate(results, recording / TRUTH)
+
+    def show() -> None:
+        print_outcome(outcome, results)
+        print_comparison(found)
+
+    give(args, {**outcome_document(outcome, results), "evaluation": found.to_dict()}, show)
     if not outcome.report.complete:
         print("cuboid: interrupted; the results are marked as not complete", file=sys.stderr)
         return interruption.status

@@ -12,10 +12,9 @@ from importlib import import_module, metadata
 from pathlib import Path
 
 from cuboid import __version__
-from cuboid.cli.json_option import PRINTED, add_json
+from cuboid.cli.results import add_results, give
 from cuboid.cli.threads import cores
 
-HELP = "check packages, compiled kernels, extras and threads"
 EXAMPLE = "cuboid doctor"
 
 # Distribution, module (none where importing it writes to the terminal), and the extra that brings it; a run is
@@ -38,11 +37,19 @@ PACKAGES = (
     ("cyclonedds", "cyclonedds", "ros2"),
     ("onnxruntime", "onnxruntime", "onnx"),
     ("rerun-sdk", "rerun", "rerun"),
-    ("rosbags", "rosbags", "ros"),
-    ("openexr", "OpenEXR", "phone"),
     ("pyliblzfse", "liblzfse", "phone"),
     ("fsspec", "fsspec", "remote"),
+    ("aiohttp", "aiohttp", "remote"),
+    ("s3fs", "s3fs", "remote"),
+    ("gcsfs", "", "remote"),
+    ("distributed", "distributed", "cluster"),
+    ("pyarrow", "pyarrow", "cluster"),
+    ("duckdb", "duckdb", "cluster"),
+    ("starlette", "starlette", "cluster"),
+    ("uvicorn", "uvicorn", "cluster"),
 )
+
+OK, MISSING, BAD = "ok", "missing", "BAD"
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,38 +59,38 @@ class Check:
     Attributes
     ----------
     name : str
-    ok : bool
-        False where a run will fail.
+    state : str
+        `OK`; `MISSING`: a package of an extra, which only some features need; `BAD`: a run will fail.
     detail : str
     """
 
     name: str
-    ok: bool
+    state: str
     detail: str
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    add_json(parser)
+    add_results(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the checks; 1 where one of them fails."""
-    from cuboid.cli.tables import write_json
-
     checks = [*_system(), *_packages(), *_kernels(), *_folders()]
-    if args.json is not None:
-        write_json({"checks": [asdict(check) for check in checks]}, args.json)
+    give(args, {"checks": [asdict(check) for check in checks]}, lambda: _print(checks))
+    return 1 if any(check.state == BAD for check in checks) else 0
+
+
+def _print(checks: list[Check]) -> None:
     width = max(len(check.name) for check in checks)
-    for check in checks if args.json != PRINTED else ():
-        print(f"{'ok' if check.ok else 'BAD':4} {check.name:{width}}  {check.detail}")
-    return 0 if all(check.ok for check in checks) else 1
+    for check in checks:
+        print(f"{check.state:7} {check.name:{width}}  {check.detail}")
 
 
 def _system() -> Iterator[Check]:
-    yield Check("cuboid", True, __version__)
-    yield Check("python", True, f"{platform.python_version()} on {platform.system()} {platform.machine()}")
-    yield Check("threads", True, f"{cores()} cores may be used")
+    yield Check("cuboid", OK, __version__)
+    yield Check("python", OK, f"{platform.python_version()} on {platform.system()} {platform.machine()}")
+    yield Check("threads", OK, f"{cores()} cores may be used")
 
 
 def _packages() -> Iterator[Check]:
@@ -91,10 +98,10 @@ def _packages() -> Iterator[Check]:
         try:
             if module:
                 import_module(module)
-            yield Check(distribution, True, metadata.version(distribution))
+            yield Check(distribution, OK, metadata.version(distribution))
         except ImportError as error:  # metadata.PackageNotFoundError is one
             detail = f"not installed: pip install 'cuboid[{extra}]'" if extra else f"cannot be imported: {error}"
-            yield Check(distribution, bool(extra), detail)
+            yield Check(distribution, MISSING if extra else BAD, detail)
     yield _opencv_parts()
 
 
@@ -111,7 +118,7 @@ def _opencv_parts() -> Check:
         if missing
         else "ximgproc, saliency"
     )
-    return Check("opencv contrib", not missing, detail)
+    return Check("opencv contrib", BAD if missing else OK, detail)
 
 
 def _kernels() -> Iterator[Check]:
@@ -120,12 +127,12 @@ def _kernels() -> Iterator[Check]:
     try:
         import_module("cuboid.tracker")
     except ImportError as error:
-        yield Check("kernels", False, f"the tracker cannot be imported: {error}")
+        yield Check("kernels", BAD, f"the tracker cannot be imported: {error}")
         return
     kernels = loaded_kernels()
     ready = sum(kernel.cached for kernel in kernels)
     rest = "" if ready == len(kernels) else "; the others are compiled when they are first used"
-    yield Check("kernels", True, f"{ready} of {len(kernels)} compiled and cached{rest}")
+    yield Check("kernels", OK, f"{ready} of {len(kernels)} compiled and cached{rest}")
     for folder in sorted({kernel.folder for kernel in kernels}):
         yield _writable("kernel cache", folder)
 
@@ -142,5 +149,5 @@ def _writable(name: str, folder: Path) -> Check:
         with tempfile.TemporaryFile(dir=at):
             pass
     except OSError as error:
-        return Check(name, False, f"{folder}: cannot be written: {error.strerror}")
-    return Check(name, os.access(at, os.X_OK), str(folder))
+        return Check(name, BAD, f"{folder}: cannot be written: {error.strerror}")
+    return Check(name, OK if os.access(at, os.X_OK) else BAD, str(folder))

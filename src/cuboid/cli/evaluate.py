@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cuboid.cli.json_option import add_json
+from cuboid.cli.results import add_results, give
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from cuboid.evaluation.points import HeatQuality
     from cuboid.evaluation.visits import VisitsQuality
 
-HELP = "judge a result by the truth: boxes, labels over time"
 EXAMPLE = "cuboid evaluate DIR truth.json"
 
 
@@ -58,12 +57,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--pictures", type=Path, metavar="DIR", help="draw each keyframe with what was found, missed and false into it"
     )
     add_store(parser)
-    add_json(parser)
+    add_results(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate and print."""
-    from cuboid.cli.tables import give_figures
     from cuboid.cli.threads import limit_threads
     from cuboid.errors import InputError
     from cuboid.evaluation import evaluate
@@ -85,13 +83,14 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.evaluation.visits import evaluate_visits, is_visits
 
     if is_visits(args.truth):
-        give_figures(evaluate_visits(args.result, args.truth), args.json, print_visits)
+        visits = evaluate_visits(args.result, args.truth)
+        give(args, visits.to_dict(), lambda: print_visits(visits))
         return 0
     for name in ("recording", "pictures"):
         if getattr(args, name) is not None:
-            raise InputError(f"--{name} goes with keyframes, which {args.truth} are none of")
+            raise InputError(f"--{name} goes with keyframes; {args.truth} is another truth")
     found = evaluate(args.result, args.truth, cloud=args.cloud, trajectory=args.trajectory)
-    give_figures(found, args.json, print_evaluation)
+    give(args, found.to_dict(), lambda: print_evaluation(found))
     return 0
 
 
@@ -120,10 +119,10 @@ def print_visits(found: VisitsQuality) -> None:
     from cuboid.cli.tables import console
 
     out = console()
-    out.print(f"labels kept of things that did not move: {found.kept} of {found.unmoved}")
-    out.print(f"moved things recognised: {found.recognised} of {found.moved}")
-    out.print(f"changes: {found.changes} true, {found.told} told, {found.right} rightly")
-    out.print(f"called gone though only hidden: {found.hidden_called_gone}")
+    out.print(f"labels kept of objects that did not move: {found.kept} of {found.unmoved}")
+    out.print(f"moved objects recognised: {found.recognised} of {found.moved}")
+    out.print(f"changes: {found.changes} true, {found.told} reported, {found.right} of them correct")
+    out.print(f"hidden objects reported as gone: {found.hidden_called_gone}")
 
 
 def print_comparison(found: Evaluation) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from cuboid.cli.json_option import PRINTED
+from cuboid.cli.results import give
 
 if TYPE_CHECKING:
     from cuboid.evaluation.statistics import Interval, Paired
@@ -40,7 +40,6 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.cli.extras import need_cluster
 
     need_cluster("'cuboid evaluate --store'")
-    from cuboid.cli.tables import write_json
     from cuboid.cli.workers import workers_from
     from cuboid.evaluation.statistics import compare, intervals
     from cuboid.store.judging import judge_store
@@ -51,21 +50,22 @@ def run(args: argparse.Namespace) -> int:
     numbers = _numbers(found)
     means = intervals(list(found.rows.values()), numbers)
     paired = compare(before.rows, found.rows, numbers) if before else {}
-    if args.json is not None:
-        document: dict[str, Any] = {
-            "scenes": found.rows,
-            "without_truth": list(found.without_truth),
-            "refused": found.refused,
-            "not_done": found.not_done,
-            "means": {name: one.to_dict() for name, one in means.items()},
-        }
-        if before:
-            document |= {"scenes_before": before.rows, "change": {name: one.to_dict() for name, one in paired.items()}}
-        write_json(document, args.json)
-    if args.json != PRINTED:
+    document: dict[str, Any] = {
+        "scenes": found.rows,
+        "without_truth": list(found.without_truth),
+        "refused": found.refused,
+        "not_done": found.not_done,
+        "means": {name: one.to_dict() for name, one in means.items()},
+    }
+    if before:
+        document |= {"scenes_before": before.rows, "change": {name: one.to_dict() for name, one in paired.items()}}
+
+    def show() -> None:
         _print(found, means)
         if before:
             _print_change(paired, before.rows, found.rows)
+
+    give(args, document, show)
     return 0
 
 

@@ -6,13 +6,12 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cuboid.cli.json_option import PRINTED, add_json
 from cuboid.cli.recording import seconds
+from cuboid.cli.results import add_results, give
 
 if TYPE_CHECKING:
     from cuboid.evaluation.trajectory import Errors, TrajectoryErrors
 
-HELP = "compare an estimated camera path with the true one"
 EXAMPLE = "cuboid evaluate trajectory DIR RECORDING"
 
 FORMS = "trajectory.txt or another file of its form (TUM), a .pose file, a folder of results, a recording with poses"
@@ -30,12 +29,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="poses further apart in time are no pair (default: %(default)s)",
     )
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw both paths and their distance: .png or .svg")
-    add_json(parser)
+    add_results(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Compare, draw and print."""
-    from cuboid.cli.tables import console, write_json
+    from cuboid.cli.tables import console
     from cuboid.cli.threads import limit_threads
 
     limit_threads(1)
@@ -47,13 +46,13 @@ def run(args: argparse.Namespace) -> int:
     found = evaluate_trajectory(args.estimate, args.truth, limit_s=args.within)
     if args.plot is not None:
         plot(found, args.plot)
-    if args.json is not None:
-        write_json(found.to_dict(), args.json)
-    if args.json != PRINTED:
+
+    def show() -> None:
         _print(found)
-        for file in (args.json, args.plot):
-            if file is not None:
-                console().print(f"written: {file}", markup=False)
+        if args.plot is not None:
+            console().print(f"plot in {args.plot}", markup=False)
+
+    give(args, found.to_dict(), show)
     return 0
 
 

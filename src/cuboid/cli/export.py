@@ -5,21 +5,20 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-HELP = "write the results of a run for other programs: PLY, COCO, KITTI, MCAP, JSON, CSV, rerun"
+from cuboid.cli.names import export_names
+from cuboid.cli.parser import takes_names
+from cuboid.cli.results import add_output, add_results, give
+
 EXAMPLE = "cuboid export DIR --to coco --output labels.json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
     parser.add_argument("results", type=Path, metavar="DIR", help="what 'cuboid track' left behind")
-    parser.add_argument(
-        "--to", required=True, metavar="NAME", help="the form: ply, coco, kitti, mcap, json, csv, rerun"
-    )
-    parser.add_argument(
-        "--output", type=Path, required=True, metavar="PATH", help="the file; for ply the folder of its files"
-    )
+    takes_names(parser.add_argument("--to", required=True, metavar="NAME", help="the form"), export_names)
+    add_output(parser, type=Path, required=True, metavar="PATH", help="the file; for ply the folder of its files")
     parser.add_argument("--recording", type=Path, metavar="PATH", help="the recording, where it is not where it was")
-    parser.add_argument("--force", action="store_true", help="replace an earlier export")
+    add_results(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -31,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.exports import FinishedRun, export
 
     notes = export(FinishedRun(args.results, args.recording), args.to, args.output, force=args.force)
-    out = console()
-    for line in (f"{args.to} written to {args.output}", *notes):
-        out.print(line, markup=False)
+    lines = "\n".join((f"{args.to} written to {args.output}", *notes))
+    document = {"output": str(args.output), "form": args.to, "notes": notes}
+    give(args, document, lambda: console().print(lines, markup=False))
     return 0

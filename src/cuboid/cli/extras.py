@@ -1,4 +1,4 @@
-"""What a command needs beyond the core, said in one line where it is missing."""
+"""Packages that a command needs beyond the core: one line where they are missing."""
 
 from __future__ import annotations
 

@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.filters import add_filters
-from cuboid.cli.json_option import PRINTED, add_json
+from cuboid.cli.results import add_results, give
 from cuboid.cli.threads import positive
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-HELP = "find objects in a store by size, place, time, color or likeness"
 EXAMPLE = "cuboid find STORE --size 8..14cm"
 
 
@@ -25,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     shown = parser.add_argument_group("answer")
     shown.add_argument("--limit", type=positive, default=50, metavar="N", help="at most N objects (default: 50)")
     shown.add_argument("--html", type=Path, metavar="FILE", help="write the table with pictures as a page")
-    add_json(parser)
+    add_results(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -33,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.cli.extras import need_cluster
 
     need_cluster("'cuboid find'")
-    from cuboid.cli.tables import console, write_json
+    from cuboid.cli.tables import console
     from cuboid.outputs.pending import write_whole
     from cuboid.store.find import Filters, find
     from cuboid.store.page import found_page
@@ -54,12 +53,13 @@ def run(args: argparse.Namespace) -> int:
     rows = find(Tables(args.store), filters, pictures=args.html is not None)
     if args.html is not None:
         write_whole(args.html, found_page(rows, f"Objects of {args.store}"))
-    if args.json is not None:
-        write_json({"objects": [plain(row) for row in rows]}, args.json)
-    if args.json != PRINTED:
+
+    def show() -> None:
         console().print(_table(rows) if rows else "no object found")
         if args.html is not None:
             console().print(f"with pictures in {args.html}", markup=False, soft_wrap=True)
+
+    give(args, {"objects": [plain(row) for row in rows]}, show)
     return 0
 
 

@@ -6,15 +6,14 @@ import argparse
 import math
 from typing import TYPE_CHECKING
 
-from cuboid.cli.json_option import add_json
 from cuboid.cli.recording import add_reading, open_from
+from cuboid.cli.results import add_results, give
 
 if TYPE_CHECKING:
     from cuboid.inspecting import RecordingInfo
 
 NAME_WIDTH = 14
 
-HELP = "say what was recognised in a recording, and what will be skipped"
 EXAMPLE = "cuboid info RECORDING"
 
 
@@ -22,18 +21,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
     add_reading(parser, thinned=False)
     parser.add_argument("--all", action="store_true", help="look at every frame, not at 24 of them")
-    add_json(parser)
+    add_results(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Look, and print."""
-    from cuboid.cli.tables import give_figures
     from cuboid.cli.threads import limit_threads
     from cuboid.inspecting import inspect_recording
 
     limit_threads(1)
     found = inspect_recording(open_from(args), every_frame=args.all)
-    give_figures(found, args.json, _print)
+    give(args, found.to_dict(), lambda: _print(found))
     return 0
 
 
@@ -104,7 +102,7 @@ def _registration(found: RecordingInfo) -> str:
 
 def _up(found: RecordingInfo) -> str:
     if found.up_world is None:
-        return "measured with the frames" if found.up_measured else "not told: taken from the planes"
+        return "measured with the frames" if found.up_measured else "unknown: taken from the planes"
     return f"{', '.join(f'{value:g}' for value in found.up_world)} in the world of the poses"
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from cuboid.cli.json_option import PRINTED
+from cuboid.cli.results import give
 from cuboid.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ NAMED = 8
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate, draw and print."""
-    from cuboid.cli.tables import console, give_figures
+    from cuboid.cli.tables import console
     from cuboid.evaluation.evaluate_keyframes import evaluate_keyframes
 
     for name in ("cloud", "trajectory"):
@@ -27,9 +27,13 @@ def run(args: argparse.Namespace) -> int:
             raise InputError(f"--{name} does not go with keyframes: {args.truth}")
     found = evaluate_keyframes(args.result, args.truth, args.recording)
     drawn = 0 if args.pictures is None else _draw(args, found)
-    give_figures(found, args.json, print_evaluation)
-    if args.json != PRINTED and args.pictures is not None:
-        console().print(f"{_count(drawn, 'picture')} in {args.pictures}", markup=False)
+
+    def show() -> None:
+        print_evaluation(found)
+        if args.pictures is not None:
+            console().print(f"{_count(drawn, 'picture')} in {args.pictures}", markup=False)
+
+    give(args, found.to_dict(), show)
     return 0
 
 
@@ -88,7 +92,7 @@ def _scores_table(found: KeyframeEvaluation) -> Table:
         "precision",
         "found",
         "false",
-        "neither way",
+        "ignored",
         "objects found",
         "one label",
         "IDF1",

@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cuboid.cli.names import format_names, proposal_names, setting_names
+from cuboid.cli.parser import takes_names
 from cuboid.cli.threads import add_threads, positive
 
 if TYPE_CHECKING:
@@ -39,16 +41,18 @@ def add_tracking(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         default=1,
         help="pixels of the recording a side that become one: faster, coarser (default: 1)",
     )
-    tracking.add_argument("--proposals", metavar="NAME[:OPTIONS]", help="source of the 2D proposals")
-    tracking.add_argument(
+    source = tracking.add_argument("--proposals", metavar="NAME[:OPTIONS]", help="source of the 2D proposals")
+    takes_names(source, proposal_names)
+    field = tracking.add_argument(
         "--set",
         type=setting,
         action="append",
         default=[],
         dest="settings",
         metavar="NAME=VALUE",
-        help="a field of the tracker's configuration, such as voxel_m=0.02; may be repeated",
+        help="a field of the tracker's configuration, such as voxel_m=0.02; may be repeated; fields",
     )
+    takes_names(field, setting_names, ending="=")
     return tracking
 
 
@@ -69,7 +73,8 @@ def add_reading(
 def add_reading_options(parser: argparse.ArgumentParser, *, thinned: bool = True) -> argparse._ArgumentGroup:
     """Add how a recording is read, where wanted with thinning; return the group."""
     reading = parser.add_argument_group("reading")
-    reading.add_argument("--format", metavar="NAME", help="its layout, where it is not recognised")
+    layout = reading.add_argument("--format", metavar="NAME", help="its layout, where it is not recognised")
+    takes_names(layout, format_names)
     reading.add_argument(
         "--intrinsics",
         type=intrinsics,

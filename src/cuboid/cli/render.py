@@ -6,13 +6,14 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cuboid.cli.results import add_output, add_results, give, refuse_existing
+
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from cuboid.views.encoding import VideoWriter
     from cuboid.views.replay import Replay
 
-HELP = "draw the results of a run into its recording, as a video"
 EXAMPLE = "cuboid render DIR --show heat"
 
 DEFAULT_NAMES = {"boxes": "labelled", "heat": "heat", "depth": "depth", "proposals": "proposals", "planes": "planes"}
@@ -22,9 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
     parser.add_argument("results", type=Path, metavar="DIR", help="what 'cuboid track' left behind")
     parser.add_argument("--recording", type=Path, metavar="PATH", help="the recording, where it is not where it was")
-    parser.add_argument(
-        "--output", type=Path, metavar="FILE", help="the video (default: in DIR, named after what it shows)"
-    )
+    add_output(parser, type=Path, metavar="FILE", help="the video (default: in DIR, named after what it shows)")
     parser.add_argument(
         "--show",
         choices=tuple(DEFAULT_NAMES),
@@ -32,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="labels, heat of the map, depth, each frame's own 3D proposals, or supporting planes (default: boxes)",
     )
     parser.add_argument("--gif", action="store_true", help="a small GIF instead of an MP4")
+    add_results(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -58,18 +58,20 @@ def run(args: argparse.Namespace) -> int:
             drawn += 1
     if drawn == 0:
         raise InputError(f"{args.results}: no frame of {recording.path} is in its trajectory")
-    console().print(f"{drawn} frames drawn; video in {path}", markup=False)
+    line = f"{drawn} frames drawn; video in {path}"
+    give(args, {"output": str(path), "frames": drawn}, lambda: console().print(line, markup=False))
     return 0
 
 
 def _path(args: argparse.Namespace) -> Path:
-    """Return the file to write; InputError where its name says another format."""
+    """Return the file to write; an error where its name says another format, or it exists and --force is not given."""
     from cuboid.errors import InputError
 
     suffix = ".gif" if args.gif else ".mp4"
     path: Path = args.output or args.results / f"{DEFAULT_NAMES[args.show]}{suffix}"
     if path.suffix.lower() != suffix:
         raise InputError(f"{path}: the video's name must end with {suffix}{'' if args.gif else ', or give --gif'}")
+    refuse_existing(path, force=args.force)
     return path
 
 

@@ -7,19 +7,21 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cuboid.cli.results import add_output, add_results, give, refuse_existing
+
 if TYPE_CHECKING:
     from cuboid.frame import Frame
 
-HELP = "write the 3D page of finished results (report.html)"
-EXAMPLE = "cuboid report DIR"
+EXAMPLE = "cuboid report DIR --force"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
     parser.add_argument("results", type=Path, metavar="DIR", help="what 'cuboid track' left behind")
     parser.add_argument("--recording", type=Path, metavar="PATH", help="the recording, where it is not where it was")
-    parser.add_argument("--output", type=Path, metavar="FILE", help="the page (default: report.html in DIR)")
+    add_output(parser, type=Path, metavar="FILE", help="the page (default: report.html in DIR)")
     parser.add_argument("--no-pictures", action="store_true", help="leave out the objects' pictures and the recording")
+    add_results(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -35,10 +37,13 @@ def run(args: argparse.Namespace) -> int:
     path: Path = args.output or args.results / REPORT
     if path.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"{path}: the page's name must end with .html")
+    refuse_existing(path, force=args.force)
     read = None if args.no_pictures else _reading(args.results, args.recording)
     summary = summarise(FinishedResults(args.results), read)
     write_report(path, summary)
-    console().print(f"page with {len(summary.found.objects)} objects in {path}", markup=False)
+    objects = len(summary.found.objects)
+    line = f"page with {objects} objects in {path}"
+    give(args, {"output": str(path), "objects": objects}, lambda: console().print(line, markup=False))
     return 0
 
 

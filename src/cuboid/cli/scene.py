@@ -5,8 +5,12 @@ from __future__ import annotations
 import argparse
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from cuboid.cli.names import scene_export_names
+from cuboid.cli.parser import takes_names
+from cuboid.cli.results import add_output, add_results, give
+from cuboid.cli.scene_documents import change_document, object_document
 from cuboid.cli.threads import positive
 
 if TYPE_CHECKING:
@@ -14,7 +18,9 @@ if TYPE_CHECKING:
 
     from cuboid.scene import Scene, SceneObject
 
-HELP = "list, show and change what is in a scene file"
+# What a verb gives: the results ready for JSON, and what is printed.
+Answer = tuple[dict[str, Any], "list[str | Table]"]
+
 EXAMPLE = "cuboid scene list kitchen.cuboid"
 
 
@@ -25,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     def verb(name: str, text: str) -> argparse.ArgumentParser:
         one = verbs.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".", allow_abbrev=False)
         one.add_argument("scene", type=Path, metavar="FILE", help="the scene (NAME.cuboid)")
+        add_results(one)
         return one
 
     listing = verb("list", "list the objects that are there")
@@ -42,17 +49,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     merging = verb("merge", "make one object of two that are one; the older label stays")
     merging.add_argument("one", type=positive, metavar="LABEL")
     merging.add_argument("two", type=positive, metavar="LABEL")
-    forgetting = verb("forget", "let an object be none; its label is never given again")
+    forgetting = verb("forget", "remove an object; its label is never given again")
     forgetting.add_argument("label", type=positive, metavar="LABEL")
     checking = verb("check", "check that the file is whole")
     checking.add_argument("--rescue", type=Path, metavar="NEW", help="write what can be read into a new scene file")
     exporting = verb("export", "write a recording's results for other programs, or as a result folder")
-    exporting.add_argument(
-        "--to", required=True, metavar="NAME", help="results (a folder), ply, coco, kitti, ros2, json, csv, rerun"
-    )
-    exporting.add_argument("--output", type=Path, required=True, metavar="PATH", help="the file or the folder")
+    form = exporting.add_argument("--to", required=True, metavar="NAME", help="the form; 'results' is a result folder")
+    takes_names(form, scene_export_names)
+    add_output(exporting, type=Path, required=True, metavar="PATH", help="the file or the folder")
     exporting.add_argument("--recording", type=positive, metavar="N", help="of the scene (default: the last one)")
-    exporting.add_argument("--force", action="store_true", help="replace an earlier export")
     verb("compact", "write the file anew without the room that is free in it")
 
 
@@ -63,35 +68,37 @@ def run(args: argparse.Namespace) -> int:
 
     limit_threads(1)
     if args.verb == "check":
-        return _check(args.scene, args.rescue)
+        return _check(args)
     if not args.scene.exists():
         raise InputError(f"{args.scene}: there is no such scene file")
     from cuboid.scene import Scene
 
     with Scene.open(args.scene) as scene:
-        for line in VERBS[args.verb](scene, args):
-            _print(line)
+        document, lines = VERBS[args.verb](scene, args)
+    give(args, document, lambda: _print(lines))
     return 0
 
 
-def _print(line: str | Table) -> None:
+def _print(lines: list[str | Table]) -> None:
     from cuboid.cli.tables import console
 
-    if isinstance(line, str):
-        console().print(line, markup=False)
-    else:
-        console().print(line)
+    for line in lines:
+        if isinstance(line, str):
+            console().print(line, markup=False)
+        else:
+            console().print(line)
 
 
-def _list(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
+def _list(scene: Scene, args: argparse.Namespace) -> Answer:
     from rich.markup import escape
 
     from cuboid.cli.tables import new_table
     from cuboid.errors import printable
 
     found = scene.all_objects if args.all else scene.objects
+    document = {"objects": [object_document(item) for item in found]}
     if not found:
-        return ["no object"]
+        return document, ["no object"]
     state = ("state",) if args.all else ()
     table = new_table(
         "label", "name", *state, "size L x W x H (cm)", "position x, y, z (m)", "last seen", "score", left=2 + args.all
@@ -103,16 +110,18 @@ def _list(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
         seen = "recording {}, frame {}".format(*item.last_seen)
         cells = (size, place, seen, f"{item.score:.2f}")
         table.add_row(str(item.label), escape(printable(item.name)), *((told,) if args.all else ()), *cells)
-    return [table]
+    return document, [table]
 
 
-def _show(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
+def _show(scene: Scene, args: argparse.Namespace) -> Answer:
     from cuboid.errors import InputError
 
     if args.label is not None:
         return _show_object(scene, args)
     if args.picture is not None:
         raise InputError("--picture needs the label of an object")
+    from dataclasses import asdict
+
     from rich.markup import escape
 
     from cuboid.cli.tables import new_table
@@ -126,10 +135,16 @@ def _show(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
         poses, path = (escape(printable(text)) for text in (one.poses, one.path))
         cells = (one.begun, str(one.frames), str(one.frames_used), poses, whole, path)
         table.add_row(str(one.number), *cells)
-    return [f"{scene.path}: {len(scene.objects)} objects, {gone} gone; {size_mb:.1f} MB", table]
+    document = {
+        "objects": len(scene.objects),
+        "gone": gone,
+        "bytes": scene.path.stat().st_size,
+        "recordings": [asdict(one) for one in scene.recordings],
+    }
+    return document, [f"{scene.path}: {len(scene.objects)} objects, {gone} gone; {size_mb:.1f} MB", table]
 
 
-def _show_object(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
+def _show_object(scene: Scene, args: argparse.Namespace) -> Answer:
     from cuboid.errors import InputError
     from cuboid.outputs.pending import write_whole
     from cuboid.results import tag_of
@@ -140,22 +155,26 @@ def _show_object(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
     lines: list[str | Table] = [f"{tag_of(item.label, item.name)}: {told}"]
     lines.append("  size {:.1f} x {:.1f} x {:.1f} cm".format(*(100 * item.box.size)))
     lines.append("  at {:.3f}, {:.3f}, {:.3f} m".format(*item.box.center))
+    visits: list[dict[str, Any]] = []
     for number in sorted({past.recording for past in history}):
         own = [past for past in history if past.recording == number]
-        place = "{:.3f}, {:.3f}, {:.3f}".format(*own[-1].box.center)
-        lines.append(
-            f"  recording {number}: frames {own[0].frame} to {own[-1].frame}, {len(own)} of them, at {place} m"
+        first, last = own[0].frame, own[-1].frame
+        center = [round(float(value), 6) for value in own[-1].box.center]
+        visits.append(
+            {"recording": number, "first_frame": first, "last_frame": last, "sightings": len(own), "center": center}
         )
+        place = "{:.3f}, {:.3f}, {:.3f}".format(*own[-1].box.center)
+        lines.append(f"  recording {number}: frames {first} to {last}, {len(own)} of them, at {place} m")
     if args.picture is not None:
         picture = scene.picture(args.label)
         if picture is None:
             raise InputError(f"{scene.path}: there is no picture of {args.label}")
         write_whole(args.picture, picture)
         lines.append(f"picture in {args.picture}")
-    return lines
+    return {"object": object_document(item), "recordings": visits}, lines
 
 
-def _changes(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
+def _changes(scene: Scene, args: argparse.Namespace) -> Answer:
     from rich.markup import escape
 
     from cuboid.cli.tables import new_table
@@ -163,8 +182,9 @@ def _changes(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
     from cuboid.outputs.pending import new_folder
 
     found = [one for one in scene.changes(args.since) if args.all or one.change not in ("unchanged", "not looked at")]
+    document = {"changes": [change_document(one) for one in found]}
     if not found:
-        return ["nothing changed"]
+        return document, ["nothing changed"]
     table = new_table("recording", "label", "name", "change", "from (m)", "to (m)", "metres", "how sure", left=4)
     for one in found:
         places = ("" if p is None else ", ".join(f"{value:z.2f}" for value in p) for p in (one.from_m, one.to_m))
@@ -173,13 +193,13 @@ def _changes(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
         name = escape(printable(one.name))
         table.add_row(str(one.recording), str(one.label), name, one.change, *places, far, sure)
     if args.pictures is None:
-        return [table]
+        return document, [table]
     with new_folder(args.pictures, force=True, replaces=r"recording-\d+-label-\d+-(before|after)\.jpg") as folder:
         for one in found:
             for when, picture in (("before", one.before), ("after", one.after)):
                 if picture is not None:
                     (folder / f"recording-{one.recording}-label-{one.label}-{when}.jpg").write_bytes(picture)
-    return [table, f"pictures in {args.pictures}"]
+    return document, [table, f"pictures in {args.pictures}"]
 
 
 def _object(scene: Scene, label: int) -> SceneObject:
@@ -191,28 +211,30 @@ def _object(scene: Scene, label: int) -> SceneObject:
     raise InputError(f"{scene.path}: no object has the label {label}")
 
 
-def _name(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
+def _name(scene: Scene, args: argparse.Namespace) -> Answer:
     from cuboid.results import tag_of
 
     scene.name(args.label, args.name)
-    return [tag_of(args.label, args.name.strip())]
+    name = args.name.strip()
+    return {"label": args.label, "name": name}, [tag_of(args.label, name)]
 
 
-def _merge(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
+def _merge(scene: Scene, args: argparse.Namespace) -> Answer:
     kept = scene.merge(args.one, args.two)
-    return [f"#{args.one} and #{args.two} are #{kept}"]
+    return {"label": kept, "merged": [args.one, args.two]}, [f"#{args.one} and #{args.two} are #{kept}"]
 
 
-def _forget(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
+def _forget(scene: Scene, args: argparse.Namespace) -> Answer:
     scene.forget(args.label)
-    return [f"#{args.label} is forgotten"]
+    return {"forgotten": args.label}, [f"#{args.label} is forgotten"]
 
 
-def _export(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
+def _export(scene: Scene, args: argparse.Namespace) -> Answer:
     from cuboid.exports import FinishedRun, export
     from cuboid.outputs import FinishedResults
     from cuboid.outputs.folder import REPORT
 
+    document = {"output": str(args.output), "form": args.to}
     if args.to == "results":
         scene.write_results(args.output, args.recording, force=args.force)
         from cuboid.views.report import summarise, write_report
@@ -220,34 +242,36 @@ def _export(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
         number = len(scene.recordings) if args.recording is None else args.recording
         summary = summarise(FinishedResults(args.output), None, scene.shown_changes(number))
         write_report(args.output / REPORT, summary)
-        return [f"results in {args.output}"]
+        return {**document, "notes": []}, [f"results in {args.output}"]
     with tempfile.TemporaryDirectory(prefix="cuboid-scene-") as work:
         scene.write_results(Path(work) / "results", args.recording)
         notes = export(FinishedRun(Path(work) / "results"), args.to, args.output, force=args.force)
-    return [f"{args.to} written to {args.output}", *notes]
+    return {**document, "notes": notes}, [f"{args.to} written to {args.output}", *notes]
 
 
-def _compact(scene: Scene, args: argparse.Namespace) -> list[str | Table]:
+def _compact(scene: Scene, args: argparse.Namespace) -> Answer:
     before = scene.path.stat().st_size
     scene.compact()
     scene.close()
-    return [f"{before / 2**20:.1f} MB became {scene.path.stat().st_size / 2**20:.1f} MB"]
+    after = scene.path.stat().st_size
+    sizes = {"bytes_before": before, "bytes_after": after}
+    return sizes, [f"{before / 2**20:.1f} MB became {after / 2**20:.1f} MB"]
 
 
-def _check(path: Path, new: Path | None) -> int:
-    from cuboid.cli import MISTAKE, OK
+def _check(args: argparse.Namespace) -> int:
+    from cuboid.cli import OK
+    from cuboid.cli.parser import MISTAKE
     from cuboid.scene.checking import problems, rescue
 
-    found = problems(path)
-    for line in found or ["the scene is whole"]:
-        _print(line)
-    if new is None:
-        return MISTAKE if found else OK
-    lost = rescue(path, new)
-    _print(f"what can be read is in {new}")
-    for line in lost:
-        _print(f"lost: {line}")
-    return OK
+    found = problems(args.scene)
+    document: dict[str, Any] = {"problems": found}
+    lines: list[str | Table] = [*(found or ["the scene is whole"])]
+    if args.rescue is not None:
+        lost = rescue(args.scene, args.rescue)
+        document |= {"rescued": str(args.rescue), "lost": lost}
+        lines += [f"what can be read is in {args.rescue}", *(f"lost: {line}" for line in lost)]
+    give(args, document, lambda: _print(lines))
+    return MISTAKE if found and args.rescue is None else OK
 
 
 VERBS = {

@@ -7,7 +7,6 @@ import os
 
 from cuboid.cli.serving import port
 
-HELP = "serve the pages of a store and a read-only API of its tables"
 EXAMPLE = "cuboid serve STORE"
 
 # Where the token may be, so that it stands in no list of processes.
@@ -24,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--token",
         metavar="TEXT",
-        help=f"what who asks must know (default: ${TOKEN}; where others can reach it, a new one is made and said)",
+        help=f"secret that a request must carry (default: ${TOKEN}; where others can reach it, a new one is printed)",
     )
 
 

@@ -1,4 +1,4 @@
-"""`cuboid slam`: from a recording to the way of its camera."""
+"""`cuboid slam`: from a recording to the trajectory of its camera."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cuboid.cli.recording import add_reading, open_from
+from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.threads import add_threads, cores
 
 if TYPE_CHECKING:
     from cuboid.slam import SlamOutcome
 
-HELP = "estimate the camera poses of a recording from its images and write the trajectory"
 EXAMPLE = "cuboid slam RECORDING --output DIR"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
     results = parser.add_argument_group("results")
-    results.add_argument("--output", type=Path, required=True, metavar="DIR", help="folder of the results")
-    results.add_argument("--force", action="store_true", help="replace results that lie in DIR")
+    add_output(results, type=Path, required=True, metavar="DIR", help="folder of the results")
+    add_results(results)
     add_threads(add_reading(parser), min(2, cores()))
 
 
@@ -44,7 +44,14 @@ def run(args: argparse.Namespace) -> int:
                 progress=shown,
                 stop=interruption,
             )
-    print_outcome(outcome, args.output)
+    document = {
+        "output": str(args.output),
+        "run": outcome.report.to_dict(),
+        "lost": outcome.lost,
+        "keyframes": outcome.keyframes,
+        "loops": outcome.loops,
+    }
+    give(args, document, lambda: print_outcome(outcome, args.output))
     if not outcome.report.complete:
         print("cuboid: interrupted; the results are marked as not complete", file=sys.stderr)
         return interruption.status
@@ -64,7 +71,7 @@ def print_outcome(outcome: SlamOutcome, output: Path) -> None:
     each = f", {timing.median_ms:.1f} ms a frame (p95 {timing.p95_ms:.1f}) without decoding" if timing else ""
     out.print(
         f"{report.frames_used} of {report.frames_read} frames tracked, {outcome.lost} lost, "
-        f"{outcome.keyframes} keyframes, {outcome.loops} loops closed by looks; "
+        f"{outcome.keyframes} keyframes, {outcome.loops} loops closed by appearance; "
         f"{report.seconds:.1f} s{each}; results in {output}",
         markup=False,
     )

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
+from cuboid.cli.results import add_results, give
 from cuboid.cli.threads import cores, positive
 
-HELP = "ask the tables of a store in SQL"
 EXAMPLE = 'cuboid sql STORE "select count(*) from objects"'
 
 
@@ -15,6 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("store", metavar="STORE", help="what 'cuboid batch' wrote: a folder or URL")
     parser.add_argument("question", metavar="SQL", help='such as "select color, count(*) from objects group by color"')
     parser.add_argument("--csv", action="store_true", help="print the answer as CSV, whole")
+    add_results(parser)
     parser.add_argument(
         "--threads", type=positive, default=cores(), metavar="N", help="threads in use (default: %(default)s)"
     )
@@ -28,20 +29,47 @@ def run(args: argparse.Namespace) -> int:
 
     need_cluster("'cuboid sql'")
     from cuboid.cli.tables import console, new_table
+    from cuboid.errors import InputError
     from cuboid.store.query import Tables
 
     answer = Tables(args.store, args.threads).ask(args.question)
     if args.csv:
+        if args.json is not None:
+            raise InputError("--csv and --json: give one of them")
         from pyarrow import csv
 
         sys.stdout.flush()
         csv.write_csv(answer, sys.stdout.buffer)
         return 0
-    table = new_table(*answer.column_names)
-    for row in answer.to_pylist():
-        table.add_row(*(_cell(value) for value in row.values()))
-    console().print(table)
+    rows = answer.to_pylist()
+
+    def show() -> None:
+        table = new_table(*answer.column_names)
+        for row in rows:
+            table.add_row(*(_cell(value) for value in row.values()))
+        console().print(table)
+
+    give(args, {"rows": [{name: _plain(value) for name, value in row.items()} for row in rows]}, show)
     return 0
+
+
+def _plain(value: object) -> object:
+    """Return a value ready for JSON: bytes as base64, times as ISO 8601, numbers that are not finite as null."""
+    from base64 import b64encode
+    from datetime import date, time
+    from math import isfinite
+
+    if isinstance(value, dict):
+        return {str(name): _plain(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    if isinstance(value, bytes):
+        return b64encode(value).decode("ascii")
+    if isinstance(value, date | time):
+        return value.isoformat()
+    if isinstance(value, float):
+        return value if isfinite(value) else None
+    return value if value is None or isinstance(value, str | int | bool) else str(value)
 
 
 def _cell(value: object) -> str:

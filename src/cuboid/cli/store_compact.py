@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import argparse
 
-HELP = "gather the small files of a store into large ones, and remove what killed tasks left"
+from cuboid.cli.results import add_results, give
+
 EXAMPLE = "cuboid store compact STORE"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
     parser.add_argument("store", metavar="STORE", help="what 'cuboid batch' wrote: a folder or URL")
+    add_results(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Gather and tidy."""
+    from dataclasses import asdict
+
     from cuboid.cli.extras import need_cluster
 
     need_cluster("'cuboid store compact'")
@@ -28,5 +32,6 @@ def run(args: argparse.Namespace) -> int:
     done = compact(place)
     left = tidy(place)
     write_summary(args.store)
-    print(f"{done.runs} runs gathered: {done.files_before} files became {done.files_after}; {left} leftovers removed")
+    line = f"{done.runs} runs gathered: {done.files_before} files became {done.files_after}; {left} leftovers removed"
+    give(args, {**asdict(done), "removed": left}, lambda: print(line))
     return 0

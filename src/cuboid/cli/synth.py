@@ -8,12 +8,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.threads import cores, limit_threads, positive
 
 if TYPE_CHECKING:
     from cuboid.synthetic.shapes import Model
 
-HELP = "make a recording whose truth is known exactly"
 EXAMPLE = "cuboid synth --kind clutter --seed 7 --output DIR"
 
 KINDS = ("table", "occluders", "leave", "tables", "clutter", "room")
@@ -24,8 +24,8 @@ POSE_NOISES = ("none", "drift", "jumps")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="folder of the recording")
-    parser.add_argument("--force", action="store_true", help="replace a made recording that lies in DIR")
+    add_output(parser, type=Path, required=True, metavar="DIR", help="folder of the recording")
+    add_results(parser)
     scene = parser.add_argument_group("scene")
     scene.add_argument("--kind", choices=KINDS, default="table", help="what stands where (default: table)")
     scene.add_argument("--seed", type=_seed, default=1, metavar="N", help="same seed, same bytes (default: 1)")
@@ -79,8 +79,11 @@ def run(args: argparse.Namespace) -> int:
     scene = make_scene(args.kind, args.seed, frames=args.frames, camera=args.motion, meshes=meshes)
     with rendering() as progress:
         render_recording(scene, args.output, progress=progress, **_rendered_as(args))
+    counts = {"frames": scene.frames, "objects": len(scene.objects), "surfaces": len(scene.surfaces)}
     what = f"{scene.frames} frames, {len(scene.objects)} objects, {len(scene.surfaces)} level surfaces"
-    console().print(f"{scene.name}: {what}; in {args.output}", markup=False)
+    line = f"{scene.name}: {what}; in {args.output}"
+    document = {"output": str(args.output), "name": scene.name, **counts}
+    give(args, document, lambda: console().print(line, markup=False))
     return 0
 
 
@@ -92,10 +95,14 @@ def _visits(args: argparse.Namespace, meshes: Sequence[Model]) -> int:
     scenes = make_visits(args.kind, args.seed, args.visits, frames=args.frames, camera=args.motion, meshes=meshes)
     with rendering() as progress:
         told = render_visits(scenes, args.output, progress=progress, **_rendered_as(args))
-    for visit in told["visits"]:
-        kinds = [change["change"] for change in visit["changes"]]
-        what = ", ".join(f"{kinds.count(kind)} {kind}" for kind in ("unchanged", "moved", "gone", "new"))
-        console().print(f"{visit['recording']}: {what if kinds else 'the first'}; in {args.output}", markup=False)
+
+    def show() -> None:
+        for visit in told["visits"]:
+            kinds = [change["change"] for change in visit["changes"]]
+            what = ", ".join(f"{kinds.count(kind)} {kind}" for kind in ("unchanged", "moved", "gone", "new"))
+            console().print(f"{visit['recording']}: {what if kinds else 'the first'}; in {args.output}", markup=False)
+
+    give(args, {"output": str(args.output), "visits": told["visits"]}, show)
     return 0
 
 

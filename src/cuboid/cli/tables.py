@@ -1,11 +1,9 @@
-"""Tables that people read, and JSON that programs read."""
+"""Tables that people read."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from rich import box
 from rich.console import Console
@@ -14,7 +12,6 @@ from rich.table import Table
 
 from cuboid.errors import printable
 from cuboid.outputs import RunReport, Timing
-from cuboid.outputs.pending import write_whole
 from cuboid.results import TrackedObject
 
 # A pipe has no width: tables take what they need, and no cell is cut.
@@ -30,6 +27,10 @@ class _Console(Console):
     def print(self, *objects: Any, **options: Any) -> None:
         """Print as usual; of texts all but line breaks that is not printable is escaped."""
         super().print(*(_lines(item) if isinstance(item, str) else item for item in objects), **options)
+
+    def on_broken_pipe(self) -> None:
+        """Let the command end as for any other output: Rich would exit with status 1."""
+        raise BrokenPipeError
 
 
 def _lines(text: str) -> str:
@@ -91,35 +92,3 @@ def limit_lines(report: RunReport) -> list[str]:
         f"{limit.frames} frames had more than {limit.most} {what}: {limit.left_out} of them were left out"
         for what, limit in report.limits.items()
     ]
-
-
-def write_json(document: Mapping[str, Any], name: str) -> None:
-    """Write figures to a file, or print them where its name is "-".
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
-    """
-    text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-    if name == "-":
-        print(text, end="")
-        return
-    write_whole(Path(name), text)
-
-
-class _Figures(Protocol):
-    def to_dict(self) -> dict[str, Any]: ...
-
-
-Found = TypeVar("Found", bound=_Figures)
-
-
-def give_figures(found: Found, file: str | None, show: Callable[[Found], None]) -> None:
-    """Write an evaluation as JSON where a file is named (`-` prints it and nothing else), and show it as tables."""
-    if file is not None:
-        write_json(found.to_dict(), file)
-    if file != "-":
-        show(found)
-        if file is not None:
-            console().print(f"all figures in {file}", markup=False)

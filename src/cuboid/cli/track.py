@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.camera import add_camera, source_of
 from cuboid.cli.live import add_live, watching
 from cuboid.cli.recording import add_recording, megabytes, tracking_from
+from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.scene_options import add_scene, scene_from
 from cuboid.cli.threads import cores
 from cuboid.limits import MEMORY_MB
@@ -17,15 +18,14 @@ from cuboid.limits import MEMORY_MB
 if TYPE_CHECKING:
     from cuboid.run_types import RunOutcome
 
-HELP = "track the objects of a recording and write what was found"
 EXAMPLE = "cuboid track RECORDING --output DIR"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
     results = parser.add_argument_group("results")
-    results.add_argument("--output", type=Path, required=True, metavar="DIR", help="folder of the results")
-    results.add_argument("--force", action="store_true", help="replace results that lie in DIR")
+    add_output(results, type=Path, required=True, metavar="DIR", help="folder of the results")
+    add_results(results)
     results.add_argument("--video", action="store_true", help="also write labelled.mp4")
     add_live(results)
     add_scene(parser)
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
                     memory_mb=args.memory,
                 )
                 looks.end(outcome.report)
-    print_outcome(outcome, args.output)
+    give(args, outcome_document(outcome, args.output), lambda: print_outcome(outcome, args.output))
     if not outcome.report.complete:
         print("cuboid: interrupted; the results are marked as not complete", file=sys.stderr)
         return interruption.status
@@ -74,6 +74,18 @@ def run(args: argparse.Namespace) -> int:
 def never() -> bool:
     """Return False: a camera is ended by its own, after which the results are whole."""
     return False
+
+
+def outcome_document(outcome: RunOutcome, output: Path) -> dict[str, Any]:
+    """Return the results of a run, ready for JSON: what `objects.json` and `run.json` say of them."""
+    from cuboid.outputs.objects import object_to_json
+
+    objects = sorted(outcome.objects, key=lambda item: item.label)
+    return {
+        "output": str(output),
+        "objects": [object_to_json(item) for item in objects],
+        "run": outcome.report.to_dict(),
+    }
 
 
 def print_outcome(outcome: RunOutcome, output: Path) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from cuboid.cli.serving import add_page, serve
 
-HELP = "look at finished results in the browser, image and map side by side"
 EXAMPLE = "cuboid view DIR"
 
 

@@ -60,7 +60,7 @@ def write_objects(path: Path, content: ObjectsFile) -> None:
             "height": K.height,
         },
         "planes": [_plane_to_json(plane) for plane in content.planes],
-        "objects": [_object_to_json(item) for item in sorted(content.objects, key=lambda item: item.label)],
+        "objects": [object_to_json(item) for item in sorted(content.objects, key=lambda item: item.label)],
     }
     write_json(path, document)
 
@@ -114,7 +114,8 @@ def _plane_to_json(plane: SupportPlane) -> dict[str, Any]:
     }
 
 
-def _object_to_json(item: TrackedObject) -> dict[str, Any]:
+def object_to_json(item: TrackedObject) -> dict[str, Any]:
+    """Return an object as `objects.json` holds it."""
     return {
         "label": item.label,
         "center": rounded_list(item.box.center, LENGTH),

@@ -7,7 +7,7 @@ import os
 import sqlite3
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +90,8 @@ def transaction(connection: sqlite3.Connection) -> Iterator[None]:
 def open_to_read(path: Path) -> sqlite3.Connection:
     """Open a scene that another one may be writing.
 
+    The file is not changed: one of an earlier version is copied into a temporary database, and the copy is migrated.
+
     Raises
     ------
     InputError
@@ -105,11 +107,9 @@ def open_to_read(path: Path) -> sqlite3.Connection:
         except sqlite3.OperationalError:  # a place where nothing can be written: nobody else does either
             connection = _connect(path, "ro", immutable=True)
             version = _version(connection, path)
+        if version < VERSION:
+            connection = _migrated_copy(connection, version)
         connection.execute("PRAGMA query_only = ON")
-    if version < VERSION:
-        connection.close()
-        open_to_write(path).close()
-        return open_to_read(path)
     return connection
 
 
@@ -215,12 +215,25 @@ def _refuse_other(path: Path) -> None:
                 raise InputError(f"{place}: is {kind_of(found)}, a regular file was expected: it belongs to the scene")
 
 
+def _migrated_copy(connection: sqlite3.Connection, version: int) -> sqlite3.Connection:
+    """Return a copy of a scene at this version, in a temporary database that SQLite removes; close the original."""
+    with closing(connection):
+        copy = sqlite3.connect("", isolation_level=None, check_same_thread=False, factory=_Connection)
+        connection.backup(copy)
+    _migrate(copy, version)
+    return copy
+
+
 def _version(connection: sqlite3.Connection, path: Path) -> int:
-    """Return the version of a scene; refuses what is none and what is newer."""
+    """Return the version of a scene; refuses other databases, versions below 1 and newer ones."""
     application = connection.execute("PRAGMA application_id").fetchone()[0]
     version = int(connection.execute("PRAGMA user_version").fetchone()[0])
     if application != APPLICATION_ID:
         raise InputError(f"{path}: is a database, but no scene file of Cuboid")
+    if version < 1:
+        raise InputError(
+            f"{path}: the scene file is damaged (scene version {version}; expected 1 to {VERSION}); {RESCUE}"
+        )
     if version > VERSION:
         raise InputError(
             f"{path}: was written by a newer Cuboid (scene version {version}); this one reads versions up to {VERSION}"

@@ -162,7 +162,9 @@ def _the_one(tables: Tables, recording: str, label: int) -> dict[str, Any]:
     if len(found) == 1:
         return found[0]
     if found:
-        raise InputError(f"--like: {len(found)} recordings are called '{recording}'; `cuboid sql` tells them by source")
+        raise InputError(
+            f"--like: {len(found)} recordings are called '{recording}'; `cuboid sql` tells them apart by source"
+        )
     known = tables.rows(f"select 1 from {RUNS} where recording = ? limit 1", [recording])
     what = f"recording '{recording}' has no object {label}" if known else f"there is no recording '{recording}'"
     raise InputError(f"--like: {what} in {tables.url}")

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import socket
 import sys
+import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from enum import Enum
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from ipaddress import ip_address
@@ -22,9 +25,10 @@ LOCAL_ENDINGS = (".local", ".lan", ".internal", ".home.arpa", ".localdomain")
 
 # So many connections at once: a browser opens 6.
 MAX_CONNECTIONS = 128
-# Who says nothing for so long is cut off; so is, later, who takes in an answer too slowly.
+# A client that is silent for so long is cut off; so is one that takes longer to send a request, or to take an answer.
 SILENT_S = 10.0
-SLOW_S = 60.0
+SENDING_S = 10.0
+TAKING_S = 60.0
 # The longest address, and the largest head of a request; browsers send about 1 kB.
 LONGEST_ADDRESS = 2_000
 LARGEST_HEAD = 16_000
@@ -43,6 +47,14 @@ HEADERS = {
 MAX_BYTES = 16 << 20
 
 Answer = tuple[str, bytes]
+
+
+class Phase(Enum):
+    """What a connection is doing: its client sends a request, we work on it, its client takes the answer."""
+
+    SENDING = "sending"
+    WORKING = "working"
+    TAKING = "taking"
 
 
 class Refusal(Exception):  # noqa: N818 - an answer, not a fault
@@ -71,6 +83,7 @@ class PageHandler(BaseHTTPRequestHandler):
     take: Callable[[str, bytes], Answer | None] | None = None
     names: tuple[str, ...] = LOCAL_NAMES
     timeout = SILENT_S
+    server: PageServer
 
     def do_GET(self) -> None:
         """Answer, unless it is asked from elsewhere, or at too great a length."""
@@ -120,10 +133,12 @@ class PageHandler(BaseHTTPRequestHandler):
         return name in self.names if self.names else _is_local(name)
 
     def _answer(self, of: Callable[[], Answer | None]) -> None:
+        self.server.enter(self.connection, Phase.WORKING)
         try:
             found, status = of(), HTTPStatus.OK
         except Refusal as refusal:
             found, status = ("text/plain; charset=utf-8", str(refusal).encode("utf-8", "replace")), refusal.status
+        self.server.enter(self.connection, Phase.TAKING)
         if found is None:
             self.send_error(HTTPStatus.NOT_FOUND)
             return
@@ -145,38 +160,67 @@ class PageHandler(BaseHTTPRequestHandler):
 
 
 class PageServer(ThreadingHTTPServer):
-    """A server of pages that stays calm: slow clients are cut off, too many are turned away, who leaves is no fault."""
+    """A server of pages with a bounded number of connections, which slow clients do not block.
+
+    A client has a time limit for sending its request and one for taking the answer. Where there are too many
+    connections, a new one takes the place of the one whose client keeps us waiting longest.
+    """
 
     daemon_threads = True
     block_on_close = False
     request_queue_size = MAX_CONNECTIONS
 
     def __init__(self, address: tuple[str, int], handler: type[PageHandler]) -> None:
-        self._begun_s: dict[Any, float] = {}
+        self._connections: dict[Any, tuple[Phase, float]] = {}  # each with its phase, and when that began
+        self._lock = threading.Lock()
         super().__init__(address, handler)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer in a thread of its own, unless there are too many already."""
-        if len(self._begun_s) >= MAX_CONNECTIONS:
+        """Answer in a thread of its own; refused where as many connections as there may be are all worked on."""
+        with self._lock:
+            if len(self._connections) >= MAX_CONNECTIONS:
+                self._cut_longest()
+            full = len(self._connections) >= MAX_CONNECTIONS
+            if not full:
+                self._connections[request] = Phase.SENDING, time.monotonic()
+        if full:
             super().shutdown_request(request)
-            return
-        self._begun_s[request] = time.monotonic()
-        super().process_request(request, client_address)
+        else:
+            super().process_request(request, client_address)
+
+    def enter(self, request: Any, phase: Phase) -> None:
+        """Note that a connection enters a phase."""
+        with self._lock:
+            if request in self._connections:  # it may have been cut off
+                self._connections[request] = phase, time.monotonic()
 
     def shutdown_request(self, request: Any) -> None:
         """End a connection."""
-        self._begun_s.pop(request, None)
+        with self._lock:
+            self._connections.pop(request, None)
         super().shutdown_request(request)
 
     def service_actions(self) -> None:
-        """Cut off who is too slow; called twice a second."""
-        late_s = time.monotonic() - SLOW_S
-        for request, begun_s in list(self._begun_s.items()):
-            if begun_s < late_s:
-                try:
-                    request.shutdown(socket.SHUT_RDWR)  # its thread notices, and closes it
-                except OSError:  # it has gone meanwhile
-                    continue
+        """Cut off clients that are too slow; called twice a second."""
+        now_s = time.monotonic()
+        limits_s = {Phase.SENDING: SENDING_S, Phase.TAKING: TAKING_S}
+        with self._lock:
+            for request, (phase, since_s) in list(self._connections.items()):
+                if phase in limits_s and now_s - since_s > limits_s[phase]:
+                    self._cut(request)
+
+    def _cut_longest(self) -> None:
+        """Cut off the client that keeps us waiting longest; none where all connections are worked on."""
+        waiting = {
+            request: since_s for request, (phase, since_s) in self._connections.items() if phase != Phase.WORKING
+        }
+        if waiting:
+            self._cut(min(waiting, key=waiting.__getitem__))
+
+    def _cut(self, request: Any) -> None:
+        del self._connections[request]
+        with suppress(OSError):  # it has gone meanwhile
+            request.shutdown(socket.SHUT_RDWR)  # its thread notices, and closes it
 
     def handle_error(self, request: object, client_address: object) -> None:
         """Say nothing of a connection that was cut; a fault of the program is shown."""

@@ -1,0 +1,43 @@
+"""What `cuboid scene --json` gives: objects and changes of a scene, ready for JSON."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cuboid.scene import SceneChange, SceneObject
+
+
+def object_document(item: SceneObject) -> dict[str, Any]:
+    """Return an object: its box in the scene's world as in `objects.json`, and where it was seen first and last."""
+    from cuboid.outputs.text import DIRECTION, LENGTH, rounded, rounded_list
+
+    return {
+        "label": item.label,
+        "name": item.name,
+        "state": item.state,
+        "merged_into": item.merged_into,
+        "center": rounded_list(item.box.center, LENGTH),
+        "size": rounded_list(item.box.size, LENGTH),
+        "rotation": [rounded_list(row, DIRECTION) for row in item.box.rotation],
+        "score": rounded(item.score, LENGTH),
+        "first_seen": dict(zip(("recording", "frame"), item.first_seen, strict=True)),
+        "last_seen": dict(zip(("recording", "frame"), item.last_seen, strict=True)),
+        "frames_seen": item.frames_seen,
+    }
+
+
+def change_document(one: SceneChange) -> dict[str, Any]:
+    """Return a change: where the object was and is, metres, null where it was or is not there."""
+    from cuboid.outputs.text import LENGTH, rounded, rounded_list
+
+    return {
+        "recording": one.recording,
+        "label": one.label,
+        "name": one.name,
+        "change": one.change,
+        "from_m": None if one.from_m is None else rounded_list(one.from_m, LENGTH),
+        "to_m": None if one.to_m is None else rounded_list(one.to_m, LENGTH),
+        "metres": None if one.metres is None else rounded(one.metres, LENGTH),
+        "sure": rounded(one.sure, LENGTH),
+    }
