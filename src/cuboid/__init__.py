@@ -19,8 +19,9 @@ if TYPE_CHECKING:
     from cuboid.config import TrackerConfig
     from cuboid.frame import Frame, Intrinsics, SkippedFrame
     from cuboid.geometry.box import Box
+    from cuboid.opening import open_recording
     from cuboid.proposals.types import Proposals
-    from cuboid.readers import Recording, open_recording
+    from cuboid.readers import Recording
     from cuboid.results import FrameResult, TrackedObject
     from cuboid.run import track_recording
     from cuboid.scene import Scene
@@ -43,7 +44,7 @@ _PLACES = {
     "Tracker": "cuboid.tracking",
     "TrackerConfig": "cuboid.config",
     "open_camera": "cuboid.cameras",
-    "open_recording": "cuboid.readers",
+    "open_recording": "cuboid.opening",
     "track_recording": "cuboid.run",
 }
 

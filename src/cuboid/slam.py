@@ -129,7 +129,7 @@ def estimate_trajectory(
         milliseconds=log.timings(),
         seconds=time.perf_counter() - begun_s,
         peak_memory_mb=peak_memory_mb(),
-        warnings=() if output is None else _warnings(bare, trajectory),
+        warnings=(*bare.warnings, *(() if output is None else _warnings(bare, trajectory))),
     )
     if output is not None:
         _write(recording, output, force, trajectory, online, report)

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+import cuboid
 from cuboid.calibration.registering import register_recording, registration_warning
 from cuboid.cli import main
 from cuboid.frame import Intrinsics
@@ -31,7 +32,7 @@ def beside():
     return T
 
 
-def make(folder, T_color_depth, depth):
+def make(folder, T_color_depth, depth, named=COLOR):
     """A made room: color of one camera, depth of another, and the depth that color's camera would see."""
     scene = make_scene("room", 6)
     frames = np.linspace(0, len(scene.T_room_camera) - 1, FRAMES).astype(int)
@@ -45,7 +46,7 @@ def make(folder, T_color_depth, depth):
         truth.append(color.depth_m)
         (folder / "color" / f"{k}.jpg").write_bytes(encode_color(color.color))
         (folder / "depth" / f"{k}.png").write_bytes(encode_depth(measured.render(frame, "clean").depth_m))
-    camera = {name: getattr(COLOR, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
+    camera = {name: getattr(named, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
     (folder / "camera.json").write_text(json.dumps(camera | {"depth_units_per_metre": DEPTH_UNITS_PER_M}))
     lines = pose_lines([str(k) for k in range(FRAMES)], scene.T_room_camera[frames])
     (folder / "poses.txt").write_text(lines)
@@ -94,21 +95,28 @@ def replace_camera(camera):
     return replace(camera, fx=DEPTH.fx, fy=DEPTH.fy, cx=DEPTH.cx, cy=DEPTH.cy, T_color_depth=beside())
 
 
-def test_without_register_one_line_warns_with_it_the_run_is_mended(deregistered, tmp_path, capsys):
+def test_depth_that_clearly_lies_beside_color_is_registered_unless_the_user_says_no(deregistered, tmp_path, capsys):
     folder, _ = deregistered
     assert main(["track", str(folder), "--output", str(tmp_path / "a")]) == 0
-    warnings = [line for line in capsys.readouterr().err.splitlines() if "depth lies beside color" in line]
-    assert len(warnings) == 1
-    assert "by about 1" in warnings[0]
-    assert "--register" in warnings[0]
-    assert main(["track", str(folder), "--register", "--output", str(tmp_path / "b")]) == 0
-    told = capsys.readouterr().err
-    assert "cuboid: --register: depth lay 1" in told
-    assert "depth lies beside color" not in told
-    config = json.loads((tmp_path / "b" / "run.json").read_text())["config"]
+    said = " ".join(capsys.readouterr().out.split())
+    assert "warning: depth lay 1" in said
+    assert "--register off leaves depth as it is" in said
+    config = json.loads((tmp_path / "a" / "run.json").read_text())["config"]
     assert config["depth_camera"]["fx"] == pytest.approx(DEPTH.fx, rel=0.01)
     assert np.shape(config["T_color_depth"]) == (4, 4)
-    assert main(["report", str(tmp_path / "b"), "--force"]) == 0  # opens the recording as it was tracked
+    assert main(["report", str(tmp_path / "a"), "--force"]) == 0  # opens the recording as it was tracked
+    assert main(["track", str(folder), "--register", "off", "--output", str(tmp_path / "b")]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "depth lies beside color, by about 1" in said
+    assert "--register on finds and mends it" in said
+
+
+@pytest.mark.parametrize("named", ["color", "depth"])
+def test_named_intrinsics_may_be_those_of_either_camera(tmp_path, named):
+    camera = {"color": COLOR, "depth": DEPTH}[named]
+    recording = cuboid.open_recording(make(tmp_path / "made", beside(), DEPTH, named=camera)[0])
+    assert recording.intrinsics.fx == pytest.approx(COLOR.fx, rel=0.015)
+    assert recording.depth_camera.fx == pytest.approx(DEPTH.fx, rel=0.015)
 
 
 def test_no_word_where_depth_is_registered(registered, capsys, tmp_path):
@@ -119,13 +127,14 @@ def test_no_word_where_depth_is_registered(registered, capsys, tmp_path):
     assert same is recording
     assert registration_warning(recording.read, recording.intrinsics, range(FRAMES)) is None
     assert main(["slam", str(folder), "--register", "--output", str(tmp_path / "out")]) == 0
-    assert "--register: depth does not clearly lie beside color" in capsys.readouterr().err
+    assert "depth does not clearly lie beside color" in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.parametrize(
     "name", ["desk-realsense", "rgbd-scenes-v2", "rgbd_dataset_freiburg1_xyz", "office-scan", "dish-from-above"]
 )
 def test_no_word_about_real_recordings(data_dir, name):
+    assert cuboid.open_recording(data_dir / name).depth_camera is None
     recording = open_recording(data_dir / name).without_poses()
     last = range(2 * len(recording) // 3, len(recording))
     for frames in (range(len(recording)), last):

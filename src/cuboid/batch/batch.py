@@ -35,7 +35,7 @@ class Order:
     store : str
         URL.
     settings : dict
-        ``reading``: options of `cuboid.cli.recording.open_as`; ``tracker``: its configuration; the others are options
+        ``reading``: options of `cuboid.open_recording`; ``tracker``: its configuration; the others are options
         of `cuboid.run.track_recording`.
     tables_only : bool
     retry : bool

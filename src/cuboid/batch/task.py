@@ -111,8 +111,8 @@ def give_up(head: RunHead, place: Place, state: str, reason: str) -> Ended:
 
 
 def _tracked(task: Task, place: Place, path: Path, scratch: Path) -> Ended:
-    from cuboid.cli.recording import open_as
     from cuboid.config import TrackerConfig
+    from cuboid.opening import open_recording
     from cuboid.outputs import FinishedResults
     from cuboid.outputs.pending import new_folder
     from cuboid.run import track_recording
@@ -120,7 +120,7 @@ def _tracked(task: Task, place: Place, path: Path, scratch: Path) -> Ended:
     from cuboid.views.report import pictures_of
 
     options = dict(task.settings)
-    recording = open_as(path, **options.pop("reading"))
+    recording = open_recording(path, **options.pop("reading"))
     config = TrackerConfig.from_dict(options.pop("tracker"))
     local = None if task.tables_only else place.local
     folder = scratch if local is None else local / _name(task)

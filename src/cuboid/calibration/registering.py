@@ -217,12 +217,17 @@ def registration_warning(read: Callable[[int], Frame], intrinsics: Intrinsics, f
     if len(frames) < MIN_FRAMES:
         return None
     found = find_misregistration(_spread(read, frames))
-    if found is None or not found.clear or found.off_px < WORTH_A_WARNING * intrinsics.width:
+    if found is None or not is_off(found, intrinsics):
         return None
     return (
-        f"depth lies beside color, by about {found.off_px:.0f} px: they are not registered; --register finds and mends "
-        "it, or name the depth camera in camera.json"
+        f"depth lies beside color, by about {found.off_px:.0f} px: they are not registered; --register on finds and "
+        "mends it, or name the depth camera in camera.json"
     )
+
+
+def is_off(found: Misregistration, intrinsics: Intrinsics) -> bool:
+    """Tell whether depth lies beside color clearly, and by more than the parallax of stereo cameras feigns."""
+    return found.clear and found.off_px >= WORTH_A_WARNING * intrinsics.width
 
 
 def _spread(read: Callable[[int], Frame], frames: Sequence[int]) -> Iterable[Frame]:

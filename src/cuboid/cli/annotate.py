@@ -23,7 +23,7 @@ NAME = "keyframes.json"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    add_reading(parser, thinned=False)
+    add_reading(parser, thinned=False, tracked=False)
     add_output(
         parser,
         type=Path,

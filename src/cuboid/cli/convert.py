@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     cut.add_argument("--first", type=_number, default=0, metavar="N", help="first frame, counted from 0")
     cut.add_argument("--last", type=_number, metavar="N", help="last frame")
     cut.add_argument("--every", type=positive, default=1, metavar="N", help="use each N-th frame")
-    add_reading(parser, thinned=False)
+    add_reading(parser, thinned=False, tracked=False)
 
 
 def run(args: argparse.Namespace) -> int:

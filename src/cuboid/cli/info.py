@@ -19,7 +19,7 @@ EXAMPLE = "cuboid info RECORDING"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    add_reading(parser, thinned=False)
+    add_reading(parser, thinned=False, tracked=False)
     parser.add_argument("--all", action="store_true", help="look at every frame, not at 24 of them")
     add_results(parser)
 

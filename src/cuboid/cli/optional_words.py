@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 # What each takes where no word follows, and whether a word that follows is for it.
 OPTIONAL: dict[str, tuple[str, Callable[[str], bool]]] = {
     "--json": ("-", lambda word: word == "-" or word.endswith(".json")),
+    "--register": ("on", lambda word: word in ("auto", "on", "off")),
     "--rerun": ("viewer", lambda word: word.endswith(".rrd") or "://" in word),
 }
 

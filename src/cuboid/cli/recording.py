@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,9 +56,19 @@ def add_tracking(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
 
 
 def add_reading(
-    parser: argparse.ArgumentParser, *, thinned: bool = True, required: bool = True
+    parser: argparse.ArgumentParser, *, thinned: bool = True, required: bool = True, tracked: bool = True
 ) -> argparse._ArgumentGroup:
-    """Add the recording and how it is read, where wanted with thinning; return the group of the latter."""
+    """Add the recording and how it is read; return the group of the latter.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+    thinned : bool
+        With the options to use some frames only.
+    required : bool
+    tracked : bool
+        Depth that clearly lies beside color is registered unless the user says otherwise; else only on demand.
+    """
     parser.add_argument(
         "recording",
         type=Path,
@@ -67,11 +76,13 @@ def add_reading(
         nargs=None if required else "?",
         help="folder, file, archive or URL of the RGB-D recording",
     )
-    return add_reading_options(parser, thinned=thinned)
+    return add_reading_options(parser, thinned=thinned, tracked=tracked)
 
 
-def add_reading_options(parser: argparse.ArgumentParser, *, thinned: bool = True) -> argparse._ArgumentGroup:
-    """Add how a recording is read, where wanted with thinning; return the group."""
+def add_reading_options(
+    parser: argparse.ArgumentParser, *, thinned: bool = True, tracked: bool = True
+) -> argparse._ArgumentGroup:
+    """Add how a recording is read; return the group. Parameters are those of `add_reading`."""
     reading = parser.add_argument_group("reading")
     layout = reading.add_argument("--format", metavar="NAME", help="its layout, where it is not recognised")
     takes_names(layout, format_names)
@@ -91,55 +102,31 @@ def add_reading_options(parser: argparse.ArgumentParser, *, thinned: bool = True
         reading.add_argument("--every", type=positive, default=1, metavar="N", help="use each N-th frame")
         reading.add_argument("--limit", type=positive, metavar="N", help="read at most N frames")
     reading.add_argument(
-        "--register", action="store_true", help="find the registration of depth to color, and apply it"
+        "--register",
+        nargs="?",
+        choices=("auto", "on", "off"),
+        const="on",
+        default="auto" if tracked else "off",
+        help="register depth to color: auto where it clearly lies beside color, on, or off (default: %(default)s)",
     )
     return reading
 
 
 def open_from(args: argparse.Namespace) -> Recording:
-    """Open the recording that the arguments name, and register it where they ask for it."""
-    return open_as(args.recording, **reading_from(args))
+    """Open the recording that the arguments name."""
+    from cuboid.opening import open_recording
+
+    return open_recording(args.recording, **reading_from(args))
 
 
 def reading_from(args: argparse.Namespace) -> dict[str, Any]:
-    """Return how the arguments say that recordings are read, for `open_as`."""
+    """Return how the arguments say that recordings are read, for `cuboid.open_recording`."""
     return {
         "format": args.format if args.topics is None else f"ros-bag:{args.topics}",
         "intrinsics": args.intrinsics,
         "depth_scale": args.depth_scale,
         "register": args.register,
     }
-
-
-def open_as(path: Path, *, register: bool, **options: Any) -> Recording:
-    """Open a recording with the options of `cuboid.open_recording`, and register it where that is asked for."""
-    from cuboid.readers import open_recording
-
-    recording = open_recording(path, **options)
-    return _registered(recording) if register else recording
-
-
-def _registered(recording: Recording) -> Recording:
-    """Return the recording with depth on color, and say what was found."""
-    from cuboid.calibration.registering import register_recording
-
-    found, registered = register_recording(recording)
-    camera = registered.depth_camera
-    if found is None or not found.clear or camera is None:
-        views = 0 if found is None else found.views
-        print(
-            f"cuboid: --register: depth does not clearly lie beside color ({views} views); left as it is",
-            file=sys.stderr,
-        )
-        return recording
-    tx, ty, _ = 100 * camera.T_color_depth[:3, 3]
-    print(
-        f"cuboid: --register: depth lay {found.off_px:.1f} px beside color ({found.views} views); depth camera "
-        f"fx {camera.fx:.1f} fy {camera.fy:.1f} cx {camera.cx:.1f} cy {camera.cy:.1f}, "
-        f"{tx:.1f}, {ty:.1f} cm in the color camera's x, y",
-        file=sys.stderr,
-    )
-    return registered
 
 
 def tracking_from(args: argparse.Namespace) -> dict[str, Any]:

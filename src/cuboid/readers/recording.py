@@ -149,6 +149,13 @@ class Recording:
         other._set_camera(dataclasses.replace(self.calibration, depth_camera=depth_camera))
         return other
 
+    def with_warning(self, warning: str) -> Recording:
+        """Return the same recording with one more line in `warnings`."""
+        other = object.__new__(Recording)
+        other.__dict__.update(self.__dict__)
+        other.warnings = (*self.warnings, warning)
+        return other
+
     def timestamp_s(self, index: int) -> float:
         """Return the time of a frame in seconds."""
         time_s = self._frames[index].timestamp_s

@@ -1,0 +1,83 @@
+"""Opens a recording as it is tracked: read, and its depth registered to color where the two clearly lie apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+
+from cuboid.calibration.registering import Misregistration, is_off, register_recording
+from cuboid.readers import Recording
+from cuboid.readers import open_recording as read_recording
+
+AUTO, ON, OFF = "auto", "on", "off"
+# What `--register` and `open_recording(register=...)` accept.
+REGISTER = (AUTO, ON, OFF)
+
+
+def open_recording(
+    path: str | PathLike[str],
+    *,
+    format: str | None = None,  # noqa: A002 - the flag's own name
+    intrinsics: Sequence[float] | str | PathLike[str] | None = None,
+    depth_scale: float | None = None,
+    register: str = AUTO,
+) -> Recording:
+    """Open an RGB-D recording; its layout is recognised from what is in it.
+
+    Parameters
+    ----------
+    path : str or path
+        A folder, a file, an archive or a URL.
+    format : str, optional
+        Name of the layout, where it is not recognised. Options of the format follow a colon, as in
+        "ros-bag:color=/camera/color/image_raw".
+    intrinsics : sequence of 4 floats or path, optional
+        fx, fy, cx, cy in pixels, instead of those found with the recording; or a file of the form of ``camera.json``,
+        whose depth scale counts too, or of ``camera-intrinsics.txt``.
+    depth_scale : float, optional
+        Units per metre of the depth images, instead of the format's own.
+    register : {"auto", "on", "off"}
+        Whether depth is registered to color: "auto" where the frames clearly show that depth lies beside color and the
+        recording names no depth camera, "on" also where it lies only a little beside, "off" never. Frames are read to
+        find out; this takes a second.
+
+    Returns
+    -------
+    Recording
+        Its `warnings` say what was registered.
+
+    Raises
+    ------
+    InputError
+        There is no recording, or more than one, or it cannot be used; one line says why.
+    ValueError
+        `register` is none of these words.
+
+    Examples
+    --------
+    >>> recording = open_recording("rgbd-scenes-v2/imgs/scene_01")  # doctest: +SKIP
+    >>> for frame in recording.iterate():  # doctest: +SKIP
+    ...     ...
+    """
+    if register not in REGISTER:
+        raise ValueError(f"register must be one of {', '.join(REGISTER)}, got '{register}'")
+    recording = read_recording(path, format=format, intrinsics=intrinsics, depth_scale=depth_scale)
+    if register == OFF or (register == AUTO and recording.depth_camera is not None):
+        return recording
+    found, registered = register_recording(recording)
+    if registered is not recording and found is not None and (register == ON or is_off(found, recording.intrinsics)):
+        return registered.with_warning(_said(found, registered))
+    if register == ON:
+        views = 0 if found is None else found.views
+        return recording.with_warning(f"depth does not clearly lie beside color ({views} views); it stays as it is")
+    return recording
+
+
+def _said(found: Misregistration, registered: Recording) -> str:
+    camera, K = registered.depth_camera, registered.intrinsics
+    assert camera is not None
+    return (
+        f"depth lay {found.off_px:.0f} px beside color and was registered: depth camera fx {camera.fx:.1f} fy "
+        f"{camera.fy:.1f} cx {camera.cx:.1f} cy {camera.cy:.1f}, {100 * camera.T_color_depth[0, 3]:.1f} cm aside; "
+        f"color camera fx {K.fx:.1f}; --register off leaves depth as it is"
+    )
