@@ -67,7 +67,7 @@ class Settings:
     def document(self) -> dict[str, Any]:
         """Return them as a batch takes them."""
         return {
-            "reading": {"format": None, "intrinsics": None, "depth_scale": None, "register": False},
+            "reading": {"format": None, "intrinsics": None, "depth_scale": None, "register": "off"},
             "tracker": self.config.to_dict(),
             "proposals": self.proposals,
             "poses": self.poses,

@@ -27,11 +27,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         results, type=Path, required=True, metavar="FILE", help="the camera.json to write; --intrinsics takes it"
     )
     add_results(results)
-    reading = add_reading(parser)
+    reading = add_reading(parser, tracked=False)
     reading.add_argument(
         "--poses",
-        choices=("given", "estimated"),
-        help="the recording's own poses, or poses estimated along (default: its own where it has them)",
+        choices=("given", "auto", "corrected", "estimated"),
+        help="the recording's own poses (given, auto), or poses estimated along (default: its own where it has them)",
     )
 
 
@@ -55,7 +55,9 @@ def run(args: argparse.Namespace) -> int:
 
     recording = _open(args)
     with counting("estimating poses") as shown:
-        found = calibrate_recording(recording, poses=args.poses, every=args.every, limit=args.limit, progress=shown)
+        found = calibrate_recording(
+            recording, poses=_poses(args.poses), every=args.every, limit=args.limit, progress=shown
+        )
     units = recording.depth_units_per_metre / found.depth_scale
     # the frames that were compared have no distortion: what took it out bends them as before with the new focal length
     distortion = rescaled(recording.distortion, found.intrinsics.fx / recording.calibration.fx)
@@ -80,6 +82,15 @@ def _document(found: CalibrationResult, units: float, output: Path) -> dict[str,
         "center_error_px": [value if isfinite(value) else None for value in center],
         **{name: value if isfinite(value) else None for name, value in figures.items()},
     }
+
+
+def _poses(poses: str | None) -> str | None:
+    """Return the source of poses for `calibrate_recording`; raises InputError where it corrects them."""
+    from cuboid.errors import InputError
+
+    if poses == "corrected":
+        raise InputError("--poses corrected needs correct intrinsics; calibrate with --poses given or estimated")
+    return "given" if poses == "auto" else poses
 
 
 def _open(args: argparse.Namespace) -> Recording:

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from cuboid.cli.interrupt import Interruption
     from cuboid.readers import Recording
 
-# What says how a recording is read.
-OF_RECORDINGS = ("format", "intrinsics", "depth_scale", "topics", "register")
+# The options that say how a recording is read, with their defaults.
+OF_RECORDINGS = {"format": None, "intrinsics": None, "depth_scale": None, "topics": None, "register": "auto"}
 
 
 def add_camera(parser: argparse.ArgumentParser) -> None:
@@ -52,8 +52,8 @@ def source_of(args: argparse.Namespace, interruption: Interruption) -> Iterator[
         return
     if args.recording is not None:
         raise InputError(f"a run has one source: the recording {args.recording}, or --camera {args.camera}")
-    for name in OF_RECORDINGS:
-        if getattr(args, name):
+    for name, default in OF_RECORDINGS.items():
+        if getattr(args, name) != default:
             raise InputError(f"--{name.replace('_', '-')} is for recordings; a camera knows that itself")
     from cuboid.cameras import open_camera
 
