@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from cuboid.cli import doctor, main
+from cuboid.extras import how_to_install
 
 
 def lines_of(capsys: pytest.CaptureFixture[str]) -> dict[str, tuple[str, str]]:
@@ -50,4 +51,4 @@ def test_a_missing_extra_is_no_fault_and_says_how_to_get_it(
 ) -> None:
     without(monkeypatch, "onnxruntime")
     assert main(["doctor"]) == 0
-    assert lines_of(capsys)["onnxruntime"] == ("ok", "not installed: pip install 'cuboid[onnx]'")
+    assert lines_of(capsys)["onnxruntime"] == ("ok", f"is not installed: {how_to_install('onnx')}")

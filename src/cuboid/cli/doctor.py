@@ -14,6 +14,7 @@ from pathlib import Path
 from cuboid import __version__
 from cuboid.cli.json_option import PRINTED, add_json
 from cuboid.cli.threads import cores
+from cuboid.extras import NOT_INSTALLED, how_to_install
 
 HELP = "check packages, compiled kernels, extras and threads"
 EXAMPLE = "cuboid doctor"
@@ -93,7 +94,7 @@ def _packages() -> Iterator[Check]:
                 import_module(module)
             yield Check(distribution, True, metadata.version(distribution))
         except ImportError as error:  # metadata.PackageNotFoundError is one
-            detail = f"not installed: pip install 'cuboid[{extra}]'" if extra else f"cannot be imported: {error}"
+            detail = f"{NOT_INSTALLED}: {how_to_install(extra)}" if extra else f"cannot be imported: {error}"
             yield Check(distribution, bool(extra), detail)
     yield _opencv_parts()
 

@@ -103,7 +103,7 @@ def read_labelled_cloud(path: Path) -> LabelledCloud:
     InputError
         A file is missing or malformed, or the points have no labels.
     """
-    trimesh = require("trimesh", "cuboid evaluate --cloud", "'cuboid[synth]'")
+    trimesh = require("trimesh", "cuboid evaluate --cloud", "synth")
 
     with opened(path, MAX_BINARY_BYTES) as file:
         try:

@@ -34,7 +34,7 @@ from cuboid.outputs.folder import ResultFolder, writing
 from cuboid.synthetic import truth
 from cuboid.synthetic.faults import named, spoil
 from cuboid.synthetic.poses import POSE_NOISES
-from cuboid.synthetic.raycast import INSTALL, MODULES
+from cuboid.synthetic.raycast import EXTRA, MODULES
 from cuboid.synthetic.scene import Scene
 from cuboid.synthetic.sensors import SENSORS
 from cuboid.synthetic.view import Rendered, SceneView
@@ -150,7 +150,7 @@ def render_recording(
         The folder exists and is no made recording or `force` is not given, or it cannot be written.
     """
     _check(sensor, pose_noise, size)
-    require(MODULES[0], "cuboid synth", INSTALL)  # said here, not by the processes that render
+    require(MODULES[0], "cuboid synth", EXTRA)  # said here, not by the processes that render
     named(faults, scene.frames)
     if force and (path / truth.TRUTH).is_file():
         with writing(path):

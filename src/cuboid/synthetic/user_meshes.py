@@ -57,7 +57,7 @@ def load_mesh(path: Path) -> Model:
     InputError
         It cannot be read, has no faces or too many, has numbers that are not finite, or is flat.
     """
-    trimesh = require("trimesh", "cuboid synth --meshes", "'cuboid[synth]'")
+    trimesh = require("trimesh", "cuboid synth --meshes", "synth")
 
     with opened(path, MAX_MESH_BYTES) as file:
         try:
