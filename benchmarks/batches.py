@@ -41,7 +41,7 @@ from suite import Settings
 from tables import dump, show
 
 DISTINCT = 20
-TRACKING = ("cuboid.cli.recording.open_as", "cuboid.run.track_recording", "cuboid.run.write_page")
+TRACKING = ("cuboid.cli.recording.open_as", "cuboid.run.track_recording", "cuboid.saving.write_page")
 HEADER = (
     "workers",
     "recordings",

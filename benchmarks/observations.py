@@ -11,7 +11,7 @@ from unittest.mock import patch
 import numpy as np
 import numpy.typing as npt
 
-from cuboid import open_recording
+from cuboid import observation, open_recording
 from cuboid.config import TrackerConfig
 from cuboid.evaluation.result import BoxRows, MapBoxes, Result
 from cuboid.frame import Float64Array, Frame, Intrinsics
@@ -82,10 +82,10 @@ class _Listening(Tracker):
         clusters: list[FrameSegment] = []
         images: list[WorkingImage] = []
 
-        def listen(image: WorkingImage, *arguments: Any) -> FrameSegments:
-            things = segment_frame(image, *arguments)
+        def listen(seen: observation.Observation, *arguments: Any) -> FrameSegments:
+            things = segment_frame(seen, *arguments)
             clusters.extend(things.segments)
-            images.append(image)
+            images.append(seen.image)
             return things
 
         with patch("cuboid.tracker.segment_frame", listen):

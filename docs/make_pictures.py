@@ -78,7 +78,7 @@ def main() -> None:
 def method_picture(demo: Path) -> np.ndarray:
     """Track the demo up to a frame; return that frame at four stages of the method, (H, W, 3), RGB."""
     recording = open_recording(demo / "recording")
-    tracker = Tracker(recording.intrinsics)
+    tracker = cuboid.tracker.Tracker(recording.intrinsics)
     for frame in recording.iterate():
         assert isinstance(frame, Frame)
         if frame.index < SHOWN:
@@ -155,7 +155,7 @@ class Kinds:
 
 def shares_picture(frame: Frame, shared: dict[str, Any], outlined: dict[str, Any]) -> np.ndarray:
     """Return a darkened frame with the segments of its pixels, bounded by what bounds them."""
-    image, (depth, claim, *others) = shared["values"][0], outlined["values"]
+    image, (depth, claim, *others) = shared["values"][0].image, outlined["values"]
     numbered, kinds = np.empty(claim.shape, dtype=object), Kinds()
     for place, number in np.ndenumerate(claim):
         numbered[place] = Pixel.at((place[0], place[1]), int(number))

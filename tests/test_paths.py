@@ -91,6 +91,14 @@ def test_a_run_and_its_results(name: Name, recording: cuboid.Recording, tmp_path
         ResultWriter(name(out))
 
 
+def test_what_a_tracker_saves(name: Name, recording: cuboid.Recording, tmp_path: Path) -> None:
+    tracker = cuboid.Tracker(recording.intrinsics)
+    for frame in recording:
+        tracker.update(frame)
+    tracker.save(name(tmp_path / "results"), recording=recording)
+    assert (tmp_path / "results" / "run.json").is_file()
+
+
 def test_a_recording_in_another_form(name: Name, recording: cuboid.Recording, tmp_path: Path) -> None:
     convert_recording(recording, name(tmp_path / "plain"), "plain", range(2))
     assert len(cuboid.open_recording(name(tmp_path / "plain"), intrinsics=name(recording.path / "camera.json"))) == 2

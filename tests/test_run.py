@@ -195,7 +195,7 @@ def test_who_watches_sees_each_used_frame_with_the_tracker_as_it_is_then() -> No
     seen: list[tuple[int, tuple[int, ...], int, int]] = []
 
     def watch(frame: Any, result: Any, tracker: Any) -> None:
-        seen.append((frame.index, frame.color.shape, result.index, len(tracker.frames)))
+        seen.append((frame.index, frame.color.shape, result.index, tracker.points_known))
 
     outcome = track(FakeRecording(4, {1: "bad"}), None, watch=watch, scale=2)
     assert seen == [(0, (48, 64, 3), 0, 1), (2, (48, 64, 3), 2, 2), (3, (48, 64, 3), 3, 3)]

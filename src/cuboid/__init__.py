@@ -17,13 +17,14 @@ from cuboid.errors import CuboidError
 if TYPE_CHECKING:
     from cuboid.cameras import open_camera
     from cuboid.config import TrackerConfig
-    from cuboid.frame import Frame, Intrinsics
+    from cuboid.frame import Frame, Intrinsics, SkippedFrame
     from cuboid.geometry.box import Box
+    from cuboid.proposals.types import Proposals
     from cuboid.readers import Recording, open_recording
     from cuboid.results import FrameResult, TrackedObject
     from cuboid.run import track_recording
     from cuboid.scene import Scene
-    from cuboid.tracker import Tracker
+    from cuboid.tracking import Tracker
 
 __version__ = "0.1.0"
 
@@ -34,10 +35,12 @@ _PLACES = {
     "Frame": "cuboid.frame",
     "FrameResult": "cuboid.results",
     "Intrinsics": "cuboid.frame",
+    "Proposals": "cuboid.proposals.types",
     "Recording": "cuboid.readers",
     "Scene": "cuboid.scene",
+    "SkippedFrame": "cuboid.frame",
     "TrackedObject": "cuboid.results",
-    "Tracker": "cuboid.tracker",
+    "Tracker": "cuboid.tracking",
     "TrackerConfig": "cuboid.config",
     "open_camera": "cuboid.cameras",
     "open_recording": "cuboid.readers",
@@ -50,8 +53,10 @@ __all__ = [
     "Frame",
     "FrameResult",
     "Intrinsics",
+    "Proposals",
     "Recording",
     "Scene",
+    "SkippedFrame",
     "TrackedObject",
     "Tracker",
     "TrackerConfig",

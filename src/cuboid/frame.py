@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -100,6 +100,10 @@ class Frame:
 
         return frame_png(self)
 
+    def at(self, T_world_camera: Float64Array) -> Frame:
+        """Return the same frame with another pose."""
+        return replace(self, T_world_camera=T_world_camera)
+
     def __post_init__(self) -> None:
         if self.color.ndim != 3 or self.color.shape[2] != 3 or self.color.dtype != np.uint8:
             raise ValueError(
@@ -120,6 +124,27 @@ class Frame:
                 object.__setattr__(self, "up_camera", unit(self.up_camera))
             except FrameError as error:
                 raise FrameError(f"frame {self.index}: up is {error}") from None
+
+
+@dataclass(frozen=True, slots=True)
+class SkippedFrame:
+    """A frame that cannot be used: damaged, without a pose, or taken while the camera was lost.
+
+    Attributes
+    ----------
+    index : int
+        Number of the frame in its recording, from 0.
+    reason : str
+        One line, with the name of the file where there is one.
+    """
+
+    index: int
+    reason: str
+
+    @property
+    def sightings(self) -> tuple[()]:
+        """No object is seen in it; there for loops that read the sightings of every frame."""
+        return ()
 
 
 def unit(vector: npt.ArrayLike) -> Float64Array:

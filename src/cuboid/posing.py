@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from cuboid.errors import FrameError
+from cuboid.errors import FrameError, shown
 from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry.se3 import inverse, tidied, transform
 
@@ -19,6 +19,9 @@ LOST = "the camera is lost: the frame shows no place that is known"
 NO_POSE = "the frame has no camera pose"
 # Corrections of estimated poses are told from this fraction of a voxel on: what moves by less stays in its voxel.
 POSES_MOVE = 0.5
+GIVEN, AUTO, CORRECTED, ESTIMATED = "given", "auto", "corrected", "estimated"
+# What `--poses` and `Tracker(poses=...)` accept.
+POSE_SOURCES = (GIVEN, AUTO, CORRECTED, ESTIMATED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,9 +49,12 @@ class Poses(Protocol):
     ----------
     given_with_frames : bool
         Whether the pose comes with the frame and a frame without one is bad.
+    origin : {"given", "corrected", "estimated"}
+        What `run.json` calls them.
     """
 
     given_with_frames: bool
+    origin: str
 
     def locate(self, frame: Frame) -> Posed:
         """Return where a frame was taken; raises FrameError where that is not known."""
@@ -60,16 +66,22 @@ class Poses(Protocol):
         """Return what the user should know of the poses."""
 
 
+def given_pose(frame: Frame) -> Float64Array:
+    """Return the pose that a frame came with; raises FrameError where it has none."""
+    if frame.T_world_camera is None:
+        raise FrameError(NO_POSE)
+    return frame.T_world_camera
+
+
 class GivenPoses:
     """The recording's own poses."""
 
     given_with_frames = True
+    origin = GIVEN
 
     def locate(self, frame: Frame) -> Posed:
         """Return the frame's own pose; raises FrameError where it has none."""
-        if frame.T_world_camera is None:
-            raise FrameError(NO_POSE)
-        return Posed(frame.T_world_camera)
+        return Posed(given_pose(frame))
 
     def trajectory(self) -> None:
         """Nothing is corrected."""
@@ -80,33 +92,47 @@ class GivenPoses:
         return ()
 
 
-class SteadiedPoses(GivenPoses):
-    """The recording's own poses, corrected as they come where they have proved to drift.
+class CorrectedPoses:
+    """The recording's own poses, corrected as they come from the frame on at which they have proved to drift.
 
     Parameters
     ----------
     intrinsics : Intrinsics
         Of the frames that come.
+    apply : bool
+        Whether the correction is applied; else the poses stay as they are, and a warning says that they drift.
     """
 
-    def __init__(self, intrinsics: Intrinsics) -> None:
+    given_with_frames = True
+
+    def __init__(self, intrinsics: Intrinsics, *, apply: bool = True) -> None:
         from cuboid.poses import DriftCorrection
 
+        self.origin = CORRECTED if apply else GIVEN
         self._drift = DriftCorrection(intrinsics)
+        self._apply = apply
 
     def locate(self, frame: Frame) -> Posed:
-        """Return the frame's own pose, corrected; raises FrameError where it has none."""
-        given = super().locate(frame).T_world_camera
-        return Posed(self._drift.correct(frame, given))
+        """Return the frame's own pose, corrected where that applies; raises FrameError where it has none."""
+        given = given_pose(frame)
+        if self._apply:
+            return Posed(self._drift.correct(frame, given))
+        if self._drift.proven_at is None:
+            self._drift.correct(frame, given)
+        return Posed(given)
+
+    def trajectory(self) -> None:
+        """Poses are final when they are given."""
+        return
 
     def warnings(self) -> tuple[str, ...]:
         """Return that the poses drift, where they do."""
         if self._drift.proven_at is None:
             return ()
-        return (
-            f"the given camera poses drift: from frame {self._drift.proven_at} on they are held to what was seen "
-            f"before, {100.0 * self._drift.most_m:.0f} cm off at most",
-        )
+        drift = f"the given camera poses drift: from frame {self._drift.proven_at} on "
+        if not self._apply:
+            return (f"{drift}they disagree with earlier frames; --poses corrected aligns them",)
+        return (f"{drift}they are aligned to earlier frames, {100.0 * self._drift.most_m:.0f} cm off at most",)
 
 
 class EstimatedPoses:
@@ -120,6 +146,7 @@ class EstimatedPoses:
     """
 
     given_with_frames = False
+    origin = ESTIMATED
 
     def __init__(self, intrinsics: Intrinsics, least_m: float) -> None:
         from cuboid.poses import PoseEstimator
@@ -178,6 +205,7 @@ class BridgedPoses:
     """
 
     given_with_frames = False
+    origin = GIVEN
 
     def __init__(self, intrinsics: Intrinsics, given: Callable[[int], Float64Array | None]) -> None:
         from cuboid.poses import PoseEstimator
@@ -209,3 +237,26 @@ class BridgedPoses:
     def warnings(self) -> tuple[str, ...]:
         """Nothing: what is lost is told frame by frame."""
         return ()
+
+
+def checked_origin(poses: str) -> str:
+    """Return where poses come from as a caller said it; raises ValueError where that is none of `POSE_SOURCES`."""
+    if poses not in POSE_SOURCES:
+        raise ValueError(f"poses must be one of {', '.join(POSE_SOURCES)}, got {shown(poses)}")
+    return poses
+
+
+def source_of_poses(poses: str, intrinsics: Intrinsics, voxel_m: float) -> Poses:
+    """Return the source of poses that one of `POSE_SOURCES` names.
+
+    Parameters
+    ----------
+    poses : str
+    intrinsics : Intrinsics
+        Pinhole of the frames that it will be asked about.
+    voxel_m : float
+        Side of a voxel of the map.
+    """
+    if poses == ESTIMATED:
+        return EstimatedPoses(intrinsics, POSES_MOVE * voxel_m)
+    return GivenPoses() if poses == GIVEN else CorrectedPoses(intrinsics, apply=poses == CORRECTED)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from functools import partial
 from pathlib import Path
@@ -16,21 +16,21 @@ from cuboid.errors import InputError, OutputError
 from cuboid.formats.reading import real_path
 from cuboid.frame import Intrinsics
 from cuboid.limits import MEMORY_MB
-from cuboid.measuring import FrameLog, peak_memory_mb
+from cuboid.measuring import peak_memory_mb
 from cuboid.outputs import FinishedResults, ObjectsFile, ResultWriter, RunReport
-from cuboid.outputs.folder import REPORT, VIDEO
+from cuboid.outputs.folder import VIDEO
 from cuboid.paths import PathLike, as_path
 from cuboid.pipeline import Pipeline
-from cuboid.posing import Poses
+from cuboid.posing import AUTO, CORRECTED, ESTIMATED, GIVEN, Poses
 from cuboid.run_plan import Plan, plan_for
 from cuboid.run_types import MakeFrameSink, MakeTracker, Progress, RecordingLike, RunOutcome, TrackerLike, Watch
+from cuboid.saving import write_page
 from cuboid.streaming import FrameSource, Stream
+from cuboid.tracking import Tracker
 
 if TYPE_CHECKING:
     from cuboid.proposals.types import ProposalSource
-    from cuboid.results import SceneChange
     from cuboid.scene.running import IntoScene, SceneRun
-    from cuboid.views.report.pictures import Picture
     from cuboid.views.video import FrameSink
 
 
@@ -68,8 +68,8 @@ def track_recording(
     config : TrackerConfig, optional
     proposals : str or ProposalSource, optional
         Name of a source of 2D proposals, with its options, or the source itself.
-    poses : {"given", "estimated"}, optional
-        Where the camera poses come from; the recording's own where it has them, else from the video.
+    poses : {"given", "auto", "corrected", "estimated"}, optional
+        Where the camera poses come from, as of `Tracker`; given where the recording has poses, else estimated.
     bridge : bool
         Let the video tell the poses of frames that the recording has none of.
     every : int
@@ -118,11 +118,13 @@ def track_recording(
     taken: RecordingLike = Stream(recording) if isinstance(recording, FrameSource) else recording
     config = config or TrackerConfig()
     plan = plan_for(taken, config, proposals, poses=poses, bridge=bridge, every=every, limit=limit, scale=scale)
-    settings, frames, log, progress = plan.settings(taken), _frames(taken, plan), FrameLog(), progress or Progress()
+    if into is not None and plan.poses in (AUTO, CORRECTED):
+        raise InputError(f"{taken.path}: --poses {plan.poses} cannot go into a scene; use given or estimated")
+    settings, frames, progress = plan.settings(taken), _frames(taken, plan), progress or Progress()
     with ExitStack() as results:
-        corrected = plan.poses == "estimated" if into is None else into.corrects(plan.poses)
+        corrected = plan.poses == ESTIMATED if into is None else into.corrects(plan.poses)
         writer = _writer(results, taken, output, force, corrected)
-        tracker, source, session = _tracking(results, taken, plan, settings, make_tracker, into, memory_mb)
+        tracker, source, session = _tracking(results, taken, plan, settings, writer, make_tracker, into, memory_mb)
         if session is not None:
             frames = session.go_on(frames, writer)
         planned = None if isinstance(taken, Stream) else len(frames)
@@ -132,34 +134,24 @@ def track_recording(
             _view(writer, taken, every, (make_view or _video) if video else None) as view,
             closing(_decode(bare, frames, plan, ahead=threads > 1)) as decoded,
         ):
-            pipeline = Pipeline(
-                taken.path, planned, source, tracker, scale, writer, view, watch, log, progress, session
-            )
+            pipeline = Pipeline(taken.path, planned, tracker, scale, view, watch, progress, session)
             complete = pipeline.follow(decoded, stop)
-        if complete and not pipeline.T_world_camera and plan.poses == "estimated":
+        if complete and not tracker.T_world_camera and plan.poses == ESTIMATED:
             raise InputError(f"{taken.path}: no camera pose can be estimated: no frame has enough depth and texture")
-        report = _report(taken, bare, pipeline, plan.poses, settings, complete, threads, begun_s)
+        warnings = tracker.warnings if writer is None else tracker.checked_warnings(bare)
+        report = _report(taken, tracker, session, settings, complete, threads, begun_s, warnings)
         points = tracker.map_points()
         found = ObjectsFile(tracker.up, taken.intrinsics, tuple(tracker.planes), points.counted(tracker.objects))
         if writer is not None:
-            writer.finish(found, points, report, pipeline.trajectory())
+            writer.finish(found, points, report, tracker.corrected_trajectory())
         if session is not None:
             session.finish(complete=complete)
     if output is not None and page:
-        write_page(FinishedResults(output), taken, () if into is None else into.shown_changes())
-    per_second, known, size = log.frames_per_second(), tracker.points_known, tracker.map_bytes
-    return RunOutcome(report, found.objects, found.planes, found.up, log.milliseconds, per_second, known, size)
-
-
-def write_page(
-    results: FinishedResults, recording: RecordingLike, changes: Sequence[SceneChange] = ()
-) -> Mapping[int, Picture]:
-    """Write the 3D page of results beside them; return its pictures of objects, by label."""
-    from cuboid.views.report import summarise, write_report
-
-    summary = summarise(results, recording.read, changes)
-    write_report(results.folder / REPORT, summary)
-    return summary.pictures
+        write_page(FinishedResults(output), taken.read, () if into is None else into.shown_changes())
+    log, known, size = tracker.log, tracker.points_known, tracker.map_bytes
+    return RunOutcome(
+        report, found.objects, found.planes, found.up, log.milliseconds, log.frames_per_second(), known, size
+    )
 
 
 def _frames(recording: RecordingLike, plan: Plan) -> range:
@@ -177,23 +169,29 @@ def _tracking(
     recording: RecordingLike,
     plan: Plan,
     settings: dict[str, Any],
+    writer: ResultWriter | None,
     make_tracker: MakeTracker | None,
     into: IntoScene | None,
     memory_mb: float,
-) -> tuple[TrackerLike, Poses, SceneRun | None]:
+) -> tuple[Tracker, Poses, SceneRun | None]:
     """Return the tracker, where its poses come from, and the run within a scene where the recording goes into one."""
     camera = recording.intrinsics.downscaled(plan.scale)
-    source = plan.source_of_poses(recording, camera, steady=into is None)
+    source = plan.source_of_poses(recording, camera)
+    write = None if writer is None else partial(writer.add, pixels=plan.scale)
     if into is None:
         make = make_tracker or partial(_tracker, memory_mb=memory_mb)
-        return make(camera, plan.config, plan.proposals), source, None
+        mapper = make(camera, plan.config, plan.proposals)
+        return Tracker.of_parts(camera, plan.config, mapper, source, write), source, None
     from cuboid.scene import Source
 
     live = isinstance(recording, Stream)
     path, frames = (recording.path, 0) if live else (Path(recording.path).resolve(), len(recording))
     visit = Source(str(path), recording.format, plan.poses, frames, recording.intrinsics, settings)
     session = results.enter_context(into.session(visit, camera, plan.config, plan.proposals, memory_mb))
-    return session.tracker, session.poses(source), session
+    source = session.poses(source)
+    tracker = Tracker.of_parts(camera, plan.config, session.tracker, source, write)
+    tracker.resume(session.begun.T_world_camera, session.begun.times_s, session.begun.skipped)
+    return tracker, source, session
 
 
 def _decode(recording: RecordingLike, frames: range, plan: Plan, *, ahead: bool) -> Generator[Decoded, None, None]:
@@ -204,36 +202,33 @@ def _decode(recording: RecordingLike, frames: range, plan: Plan, *, ahead: bool)
 
 def _report(
     recording: RecordingLike,
-    bare: RecordingLike,
-    pipeline: Pipeline,
-    poses: str,
+    tracker: Tracker,
+    session: SceneRun | None,
     settings: dict[str, Any],
     complete: bool,
     threads: int,
     begun_s: float,
+    warnings: tuple[str, ...],
 ) -> RunReport:
     live = recording.source if isinstance(recording, Stream) else None
+    used, skipped = len(tracker.T_world_camera), tuple(tracker.log.skipped)
     return RunReport(
         version=__version__,
         complete=complete,
         recording=str(recording.path),
         format=recording.format,
-        poses=poses,
+        poses=tracker.poses or GIVEN,
         threads=threads,
         config=settings,
-        frames_read=len(pipeline.T_world_camera) + len(pipeline.skipped),
-        frames_used=len(pipeline.T_world_camera),
-        skipped=tuple(pipeline.skipped),
-        milliseconds=pipeline.log.timings(),
+        frames_read=used + len(skipped),
+        frames_used=used,
+        skipped=skipped,
+        milliseconds=tracker.log.timings(),
         seconds=time.perf_counter() - begun_s,
         peak_memory_mb=peak_memory_mb(),
-        warnings=(
-            *(live.warnings if live else ()),
-            *(pipeline.session.warnings() if pipeline.session else ()),
-            *pipeline.warnings(bare),
-        ),
+        warnings=(*(live.warnings if live else ()), *(session.warnings() if session else ()), *warnings),
         frames_dropped=live.dropped if live else 0,
-        limits=pipeline.log.limits(),
+        limits=tracker.log.limits(),
     )
 
 
@@ -267,9 +262,9 @@ def _view(
 def _tracker(
     intrinsics: Intrinsics, config: TrackerConfig, proposals: str | ProposalSource | None, *, memory_mb: float
 ) -> TrackerLike:
-    from cuboid.tracker import Tracker
+    from cuboid.tracker import Tracker as PosedTracker
 
-    return Tracker(intrinsics, config, proposals, memory_mb=memory_mb)
+    return PosedTracker(intrinsics, config, proposals, memory_mb=memory_mb)
 
 
 def _video(path: Path, intrinsics: Intrinsics, every: int) -> FrameSink:

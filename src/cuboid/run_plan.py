@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from cuboid.config import TrackerConfig
 from cuboid.errors import InputError
 from cuboid.frame import Intrinsics
-from cuboid.posing import POSES_MOVE, BridgedPoses, EstimatedPoses, GivenPoses, Poses, SteadiedPoses
-from cuboid.run_types import RecordingLike
+from cuboid.posing import ESTIMATED, GIVEN, BridgedPoses, Poses, checked_origin, source_of_poses
+from cuboid.run_types import RecordingLike, lens_settings
 
 if TYPE_CHECKING:
     from cuboid.proposals.types import ProposalSource
@@ -29,7 +29,7 @@ class Plan:
     config : TrackerConfig
     proposals : str or ProposalSource or None
         Name of a source of 2D proposals, with its options, or the source itself; None for the default.
-    poses : {"given", "estimated"}
+    poses : {"given", "auto", "corrected", "estimated"}
         Where the camera poses come from.
     bridge : bool
         Whether the video tells the poses of frames that the recording has none of.
@@ -49,7 +49,7 @@ class Plan:
     limit: int | None
     scale: int
 
-    def source_of_poses(self, recording: RecordingLike, camera: Intrinsics, *, steady: bool = True) -> Poses:
+    def source_of_poses(self, recording: RecordingLike, camera: Intrinsics) -> Poses:
         """Return where poses come from.
 
         Parameters
@@ -57,30 +57,22 @@ class Plan:
         recording : RecordingLike
         camera : Intrinsics
             Pinhole of the frames that it will be asked about.
-        steady : bool, optional
-            Whether given poses are corrected where they drift; a scene, which may be interrupted at any frame, takes
-            them as they are.
         """
         if self.bridge:
             return BridgedPoses(camera, recording.pose)
-        if self.poses == "estimated":
-            return EstimatedPoses(camera, POSES_MOVE * self.config.voxel_m)
-        return SteadiedPoses(camera) if steady else GivenPoses()
+        return source_of_poses(self.poses, camera, self.config.voxel_m)
 
     def settings(self, recording: RecordingLike) -> dict[str, Any]:
         """Return all that results depend on beside the recording's files, ready for JSON."""
-        from cuboid.proposals import DEFAULT_SOURCE
+        from cuboid.proposals import source_name
 
-        source = DEFAULT_SOURCE if self.proposals is None else self.proposals
         return {
             "every": self.every,
             "limit": self.limit,
             "scale": self.scale,
             "bridge": self.bridge,
-            "distortion": list(recording.distortion),
-            "depth_units_per_metre": recording.depth_units_per_metre,
-            **(recording.depth_camera.document() if recording.depth_camera is not None else {}),
-            "proposals": source if isinstance(source, str) else type(source).__qualname__,
+            **lens_settings(recording),
+            "proposals": source_name(self.proposals),
             "tracker": self.config.to_dict(),
         }
 
@@ -107,10 +99,10 @@ def plan_for(
     """
     if scale not in SCALES or every < 1 or (limit is not None and limit < 1):
         raise ValueError(f"scale must be one of {SCALES}, every and limit >= 1, got {scale}, {every}, {limit}")
-    origin = poses or ("given" if recording.has_poses else "estimated")
-    if origin == "given" and not recording.has_poses:
+    origin = checked_origin(poses or (GIVEN if recording.has_poses else ESTIMATED))
+    if origin != ESTIMATED and not recording.has_poses:
         raise InputError(f"{recording.path}: has no camera poses; --poses estimated takes them from the video")
-    if bridge and origin != "given":
+    if bridge and origin != GIVEN:
         raise InputError(f"{recording.path}: --bridge fills gaps between given poses, and there are none in use")
     return Plan(*_at_scale(config, proposals, scale), origin, bridge, every, limit, scale)
 

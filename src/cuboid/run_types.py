@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float64Array, Frame, Intrinsics
@@ -63,14 +63,18 @@ class RecordingLike(Protocol):
         """Return the same recording without its poses."""
 
 
-class TrackerLike(Protocol):
-    """What the loop needs of a tracker; `cuboid.Tracker` is one."""
+def lens_settings(recording: RecordingLike) -> dict[str, Any]:
+    """Return what `run.json` says of how a recording's images were made."""
+    depth_camera = {} if recording.depth_camera is None else recording.depth_camera.document()
+    return {
+        "distortion": list(recording.distortion),
+        "depth_units_per_metre": recording.depth_units_per_metre,
+        **depth_camera,
+    }
 
-    def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
-        """Take in one frame, whose pose is anchored to a keyframe."""
 
-    def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
-        """Apply a pose correction: move what was found with the keyframes."""
+class MapLike(Protocol):
+    """What can be asked of a running tracker between two frames."""
 
     @property
     def objects(self) -> list[TrackedObject]:
@@ -96,6 +100,16 @@ class TrackerLike(Protocol):
         """Return the global point map."""
 
 
+class TrackerLike(MapLike, Protocol):
+    """A tracker of frames whose pose is known."""
+
+    def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
+        """Take in one frame, whose pose is anchored to a keyframe."""
+
+    def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
+        """Apply a pose correction: move what was found with the keyframes."""
+
+
 class Progress:
     """Told how a run goes; this one does nothing."""
 
@@ -111,7 +125,7 @@ class Progress:
 
 MakeTracker = Callable[[Intrinsics, TrackerConfig, "str | ProposalSource | None"], TrackerLike]
 MakeFrameSink = Callable[[Path, Intrinsics, int], "FrameSink"]
-Watch = Callable[[Frame, FrameResult, TrackerLike], None]
+Watch = Callable[[Frame, FrameResult, MapLike], None]
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from cuboid.config import TrackerConfig
 from cuboid.errors import FrameError
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.geometry.box import Box
-from cuboid.geometry.se3 import inverse, moved_beyond
+from cuboid.geometry.se3 import moved_beyond
 from cuboid.heatmap.anchors import LAST_KEYFRAME
 from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap
@@ -28,13 +28,14 @@ from cuboid.objects.entry import MapObject
 from cuboid.objects.object_map import ObjectMap
 from cuboid.objects.prior import prior_of
 from cuboid.objects.validity import too_large
-from cuboid.objects.visibility import blended_rectangle, measure_visibility
+from cuboid.objects.visibility import measure_visibility, sightings_of
+from cuboid.observation import Observation
 from cuboid.proposals import make_source
 from cuboid.proposals.types import Proposals, ProposalSource
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
 from cuboid.sensor import excess_noise, resolves_m
 from cuboid.surfaces.cells import find_cells, find_voting_cells, patch_pixels, with_level_patches
-from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments, points_of, segment_frame
+from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments, PixelPlanes, points_of, segment_frame
 from cuboid.surfaces.grid import CELL_M
 from cuboid.surfaces.planes import PlaneTracker
 from cuboid.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, SAMPLE, STRAYS
@@ -115,61 +116,46 @@ class Tracker:
             If the frame has no pose, or one farther away than the map reaches, or its size is not that of the
             intrinsics.
         """
-        T_world_camera = self._check(frame)
-        anchor = anchor if anchor <= LAST_KEYFRAME else 0
-        T_camera_world = inverse(T_world_camera)
         watch = Stopwatch()
-        image = thin(frame, self.intrinsics, self.config.working_width_px, self._count)
-        if self._count == 0:
-            self._estimate_noise(image)
+        seen = self._observe(frame, self._check(frame), anchor if anchor <= LAST_KEYFRAME else 0)
+        image, solid, T_camera_world = seen.image, seen.solid, seen.T_camera_world
         every = self._proposals(frame)
         proposals = every.best(MAX_PROPOSALS)
         watch.lap("proposals")
-        solid = filled(image)
-        new_viewpoint = self._is_new_viewpoint(T_world_camera)
-        on_plane, support, planes = self._find_planes(
-            image, solid, T_world_camera, frame.up_camera, anchor, new_viewpoint
-        )
+        planes = self._find_planes(seen)
         watch.lap("planes")
-        candidate = self._candidates(solid, on_plane)
-        c = self.config
-        weighed = weigh(solid, candidate, proposals, c)
+        candidate = self._candidates(solid, planes)
+        weighed = weigh(solid, candidate, proposals, self.config)
         heat = pixel_heat(solid, weighed)
         watch.lap("heat")
         # Deferred to the next frame: a frame from a new viewpoint has planes and boxes to update already.
-        due, self._due = self._due, new_viewpoint
+        due, self._due = self._due, seen.new_viewpoint
         # On a later visit every frame may show a change: nothing is deferred.
         refresh_map = due or self._voxels.revisited
-        slots = self._voxels.fuse(image, heat, T_world_camera, frame.index, anchor, refresh_map)
+        slots = self._voxels.fuse(image, heat, seen.T_world_camera, seen.frame, seen.keyframe, refresh_map)
         self._voxels.carve_free_space(image, T_camera_world, refresh_map)
+        voxels = self._voxels.look_up(slots)
         watch.lap("fuse")
         in_frustum = self._map.objects_in_frustum(image, T_camera_world)
         objects = self._map.prune_candidates(in_frustum)
         left_out = len(in_frustum) - len(objects)
-        pixel_owner, known = self._voxels.owner_of(slots)
-        prior = prior_of(objects, pixel_owner, weighed)
-        frame_segments = segment_frame(
-            image, solid, heat, weighed, prior, on_plane, support, planes, self._sides(T_world_camera),
-            c,
-        )  # fmt: skip
-        boxes = self._boxes(frame_segments.segments, image, T_world_camera)
+        prior = prior_of(objects, voxels.owner, weighed)
+        segments = segment_frame(seen, planes, heat, weighed, prior, self._sides(seen.T_world_camera), self.config)
+        boxes = self._boxes(segments.segments, image, seen.T_world_camera)
         watch.lap("boxes")
-        found = self._map.update(
-            frame.index, frame_segments, boxes, objects, slots, pixel_owner, known, candidate,
-            self._viewpoint_angle(image, T_world_camera), new_viewpoint, anchor, T_world_camera[:3, 3],
-        )  # fmt: skip
+        found = self._map.update(seen, segments, boxes, objects, voxels, candidate)
         in_frustum = self._map.objects_in_frustum(image, T_camera_world)
         if due:
-            self._refine(frame.index, image, heat, slots, in_frustum, T_world_camera, anchor)
+            self._refine(seen, heat, slots, in_frustum)
         watch.lap("map")
-        sightings = self._frame_sightings(frame.index, image, slots, in_frustum, frame_segments, found, T_camera_world)
-        own = self._frame_boxes(frame_segments, boxes, found)
+        sightings = self._frame_sightings(seen, slots, in_frustum, segments, found)
+        own = self._frame_boxes(segments, boxes, found)
         watch.lap("matching")
         self._count += 1
         return FrameResult(
             index=frame.index,
             timestamp_s=frame.timestamp_s,
-            T_world_camera=T_world_camera,
+            T_world_camera=seen.T_world_camera,
             sightings=sightings,
             proposals=own,
             objects_known=self._map.store.labelled,
@@ -177,10 +163,26 @@ class Tracker:
             milliseconds=watch.milliseconds,
             left_out={
                 "proposals": len(every) - len(proposals),
-                "clusters": frame_segments.left_out,
+                "clusters": segments.left_out,
                 "candidates": left_out,
             },
             size=(self.intrinsics.width, self.intrinsics.height),
+        )
+
+    def _observe(self, frame: Frame, T_world_camera: Float64Array, keyframe: int) -> Observation:
+        """Prepare a frame for all stages; the first one also tells how noisy the sensor is."""
+        image = thin(frame, self.intrinsics, self.config.working_width_px, self._count)
+        if self._count == 0:
+            self._estimate_noise(image)
+        return Observation(
+            frame=frame.index,
+            image=image,
+            solid=filled(image),
+            T_world_camera=T_world_camera,
+            up_camera=frame.up_camera,
+            keyframe=keyframe,
+            new_viewpoint=self._is_new_viewpoint(T_world_camera),
+            viewpoint_angle_rad=self._viewpoint_angle(image, T_world_camera),
         )
 
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
@@ -228,47 +230,38 @@ class Tracker:
             raise ValueError(f"proposals of frame {frame.index} lie outside its {c.width} x {c.height} pixels")
         return proposals
 
-    def _find_planes(
-        self,
-        image: WorkingImage,
-        solid: WorkingImage,
-        T_world_camera: Float64Array,
-        up_camera: Float64Array | None,
-        keyframe: int,
-        new_viewpoint: bool,
-    ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int64]]:
-        """Track the supporting planes; return the ones that pixels lie on, those beneath them, all identities."""
-        c, planes = self.config, self._planes
+    def _find_planes(self, seen: Observation) -> PixelPlanes:
+        """Track the supporting planes; return those on and beneath which pixels lie."""
+        c, planes, image, T_world_camera = self.config, self._planes, seen.image, seen.T_world_camera
         seen_by = image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m
-        if planes.vote_is_due() and planes.vote_up(find_voting_cells(*seen_by), T_world_camera, up_camera):
+        if planes.vote_is_due() and planes.vote_up(find_voting_cells(*seen_by), T_world_camera, seen.up_camera):
             self._map.reset_supports()
         patch = patch_pixels(image.camera)
         patches = np.full([n // patch for n in image.depth_m.shape], -1, np.int32)
-        renew = new_viewpoint or not planes.known
+        renew = seen.new_viewpoint or not planes.known
         if renew:
             cells = find_cells(*seen_by)
             if planes.up is not None:
                 cells = with_level_patches(cells, planes.up, *seen_by)
-            patches = planes.update(self._count, cells, keyframe)
+            patches = planes.update(self._count, cells, seen.keyframe)
         if planes.T_plan_world is None or not planes.planes:
-            nowhere = np.full(image.depth_m.shape, -1, np.int32)
-            return nowhere, nowhere, np.zeros(0, np.int64)
+            return PixelPlanes.none(image.depth_m.shape)
         k, on_plane, support = image.camera, *(np.empty(image.depth_m.shape, np.int32) for _ in range(2))
         view = planes.planes_in_frustum(k, min(c.max_depth_m, float(image.depth_m.max())), T_world_camera)
         assign_planes(
-            solid.depth_m, np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera,
+            seen.solid.depth_m, np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera,
             planes.in_camera(view, T_world_camera), view.numbers, view.ground,
             view.origin, CELL_M, patches, patch, c.depth_noise_per_m, c.min_height_m, BIAS_M,
             c.max_depth_m, on_plane, support, view.seen,
         )  # fmt: skip
         if renew:
-            planes.add_readings(view, keyframe)
-        return on_plane, support, view.identities
+            planes.add_readings(view, seen.keyframe)
+        return PixelPlanes(on_plane, support, view.identities)
 
-    def _candidates(self, image: WorkingImage, on_plane: npt.NDArray[np.int32]) -> UInt8Array:
+    def _candidates(self, image: WorkingImage, planes: PixelPlanes) -> UInt8Array:
         """Return which readings may belong to an object: all within range but those on a supporting plane."""
         within = (image.depth_m > 0) & (image.depth_m <= self.config.max_depth_m)
-        return np.asarray(within & (on_plane < 0), dtype=np.uint8)
+        return np.asarray(within & (planes.on_plane < 0), dtype=np.uint8)
 
     def _sides(self, T_world_camera: Float64Array) -> npt.NDArray[np.int64]:
         """Return which side of a segment lies below, above, right and left of it in the image, for any up."""
@@ -307,16 +300,10 @@ class Tracker:
         return fit_boxes(points, [len(pixels) for pixels in some], planes, STRAYS)
 
     def _refine(
-        self,
-        frame: int,
-        image: WorkingImage,
-        heat: Float32Array,
-        slots: npt.NDArray[np.int32],
-        in_frustum: Sequence[MapObject],
-        T_world_camera: Float64Array,
-        anchor: int,
+        self, seen: Observation, heat: Float32Array, slots: npt.NDArray[np.int32], in_frustum: Sequence[MapObject]
     ) -> None:
         """Fuse small labelled objects at the fine resolution as well, as far as the sensor resolves it."""
+        image = seen.image
         voxels, c = self._voxels, image.camera
         small = [o.number for o in in_frustum if o.confirmed and max(o.box.size.tolist()) <= voxels.small_m]
         if small:
@@ -324,40 +311,24 @@ class Tracker:
             far_m = resolves_m(voxels.fine_m, self.config.depth_noise_per_m, min(image.step, 2) * c.fx)
             numbers = np.zeros(max(small) + 1, bool)
             numbers[small] = True
-            voxels.refine(image, heat, T_world_camera, frame, anchor, slots, numbers, far_m)
+            voxels.refine(image, heat, seen.T_world_camera, seen.frame, seen.keyframe, slots, numbers, far_m)
 
     def _frame_sightings(
         self,
-        frame: int,
-        image: WorkingImage,
+        seen: Observation,
         slots: npt.NDArray[np.int32],
         in_frustum: Sequence[MapObject],
         frame_segments: FrameSegments,
         found: Association,
-        T_camera_world: Float64Array,
     ) -> tuple[Sighting, ...]:
-        """Return the sightings of the map's visible objects; candidates that meet all criteria are confirmed."""
+        """Record which objects of the map the frame shows; return the sightings of those with a label."""
         objects = [o for o in in_frustum if len(o.points)]
         visibilities = measure_visibility(
-            objects, self._map.store.boxes_of(objects), image, slots, self._voxels.owner, T_camera_world,
-            self.config.depth_noise_per_m,
-        )  # fmt: skip
-        self._map.confirm_seen([entry for entry, view in zip(objects, visibilities, strict=True) if view.seen])
-        matched = [(found.objects[j].survivor.number, i, j) for i, j in enumerate(found.match.tolist()) if j >= 0]
-        iou = {number: float(found.iou[i, j]) for number, i, j in matched}
-        rect = {number: frame_segments.segments[i].rect_xyxy for number, i, _ in matched}
-        sightings = []
-        for entry, view in zip(objects, visibilities, strict=True):
-            if not view.seen:
-                continue
-            first = entry.frames_seen == 0
-            entry.frames_seen += 1
-            entry.last_frame = frame
-            if entry.confirmed:
-                own = None if first else iou.get(entry.number)
-                rect_xyxy = blended_rectangle(view.rect_xyxy, rect.get(entry.number))
-                sightings.append(Sighting(entry.label, entry.box, own, view.visible, rect_xyxy))
-        return tuple(sorted(sightings, key=lambda s: s.label))
+            objects, self._map.store.boxes_of(objects), seen, slots, self._voxels.owner, self.config.depth_noise_per_m
+        )
+        visible = [(entry, view) for entry, view in zip(objects, visibilities, strict=True) if view.seen]
+        self._map.record_seen(seen.frame, [entry for entry, _ in visible])
+        return sightings_of(visible, frame_segments, found)
 
     def _frame_boxes(
         self, frame_segments: FrameSegments, boxes: Sequence[Box], found: Association

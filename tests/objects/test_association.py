@@ -6,6 +6,7 @@ import numpy as np
 
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
+from cuboid.heatmap.voxel_map import PixelVoxels
 from cuboid.kernels.outlines import KINDS
 from cuboid.objects.association import Association, associate
 from cuboid.objects.entry import MapObject
@@ -45,7 +46,8 @@ def matched(
 ) -> Association:
     known = np.ones(SHAPE, bool) if known is None else known
     theirs = pack([o.box for o in objects])
-    return associate(frame_of(claim), pack(boxes), objects, theirs, owner.astype(np.int32), known)
+    voxels = PixelVoxels(np.zeros(SHAPE, np.int32), owner.astype(np.int32), known)
+    return associate(frame_of(claim), pack(boxes), objects, theirs, voxels)
 
 
 FAR = [box(90.0), box(95.0)]  # boxes that tell nothing

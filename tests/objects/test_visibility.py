@@ -10,6 +10,7 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
 from cuboid.objects.entry import MapObject
 from cuboid.objects.visibility import Visibility, blended_rectangle, measure_visibility
+from cuboid.observation import Observation
 from cuboid.working import WorkingImage
 
 CAMERA = Intrinsics(100.0, 100.0, 79.5, 59.5, 160, 120)
@@ -26,7 +27,8 @@ def seen(depth_m: np.ndarray, lowest_m: float) -> Visibility:
     color = np.full((*depth_m.shape, 3), 90, np.uint8)
     image = WorkingImage(depth_m.astype(np.float32), color, CAMERA, 1, (0, 0))
     slots = np.full(depth_m.shape, -1, np.int32)
-    return measure_visibility([entry], pack([entry.box]), image, slots, np.zeros(1, np.int32), np.eye(4), 0.0014)[0]
+    observed = Observation(0, image, image, np.eye(4), None, 0, True, 0.0)
+    return measure_visibility([entry], pack([entry.box]), observed, slots, np.zeros(1, np.int32), 0.0014)[0]
 
 
 def test_what_stands_before_an_object_cuts_its_rectangle() -> None:

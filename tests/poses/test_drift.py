@@ -16,7 +16,7 @@ from cuboid.poses import drift
 from cuboid.poses.alignment import pick
 from cuboid.poses.drift import DriftCorrection, explained
 from cuboid.poses.pyramid import build_levels, shrink
-from cuboid.posing import SteadiedPoses
+from cuboid.posing import CorrectedPoses
 from made_scenes import CAMERA, frame_of, look_at, upright
 
 # A table top with things of several sizes, seen from an arc of 60 degrees, there and back.
@@ -92,7 +92,7 @@ def test_a_jump_is_taken_back_and_so_is_its_end() -> None:
 def test_a_run_says_that_its_poses_drift() -> None:
     warnings = {}
     for name, given in (("drifting", drifting(0.002, 0.001)), ("true", TRUE)):
-        poses = SteadiedPoses(CAMERA)
+        poses = CorrectedPoses(CAMERA)
         for k, (true, shown) in enumerate(zip(TRUE, given, strict=True)):
             posed = poses.locate(frame_of(SCENE, true, k, T_shown=shown))
         warnings[name] = poses.warnings()
@@ -100,10 +100,23 @@ def test_a_run_says_that_its_poses_drift() -> None:
     assert warnings["true"] == ()
     (warning,) = warnings["drifting"]
     assert re.fullmatch(
-        r"the given camera poses drift: from frame \d+ on they are held to .*, \d+ cm off at most", warning
+        r"the given camera poses drift: from frame \d+ on they are aligned to earlier frames, \d+ cm off at most",
+        warning,
     )
     with pytest.raises(FrameError, match="no camera pose"):
         poses.locate(dataclasses.replace(frame_of(SCENE, TRUE[0], 0), T_world_camera=None))
+
+
+def test_poses_that_are_only_checked_stay_as_they_are() -> None:
+    poses, given = CorrectedPoses(CAMERA, apply=False), drifting(0.002, 0.001)
+    for k, (true, shown) in enumerate(zip(TRUE, given, strict=True)):
+        frame = frame_of(SCENE, true, k, T_shown=shown)
+        assert np.array_equal(poses.locate(frame).T_world_camera, frame.T_world_camera)
+    (warning,) = poses.warnings()
+    assert re.fullmatch(
+        r"the given camera poses drift: from frame \d+ on they disagree .*; --poses corrected .*", warning
+    )
+    assert poses.origin == "given"
 
 
 def test_the_same_frames_give_the_same_poses() -> None:

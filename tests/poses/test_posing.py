@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from posed_pictures import CAMERA, ate_m, black, camera_path, picture
 
+import cuboid
 from cuboid.errors import FrameError
 from cuboid.frame import Frame
 from cuboid.geometry import se3
-from cuboid.outputs import read_run, read_trajectory
+from cuboid.outputs import FinishedResults, read_run, read_trajectory
 from cuboid.posing import BridgedPoses, EstimatedPoses, GivenPoses
 from cuboid.readers import open_recording
 from cuboid.run import track_recording
@@ -120,3 +121,23 @@ def test_objects_are_tracked_without_given_poses(tmp_path: Path, pictures: list[
     box = min((o.box for o in outcome.objects), key=lambda b: np.abs(b.size - [0.4, 0.3, 0.3]).sum())
     center = se3.transform(PATH[0], box.center)
     assert np.linalg.norm(center - [-0.6, 0.5, 0.15]) < 0.06
+
+
+def test_frames_without_poses_are_posed_by_the_video_and_lost_ones_say_so(tmp_path: Path) -> None:
+    tracker, truth = cuboid.Tracker(CAMERA), camera_path(24, angle_deg=20.0)
+    for index, T in enumerate(truth):
+        result = tracker.update(black(index) if index == 12 else picture(T, index))
+        if index == 12:
+            assert isinstance(result, cuboid.SkippedFrame)
+            assert "camera is lost" in result.reason
+            assert result.sightings == ()
+        else:
+            assert isinstance(result, cuboid.FrameResult), index
+    assert tracker.poses == "estimated"
+    assert sorted(tracker.trajectory) == [k for k in range(24) if k != 12]
+    assert len(tracker.objects) >= 3
+    tracker.save(tmp_path / "out")
+    found = FinishedResults(tmp_path / "out")
+    assert [frame for frame, _ in found.report.skipped] == [12]
+    for index, row in found.poses.items():
+        np.testing.assert_allclose(row.T_world_camera, tracker.trajectory[index], atol=1e-5)

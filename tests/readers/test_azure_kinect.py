@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cuboid.errors import FrameError, InputError
+from cuboid.frame import SkippedFrame
 from cuboid.readers import open_recording
-from cuboid.readers.recording import SkippedFrame
 
 FRAMES, STEP_US = 4, 33_333
 WIDE = {"color": (1280, 720), "depth": (320, 288)}

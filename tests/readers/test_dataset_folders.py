@@ -12,9 +12,8 @@ import pytest
 from made_recordings import color_image, depth_image, write_image
 
 from cuboid.errors import FrameError, InputError
-from cuboid.frame import Intrinsics
+from cuboid.frame import Intrinsics, SkippedFrame
 from cuboid.readers import open_recording
-from cuboid.readers.recording import SkippedFrame
 
 
 def matrix_at(x):

@@ -8,7 +8,8 @@ import pytest
 from made_recordings import color_image, depth_image, write_image
 
 from cuboid.errors import FrameError, InputError
-from cuboid.readers import SkippedFrame, open_recording
+from cuboid.frame import SkippedFrame
+from cuboid.readers import open_recording
 from cuboid.readers.images import decode_color
 
 

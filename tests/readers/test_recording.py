@@ -5,7 +5,8 @@ import time
 
 import pytest
 
-from cuboid.readers import SkippedFrame, open_recording
+from cuboid.frame import SkippedFrame
+from cuboid.readers import open_recording
 from cuboid.readers.prefetch import run_ahead
 
 

@@ -13,9 +13,8 @@ from made_recordings import CAMERA, color_image, depth_image, make_plain
 
 from cuboid.cli import main
 from cuboid.errors import FrameError, InputError
-from cuboid.frame import Intrinsics
+from cuboid.frame import Intrinsics, SkippedFrame
 from cuboid.readers import open_recording
-from cuboid.readers.recording import SkippedFrame
 
 KINDS = ["bag", "db3", "mcap"]
 OPTICAL = "optical"

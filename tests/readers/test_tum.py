@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from made_recordings import CAMERA, NO_TURN, Made, write_frames
 
 from cuboid.errors import FrameError, InputError
-from cuboid.frame import Intrinsics
-from cuboid.readers import SkippedFrame, open_recording
+from cuboid.frame import Intrinsics, SkippedFrame
+from cuboid.readers import open_recording
 from cuboid.readers.tum import associate
 
 

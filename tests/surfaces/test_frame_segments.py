@@ -10,7 +10,8 @@ from cuboid.config import TrackerConfig
 from cuboid.frame import Intrinsics
 from cuboid.heatmap.pixel_heat import WeighedProposals
 from cuboid.kernels.outlines import BOTTOM, FREE, LEFT, RIGHT, SUPPORT, TOP
-from cuboid.surfaces.frame_segments import MIN_PIXELS, FrameSegments, points_of, segment_frame
+from cuboid.observation import Observation
+from cuboid.surfaces.frame_segments import MIN_PIXELS, FrameSegments, PixelPlanes, points_of, segment_frame
 from cuboid.working import WorkingImage
 
 CAMERA = Intrinsics(60.0, 60.0, 29.5, 19.5, 60, 40)
@@ -34,11 +35,16 @@ def found(
         np.concatenate(covered),
         np.array(weights, np.float32),
     )
+    on_plane = np.where(heights == 0, support, -1).astype(np.int32)
     return segment_frame(
-        read, image, np.full(depth.shape, 0.5, np.float32), weighed, np.array(prior or [1.0] * len(boxes)),
-        np.where(heights == 0, support, -1).astype(np.int32), support.astype(np.int32), PLANES, SIDES,
+        Observation(0, read, image, T_WORLD_CAMERA, None, 0, True, 0.0),
+        PixelPlanes(on_plane, support.astype(np.int32), PLANES),
+        np.full(depth.shape, 0.5, np.float32),
+        weighed,
+        np.array(prior or [1.0] * len(boxes)),
+        SIDES,
         TrackerConfig(),
-    )  # fmt: skip
+    )
 
 
 def scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:

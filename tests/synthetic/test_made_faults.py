@@ -8,7 +8,7 @@ import pytest
 
 import cuboid
 from cuboid.errors import InputError
-from cuboid.readers import SkippedFrame
+from cuboid.frame import SkippedFrame
 from cuboid.synthetic.faults import FRAME_FAULTS, spoil
 
 REASONS = {

@@ -115,7 +115,8 @@ def _tracked(task: Task, place: Place, path: Path, scratch: Path) -> Ended:
     from cuboid.config import TrackerConfig
     from cuboid.outputs import FinishedResults
     from cuboid.outputs.pending import new_folder
-    from cuboid.run import track_recording, write_page
+    from cuboid.run import track_recording
+    from cuboid.saving import write_page
     from cuboid.views.report import pictures_of
 
     options = dict(task.settings)
@@ -131,7 +132,7 @@ def _tracked(task: Task, place: Place, path: Path, scratch: Path) -> Ended:
         with new_folder(folder, force=False, replaces="") as working:
             track_recording(recording, working, config=config, threads=1, force=True, page=False, **options)
             results = FinishedResults(working)  # what the page reads of them the tables need not read again
-            pictures = pictures_of(results, recording.read) if task.tables_only else write_page(results, recording)
+            pictures = pictures_of(results, recording.read) if task.tables_only else write_page(results, recording.read)
             tables = _tables(task, recording, results, pictures)
             _refuse_changed(task)
     if local is None and not task.tables_only:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cuboid.calibration.calibrate import MIN_PAIRS, spread_out
 from cuboid.calibration.edge_fit import (
     FINE_BLUR_PX,
     FINER,
@@ -26,8 +27,11 @@ from cuboid.calibration.edge_fit import (
     gather_edges,
     size_of,
 )
+from cuboid.calibration.pairs import choose_pairs
+from cuboid.calibration.solving import Problem
+from cuboid.calibration.views import Pinhole, build_view, factors
 from cuboid.errors import FrameError
-from cuboid.frame import Frame, Intrinsics
+from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.recording import Recording
 
@@ -43,6 +47,10 @@ MIN_FRAMES = 8
 CLEARLY_OFF, WORTH_A_WARNING = 0.006, 0.0156
 ALIKE, ALIKE_AT_LEAST = 0.35, 0.005
 CLEAR_GAIN, CLEAR_ERRORS = 0.03, 4.0
+# A magnification within this of 1 comes from the edges' uncertainty: both cameras have the same focal length.
+SAME_FOCAL = 0.02
+# Views that tell which camera the named intrinsics belong to, and steps of fitting their poses.
+VIEWS, STEPS = 24, 12
 # Frames that see the same count once.
 MIN_VIEWS = 3
 
@@ -115,7 +123,8 @@ def find_misregistration(frames: Iterable[Frame]) -> Misregistration | None:
 def register_recording(recording: Recording) -> tuple[Misregistration | None, Recording]:
     """Find the depth camera with which depth comes to lie on color.
 
-    The recording's intrinsics are taken for those of the color camera.
+    The intrinsics that a recording names may be those of either camera. Where both readings differ and the recording
+    has poses, the one with which the views agree better is taken; else they are the color camera's.
 
     Parameters
     ----------
@@ -124,9 +133,9 @@ def register_recording(recording: Recording) -> tuple[Misregistration | None, Re
     Returns
     -------
     Misregistration or None
-        What was off, as far as the frames tell.
+        How far depth was off color, as far as the frames show it.
     Recording
-        With that depth camera; the same where nothing is clearly off.
+        With that depth camera, and with the color camera's intrinsics; the same where nothing is clearly off.
     """
     K = recording.intrinsics
     aligned = DepthCamera(K.fx, K.fy, K.cx, K.cy, (K.width, K.height), np.eye(4))
@@ -136,11 +145,50 @@ def register_recording(recording: Recording) -> tuple[Misregistration | None, Re
     found = find_misregistration(_spread(frames.read, range(len(frames))))
     if found is None or not found.clear:
         return found, recording
-    return found, recording.with_depth_camera(_moved(start, found, K))
+    of_color = recording.with_depth_camera(_moved(start, found, K))
+    if recording.depth_camera is not None or abs(found.magnification - 1.0) < SAME_FOCAL:
+        return found, of_color
+    color = _color_camera(found, K)
+    depth = DepthCamera(K.fx, K.fy, K.cx, K.cy, (K.width, K.height), _beside(found, color))
+    of_depth = recording.with_intrinsics(color).with_depth_camera(depth)
+    return found, min((of_color, of_depth), key=_disagreement)
+
+
+def _disagreement(recording: Recording) -> float:
+    """Return how far the views of a recording disagree with each other by its poses; 0 where nothing tells."""
+    if not recording.has_poses:
+        return 0.0
+    poses = {}
+    for index in range(len(recording)):
+        with suppress(FrameError):
+            pose = recording.pose(index)
+            if pose is not None:
+                poses[index] = pose
+    factor, _ = factors(recording.intrinsics.width)
+    views = [build_view(frame, factor) for frame in _read(recording.read, spread_out(poses, VIEWS))]
+    pinhole = Pinhole.of(recording.intrinsics)
+    pairs = choose_pairs(views, pinhole.resized(factor))
+    if len(pairs) < MIN_PAIRS:
+        return 0.0
+    return Problem(views, pairs, factor).solve(pinhole, (), STEPS, trusting=True).disagreement
+
+
+def _color_camera(found: Misregistration, K: Intrinsics) -> Intrinsics:
+    """Return the color camera where `K` (pixels) is the depth camera's."""
+    g, (du, dv), middle = found.magnification, found.shift_px, ((K.width - 1) / 2, (K.height - 1) / 2)
+    cx, cy = middle[0] + g * (K.cx - middle[0]) + du, middle[1] + g * (K.cy - middle[1]) + dv
+    return Intrinsics(g * K.fx, g * K.fy, cx, cy, K.width, K.height)
+
+
+def _beside(found: Misregistration, color: Intrinsics) -> Float64Array:
+    """Return T_color_depth (4, 4) of a depth camera that looks the same way."""
+    T_color_depth = np.eye(4)
+    T_color_depth[0, 3] = found.apart_px_m / color.fx
+    return T_color_depth
 
 
 def _moved(start: DepthCamera, found: Misregistration, K: Intrinsics) -> DepthCamera:
-    """Return the depth camera whose readings lie where the edges agree.
+    """Return the depth camera whose readings lie where the edges agree, where `K` (pixels) is the color camera's.
 
     To first order in the angle between the cameras: (u, v) of `start` is f_color / f (pixel - c) + c_color, and
     so is that of the new one, whose f and c follow.
@@ -180,6 +228,11 @@ def registration_warning(read: Callable[[int], Frame], intrinsics: Intrinsics, f
 def _spread(read: Callable[[int], Frame], frames: Sequence[int]) -> Iterable[Frame]:
     """Read some frames, evenly over all."""
     chosen = np.linspace(0, len(frames) - 1, min(FRAMES, len(frames))).round().astype(int)
-    for k in chosen.tolist():
+    return _read(read, [frames[k] for k in chosen.tolist()])
+
+
+def _read(read: Callable[[int], Frame], frames: Iterable[int]) -> Iterable[Frame]:
+    """Read frames; bad ones are left out."""
+    for index in frames:
         with suppress(FrameError):
-            yield read(frames[k])
+            yield read(index)

@@ -14,7 +14,7 @@ from cuboid.cli.optional_words import OPTIONAL
 if TYPE_CHECKING:
     from cuboid.frame import Frame, Intrinsics
     from cuboid.results import FrameResult
-    from cuboid.run_types import TrackerLike, Watch
+    from cuboid.run_types import MapLike, Watch
     from cuboid.views.live import LiveView
 
 
@@ -55,7 +55,7 @@ class Watching:
     live: LiveView | None
     looks: Sequence[Watch]
 
-    def __call__(self, frame: Frame, result: FrameResult, tracker: TrackerLike) -> None:
+    def __call__(self, frame: Frame, result: FrameResult, tracker: MapLike) -> None:
         """Show a used frame to all of them."""
         for look in self.looks:
             look(frame, result, tracker)

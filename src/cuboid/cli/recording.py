@@ -25,8 +25,9 @@ def add_tracking(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     tracking = parser.add_argument_group("tracking")
     tracking.add_argument(
         "--poses",
-        choices=("given", "estimated"),
-        help="where the camera poses come from (default: given where the recording has them, else estimated)",
+        choices=("given", "auto", "corrected", "estimated"),
+        help="camera poses: given as they are, auto (given, with a warning where they drift), corrected where they "
+        "drift, or estimated from the video (default: given where the recording has them, else estimated)",
     )
     tracking.add_argument(
         "--bridge", action="store_true", help="estimate the poses of frames between given poses that have none"

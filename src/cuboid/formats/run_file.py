@@ -84,7 +84,7 @@ class RunDocument(Entry, frozen=True):
     complete: Annotated[bool, Meta(description="false where the run was interrupted")]
     recording: Annotated[str, Meta(max_length=5000, description="where it lies")]
     format: Annotated[Name, Meta(description="name of its layout")]
-    poses: Literal["given", "estimated"]
+    poses: Literal["given", "corrected", "estimated"]
     threads: Annotated[int, Meta(ge=1, le=100_000)]
     config: Annotated[
         dict[str, Setting | list[Setting | list[Setting]] | dict[str, Setting | list[Setting]]],

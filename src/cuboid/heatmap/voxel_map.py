@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
@@ -22,6 +24,25 @@ MAX_CARVED_POINTS = 40_000
 MAX_VOTES = MIN_READINGS
 # A voxel is its owner's when the votes are one in so many of the frames that saw it.
 VOTES_RATIO = 3
+
+
+@dataclass(frozen=True, slots=True)
+class PixelVoxels:
+    """The voxel at each working pixel, and what the map knows of it.
+
+    Attributes
+    ----------
+    slots : (h, w) int32
+        Row of the voxel, -1 none; valid until the next frame is fused.
+    owner : (h, w) int32
+        Number of the object that it belongs to, 0 none.
+    known : (h, w) bool
+        Whether the map had a point there before this frame.
+    """
+
+    slots: npt.NDArray[np.int32]
+    owner: npt.NDArray[np.int32]
+    known: npt.NDArray[np.bool_]
 
 
 class VoxelMap(FinePoints):
@@ -196,11 +217,11 @@ class VoxelMap(FinePoints):
         ))  # fmt: skip
         self._blocks.add(pairs >> 32, pairs & 0xFFFFFFFF)
 
-    def owner_of(self, slots: npt.NDArray[np.int32]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
-        """Return the number of the object (h, w) that each pixel's voxel belongs to, 0 none; and which were known."""
+    def look_up(self, slots: npt.NDArray[np.int32]) -> PixelVoxels:
+        """Return what the map knows of the voxel (h, w) of each pixel, -1 none."""
         owner, known = np.empty(slots.shape, np.int32), np.empty(slots.shape, np.bool_)
         owners.owner_of(slots, self.owner, self.hits, owner, known)
-        return owner, known
+        return PixelVoxels(slots, owner, known)
 
     def seen_since(self, rows: Rows, frame: int) -> npt.NDArray[np.bool_]:
         """Tell of which rows (N,) a frame from some number on saw the point."""

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.geometry.overlap import iou_matrix
+from cuboid.heatmap.voxel_map import PixelVoxels
 from cuboid.kernels.claims import segment_overlaps
 from cuboid.objects.entry import MapObject
 from cuboid.objects.matching import assign
@@ -56,8 +57,7 @@ def associate(
     boxes: Float64Array,
     objects: Sequence[MapObject],
     theirs: Float64Array,
-    pixel_owner: npt.NDArray[np.int32],
-    known: npt.NDArray[np.bool_],
+    voxels: PixelVoxels,
 ) -> Association:
     """Match the segments of a frame to objects one to one; what is left over may be a part of one.
 
@@ -73,13 +73,11 @@ def associate(
         Those that may be seen.
     theirs : (m, 15) float64
         Their boxes.
-    pixel_owner : (h, w) int32
-        Number of the object that each working pixel belongs to, 0 none.
-    known : (h, w) bool
-        Where the map knew something before this frame.
+    voxels : PixelVoxels
+        Of the working pixels.
     """
     n, m = len(frame.segments), len(objects)
-    overlap, size = _mask_overlaps(frame, objects, pixel_owner, known)
+    overlap, size = _mask_overlaps(frame, objects, voxels)
     nobody = np.full(n, -1, np.int64)
     if n == 0 or m == 0:
         return Association(objects, nobody, nobody, np.zeros((n, m)), np.zeros(n), overlap[:n], overlap[-1])
@@ -102,14 +100,13 @@ def associate(
 def _mask_overlaps(
     frame: FrameSegments,
     objects: Sequence[MapObject],
-    pixel_owner: npt.NDArray[np.int32],
-    known: npt.NDArray[np.bool_],
+    voxels: PixelVoxels,
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return pixels by segment and object (n + 1, m), the last row for those of none, and the mapped pixels."""
     n, m = len(frame.segments), len(objects)
-    place = index_table([o.number for o in objects], int(pixel_owner.max()))
+    place = index_table([o.number for o in objects], int(voxels.owner.max()))
     table, size = np.empty((n + 1, m + 1), np.int64), np.empty(n + 1, np.int64)
-    segment_overlaps(frame.claim, pixel_owner, known, place, table, size)
+    segment_overlaps(frame.claim, voxels.owner, voxels.known, place, table, size)
     return table[:, :m], size[:n]
 
 

@@ -14,7 +14,7 @@ from cuboid.frame import Float64Array, UInt8Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import transform
-from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.heatmap.voxel_map import PixelVoxels, VoxelMap
 from cuboid.kernels.outlines import KINDS
 from cuboid.limits import MAX_CANDIDATES
 from cuboid.objects.affinity import MAX_LOG_ODDS
@@ -27,6 +27,7 @@ from cuboid.objects.outline import log_odds_of, with_viewpoint_change
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object
 from cuboid.objects.visibility import boxes_in_frustum
+from cuboid.observation import Observation
 from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments
 from cuboid.surfaces.planes import PlaneTracker
 from cuboid.tolerances import LITTLE, MIN_FRAMES, MIN_READINGS, MOST, SURE
@@ -76,45 +77,26 @@ class ObjectMap:
 
     def update(
         self,
-        frame: int,
+        seen: Observation,
         frame_segments: FrameSegments,
         boxes: Sequence[Box],
         objects: Sequence[MapObject],
-        slots: npt.NDArray[np.int32],
-        pixel_owner: npt.NDArray[np.int32],
-        known: npt.NDArray[np.bool_],
+        voxels: PixelVoxels,
         candidate: UInt8Array,
-        viewpoint_angle: float,
-        new_viewpoint: bool,
-        keyframe: int,
-        eye: Float64Array,
     ) -> Association:
         """Update the map of objects with a frame.
 
         Parameters
         ----------
-        frame : int
+        seen : Observation
         frame_segments : FrameSegments
         boxes : sequence of Box
             Of the segments.
         objects : sequence of MapObject
             From `objects_in_frustum`.
-        slots : (h, w) int32
-            Voxel of each working pixel, -1 none.
-        pixel_owner : (h, w) int32
-            Number of the object that each of these belongs to, 0 none.
-        known : (h, w) bool
-            Where the map knew something before this frame.
+        voxels : PixelVoxels
         candidate : (h, w) uint8
             Pixels off every supporting plane.
-        viewpoint_angle : float
-            Change of the viewing angle since the frame before, radians.
-        new_viewpoint : bool
-            Whether the camera has moved beyond drift since the last frame from a new viewpoint.
-        keyframe : int
-            That the frame is anchored to.
-        eye : (3,) float64
-            Where the camera is, world, metres.
 
         Returns
         -------
@@ -122,31 +104,25 @@ class ObjectMap:
         """
         for entry in objects:
             entry.keyframe = -1  # the points that this frame fused are anchored to another one now
-        found = associate(frame_segments, pack(boxes), objects, self.store.boxes_of(objects), pixel_owner, known)
-        novelty = min(1.0, max(LITTLE, viewpoint_angle / NEW_SIDE_RAD))
-        number_of = self._update_objects(frame, frame_segments, boxes, found, keyframe, viewpoint_angle)
+        found = associate(frame_segments, pack(boxes), objects, self.store.boxes_of(objects), voxels)
+        novelty = min(1.0, max(LITTLE, seen.viewpoint_angle_rad / NEW_SIDE_RAD))
+        number_of = self._update_objects(seen, frame_segments, boxes, found)
         self._voxels.vote_owners(
-            frame_segments.claim, number_of, *self._allowed_transfers(number_of, found), candidate, slots
+            frame_segments.claim, number_of, *self._allowed_transfers(number_of, found), candidate, voxels.slots
         )
         self._update_affinity(frame_segments, found, novelty)
         self._add_overlaps(objects, novelty)
         self._add_attachments(objects, novelty)
         self._penalise_missed(found)
         touched = [o.number for o in objects] + [int(n) for n in number_of if n]
-        self._fitting.fit_grown(touched, eye, new_viewpoint)
+        self._fitting.fit_grown(touched, seen.eye, seen.new_viewpoint)
         self._retire_removed(found)
-        self._merge(touched, eye)
+        self._merge(touched, seen.eye)
         self._retire_unlikely(touched)
         return found
 
     def _update_objects(
-        self,
-        frame: int,
-        frame_segments: FrameSegments,
-        boxes: Sequence[Box],
-        found: Association,
-        keyframe: int,
-        viewpoint_angle: float,
+        self, seen: Observation, frame_segments: FrameSegments, boxes: Sequence[Box], found: Association
     ) -> npt.NDArray[np.int32]:
         """Update the matched objects and begin candidates; return the object each segment votes for, 0 for none."""
         number_of = np.zeros(len(frame_segments.segments), np.int32)
@@ -157,14 +133,14 @@ class ObjectMap:
         for i, segment in enumerate(frame_segments.segments):
             if match[i] >= 0:
                 entry = found.objects[match[i]]
-                self._add_sighting(entry, segment, with_viewpoint_change(evidence[i], viewpoint_angle))
+                self._add_sighting(entry, segment, with_viewpoint_change(evidence[i], seen.viewpoint_angle_rad))
             elif part[i] >= 0 and not self._are_separate(frame_segments, i, partner.get(part[i])):
                 number_of[i] = found.objects[part[i]].number
                 continue
             else:
                 if not fits_object(boxes[i], self._config):
                     continue
-                entry = self.store.add(boxes[i], frame, keyframe)
+                entry = self.store.add(boxes[i], seen.frame, seen.keyframe)
                 self._add_sighting(entry, segment, evidence[i])
             number_of[i] = entry.number
         return number_of
@@ -323,8 +299,8 @@ class ObjectMap:
         entries = self.store.all_of(numbers)
         self.store.retire_all([o for o in entries if o.log_odds <= (-SURE if o.confirmed else -SURE / 2.0)])
 
-    def confirm_seen(self, seen: Sequence[MapObject]) -> None:
-        """Confirm the visible candidates that meet all criteria: these get labels."""
+    def record_seen(self, frame: int, seen: Sequence[MapObject]) -> None:
+        """Record that a frame shows these objects; confirm the candidates among them that meet all criteria."""
         for entry in seen:
             if (
                 entry.state is State.CANDIDATE
@@ -332,3 +308,6 @@ class ObjectMap:
                 and is_confirmable(entry, self.store, self._planes, self._config)
             ):
                 self.store.confirm(entry)
+        for entry in seen:
+            entry.frames_seen += 1
+            entry.last_frame = frame

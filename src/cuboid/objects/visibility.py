@@ -12,8 +12,11 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.rectangles import rect_iou
 from cuboid.kernels import sightings as kernel
 from cuboid.kernels.outlines import EDGE_LEVELS
-from cuboid.objects.association import SAME
+from cuboid.objects.association import SAME, Association
 from cuboid.objects.entry import MapObject
+from cuboid.observation import Observation
+from cuboid.results import Sighting
+from cuboid.surfaces.frame_segments import FrameSegments
 from cuboid.tolerances import DRIFT_M, LITTLE, MIN_READINGS, SAMPLE, SOME
 from cuboid.working import WorkingImage
 
@@ -55,10 +58,9 @@ def boxes_in_frustum(
 def measure_visibility(
     objects: Sequence[MapObject],
     boxes: Float64Array,
-    image: WorkingImage,
+    observed: Observation,
     slots: npt.NDArray[np.int32],
     owner: npt.NDArray[np.int32],
-    T_camera_world: Float64Array,
     noise_per_m: float,
 ) -> list[Visibility]:
     """Return the visibility of each object in this frame.
@@ -72,11 +74,15 @@ def measure_visibility(
     ----------
     boxes : (n, 15) float64
         Theirs, see `pack`.
+    observed : Observation
     slots : (h, w) int32
         Voxel of each working pixel, -1 none.
     owner : (N,) int32
         Number of the object that each voxel belongs to, 0 none.
+    noise_per_m : float
+        Standard deviation of depth is this times z squared.
     """
+    image = observed.image
     if not objects:
         return []
     some = [slice(None, None, max(1, len(o.points) // SAMPLE)) for o in objects]
@@ -87,14 +93,38 @@ def measure_visibility(
     kernel.count_seen(
         np.concatenate(points), np.concatenate(colors), np.cumsum([len(p) for p in points]), _feet(boxes),
         np.array([o.number for o in objects]), image.depth_m, image.color, slots, owner,
-        np.array([c.fx, c.fy, c.cx, c.cy]), np.ascontiguousarray(T_camera_world), noise_per_m, DRIFT_M, ALIKE, counts,
-        corners,
+        np.array([c.fx, c.fy, c.cx, c.cy]), np.ascontiguousarray(observed.T_camera_world), noise_per_m, DRIFT_M, ALIKE,
+        counts, corners,
     )  # fmt: skip
     seen, hidden, unknown = counts.T
     visible = seen / np.maximum(1.0, seen + hidden + 0.5 * unknown)
     seen_enough = (visible >= LITTLE) & (seen >= MIN_READINGS)
     rectangles = _rectangles(corners, image)
     return [Visibility(float(visible[k]), rectangles[k], bool(seen_enough[k])) for k in range(n)]
+
+
+def sightings_of(
+    visible: Sequence[tuple[MapObject, Visibility]], frame_segments: FrameSegments, found: Association
+) -> tuple[Sighting, ...]:
+    """Return the sightings of the labelled objects among those that a frame shows, by label.
+
+    Parameters
+    ----------
+    visible : sequence of (MapObject, Visibility)
+        The objects that the frame shows, once this is recorded.
+    frame_segments : FrameSegments
+    found : Association
+    """
+    matched = [(found.objects[j].survivor.number, i, j) for i, j in enumerate(found.match.tolist()) if j >= 0]
+    iou = {number: float(found.iou[i, j]) for number, i, j in matched}
+    rect = {number: frame_segments.segments[i].rect_xyxy for number, i, _ in matched}
+    sightings = []
+    for entry, view in visible:
+        if entry.confirmed:
+            own = None if entry.frames_seen == 1 else iou.get(entry.number)  # a first sighting has no box before it
+            rect_xyxy = blended_rectangle(view.rect_xyxy, rect.get(entry.number))
+            sightings.append(Sighting(entry.label, entry.box, own, view.visible, rect_xyxy))
+    return tuple(sorted(sightings, key=lambda s: s.label))
 
 
 def blended_rectangle(rect_xyxy: Float64Array, own_xyxy: Float64Array | None) -> Float64Array:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import tempfile
+import weakref
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
@@ -27,6 +29,9 @@ from cuboid.outputs.report import RunReport, write_run
 from cuboid.outputs.rows import PROPOSALS_HEADER, TRACKS_HEADER, PoseRow, ProposalRow, TrackRow
 from cuboid.paths import PathLike
 from cuboid.results import FrameResult, MapPoints
+
+# Rows of a run without an output folder are kept in memory up to this size, a file; beyond it on disk.
+MAX_IN_MEMORY_BYTES = 1 << 22
 
 
 class ResultWriter:
@@ -57,11 +62,10 @@ class ResultWriter:
         with ExitStack() as stack:
             stack.push(self._folder)
             with writing(self._shown):
-                self._tracks = stack.enter_context(self._open(TRACKS))
-                self._proposals = stack.enter_context(self._open(PROPOSALS))
-                self._trajectory = stack.enter_context(self._open(self._online))
-                self._tracks.write(TRACKS_HEADER + "\n")
-                self._proposals.write(PROPOSALS_HEADER + "\n")
+                names = TRACKS, PROPOSALS, self._online
+                self._files = {name: stack.enter_context(self._open(name)) for name in names}
+                self._files[TRACKS].write(TRACKS_HEADER + "\n")
+                self._files[PROPOSALS].write(PROPOSALS_HEADER + "\n")
             stack.pop_all()
         self._keep: Callable[[str, str], None] = lambda name, text: None
 
@@ -71,7 +75,7 @@ class ResultWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for file in (self._tracks, self._proposals, self._trajectory):
+        for file in self._files.values():
             with suppress(OSError):  # the rows that a full disk refused are lost with their file
                 file.close()
         self._folder.__exit__(kind, error, trace)
@@ -88,14 +92,14 @@ class ResultWriter:
         except OutputError as error:
             raise OutputError(str(error).replace(str(path), str(self._shown / name))) from error
 
-    def go_on(self, texts: Mapping[str, str], keep: Callable[[str, str], None]) -> None:
+    def go_on(self, texts: Mapping[str, str], keep: Callable[[str, str], None] | None = None) -> None:
         """Begin with the rows of a run that was broken off, and tell of each new text where it goes.
 
         Parameters
         ----------
         texts : mapping of str to str
             By the name of the file.
-        keep : callable
+        keep : callable, optional
             Told the name of the file and the text.
 
         Raises
@@ -103,11 +107,10 @@ class ResultWriter:
         OutputError
             The disk is full.
         """
-        self._keep = keep
-        files = {TRACKS: self._tracks, PROPOSALS: self._proposals, self._online: self._trajectory}
+        self._keep = keep or self._keep
         for name, text in texts.items():
             with writing(self._folder.file(name), self._shown / name):
-                files[name].write(text)
+                self._files[name].write(text)
 
     def add(self, result: FrameResult, pixels: int = 1) -> None:
         """Write the rows of one frame.
@@ -124,23 +127,12 @@ class ResultWriter:
         OutputError
             The disk is full.
         """
-        frame, time_s = result.index, result.timestamp_s
-        tracks = (
-            TrackRow(frame, time_s, seen.label, seen.box, seen.iou, seen.visible, seen.rect_xyxy * pixels).line()
-            for seen in result.sightings
-        )
-        proposals = (
-            ProposalRow(frame, time_s, own.label, own.box, own.score, own.rect_xyxy * pixels).line()
-            for own in result.proposals
-        )
-        self._rows(TRACKS, self._tracks, tracks)
-        self._rows(PROPOSALS, self._proposals, proposals)
-        self._rows(self._online, self._trajectory, [PoseRow(time_s, result.T_world_camera).line()])
+        for name, lines in zip((TRACKS, PROPOSALS, self._online), lines_of(result, pixels), strict=True):
+            self._append(name, "".join(f"{line}\n" for line in lines))
 
-    def _rows(self, name: str, file: TextIO, lines: Iterable[str]) -> None:
-        text = "".join(f"{line}\n" for line in lines)
+    def _append(self, name: str, text: str) -> None:
         with writing(self._folder.file(name), self._shown / name):
-            file.write(text)
+            self._files[name].write(text)
         self._keep(name, text)
 
     def finish(
@@ -168,7 +160,7 @@ class ResultWriter:
             lines = "".join(row.line() + "\n" for row in corrected)
             self._write(TRAJECTORY, lambda path: _write_text(path, lines))
         with writing(self._shown):
-            for file in (self._tracks, self._proposals, self._trajectory):
+            for file in self._files.values():
                 file.flush()
                 os.fsync(file.fileno())
                 file.close()
@@ -180,6 +172,54 @@ class ResultWriter:
     def _write(self, name: str, write: Callable[[Path], None]) -> None:
         with writing(self._folder.file(name), self._shown / name):
             write(self._folder.file(name))
+
+
+class RowLog:
+    """The rows of a run whose output folder is not known yet: in memory while they are few, else in temporary files."""
+
+    def __init__(self) -> None:
+        with ExitStack() as stack:
+            self._files = [stack.enter_context(_spooled()) for _ in range(3)]
+            weakref.finalize(self, stack.pop_all().close)
+
+    def add(self, result: FrameResult) -> None:
+        """Keep the rows of one frame."""
+        for file, lines in zip(self._files, lines_of(result), strict=True):
+            file.writelines(f"{line}\n" for line in lines)
+
+    def texts(self, *, corrected: bool) -> dict[str, str]:
+        """Return the rows by the name of their file; `corrected` as of `ResultWriter`."""
+        names = TRACKS, PROPOSALS, TRAJECTORY_ONLINE if corrected else TRAJECTORY
+        texts = {}
+        for name, file in zip(names, self._files, strict=True):
+            file.seek(0)
+            texts[name] = file.read()
+        return texts
+
+
+def _spooled() -> tempfile.SpooledTemporaryFile[str]:
+    return tempfile.SpooledTemporaryFile(MAX_IN_MEMORY_BYTES, "w+", encoding="utf-8", newline="\n")
+
+
+def lines_of(result: FrameResult, pixels: int = 1) -> tuple[list[str], list[str], list[str]]:
+    """Return the lines of one frame in `tracks.csv`, `proposals.csv` and the trajectory.
+
+    Parameters
+    ----------
+    result : FrameResult
+    pixels : int
+        As of `ResultWriter.add`.
+    """
+    frame, time_s = result.index, result.timestamp_s
+    tracks = [
+        TrackRow(frame, time_s, seen.label, seen.box, seen.iou, seen.visible, seen.rect_xyxy * pixels).line()
+        for seen in result.sightings
+    ]
+    proposals = [
+        ProposalRow(frame, time_s, own.label, own.box, own.score, own.rect_xyxy * pixels).line()
+        for own in result.proposals
+    ]
+    return tracks, proposals, [PoseRow(time_s, result.T_world_camera).line()]
 
 
 def _write_text(path: Path, text: str) -> None:

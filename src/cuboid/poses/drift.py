@@ -50,8 +50,7 @@ class _Keyframe:
 class DriftCorrection:
     """Corrects the given poses of a recording where they have proved to drift.
 
-    `track_recording` does so by itself. Whoever calls the tracker gives it frames with the poses that this returns:
-    ``dataclasses.replace(frame, T_world_camera=correction.correct(frame, frame.T_world_camera))``.
+    `Tracker(poses="corrected")` uses it.
 
     Parameters
     ----------

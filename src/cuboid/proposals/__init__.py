@@ -14,7 +14,7 @@ from cuboid.proposals import selective_search as _selective_search  # noqa: F401
 from cuboid.proposals.registry import SOURCES, SourceFactory
 from cuboid.proposals.types import Proposals, ProposalSource
 
-__all__ = ["DEFAULT_SOURCE", "SOURCES", "ProposalSource", "Proposals", "SourceFactory", "make_source"]
+__all__ = ["DEFAULT_SOURCE", "SOURCES", "ProposalSource", "Proposals", "SourceFactory", "make_source", "source_name"]
 
 # By measurement: see benchmarks/proposal_sources.py.
 DEFAULT_SOURCE = "depth"
@@ -44,3 +44,9 @@ def make_source(spec: str | ProposalSource | None = None, config: TrackerConfig 
         return spec
     name, colon, options = spec.partition(":")
     return SOURCES.get(name)(options if colon else None, config or TrackerConfig())
+
+
+def source_name(spec: str | ProposalSource | None) -> str:
+    """Return what reports call the source that `make_source` makes of `spec`."""
+    source = DEFAULT_SOURCE if spec is None else spec
+    return source if isinstance(source, str) else type(source).__qualname__

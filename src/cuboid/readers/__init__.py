@@ -30,7 +30,7 @@ from cuboid.readers import (
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.locate import open_recording
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, ImageSource, Listing, Reader
-from cuboid.readers.recording import Recording, SkippedFrame
+from cuboid.readers.recording import Recording
 
 __all__ = [
     "READERS",
@@ -41,7 +41,6 @@ __all__ = [
     "Listing",
     "Reader",
     "Recording",
-    "SkippedFrame",
     "arkitscenes",
     "azure_kinect",
     "bonn",

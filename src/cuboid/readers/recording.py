@@ -5,14 +5,13 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.errors import FrameError, InputError
-from cuboid.frame import Float64Array, Frame, Intrinsics, UInt8Array, unit
+from cuboid.frame import Float64Array, Frame, Intrinsics, SkippedFrame, UInt8Array, unit
 from cuboid.geometry import se3
 from cuboid.readers import calibration as calibrations
 from cuboid.readers.depth_camera import DepthCamera
@@ -30,22 +29,6 @@ FRAMES_AHEAD = 2
 # glibc gives freed blocks back to the kernel and faults them in anew at the next frame, page by page (1 ms a
 # frame), until it has seen a block of this size freed (its limit is 32 MB); then it keeps them.
 LARGE_BLOCK_BYTES = 31 << 20
-
-
-@dataclass(frozen=True, slots=True)
-class SkippedFrame:
-    """A frame that cannot be used.
-
-    Attributes
-    ----------
-    index : int
-        Number of the frame in its recording, from 0.
-    reason : str
-        One line, with the name of the file.
-    """
-
-    index: int
-    reason: str
 
 
 class Recording:

@@ -298,6 +298,7 @@ class _PosesOfVisit:
     def __init__(self, poses: ScenePoses, first_frame: int, tracker: Tracker) -> None:
         self._poses, self._first, self._tracker = poses, first_frame, tracker
         self.given_with_frames = poses.mode != ESTIMATED
+        self.origin = "estimated" if poses.mode == ESTIMATED else "given"
 
     def locate(self, frame: Frame) -> Posed:
         if not self._poses.recognised and frame.index % changes.EVERY_FRAMES == 0:

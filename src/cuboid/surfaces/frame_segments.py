@@ -15,6 +15,7 @@ from cuboid.kernels.outlines import KINDS, outlines
 from cuboid.kernels.pieces import gather_regions, judge_regions, label_regions
 from cuboid.kernels.pixels import back_project
 from cuboid.limits import MAX_SEGMENTS
+from cuboid.observation import Observation
 from cuboid.tolerances import JUMP_M, MIN_READINGS, MOST
 from cuboid.working import WorkingImage
 
@@ -85,15 +86,37 @@ class FrameSegments:
     left_out: int = 0
 
 
+@dataclass(frozen=True, slots=True)
+class PixelPlanes:
+    """The supporting planes at each working pixel.
+
+    Attributes
+    ----------
+    on_plane : (h, w) int32
+        Plane that each pixel lies on, 0..P-1, -1 none.
+    support : (h, w) int32
+        The plane beneath it, or that it lies on.
+    identities : (P,) int64
+        Of the planes, ascending.
+    """
+
+    on_plane: npt.NDArray[np.int32]
+    support: npt.NDArray[np.int32]
+    identities: npt.NDArray[np.int64]
+
+    @classmethod
+    def none(cls, shape: tuple[int, ...]) -> PixelPlanes:
+        """Return planes of an image of this shape in which none is known."""
+        nowhere = np.full(shape, -1, np.int32)
+        return cls(nowhere, nowhere, np.zeros(0, np.int64))
+
+
 def segment_frame(
-    image: WorkingImage,
-    solid: WorkingImage,
+    seen: Observation,
+    planes: PixelPlanes,
     heat: Float32Array,
     weighed: WeighedProposals,
     prior: Float64Array,
-    on_plane: npt.NDArray[np.int32],
-    support: npt.NDArray[np.int32],
-    identities: npt.NDArray[np.int64],
     side_of: npt.NDArray[np.int64],
     config: TrackerConfig,
 ) -> FrameSegments:
@@ -101,23 +124,17 @@ def segment_frame(
 
     Parameters
     ----------
-    image : WorkingImage
-    solid : WorkingImage
-        The same with its holes filled.
+    seen : Observation
+    planes : PixelPlanes
     heat : (h, w) float32
     weighed : WeighedProposals
     prior : (N,) float64
         What a proposal's weight is multiplied by, for what the map knows already.
-    on_plane : (h, w) int32
-        Plane that each pixel lies on, 0..P-1, -1 none.
-    support : (h, w) int32
-        The plane beneath it, or that it lies on.
-    identities : (P,) int64
-        Of the planes, ascending.
     side_of : (4,) int64
         See `kernels.outlines.outlines`.
     config : TrackerConfig
     """
+    image, solid, identities = seen.image, seen.solid, planes.identities
     strength = weighed.weights * prior
     order = np.argsort(-strength, kind="stable")
     order = order[strength[order] > 0]
@@ -140,8 +157,8 @@ def segment_frame(
     corners, warmth = np.empty((number, 4), np.int64), np.empty(number)
     beneath = np.empty((number, len(identities)), np.int64)
     kept = gather_regions(
-        labels, become, sizes, MIN_PIXELS, image.depth_m, heat, support, first, pixels, corners, segment_of, warmth,
-        beneath,
+        labels, become, sizes, MIN_PIXELS, image.depth_m, heat, planes.support, first, pixels, corners, segment_of,
+        warmth, beneath,
     )  # fmt: skip
     corners, beneath, large = corners[:kept], beneath[:kept], sizes >= MIN_PIXELS
     proposal_of, sizes, c = owner[large], sizes[large], image.camera
@@ -149,7 +166,7 @@ def segment_frame(
     plane_of = np.where(beneath.any(1), beneath.argmax(1), -1) if len(identities) else np.full(kept, -1)
     outline, contact = np.empty((kept, 4, KINDS), np.int64), np.empty((kept, kept), np.int64)
     outlines(
-        solid.depth_m, image.depth_m, image.color, segment_of, on_plane, corners,
+        solid.depth_m, image.depth_m, image.color, segment_of, planes.on_plane, corners,
         plane_of, side_of, c.fx, config.depth_noise_per_m, JUMP_M, GAP_M, outline, contact,
     )  # fmt: skip
     rects = (corners + np.array([0, 0, 1, 1])) * float(image.step) + np.array([*image.phase, *image.phase])

@@ -1,0 +1,147 @@
+"""The public tracker: frames with or without poses, the same results as the command, clear refusals."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cuboid
+from cuboid.errors import CuboidError, FrameError, OutputError
+from cuboid.outputs import FinishedResults
+from cuboid.posing import NO_POSE
+from cuboid.run import track_recording
+from fakes import INTRINSICS, FakeRecording
+from made_scenes import CAMERA, frame_of, look_at, upright
+
+SAMPLES = {
+    "scene_01": ("rgbd-scenes-v2/imgs/scene_01", {}),
+    "freiburg1_xyz": ("rgbd_dataset_freiburg1_xyz", {}),
+    "desk": ("desk-realsense", {}),
+    "office": ("office-scan", {}),
+    "dish": ("dish-from-above", {}),
+    "overhead": ("overhead-hands", {}),
+    "bin": ("bin-robot-hand", {}),
+    "open3d": ("containers/open3d", {}),
+    "bag": ("containers/realsense/single_depth_color_640x480.bag", {}),
+    "azure": ("containers/azure-kinect/recording.mkv", {}),
+    "record3d": ("containers/record3d-exr", {}),
+    "office, estimated": ("office-scan", {"poses": "estimated"}),
+    "desk, corrected": ("desk-realsense", {"poses": "corrected"}),
+    "desk, auto": ("desk-realsense", {"poses": "auto"}),
+}
+FILES = ("objects.json", "tracks.csv", "proposals.csv", "trajectory.txt", "map.ply")
+LIMIT = 8
+SCENE = [
+    upright((0, 0), (1.4, 1.0, 0.05), z=-0.05),
+    upright((-0.25, 0.1), (0.12, 0.08, 0.15), 0.4),
+    upright((0.2, -0.1), (0.1, 0.1, 0.1), 0.2),
+]
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_a_loop_in_python_gives_what_the_command_gives(data_dir: Path, tmp_path: Path, name: str) -> None:
+    place, options = SAMPLES[name]
+    recording = cuboid.open_recording(data_dir / place)
+    track_recording(recording, tmp_path / "command", limit=LIMIT, page=False, **options)
+
+    tracker = cuboid.Tracker(recording.intrinsics, **options)
+    for frame in recording.iterate(limit=LIMIT):
+        assert tracker.update(frame).index == frame.index
+    tracker.save(tmp_path / "loop", recording=recording)
+
+    for file in FILES:
+        assert (tmp_path / "loop" / file).read_bytes() == (tmp_path / "command" / file).read_bytes(), file
+    by_loop, by_command = (FinishedResults(tmp_path / way).report for way in ("loop", "command"))
+    for field in ("recording", "format", "poses", "frames_read", "frames_used", "skipped", "warnings"):
+        assert getattr(by_loop, field) == getattr(by_command, field), field
+    assert (tmp_path / "loop" / "report.html").is_file()
+
+
+def frames(count: int) -> list[cuboid.Frame]:
+    poses = [look_at([0.9 * np.sin(a), -0.9 * np.cos(a), 0.7], [0, 0, 0.05]) for a in np.linspace(-0.4, 0.4, count)]
+    return [frame_of(SCENE, T, k) for k, T in enumerate(poses)]
+
+
+def test_a_frame_without_a_pose_among_posed_ones_is_skipped() -> None:
+    tracker, shown = cuboid.Tracker(CAMERA), frames(3)
+    tracker.update(shown[0])
+    skipped = tracker.update(dataclasses.replace(shown[1], T_world_camera=None))
+    assert skipped == cuboid.SkippedFrame(1, NO_POSE)
+    assert tracker.poses == "given"
+    assert isinstance(tracker.update(shown[2]), cuboid.FrameResult)
+
+
+def test_frames_that_a_caller_got_wrong_are_refused_in_one_line() -> None:
+    tracker, (first, second, third) = cuboid.Tracker(CAMERA), frames(3)
+    with pytest.raises(FrameError, match=r"expected a cuboid\.Frame, got NoneType"):
+        tracker.update(None)  # type: ignore[arg-type]
+    with pytest.raises(FrameError, match="index must be a whole number from 0, got 'a'"):
+        tracker.update(dataclasses.replace(first, index="a"))
+    tracker.update(second)
+    for earlier in (second, first):
+        with pytest.raises(FrameError, match=f"frame {earlier.index} comes after frame 1; indices must increase"):
+            tracker.update(earlier)
+    with pytest.raises(FrameError, match=r"median depth is .* must be in metres, not in millimetres"):
+        tracker.update(dataclasses.replace(third, depth_m=third.depth_m * np.float32(1000)))
+    small = cuboid.Frame(2, 0.1, third.color[:100], third.depth_m[:100], third.T_world_camera)
+    with pytest.raises(FrameError, match=f"frame 2 is {CAMERA.width} x 100 pixels, expected {CAMERA.width} x"):
+        tracker.update(small)
+    assert isinstance(tracker.update(third), cuboid.FrameResult)  # nothing of all that has harmed it
+
+
+def test_poses_have_known_words() -> None:
+    with pytest.raises(ValueError, match="given, auto, corrected, estimated, got 'imu'"):
+        cuboid.Tracker(CAMERA, poses="imu")
+
+
+def test_two_threads_cannot_take_in_frames_at_once() -> None:
+    asked, answer = threading.Event(), threading.Event()
+
+    def slow(frame: cuboid.Frame, intrinsics: cuboid.Intrinsics) -> cuboid.Proposals:
+        asked.set()
+        answer.wait(60)
+        return cuboid.Proposals(np.zeros((0, 4)), np.zeros(0))
+
+    tracker, (first, second) = cuboid.Tracker(CAMERA, proposals=slow), frames(2)
+    thread = threading.Thread(target=tracker.update, args=(first,))
+    thread.start()
+    try:
+        assert asked.wait(60)
+        with pytest.raises(CuboidError, match="another thread is taking in a frame"):
+            tracker.update(second)
+    finally:
+        answer.set()
+        thread.join()
+    assert isinstance(tracker.update(second), cuboid.FrameResult)
+
+
+def test_saving_names_the_frames_that_were_left_out(tmp_path: Path) -> None:
+    tracker, shown = cuboid.Tracker(CAMERA), frames(9)
+    for index in (0, 2, 8):
+        tracker.update(shown[index])
+    tracker.update(cuboid.SkippedFrame(10, "torn"))
+    tracker.save(str(tmp_path / "out"))
+    report = FinishedResults(tmp_path / "out").report
+    assert report.every == 2
+    assert report.used().tolist() == [0, 2, 8]
+    assert [frame for frame, _ in report.skipped] == [4, 6, 10]
+    assert report.skipped[-1] == (10, "torn")
+    assert len(FinishedResults(tmp_path / "out").poses) == 3
+
+
+def test_saving_twice_needs_force(tmp_path: Path) -> None:
+    tracker = cuboid.Tracker(CAMERA)
+    tracker.update(frames(1)[0])
+    tracker.save(tmp_path / "out")
+    with pytest.raises(OutputError, match="--force replaces the results"):
+        tracker.save(tmp_path / "out")
+    tracker.save(tmp_path / "out", force=True)
+
+
+def test_a_tracker_without_frames_saves_an_empty_result(tmp_path: Path) -> None:
+    cuboid.Tracker(INTRINSICS).save(tmp_path / "out", recording=FakeRecording(0))
+    assert FinishedResults(tmp_path / "out").report.frames_read == 0
