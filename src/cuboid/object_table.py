@@ -31,7 +31,7 @@ class ObjectTable(list[TrackedObject]):
         MissingExtraError
             pandas is not installed.
         """
-        pandas = require("pandas", "to_pandas", "pandas")
+        pandas = require("pandas", "to_pandas", pip="pandas")
         return pandas.DataFrame(self.rows(), columns=COLUMNS).set_index("label")
 
     def _repr_html_(self) -> str:

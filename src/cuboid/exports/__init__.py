@@ -11,6 +11,7 @@ from cuboid.exports.registry import EXPORTS, Export
 from cuboid.formats.reading import real_path
 from cuboid.outputs import OUTPUT_NAMES
 from cuboid.outputs.pending import new_file, new_folder
+from cuboid.paths import PathLike, as_path
 
 __all__ = [
     "EXPORTS",
@@ -27,7 +28,7 @@ __all__ = [
 ]
 
 
-def export(run: FinishedRun, name: str, path: Path, *, force: bool = False) -> list[str]:
+def export(run: FinishedRun, name: str, path: PathLike, *, force: bool = False) -> list[str]:
     """Write results in another form.
 
     Parameters
@@ -36,7 +37,7 @@ def export(run: FinishedRun, name: str, path: Path, *, force: bool = False) -> l
         The results.
     name : str
         Of the form, one of `EXPORTS`.
-    path : Path
+    path : path
         The file, or for PLY the folder, to write; it appears when it is whole.
     force : bool
         Whether what lies there is replaced.
@@ -55,7 +56,7 @@ def export(run: FinishedRun, name: str, path: Path, *, force: bool = False) -> l
     MissingExtraError
         The form needs a package that is not installed.
     """
-    form = EXPORTS.get(name)
+    form, path = EXPORTS.get(name), as_path(path)
     _refuse(run, name, form, path)
     if form.suffix:
         with new_file(path, force=force) as file:

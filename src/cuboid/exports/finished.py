@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 from cuboid.outputs import FinishedResults
+from cuboid.paths import PathLike, as_path
 from cuboid.readers import Recording
 from cuboid.views.replay import reopen
 
 
-@dataclass(frozen=True)
 class FinishedRun(FinishedResults):
     """The results that `cuboid track` left in a folder, and their recording.
 
-    Attributes
+    Parameters
     ----------
-    folder : Path
+    folder : path
         The result folder.
-    recording_path : Path or None
+    recording_path : path, optional
         Where the recording lies now; None where it still is where it was.
     """
 
-    recording_path: Path | None = None
+    def __init__(self, folder: PathLike, recording_path: PathLike | None = None) -> None:
+        super().__init__(folder)
+        self.recording_path = None if recording_path is None else as_path(recording_path)
 
     @cached_property
     def recording(self) -> Recording:

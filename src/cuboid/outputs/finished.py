@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 from cuboid.errors import InputError
 from cuboid.outputs.folder import MAP, OBJECTS, PROPOSALS, RUN, TRACKS, TRAJECTORY, finish_replacing
@@ -21,17 +19,21 @@ from cuboid.outputs.rows import (
     read_tracks,
     read_trajectory,
 )
+from cuboid.paths import PathLike, as_path
 from cuboid.results import MapPoints, TrackedObject
 
 
-@dataclass(frozen=True)
 class FinishedResults:
     """The results that `cuboid track` left in a folder; a file of them is read when it is first asked for.
+
+    Parameters
+    ----------
+    folder : path
+        The result folder.
 
     Attributes
     ----------
     folder : Path
-        The result folder.
 
     Raises
     ------
@@ -39,9 +41,8 @@ class FinishedResults:
         There is no such folder; or, when a file is asked for, it is missing, malformed, or does not fit the others.
     """
 
-    folder: Path
-
-    def __post_init__(self) -> None:
+    def __init__(self, folder: PathLike) -> None:
+        self.folder = as_path(folder)
         if not self.folder.is_dir():
             raise InputError(f"{self.folder}: expected a folder with the results of 'cuboid track'")
         with suppress(OSError):  # of a folder that cannot be written, what is there is read

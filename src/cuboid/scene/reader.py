@@ -5,7 +5,6 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ import numpy.typing as npt
 
 from cuboid.errors import InputError, shown
 from cuboid.frame import Float64Array
+from cuboid.paths import PathLike, as_path
 from cuboid.results import SceneChange
 from cuboid.scene.answers import SceneObject, ScenePast, SceneRecording
 from cuboid.scene.database import complaining, open_to_read
@@ -38,14 +38,14 @@ class SceneReader:
 
     Parameters
     ----------
-    path : Path
+    path : path
         Of the file; where there is none, there are no recordings and no objects.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: PathLike) -> None:
+        self.path = as_path(path)
         self._read: sqlite3.Connection | None = None
-        if path.exists():
+        if self.path.exists():
             self._connection()
 
     def poses(self, recording: int) -> dict[int, tuple[float, Float64Array]]:

@@ -11,6 +11,7 @@ from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.outputs import FinishedResults, ProposalRow, TrackRow
 from cuboid.outputs.text import LENGTH, number
+from cuboid.paths import PathLike, as_path
 from cuboid.readers.recording import Recording
 from cuboid.readers.reopen import reopen_recording
 from cuboid.results import names_of
@@ -63,7 +64,7 @@ class Replay:
 
     Parameters
     ----------
-    folder : Path
+    folder : path
         What `cuboid track` left behind.
 
     Attributes
@@ -87,7 +88,7 @@ class Replay:
         The folder is not a result folder, or a file in it is malformed.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: PathLike) -> None:
         results = FinishedResults(folder)
         report = results.report
         self._results = results
@@ -111,7 +112,7 @@ class Replay:
         """Return how many frames were used."""
         return len(self._poses)
 
-    def reopen(self, moved: Path | None) -> Recording:
+    def reopen(self, moved: PathLike | None) -> Recording:
         """Open the recording, which lies at `moved`, or where it lay; InputError where it is not there."""
         return reopen(self._results, moved)
 
@@ -139,13 +140,13 @@ class Replay:
             yield ReplayedFrame(index, pose.T_world_camera, sightings, proposals, hidden)
 
 
-def reopen(results: FinishedResults, moved: Path | None) -> Recording:
+def reopen(results: FinishedResults, moved: PathLike | None) -> Recording:
     """Open the recording of finished results.
 
     Parameters
     ----------
     results : FinishedResults
-    moved : Path or None
+    moved : path or None
         Where it lies now; None where it still is where it was.
 
     Raises
@@ -155,7 +156,7 @@ def reopen(results: FinishedResults, moved: Path | None) -> Recording:
     """
     report = results.report
     return reopen_recording(
-        moved or Path(report.recording),
+        Path(report.recording) if moved is None else as_path(moved),
         report.format,
         results.found.intrinsics,
         report.distortion,
