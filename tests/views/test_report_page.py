@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, Page
 
 from browser import VIEWPORT, Watched, browser, pixels
 from cuboid.frame import UInt8Array
-from cuboid.outputs import FinishedResults, read_tracks
+from cuboid.outputs import Results, read_tracks
 from cuboid.readers import open_recording
 from cuboid.views.palette import color_of
 from cuboid.views.report import summarise, write_report
@@ -23,7 +23,7 @@ from made_results import BEST, COLORS, SEEN, SKIPPED, SPANS, write_results
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = write_results(tmp_path_factory.mktemp("page"), complete=False)
     read = open_recording(folder.parent / "recording").read
-    write_report(folder / "report.html", summarise(FinishedResults(folder), read))
+    write_report(folder / "report.html", summarise(Results(folder), read))
     return folder
 
 

@@ -28,9 +28,10 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.cli.threads import limit_threads
 
     limit_threads(1)
-    from cuboid.exports import FinishedRun, export
+    from cuboid.exports import export
+    from cuboid.outputs import Results
 
-    notes = export(FinishedRun(args.results, args.recording), args.to, args.output, force=args.force)
+    notes = export(Results(args.results, args.recording), args.to, args.output, force=args.force)
     out = console()
     for line in (f"{args.to} written to {args.output}", *notes):
         out.print(line, markup=False)

@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from cuboid.frame import Frame
 
 HELP = "write the 3D page of finished results (report.html)"
 EXAMPLE = "cuboid report DIR"
@@ -27,7 +22,7 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.cli.tables import console
     from cuboid.cli.threads import limit_threads
     from cuboid.errors import InputError
-    from cuboid.outputs import FinishedResults
+    from cuboid.outputs import Results
     from cuboid.outputs.folder import REPORT
     from cuboid.views.report import summarise, write_report
 
@@ -35,16 +30,9 @@ def run(args: argparse.Namespace) -> int:
     path: Path = args.output or args.results / REPORT
     if path.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"{path}: the page's name must end with .html")
-    read = None if args.no_pictures else _reading(args.results, args.recording)
-    summary = summarise(FinishedResults(args.results), read)
+    results = Results(args.results, args.recording)
+    read = None if args.no_pictures else results.recording.without_poses().read
+    summary = summarise(results, read)
     write_report(path, summary)
     console().print(f"page with {len(summary.found.objects)} objects in {path}", markup=False)
     return 0
-
-
-def _reading(results: Path, moved: Path | None) -> Callable[[int], Frame]:
-    """Return what reads the frames of the recording that results are of."""
-    from cuboid.outputs import FinishedResults
-    from cuboid.views.replay import reopen
-
-    return reopen(FinishedResults(results), moved).without_poses().read
