@@ -4,8 +4,8 @@ Open      open_recording, open_camera, open_results; Recording, LiveCamera, Fram
           Intrinsics, DepthCamera
 Track     Tracker, TrackerConfig, Proposals, ProposalSource, DriftCorrection; track_recording, RecordingLike,
           TrackerLike, Progress, RunOutcome, RunReport, Timing, LimitReached, IntoScene
-Results   Results, ObjectTable, TrackedObject, Box, PointCloud, MapPoints, SupportPlane, FrameResult, Sighting,
-          Proposal3D, FrameRecord, TrackRow
+Results   Results, MapQueries, ObjectTable, TrackedObject, Box, PointCloud, MapPoints, SupportPlane, FrameResult,
+          Sighting, Proposal3D, FrameRecord, TrackRow
 Scenes    Scene, SceneTracker, SceneObject, SceneRecording, ScenePast, SceneChange, Source
 Errors    CuboidError, InputError, ConfigError, FrameError, OutputError, MissingExtraError
 
@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from cuboid.poses import DriftCorrection as DriftCorrection
     from cuboid.proposals.types import Proposals as Proposals
     from cuboid.proposals.types import ProposalSource as ProposalSource
+    from cuboid.queries import MapQueries as MapQueries
     from cuboid.queries import PointCloud as PointCloud
     from cuboid.readers import Recording as Recording
     from cuboid.readers import SkippedFrame as SkippedFrame
@@ -108,6 +109,7 @@ _PLACES = {
     "IntoScene": "cuboid.scene.running",
     # Results
     "Results": "cuboid.outputs",
+    "MapQueries": "cuboid.queries",
     "ObjectTable": "cuboid.object_table",
     "TrackedObject": "cuboid.results",
     "Box": "cuboid.geometry.box",

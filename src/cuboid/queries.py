@@ -61,7 +61,10 @@ class PointCloud:
 
 
 class MapQueries(ABC):
-    """Base class: a map of objects that can be queried."""
+    """A map of objects that can be queried: `Results`, `Tracker`, `SceneTracker` and `Scene` all are one.
+
+    On a running tracker the answers are those of the frames so far, on a scene those of what was committed last.
+    """
 
     @property
     @abstractmethod
