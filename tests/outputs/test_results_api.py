@@ -223,6 +223,20 @@ def test_a_scene_gives_names(asked: dict[str, MapQueries]) -> None:
     scene.name(2, "")
 
 
+def test_a_scene_answers_with_what_was_committed_last(tmp_path: Path) -> None:
+    path = tmp_path / "made.cuboid"
+    record(path, Shown())
+    with cuboid.Scene.open(path) as scene:
+        before = len(scene.map_points().xyz)
+        assert len(scene.cloud(2)) > 0
+        with cuboid.Scene.open(path) as other:
+            other.forget(2)
+        assert [item.label for item in scene.objects] == [1]
+        assert (scene.map_points().label != 2).all()
+        record(path, Shown(begin=2.0))
+        assert len(scene.map_points().xyz) > before
+
+
 def test_a_scene_that_is_not_made_yet_is_empty(tmp_path: Path) -> None:
     with cuboid.Scene.open(tmp_path / "new.cuboid") as scene:
         assert (scene.objects, scene.planes, scene.up) == ([], (), None)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sqlite3
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -50,6 +51,7 @@ class SceneReader(MapQueries):
     def __init__(self, path: Path) -> None:
         self.path = path
         self._read: sqlite3.Connection | None = None
+        self._saved: tuple[int, Tracker] | None = None
         if path.exists():
             self._connection()
 
@@ -99,8 +101,8 @@ class SceneReader(MapQueries):
     @property
     def up(self) -> Float64Array | None:
         """Up in the world, (3,), a unit vector; None while unknown."""
-        tracker = self._saved_tracker()
-        return None if tracker is None else tracker.up
+        with self._saved_tracker() as tracker:
+            return None if tracker is None else tracker.up
 
     def map_points(self) -> MapPoints:
         """Return the global point map, as it was committed last.
@@ -110,22 +112,34 @@ class SceneReader(MapQueries):
         InputError
             The state of the scene is damaged, or of another version.
         """
-        tracker = self._saved_tracker()
-        if tracker is None:
-            return MapPoints(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8), np.zeros(0, np.float32))
-        with complaining(self.path):
+        with self._saved_tracker() as tracker:
+            if tracker is None:
+                return MapPoints(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8), np.zeros(0, np.float32))
             return tracker.map_points()
 
-    def _saved_tracker(self) -> Tracker | None:
-        """Return the tracker of the scene as it was committed last; None where the scene has no state."""
+    @contextmanager
+    def _saved_tracker(self) -> Iterator[Tracker | None]:
+        """Give the tracker of the scene as it was committed last, within one reading transaction.
+
+        It is kept until another commit; None where the scene has no state.
+        """
         from cuboid.scene.saving import has_state
         from cuboid.scene.visit import load_tracker
 
         if not self.path.exists():
-            return None
+            yield None
+            return
         with complaining(self.path):
             connection = self._connection()
-            return load_tracker(connection, self.path) if has_state(connection) else None
+            connection.execute("BEGIN")
+            try:
+                known = has_state(connection)
+                version: int = connection.execute("PRAGMA data_version").fetchone()[0]
+                if known and (self._saved is None or self._saved[0] != version):
+                    self._saved = version, load_tracker(connection, self.path)
+                yield self._saved[1] if known and self._saved is not None else None
+            finally:
+                connection.execute("COMMIT")
 
     def history(self, label: int) -> list[ScenePast]:
         """Return the sightings of an object, in order of time; those of labels that were merged into it too.
