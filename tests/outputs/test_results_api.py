@@ -137,7 +137,10 @@ def test_records_are_shown_in_a_line(results: cuboid.Results) -> None:
     assert repr(item) == f"TrackedObject({said})"
     records = [
         item, item.box, results.planes[0], results.cloud(1), results.map_points(), results.frames[0],
-        results.frames[7], results.sightings()[0], results,
+        results.frames[7], results.sightings()[0], results, results.report, results.poses[2],
+        cuboid.RunOutcome(results.report, (), (), None, {}, 1.0, 0, 0),
+        cuboid.Proposals(np.zeros((0, 4), np.int32), np.zeros(0, np.float32)),
+        cuboid.DepthCamera(500.0, 500.0, 320.0, 240.0, (640, 480), np.eye(4)),
         cuboid.Proposal3D(0, item.box, 0.5, np.zeros(4)), cuboid.Sighting(1, item.box, None, 1.0, np.zeros(4)),
     ]  # fmt: skip
     for one in records:

@@ -73,6 +73,10 @@ class ProposalRow:
     score: float
     rect_xyxy: Float64Array
 
+    def __repr__(self) -> str:
+        label = tag_of(self.label) if self.label else "no label"
+        return f"ProposalRow(frame {self.frame}, {label}: {self.box.text()}; score {self.score:.2f})"
+
     def line(self) -> str:
         """Return the line without its end."""
         return (
@@ -93,6 +97,10 @@ class PoseRow:
 
     timestamp_s: float
     T_world_camera: Float64Array
+
+    def __repr__(self) -> str:
+        place = ", ".join(f"{value:z.3f}" for value in self.T_world_camera[:3, 3])
+        return f"PoseRow({self.timestamp_s:.3f} s: camera at {place} m)"
 
     def line(self) -> str:
         """Return the line without its end."""
