@@ -21,8 +21,8 @@ from cuboid.evaluation import evaluate, evaluate_keyframes, read_keyframes, read
 from cuboid.evaluation.timed_poses import read_poses
 from cuboid.evaluation.trajectory import evaluate_trajectory
 from cuboid.evaluation.visits import evaluate_visits
-from cuboid.exports import FinishedRun, export
-from cuboid.outputs import FinishedResults, ResultWriter
+from cuboid.exports import export
+from cuboid.outputs import Results, ResultWriter
 from cuboid.paths import PathLike
 from cuboid.scene.running import IntoScene
 from cuboid.slam import estimate_trajectory
@@ -82,7 +82,7 @@ def test_a_run_and_its_results(name: Name, recording: cuboid.Recording, tmp_path
     out = tmp_path / "results"
     cuboid.track_recording(cuboid.open_recording(name(recording.path)), name(out), make_tracker=FakeTracker)
     assert (out / "report.html").is_file()
-    finished = FinishedResults(name(out))
+    finished = Results(name(out))
     assert finished.report.frames_used == 4
     assert len(Replay(name(out)).reopen(name(recording.path))) == 4
     write_report(name(tmp_path / "page.html"), summarise(finished, recording.read))
@@ -107,7 +107,7 @@ def test_a_recording_in_another_form(name: Name, recording: cuboid.Recording, tm
 
 def test_exports(name: Name, tmp_path: Path) -> None:
     out = write_results(tmp_path)
-    run = FinishedRun(name(out), name(tmp_path / "recording"))
+    run = Results(name(out), name(tmp_path / "recording"))
     assert len(run.recording) == 40
     export(run, "csv", name(tmp_path / "objects.csv"))
     assert (tmp_path / "objects.csv").is_file()

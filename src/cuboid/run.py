@@ -17,7 +17,7 @@ from cuboid.formats.reading import real_path
 from cuboid.frame import Intrinsics
 from cuboid.limits import MEMORY_MB
 from cuboid.measuring import peak_memory_mb
-from cuboid.outputs import FinishedResults, ObjectsFile, ResultWriter, RunReport
+from cuboid.outputs import ObjectsFile, Results, ResultWriter, RunReport
 from cuboid.outputs.folder import VIDEO
 from cuboid.paths import PathLike, as_path
 from cuboid.pipeline import Pipeline
@@ -148,7 +148,7 @@ def track_recording(
         if session is not None:
             session.finish(complete=complete)
     if output is not None and page:
-        write_page(FinishedResults(output), taken.read, () if into is None else into.shown_changes())
+        write_page(Results(output), taken.read, () if into is None else into.shown_changes())
     log, known, size = tracker.log, tracker.points_known, tracker.map_bytes
     return RunOutcome(
         report, found.objects, found.planes, found.up, log.milliseconds, log.frames_per_second(), known, size

@@ -32,6 +32,7 @@ from cuboid.objects.visibility import measure_visibility, sightings_of
 from cuboid.observation import Observation
 from cuboid.proposals import make_source
 from cuboid.proposals.types import Proposals, ProposalSource
+from cuboid.queries import MapQueries
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
 from cuboid.sensor import excess_noise, resolves_m
 from cuboid.surfaces.cells import find_cells, find_voting_cells, patch_pixels, with_level_patches
@@ -56,7 +57,7 @@ class Stopwatch:
         self._last = now
 
 
-class Tracker:
+class Tracker(MapQueries):
     """Finds the objects of a static scene in a stream of posed RGB-D frames, and keeps their labels.
 
     Parameters

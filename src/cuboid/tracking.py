@@ -20,6 +20,7 @@ from cuboid.outputs import PoseRow
 from cuboid.outputs.writer import RowLog
 from cuboid.paths import PathLike, as_path
 from cuboid.posing import ESTIMATED, GIVEN, Poses, checked_origin, source_of_poses
+from cuboid.queries import MapQueries
 from cuboid.results import FrameResult, MapPoints, SupportPlane
 from cuboid.run_checks import run_facts
 from cuboid.run_types import RecordingLike, TrackerLike
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 MAX_MEDIAN_DEPTH_M = 100.0
 
 
-class Tracker:
+class Tracker(MapQueries):
     """Finds the objects of a static scene in RGB-D frames and keeps their labels; `cuboid track` is built on it.
 
     Parameters

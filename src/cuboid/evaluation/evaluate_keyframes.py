@@ -21,8 +21,7 @@ from cuboid.evaluation.keyframe_scores import (
 )
 from cuboid.evaluation.keyframes import COUNTING, Keyframe, Keyframes, check_frames, read_keyframes
 from cuboid.evaluation.result import read_rects
-from cuboid.exports.finished import FinishedRun
-from cuboid.outputs import RunReport
+from cuboid.outputs import Results, RunReport
 from cuboid.outputs.folder import TRACKS
 from cuboid.outputs.text import LENGTH, rounded
 from cuboid.paths import PathLike, as_path
@@ -99,7 +98,7 @@ def evaluate_keyframes(
     """
     result = as_path(result)
     truth = keyframes if isinstance(keyframes, Keyframes) else read_keyframes(keyframes)
-    run = FinishedRun(result, recording) if result.is_dir() else None
+    run = Results(result, recording) if result.is_dir() else None
     report = None if run is None else run.report
     judged, not_given = _given(truth, result, report)
     bad = set() if report is None else {frame for frame, _ in report.skipped}

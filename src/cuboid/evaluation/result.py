@@ -14,7 +14,7 @@ from cuboid.formats.table_validation import read_table
 from cuboid.frame import Float64Array
 from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import rotation_from_quat_wxyz
-from cuboid.outputs import FinishedResults
+from cuboid.outputs import Results
 from cuboid.outputs.folder import MAP, PROPOSALS, TRACKS, TRAJECTORY
 from cuboid.paths import PathLike, as_path
 
@@ -131,7 +131,7 @@ def read_result(path: PathLike) -> Result:
     if not path.is_dir():
         tracks = read_boxes(path)
         return Result(path, tracks, _last_boxes(tracks))
-    finished = FinishedResults(path)
+    finished = Results(path)
     report = finished.report
     known = finished.found.objects
     return Result(

@@ -6,17 +6,16 @@ from pathlib import Path
 
 from cuboid.errors import OutputError
 from cuboid.exports import coco, csv_table, kitti, mcap, plain_json, ply, rerun_file
-from cuboid.exports.finished import FinishedRun
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.formats.reading import real_path
-from cuboid.outputs import OUTPUT_NAMES
+from cuboid.outputs import OUTPUT_NAMES, Results
 from cuboid.outputs.pending import new_file, new_folder
 from cuboid.paths import PathLike, as_path
 
 __all__ = [
     "EXPORTS",
     "Export",
-    "FinishedRun",
+    "Results",
     "coco",
     "csv_table",
     "export",
@@ -28,12 +27,12 @@ __all__ = [
 ]
 
 
-def export(run: FinishedRun, name: str, path: PathLike, *, force: bool = False) -> list[str]:
+def export(run: Results, name: str, path: PathLike, *, force: bool = False) -> list[str]:
     """Write results in another form.
 
     Parameters
     ----------
-    run : FinishedRun
+    run : Results
         The results.
     name : str
         Of the form, one of `EXPORTS`.
@@ -65,7 +64,7 @@ def export(run: FinishedRun, name: str, path: PathLike, *, force: bool = False) 
         return form.write(run, folder)
 
 
-def _refuse(run: FinishedRun, name: str, form: Export, path: Path) -> None:
+def _refuse(run: Results, name: str, form: Export, path: Path) -> None:
     """Refuse a name that is of another kind of file, or that the results themselves have."""
     if form.suffix and path.suffix.lower() != form.suffix:
         raise OutputError(f"{path}: the name must end with {form.suffix} for '{name}'")

@@ -212,7 +212,7 @@ def lines_of(result: FrameResult, pixels: int = 1) -> tuple[list[str], list[str]
     """
     frame, time_s = result.index, result.timestamp_s
     tracks = [
-        TrackRow(frame, time_s, seen.label, seen.box, seen.iou, seen.visible, seen.rect_xyxy * pixels).line()
+        TrackRow(seen.label, seen.box, seen.iou, seen.visible, seen.rect_xyxy * pixels, frame, time_s).line()
         for seen in result.sightings
     ]
     proposals = [

@@ -86,7 +86,7 @@ class Scene(SceneReader):
             self._block_connection = None
         if self._read is not None:
             self._read.close()
-            self._read = None
+            self._read = self._saved = None
         if self._write is not None:
             self._write.close()
             self._write = None
