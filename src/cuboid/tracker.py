@@ -33,10 +33,11 @@ from cuboid.proposals import make_source
 from cuboid.proposals.types import Proposals, ProposalSource
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
 from cuboid.sensor import excess_noise, resolves_m
-from cuboid.surfaces.cells import find_cells, find_voting_cells, patch_pixels, with_level_patches
+from cuboid.surfaces.cells import find_cells, patch_pixels, with_level_patches
 from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments, points_of, segment_frame
 from cuboid.surfaces.grid import CELL_M
 from cuboid.surfaces.planes import PlaneTracker
+from cuboid.surfaces.standing import find_flat_areas
 from cuboid.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, SAMPLE, STRAYS
 from cuboid.working import WorkingImage, filled, thin
 
@@ -240,8 +241,10 @@ class Tracker:
         """Track the supporting planes; return the ones that pixels lie on, those beneath them, all identities."""
         c, planes = self.config, self._planes
         seen_by = image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m
-        if planes.vote_is_due() and planes.vote_up(find_voting_cells(*seen_by), T_world_camera, up_camera):
-            self._map.reset_supports()
+        if planes.vote_is_due():
+            areas = find_flat_areas(image.depth_m, image.camera, c)
+            if planes.vote_up(areas, T_world_camera, up_camera):
+                self._map.reset_supports()
         patch = patch_pixels(image.camera)
         patches = np.full([n // patch for n in image.depth_m.shape], -1, np.int32)
         renew = new_viewpoint or not planes.known

@@ -1,8 +1,7 @@
 """Supporting planes: several, horizontal relative to each other, found online, tracked and grown.
 
-Up is the direction in which the scene's horizontal surfaces face. No inertial unit tells it: it is the
-direction that collects the most flat area, where surfaces that a camera held upright would see from above
-count most.
+Up is the direction in which the surfaces face that things stand on. Where no inertial unit tells it, it is the
+direction of the flat areas that most things are seen to stand off from; see `up`.
 
 A frame has to do with the planes whose windows it sees; all others stay as they are, however many there are.
 """
@@ -25,6 +24,7 @@ from cuboid.surfaces.discovery import largest_level
 from cuboid.surfaces.duplicates import merge_duplicates
 from cuboid.surfaces.frustum_planes import FrustumPlanes, crop_planes, frustum
 from cuboid.surfaces.plane import ON_PLANE_M, REACH_M, Plane
+from cuboid.surfaces.standing import FlatAreas
 from cuboid.surfaces.up import REFRESH_FRAMES, SAME_COS, UpVote
 from cuboid.surfaces.windows import Windows, window_of
 from cuboid.tolerances import DRIFT_M, LITTLE, MIN_FRAMES, MOST, SIGMAS
@@ -69,9 +69,9 @@ class PlaneTracker:
         """Count a frame, and tell whether it is to vote for up."""
         return self._vote.is_due()
 
-    def vote_up(self, cells: Cells, T_world_camera: Float64Array, up_camera: Float64Array | None = None) -> bool:
-        """Update the vote for up with a frame's flat cells; where up changes, reset all planes and return True."""
-        up = self._vote.update(cells, T_world_camera, up_camera)
+    def vote_up(self, areas: FlatAreas, T_world_camera: Float64Array, up_camera: Float64Array | None = None) -> bool:
+        """Update the vote for up with a frame's flat areas; where up changes, reset all planes and return True."""
+        up = self._vote.update(areas, T_world_camera, up_camera)
         if up is not None and (self.T_plan_world is None or self._vote.changed):
             side = np.eye(3)[int(np.argmin(np.abs(up)))]
             first = np.cross(side, up)
@@ -294,8 +294,8 @@ class PlaneTracker:
 
     @property
     def likely_up(self) -> Float64Array:
-        """Up in the world, (3,), or the images' up while that is not known."""
-        return self._vote.image_up if self.up is None else self.up
+        """Up in the world, (3,), or what is most likely up while that is not known."""
+        return self._vote.guess if self.up is None else self.up
 
     def has_plane_on_top(self, box: Box) -> bool:
         """Tell whether a supporting plane lies on top of a box that stands up: it is furniture, or a part of it."""

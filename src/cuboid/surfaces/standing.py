@@ -1,0 +1,132 @@
+"""Things that stand off the flat areas of one frame: the evidence of which of these support something.
+
+It depends on nothing but depth: no direction in the image or in the world is special.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.config import TrackerConfig
+from cuboid.frame import Float32Array, Float64Array, Intrinsics
+from cuboid.kernels import cells as cell_kernel
+from cuboid.kernels import patches
+from cuboid.kernels import standing as kernel
+from cuboid.sensor import cell_pixels
+from cuboid.tolerances import BIAS_M, DRIFT_M, JUMP_M, JUMP_SIGMAS, MOST, SOME
+
+# Flat areas of a frame that are looked at, the truest first: a room and its furniture show as many.
+AREAS = 12
+# Depth errs by this, times z squared, along a flat area (lens, baseline), metres at 1 m.
+BOW_M = 0.008
+# A piece of fewer pixels is noise: a 3 cm object at 2 m covers about this many.
+MIN_PIXELS = 24
+# One of so many tells all that it can: smaller ones are more often leaves, cables and parts of things.
+SURE_PIXELS = 120
+# Holes in depth are crossed over so much, metres: the shadow at an outline is as wide.
+GAP_M = 0.08
+
+
+@dataclass(frozen=True, slots=True)
+class FlatAreas:
+    """The flat areas of one frame, P of them, whichever way they face.
+
+    Attributes
+    ----------
+    normal : (P, 3) float64
+        Unit, towards the camera, in the camera frame.
+    area_m2 : (P,) float64
+        What is seen of each.
+    evidence : (P,) float64
+        How many things are seen to stand on each, in full where a thing's outline is nothing but free or at the area.
+    """
+
+    normal: Float64Array
+    area_m2: Float64Array
+    evidence: Float64Array
+
+
+def find_flat_areas(depth_m: Float32Array, camera: Intrinsics, config: TrackerConfig) -> FlatAreas:
+    """Find the flat areas of a depth image, and how much evidence there is that things stand on each.
+
+    A thing that stands on an area is a piece of surface between depth jumps that has the size of an object, rises from
+    the area and does not reach below it, meets it along a good part of its outline, and ends everywhere else.
+
+    Parameters
+    ----------
+    depth_m : (H, W) float32
+        Metres, 0 none.
+    camera : Intrinsics
+        Of this image.
+    config : TrackerConfig
+        Noise of the sensor, and sizes of objects.
+    """
+    noise, pinhole = config.depth_noise_per_m, np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+    planes, area_m2 = _grow(depth_m, camera, pinhole, config)
+    evidence = np.zeros(len(planes))
+    if not len(planes):
+        return FlatAreas(planes[:, :3], area_m2, evidence)
+    on, labels = np.empty(depth_m.shape, np.int8), np.empty(depth_m.shape, np.int32)
+    kernel.lie_on(depth_m, pinhole, planes, noise, config.min_height_m, BIAS_M, config.max_depth_m, on)
+    count = kernel.label_pieces(depth_m, on, noise, JUMP_M, labels, np.empty(depth_m.size, np.int32))
+    touches, others = np.empty((count, len(planes)), np.int64), np.empty((count, kernel.KINDS), np.int64)
+    kernel.bounds(depth_m, on, labels, noise, JUMP_M, GAP_M * camera.fx, touches, others)
+    beneath, clear = _clearness(touches, others)
+    order = np.argsort(labels, axis=None, kind="stable")
+    ends = np.searchsorted(labels.ravel()[order], np.arange(count + 1))
+    for k in np.flatnonzero(clear > 0.0).tolist():
+        v, u = np.divmod(order[ends[k] : ends[k + 1]], depth_m.shape[1])
+        z = depth_m[v, u].astype(np.float64)
+        points = np.column_stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z])
+        if len(z) >= MIN_PIXELS and _stands(points, planes[beneath[k]], config):
+            evidence[beneath[k]] += clear[k] * min(1.0, len(z) / SURE_PIXELS)
+    return FlatAreas(planes[:, :3], area_m2, evidence)
+
+
+def _grow(
+    depth_m: Float32Array, camera: Intrinsics, pinhole: Float64Array, config: TrackerConfig
+) -> tuple[Float64Array, Float64Array]:
+    """Return the flat areas of a depth image: normal and offset (P, 4) in the camera frame, and area (P,)."""
+    size, noise = cell_pixels(camera), config.depth_noise_per_m
+    shape = depth_m.shape[0] // size, depth_m.shape[1] // size
+    cells = np.empty((shape[0] * shape[1], cell_kernel.CELL_COLUMNS))
+    cell_kernel.fit_cells(depth_m, pinhole, size, config.max_depth_m, cells)
+    inverse, member = np.empty((AREAS, 3)), np.empty(shape, np.int16)
+    count = patches.grow_planes(
+        cells, shape, pinhole, noise, BOW_M, JUMP_SIGMAS * noise, MOST * config.min_plane_area_m2, inverse, member
+    )
+    # 1 = z (a u + b v + c) on an area, with u = fx x / z + cx and v = fy y / z + cy.
+    a, b, c = inverse[:count].T
+    planes = np.column_stack([a * camera.fx, b * camera.fy, a * camera.cx + b * camera.cy + c, -np.ones(count)])
+    planes /= -np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+    own = member.ravel()
+    area_m2 = np.bincount(own[own >= 0], cells[own >= 0, cell_kernel.AREA], count)
+    return planes, area_m2
+
+
+def _clearness(
+    touches: npt.NDArray[np.int64], others: npt.NDArray[np.int64]
+) -> tuple[npt.NDArray[np.int64], Float64Array]:
+    """Return the area (N,) that each piece touches most, and how clear it is that it stands there and ends, 0..1 (N,).
+
+    Parameters
+    ----------
+    touches, others
+        See `kernels.standing.bounds`.
+    """
+    beneath = touches.argmax(1) if len(touches) else np.zeros(0, np.int64)
+    touch = np.take_along_axis(touches, beneath[:, None], 1)[:, 0]
+    judged = np.maximum(1, touches.sum(1) + others.sum(1))
+    own = (touch + others[:, kernel.FREE]) / judged
+    return beneath, np.where(touch > SOME * judged, np.maximum(0.0, (own - MOST) / (1.0 - MOST)), 0.0)
+
+
+def _stands(points: Float64Array, plane: Float64Array, config: TrackerConfig) -> bool:
+    """Tell whether a piece (N, 3) rises from a plane (4,) as an object does, and does not go on below it."""
+    if np.ptp(points, axis=0).max() > config.max_size_m:
+        return False
+    low, middle, high = np.quantile(points @ plane[:3] + plane[3], [0.02, 0.5, 0.98])
+    return bool(low >= -DRIFT_M and middle > config.min_height_m and high > 2.0 * config.min_height_m)
