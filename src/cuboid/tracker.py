@@ -30,8 +30,10 @@ from cuboid.objects.prior import prior_of
 from cuboid.objects.validity import too_large
 from cuboid.objects.visibility import blended_rectangle, measure_visibility
 from cuboid.proposals import make_source
+from cuboid.proposals.depth import DepthSegmentation
 from cuboid.proposals.types import Proposals, ProposalSource
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
+from cuboid.rolling import Roll, farther_up
 from cuboid.sensor import excess_noise, resolves_m
 from cuboid.surfaces.cells import find_cells, patch_pixels, with_level_patches
 from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments, points_of, segment_frame
@@ -85,6 +87,8 @@ class Tracker:
         memory_mb: float = MEMORY_MB,
     ) -> None:
         self.intrinsics = intrinsics
+        # Until depth tells in which roll images are worked on: as they come.
+        self._turns: int | None = None
         self.config = config or TrackerConfig()
         self._memory_mb = memory_mb
         self._propose = make_source(proposals, self.config)
@@ -116,14 +120,27 @@ class Tracker:
             If the frame has no pose, or one farther away than the map reaches, or its size is not that of the
             intrinsics.
         """
-        T_world_camera = self._check(frame)
+        self._check(frame)
+        if self._turns is None:
+            self._turns = farther_up(frame.depth_m)
+        roll = self._roll
+        return roll.result(self._update(roll.frame(frame), frame, anchor))
+
+    @property
+    def _roll(self) -> Roll:
+        return Roll(self.intrinsics, self._turns or 0)
+
+    def _update(self, frame: Frame, given: Frame, anchor: int) -> FrameResult:
+        """Take in a frame turned by `_roll`; see `update`."""
+        assert frame.T_world_camera is not None
+        T_world_camera, camera = frame.T_world_camera, self._roll.camera
         anchor = anchor if anchor <= LAST_KEYFRAME else 0
         T_camera_world = inverse(T_world_camera)
         watch = Stopwatch()
-        image = thin(frame, self.intrinsics, self.config.working_width_px, self._count)
+        image = thin(frame, camera, self.config.working_width_px, self._count)
         if self._count == 0:
             self._estimate_noise(image)
-        every = self._proposals(frame)
+        every = self._proposals(frame, given)
         proposals = every.best(MAX_PROPOSALS)
         watch.lap("proposals")
         solid = filled(image)
@@ -181,7 +198,7 @@ class Tracker:
                 "clusters": frame_segments.left_out,
                 "candidates": left_out,
             },
-            size=(self.intrinsics.width, self.intrinsics.height),
+            size=(camera.width, camera.height),
         )
 
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
@@ -207,7 +224,7 @@ class Tracker:
             self.config = self.config.within_range(depth_noise_per_m=excess * nominal)
             self._begin()
 
-    def _check(self, frame: Frame) -> Float64Array:
+    def _check(self, frame: Frame) -> None:
         expected = (self.intrinsics.height, self.intrinsics.width)
         if frame.depth_m.shape != expected:
             raise FrameError(
@@ -221,13 +238,15 @@ class Tracker:
             raise FrameError(
                 f"frame {frame.index} is {far_m:.0f} m from the origin of its poses, the map reaches {reach_m:.0f} m"
             )
-        return frame.T_world_camera
 
-    def _proposals(self, frame: Frame) -> Proposals:
-        proposals, c = self._propose(frame, self.intrinsics), self.intrinsics
+    def _proposals(self, frame: Frame, given: Frame) -> Proposals:
+        """Return the proposals of a turned frame; a source that knows of no turns gets the frame as it was given."""
+        if isinstance(self._propose, DepthSegmentation):
+            return self._propose(frame, self._roll.camera)
+        proposals, c = self._propose(given, self.intrinsics), self.intrinsics
         if len(proposals) and (proposals.boxes_xyxy[:, 2:] > (c.width, c.height)).any():
             raise ValueError(f"proposals of frame {frame.index} lie outside its {c.width} x {c.height} pixels")
-        return proposals
+        return self._roll.proposals(proposals)
 
     def _find_planes(
         self,

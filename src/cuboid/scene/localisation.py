@@ -246,7 +246,7 @@ class ScenePoses:
         self._waited += 1
         if up is None and self._waited < MAX_FRAMES_WITHOUT_UP:
             raise FrameError(LOST)
-        return vote.guess if up is None else up
+        return vote.image_up if up is None else up
 
     def _moved(self) -> dict[int, Float64Array]:
         """Return how keyframes have moved since that was last told, where it is worth telling."""

@@ -72,7 +72,10 @@ class PlaneTracker:
     def vote_up(self, areas: FlatAreas, T_world_camera: Float64Array, up_camera: Float64Array | None = None) -> bool:
         """Update the vote for up with a frame's flat areas; where up changes, reset all planes and return True."""
         up = self._vote.update(areas, T_world_camera, up_camera)
-        if up is not None and (self.T_plan_world is None or self._vote.changed):
+        if up is None:
+            self.T_plan_world = None
+            self._clear()
+        elif self.T_plan_world is None or self._vote.changed:
             side = np.eye(3)[int(np.argmin(np.abs(up)))]
             first = np.cross(side, up)
             first /= np.linalg.norm(first)
@@ -80,7 +83,7 @@ class PlaneTracker:
             self.T_plan_world[:3, :3] = np.stack([first, np.cross(up, first), up])
             self._clear()
             return True
-        return False
+        return self._vote.changed
 
     def update(self, frame: int, cells: Cells, keyframe: int = 0) -> npt.NDArray[np.int32]:
         """Update the planes with the flat cells of a frame that is anchored to a keyframe.
@@ -294,8 +297,8 @@ class PlaneTracker:
 
     @property
     def likely_up(self) -> Float64Array:
-        """Up in the world, (3,), or what is most likely up while that is not known."""
-        return self._vote.guess if self.up is None else self.up
+        """Up in the world, (3,), or the images' up while that is not known."""
+        return self._vote.image_up if self.up is None else self.up
 
     def has_plane_on_top(self, box: Box) -> bool:
         """Tell whether a supporting plane lies on top of a box that stands up: it is furniture, or a part of it."""

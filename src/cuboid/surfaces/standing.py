@@ -15,8 +15,8 @@ from cuboid.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.kernels import cells as cell_kernel
 from cuboid.kernels import patches
 from cuboid.kernels import standing as kernel
-from cuboid.sensor import cell_pixels
-from cuboid.tolerances import BIAS_M, DRIFT_M, JUMP_M, JUMP_SIGMAS, MOST, SOME
+from cuboid.sensor import MIXED_PER_M, cell_pixels
+from cuboid.tolerances import BIAS_M, DRIFT_M, JUMP_M, JUMP_SIGMAS, LITTLE, MOST, SOME
 
 # Flat areas of a frame that are looked at, the truest first: a room and its furniture show as many.
 AREAS = 12
@@ -24,8 +24,10 @@ AREAS = 12
 BOW_M = 0.008
 # A piece of fewer pixels is noise: a 3 cm object at 2 m covers about this many.
 MIN_PIXELS = 24
-# One of so many tells all that it can: smaller ones are more often leaves, cables and parts of things.
-SURE_PIXELS = 120
+# Depth ripples by no more than this times z squared, beyond the step that parts surfaces: ten deviations of its noise.
+RIPPLE_PER_M = MIXED_PER_M
+# Where almost all that is seen is flat, this fraction of the picture stands for what stands off.
+LEAST_FRACTION = 0.02
 # Holes in depth are crossed over so much, metres: the shadow at an outline is as wide.
 GAP_M = 0.08
 
@@ -41,7 +43,7 @@ class FlatAreas:
     area_m2 : (P,) float64
         What is seen of each.
     evidence : (P,) float64
-        How many things are seen to stand on each, in full where a thing's outline is nothing but free or at the area.
+        Which fraction of all that lies on no flat area is seen as things that stand on each, 0..1.
     """
 
     normal: Float64Array
@@ -53,7 +55,8 @@ def find_flat_areas(depth_m: Float32Array, camera: Intrinsics, config: TrackerCo
     """Find the flat areas of a depth image, and how much evidence there is that things stand on each.
 
     A thing that stands on an area is a piece of surface between depth jumps that has the size of an object, rises from
-    the area and does not reach below it, meets it along a good part of its outline, and ends everywhere else.
+    the area by more than depth ripples and does not reach below it, meets it along a good part of its outline, and ends
+    in depth jumps along another part: bumps of a wall that the sensor makes do not.
 
     Parameters
     ----------
@@ -82,8 +85,9 @@ def find_flat_areas(depth_m: Float32Array, camera: Intrinsics, config: TrackerCo
         z = depth_m[v, u].astype(np.float64)
         points = np.column_stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z])
         if len(z) >= MIN_PIXELS and _stands(points, planes[beneath[k]], config):
-            evidence[beneath[k]] += clear[k] * min(1.0, len(z) / SURE_PIXELS)
-    return FlatAreas(planes[:, :3], area_m2, evidence)
+            evidence[beneath[k]] += clear[k] * len(z)
+    off = max(LEAST_FRACTION * depth_m.size, float(np.count_nonzero(on == kernel.SURFACE)))
+    return FlatAreas(planes[:, :3], area_m2, evidence / off)
 
 
 def _grow(
@@ -120,8 +124,9 @@ def _clearness(
     beneath = touches.argmax(1) if len(touches) else np.zeros(0, np.int64)
     touch = np.take_along_axis(touches, beneath[:, None], 1)[:, 0]
     judged = np.maximum(1, touches.sum(1) + others.sum(1))
-    own = (touch + others[:, kernel.FREE]) / judged
-    return beneath, np.where(touch > SOME * judged, np.maximum(0.0, (own - MOST) / (1.0 - MOST)), 0.0)
+    free = others[:, kernel.FREE]
+    both = (touch > SOME * judged) & (free > LITTLE * judged)
+    return beneath, np.where(both, np.maximum(0.0, ((touch + free) / judged - MOST) / (1.0 - MOST)), 0.0)
 
 
 def _stands(points: Float64Array, plane: Float64Array, config: TrackerConfig) -> bool:
@@ -129,4 +134,5 @@ def _stands(points: Float64Array, plane: Float64Array, config: TrackerConfig) ->
     if np.ptp(points, axis=0).max() > config.max_size_m:
         return False
     low, middle, high = np.quantile(points @ plane[:3] + plane[3], [0.02, 0.5, 0.98])
-    return bool(low >= -DRIFT_M and middle > config.min_height_m and high > 2.0 * config.min_height_m)
+    ripple_m = JUMP_M + RIPPLE_PER_M * float(np.median(points[:, 2])) ** 2
+    return bool(low >= -DRIFT_M and middle > config.min_height_m and high > max(ripple_m, 2.0 * config.min_height_m))

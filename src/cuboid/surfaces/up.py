@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.surfaces.standing import FlatAreas
-from cuboid.tolerances import MIN_FRAMES, MOST
+from cuboid.tolerances import MIN_READINGS, MOST
 
 # A flat face of a thing is smaller than this, square metres; one of a room, or of furniture, is larger.
 FACE_M2 = 0.2
@@ -16,8 +17,9 @@ FACE_M2 = 0.2
 SAME_COS = float(np.cos(np.radians(12.0)))
 # A direction nearer than this to another is its noise: the next real one is at right angles.
 NOISE_COS = math.sqrt(MOST)
-# Evidence from which a direction may be up: a third of what one thing gives that is seen as clearly as can be.
-ENOUGH = 0.3
+# In a direction that is up this fraction of all that lies on no flat area stands, in the mean of all frames; while less
+# than half of that is seen to stand there, up is not known any more.
+ENOUGH = 0.02
 # Another direction becomes up when its likelihood is larger by this ratio.
 MIN_LIKELIHOOD_RATIO = 2.0
 # What is known of planes, and of up once it is known, is updated every so many frames.
@@ -38,15 +40,10 @@ class UpVote:
         self.changed = False
 
     @property
-    def guess(self) -> Float64Array:
-        """What is most likely up so far, (3,) in the world: towards the camera where nothing else tells."""
-        seen = self._seen
-        if len(seen):
-            likely = self._likelihood()
-            return np.asarray(seen[int(np.argmax(likely if likely.any() else seen[:, 3])), :3])
-        back = -self._axes[:, 2]
-        norm = float(np.linalg.norm(back))
-        return np.asarray(back / norm if norm > 0 else np.array([0.0, 0.0, 1.0]))
+    def image_up(self) -> Float64Array:
+        """The up of the images so far, (3,) in the world: what is left where nothing else tells."""
+        norm = float(np.linalg.norm(self._axes[:, 1]))
+        return np.asarray(-self._axes[:, 1] / norm if norm > 0 else np.array([0.0, 0.0, 1.0]))
 
     def is_due(self) -> bool:
         """Count a frame, and tell whether its vote is asked for."""
@@ -76,9 +73,10 @@ class UpVote:
         for normal, area_m2, evidence in zip(normals, areas.area_m2, areas.evidence, strict=True):
             self._add(np.array([*normal, area_m2**2, evidence]))
         best = self._best()
-        if best is not None and (self._up is None or best @ self._up <= SAME_COS):
-            self.changed = self._up is not None
-            self._up = best.copy()
+        if self._up is not None and (best is None or best @ self._up <= SAME_COS):
+            self.changed = True
+        if best is None or self._up is None or self.changed:
+            self._up = None if best is None else best.copy()
         return self._up
 
     def _is_sure(self) -> bool:
@@ -86,19 +84,26 @@ class UpVote:
         if self._up is None or self._measured.any():
             return self._up is not None
         likely, own = self._likelihood(), self._seen[:, :3] @ self._up > NOISE_COS
-        least = max(float(MIN_FRAMES), MIN_LIKELIHOOD_RATIO * likely[~own].max(initial=0.0))
-        return bool(likely[own].max(initial=0.0) >= least)
+        clear = likely[own].max(initial=0.0) >= MIN_LIKELIHOOD_RATIO * likely[~own].max(initial=0.0)
+        return bool(self._votes >= MIN_READINGS and clear and self._share(own) >= ENOUGH)
+
+    def _share(self, directions: npt.NDArray[np.bool_]) -> float:
+        """Return the most evidence of some directions (N,), in the mean of all frames."""
+        return float(self._seen[directions, 4].max(initial=0.0)) / self._votes
 
     def _best(self) -> Float64Array | None:
-        """Return the direction (3,) that up should be; None where nothing is known, or nothing better."""
+        """Return the direction (3,) that up should be now; None while it is not known."""
         if (norm := float(np.linalg.norm(self._measured))) > 0.0:
             return self._level(self._measured / norm)
         likely = self._likelihood()
-        best = int(np.argmax(likely)) if len(likely) else -1
-        if best < 0 or self._seen[best, 4] < ENOUGH:
-            return None
-        held = 0.0 if self._up is None else likely[self._seen[:, :3] @ self._up > NOISE_COS].max(initial=0.0)
-        return self._seen[best, :3] if likely[best] > MIN_LIKELIHOOD_RATIO * held else None
+        own = np.zeros(len(likely), bool) if self._up is None else self._seen[:, :3] @ self._up > NOISE_COS
+        known = self._up is not None and self._share(own) >= MOST * ENOUGH
+        held = likely[own].max(initial=0.0) if known else 0.0
+        enough = self._seen[:, 4] >= ENOUGH * self._votes
+        best = int(np.argmax(likely * enough)) if enough.any() else -1
+        if best >= 0 and not own[best] and likely[best] > MIN_LIKELIHOOD_RATIO * held:
+            return np.asarray(self._seen[best, :3])
+        return self._up if known else None
 
     def _likelihood(self) -> Float64Array:
         """Return how likely each direction (N,) is up: by what stands on its areas, and by how the camera turns.
