@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 from numba import njit
 
 from cuboid.tolerances import JUMP_SIGMAS, SIGMAS

@@ -7,7 +7,7 @@ import numpy as np
 from cuboid.boxes.quantiles import quantile
 from cuboid.config import TrackerConfig
 from cuboid.geometry.distances import touch
-from cuboid.kernels.outlines import BOTTOM, FREE, LEFT, RIGHT, TOP
+from cuboid.kernels.outlines import BOTTOM, CONTACT, FREE, LEFT, RIGHT, SUPPORT, TOP
 from cuboid.objects.entry import MapObject
 from cuboid.objects.outline import OWN_FRACTION, enclosed, ends_above, ends_beside
 from cuboid.objects.store import ObjectStore
@@ -57,16 +57,14 @@ def _is_beside(entry: MapObject, store: ObjectStore) -> bool:
 
 
 def _floats(entry: MapObject, planes: PlaneTracker) -> bool:
-    """Tell whether an object hangs in the air: higher above its plane than it is long, air beneath most of it.
-
-    What hides its foot may hide what it stands on, too.
-    """
+    """Tell whether an object hangs in the air: higher above its plane than it is long, air beneath."""
     plane = planes.find(entry.plane)
     if plane is None:
         return False
     beneath = entry.outline[BOTTOM]
     return bool(
-        entry.box.foot_m(*planes.in_world(plane)) > entry.box.size.max() and beneath[FREE] > MOST * beneath.sum()
+        entry.box.foot_m(*planes.in_world(plane)) > entry.box.size.max()
+        and beneath[FREE] > beneath[SUPPORT] + beneath[CONTACT]
     )
 
 

@@ -31,6 +31,8 @@ from cuboid.tolerances import DRIFT_M, LITTLE, MIN_FRAMES, MOST, SIGMAS
 
 # A plane that is not in use yet is removed when it was not seen for more frames than this.
 MAX_UNSEEN_FRAMES = 60
+# The plan frame is turned when the plane that most is known of is tilted in it by more than half a degree.
+LEVEL_COS = float(np.cos(np.radians(0.5)))
 
 
 class PlaneTracker:
@@ -97,6 +99,7 @@ class PlaneTracker:
         owner = np.full(rows * columns, -1, np.int32)
         if self.T_plan_world is None:
             return owner.reshape(rows, columns)
+        self._level()
         R = self.T_plan_world[:3, :3]
         flat = np.flatnonzero(cells.normal @ R[2] > SAME_COS)
         centers, sigma_m = cells.center[flat] @ R.T, cells.sigma_m[flat]
@@ -169,17 +172,33 @@ class PlaneTracker:
         moved : mapping of int to (4, 4) float64
             T_new_old in the world, of each keyframe that moved.
         """
-        self._as_seen = {}
         if self.T_plan_world is None:
+            self._as_seen = {}
             return
         T = self.T_plan_world
-        in_plan = {keyframe: T @ T_new_old @ inverse(T) for keyframe, T_new_old in moved.items()}
+        self._move({keyframe: T @ T_new_old @ inverse(T) for keyframe, T_new_old in moved.items()})
+
+    def _move(self, in_plan: Mapping[int, Float64Array]) -> None:
+        """Move the planes by T_new_old in the plan frame, (4, 4), of each keyframe."""
+        self._as_seen = {}
         for plane in self.planes:
             if plane.apply_correction(in_plan):
                 self._changed.add(plane)
                 self._windows.update(plane)
                 if plane.plan.stale:
                     self._stale.add(plane)
+
+    def _level(self) -> None:
+        """Turn the plan frame so that the plane that most is known of is level in it: a frame's areas told less."""
+        main = self._main
+        if self.T_plan_world is None or main is None or main.frames < REFRESH_FRAMES or main.normal[2] >= LEVEL_COS:
+            return
+        T_new_old = np.eye(4)
+        first = np.cross([0.0, 1.0, 0.0], main.normal)
+        first /= np.linalg.norm(first)
+        T_new_old[:3, :3] = np.stack([first, np.cross(main.normal, first), main.normal])
+        self._move({k: T_new_old for plane in self.planes for k in plane.keyframes.tolist()})
+        self.T_plan_world = T_new_old @ self.T_plan_world
 
     def _match(self, centers: Float64Array, sigma_m: Float64Array) -> npt.NDArray[np.int32]:
         best = np.full(len(centers), np.inf)

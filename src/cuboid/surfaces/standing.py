@@ -28,6 +28,8 @@ MIN_PIXELS = 24
 RIPPLE_PER_M = MIXED_PER_M
 # Where almost all that is seen is flat, this fraction of the picture stands for what stands off.
 LEAST_FRACTION = 0.02
+# Normals within this of each other are one direction.
+SAME_COS = float(np.cos(np.radians(12.0)))
 # Holes in depth are crossed over so much, metres: the shadow at an outline is as wide.
 GAP_M = 0.08
 
@@ -68,10 +70,10 @@ def find_flat_areas(depth_m: Float32Array, camera: Intrinsics, config: TrackerCo
         Noise of the sensor, and sizes of objects.
     """
     noise, pinhole = config.depth_noise_per_m, np.array([camera.fx, camera.fy, camera.cx, camera.cy])
-    planes, area_m2 = _grow(depth_m, camera, pinhole, config)
+    planes, normal, area_m2 = _grow(depth_m, camera, pinhole, config)
     evidence = np.zeros(len(planes))
     if not len(planes):
-        return FlatAreas(planes[:, :3], area_m2, evidence)
+        return FlatAreas(normal, area_m2, evidence)
     on, labels = np.empty(depth_m.shape, np.int8), np.empty(depth_m.shape, np.int32)
     kernel.lie_on(depth_m, pinhole, planes, noise, config.min_height_m, BIAS_M, config.max_depth_m, on)
     count = kernel.label_pieces(depth_m, on, noise, JUMP_M, labels, np.empty(depth_m.size, np.int32))
@@ -87,13 +89,13 @@ def find_flat_areas(depth_m: Float32Array, camera: Intrinsics, config: TrackerCo
         if len(z) >= MIN_PIXELS and _stands(points, planes[beneath[k]], config):
             evidence[beneath[k]] += clear[k] * len(z)
     off = max(LEAST_FRACTION * depth_m.size, float(np.count_nonzero(on == kernel.SURFACE)))
-    return FlatAreas(planes[:, :3], area_m2, evidence / off)
+    return FlatAreas(normal, area_m2, evidence / off)
 
 
 def _grow(
     depth_m: Float32Array, camera: Intrinsics, pinhole: Float64Array, config: TrackerConfig
-) -> tuple[Float64Array, Float64Array]:
-    """Return the flat areas of a depth image: normal and offset (P, 4) in the camera frame, and area (P,)."""
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Return the flat areas of a depth image: normal and offset (P, 4), mean normal of its cells (P, 3), area (P,)."""
     size, noise = cell_pixels(camera), config.depth_noise_per_m
     shape = depth_m.shape[0] // size, depth_m.shape[1] // size
     cells = np.empty((shape[0] * shape[1], cell_kernel.CELL_COLUMNS))
@@ -107,8 +109,20 @@ def _grow(
     planes = np.column_stack([a * camera.fx, b * camera.fy, a * camera.cx + b * camera.cy + c, -np.ones(count)])
     planes /= -np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
     own = member.ravel()
-    area_m2 = np.bincount(own[own >= 0], cells[own >= 0, cell_kernel.AREA], count)
-    return planes, area_m2
+    area_m2 = np.bincount(own[own >= 0], cells[own >= 0, cell_kernel.AREA], count).astype(np.float64)
+    # Cells of twice the edge face four times as truly; those at the edges of an area may lie on what it meets there.
+    wide = np.empty(((shape[0] // 2) * (shape[1] // 2), cell_kernel.CELL_COLUMNS))
+    cell_kernel.fit_cells(depth_m, pinhole, 2 * size, config.max_depth_m, wide)
+    flat = (wide[:, cell_kernel.AREA] > 0) & (wide[:, cell_kernel.RMS] < JUMP_SIGMAS * noise)
+    facing = wide[:, cell_kernel.NX : cell_kernel.NZ + 1]
+    on = member[: shape[0] // 2 * 2 : 2, : shape[1] // 2 * 2 : 2].ravel()
+    normal = planes[:, :3].copy()
+    for p in range(count):
+        mine = flat & (on == p) & (facing @ planes[p, :3] > SAME_COS)
+        mean = wide[mine, cell_kernel.AREA] @ facing[mine]
+        if mine.any():
+            normal[p] = mean / np.linalg.norm(mean)
+    return planes, normal, area_m2
 
 
 def _clearness(

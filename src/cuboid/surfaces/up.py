@@ -71,7 +71,7 @@ class UpVote:
             self._measured += T_world_camera[:3, :3] @ up_camera
         normals = areas.normal @ T_world_camera[:3, :3].T
         for normal, area_m2, evidence in zip(normals, areas.area_m2, areas.evidence, strict=True):
-            self._add(np.array([*normal, area_m2**2, evidence]))
+            self._add(np.array([*normal, min(1.0, area_m2), evidence]))
         best = self._best()
         if self._up is not None and (best is None or best @ self._up <= SAME_COS):
             self.changed = True
@@ -116,7 +116,7 @@ class UpVote:
 
     def _level(self, measured: Float64Array) -> Float64Array:
         """Return what was measured as up (3,); a level surface of some area says it more exactly."""
-        near = self._seen[(self._seen[:, :3] @ measured > SAME_COS) & (self._seen[:, 3] >= FACE_M2**2)]
+        near = self._seen[(self._seen[:, :3] @ measured > SAME_COS) & (self._seen[:, 3] >= FACE_M2)]
         return np.asarray(near[np.argmax(near[:, 3]), :3] if len(near) else measured)
 
     def _add(self, row: Float64Array) -> None:
