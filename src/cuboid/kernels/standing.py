@@ -8,9 +8,9 @@ from cuboid.tolerances import JUMP_SIGMAS, SIGMAS
 
 # Columns of `bounds`: what lies across the outline of a piece, beside the planes that it touches.
 FREE, HIDDEN, BORDER, CONTACT = range(4)
-KINDS = 4
+KINDS = len((FREE, HIDDEN, BORDER, CONTACT))
 # What a reading lies on, where that is no plane: another surface, or nothing that is looked at.
-SURFACE, NOTHING = -1, -2
+SURFACE, NOTHING = range(-1, -3, -1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

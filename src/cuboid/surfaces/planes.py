@@ -24,15 +24,16 @@ from cuboid.surfaces.discovery import largest_level
 from cuboid.surfaces.duplicates import merge_duplicates
 from cuboid.surfaces.frustum_planes import FrustumPlanes, crop_planes, frustum
 from cuboid.surfaces.plane import ON_PLANE_M, REACH_M, Plane
-from cuboid.surfaces.standing import FlatAreas
-from cuboid.surfaces.up import REFRESH_FRAMES, SAME_COS, UpVote
+from cuboid.surfaces.standing import SAME_COS, FlatAreas
+from cuboid.surfaces.up import REFRESH_FRAMES, UpVote
 from cuboid.surfaces.windows import Windows, window_of
-from cuboid.tolerances import DRIFT_M, LITTLE, MIN_FRAMES, MOST, SIGMAS
+from cuboid.tolerances import DRIFT_M, DRIFT_RAD, LITTLE, MIN_FRAMES, MOST, SIGMAS
 
 # A plane that is not in use yet is removed when it was not seen for more frames than this.
 MAX_UNSEEN_FRAMES = 60
-# The plan frame is turned when the plane that most is known of is tilted in it by more than half a degree.
-LEVEL_COS = float(np.cos(np.radians(0.5)))
+# The plan frame is turned when the plane that most is known of is tilted in it by more than half of what
+# poses err.
+LEVEL_COS = float(np.cos(MOST * DRIFT_RAD))
 
 
 class PlaneTracker:

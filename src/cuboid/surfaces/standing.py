@@ -15,23 +15,17 @@ from cuboid.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.kernels import cells as cell_kernel
 from cuboid.kernels import patches
 from cuboid.kernels import standing as kernel
+from cuboid.proposals.depth import PLANE_BOW_M, PLANES
 from cuboid.sensor import MIXED_PER_M, cell_pixels
-from cuboid.tolerances import BIAS_M, DRIFT_M, JUMP_M, JUMP_SIGMAS, LITTLE, MOST, SOME
+from cuboid.surfaces.frame_segments import GAP_M, MIN_PIXELS
+from cuboid.tolerances import BIAS_M, DRIFT_M, JUMP_M, JUMP_SIGMAS, LITTLE, MOST, SOME, STRAYS
 
-# Flat areas of a frame that are looked at, the truest first: a room and its furniture show as many.
-AREAS = 12
-# Depth errs by this, times z squared, along a flat area (lens, baseline), metres at 1 m.
-BOW_M = 0.008
-# A piece of fewer pixels is noise: a 3 cm object at 2 m covers about this many.
-MIN_PIXELS = 24
 # Depth ripples by no more than this times z squared, beyond the step that parts surfaces: ten deviations of its noise.
 RIPPLE_PER_M = MIXED_PER_M
-# Where almost all that is seen is flat, this fraction of the picture stands for what stands off.
-LEAST_FRACTION = 0.02
+# Less than this fraction of what stands off, or of a picture, tells nothing.
+ENOUGH = 0.02
 # Normals within this of each other are one direction.
 SAME_COS = float(np.cos(np.radians(12.0)))
-# Holes in depth are crossed over so much, metres: the shadow at an outline is as wide.
-GAP_M = 0.08
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,22 +68,53 @@ def find_flat_areas(depth_m: Float32Array, camera: Intrinsics, config: TrackerCo
     evidence = np.zeros(len(planes))
     if not len(planes):
         return FlatAreas(normal, area_m2, evidence)
-    on, labels = np.empty(depth_m.shape, np.int8), np.empty(depth_m.shape, np.int32)
+    on = np.empty(depth_m.shape, np.int8)
     kernel.lie_on(depth_m, pinhole, planes, noise, config.min_height_m, BIAS_M, config.max_depth_m, on)
+    # What is far smaller than an area may be the face of a thing that stands on it.
+    faces = area_m2 <= SOME * area_m2[:, None]
+    for small in np.unique(faces, axis=0):
+        supports = np.flatnonzero((faces == small).all(1))
+        evidence[supports] = _things(depth_m, camera, planes, on, small, config)[supports]
+    off = max(ENOUGH * depth_m.size, float(np.count_nonzero(on == kernel.SURFACE)))
+    return FlatAreas(normal, area_m2, np.minimum(1.0, evidence / off))
+
+
+def _things(
+    depth_m: Float32Array,
+    camera: Intrinsics,
+    planes: Float64Array,
+    on: npt.NDArray[np.int8],
+    small: npt.NDArray[np.bool_],
+    config: TrackerConfig,
+) -> Float64Array:
+    """Return how many readings (P,) show things that stand on each flat area, each as far as it is clear.
+
+    Parameters
+    ----------
+    depth_m, camera, config
+        See `find_flat_areas`.
+    planes : (P, 4) float64
+    on : (H, W) int8
+        See `kernels.standing.lie_on`.
+    small : (P,) bool
+        Areas that are taken for faces of things.
+    """
+    noise, found = config.depth_noise_per_m, np.zeros(len(planes))
+    become = np.append(np.where(small, kernel.SURFACE, np.arange(len(planes))), [kernel.NOTHING, kernel.SURFACE])
+    on, labels = become.astype(np.int8)[on], np.empty(depth_m.shape, np.int32)
     count = kernel.label_pieces(depth_m, on, noise, JUMP_M, labels, np.empty(depth_m.size, np.int32))
     touches, others = np.empty((count, len(planes)), np.int64), np.empty((count, kernel.KINDS), np.int64)
     kernel.bounds(depth_m, on, labels, noise, JUMP_M, GAP_M * camera.fx, touches, others)
     beneath, clear = _clearness(touches, others)
     order = np.argsort(labels, axis=None, kind="stable")
     ends = np.searchsorted(labels.ravel()[order], np.arange(count + 1))
-    for k in np.flatnonzero(clear > 0.0).tolist():
+    for k in np.flatnonzero((clear > 0.0) & (np.diff(ends) >= MIN_PIXELS)).tolist():
         v, u = np.divmod(order[ends[k] : ends[k + 1]], depth_m.shape[1])
         z = depth_m[v, u].astype(np.float64)
         points = np.column_stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z])
-        if len(z) >= MIN_PIXELS and _stands(points, planes[beneath[k]], config):
-            evidence[beneath[k]] += clear[k] * len(z)
-    off = max(LEAST_FRACTION * depth_m.size, float(np.count_nonzero(on == kernel.SURFACE)))
-    return FlatAreas(normal, area_m2, evidence / off)
+        if _stands(points, planes[beneath[k]], config):
+            found[beneath[k]] += clear[k] * len(z)
+    return found
 
 
 def _grow(
@@ -100,9 +125,9 @@ def _grow(
     shape = depth_m.shape[0] // size, depth_m.shape[1] // size
     cells = np.empty((shape[0] * shape[1], cell_kernel.CELL_COLUMNS))
     cell_kernel.fit_cells(depth_m, pinhole, size, config.max_depth_m, cells)
-    inverse, member = np.empty((AREAS, 3)), np.empty(shape, np.int16)
+    inverse, member = np.empty((PLANES, 3)), np.empty(shape, np.int16)
     count = patches.grow_planes(
-        cells, shape, pinhole, noise, BOW_M, JUMP_SIGMAS * noise, MOST * config.min_plane_area_m2, inverse, member
+        cells, shape, pinhole, noise, PLANE_BOW_M, JUMP_SIGMAS * noise, MOST * config.min_plane_area_m2, inverse, member
     )
     # 1 = z (a u + b v + c) on an area, with u = fx x / z + cx and v = fy y / z + cy.
     a, b, c = inverse[:count].T
@@ -147,6 +172,6 @@ def _stands(points: Float64Array, plane: Float64Array, config: TrackerConfig) ->
     """Tell whether a piece (N, 3) rises from a plane (4,) as an object does, and does not go on below it."""
     if np.ptp(points, axis=0).max() > config.max_size_m:
         return False
-    low, middle, high = np.quantile(points @ plane[:3] + plane[3], [0.02, 0.5, 0.98])
+    low, middle, high = np.quantile(points @ plane[:3] + plane[3], [2.0 * STRAYS, MOST, 1.0 - 2.0 * STRAYS])
     ripple_m = JUMP_M + RIPPLE_PER_M * float(np.median(points[:, 2])) ** 2
     return bool(low >= -DRIFT_M and middle > config.min_height_m and high > max(ripple_m, 2.0 * config.min_height_m))

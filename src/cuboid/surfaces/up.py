@@ -8,18 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float64Array
-from cuboid.surfaces.standing import FlatAreas
+from cuboid.surfaces.standing import ENOUGH, SAME_COS, FlatAreas
 from cuboid.tolerances import MIN_READINGS, MOST
 
-# A flat face of a thing is smaller than this, square metres; one of a room, or of furniture, is larger.
-FACE_M2 = 0.2
-# Normals within this of each other are one direction; a surface is level whose normal is within it of up.
-SAME_COS = float(np.cos(np.radians(12.0)))
 # A direction nearer than this to another is its noise: the next real one is at right angles.
 NOISE_COS = math.sqrt(MOST)
-# In a direction that is up this fraction of all that lies on no flat area stands, in the mean of all frames; while less
-# than half of that is seen to stand there, up is not known any more.
-ENOUGH = 0.02
 # Another direction becomes up when its likelihood is larger by this ratio.
 MIN_LIKELIHOOD_RATIO = 2.0
 # What is known of planes, and of up once it is known, is updated every so many frames.
@@ -30,8 +23,7 @@ class UpVote:
     """Collects directions in which flat areas face, with the evidence that things stand on them."""
 
     def __init__(self) -> None:
-        # A row a direction: unit vector (3), its precision, evidence. The normal of an area of so many cells, so far
-        # apart, is as precise as the square of the area.
+        # A row a direction: unit vector (3), area, evidence.
         self._seen: Float64Array = np.zeros((0, 5))
         self._axes: Float64Array = np.zeros((3, 3))
         self._measured: Float64Array = np.zeros(3)
@@ -71,6 +63,7 @@ class UpVote:
             self._measured += T_world_camera[:3, :3] @ up_camera
         normals = areas.normal @ T_world_camera[:3, :3].T
         for normal, area_m2, evidence in zip(normals, areas.area_m2, areas.evidence, strict=True):
+            # No area counts for more than a square metre a frame: a near wall is no surer than a table.
             self._add(np.array([*normal, min(1.0, area_m2), evidence]))
         best = self._best()
         if self._up is not None and (best is None or best @ self._up <= SAME_COS):
@@ -92,7 +85,11 @@ class UpVote:
         return float(self._seen[directions, 4].max(initial=0.0)) / self._votes
 
     def _best(self) -> Float64Array | None:
-        """Return the direction (3,) that up should be now; None while it is not known."""
+        """Return the direction (3,) that up should be now; None while it is not known.
+
+        In that direction some of what lies on no flat area stands, in the mean of all frames; once it is half of that,
+        up is not known any more.
+        """
         if (norm := float(np.linalg.norm(self._measured))) > 0.0:
             return self._level(self._measured / norm)
         likely = self._likelihood()
@@ -115,8 +112,8 @@ class UpVote:
         return np.asarray(self._seen[:, 4] * constancy**4)
 
     def _level(self, measured: Float64Array) -> Float64Array:
-        """Return what was measured as up (3,); a level surface of some area says it more exactly."""
-        near = self._seen[(self._seen[:, :3] @ measured > SAME_COS) & (self._seen[:, 3] >= FACE_M2)]
+        """Return what was measured as up (3,); a level surface of a square metre in all says it more exactly."""
+        near = self._seen[(self._seen[:, :3] @ measured > SAME_COS) & (self._seen[:, 3] >= 1.0)]
         return np.asarray(near[np.argmax(near[:, 3]), :3] if len(near) else measured)
 
     def _add(self, row: Float64Array) -> None:
