@@ -79,7 +79,11 @@ def test_a_camera_that_looks_down_from_nearly_above_finds_up() -> None:
     assert degrees_off(up) < 2.0
 
 
-@pytest.mark.parametrize("scene", [[WALL], [TABLE], []], ids=["wall", "table", "nothing"])
+def test_an_empty_table_is_level_while_nothing_stands_anywhere() -> None:
+    assert degrees_off(vote([TABLE, WALL], around_a_table(3))[1]) < 2.0
+
+
+@pytest.mark.parametrize("scene", [[WALL], []], ids=["wall", "nothing"])
 def test_where_nothing_stands_up_is_not_known(scene: list[Box]) -> None:
     assert vote(scene, around_a_table(6))[1] is None
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.surfaces.standing import ENOUGH, SAME_COS, FlatAreas
-from cuboid.tolerances import MIN_READINGS, MOST
+from cuboid.tolerances import MIN_READINGS, MOST, SOME
 
 # A direction nearer than this to another is its noise: the next real one is at right angles.
 NOISE_COS = math.sqrt(MOST)
@@ -100,7 +100,15 @@ class UpVote:
         best = int(np.argmax(likely * enough)) if enough.any() else -1
         if best >= 0 and not own[best] and likely[best] > MIN_LIKELIHOOD_RATIO * held:
             return np.asarray(self._seen[best, :3])
-        return self._up if known else None
+        return self._up if known else self._level_in_images()
+
+    def _level_in_images(self) -> Float64Array | None:
+        """Return the direction (3,) of most flat area that the images show from above; None where there is none.
+
+        It holds while nothing is seen to stand anywhere. Faces of things are smaller than a fifth of a square metre.
+        """
+        area = self._seen[:, 3] * ((self._seen[:, :3] @ self.image_up > MOST) & (self._seen[:, 3] >= SOME))
+        return np.asarray(self._seen[int(np.argmax(area)), :3]) if area.any() else None
 
     def _likelihood(self) -> Float64Array:
         """Return how likely each direction (N,) is up: by what stands on its areas, and by how the camera turns.
