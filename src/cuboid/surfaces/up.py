@@ -40,6 +40,7 @@ class UpVote:
     def is_due(self) -> bool:
         """Count a frame, and tell whether its vote is asked for."""
         self._frames += 1
+        self._begin_anew()
         return not self._is_sure() or self._frames % REFRESH_FRAMES == 0
 
     def update(
@@ -57,6 +58,7 @@ class UpVote:
             Unit vector away from the earth's pull in the camera, where it was measured: no surface says more.
         """
         self.changed = False
+        self._begin_anew()
         self._axes += T_world_camera[:3, :3]
         self._votes += 1
         if up_camera is not None:
@@ -72,6 +74,12 @@ class UpVote:
             self._up = None if best is None else best.copy()
         return self._up
 
+    def _begin_anew(self) -> None:
+        """Begin with what an earlier version held to be up, where that wrote the votes: it knew no evidence."""
+        if self._seen.shape[1] != 5:
+            self._seen = np.zeros((0, 5)) if self._up is None else np.array([[*self._up, 1.0, 1.0]])
+            self._axes, self._votes = np.zeros((3, 3)), 0
+
     def _is_sure(self) -> bool:
         """Tell whether up is known, and by so much that a few frames will not change it."""
         if self._up is None or self._measured.any():
@@ -82,7 +90,7 @@ class UpVote:
 
     def _share(self, directions: npt.NDArray[np.bool_]) -> float:
         """Return the most evidence of some directions (N,), in the mean of all frames."""
-        return float(self._seen[directions, 4].max(initial=0.0)) / self._votes
+        return float(self._seen[directions, 4].max(initial=0.0)) / max(1, self._votes)
 
     def _best(self) -> Float64Array | None:
         """Return the direction (3,) that up should be now; None while it is not known.
