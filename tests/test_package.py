@@ -1,16 +1,48 @@
 from __future__ import annotations
 
+import ast
+import inspect
+import pydoc
+import re
+from pathlib import Path
+
 import pytest
 
 import cuboid
 
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "python.md"
 
-@pytest.mark.parametrize("name", cuboid.__all__)
-def test_every_public_name_is_there(name: str) -> None:
-    assert getattr(cuboid, name) is not None
-    assert name in dir(cuboid)
+
+def exported() -> set[str]:
+    """Return the names that type checkers see: those of `import X as X`."""
+    tree = ast.parse(inspect.getsource(cuboid))
+    aliases = [alias for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for alias in node.names]
+    return {alias.name for alias in aliases if alias.name == alias.asname}
+
+
+PUBLIC = sorted(name for name in dir(cuboid) if not name.startswith("_"))
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_a_public_name_is_there_and_described(name: str) -> None:
+    value = getattr(cuboid, name)
+    assert value is not None
+    assert cuboid.__doc__ is not None
+    assert re.search(rf"\b{name}\b", cuboid.__doc__), "the module's docstring lists it"
+    sections = re.findall(r"^::: cuboid\.[\w.]+\.(\w+)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert sections.count(name) == 1, "docs/python.md has one section for it"
+
+
+def test_type_checkers_see_the_same_names() -> None:
+    assert exported() == set(PUBLIC)
 
 
 def test_another_name_is_not() -> None:
     with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
         _ = cuboid.nothing
+
+
+def test_help_is_short() -> None:
+    shown = pydoc.render_doc(cuboid, renderer=pydoc.plaintext)
+    assert len(shown.splitlines()) <= 90
+    assert "open_results" in shown

@@ -11,7 +11,7 @@ import pytest
 
 import cuboid
 from cuboid.errors import CuboidError, FrameError, OutputError
-from cuboid.outputs import FinishedResults
+from cuboid.outputs import Results
 from cuboid.posing import NO_POSE
 from cuboid.run import track_recording
 from fakes import INTRINSICS, FakeRecording
@@ -55,7 +55,7 @@ def test_a_loop_in_python_gives_what_the_command_gives(data_dir: Path, tmp_path:
 
     for file in FILES:
         assert (tmp_path / "loop" / file).read_bytes() == (tmp_path / "command" / file).read_bytes(), file
-    by_loop, by_command = (FinishedResults(tmp_path / way).report for way in ("loop", "command"))
+    by_loop, by_command = (Results(tmp_path / way).report for way in ("loop", "command"))
     for field in ("recording", "format", "poses", "frames_read", "frames_used", "skipped", "warnings"):
         assert getattr(by_loop, field) == getattr(by_command, field), field
     assert (tmp_path / "loop" / "report.html").is_file()
@@ -125,12 +125,12 @@ def test_saving_names_the_frames_that_were_left_out(tmp_path: Path) -> None:
         tracker.update(shown[index])
     tracker.update(cuboid.SkippedFrame(10, "torn"))
     tracker.save(str(tmp_path / "out"))
-    report = FinishedResults(tmp_path / "out").report
+    report = Results(tmp_path / "out").report
     assert report.every == 2
     assert report.used().tolist() == [0, 2, 8]
     assert [frame for frame, _ in report.skipped] == [4, 6, 10]
     assert report.skipped[-1] == (10, "torn")
-    assert len(FinishedResults(tmp_path / "out").poses) == 3
+    assert len(Results(tmp_path / "out").poses) == 3
 
 
 def test_saving_twice_needs_force(tmp_path: Path) -> None:
@@ -144,4 +144,4 @@ def test_saving_twice_needs_force(tmp_path: Path) -> None:
 
 def test_a_tracker_without_frames_saves_an_empty_result(tmp_path: Path) -> None:
     cuboid.Tracker(INTRINSICS).save(tmp_path / "out", recording=FakeRecording(0))
-    assert FinishedResults(tmp_path / "out").report.frames_read == 0
+    assert Results(tmp_path / "out").report.frames_read == 0

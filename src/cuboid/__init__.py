@@ -1,10 +1,19 @@
-"""Cuboid: objects that stay found.
+"""Cuboid: persistent object labels and 3D boxes from an RGB-D video, online, on one CPU core.
 
-Persistent object labels and 3D boxes from an RGB-D video, online, on one CPU core.
+Open      open_recording, open_camera, open_results; Recording, LiveCamera, FrameSource, Frame, SkippedFrame,
+          Intrinsics, DepthCamera
+Track     Tracker, TrackerConfig, Proposals, ProposalSource, DriftCorrection; track_recording, RecordingLike,
+          TrackerLike, Progress, RunOutcome, RunReport, Timing, LimitReached, IntoScene
+Results   Results, MapQueries, ObjectTable, TrackedObject, Box, PointCloud, MapPoints, SupportPlane, FrameResult,
+          Sighting, Proposal3D, FrameRecord, TrackRow
+Scenes    Scene, SceneTracker, SceneObject, SceneRecording, ScenePast, SceneChange, Source
+Errors    CuboidError, InputError, ConfigError, FrameError, OutputError, MissingExtraError
 
 >>> import cuboid
->>> recording = cuboid.open_recording("my-recording")  # doctest: +SKIP
->>> tracker = cuboid.Tracker(recording.intrinsics)  # doctest: +SKIP
+>>> results = cuboid.open_results("results")  # doctest: +SKIP
+>>> results.cloud(3).save("cup.ply")  # doctest: +SKIP
+
+`help(cuboid.Tracker)` and so on explain each. Metres, seconds, radians; T_world_camera maps camera to world.
 """
 
 from __future__ import annotations
@@ -12,60 +21,121 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from cuboid.errors import CuboidError
+from cuboid.errors import CuboidError as CuboidError
 
+# "import X as X" exports a name to type checkers. There is no `__all__`: with it, `help(cuboid)` would print each class
+# in full, some thousand lines.
 if TYPE_CHECKING:
-    from cuboid.cameras import open_camera
-    from cuboid.config import TrackerConfig
-    from cuboid.frame import Frame, Intrinsics, SkippedFrame
-    from cuboid.geometry.box import Box
-    from cuboid.opening import open_recording
-    from cuboid.proposals.types import Proposals
-    from cuboid.readers import Recording
-    from cuboid.results import FrameResult, TrackedObject
-    from cuboid.run import track_recording
-    from cuboid.scene import Scene
-    from cuboid.tracking import Tracker
+    from cuboid.cameras import LiveCamera as LiveCamera
+    from cuboid.cameras import open_camera as open_camera
+    from cuboid.config import TrackerConfig as TrackerConfig
+    from cuboid.errors import ConfigError as ConfigError
+    from cuboid.errors import FrameError as FrameError
+    from cuboid.errors import InputError as InputError
+    from cuboid.errors import MissingExtraError as MissingExtraError
+    from cuboid.errors import OutputError as OutputError
+    from cuboid.frame import Frame as Frame
+    from cuboid.frame import Intrinsics as Intrinsics
+    from cuboid.frame import SkippedFrame as SkippedFrame
+    from cuboid.geometry.box import Box as Box
+    from cuboid.object_table import ObjectTable as ObjectTable
+    from cuboid.opening import open_recording as open_recording
+    from cuboid.outputs import FrameRecord as FrameRecord
+    from cuboid.outputs import LimitReached as LimitReached
+    from cuboid.outputs import Results as Results
+    from cuboid.outputs import RunReport as RunReport
+    from cuboid.outputs import Timing as Timing
+    from cuboid.outputs import TrackRow as TrackRow
+    from cuboid.outputs import open_results as open_results
+    from cuboid.poses import DriftCorrection as DriftCorrection
+    from cuboid.proposals.types import Proposals as Proposals
+    from cuboid.proposals.types import ProposalSource as ProposalSource
+    from cuboid.queries import MapQueries as MapQueries
+    from cuboid.queries import PointCloud as PointCloud
+    from cuboid.readers import Recording as Recording
+    from cuboid.readers.depth_camera import DepthCamera as DepthCamera
+    from cuboid.results import FrameResult as FrameResult
+    from cuboid.results import MapPoints as MapPoints
+    from cuboid.results import Proposal3D as Proposal3D
+    from cuboid.results import SceneChange as SceneChange
+    from cuboid.results import Sighting as Sighting
+    from cuboid.results import SupportPlane as SupportPlane
+    from cuboid.results import TrackedObject as TrackedObject
+    from cuboid.run import track_recording as track_recording
+    from cuboid.run_types import Progress as Progress
+    from cuboid.run_types import RecordingLike as RecordingLike
+    from cuboid.run_types import RunOutcome as RunOutcome
+    from cuboid.run_types import TrackerLike as TrackerLike
+    from cuboid.scene import Scene as Scene
+    from cuboid.scene import SceneObject as SceneObject
+    from cuboid.scene import ScenePast as ScenePast
+    from cuboid.scene import SceneRecording as SceneRecording
+    from cuboid.scene import SceneTracker as SceneTracker
+    from cuboid.scene import Source as Source
+    from cuboid.scene.running import IntoScene as IntoScene
+    from cuboid.streaming import FrameSource as FrameSource
+    from cuboid.tracking import Tracker as Tracker
 
 __version__ = "0.1.0"
 
-# Where each public name is found. They are imported when they are first used: `cuboid --help` answers at
-# once, and `--threads` can size the pools of libraries, which read their limits when they are imported.
+# Where each public name is found. It is imported when it is first used: `cuboid --help` answers at once, and
+# `--threads` can size the pools of libraries, which read their limits when they are imported.
 _PLACES = {
-    "Box": "cuboid.geometry.box",
-    "Frame": "cuboid.frame",
-    "FrameResult": "cuboid.results",
-    "Intrinsics": "cuboid.frame",
-    "Proposals": "cuboid.proposals.types",
+    # Open
+    "open_recording": "cuboid.opening",
+    "open_camera": "cuboid.cameras",
+    "open_results": "cuboid.outputs",
     "Recording": "cuboid.readers",
-    "Scene": "cuboid.scene",
+    "LiveCamera": "cuboid.cameras",
+    "FrameSource": "cuboid.streaming",
+    "Frame": "cuboid.frame",
     "SkippedFrame": "cuboid.frame",
-    "TrackedObject": "cuboid.results",
+    "Intrinsics": "cuboid.frame",
+    "DepthCamera": "cuboid.readers.depth_camera",
+    # Track
     "Tracker": "cuboid.tracking",
     "TrackerConfig": "cuboid.config",
-    "open_camera": "cuboid.cameras",
-    "open_recording": "cuboid.opening",
+    "Proposals": "cuboid.proposals.types",
+    "ProposalSource": "cuboid.proposals.types",
+    "DriftCorrection": "cuboid.poses",
     "track_recording": "cuboid.run",
+    "RecordingLike": "cuboid.run_types",
+    "TrackerLike": "cuboid.run_types",
+    "Progress": "cuboid.run_types",
+    "RunOutcome": "cuboid.run_types",
+    "RunReport": "cuboid.outputs",
+    "Timing": "cuboid.outputs",
+    "LimitReached": "cuboid.outputs",
+    "IntoScene": "cuboid.scene.running",
+    # Results
+    "Results": "cuboid.outputs",
+    "MapQueries": "cuboid.queries",
+    "ObjectTable": "cuboid.object_table",
+    "TrackedObject": "cuboid.results",
+    "Box": "cuboid.geometry.box",
+    "PointCloud": "cuboid.queries",
+    "MapPoints": "cuboid.results",
+    "SupportPlane": "cuboid.results",
+    "FrameResult": "cuboid.results",
+    "Sighting": "cuboid.results",
+    "Proposal3D": "cuboid.results",
+    "FrameRecord": "cuboid.outputs",
+    "TrackRow": "cuboid.outputs",
+    # Scenes
+    "Scene": "cuboid.scene",
+    "SceneTracker": "cuboid.scene",
+    "SceneObject": "cuboid.scene",
+    "SceneRecording": "cuboid.scene",
+    "ScenePast": "cuboid.scene",
+    "SceneChange": "cuboid.results",
+    "Source": "cuboid.scene",
+    # Errors
+    "InputError": "cuboid.errors",
+    "ConfigError": "cuboid.errors",
+    "FrameError": "cuboid.errors",
+    "OutputError": "cuboid.errors",
+    "MissingExtraError": "cuboid.errors",
 }
-
-__all__ = [
-    "Box",
-    "CuboidError",
-    "Frame",
-    "FrameResult",
-    "Intrinsics",
-    "Proposals",
-    "Recording",
-    "Scene",
-    "SkippedFrame",
-    "TrackedObject",
-    "Tracker",
-    "TrackerConfig",
-    "__version__",
-    "open_camera",
-    "open_recording",
-    "track_recording",
-]
 
 
 def __getattr__(name: str) -> Any:
@@ -76,4 +146,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_PLACES})
+    special = {name for name in globals() if name.startswith("__")} - {"__getattr__", "__dir__"}
+    return sorted({*_PLACES, "CuboidError", *special})

@@ -22,6 +22,7 @@ from cuboid.errors import FrameError, InputError, OutputError
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.geometry import se3
 from cuboid.outputs.folder import ResultFolder, writing
+from cuboid.paths import PathLike, as_path
 from cuboid.readers import Recording
 from cuboid.readers.calibration import CAMERA_FILE, write_camera
 from cuboid.readers.depth_camera import DepthCamera
@@ -154,7 +155,7 @@ WRITERS: dict[str, Callable[[Path, Intrinsics, float, Float64Array | None], Reco
 
 def convert_recording(
     recording: Recording,
-    output: Path,
+    output: PathLike,
     form: str,
     frames: range,
     *,
@@ -166,7 +167,7 @@ def convert_recording(
     Parameters
     ----------
     recording : Recording
-    output : Path
+    output : path
         Folder; it appears when it is complete.
     form : str
         Of `WRITERS`.
@@ -189,7 +190,7 @@ def convert_recording(
     OutputError
         The folder exists and `force` is not given or no conversion wrote it, or it cannot be written.
     """
-    skipped: dict[int, str] = {}
+    output, skipped = as_path(output), dict[int, str]()
     units = units_kept(recording.depth_units_per_metre, recording.depth_camera)
     with _replacing(output, force=force) as place, ResultFolder(place) as folder, writing(output):
         work = folder.file("")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.errors import InputError, shown
 from cuboid.extras import require
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.results import TrackedObject
@@ -17,22 +18,42 @@ HEADINGS = ("label", "size L x W x H (cm)", "centre x, y, z (m)", "frames seen",
 
 
 class ObjectTable(list[TrackedObject]):
-    """Objects by label, as `Tracker.objects` gives them."""
+    """A list of objects that is also a table: the `objects` of results, of a tracker and of a scene."""
+
+    def __repr__(self) -> str:
+        return f"ObjectTable({len(self)} objects)" + "".join(f"\n  {item}" for item in self)
+
+    def find(self, label: int) -> TrackedObject:
+        """Return the object with a label, or the one that the label was merged into.
+
+        Raises
+        ------
+        InputError
+            No object in the list has the label.
+        """
+        for item in self:
+            if item.label == label or label in item.merged_labels:
+                return item
+        labels = ", ".join(str(item.label) for item in self) or "none"
+        raise InputError(f"no object has the label {shown(label)}; expected one of {labels}")
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return a row of plain numbers for each object: metres, in the world, quaternion w first."""
+        """Return a row of plain values for each object: metres, in the world, quaternion w first."""
         return [_row(item) for item in self]
 
     def to_pandas(self) -> Any:
-        """Return the rows as a pandas.DataFrame, by label.
+        """Return the rows as a pandas.DataFrame with the labels as its index.
+
+        The column `plane` is of the type Int64, `<NA>` where an object stands on no known plane; `name` is None where
+        an object has none.
 
         Raises
         ------
         MissingExtraError
             pandas is not installed.
         """
-        pandas = require("pandas", "to_pandas", "pandas")
-        return pandas.DataFrame(self.rows(), columns=COLUMNS).set_index("label")
+        pandas = require("pandas", "to_pandas", pip="pandas")
+        return pandas.DataFrame(self.rows(), columns=COLUMNS).set_index("label").astype({"plane": "Int64"})
 
     def _repr_html_(self) -> str:
         """Show a plan from above and a table in a notebook."""
@@ -65,8 +86,12 @@ def _shape(item: TrackedObject, foot: Any, height: float) -> str:
     color = hex_of(item.label)
     return (
         f'<polygon points="{points}" fill="{color}" fill-opacity="0.35" stroke="{color}"/>'
-        f'<text x="{x:.1f}" y="{y:.1f}" font-size="12" text-anchor="middle">{item.label}</text>'
+        f'<text x="{x:.1f}" y="{y:.1f}" font-size="12" text-anchor="middle">{_title(item)}</text>'
     )
+
+
+def _title(item: TrackedObject) -> str:
+    return escape(f"{item.label} {item.name or ''}".rstrip())
 
 
 def _cells(item: TrackedObject) -> tuple[str, ...]:
@@ -74,7 +99,7 @@ def _cells(item: TrackedObject) -> tuple[str, ...]:
 
     size = " x ".join(f"{side * 100:.1f}" for side in item.box.size)
     place = ", ".join(f"{value:z.2f}" for value in item.box.center)
-    swatch = f'<span style="color:{hex_of(item.label)}">&#9632;</span> {item.label}'
+    swatch = f'<span style="color:{hex_of(item.label)}">&#9632;</span> {_title(item)}'
     return swatch, size, place, str(item.frames_seen), f"{item.score:.2f}"
 
 
@@ -83,13 +108,13 @@ def _row(item: TrackedObject) -> dict[str, Any]:
     qw, qx, qy, qz = (float(value) for value in quat_wxyz_from_rotation(item.box.rotation))
     red, green, blue = (float(value) for value in item.mean_color)
     values = (
-        item.label, x, y, z, length, width, height, qw, qx, qy, qz, item.score, item.heat, item.first_frame,
+        item.label, item.name, x, y, z, length, width, height, qw, qx, qy, qz, item.score, item.heat, item.first_frame,
         item.last_frame, item.frames_seen, item.points, red, green, blue, item.plane, list(item.merged_labels),
     )  # fmt: skip
     return dict(zip(COLUMNS, values, strict=True))
 
 
 COLUMNS = (
-    "label", "x_m", "y_m", "z_m", "length_m", "width_m", "height_m", "qw", "qx", "qy", "qz", "score", "heat",
+    "label", "name", "x_m", "y_m", "z_m", "length_m", "width_m", "height_m", "qw", "qx", "qy", "qz", "score", "heat",
     "first_frame", "last_frame", "frames_seen", "points", "red", "green", "blue", "plane", "merged_labels",
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What the tracker tells: sightings in a frame, the map of objects, the planes they stand on, the point map."""
+"""Records of results: sightings in a frame, objects of the map, supporting planes, the point map, changes."""
 
 from __future__ import annotations
 
@@ -33,6 +33,11 @@ class Proposal3D:
     score: float
     rect_xyxy: Float64Array
 
+    def __repr__(self) -> str:
+        return (
+            f"Proposal3D({tag_of(self.label) if self.label else 'no label'}: {self.box.text()}; score {self.score:.2f})"
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
@@ -56,6 +61,9 @@ class Sighting:
     iou: float | None
     visible: float
     rect_xyxy: Float64Array
+
+    def __repr__(self) -> str:
+        return f"Sighting({tag_of(self.label)}: {self.box.text()}; {self.visible:.0%} visible)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,8 +136,8 @@ class TrackedObject:
         Index into the tracker's planes.
     merged_labels : tuple of int
         Younger labels that turned out to be this object.
-    name : str
-        What people call it; empty where nobody gave it a name.
+    name : str or None
+        Name that a user gave it; None where there is none.
     """
 
     label: int
@@ -143,16 +151,22 @@ class TrackedObject:
     mean_color: Float64Array
     plane: int | None
     merged_labels: tuple[int, ...] = ()
-    name: str = ""
+    name: str | None = None
+
+    def __repr__(self) -> str:
+        return (
+            f"{type(self).__name__}({tag_of(self.label, self.name)}: {self.box.text()}; "
+            f"score {self.score:.2f}, seen in {self.frames_seen} frames)"
+        )
 
 
-def tag_of(label: int, name: str = "") -> str:
-    """Return how a label is shown wherever it is: with the name that people gave, where there is one."""
+def tag_of(label: int, name: str | None = None) -> str:
+    """Return a label as it is shown everywhere: with its name, where there is one."""
     return f"#{label} {name}" if name else f"#{label}"
 
 
 def names_of(objects: Iterable[TrackedObject]) -> dict[int, str]:
-    """Return the names that people gave, by label."""
+    """Return the names of those objects that have one, by label."""
     return {item.label: item.name for item in objects if item.name}
 
 
@@ -172,6 +186,10 @@ class SupportPlane:
     normal: Float64Array
     offset: float
     extent: Float64Array
+
+    def __repr__(self) -> str:
+        normal = ", ".join(f"{value:z.2f}" for value in self.normal)
+        return f"SupportPlane(normal {normal}; offset {self.offset:z.3f} m; outline of {len(self.extent)} points)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,6 +212,9 @@ class MapPoints:
     heat: Float32Array
     label: npt.NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
 
+    def __repr__(self) -> str:
+        return f"MapPoints({len(self.xyz)} points)"
+
     def counted(self, objects: Iterable[TrackedObject]) -> tuple[TrackedObject, ...]:
         """Return objects with the number of points that each has here."""
         known = tuple(objects)
@@ -210,8 +231,8 @@ class SceneChange:
     recording : int
         The visit.
     label : int
-    name : str
-        That people gave it, or empty.
+    name : str or None
+        Name that a user gave it; None where there is none.
     change : str
         "unchanged", "moved", "gone", "new", "found" (it stands where nothing was seen before) or "not looked at".
     box : Box
@@ -228,7 +249,7 @@ class SceneChange:
 
     recording: int
     label: int
-    name: str
+    name: str | None
     change: str
     box: Box
     from_m: Float64Array | None
@@ -237,3 +258,7 @@ class SceneChange:
     sure: float
     before: bytes | None
     after: bytes | None
+
+    def __repr__(self) -> str:
+        moved = "" if self.metres is None else f" by {self.metres:.2f} m"
+        return f"SceneChange(recording {self.recording}, {tag_of(self.label, self.name)}: {self.change}{moved})"

@@ -50,7 +50,7 @@ class RosBag:
     """
 
     def __init__(self, folder: Path, feature: str) -> None:
-        rosbag2, typesys = (require(f"rosbags.{name}", feature, "'cuboid[ros]'") for name in ("rosbag2", "typesys"))
+        rosbag2, typesys = (require(f"rosbags.{name}", feature, "ros") for name in ("rosbag2", "typesys"))
         self._store: Any = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
         for name, text in VISION.items():
             self._store.register(typesys.get_types_from_msg(text, name))

@@ -17,8 +17,9 @@ from cuboid.formats.reading import real_path
 from cuboid.frame import Intrinsics
 from cuboid.limits import MEMORY_MB
 from cuboid.measuring import peak_memory_mb
-from cuboid.outputs import FinishedResults, ObjectsFile, ResultWriter, RunReport
+from cuboid.outputs import ObjectsFile, Results, ResultWriter, RunReport
 from cuboid.outputs.folder import VIDEO
+from cuboid.paths import PathLike, as_path
 from cuboid.pipeline import Pipeline
 from cuboid.posing import AUTO, CORRECTED, ESTIMATED, GIVEN, Poses
 from cuboid.run_checks import checked_warnings
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 
 def track_recording(
     recording: RecordingLike | FrameSource,
-    output: Path | None,
+    output: PathLike | None,
     *,
     config: TrackerConfig | None = None,
     proposals: str | ProposalSource | None = None,
@@ -63,7 +64,7 @@ def track_recording(
     ----------
     recording : RecordingLike or FrameSource
         From `cuboid.open_recording` or `cuboid.open_camera`.
-    output : Path or None
+    output : path or None
         Folder of the results; None writes nothing.
     config : TrackerConfig, optional
     proposals : str or ProposalSource, optional
@@ -114,6 +115,7 @@ def track_recording(
         The results cannot be written; nothing half-written is left.
     """
     begun_s = time.perf_counter()
+    output = None if output is None else as_path(output)
     taken: RecordingLike = Stream(recording) if isinstance(recording, FrameSource) else recording
     config = config or TrackerConfig()
     plan = plan_for(taken, config, proposals, poses=poses, bridge=bridge, every=every, limit=limit, scale=scale)
@@ -146,7 +148,7 @@ def track_recording(
         if session is not None:
             session.finish(complete=complete)
     if output is not None and page:
-        write_page(FinishedResults(output), taken.read, () if into is None else into.shown_changes())
+        write_page(Results(output), taken.read, () if into is None else into.shown_changes())
     log, known, size = tracker.log, tracker.points_known, tracker.map_bytes
     return RunOutcome(
         report, found.objects, found.planes, found.up, log.milliseconds, log.frames_per_second(), known, size

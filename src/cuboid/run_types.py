@@ -161,6 +161,11 @@ class RunOutcome:
     points: int
     map_bytes: int
 
+    def __repr__(self) -> str:
+        report = self.report
+        frames = f"{report.frames_used} of {report.frames_read} frames in {report.seconds:.1f} s"
+        return f"RunOutcome({len(self.objects)} objects; {frames})"
+
     def _repr_html_(self) -> str:
         """Show the objects, and how the run went, in a notebook."""
         report, found = self.report, ObjectTable(self.objects)

@@ -11,7 +11,7 @@ from cuboid import __version__
 from cuboid.errors import FrameError
 from cuboid.frame import Frame
 from cuboid.measuring import peak_memory_mb
-from cuboid.outputs import FinishedResults, ObjectsFile, ResultWriter, RunReport
+from cuboid.outputs import ObjectsFile, Results, ResultWriter, RunReport
 from cuboid.outputs.folder import REPORT
 from cuboid.outputs.writer import RowLog
 from cuboid.run_checks import checked_warnings
@@ -84,17 +84,17 @@ def save_results(
         points = tracker.map_points()
         found = ObjectsFile(tracker.up, tracker.intrinsics, tuple(tracker.planes), points.counted(tracker.objects))
         writer.finish(found, points, report, corrected)
-    write_page(FinishedResults(output), read)
+    write_page(Results(output), read)
 
 
 def write_page(
-    results: FinishedResults, read: Callable[[int], Frame], changes: Sequence[SceneChange] = ()
+    results: Results, read: Callable[[int], Frame], changes: Sequence[SceneChange] = ()
 ) -> Mapping[int, Picture]:
     """Write the 3D page of results beside them.
 
     Parameters
     ----------
-    results : FinishedResults
+    results : Results
     read : callable
         Returns a frame of the recording by its index; raises FrameError where it cannot.
     changes : sequence of SceneChange

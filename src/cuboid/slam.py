@@ -15,6 +15,7 @@ from cuboid.frame import Float64Array
 from cuboid.measuring import FrameClock, FrameLog, peak_memory_mb
 from cuboid.outputs import PoseRow, ResultFolder, RunReport, write_run
 from cuboid.outputs.folder import RUN, TRAJECTORY, TRAJECTORY_ONLINE, writing
+from cuboid.paths import PathLike, as_path
 from cuboid.poses import PoseEstimator
 from cuboid.posing import LOST
 from cuboid.readers import Recording
@@ -44,7 +45,7 @@ class SlamOutcome:
 
 def estimate_trajectory(
     recording: Recording,
-    output: Path | None,
+    output: PathLike | None,
     *,
     every: int = 1,
     limit: int | None = None,
@@ -59,7 +60,7 @@ def estimate_trajectory(
     ----------
     recording : Recording
         From `cuboid.open_recording`; poses that it has are not used.
-    output : Path or None
+    output : path or None
         Folder of the results; None writes nothing.
     every : int
         Use each n-th frame.
@@ -132,7 +133,7 @@ def estimate_trajectory(
         warnings=(*bare.warnings, *(() if output is None else _warnings(bare, trajectory))),
     )
     if output is not None:
-        _write(recording, output, force, trajectory, online, report)
+        _write(recording, as_path(output), force, trajectory, online, report)
     lost = sum(reason == LOST for _, reason in log.skipped)
     return SlamOutcome(report, trajectory, lost, len(estimator.keyframes), estimator.loops)
 

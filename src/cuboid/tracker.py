@@ -31,13 +31,17 @@ from cuboid.objects.validity import too_large
 from cuboid.objects.visibility import measure_visibility, sightings_of
 from cuboid.observation import Observation
 from cuboid.proposals import make_source
+from cuboid.proposals.depth import DepthSegmentation
 from cuboid.proposals.types import Proposals, ProposalSource
+from cuboid.queries import MapQueries
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
+from cuboid.rolling import Roll, farther_up
 from cuboid.sensor import excess_noise, resolves_m
-from cuboid.surfaces.cells import find_cells, find_voting_cells, patch_pixels, with_level_patches
+from cuboid.surfaces.cells import find_cells, patch_pixels, with_level_patches
 from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments, PixelPlanes, points_of, segment_frame
 from cuboid.surfaces.grid import CELL_M
 from cuboid.surfaces.planes import PlaneTracker
+from cuboid.surfaces.standing import find_flat_areas
 from cuboid.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, SAMPLE, STRAYS
 from cuboid.working import WorkingImage, filled, thin
 
@@ -56,7 +60,7 @@ class Stopwatch:
         self._last = now
 
 
-class Tracker:
+class Tracker(MapQueries):
     """Finds the objects of a static scene in a stream of posed RGB-D frames, and keeps their labels.
 
     Parameters
@@ -85,6 +89,8 @@ class Tracker:
         memory_mb: float = MEMORY_MB,
     ) -> None:
         self.intrinsics = intrinsics
+        # Until depth tells in which roll images are worked on: as they come.
+        self._turns: int | None = None
         self.config = config or TrackerConfig()
         self._memory_mb = memory_mb
         self._propose = make_source(proposals, self.config)
@@ -116,10 +122,22 @@ class Tracker:
             If the frame has no pose, or one farther away than the map reaches, or its size is not that of the
             intrinsics.
         """
-        watch = Stopwatch()
-        seen = self._observe(frame, self._check(frame), anchor if anchor <= LAST_KEYFRAME else 0)
+        self._check(frame)
+        if self._turns is None:
+            self._turns = farther_up(frame.depth_m)
+        roll = self._roll
+        return roll.result(self._update(roll.frame(frame), frame, anchor))
+
+    @property
+    def _roll(self) -> Roll:
+        return Roll(self.intrinsics, self._turns or 0)
+
+    def _update(self, frame: Frame, given: Frame, anchor: int) -> FrameResult:
+        """Take in a frame turned by `_roll`; see `update`."""
+        watch, camera = Stopwatch(), self._roll.camera
+        seen = self._observe(frame, camera, anchor if anchor <= LAST_KEYFRAME else 0)
         image, solid, T_camera_world = seen.image, seen.solid, seen.T_camera_world
-        every = self._proposals(frame)
+        every = self._proposals(frame, given)
         proposals = every.best(MAX_PROPOSALS)
         watch.lap("proposals")
         planes = self._find_planes(seen)
@@ -166,12 +184,14 @@ class Tracker:
                 "clusters": segments.left_out,
                 "candidates": left_out,
             },
-            size=(self.intrinsics.width, self.intrinsics.height),
+            size=(camera.width, camera.height),
         )
 
-    def _observe(self, frame: Frame, T_world_camera: Float64Array, keyframe: int) -> Observation:
+    def _observe(self, frame: Frame, camera: Intrinsics, keyframe: int) -> Observation:
         """Prepare a frame for all stages; the first one also tells how noisy the sensor is."""
-        image = thin(frame, self.intrinsics, self.config.working_width_px, self._count)
+        T_world_camera = frame.T_world_camera
+        assert T_world_camera is not None
+        image = thin(frame, camera, self.config.working_width_px, self._count)
         if self._count == 0:
             self._estimate_noise(image)
         return Observation(
@@ -208,7 +228,7 @@ class Tracker:
             self.config = self.config.within_range(depth_noise_per_m=excess * nominal)
             self._begin()
 
-    def _check(self, frame: Frame) -> Float64Array:
+    def _check(self, frame: Frame) -> None:
         expected = (self.intrinsics.height, self.intrinsics.width)
         if frame.depth_m.shape != expected:
             raise FrameError(
@@ -222,20 +242,24 @@ class Tracker:
             raise FrameError(
                 f"frame {frame.index} is {far_m:.0f} m from the origin of its poses, the map reaches {reach_m:.0f} m"
             )
-        return frame.T_world_camera
 
-    def _proposals(self, frame: Frame) -> Proposals:
-        proposals, c = self._propose(frame, self.intrinsics), self.intrinsics
+    def _proposals(self, frame: Frame, given: Frame) -> Proposals:
+        """Return the proposals of a turned frame; a source that knows of no turns gets the frame as it was given."""
+        if isinstance(self._propose, DepthSegmentation):
+            return self._propose(frame, self._roll.camera)
+        proposals, c = self._propose(given, self.intrinsics), self.intrinsics
         if len(proposals) and (proposals.boxes_xyxy[:, 2:] > (c.width, c.height)).any():
             raise ValueError(f"proposals of frame {frame.index} lie outside its {c.width} x {c.height} pixels")
-        return proposals
+        return self._roll.proposals(proposals)
 
     def _find_planes(self, seen: Observation) -> PixelPlanes:
         """Track the supporting planes; return those on and beneath which pixels lie."""
         c, planes, image, T_world_camera = self.config, self._planes, seen.image, seen.T_world_camera
         seen_by = image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m
-        if planes.vote_is_due() and planes.vote_up(find_voting_cells(*seen_by), T_world_camera, seen.up_camera):
-            self._map.reset_supports()
+        if planes.vote_is_due():
+            areas = find_flat_areas(image.depth_m, image.camera, c)
+            if planes.vote_up(areas, T_world_camera, seen.up_camera):
+                self._map.reset_supports()
         patch = patch_pixels(image.camera)
         patches = np.full([n // patch for n in image.depth_m.shape], -1, np.int32)
         renew = seen.new_viewpoint or not planes.known

@@ -5,8 +5,6 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +18,9 @@ from cuboid.measuring import FrameClock, FrameLog
 from cuboid.object_table import ObjectTable
 from cuboid.outputs import PoseRow
 from cuboid.outputs.writer import RowLog
+from cuboid.paths import PathLike, as_path
 from cuboid.posing import ESTIMATED, GIVEN, Poses, checked_origin, source_of_poses
+from cuboid.queries import MapQueries
 from cuboid.results import FrameResult, MapPoints, SupportPlane
 from cuboid.run_checks import run_facts
 from cuboid.run_types import RecordingLike, TrackerLike
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 MAX_MEDIAN_DEPTH_M = 100.0
 
 
-class Tracker:
+class Tracker(MapQueries):
     """Finds the objects of a static scene in RGB-D frames and keeps their labels; `cuboid track` is built on it.
 
     Parameters
@@ -293,7 +293,7 @@ class Tracker:
         poses = None if self._source is None else self._source.trajectory()
         return {k: T if poses is None else poses.get(k, T) for k, T in self.T_world_camera.items()}
 
-    def save(self, output: str | PathLike[str], *, recording: RecordingLike | None = None, force: bool = False) -> None:
+    def save(self, output: PathLike, *, recording: RecordingLike | None = None, force: bool = False) -> None:
         """Write the result folder that `cuboid track` writes: objects, sightings, poses, map, report, 3D page.
 
         Parameters
@@ -317,7 +317,7 @@ class Tracker:
             raise CuboidError("Tracker.save: the rows of this tracker are written by the loop that made it")
         settings = {"proposals": source_name(self._proposals), "tracker": self._config.to_dict()}
         seconds = time.perf_counter() - self._begun_s
-        save_results(self, self._rows, Path(output), recording, settings, seconds, force=force)
+        save_results(self, self._rows, as_path(output), recording, settings, seconds, force=force)
 
 
 def refuse_other_units(frame: Frame) -> None:

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-pytest.importorskip("rosbags", reason="bags are written with rosbags: pip install 'cuboid[ros]'")
+pytest.importorskip("rosbags", reason="bags are written with rosbags: pip install '.[ros]'")
 
 from pathlib import Path
 

@@ -203,12 +203,12 @@ def test_no_device_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_what_it_needs_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "depthai", None)
-    with pytest.raises(MissingExtraError, match=r"needs depthai, which is not installed: pip install 'cuboid\[oak\]'"):
+    with pytest.raises(MissingExtraError, match=r"needs depthai, which is not installed: .* '\.\[oak\]'"):
         cuboid.open_camera("oak")
 
 
 def test_the_fake_has_no_more_than_the_library() -> None:
-    dai = pytest.importorskip("depthai", reason="depthai is not installed: pip install 'cuboid[oak]'")
+    dai = pytest.importorskip("depthai", reason="depthai is not installed: pip install '.[oak]'")
     real = [name for name in MEMBERS if not hasattr(dai, name)]
     pairs = [(Device, dai.Device), (Pipeline, dai.Pipeline), (Node, dai.node), (Platform, dai.Platform)]
     pairs += [(ImgFrame, dai.ImgFrame), (Transformation, dai.ImgTransformation), (MessageQueue, dai.MessageQueue)]
@@ -220,7 +220,7 @@ def test_the_fake_has_no_more_than_the_library() -> None:
 
 
 def test_messages_of_the_library_are_paired_and_read() -> None:
-    dai = pytest.importorskip("depthai", reason="depthai is not installed: pip install 'cuboid[oak]'")
+    dai = pytest.importorskip("depthai", reason="depthai is not installed: pip install '.[oak]'")
     pipeline = dai.Pipeline(False)  # what runs on this side of the cable alone
     sync = pipeline.create(dai.node.Sync)
     sync.setRunOnHost(True)

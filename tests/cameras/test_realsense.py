@@ -20,7 +20,7 @@ from cuboid.outputs import read_run
 
 rs = pytest.importorskip(
     "pyrealsense2",
-    reason="the SDK, or the system's libusb that it loads, is not installed: pip install 'cuboid[realsense]'",
+    reason="the SDK, or the system's libusb that it loads, is not installed: pip install '.[realsense]'",
     exc_type=ImportError,
 )
 

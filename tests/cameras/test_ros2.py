@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from played import color_image, depth_image
 
-pytest.importorskip("cyclonedds", reason="DDS is not installed: pip install 'cuboid[ros2]'")
-pytest.importorskip("rosbags", reason="messages are read with rosbags: pip install 'cuboid[ros2]'")
+pytest.importorskip("cyclonedds", reason="DDS is not installed: pip install '.[ros2]'")
+pytest.importorskip("rosbags", reason="messages are read with rosbags: pip install '.[ros2]'")
 
 import cuboid
 from cuboid.errors import InputError

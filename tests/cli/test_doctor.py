@@ -10,6 +10,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from cuboid.cli import doctor, main
+from cuboid.extras import how_to_install
 
 
 def lines_of(capsys: pytest.CaptureFixture[str]) -> dict[str, tuple[str, str]]:
@@ -54,7 +55,7 @@ def test_a_missing_extra_is_no_fault_and_says_how_to_get_it(
 ) -> None:
     without(monkeypatch, "onnxruntime")
     assert main(["doctor"]) == 0
-    assert lines_of(capsys)["onnxruntime"] == ("missing", "not installed: pip install 'cuboid[onnx]'")
+    assert lines_of(capsys)["onnxruntime"] == ("missing", f"is not installed: {how_to_install('onnx')}")
 
 
 def test_each_package_of_each_extra_is_listed_once() -> None:

@@ -56,7 +56,7 @@ def test_info_on_real_recordings(data_dir, capsys):
 @pytest.mark.parametrize("form", ["plain", "tum", "mcap"])
 def test_what_is_converted_reads_back_the_same(tmp_path, form, capsys):
     if form == "mcap":
-        pytest.importorskip("rosbags", reason="bags are written with rosbags: pip install 'cuboid[ros]'")
+        pytest.importorskip("rosbags", reason="bags are written with rosbags: pip install '.[ros]'")
     made = make_plain(tmp_path, frames=9)
     made.color(4).write_bytes(b"x")
     output = tmp_path / "converted"
@@ -79,7 +79,7 @@ def test_what_is_converted_reads_back_the_same(tmp_path, form, capsys):
 
 
 def test_a_bag_keeps_depth_of_any_unit_without_loss(tmp_path):
-    pytest.importorskip("rosbags", reason="bags are written with rosbags: pip install 'cuboid[ros]'")
+    pytest.importorskip("rosbags", reason="bags are written with rosbags: pip install '.[ros]'")
     made = make_plain(tmp_path, frames=2)
     (made.path / "camera.json").write_text(json.dumps(CAMERA | {"depth_units_per_metre": 10000}))
     depth = np.random.default_rng(0).integers(5000, 60000, (48, 64)).astype(np.uint16)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cuboid.cli import main
-from cuboid.outputs import FinishedResults
+from cuboid.outputs import Results
 from cuboid.scene import Scene
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scene"))
@@ -52,7 +52,7 @@ def test_names_are_in_exports_and_results(path, tmp_path, capsys):
     said(capsys, "export", path, "--to", "csv", "--output", tmp_path / "o.csv")
     assert (tmp_path / "o.csv").read_text().splitlines()[1].endswith(',"a ""big"", box"')
     said(capsys, "export", path, "--to", "results", "--output", tmp_path / "results")
-    assert FinishedResults(tmp_path / "results").found.objects[0].name == 'a "big", box'
+    assert Results(tmp_path / "results").found.objects[0].name == 'a "big", box'
     page = (tmp_path / "results" / "report.html").read_text()
     assert r"a \"big\", box" in page
 
@@ -60,7 +60,7 @@ def test_names_are_in_exports_and_results(path, tmp_path, capsys):
 def test_changes_are_told(path, tmp_path, capsys):
     assert "nothing changed" in said(capsys, "changes", path)
     with Scene.open(path) as scene:
-        label = scene.at(THINGS[1].center, 0.1)[0].label
+        label = scene.near(THINGS[1].center, 0.1)[0].label
     record(path, Shown(THINGS[:1], frames=50), "again")
     told = said(capsys, "changes", path, "--pictures", tmp_path / "pictures")
     assert "gone" in told

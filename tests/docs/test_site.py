@@ -1,46 +1,17 @@
-"""The documentation as a site: it builds, no link of it is dead, and the commands that it shows are commands."""
+"""The documentation as a site: it builds, and no link of it is dead."""
 
 from __future__ import annotations
 
-import argparse
-import json
 import re
-import shlex
-import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
-from importlib import import_module
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import pytest
 
-from cuboid.cli import COMMANDS, main
-from cuboid.cli.optional_words import without_guessing
-from fakes import FakeTracker, write_recording
-
 REPOSITORY = Path(__file__).resolve().parents[2]
-PAGES = [*sorted((REPOSITORY / "docs").rglob("*.md")), REPOSITORY / "README.md"]
-# What waits for a browser or a camera, or tracks for minutes, is not run; its words are held against the command.
-NOT_RUN = (
-    "batch",
-    "scene",
-    "find",
-    "sql",
-    "serve",
-    "store compact",
-    "annotate",
-    "view",
-    "calibrate",
-    "slam",
-    "demo",
-    "synth",
-    "evaluate",
-    "evaluate trajectory",
-    "bench",
-    "doctor",
-)
 
 
 class Links(HTMLParser):
@@ -96,73 +67,3 @@ def test_the_python_page_has_signatures_with_types(site: Path) -> None:
     text = re.sub(r"<[^>]+>", "", (site / "python" / "index.html").read_text(encoding="utf-8"))
     for words in ("open_camera", "TrackerConfig", "RecordingLike | FrameSource", "to_pandas"):
         assert words in text.replace("&nbsp;", " "), words
-
-
-def shown_commands() -> list[tuple[str, str]]:
-    """Return each command line that a page shows to be typed, with the page."""
-    found = []
-    for page in PAGES:
-        for line in page.read_text(encoding="utf-8").splitlines():
-            match = re.match(r"(?: {4}|)(cuboid [a-z].*)$", line)
-            if match and (line.startswith("    ") or page.name == "index.md"):
-                command = match[1].split(" #")[0].strip()
-                if not re.search(r"[\[|]|\.\.\.|\bNAME\b|--$", command):  # a synopsis
-                    found.append((page.name, command))
-    return sorted(set(found))
-
-
-def named(words: list[str]) -> str:
-    """Return the command of a command line."""
-    return " ".join(words[1:3]) if " ".join(words[1:3]) in COMMANDS else words[1]
-
-
-def test_pages_show_enough_commands() -> None:
-    assert len(shown_commands()) > 40
-    assert {named(shlex.split(line)) for _, line in shown_commands()} >= {
-        "track",
-        "info",
-        "convert",
-        "export",
-        "render",
-    }
-
-
-@pytest.mark.parametrize(("page", "line"), shown_commands())
-def test_a_command_that_is_shown_is_one(page: str, line: str) -> None:
-    words = shlex.split(line)
-    command = named(words)
-    parser = argparse.ArgumentParser(exit_on_error=False, allow_abbrev=False)
-    import_module(f"cuboid.cli.{command.replace(' ', '_')}").add_arguments(parser)
-    _, unknown = parser.parse_known_args(without_guessing(words[1 + len(command.split()) :]))
-    assert not unknown, f"{page}: {line}"
-
-
-def runnable() -> list[tuple[str, str]]:
-    """Return the commands that can be run on any recording and any results."""
-    known = [line for _, line in shown_commands() if named(shlex.split(line)) not in NOT_RUN]
-    skipped = re.compile(
-        r"--camera|--live|--rerun|--to rerun|--poses estimated|--topics|--intrinsics|--register|\.bag|\.mkv|://|ROOM"
-    )
-    return sorted({(named(shlex.split(line)), line) for line in known if not skipped.search(line)})
-
-
-@pytest.mark.parametrize(("command", "line"), runnable())
-def test_a_command_that_is_shown_runs(
-    command: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("cuboid.run._tracker", FakeTracker)
-    monkeypatch.chdir(tmp_path)
-    words = shlex.split(line)[1:]
-    source = write_recording(tmp_path / "made", 4)
-    if command in ("track", "info", "convert") and len(words) > 1:
-        shutil.copytree(source, tmp_path / words[1])
-    else:
-        assert main(["track", "made", "--output", "DIR"]) == 0
-    assert main(words) == 0, capfd.readouterr().err
-
-
-def test_the_json_of_the_documentation_is_json() -> None:
-    for page in PAGES:
-        for block in re.findall(r"^    (\{.*\})$", page.read_text(encoding="utf-8"), re.MULTILINE):
-            if "..." not in block and ":," not in block:
-                json.loads(block)

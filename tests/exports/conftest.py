@@ -6,21 +6,21 @@ from pathlib import Path
 import pytest
 from made_run import FRAMES, finished
 
-from cuboid.exports import FinishedRun
+from cuboid.outputs import Results
 from fakes import write_recording
 
 
 @pytest.fixture
-def make_run(tmp_path: Path) -> Callable[[float], FinishedRun]:
+def make_run(tmp_path: Path) -> Callable[[float], Results]:
     """Return a function that makes results of a camera that looks down by so many degrees."""
 
-    def make(down_deg: float) -> FinishedRun:
+    def make(down_deg: float) -> Results:
         recording = write_recording(tmp_path / "recording", FRAMES)
-        return FinishedRun(finished(tmp_path / "results", recording, down_deg))
+        return Results(finished(tmp_path / "results", recording, down_deg))
 
     return make
 
 
 @pytest.fixture
-def run(make_run: Callable[[float], FinishedRun]) -> FinishedRun:
+def run(make_run: Callable[[float], Results]) -> Results:
     return make_run(30.0)

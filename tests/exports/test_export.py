@@ -16,12 +16,12 @@ from rosbags.highlevel import AnyReader
 
 from cuboid.cli import main
 from cuboid.errors import InputError, OutputError
-from cuboid.exports import EXPORTS, FinishedRun, export
+from cuboid.exports import EXPORTS, export
 from cuboid.exports.kitti import in_camera, kitti_row, read_kitti
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou
 from cuboid.geometry.se3 import rotation_from_quat_wxyz
-from cuboid.outputs import TrackRow, read_map
+from cuboid.outputs import Results, TrackRow, read_map
 from cuboid.views.palette import color_of
 
 OWN = ("coco", "csv", "json", "kitti", "mcap", "ply")
@@ -34,14 +34,14 @@ def load(path: Path) -> Any:
 
 @pytest.mark.parametrize("name", OWN)
 class TestAnyForm:
-    def test_the_same_results_are_the_same_bytes(self, run: FinishedRun, tmp_path: Path, name: str) -> None:
+    def test_the_same_results_are_the_same_bytes(self, run: Results, tmp_path: Path, name: str) -> None:
         for folder in "ab":
             export(run, name, tmp_path / folder / f"out{SUFFIXES[name]}")
         one, two = (sorted(path for path in (tmp_path / folder).rglob("*") if path.is_file()) for folder in "ab")
         assert [path.read_bytes() for path in one] == [path.read_bytes() for path in two]
         assert one
 
-    def test_what_lies_there_is_kept_without_force(self, run: FinishedRun, tmp_path: Path, name: str) -> None:
+    def test_what_lies_there_is_kept_without_force(self, run: Results, tmp_path: Path, name: str) -> None:
         output = tmp_path / f"out{SUFFIXES[name]}"
         if SUFFIXES[name]:
             output.write_text("mine")
@@ -62,7 +62,7 @@ class TestAnyForm:
             assert (output / "boxes.ply").exists()
 
     def test_a_fault_leaves_nothing(
-        self, run: FinishedRun, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+        self, run: Results, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         def full(self: Path, *args: object, **options: object) -> int:
             raise OSError(28, "No space left on device")
@@ -74,7 +74,7 @@ class TestAnyForm:
             export(run, name, tmp_path / "there" / f"out{SUFFIXES[name]}")
         assert list((tmp_path / "there").iterdir()) == []
 
-    def test_results_without_an_object_are_exported(self, run: FinishedRun, tmp_path: Path, name: str) -> None:
+    def test_results_without_an_object_are_exported(self, run: Results, tmp_path: Path, name: str) -> None:
         document = load(run.folder / "objects.json")
         (run.folder / "objects.json").write_text(json.dumps({**document, "up": None, "planes": [], "objects": []}))
         header, *_ = (run.folder / "tracks.csv").read_text().splitlines()
@@ -83,7 +83,7 @@ class TestAnyForm:
         assert (tmp_path / f"out{SUFFIXES[name]}").exists()
 
 
-def test_wrong_calls_are_one_line(run: FinishedRun, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_calls_are_one_line(run: Results, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     def call(*words: str | Path) -> str:
         assert main(["export", *map(str, words)]) == 2
         out, err = capsys.readouterr()
@@ -104,29 +104,29 @@ def test_wrong_calls_are_one_line(run: FinishedRun, tmp_path: Path, capsys: pyte
     assert not there.exists()
 
 
-def test_a_trajectory_of_another_run_is_an_error(run: FinishedRun, tmp_path: Path) -> None:
+def test_a_trajectory_of_another_run_is_an_error(run: Results, tmp_path: Path) -> None:
     path = run.folder / "trajectory.txt"
     path.write_text("".join(path.read_text().splitlines(keepends=True)[:-1]))
     with pytest.raises(InputError, match=r"trajectory\.txt: expected 4 lines, one a used frame of run.json, got 3"):
         export(run, "kitti", tmp_path / "a.txt")
 
 
-def test_the_command_says_what_it_wrote(run: FinishedRun, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_says_what_it_wrote(run: Results, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", str(run.folder), "--to", "csv", "--output", str(tmp_path / "o.csv")]) == 0
     assert capsys.readouterr().out == f"csv written to {tmp_path / 'o.csv'}\n"
 
 
-def test_ply_has_the_points_of_each_object_and_closed_boxes(run: FinishedRun, tmp_path: Path) -> None:
+def test_ply_has_the_points_of_each_object_and_closed_boxes(run: Results, tmp_path: Path) -> None:
     export(run, "ply", tmp_path / "ply")
     assert sorted(path.name for path in (tmp_path / "ply").iterdir()) == [
         "boxes.ply",
         "object_001.ply",
         "object_002.ply",
     ]
-    own = run.points.label == 1
+    own = run.map_points().label == 1
     cloud = trimesh.load(tmp_path / "ply" / "object_001.ply")
-    np.testing.assert_array_equal(cloud.vertices, run.points.xyz[own])
-    np.testing.assert_array_equal(cloud.colors[:, :3], run.points.rgb[own])
+    np.testing.assert_array_equal(cloud.vertices, run.map_points().xyz[own])
+    np.testing.assert_array_equal(cloud.colors[:, :3], run.map_points().rgb[own])
     assert len(read_map(tmp_path / "ply" / "object_002.ply").xyz) == 0
     mesh = trimesh.load(tmp_path / "ply" / "boxes.ply", process=False)
     parts = mesh.split()
@@ -141,7 +141,7 @@ def test_ply_has_the_points_of_each_object_and_closed_boxes(run: FinishedRun, tm
     assert "element edge 24" in header
 
 
-def test_coco_is_read_by_its_own_tools(run: FinishedRun, tmp_path: Path) -> None:
+def test_coco_is_read_by_its_own_tools(run: Results, tmp_path: Path) -> None:
     export(run, "coco", tmp_path / "coco.json")
     coco = COCO(str(tmp_path / "coco.json"))
     assert coco.getImgIds() == list(SEEN)
@@ -160,19 +160,19 @@ def test_coco_is_read_by_its_own_tools(run: FinishedRun, tmp_path: Path) -> None
     assert merged == {1: None, 2: None, 3: 1}
 
 
-def test_without_its_recording_coco_says_that_images_have_no_names(run: FinishedRun, tmp_path: Path) -> None:
+def test_without_its_recording_coco_says_that_images_have_no_names(run: Results, tmp_path: Path) -> None:
     moved = tmp_path / "moved"
     (tmp_path / "recording").rename(moved)
     (note,) = export(run, "coco", tmp_path / "a.json")
     assert "--recording says where it is" in note
     assert load(tmp_path / "a.json")["images"][0]["file_name"] == "000000"
-    assert export(FinishedRun(run.folder, moved), "coco", tmp_path / "b.json") == []
+    assert export(Results(run.folder, moved), "coco", tmp_path / "b.json") == []
     assert load(tmp_path / "b.json")["images"][0]["file_name"] == "color/000000.png"
     with pytest.raises(InputError):
-        export(FinishedRun(run.folder, tmp_path / "nowhere"), "coco", tmp_path / "c.json")
+        export(Results(run.folder, tmp_path / "nowhere"), "coco", tmp_path / "c.json")
 
 
-def test_kitti_of_a_level_camera_is_exact(make_run: Callable[[float], FinishedRun], tmp_path: Path) -> None:
+def test_kitti_of_a_level_camera_is_exact(make_run: Callable[[float], Results], tmp_path: Path) -> None:
     run = make_run(0.0)
     (note,) = export(run, "kitti", tmp_path / "k.txt")
     assert "tilted by 0 degrees" in note
@@ -189,7 +189,7 @@ def test_kitti_of_a_level_camera_is_exact(make_run: Callable[[float], FinishedRu
     assert [row.occluded for row in rows if row.frame == 1] == [0, 1, 1]
 
 
-def test_kitti_of_a_tilted_camera_keeps_centres_and_says_what_it_loses(run: FinishedRun, tmp_path: Path) -> None:
+def test_kitti_of_a_tilted_camera_keeps_centres_and_says_what_it_loses(run: Results, tmp_path: Path) -> None:
     (note,) = export(run, "kitti", tmp_path / "k.txt")
     assert "tilted by 30 degrees" in note
     overlaps = []
@@ -201,7 +201,7 @@ def test_kitti_of_a_tilted_camera_keeps_centres_and_says_what_it_loses(run: Fini
     assert 0.3 < np.median(overlaps) < 0.95
 
 
-def test_a_kitti_line_has_the_fields_of_the_benchmark(run: FinishedRun, tmp_path: Path) -> None:
+def test_a_kitti_line_has_the_fields_of_the_benchmark(run: Results, tmp_path: Path) -> None:
     export(run, "kitti", tmp_path / "k.txt")
     words = (tmp_path / "k.txt").read_text().splitlines()[0].split()
     assert len(words) == 18
@@ -215,7 +215,7 @@ def test_a_kitti_line_has_the_fields_of_the_benchmark(run: FinishedRun, tmp_path
 @pytest.mark.parametrize(("x", "truncated"), [(0.0, 0), (0.45, 1), (0.58, 2), (2.0, 2)])
 def test_kitti_says_what_the_image_cuts_off(x: float, truncated: int) -> None:
     box = Box(np.array([x, 0.0, 1.0]), np.full(3, 0.2), np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], float))
-    seen = TrackRow(0, 0.0, 1, box, None, 1.0, np.zeros(4))
+    seen = TrackRow(1, box, None, 1.0, np.zeros(4), 0, 0.0)
     assert kitti_row(seen, np.eye(4), CAMERA, 1.0).truncated == truncated
 
 
@@ -228,7 +228,7 @@ def messages(file: Path) -> dict[str, list[tuple[int, Any]]]:
     return found
 
 
-def test_mcap_has_pictures_and_transforms_as_ros_has_them(run: FinishedRun, tmp_path: Path) -> None:
+def test_mcap_has_pictures_and_transforms_as_ros_has_them(run: Results, tmp_path: Path) -> None:
     assert export(run, "mcap", tmp_path / "r.mcap") == []
     found = messages(tmp_path / "r.mcap")
     color_topic, depth = "/camera/color/image_raw/compressed", "/camera/aligned_depth_to_color"
@@ -247,10 +247,10 @@ def test_mcap_has_pictures_and_transforms_as_ros_has_them(run: FinishedRun, tmp_
     moved = transform.transform.translation
     np.testing.assert_allclose([moved.x, moved.y, moved.z], run.poses[3].T_world_camera[:3, 3], atol=1e-6)
     xyz = np.frombuffer(found["/map"][0][1].data, np.float32).reshape(-1, 4)[:, :3]
-    np.testing.assert_array_equal(xyz, run.points.xyz)
+    np.testing.assert_array_equal(xyz, run.map_points().xyz)
 
 
-def test_mcap_has_boxes_where_they_are(run: FinishedRun, tmp_path: Path) -> None:
+def test_mcap_has_boxes_where_they_are(run: Results, tmp_path: Path) -> None:
     export(run, "mcap", tmp_path / "r.mcap")
     found = messages(tmp_path / "r.mcap")
     first = found["/objects/detections"][0][1].detections[0]
@@ -269,14 +269,14 @@ def test_mcap_has_boxes_where_they_are(run: FinishedRun, tmp_path: Path) -> None
     assert deleted == {3}  # became part of 1
 
 
-def test_mcap_needs_no_pictures(run: FinishedRun, tmp_path: Path) -> None:
+def test_mcap_needs_no_pictures(run: Results, tmp_path: Path) -> None:
     (tmp_path / "recording").rename(tmp_path / "moved")
     (note,) = export(run, "mcap", tmp_path / "r.mcap")
     assert "no pictures" in note
     assert set(messages(tmp_path / "r.mcap")) >= {"/tf", "/objects/detections", "/map"}
 
 
-def test_json_has_sizes_in_centimetres_and_footprints_on_the_ground(run: FinishedRun, tmp_path: Path) -> None:
+def test_json_has_sizes_in_centimetres_and_footprints_on_the_ground(run: Results, tmp_path: Path) -> None:
     export(run, "json", tmp_path / "j.json")
     document = load(tmp_path / "j.json")
     assert (document["type"], document["units"], document["up"]) == ("FeatureCollection", "cm", [0.0, 0.0, 1.0])
@@ -295,7 +295,7 @@ def test_json_has_sizes_in_centimetres_and_footprints_on_the_ground(run: Finishe
         assert signed == pytest.approx(area_cm2, rel=1e-3)  # positive: counter-clockwise from above
 
 
-def test_csv_has_a_row_an_object(run: FinishedRun, tmp_path: Path) -> None:
+def test_csv_has_a_row_an_object(run: Results, tmp_path: Path) -> None:
     export(run, "csv", tmp_path / "o.csv")
     with (tmp_path / "o.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))

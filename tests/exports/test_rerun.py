@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from cuboid.errors import InputError, MissingExtraError
-from cuboid.exports import FinishedRun, export
+from cuboid.exports import export
+from cuboid.outputs import Results
 
 
 def printed(path: Path, *options: str) -> str:
@@ -19,16 +20,16 @@ def printed(path: Path, *options: str) -> str:
 
 
 def test_without_the_sdk_one_line_names_the_extra(
-    run: FinishedRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'cuboid\[rerun\]'"):
+    with pytest.raises(MissingExtraError, match=r"pip install '\.\[rerun\]'"):
         export(run, "rerun", tmp_path / "a.rrd")
     assert not list(tmp_path.glob("*rrd*"))
 
 
-def test_the_recording_has_the_tree_of_frames(run: FinishedRun, tmp_path: Path) -> None:
-    pytest.importorskip("rerun", reason="the rerun SDK (170 MB) is not installed: pip install 'cuboid[rerun]'")
+def test_the_recording_has_the_tree_of_frames(run: Results, tmp_path: Path) -> None:
+    pytest.importorskip("rerun", reason="the rerun SDK (170 MB) is not installed: pip install '.[rerun]'")
     assert export(run, "rerun", tmp_path / "a.rrd") == []
     assert not list(tmp_path.glob("*partial*"))
     text = printed(tmp_path / "a.rrd")
@@ -39,10 +40,10 @@ def test_the_recording_has_the_tree_of_frames(run: FinishedRun, tmp_path: Path) 
         assert f" /{entity} " in text, entity
 
 
-def test_the_recording_needs_no_pictures_but_not_those_of_another(run: FinishedRun, tmp_path: Path) -> None:
-    pytest.importorskip("rerun", reason="the rerun SDK (170 MB) is not installed: pip install 'cuboid[rerun]'")
+def test_the_recording_needs_no_pictures_but_not_those_of_another(run: Results, tmp_path: Path) -> None:
+    pytest.importorskip("rerun", reason="the rerun SDK (170 MB) is not installed: pip install '.[rerun]'")
     with pytest.raises(InputError):
-        export(FinishedRun(run.folder, tmp_path / "nowhere"), "rerun", tmp_path / "a.rrd")
+        export(Results(run.folder, tmp_path / "nowhere"), "rerun", tmp_path / "a.rrd")
     (tmp_path / "recording").rename(tmp_path / "moved")
     (note,) = export(run, "rerun", tmp_path / "a.rrd")
     assert "no pictures" in note

@@ -94,7 +94,7 @@ def ask(folder: Path) -> None:
         for item in scene.all_objects:
             scene.history(item.label)
             scene.picture(item.label)
-        scene.at((0.0, 0.0, 0.5), 1.0)
+        scene.near((0.0, 0.0, 0.5), 1.0)
         scene.changes(1)
 
 

@@ -22,8 +22,8 @@ from made_run import finished  # noqa: E402
 from cuboid.errors import CuboidError  # noqa: E402
 from cuboid.evaluation import evaluate  # noqa: E402
 from cuboid.evaluation.timed_poses import read_poses  # noqa: E402
-from cuboid.exports import EXPORTS, FinishedRun, export  # noqa: E402
-from cuboid.outputs import FinishedResults  # noqa: E402
+from cuboid.exports import EXPORTS, export  # noqa: E402
+from cuboid.outputs import Results  # noqa: E402
 from cuboid.proposals.files import LOADERS  # noqa: E402
 from cuboid.readers import open_recording  # noqa: E402
 from cuboid.synthetic.user_meshes import load_mesh  # noqa: E402
@@ -169,12 +169,12 @@ def judge(folder: Path, **more: str) -> None:
 
 
 def show_page(folder: Path) -> None:
-    page_of(summarise(FinishedResults(folder / "results"), None))
+    page_of(summarise(Results(folder / "results"), None))
 
 
 def show_pictures(folder: Path) -> None:
     recording = open_recording(folder / "recording").without_poses()
-    page_of(summarise(FinishedResults(folder / "results"), recording.read))
+    page_of(summarise(Results(folder / "results"), recording.read))
 
 
 def redraw(folder: Path) -> None:
@@ -191,7 +191,7 @@ def redraw(folder: Path) -> None:
 def export_to(folder: Path, name: str) -> None:
     form = EXPORTS.get(name)
     out = folder / f"exported-{name}{form.suffix}"
-    export(FinishedRun(folder / "results", folder / "recording"), name, out)
+    export(Results(folder / "results", folder / "recording"), name, out)
 
 
 def evaluate_csv(folder: Path) -> None:

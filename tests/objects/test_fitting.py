@@ -15,6 +15,7 @@ from cuboid.objects.fitting import Fitting
 from cuboid.objects.store import ObjectStore
 from cuboid.surfaces.cells import Cells
 from cuboid.surfaces.planes import PlaneTracker
+from cuboid.surfaces.standing import FlatAreas
 
 # A camera that is held upright and looks along y.
 LEVEL = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
@@ -41,7 +42,7 @@ def seen(points: np.ndarray, ground: np.ndarray = NOTHING) -> tuple[Fitting, Map
     """An object of these points that was seen above the table, which has stood for 500 pixels beneath it."""
     planes, voxels, config = PlaneTracker(TrackerConfig()), map_of((points, 1), (ground, 0)), TrackerConfig()
     for frame in range(4):
-        planes.vote_up(table(), LEVEL)
+        planes.vote_up(FlatAreas(np.array([[0.0, 0.0, 1.0]]) @ LEVEL[:3, :3], np.ones(1), np.ones(1)), LEVEL)
         planes.update(frame, table())
     store = ObjectStore(voxels)
     entry = store.add(box_of(points), 0)

@@ -161,7 +161,7 @@ def test_rows_come_back_as_they_were_written(tmp_path: Path) -> None:
         some = Box(rng.normal(size=3), rng.uniform(0.1, 1, 3), rotation)
         T_world_camera = np.eye(4)
         T_world_camera[:3, :3], T_world_camera[:3, 3] = rotation, some.center
-        track = TrackRow(7, 1305031102.175304, 12, some, 0.25, 1.0, RECT)
+        track = TrackRow(12, some, 0.25, 1.0, RECT, 7, 1305031102.175304)
         (tmp_path / "tracks.csv").write_text(
             "frame,timestamp,label,cx,cy,cz,length,width,height,qw,qx,qy,qz,iou,visible,x0,y0,x1,y1\n"
             + track.line()

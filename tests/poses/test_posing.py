@@ -14,7 +14,7 @@ import cuboid
 from cuboid.errors import FrameError
 from cuboid.frame import Frame
 from cuboid.geometry import se3
-from cuboid.outputs import FinishedResults, read_run, read_trajectory
+from cuboid.outputs import Results, read_run, read_trajectory
 from cuboid.posing import BridgedPoses, EstimatedPoses, GivenPoses
 from cuboid.readers import open_recording
 from cuboid.run import track_recording
@@ -137,7 +137,7 @@ def test_frames_without_poses_are_posed_by_the_video_and_lost_ones_say_so(tmp_pa
     assert sorted(tracker.trajectory) == [k for k in range(24) if k != 12]
     assert len(tracker.objects) >= 3
     tracker.save(tmp_path / "out")
-    found = FinishedResults(tmp_path / "out")
+    found = Results(tmp_path / "out")
     assert [frame for frame, _ in found.report.skipped] == [12]
     for index, row in found.poses.items():
         np.testing.assert_allclose(row.T_world_camera, tracker.trajectory[index], atol=1e-5)

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from commands import command, contents, run
 
-from cuboid.outputs import FinishedResults
+from cuboid.outputs import Results
 from cuboid.outputs import folder as folders
 from cuboid.outputs.folder import ResultFolder
 from fakes import write_recording
@@ -67,7 +67,7 @@ def test_killed_at_any_step_of_replacing(tmp_path: Path) -> None:
             break
         if "run.json" in texts(folder):  # looks whole: is whole
             assert texts(folder) in (OLD, NEW), step
-        FinishedResults(folder)  # whoever opens it
+        Results(folder)  # whoever opens it
         assert texts(folder) in (OLD, NEW), step
         seen.append(texts(folder) == NEW)
     assert step > 10
@@ -90,12 +90,12 @@ def test_killed_at_any_moment(tmp_path: Path) -> None:
         time.sleep(rng.uniform(0.5, 1.05) * whole_s)
         process.kill()
         ended += process.wait() == 0
-        FinishedResults(out)
+        Results(out)
         now = {name: digest for name, digest in contents(out).items() if not name.startswith(".")}
-        results = FinishedResults(out)
+        results = Results(out)
         assert (results.report.complete, len(results.poses), len(results.tracks)) == (True, 12, 11)
         assert len(results.found.objects) == 1
-        assert len(results.points.xyz) == 12
+        assert len(results.map_points().xyz) == 12
         same = {name: digest for name, digest in old.items() if not name.startswith(".")}
         if now != same:  # the new ones: times differ in run.json, and perhaps the page is not yet there
             assert {*now} - {*same} == set()
@@ -126,10 +126,10 @@ def test_two_runs_into_one_folder_end_as_one_of_them(tmp_path: Path) -> None:
     ]
     for process in processes:
         assert "Traceback" not in process.communicate(timeout=120)[1]
-    results = FinishedResults(out)
+    results = Results(out)
     frames = results.report.frames_used
     assert frames in (8, 14)
-    assert (len(results.poses), len(results.points.xyz), len(results.tracks)) == (frames, frames, frames - 1)
+    assert (len(results.poses), len(results.map_points().xyz), len(results.tracks)) == (frames, frames, frames - 1)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
@@ -144,7 +144,7 @@ def test_asked_to_end_with_force_it_replaces_or_keeps(tmp_path: Path, number: si
     process.send_signal(number)
     _, said = process.communicate(timeout=60)
     assert "Traceback" not in said
-    results = FinishedResults(out)
+    results = Results(out)
     assert len(results.poses) == results.report.frames_used
     # a terminal that is closed kills; the others end the run, which says that it is not complete
     assert results.report.complete == (number == signal.SIGHUP)

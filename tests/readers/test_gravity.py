@@ -134,7 +134,7 @@ def test_bags_without_one(tmp_path):
 
 
 def test_a_real_phone_has_walls_upright_in_its_world(data_dir):
-    pytest.importorskip("OpenEXR", reason="depth of Record3D is read with OpenEXR: pip install 'cuboid[phone]'")
+    pytest.importorskip("OpenEXR", reason="depth of Record3D is read with OpenEXR: pip install '.[phone]'")
     recording = open_recording(data_dir / "containers" / "record3d-exr")
     frame = recording.read(0)
     K, depth_m = recording.intrinsics, frame.depth_m.astype(float)

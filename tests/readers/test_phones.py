@@ -38,7 +38,7 @@ def gap_m(recording, a, b):
 class TestRecord3D:
     @pytest.fixture(autouse=True)
     def _openexr(self):
-        pytest.importorskip("OpenEXR", reason="depth of Record3D is read with OpenEXR: pip install 'cuboid[phone]'")
+        pytest.importorskip("OpenEXR", reason="depth of Record3D is read with OpenEXR: pip install '.[phone]'")
 
     def test_a_real_export(self, data_dir):
         recording = open_recording(data_dir / "containers" / "record3d-exr")
@@ -82,7 +82,7 @@ class TestRecord3D:
 
     def test_without_openexr_the_extra_is_named(self, data_dir, monkeypatch):
         monkeypatch.setitem(sys.modules, "OpenEXR", None)
-        with pytest.raises(InputError, match=r"pip install 'cuboid\[phone\]'"):
+        with pytest.raises(InputError, match=r"pip install '\.\[phone\]'"):
             open_recording(data_dir / "containers" / "record3d-exr")
 
 
@@ -188,11 +188,11 @@ class TestRecord3DFile:
     def test_without_the_library_the_extra_is_named(self, tmp_path, lzfse, monkeypatch):
         path = make_r3d(tmp_path / "a.r3d", lzfse)
         monkeypatch.setitem(sys.modules, "liblzfse", None)
-        with pytest.raises(InputError, match=r"LZFSE, which is read with pyliblzfse: pip install 'cuboid\[phone\]'"):
+        with pytest.raises(InputError, match=r"LZFSE needs pyliblzfse, .* pip install '\.\[phone\]'"):
             open_recording(path)
 
     def test_sizes_are_told_before_anything_is_unpacked(self):
-        real = pytest.importorskip("liblzfse", reason="the real library: pip install 'cuboid[phone]'")
+        real = pytest.importorskip("liblzfse", reason="the real library: pip install '.[phone]'")
         rng = np.random.default_rng(0)
         for data in (
             b"",

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-pytest.importorskip("rosbags", reason="bags are read with rosbags: pip install 'cuboid[ros]'")
+pytest.importorskip("rosbags", reason="bags are read with rosbags: pip install '.[ros]'")
 
 from made_bags import START_NS, time_of, writing
 from made_recordings import CAMERA, color_image, depth_image

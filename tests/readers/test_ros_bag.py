@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-pytest.importorskip("rosbags", reason="bags are read with rosbags: pip install 'cuboid[ros]'")
+pytest.importorskip("rosbags", reason="bags are read with rosbags: pip install '.[ros]'")
 
 from made_bags import START_NS, STEP_NS, encoded, make_bag, time_of, writing
 from made_recordings import CAMERA, color_image, depth_image, make_plain
@@ -238,5 +238,5 @@ def what_is_said(file):
 def test_without_rosbags_the_extra_is_named(tmp_path, monkeypatch):
     path = make_bag(tmp_path / "walk.bag", "bag")
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
-    with pytest.raises(InputError, match=r"pip install 'cuboid\[ros\]'"):
+    with pytest.raises(InputError, match=r"pip install '\.\[ros\]'"):
         open_recording(path)

@@ -73,7 +73,7 @@ def scenes(tmp_path_factory: pytest.TempPathFactory) -> dict[Intrinsics, tuple[F
 def write(name: str, frames: Frames, root: Path) -> Path:
     needs = {"record3d": "OpenEXR", "record3d-file": "liblzfse"}
     if name in needs:
-        pytest.importorskip(needs[name], reason="pip install 'cuboid[phone]'")
+        pytest.importorskip(needs[name], reason="pip install '.[phone]'")
     return (LOSSLESS | LOSSY)[name](frames, root)
 
 

@@ -16,7 +16,7 @@ from cuboid.errors import FrameError, InputError
 from cuboid.formats.stored import located
 from cuboid.readers import open_recording
 
-pytest.importorskip("fsspec", reason="URLs are read with fsspec: pip install 'cuboid[remote]'")
+pytest.importorskip("fsspec", reason="URLs are read with fsspec: pip install '.[remote]'")
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def test_of_a_large_archive_only_what_is_needed_is_fetched(served):
 
 
 def test_bags_are_read_message_by_message(served):
-    pytest.importorskip("rosbags", reason="bags are read with rosbags: pip install 'cuboid[ros]'")
+    pytest.importorskip("rosbags", reason="bags are read with rosbags: pip install '.[ros]'")
     server, folder = served
     for name, kind, query in (("a.bag", "bag", "?signed=1"), ("b", "mcap", ""), ("c", "db3", "")):
         local = open_recording(make_bag(folder / name, kind))
@@ -112,7 +112,7 @@ def test_a_server_that_gives_no_parts_of_files_is_told_apart(served):
 
 def test_without_fsspec_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "fsspec", None)
-    with pytest.raises(InputError, match=r"URLs are read with fsspec: pip install 'cuboid\[remote\]'"):
+    with pytest.raises(InputError, match=r"a URL needs fsspec, which is not installed: .* pip install '\.\[remote\]'"):
         open_recording("https://example.org/a.zip")
 
 
@@ -121,7 +121,7 @@ def bucket():
     """A bucket of an S3 server in this process, and what uploads to it."""
     moto = pytest.importorskip("moto.server", reason="the S3 server of the tests is moto")
     boto3 = pytest.importorskip("boto3")
-    pytest.importorskip("s3fs", reason="s3:// is read with s3fs: pip install 'cuboid[remote]'")
+    pytest.importorskip("s3fs", reason="s3:// is read with s3fs: pip install '.[remote]'")
     with pytest.MonkeyPatch.context() as patch:
         for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
             patch.setenv(name, "test")

@@ -12,7 +12,7 @@ from made_scene import CAMERA, Shown, record
 from browser import Watched, browser
 from cuboid.errors import InputError
 from cuboid.frame import Frame
-from cuboid.outputs import FinishedResults
+from cuboid.outputs import Results
 from cuboid.proposals.types import Proposals
 from cuboid.scene import Scene, Source
 from cuboid.views.report import summarise, write_report
@@ -40,7 +40,7 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def label_at(scene: Scene, place: tuple[float, float]) -> int:
-    return scene.at([*place, 0.53], 0.1)[0].label
+    return scene.near([*place, 0.53], 0.1)[0].label
 
 
 def visited(first: Path, path: Path, shown: Shown) -> Scene:
@@ -100,8 +100,8 @@ def test_the_page_shows_what_changed(moved: Path, tmp_path: Path) -> None:
         one, two = (label_at_begin(scene, place[0]) for place in (ONE, TWO))
         (new,) = (change.label for change in scene.changes() if change.change == "new")
         scene.write_results(tmp_path / "out")
-        write_report(tmp_path / "page.html", summarise(FinishedResults(tmp_path / "out"), None, scene.shown_changes(2)))
-    assert two not in [item.label for item in FinishedResults(tmp_path / "out").found.objects], "it is gone"
+        write_report(tmp_path / "page.html", summarise(Results(tmp_path / "out"), None, scene.shown_changes(2)))
+    assert two not in [item.label for item in Results(tmp_path / "out").found.objects], "it is gone"
     with browser() as launched:
         seen = Watched(launched)
         seen.open(tmp_path / "page.html")

@@ -18,9 +18,9 @@ from cuboid.config import TrackerConfig
 from cuboid.errors import CuboidError, FrameError, InputError, OutputError
 from cuboid.frame import Frame
 from cuboid.geometry import se3
-from cuboid.outputs import FinishedResults
+from cuboid.outputs import Results
 from cuboid.posing import GivenPoses
-from cuboid.scene import Scene, Source
+from cuboid.scene import Scene, SceneObject, Source
 from cuboid.scene.checking import problems, rescue
 from cuboid.scene.database import open_to_read, open_to_write
 from cuboid.scene.schema import MIGRATIONS, VERSION
@@ -49,10 +49,11 @@ def test_objects_are_told_where_they_stand(made: Path) -> None:
         for item in scene.objects:
             near = min(float(np.linalg.norm(item.box.center - thing.center)) for thing in THINGS)
             assert near < 0.1
+            assert isinstance(item, SceneObject)
             assert item.first_seen[0] == item.last_seen[0] == 1
-        assert [item.label for item in scene.at(scene.objects[1].box.center, 0.01)] == [2]
-        assert {item.label for item in scene.at(scene.objects[1].box.center, 2.0)} == {1, 2}
-        assert scene.at([5.0, 5.0, 5.0], 1.0) == []
+        assert [item.label for item in scene.near(scene.objects[1].box.center, 0.01)] == [2]
+        assert {item.label for item in scene.near(scene.objects[1].box.center, 2.0)} == {1, 2}
+        assert scene.near([5.0, 5.0, 5.0], 1.0) == []
         picture = scene.picture(1)
         assert picture is not None
         assert cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR).shape[2] == 3
@@ -81,7 +82,7 @@ def test_a_second_recording_keeps_labels_and_names(path: Path) -> None:
         for frame in other.frames:
             found = tracker.update(frame)
             assert found.index == frame.index
-        assert [(item.label, item.name) for item in tracker.objects] == [(1, ""), (2, "red, box")]
+        assert [(item.label, item.name) for item in tracker.objects] == [(1, None), (2, "red, box")]
         assert all(0 <= item.first_frame <= item.last_frame < 16 for item in tracker.objects)
         assert all(item.frames_seen <= 16 for item in tracker.objects)
     with Scene.open(path) as scene:
@@ -89,7 +90,7 @@ def test_a_second_recording_keeps_labels_and_names(path: Path) -> None:
             (1, True, 16),
             (2, True, 16),
         ]
-        assert [(item.label, item.name) for item in scene.objects] == [(1, ""), (2, "red, box")]
+        assert [(item.label, item.name) for item in scene.objects] == [(1, None), (2, "red, box")]
         assert {one.recording for one in scene.history(1)} == {1, 2}
 
 
@@ -126,14 +127,14 @@ def test_the_results_of_a_recording(path: Path, tmp_path: Path) -> None:
         with pytest.raises(InputError, match="there is no recording 3"):
             scene.write_results(tmp_path / "other", 3)
         history = {label: scene.history(label) for label in (1, 2)}
-    results = FinishedResults(tmp_path / "out")
-    assert [(item.label, item.name) for item in results.found.objects] == [(1, "blue box"), (2, "")]
-    assert [item.points for item in results.found.objects] == [(results.points.label == k).sum() for k in (1, 2)]
+    results = Results(tmp_path / "out")
+    assert [(item.label, item.name) for item in results.found.objects] == [(1, "blue box"), (2, None)]
+    assert [item.points for item in results.found.objects] == [(results.map_points().label == k).sum() for k in (1, 2)]
     assert len(results.poses) == 16
     assert [(row.frame, row.label) for row in results.tracks] == sorted(
         (one.frame, label) for label, past in history.items() for one in past
     )
-    assert len(results.points.xyz) > 1000
+    assert len(results.map_points().xyz) > 1000
 
 
 def test_other_files_are_refused_in_one_line(path: Path, tmp_path: Path) -> None:
@@ -229,7 +230,7 @@ def test_fine_points_are_in_the_file_in_exports_and_in_what_is_rescued(
     for file in (path, new):
         with Scene.open(file) as scene:
             scene.write_results(tmp_path / file.stem)
-        cloud = FinishedResults(tmp_path / file.stem).points
+        cloud = Results(tmp_path / file.stem).map_points()
         cells = np.floor(cloud.xyz[cloud.label == 1] / 0.01).astype(int)
         assert len(cells) > 1.5 * len(np.unique(cells, axis=0)), "several points a voxel of 1 cm"
         points.append(sorted(map(tuple, np.column_stack([cloud.xyz, cloud.rgb, cloud.label]).tolist())))

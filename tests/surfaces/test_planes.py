@@ -15,6 +15,7 @@ from cuboid.surfaces.cells import Cells
 from cuboid.surfaces.grid import GroundPlan, cells_of
 from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.planes import PlaneTracker
+from cuboid.surfaces.standing import FlatAreas
 from cuboid.tolerances import MIN_READINGS
 from cuboid.tracker import Tracker
 from made_scenes import CAMERA, frame_of, look_at, upright
@@ -43,12 +44,17 @@ def level_cells(x: float, y: float, z: float = 0.0, side: int = 20) -> Cells:
     )
 
 
+def facing(*normal: float) -> FlatAreas:
+    """A flat area that faces some way in the world, on which half of all stands that a frame of `LEVEL` shows."""
+    return FlatAreas(np.array([normal]) @ LEVEL[:3, :3], np.ones(1), np.full(1, 0.5))
+
+
 def with_planes_elsewhere(count: int) -> Tracker:
     """A tracker that has seen planes at the table's own height, 40 m away and more, each 4 m from the next."""
     tracker = Tracker(CAMERA)
     for k in range(count):
         cells = level_cells(40.0 + 4.0 * (k % 12), 4.0 * (k // 12))
-        tracker._planes.vote_up(cells, LEVEL)
+        tracker._planes.vote_up(facing(0, 0, 1), LEVEL)
         tracker._planes.update(0, cells)
     assert len(tracker.planes) == count
     return tracker
@@ -98,7 +104,7 @@ def test_two_planes_that_prove_to_be_one_are_merged_and_others_keep_their_places
     planes = PlaneTracker(TrackerConfig())
     places = [(0.0, 0.0), (20.0, 0.0), (2.2, 0.0), (40.0, 0.0)]
     for frame, (x, y) in enumerate(places):
-        planes.vote_up(level_cells(x, y), LEVEL)
+        planes.vote_up(facing(0, 0, 1), LEVEL)
         planes.update(frame, level_cells(x, y))
     assert [p.index for p in planes.planes] == [0, 1, 2, 3]
     first, gone = planes.planes[0], planes.planes[2]
@@ -122,7 +128,7 @@ def test_two_planes_that_prove_to_be_one_are_merged_and_others_keep_their_places
 
 def test_what_was_seen_once_and_is_too_small_is_forgotten_and_a_table_is_not() -> None:
     planes = PlaneTracker(TrackerConfig())
-    planes.vote_up(level_cells(0, 0), LEVEL)
+    planes.vote_up(facing(0, 0, 1), LEVEL)
     planes.update(0, level_cells(0, 0))
     planes.update(1, level_cells(10, 0, side=4))
     for frame in range(2, 80):
@@ -136,7 +142,7 @@ def test_what_was_seen_once_and_is_too_small_is_forgotten_and_a_table_is_not() -
 def test_identities_are_never_given_twice_and_lead_to_the_plane_that_took_one_in() -> None:
     planes = PlaneTracker(TrackerConfig())
     for frame, (x, y) in enumerate([(0.0, 0.0), (20.0, 0.0), (2.2, 0.0)]):
-        planes.vote_up(level_cells(x, y), LEVEL)
+        planes.vote_up(facing(0, 0, 1), LEVEL)
         planes.update(frame, level_cells(x, y))
     first, far, gone = planes.planes
     assert len({p.identity for p in planes.planes}) == 3
@@ -161,7 +167,7 @@ def test_identities_are_never_given_twice_and_lead_to_the_plane_that_took_one_in
 def test_no_plane_outlives_a_change_of_up() -> None:
     planes = PlaneTracker(TrackerConfig())
     cells = level_cells(0.0, 0.0)
-    assert planes.vote_up(cells, LEVEL * np.array([-1, -1, 1, 1])), "seen by a camera held upside down: hardly sure"
+    assert planes.vote_up(facing(0, 0, 1), LEVEL)
     planes.update(0, cells)
     old = planes.planes[0].identity
     assert planes.find(old) is not None
@@ -169,7 +175,7 @@ def test_no_plane_outlives_a_change_of_up() -> None:
         cells.places, np.tile([0.0, -1.0, 0.0], (len(cells.normal), 1)), cells.center[:, [0, 2, 1]], cells.area_m2,
         cells.sigma_m, cells.image_shape,
     )  # fmt: skip
-    assert any(planes.vote_up(turned, np.eye(4)) for _ in range(30)), "a camera held upright sees that up is along -y"
+    assert any(planes.vote_up(facing(0, -1, 0), LEVEL) for _ in range(30)), "as much stands on what faces -y"
     assert planes.planes == []
     assert planes.find(old) is None
     planes.update(1, turned)
@@ -228,7 +234,7 @@ def test_a_correction_finds_nothing_anew_of_what_many_wide_planes_cover(monkeypa
 
 def test_what_reaches_up_to_a_plane_carries_it_and_what_stands_on_it_or_below_does_not() -> None:
     planes, cells = PlaneTracker(TrackerConfig()), level_cells(0.0, 0.0, z=0.7)
-    planes.vote_up(cells, LEVEL)
+    planes.vote_up(facing(0, 0, 1), LEVEL)
     planes.update(0, cells)
     assert planes.T_plan_world is not None
     R = planes.T_plan_world[:3, :3]
@@ -271,7 +277,7 @@ def test_what_a_frame_shows_of_a_plane_is_told_as_the_planes_from_the_next_one_o
     """However many frames have seen it: in a recording of few frames a table's other end is seen in two or three."""
     planes = PlaneTracker(TrackerConfig())
     for frame in range(18):
-        planes.vote_up(level_cells(0.0, 0.0), LEVEL)
+        planes.vote_up(facing(0, 0, 1), LEVEL)
         planes.update(frame, level_cells(0.0, 0.0))
     end = planes.to_plan(np.array([[1.5, 0.6, 0.0]]))
     assert not planes.planes[0].plan.covers(end)[0]

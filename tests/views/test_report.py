@@ -21,7 +21,7 @@ from hypothesis.extra.numpy import arrays
 from cuboid.cli import report as command
 from cuboid.errors import FrameError, InputError, OutputError
 from cuboid.frame import Frame
-from cuboid.outputs import FinishedResults, read_tracks
+from cuboid.outputs import Results, read_tracks
 from cuboid.readers import open_recording
 from cuboid.results import MapPoints
 from cuboid.views.palette import hex_of
@@ -40,7 +40,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def summary(results: Path) -> Summary:
-    return summarise(FinishedResults(results), open_recording(results.parent / "recording").read)
+    return summarise(Results(results), open_recording(results.parent / "recording").read)
 
 
 def unpacked(packed: PackedPoints) -> dict[str, npt.NDArray[np.float64]]:
@@ -156,7 +156,7 @@ def test_what_cannot_be_read_is_left_without_a_picture(results: Path) -> None:
     def read(index: int) -> Frame:
         raise FrameError(f"{index}: truncated")
 
-    assert summarise(FinishedResults(results), read).pictures == {}
+    assert summarise(Results(results), read).pictures == {}
 
 
 def test_the_page_is_one_file_that_asks_for_nothing_else(summary: Summary) -> None:

@@ -13,7 +13,7 @@ from playwright.sync_api import Browser, Page
 
 from browser import VIEWPORT, Watched, browser, pixels
 from cuboid.frame import UInt8Array
-from cuboid.outputs import FinishedResults, read_tracks
+from cuboid.outputs import Results, read_tracks
 from cuboid.readers import open_recording
 from cuboid.views.palette import color_of
 from cuboid.views.report import summarise, write_report
@@ -24,7 +24,7 @@ from made_results import BEST, COLORS, SEEN, SKIPPED, SPANS, write_results
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = write_results(tmp_path_factory.mktemp("page"), complete=False)
     read = open_recording(folder.parent / "recording").read
-    write_report(folder / "report.html", summarise(FinishedResults(folder), read))
+    write_report(folder / "report.html", summarise(Results(folder), read))
     return folder
 
 
@@ -307,7 +307,7 @@ def test_without_webgl_the_rest_is_shown_all_the_same(launched: Browser, results
 
 @pytest.mark.parametrize("width", [1280, 390])
 def test_warnings_are_a_banner_that_can_be_hidden(launched: Browser, results: Path, tmp_path: Path, width: int) -> None:
-    finished = FinishedResults(results)
+    finished = Results(results)
     warnings = (
         "the camera was lost in 30 of 100 frames; move slower",
         "a <b>long</b> line " + 12 * "that goes on and on ",

@@ -17,12 +17,12 @@ from fakes import INTRINSICS, FakeTracker, write_recording
 
 def test_without_the_sdk_one_line_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(MissingExtraError, match=r"'--rerun' needs rerun, .* pip install 'cuboid\[rerun\]'"):
+    with pytest.raises(MissingExtraError, match=r"'--rerun' needs rerun, .* pip install '\.\[rerun\]'"):
         RerunView(SPAWNED, "recording", INTRINSICS)
 
 
 def test_a_run_is_written_while_it_goes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("rerun", reason="the rerun SDK (170 MB) is not installed: pip install 'cuboid[rerun]'")
+    pytest.importorskip("rerun", reason="the rerun SDK (170 MB) is not installed: pip install '.[rerun]'")
     monkeypatch.setattr("cuboid.run._tracker", FakeTracker)
     recording, file = write_recording(tmp_path / "recording", 6), tmp_path / "run.rrd"
     words = ["track", str(recording), "--output", str(tmp_path / "out"), "--rerun", str(file)]
@@ -43,6 +43,6 @@ def test_a_run_is_written_while_it_goes(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_a_file_in_no_folder_is_one_line(tmp_path: Path) -> None:
-    pytest.importorskip("rerun", reason="the rerun SDK (170 MB) is not installed: pip install 'cuboid[rerun]'")
+    pytest.importorskip("rerun", reason="the rerun SDK (170 MB) is not installed: pip install '.[rerun]'")
     with pytest.raises(OutputError, match="there is no folder"):
         RerunView(str(tmp_path / "none" / "a.rrd"), "recording", INTRINSICS)

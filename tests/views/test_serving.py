@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from browser import Watched, browser
-from cuboid.outputs import FinishedResults
+from cuboid.outputs import Results
 from cuboid.readers import open_recording
 from cuboid.views import serving
 from cuboid.views.live import LiveServer, LiveView
@@ -210,7 +210,7 @@ def test_a_name_is_text_wherever_it_is_shown(results: Path, tmp_path: Path) -> N
     run = (mine / "run.json").read_text(encoding="utf-8")
     old = str(results.parent / "recording")
     (mine / "run.json").write_text(run.replace(old, str(recording)).replace("truncated", TEXT), encoding="utf-8")
-    write_report(tmp_path / "page.html", summarise(FinishedResults(mine), None))
+    write_report(tmp_path / "page.html", summarise(Results(mine), None))
     viewer = Viewer(mine, Replay(mine), open_recording(recording))
     with browser() as launched, make_server(viewer) as server, LiveServer(LiveView(), EVIL, INTRINSICS) as live:
         threading.Thread(target=server.serve_forever, daemon=True).start()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from decimal import Decimal
-from pathlib import Path
 from typing import Any
 
 from cuboid.errors import InputError
@@ -14,6 +13,7 @@ from cuboid.formats.keyframes_file import FORMAT, VERSION
 from cuboid.formats.reading import MAX_JSON_BYTES, read_bytes
 from cuboid.outputs.objects import write_json
 from cuboid.outputs.pending import PendingFile
+from cuboid.paths import PathLike, as_path
 from cuboid.readers.recording import Recording
 
 
@@ -26,7 +26,7 @@ class KeyframesFile:
 
     Parameters
     ----------
-    path : Path
+    path : path
     recording : Recording
 
     Attributes
@@ -42,8 +42,8 @@ class KeyframesFile:
         The file holds something else, or keyframes of another recording.
     """
 
-    def __init__(self, path: Path, recording: Recording) -> None:
-        self.path = path
+    def __init__(self, path: PathLike, recording: Recording) -> None:
+        self.path = as_path(path)
         self.revision = 0
         self._recording = recording
         self._lock = threading.Lock()
@@ -54,7 +54,7 @@ class KeyframesFile:
                 "format": FORMAT, "version": VERSION, "name": name, "objects": [], "frames": []
             }  # fmt: skip
         else:
-            self.document = read_any(path)
+            self.document = read_any(self.path)
             self._check(self.document)
 
     def save(self, revision: int, document: dict[str, Any]) -> int:

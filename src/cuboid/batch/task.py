@@ -25,7 +25,7 @@ from cuboid.store.snapshot import Part, key_of
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from cuboid.outputs import FinishedResults
+    from cuboid.outputs import Results
     from cuboid.readers import Recording
     from cuboid.views.report.pictures import Picture
 
@@ -113,7 +113,7 @@ def give_up(head: RunHead, place: Place, state: str, reason: str) -> Ended:
 def _tracked(task: Task, place: Place, path: Path, scratch: Path) -> Ended:
     from cuboid.config import TrackerConfig
     from cuboid.opening import open_recording
-    from cuboid.outputs import FinishedResults
+    from cuboid.outputs import Results
     from cuboid.outputs.pending import new_folder
     from cuboid.run import track_recording
     from cuboid.saving import write_page
@@ -126,12 +126,12 @@ def _tracked(task: Task, place: Place, path: Path, scratch: Path) -> Ended:
     folder = scratch if local is None else local / _name(task)
     # A folder in the store is there when it is whole. Dask asks again for what a worker had done that then died.
     if folder.is_dir():
-        results = FinishedResults(folder)
+        results = Results(folder)
         tables = _tables(task, recording, results, pictures_of(results, recording.read))
     else:
         with new_folder(folder, force=False, replaces="") as working:
             track_recording(recording, working, config=config, threads=1, force=True, page=False, **options)
-            results = FinishedResults(working)  # what the page reads of them the tables need not read again
+            results = Results(working)  # what the page reads of them the tables need not read again
             pictures = pictures_of(results, recording.read) if task.tables_only else write_page(results, recording.read)
             tables = _tables(task, recording, results, pictures)
             _refuse_changed(task)
@@ -148,9 +148,7 @@ def _name(task: Task) -> str:
     return f"{RESULTS}/{task.head.recording}/{task.head.run}"
 
 
-def _tables(
-    task: Task, recording: Recording, results: FinishedResults, pictures: Mapping[int, Picture]
-) -> dict[str, pa.Table]:
+def _tables(task: Task, recording: Recording, results: Results, pictures: Mapping[int, Picture]) -> dict[str, pa.Table]:
     read_as = ReadAs(recording.format, len(recording), recording.intrinsics, recording.has_poses)
     return tables_of(task.head, results, read_as, pictures, None if task.tables_only else _name(task))
 

@@ -84,9 +84,9 @@ OpenDriver = Callable[[Mapping[str, str]], Driver]
 CAMERAS: Registry[OpenDriver] = Registry("camera", "cuboid.cameras")
 
 
-def library(module: str, camera: str, install: str) -> Any:
+def library(module: str, camera: str, extra: str = "", *, pip: str = "") -> Any:
     """Return a vendor's library; raises MissingExtraError where it is not installed."""
-    return require(module, f"--camera {camera}", install)
+    return require(module, f"--camera {camera}", extra, pip=pip)
 
 
 def refuse_unknown(camera: str, options: Mapping[str, str], known: tuple[str, ...]) -> None:

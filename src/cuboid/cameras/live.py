@@ -18,6 +18,7 @@ from cuboid.cameras.keeping import FORMS, keeping
 from cuboid.cameras.latest import POLL_S, LatestQueue
 from cuboid.errors import CuboidError, FrameError, InputError, OutputError
 from cuboid.frame import Frame, Intrinsics
+from cuboid.paths import PathLike, as_path
 from cuboid.readers import calibration as calibrations
 from cuboid.readers.images import depth_in_metres
 
@@ -39,20 +40,21 @@ class LiveCamera:
     depth_units_per_metre : float
     has_poses : bool
         Whether frames come with a camera pose.
-    record : Path or None
+    record : path or None
         Folder in which the frames are kept; it is there when the iteration has ended.
     warnings : list of str
         What went wrong on the way, one line each.
     """
 
     def __init__(
-        self, driver: Driver, *, record: Path | None = None, form: str = "plain", silence_s: float = SILENCE_S
+        self, driver: Driver, *, record: PathLike | None = None, form: str = "plain", silence_s: float = SILENCE_S
     ) -> None:
         if form not in FORMS:
             raise InputError(f"a camera is recorded as {' or '.join(FORMS)}, got '{form}'")
-        if record is not None and record.exists():  # said before the camera has run for an hour
+        self.record = None if record is None else as_path(record)
+        if self.record is not None and self.record.exists():  # said before the camera has run for an hour
             raise OutputError(f"{record}: exists; frames are recorded into a new folder")
-        self.name, self.record = driver.name, record
+        self.name = driver.name
         self.has_poses = driver.has_poses
         self.depth_units_per_metre = driver.depth_units_per_metre
         self.warnings: list[str] = []
@@ -169,7 +171,7 @@ class LiveCamera:
             self._queue.end()
 
 
-def open_camera(camera: str, *, record: Path | str | None = None, form: str = "plain") -> LiveCamera:
+def open_camera(camera: str, *, record: PathLike | None = None, form: str = "plain") -> LiveCamera:
     """Open a live camera.
 
     Parameters
@@ -199,7 +201,7 @@ def open_camera(camera: str, *, record: Path | str | None = None, form: str = "p
     options = _options(name, rest)
     driver = opener(options)
     try:
-        return LiveCamera(driver, record=None if record is None else Path(record), form=form)
+        return LiveCamera(driver, record=record, form=form)
     except BaseException:
         driver.close()
         raise

@@ -51,7 +51,7 @@ class Oak:
 
     def __init__(self, options: Mapping[str, str]) -> None:
         refuse_unknown(NAME, options, OPTIONS)
-        dai = library("depthai", NAME, "'cuboid[oak]'")
+        dai = library("depthai", NAME, "oak")
         size = image_size(NAME, options.get("size", SIZE))
         rate = whole_number(NAME, "rate", options.get("rate", RATE_HZ))
         try:

@@ -3,7 +3,7 @@
 Options: ``serial=`` which of several, ``size=WIDTHxHEIGHT`` of color (640x480), ``rate=HZ`` (30).
 
 The package pins old versions of packages that it needs for its examples alone, so that no extra can name it; see
-`INSTALL`. Depth is that of its own camera; it is registered to color with what the device says of the two.
+`PIP`. Depth is that of its own camera; it is registered to color with what the device says of the two.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from cuboid.readers.reader import Calibration
 NAME = "orbbec"
 OPTIONS = ("serial", "size", "rate")
 SIZE, RATE_HZ = "640x480", "30"
-INSTALL = "--no-deps pyorbbecsdk2"
+PIP = "--no-deps pyorbbecsdk2"
 MILLIMETRES = 1000.0
 # How OpenCV makes RGB of the other forms in which color comes.
 CONVERSIONS = {"BGR": cv2.COLOR_BGR2RGB, "YUYV": cv2.COLOR_YUV2RGB_YUYV, "UYVY": cv2.COLOR_YUV2RGB_UYVY}
@@ -51,7 +51,7 @@ class Orbbec:
 
     def __init__(self, options: Mapping[str, str]) -> None:
         refuse_unknown(NAME, options, OPTIONS)
-        self._sdk = sdk = library("pyorbbecsdk", NAME, INSTALL)
+        self._sdk = sdk = library("pyorbbecsdk", NAME, pip=PIP)
         size = image_size(NAME, options.get("size", SIZE))
         rate = whole_number(NAME, "rate", options.get("rate", RATE_HZ))
         try:

@@ -51,7 +51,7 @@ class RealSense:
 
     def __init__(self, options: Mapping[str, str], device: Any = None) -> None:
         refuse_unknown(NAME, options, OPTIONS)
-        self._rs = rs = library("pyrealsense2", NAME, "'cuboid[realsense]'")
+        self._rs = rs = library("pyrealsense2", NAME, "realsense")
         self.paced = "file" in options
         config = self._config(options)
         if device is None and not self.paced and len(rs.context().query_devices()) == 0:

@@ -2,7 +2,7 @@
 
 Options: ``id=`` which of several (its UDID).
 
-The package is under the LGPL, so that no extra names it; see `INSTALL`. Depth has 192x256 pixels; color is shrunk by a
+The package is under the LGPL, so that no extra names it; see `PIP`. Depth has 192x256 pixels; color is shrunk by a
 whole number. The app gives no times: those of arrival count. Its poses are ARKit's.
 """
 
@@ -23,7 +23,7 @@ from cuboid.readers.posetext import pose_from_quaternion
 
 NAME = "record3d"
 OPTIONS = ("id",)
-INSTALL = "record3d"
+PIP = "record3d"
 # ARKit's confidence of a reading: 0 low, 1 medium, 2 high. Low ones are no reading.
 MIN_CONFIDENCE = 1
 # Until the first frame the app may ask its user, seconds.
@@ -51,7 +51,7 @@ class Record3D:
 
     def __init__(self, options: Mapping[str, str]) -> None:
         refuse_unknown(NAME, options, OPTIONS)
-        record3d = library("record3d", NAME, INSTALL)
+        record3d = library("record3d", NAME, pip=PIP)
         devices = record3d.Record3DStream.get_connected_devices()
         wanted = options.get("id")
         chosen = next((one for one in devices if wanted in (None, str(one.udid))), None)

@@ -26,7 +26,6 @@ from cuboid.readers.ros_bag import COLOR_WORDS, DEPTH_WORDS, NEITHER, WITHIN_S
 
 NAME = "ros2"
 OPTIONS = ("color", "depth", "info", "domain")
-INSTALL = "'cuboid[ros2]'"
 # Nodes find each other within one or two seconds; a camera's first images may take some more.
 DISCOVERY_S, FIRST_S = 5.0, 10.0
 # Images of one kind that wait for their partner, and that DDS keeps for us.
@@ -55,7 +54,7 @@ class Ros2:
     def __init__(self, options: Mapping[str, str]) -> None:
         refuse_unknown(NAME, options, OPTIONS)
         for module in ("cyclonedds", "rosbags"):
-            library(module, NAME, INSTALL)
+            library(module, NAME, "ros2")
         from cuboid.cameras.dds import Network
 
         domain = options.get("domain", os.environ.get("ROS_DOMAIN_ID", "0"))

@@ -45,9 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Track what is not done yet."""
-    from cuboid.cli.extras import need_cluster
+    from cuboid.extras import need_cluster
 
-    need_cluster("'cuboid batch'")
+    need_cluster("cuboid batch")
     from contextlib import nullcontext
 
     from cuboid.batch.batch import Order, carry_out, plan

@@ -14,6 +14,7 @@ from pathlib import Path
 from cuboid import __version__
 from cuboid.cli.results import add_results, give
 from cuboid.cli.threads import cores
+from cuboid.extras import NOT_INSTALLED, how_to_install
 
 EXAMPLE = "cuboid doctor"
 
@@ -100,7 +101,7 @@ def _packages() -> Iterator[Check]:
                 import_module(module)
             yield Check(distribution, OK, metadata.version(distribution))
         except ImportError as error:  # metadata.PackageNotFoundError is one
-            detail = f"not installed: pip install 'cuboid[{extra}]'" if extra else f"cannot be imported: {error}"
+            detail = f"{NOT_INSTALLED}: {how_to_install(extra)}" if extra else f"cannot be imported: {error}"
             yield Check(distribution, MISSING if extra else BAD, detail)
     yield _opencv_parts()
 

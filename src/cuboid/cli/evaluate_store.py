@@ -37,9 +37,9 @@ def run(args: argparse.Namespace) -> int:
     """Judge and print."""
     from pathlib import Path
 
-    from cuboid.cli.extras import need_cluster
+    from cuboid.extras import need_cluster
 
-    need_cluster("'cuboid evaluate --store'")
+    need_cluster("cuboid evaluate --store")
     from cuboid.cli.workers import workers_from
     from cuboid.evaluation.statistics import compare, intervals
     from cuboid.store.judging import judge_store

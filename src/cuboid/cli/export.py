@@ -27,9 +27,10 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.cli.threads import limit_threads
 
     limit_threads(1)
-    from cuboid.exports import FinishedRun, export
+    from cuboid.exports import export
+    from cuboid.outputs import Results
 
-    notes = export(FinishedRun(args.results, args.recording), args.to, args.output, force=args.force)
+    notes = export(Results(args.results, args.recording), args.to, args.output, force=args.force)
     lines = "\n".join((f"{args.to} written to {args.output}", *notes))
     document = {"output": str(args.output), "form": args.to, "notes": notes}
     give(args, document, lambda: console().print(lines, markup=False))

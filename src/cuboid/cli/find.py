@@ -29,9 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Find and print."""
-    from cuboid.cli.extras import need_cluster
+    from cuboid.extras import need_cluster
 
-    need_cluster("'cuboid find'")
+    need_cluster("cuboid find")
     from cuboid.cli.tables import console
     from cuboid.outputs.pending import write_whole
     from cuboid.store.find import Filters, find

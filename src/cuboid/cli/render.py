@@ -47,8 +47,8 @@ def run(args: argparse.Namespace) -> int:
 
     limit_threads(1)
     path = _path(args)
-    replay = Replay(args.results)
-    recording = replay.reopen(args.recording)
+    replay = Replay(args.results, args.recording)
+    recording = replay.recording
     draw, drawn = drawer(args.show, args.results, replay), 0
     seen = replay.frames(recording.timestamp_s)
     shown = Console(stderr=True)

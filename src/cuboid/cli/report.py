@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cuboid.cli.results import add_output, add_results, give, refuse_existing
-
-if TYPE_CHECKING:
-    from cuboid.frame import Frame
 
 EXAMPLE = "cuboid report DIR --force"
 
@@ -29,7 +24,7 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.cli.tables import console
     from cuboid.cli.threads import limit_threads
     from cuboid.errors import InputError
-    from cuboid.outputs import FinishedResults
+    from cuboid.outputs import Results
     from cuboid.outputs.folder import REPORT
     from cuboid.views.report import summarise, write_report
 
@@ -38,18 +33,11 @@ def run(args: argparse.Namespace) -> int:
     if path.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"{path}: the page's name must end with .html")
     refuse_existing(path, force=args.force)
-    read = None if args.no_pictures else _reading(args.results, args.recording)
-    summary = summarise(FinishedResults(args.results), read)
+    results = Results(args.results, args.recording)
+    read = None if args.no_pictures else results.recording.without_poses().read
+    summary = summarise(results, read)
     write_report(path, summary)
     objects = len(summary.found.objects)
     line = f"page with {objects} objects in {path}"
     give(args, {"output": str(path), "objects": objects}, lambda: console().print(line, markup=False))
     return 0
-
-
-def _reading(results: Path, moved: Path | None) -> Callable[[int], Frame]:
-    """Return what reads the frames of the recording that results are of."""
-    from cuboid.outputs import FinishedResults
-    from cuboid.views.replay import reopen
-
-    return reopen(FinishedResults(results), moved).without_poses().read

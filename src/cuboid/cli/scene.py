@@ -95,7 +95,7 @@ def _list(scene: Scene, args: argparse.Namespace) -> Answer:
     from cuboid.cli.tables import new_table
     from cuboid.errors import printable
 
-    found = scene.all_objects if args.all else scene.objects
+    found = [item for item in scene.all_objects if args.all or item.state == "present"]
     document = {"objects": [object_document(item) for item in found]}
     if not found:
         return document, ["no object"]
@@ -109,7 +109,7 @@ def _list(scene: Scene, args: argparse.Namespace) -> Answer:
         place = ", ".join(f"{value:z.2f}" for value in item.box.center)
         seen = "recording {}, frame {}".format(*item.last_seen)
         cells = (size, place, seen, f"{item.score:.2f}")
-        table.add_row(str(item.label), escape(printable(item.name)), *((told,) if args.all else ()), *cells)
+        table.add_row(str(item.label), escape(printable(item.name or "")), *((told,) if args.all else ()), *cells)
     return document, [table]
 
 
@@ -190,7 +190,7 @@ def _changes(scene: Scene, args: argparse.Namespace) -> Answer:
         places = ("" if p is None else ", ".join(f"{value:z.2f}" for value in p) for p in (one.from_m, one.to_m))
         far = "" if one.metres is None else f"{one.metres:.2f}"
         sure = "" if one.metres is None else f"{one.sure:.2f}"
-        name = escape(printable(one.name))
+        name = escape(printable(one.name or ""))
         table.add_row(str(one.recording), str(one.label), name, one.change, *places, far, sure)
     if args.pictures is None:
         return document, [table]
@@ -230,8 +230,8 @@ def _forget(scene: Scene, args: argparse.Namespace) -> Answer:
 
 
 def _export(scene: Scene, args: argparse.Namespace) -> Answer:
-    from cuboid.exports import FinishedRun, export
-    from cuboid.outputs import FinishedResults
+    from cuboid.exports import export
+    from cuboid.outputs import Results
     from cuboid.outputs.folder import REPORT
 
     document = {"output": str(args.output), "form": args.to}
@@ -240,12 +240,12 @@ def _export(scene: Scene, args: argparse.Namespace) -> Answer:
         from cuboid.views.report import summarise, write_report
 
         number = len(scene.recordings) if args.recording is None else args.recording
-        summary = summarise(FinishedResults(args.output), None, scene.shown_changes(number))
+        summary = summarise(Results(args.output), None, scene.shown_changes(number))
         write_report(args.output / REPORT, summary)
         return {**document, "notes": []}, [f"results in {args.output}"]
     with tempfile.TemporaryDirectory(prefix="cuboid-scene-") as work:
         scene.write_results(Path(work) / "results", args.recording)
-        notes = export(FinishedRun(Path(work) / "results"), args.to, args.output, force=args.force)
+        notes = export(Results(Path(work) / "results"), args.to, args.output, force=args.force)
     return {**document, "notes": notes}, [f"{args.to} written to {args.output}", *notes]
 
 

@@ -32,9 +32,9 @@ def run(args: argparse.Namespace) -> int:
     import secrets
     import socket
 
-    from cuboid.cli.extras import need_cluster
+    from cuboid.extras import need_cluster
 
-    need_cluster("'cuboid serve'")
+    need_cluster("cuboid serve")
     import uvicorn
 
     from cuboid.errors import OutputError

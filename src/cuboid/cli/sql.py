@@ -25,9 +25,9 @@ def run(args: argparse.Namespace) -> int:
     """Ask and print."""
     import sys
 
-    from cuboid.cli.extras import need_cluster
+    from cuboid.extras import need_cluster
 
-    need_cluster("'cuboid sql'")
+    need_cluster("cuboid sql")
     from cuboid.cli.tables import console, new_table
     from cuboid.errors import InputError
     from cuboid.store.query import Tables

@@ -19,9 +19,9 @@ def run(args: argparse.Namespace) -> int:
     """Gather and tidy."""
     from dataclasses import asdict
 
-    from cuboid.cli.extras import need_cluster
+    from cuboid.extras import need_cluster
 
-    need_cluster("'cuboid store compact'")
+    need_cluster("cuboid store compact")
     from cuboid.store.compact import compact, tidy
     from cuboid.store.page import write_summary
     from cuboid.store.place import Place

@@ -60,7 +60,7 @@ def objects_table(objects: Iterable[TrackedObject]) -> Table:
         size = " x ".join(f"{side * 100:.1f}" for side in item.box.size)
         place = ", ".join(f"{value:z.2f}" for value in item.box.center)
         cells = (str(item.label), size, place, str(item.frames_seen), f"{item.score:.2f}")
-        table.add_row(*cells, *((escape(printable(item.name)),) if name else ()))
+        table.add_row(*cells, *((escape(printable(item.name or "")),) if name else ()))
     return table
 
 

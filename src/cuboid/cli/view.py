@@ -24,8 +24,8 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.views.report.server import Viewer, make_server
 
     limit_threads(1)
-    replay = Replay(args.results)
-    recording = replay.reopen(args.recording)
+    replay = Replay(args.results, args.recording)
+    recording = replay.recording
     viewer = Viewer(args.results, replay, recording)
     _ = viewer.page  # a mistake in the results is told here, not to the browser
     return serve(args, str(args.results), make_server(viewer, args.port))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,6 +35,7 @@ from cuboid.evaluation.truth import Truth, read_truth
 from cuboid.geometry.se3 import transform
 from cuboid.outputs import read_map
 from cuboid.outputs.text import LENGTH, rounded
+from cuboid.paths import PathLike, as_path
 
 FORMAT, VERSION = "cuboid-evaluation", 1
 
@@ -125,11 +125,11 @@ class Evaluation:
 
 
 def evaluate(
-    result: Result | Path | str,
-    truth: Truth | Path | str,
+    result: Result | PathLike,
+    truth: Truth | PathLike,
     *,
-    cloud: Path | None = None,
-    trajectory: Path | None = None,
+    cloud: PathLike | None = None,
+    trajectory: PathLike | None = None,
 ) -> Evaluation:
     """Judge a result by the truth.
 
@@ -139,9 +139,9 @@ def evaluate(
         A result folder, or a CSV with the boxes of any other tracker.
     truth : Truth or path
         A truth file, or a folder with a `truth.json`.
-    cloud : Path, optional
+    cloud : path, optional
         A labelled cloud, with which the heat of the map is compared.
-    trajectory : Path, optional
+    trajectory : path, optional
         True camera poses in the TUM form, by which the result is aligned with the world of the truth. Where the
         result's poses were estimated, a `true_trajectory.txt` beside the truth is used by itself.
 
@@ -150,9 +150,9 @@ def evaluate(
     InputError
         A file cannot be used, or result and truth are of different recordings.
     """
-    result = result if isinstance(result, Result) else read_result(Path(result))
-    truth = truth if isinstance(truth, Truth) else read_truth(Path(truth))
-    result = in_world_of(result, truth.path, trajectory)
+    result = result if isinstance(result, Result) else read_result(result)
+    truth = truth if isinstance(truth, Truth) else read_truth(truth)
+    result = in_world_of(result, truth.path, None if trajectory is None else as_path(trajectory))
     frames = _judged_frames(result, truth)
     scope = Scope(truth, frames)
     quality, boxes = map_quality(scope, result.objects)
@@ -218,7 +218,7 @@ def _proposals(scope: Scope, rows: BoxRows | None) -> ProposalQuality | None:
     return proposal_quality(scope.frame_overlaps(rows), int(np.isin(rows.frame, scope.frames).sum()))
 
 
-def _heat(result: Result, cloud: Path, truth: Truth) -> HeatQuality:
+def _heat(result: Result, cloud: PathLike, truth: Truth) -> HeatQuality:
     if result.map_points is None:
         raise InputError(f"{result.path}: has no point map to compare with {cloud}")
     points = read_map(result.map_points)

@@ -21,10 +21,10 @@ from cuboid.evaluation.keyframe_scores import (
 )
 from cuboid.evaluation.keyframes import COUNTING, Keyframe, Keyframes, check_frames, read_keyframes
 from cuboid.evaluation.result import read_rects
-from cuboid.exports.finished import FinishedRun
-from cuboid.outputs import RunReport
+from cuboid.outputs import Results, RunReport
 from cuboid.outputs.folder import TRACKS
 from cuboid.outputs.text import LENGTH, rounded
+from cuboid.paths import PathLike, as_path
 from cuboid.readers.recording import Recording
 
 FORMAT, VERSION = "cuboid-keyframes-evaluation", 1
@@ -79,7 +79,7 @@ class KeyframeEvaluation:
 
 
 def evaluate_keyframes(
-    result: Path | str, keyframes: Keyframes | Path | str, recording: Path | str | None = None
+    result: PathLike, keyframes: Keyframes | PathLike, recording: PathLike | None = None
 ) -> KeyframeEvaluation:
     """Judge a result by rectangles that a person drew.
 
@@ -96,9 +96,9 @@ def evaluate_keyframes(
     InputError
         A file cannot be used, or result and keyframes are of different recordings.
     """
-    result = Path(result)
-    truth = keyframes if isinstance(keyframes, Keyframes) else read_keyframes(Path(keyframes))
-    run = FinishedRun(result, None if recording is None else Path(recording)) if result.is_dir() else None
+    result = as_path(result)
+    truth = keyframes if isinstance(keyframes, Keyframes) else read_keyframes(keyframes)
+    run = Results(result, recording) if result.is_dir() else None
     report = None if run is None else run.report
     judged, not_given = _given(truth, result, report)
     bad = set() if report is None else {frame for frame, _ in report.skipped}

@@ -11,9 +11,9 @@ from cuboid.config import TrackerConfig
 from cuboid.downscaling import downscale
 from cuboid.errors import ConfigError, CuboidError, InputError
 from cuboid.evaluation.result import RectRows, read_rects
-from cuboid.exports.finished import FinishedRun
 from cuboid.formats.rows_files import OwnRectEntry
 from cuboid.frame import Float64Array
+from cuboid.outputs import Results
 from cuboid.outputs.folder import PROPOSALS
 from cuboid.proposals import SOURCES, make_source
 from cuboid.readers.recording import Recording
@@ -43,7 +43,7 @@ class Stage:
     reason: str = ""
 
 
-def open_again(run: FinishedRun) -> Recording | str:
+def open_again(run: Results) -> Recording | str:
     """Return the recording of results, without its poses, or why it cannot be opened.
 
     Raises
@@ -64,12 +64,12 @@ def rects_by_frame(rows: RectRows) -> Rects:
     return {int(frame): rows.rects_xyxy[rows.frame == frame] for frame in np.unique(rows.frame)}
 
 
-def early_stages(run: FinishedRun, recording: Recording | str, frames: Sequence[int]) -> list[Stage]:
+def early_stages(run: Results, recording: Recording | str, frames: Sequence[int]) -> list[Stage]:
     """Return the stages before the labelled sightings, in the order of work.
 
     Parameters
     ----------
-    run : FinishedRun
+    run : Results
     recording : Recording or str
         Of the run, or why it cannot be opened.
     frames : sequence of int
@@ -91,7 +91,7 @@ def _stage(name: str, short: str, rects: Callable[[], Rects]) -> Stage:
         return Stage(name, short, None, str(error))
 
 
-def _proposals_2d(run: FinishedRun, recording: Recording | str, frames: Sequence[int]) -> Rects:
+def _proposals_2d(run: Results, recording: Recording | str, frames: Sequence[int]) -> Rects:
     """Compute the 2D proposals again, from the same images with the same source."""
     if isinstance(recording, str):
         raise InputError(f"the recording cannot be opened: {recording}")
@@ -108,7 +108,7 @@ def _proposals_2d(run: FinishedRun, recording: Recording | str, frames: Sequence
     return found
 
 
-def _settings(run: FinishedRun) -> TrackerConfig:
+def _settings(run: Results) -> TrackerConfig:
     """Return the tracker's settings in a run; the usual ones where it does not say, or said them otherwise then."""
     said = run.report.config.get("tracker")
     try:
@@ -117,7 +117,7 @@ def _settings(run: FinishedRun) -> TrackerConfig:
         return TrackerConfig()
 
 
-def _map_boxes(run: FinishedRun, frames: Sequence[int]) -> Rects:
+def _map_boxes(run: Results, frames: Sequence[int]) -> Rects:
     """Project the map's boxes at the end into the frames."""
     poses = {frame: row.T_world_camera for frame, row in run.poses.items()}
     found = {}

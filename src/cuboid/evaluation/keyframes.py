@@ -18,6 +18,7 @@ from cuboid.errors import InputError, printable
 from cuboid.formats.json_validation import checked, format_in, read_json
 from cuboid.formats.keyframes_file import FORMAT, KeyframeEntry, KeyframesDocument
 from cuboid.frame import Float64Array
+from cuboid.paths import PathLike, as_path
 from cuboid.readers.recording import Recording
 
 # A frame's number in the name of its file: the first there is, which may be a time.
@@ -117,7 +118,7 @@ def is_keyframes(path: Path) -> bool:
     return path.is_file() and format_in(path) == FORMAT
 
 
-def read_keyframes(path: Path) -> Keyframes:
+def read_keyframes(path: PathLike) -> Keyframes:
     """Read a file of keyframes.
 
     Raises
@@ -126,6 +127,7 @@ def read_keyframes(path: Path) -> Keyframes:
         The file is missing, is of another format, or a field is missing or malformed; the message names file and
         field.
     """
+    path = as_path(path)
     return _keyframes(path, read_json(path, KeyframesDocument))
 
 

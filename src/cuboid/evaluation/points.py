@@ -19,6 +19,7 @@ from cuboid.formats.table_validation import read_lines
 from cuboid.frame import Float64Array
 from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import FARTHEST_M
+from cuboid.paths import PathLike, as_path
 
 # A labelled point has the heat of the nearest point of the map within this, metres: two voxels of 1 cm.
 REACH_M = 0.02
@@ -89,7 +90,7 @@ class HeatQuality:
     curve: tuple[HeatAt, ...]
 
 
-def read_labelled_cloud(path: Path) -> LabelledCloud:
+def read_labelled_cloud(path: PathLike) -> LabelledCloud:
     """Read a labelled cloud.
 
     Parameters
@@ -103,7 +104,8 @@ def read_labelled_cloud(path: Path) -> LabelledCloud:
     InputError
         A file is missing or malformed, or the points have no labels.
     """
-    trimesh = require("trimesh", "cuboid evaluate --cloud", "'cuboid[synth]'")
+    trimesh = require("trimesh", "cuboid evaluate --cloud", "synth")
+    path = as_path(path)
 
     with opened(path, MAX_BINARY_BYTES) as file:
         try:

@@ -14,8 +14,9 @@ from cuboid.formats.table_validation import read_table
 from cuboid.frame import Float64Array
 from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import rotation_from_quat_wxyz
-from cuboid.outputs import FinishedResults
+from cuboid.outputs import Results
 from cuboid.outputs.folder import MAP, PROPOSALS, TRACKS, TRAJECTORY
+from cuboid.paths import PathLike, as_path
 
 IntArray = npt.NDArray[np.int64]
 
@@ -116,7 +117,7 @@ class Result:
         )
 
 
-def read_result(path: Path) -> Result:
+def read_result(path: PathLike) -> Result:
     """Read a result folder (``docs/commands.md``), or a CSV with at least the columns of `BoxEntry`.
 
     The map of a plain CSV is each label's last box, and the more frames a label has, the higher it is ranked.
@@ -126,10 +127,11 @@ def read_result(path: Path) -> Result:
     InputError
         A file is missing or malformed; the message names file and line.
     """
+    path = as_path(path)
     if not path.is_dir():
         tracks = read_boxes(path)
         return Result(path, tracks, _last_boxes(tracks))
-    finished = FinishedResults(path)
+    finished = Results(path)
     report = finished.report
     known = finished.found.objects
     return Result(

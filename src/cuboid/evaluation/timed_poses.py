@@ -11,6 +11,7 @@ from cuboid.errors import CuboidError, FrameError, InputError
 from cuboid.formats.table_validation import data_lines
 from cuboid.frame import Float64Array
 from cuboid.outputs.folder import TRAJECTORY
+from cuboid.paths import PathLike, as_path
 from cuboid.readers import open_recording
 from cuboid.readers.posetext import Trajectory, parse_numbers, pose_from_quaternion
 from cuboid.readers.recording import DEFAULT_RATE_HZ
@@ -53,12 +54,12 @@ class TimedPoses:
         return float(np.median(np.diff(self.times_s))) if len(self) > 1 else 0.0
 
 
-def read_poses(path: Path) -> TimedPoses:
+def read_poses(path: PathLike) -> TimedPoses:
     """Read camera poses.
 
     Parameters
     ----------
-    path : Path
+    path : path
         A file of lines ``timestamp tx ty tz qx qy qz qw`` (the TUM form, as in ``trajectory.txt``), a ``.pose`` file
         of RGB-D Scenes v2 (a line a frame, frame / 30 s), the folder of a result, or a recording with poses.
 
@@ -67,6 +68,7 @@ def read_poses(path: Path) -> TimedPoses:
     InputError
         If there are no poses, or a line is malformed.
     """
+    path = as_path(path)
     if not path.exists():
         raise InputError(f"{path} does not exist")
     if not path.is_dir():

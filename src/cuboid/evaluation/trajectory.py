@@ -8,7 +8,6 @@ Parameters Between Two Point Patterns", PAMI 1991, without his scale: depth came
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from cuboid.errors import InputError
 from cuboid.evaluation.timed_poses import TimedPoses, read_poses
 from cuboid.frame import Float64Array
 from cuboid.outputs.text import LENGTH, rounded
+from cuboid.paths import PathLike
 
 FORMAT, VERSION = "cuboid-trajectory-evaluation", 1
 
@@ -130,7 +130,7 @@ class TrajectoryErrors:
 
 
 def evaluate_trajectory(
-    estimate: TimedPoses | Path | str, truth: TimedPoses | Path | str, *, limit_s: float = LIMIT_S
+    estimate: TimedPoses | PathLike, truth: TimedPoses | PathLike, *, limit_s: float = LIMIT_S
 ) -> TrajectoryErrors:
     """Compare an estimated camera path with the true one.
 
@@ -146,8 +146,8 @@ def evaluate_trajectory(
     InputError
         A file cannot be used, or the two have fewer than three times in common.
     """
-    found = estimate if isinstance(estimate, TimedPoses) else read_poses(Path(estimate))
-    known = truth if isinstance(truth, TimedPoses) else read_poses(Path(truth))
+    found = estimate if isinstance(estimate, TimedPoses) else read_poses(estimate)
+    known = truth if isinstance(truth, TimedPoses) else read_poses(truth)
     a, b = associate(found.times_s, known.times_s, limit_s)
     if len(a) < FEWEST_PAIRS:
         raise InputError(

@@ -16,6 +16,7 @@ from cuboid.formats.json_validation import read_json
 from cuboid.formats.truth_file import BoxOfTruth, RegionOfTruth, TruthDocument, VisibilityOfTruth
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
+from cuboid.paths import PathLike, as_path
 
 NAME = "truth.json"
 
@@ -110,7 +111,7 @@ class Truth:
     visibility: Float64Array | None
 
 
-def read_truth(path: Path) -> Truth:
+def read_truth(path: PathLike) -> Truth:
     """Read a truth file, or the one named `NAME` in a folder.
 
     Raises
@@ -118,6 +119,7 @@ def read_truth(path: Path) -> Truth:
     InputError
         The file is missing, is no truth file, or a field is malformed; the message names file and field.
     """
+    path = as_path(path)
     path = path / NAME if path.is_dir() else path
     document = read_json(path, TruthDocument)
     objects = sorted(document.objects, key=lambda item: item.id)

@@ -20,6 +20,7 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou_matrix, pack
 from cuboid.geometry.se3 import mean_motion, transform
+from cuboid.paths import PathLike, as_path
 from cuboid.readers.posetext import Trajectory
 from cuboid.results import SceneChange
 from cuboid.scene import Scene
@@ -73,14 +74,14 @@ def is_visits(path: Path) -> bool:
     return (path / VISITS).is_file()
 
 
-def evaluate_visits(scene: Path, folder: Path) -> VisitsQuality:
+def evaluate_visits(scene: PathLike, folder: PathLike) -> VisitsQuality:
     """Judge a scene whose recordings are the visits of a folder, in order.
 
     Parameters
     ----------
-    scene : Path
+    scene : path
         The scene file.
-    folder : Path
+    folder : path
         From `cuboid synth --visits`.
 
     Raises
@@ -88,6 +89,7 @@ def evaluate_visits(scene: Path, folder: Path) -> VisitsQuality:
     InputError
         One of them cannot be read, or the scene has other recordings.
     """
+    folder = as_path(folder)
     visits = read_json(folder / VISITS, VisitsDocument).visits
     with Scene.open(scene) as opened:
         if len(opened.recordings) != len(visits):

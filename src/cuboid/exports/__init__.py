@@ -6,16 +6,16 @@ from pathlib import Path
 
 from cuboid.errors import OutputError
 from cuboid.exports import coco, csv_table, kitti, mcap, plain_json, ply, rerun_file
-from cuboid.exports.finished import FinishedRun
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.formats.reading import real_path
-from cuboid.outputs import OUTPUT_NAMES
+from cuboid.outputs import OUTPUT_NAMES, Results
 from cuboid.outputs.pending import new_file, new_folder
+from cuboid.paths import PathLike, as_path
 
 __all__ = [
     "EXPORTS",
     "Export",
-    "FinishedRun",
+    "Results",
     "coco",
     "csv_table",
     "export",
@@ -27,16 +27,16 @@ __all__ = [
 ]
 
 
-def export(run: FinishedRun, name: str, path: Path, *, force: bool = False) -> list[str]:
+def export(run: Results, name: str, path: PathLike, *, force: bool = False) -> list[str]:
     """Write results in another form.
 
     Parameters
     ----------
-    run : FinishedRun
+    run : Results
         The results.
     name : str
         Of the form, one of `EXPORTS`.
-    path : Path
+    path : path
         The file, or for PLY the folder, to write; it appears when it is whole.
     force : bool
         Whether what lies there is replaced.
@@ -55,7 +55,7 @@ def export(run: FinishedRun, name: str, path: Path, *, force: bool = False) -> l
     MissingExtraError
         The form needs a package that is not installed.
     """
-    form = EXPORTS.get(name)
+    form, path = EXPORTS.get(name), as_path(path)
     _refuse(run, name, form, path)
     if form.suffix:
         with new_file(path, force=force) as file:
@@ -64,7 +64,7 @@ def export(run: FinishedRun, name: str, path: Path, *, force: bool = False) -> l
         return form.write(run, folder)
 
 
-def _refuse(run: FinishedRun, name: str, form: Export, path: Path) -> None:
+def _refuse(run: Results, name: str, form: Export, path: Path) -> None:
     """Refuse a name that is of another kind of file, or that the results themselves have."""
     if form.suffix and path.suffix.lower() != form.suffix:
         raise OutputError(f"{path}: the name must end with {form.suffix} for '{name}'")

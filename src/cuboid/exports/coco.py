@@ -10,10 +10,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from cuboid.exports.finished import FinishedRun
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.formats.stored import is_there
-from cuboid.outputs import TrackRow
+from cuboid.outputs import Results, TrackRow
 from cuboid.outputs.objects import write_json
 from cuboid.outputs.text import LENGTH, PIXEL, rounded, rounded_list
 
@@ -21,7 +20,7 @@ CATEGORY = 1
 VIDEO = 1
 
 
-def write(run: FinishedRun, path: Path) -> list[str]:
+def write(run: Results, path: Path) -> list[str]:
     """Write the file; says so where the recording, which names the images, is not there."""
     K = run.found.intrinsics
     names = _image_names(run)
@@ -52,7 +51,7 @@ def write(run: FinishedRun, path: Path) -> list[str]:
     return [f"{run.report.recording} is not there: images are named by their numbers (--recording says where it is)"]
 
 
-def _image_names(run: FinishedRun) -> dict[int, str]:
+def _image_names(run: Results) -> dict[int, str]:
     """Return the file of each frame's image, seen from the recording; none where the recording is gone."""
     if run.recording_path is None and not is_there(run.report.recording):
         return {}
@@ -60,14 +59,14 @@ def _image_names(run: FinishedRun) -> dict[int, str]:
     return {frame: name for frame, name in named if name is not None}
 
 
-def _track(run: FinishedRun, label: int) -> dict[str, Any]:
+def _track(run: Results, label: int) -> dict[str, Any]:
     ended = run.survivor.get(label)
     merged_into = ended.label if ended is not None and ended.label != label else None
     name = {"name": ended.name} if ended is not None and ended.name else {}
     return {"id": label, "category_id": CATEGORY, "video_id": VIDEO, "merged_into": merged_into, **name}
 
 
-def _annotation(run: FinishedRun, number: int, row: TrackRow) -> dict[str, Any]:
+def _annotation(run: Results, number: int, row: TrackRow) -> dict[str, Any]:
     x0, y0, x1, y1 = row.rect_xyxy
     ended = run.survivor.get(row.label)
     return {

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cuboid.exports.finished import FinishedRun
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
+from cuboid.outputs import Results
 from cuboid.outputs.text import DIRECTION, LENGTH, number, numbers
 from cuboid.results import TrackedObject
 
@@ -19,7 +19,7 @@ CENTIMETRE = 3
 COLOR = 1
 
 
-def write(run: FinishedRun, path: Path) -> list[str]:
+def write(run: Results, path: Path) -> list[str]:
     """Write the file."""
     lines = [HEADER, *(_line(item) for item in run.found.objects)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
@@ -44,7 +44,7 @@ def _line(item: TrackedObject) -> str:
         numbers(item.mean_color, COLOR),
         "" if item.plane is None else str(item.plane),
         " ".join(map(str, item.merged_labels)),
-        quoted(item.name),
+        quoted(item.name or ""),
     )
     return ",".join(cells)
 

@@ -22,13 +22,12 @@ from pathlib import Path
 import numpy as np
 
 from cuboid.errors import InputError
-from cuboid.exports.finished import FinishedRun
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou
 from cuboid.geometry.se3 import inverse, transform
-from cuboid.outputs import TrackRow
+from cuboid.outputs import Results, TrackRow
 from cuboid.outputs.text import LENGTH, PIXEL, number, numbers
 from cuboid.views.projection import NEAR_M, project
 
@@ -91,7 +90,7 @@ class KittiRow:
         return Box(self.foot + (self.size_lwh[2] / 2.0) * UPRIGHT, self.size_lwh, rotation)
 
 
-def write(run: FinishedRun, path: Path) -> list[str]:
+def write(run: Results, path: Path) -> list[str]:
     """Write the file; says how much the form loses."""
     rows = []
     for seen in run.tracks:
@@ -195,7 +194,7 @@ def _wrapped(angle_rad: float) -> float:
     return float((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)
 
 
-def _losses(run: FinishedRun, rows: list[KittiRow]) -> list[str]:
+def _losses(run: Results, rows: list[KittiRow]) -> list[str]:
     """Say how far from level the camera was, and how well the upright boxes overlap the true ones."""
     if not rows:
         return []

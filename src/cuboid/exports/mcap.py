@@ -23,12 +23,11 @@ import cv2
 import numpy as np
 
 from cuboid.errors import FrameError
-from cuboid.exports.finished import FinishedRun
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.formats.stored import is_there
 from cuboid.frame import Float64Array, Frame
 from cuboid.geometry.box import CORNER_SIGNS, EDGES, Box
-from cuboid.outputs import TrackRow
+from cuboid.outputs import Results, TrackRow
 from cuboid.results import MapPoints, names_of, tag_of
 from cuboid.ros_messages import COLOR, DEPTH, OPTICAL_FRAME, TRANSFORMS, WORLD_FRAME, RosBag, nanoseconds
 from cuboid.views.palette import color_of
@@ -46,7 +45,7 @@ DEPTH_HEADER = bytes(12)
 FLOAT32 = 7  # of sensor_msgs/PointField
 
 
-def write(run: FinishedRun, path: Path) -> list[str]:
+def write(run: Results, path: Path) -> list[str]:
     """Write the file; says so where the recording, which has the pictures, is not there."""
     shown = run.recording_path is not None or is_there(run.report.recording)
     if shown:
@@ -58,7 +57,7 @@ def write(run: FinishedRun, path: Path) -> list[str]:
     return [] if shown else [f"{run.report.recording} is not there: no pictures (--recording says where it is)"]
 
 
-def _write_frames(bag: RosBag, run: FinishedRun, shown: bool) -> None:
+def _write_frames(bag: RosBag, run: Results, shown: bool) -> None:
     seen: dict[int, list[TrackRow]] = defaultdict(list)
     last_seen: dict[int, int] = {}
     for row in run.tracks:
@@ -69,7 +68,7 @@ def _write_frames(bag: RosBag, run: FinishedRun, shown: bool) -> None:
     for number, (frame, pose) in enumerate(run.poses.items()):
         time_ns = nanoseconds(pose.timestamp_s)
         if number == 0:
-            bag.publish(MAP, _cloud(bag, run.points, time_ns), time_ns)
+            bag.publish(MAP, _cloud(bag, run.map_points(), time_ns), time_ns)
         bag.publish(TRANSFORMS, bag.transform(pose.T_world_camera, time_ns), time_ns)
         for topic in (COLOR, DEPTH):
             bag.publish(f"{topic}/camera_info", bag.camera_info(run.found.intrinsics, time_ns), time_ns)
@@ -86,7 +85,7 @@ def _write_frames(bag: RosBag, run: FinishedRun, shown: bool) -> None:
         gone = [row.label for row in seen[frame] if row.label not in lasting and last_seen[row.label] == frame]
 
 
-def _write_pictures(bag: RosBag, run: FinishedRun, index: int, time_ns: int) -> None:
+def _write_pictures(bag: RosBag, run: Results, index: int, time_ns: int) -> None:
     """Write a frame's picture and depth, where they can still be read."""
     try:
         frame: Frame = run.recording.read(index)
@@ -107,7 +106,7 @@ def _write_pictures(bag: RosBag, run: FinishedRun, index: int, time_ns: int) -> 
         bag.publish(topic, image, time_ns)
 
 
-def _detections(bag: RosBag, run: FinishedRun, rows: list[TrackRow], time_ns: int) -> Any:
+def _detections(bag: RosBag, run: Results, rows: list[TrackRow], time_ns: int) -> Any:
     detections = []
     for row in rows:
         pose = bag.pose(_T_world_box(row.box))

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.exports.finished import FinishedRun
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.frame import Float64Array
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
+from cuboid.outputs import Results
 from cuboid.outputs.objects import write_json
 from cuboid.outputs.text import DIRECTION, LENGTH, rounded, rounded_list
 from cuboid.results import SupportPlane, TrackedObject
@@ -27,7 +27,7 @@ CENTIMETRE = 3
 FOOTPRINT = (0, 1, 3, 2)
 
 
-def write(run: FinishedRun, path: Path) -> list[str]:
+def write(run: Results, path: Path) -> list[str]:
     """Write the file."""
     found, first_s = run.found, {frame: pose.timestamp_s for frame, pose in run.poses.items()}
     document = {

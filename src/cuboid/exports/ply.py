@@ -15,10 +15,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.exports.finished import FinishedRun
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.geometry.box import EDGES
-from cuboid.outputs import write_map
+from cuboid.outputs import Results, write_map
 from cuboid.results import MapPoints, TrackedObject
 from cuboid.views.palette import color_of
 
@@ -30,9 +29,9 @@ FACE = np.dtype([("count", "u1"), ("corners", "<i4", 4)])
 EDGE = np.dtype([("ends", "<i4", 2)])  # without a color: trimesh reads only such
 
 
-def write(run: FinishedRun, folder: Path) -> list[str]:
+def write(run: Results, folder: Path) -> list[str]:
     """Write the files into a folder."""
-    objects, points = run.found.objects, run.points
+    objects, points = run.found.objects, run.map_points()
     digits = max(3, len(str(max((item.label for item in objects), default=0))))
     for item in objects:
         own = points.label == item.label

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from cuboid.exports.finished import FinishedRun
+from cuboid.outputs import Results
 from cuboid.registry import Registry
 
 
@@ -25,7 +25,7 @@ class Export:
     """
 
     suffix: str
-    write: Callable[[FinishedRun, Path], list[str]]
+    write: Callable[[Results, Path], list[str]]
     names: str = ""
 
 

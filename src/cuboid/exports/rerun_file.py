@@ -11,17 +11,16 @@ from pathlib import Path
 import numpy as np
 
 from cuboid.errors import FrameError
-from cuboid.exports.finished import FinishedRun
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.formats.stored import is_there
-from cuboid.outputs import TrackRow
+from cuboid.outputs import Results, TrackRow
 from cuboid.results import names_of
 from cuboid.views.report.pictures import encode_jpeg
 from cuboid.views.rerun_scene import RerunScene
 from cuboid.views.rerun_view import JPEG_QUALITY
 
 
-def write(run: FinishedRun, path: Path) -> list[str]:
+def write(run: Results, path: Path) -> list[str]:
     """Write the file; says so where the recording, which has the pictures, is not there."""
     scene = RerunScene(Path(run.report.recording).name, "--to rerun")
     shown = run.recording_path is not None or is_there(run.report.recording)
@@ -34,20 +33,20 @@ def write(run: FinishedRun, path: Path) -> list[str]:
     return [] if shown else [f"{run.report.recording} is not there: no pictures (--recording says where it is)"]
 
 
-def _log_surroundings(scene: RerunScene, run: FinishedRun) -> None:
+def _log_surroundings(scene: RerunScene, run: Results) -> None:
     """Log what does not change: the map, planes, the camera's path and its pinhole."""
     found = run.found
     scene.names = names_of(found.objects)
     scene.up(found.up)
     scene.labels({row.label for row in run.tracks} | {item.label for item in found.objects})
-    scene.map(run.points, static=True)
+    scene.map(run.map_points(), static=True)
     scene.planes(found.planes, static=True)
     places = np.array([pose.T_world_camera[:3, 3] for pose in run.poses.values()]).reshape(-1, 3)
     scene.path(places, static=True)
     scene.pinhole(found.intrinsics)
 
 
-def _log_frames(scene: RerunScene, run: FinishedRun, shown: bool) -> None:
+def _log_frames(scene: RerunScene, run: Results, shown: bool) -> None:
     """Log pose, picture and objects of each used frame."""
     seen: dict[int, list[TrackRow]] = defaultdict(list)
     last_seen: dict[int, int] = {}
@@ -64,7 +63,7 @@ def _log_frames(scene: RerunScene, run: FinishedRun, shown: bool) -> None:
         gone = [row.label for row in seen[frame] if row.label not in lasting and last_seen[row.label] == frame]
 
 
-def _picture(run: FinishedRun, frame: int) -> bytes | None:
+def _picture(run: Results, frame: int) -> bytes | None:
     """Return a frame's picture as JPEG; None where it can no longer be read."""
     try:
         return encode_jpeg(run.recording.read(frame).color, JPEG_QUALITY)

@@ -56,7 +56,7 @@ def markdown() -> str:
         for column, item in zip(row.__struct_fields__, found["prefixItems"], strict=True):
             lines.append(f"| `{column}` | {_what(item)} |")
         title, table = name if name.endswith(")") else f"`{name}`", "\n".join(lines)
-        parts.append(f"## {title}\n\n{row.__doc__}\n\n    {header_of(row, separator)}\n\n{table}")
+        parts.append(f"## {title}\n\n{row.__doc__}\n\n```text\n{header_of(row, separator)}\n```\n\n{table}")
     return "\n\n".join(parts) + "\n"
 
 

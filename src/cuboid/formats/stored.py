@@ -16,6 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any, BinaryIO, Protocol
 
+from cuboid.paths import PathLike
+
 URL = re.compile(r"([a-z][a-z0-9+.-]+):/+(?=[^/])")
 # Scheme, and host or bucket.
 SERVER_PARTS = 2
@@ -154,7 +156,7 @@ def _keep(key: str, store: Store) -> None:
         _stores.popitem(last=False)
 
 
-def located(path: str | os.PathLike[str]) -> Path:
+def located(path: PathLike) -> Path:
     """Return the path that a user means: of a file, a folder, an archive (as a folder), a place in one, or a URL.
 
     Raises
@@ -179,7 +181,7 @@ def located(path: str | os.PathLike[str]) -> Path:
     return whole
 
 
-def is_there(path: str | os.PathLike[str]) -> bool:
+def is_there(path: PathLike) -> bool:
     """Tell whether anything that can be read lies where a user or a result says."""
     try:
         return located(path).exists()

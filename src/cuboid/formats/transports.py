@@ -10,6 +10,7 @@ import threading
 from collections import OrderedDict
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+from cuboid.extras import missing
 from cuboid.formats.archives import BUFFER_BYTES, Window
 from cuboid.formats.stored import Entry, StoredPath
 
@@ -182,7 +183,7 @@ def _filesystem(scheme: str, name: str) -> Any:
             raise ValueError(f"{scheme} needs to know a server")
         return fsspec.filesystem(scheme, **options)
     except ImportError:
-        raise OSError(errno.ENOSYS, "URLs are read with fsspec: pip install 'cuboid[remote]'", name) from None
+        raise OSError(errno.ENOSYS, missing("a URL", "fsspec", "remote"), name) from None
     except ValueError:
         kinds = "https://, s3://, gs:// and what else fsspec knows"
         raise OSError(errno.EINVAL, f"no such kind of URL; there are {kinds}", name) from None

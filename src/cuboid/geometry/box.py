@@ -40,6 +40,14 @@ class Box:
         if shapes != ((3,), (3,), (3, 3)):
             raise ValueError(f"a box needs center (3,), size (3,), rotation (3, 3), got {shapes}")
 
+    def __repr__(self) -> str:
+        return f"Box({self.text()})"
+
+    def text(self) -> str:
+        """Return size and centre in words: centimetres and metres."""
+        size = " x ".join(f"{side * 100:.1f}" for side in self.size)
+        return f"{size} cm at {', '.join(f'{value:z.2f}' for value in self.center)} m"
+
     @property
     def up(self) -> Float64Array:
         """The box's third axis, (3,)."""
@@ -58,6 +66,11 @@ class Box:
         """Tell which points (N, 3) lie in the box, or no farther above or below it than `beyond_m`, metres."""
         away = np.abs((points - self.center) @ self.rotation) - self.size / 2.0
         return np.asarray((away <= (0.0, 0.0, beyond_m)).all(1))
+
+    def distance_m(self, point: Float64Array) -> float:
+        """Return the distance of a point (3,) from the box, metres; 0 inside."""
+        beyond = np.abs((point - self.center) @ self.rotation) - self.size / 2.0
+        return float(np.linalg.norm(np.maximum(beyond, 0.0)))
 
     def corners(self) -> Float64Array:
         """Return the eight corners, (8, 3), in the order of `CORNER_SIGNS`."""

@@ -243,9 +243,14 @@ class ObjectMap:
                 self.store.retire(entry)
 
     def reset_supports(self) -> None:
-        """Reset the support of all objects: the up direction has changed."""
-        for entry in self.store.living():
-            entry.plane, entry.supports, entry.fitted = None, {}, 0
+        """Reset the support of all objects, and fit those with a label again: the up direction has changed.
+
+        Candidates begin anew: what is a surface now was taken for things.
+        """
+        self.store.retire_all([entry for entry in self.store.living() if not entry.confirmed])
+        for entry in self.store.confirmed():
+            entry.plane, entry.supports = None, {}
+            self._fitting.fit(entry)
 
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
         """Move the map, and each object with the keyframe that most of its points are anchored to.

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from cuboid.outputs.finished import FinishedResults
 from cuboid.outputs.folder import OUTPUT_NAMES, ResultFolder
 from cuboid.outputs.objects import ObjectsFile, read_objects, write_objects
+from cuboid.outputs.opened import FrameRecord, Results, open_results
 from cuboid.outputs.ply import read_map, write_map
 from cuboid.outputs.report import LimitReached, RunReport, Timing, read_run, write_run
 from cuboid.outputs.rows import (
@@ -19,16 +19,18 @@ from cuboid.outputs.writer import ResultWriter
 
 __all__ = [
     "OUTPUT_NAMES",
-    "FinishedResults",
+    "FrameRecord",
     "LimitReached",
     "ObjectsFile",
     "PoseRow",
     "ProposalRow",
     "ResultFolder",
     "ResultWriter",
+    "Results",
     "RunReport",
     "Timing",
     "TrackRow",
+    "open_results",
     "read_map",
     "read_objects",
     "read_proposals",

@@ -25,6 +25,7 @@ from pathlib import Path
 from types import TracebackType
 
 from cuboid.errors import OutputError
+from cuboid.paths import PathLike, as_path
 
 RUN = "run.json"
 OBJECTS = "objects.json"
@@ -77,7 +78,7 @@ class ResultFolder:
 
     Parameters
     ----------
-    path : Path
+    path : path
         The folder that the user named.
     force : bool
         Whether results that lie there may be replaced. Files of other names are never touched.
@@ -88,9 +89,9 @@ class ResultFolder:
         The folder exists and `force` is not given, it is a file, or it cannot be written.
     """
 
-    def __init__(self, path: Path, *, force: bool = False) -> None:
-        self.path = path
-        with writing(path):
+    def __init__(self, path: PathLike, *, force: bool = False) -> None:
+        self.path = as_path(path)
+        with writing(self.path):
             self._real = Path(os.path.realpath(path))
             self._replace = self._real.is_dir()
             self._refuse(force)

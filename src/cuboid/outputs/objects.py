@@ -147,5 +147,5 @@ def _object(item: ObjectEntry) -> TrackedObject:
         mean_color=np.array(item.mean_color),
         plane=item.plane,
         merged_labels=tuple(item.merged_labels),
-        name=item.name,
+        name=item.name or None,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy.typing as npt
 
 from cuboid.errors import InputError
 from cuboid.formats.reading import MAX_BINARY_BYTES, read_bytes
+from cuboid.frame import Float32Array, UInt8Array
 from cuboid.geometry.se3 import FARTHEST_M
 from cuboid.results import MapPoints
 
@@ -33,9 +35,9 @@ PROPERTIES = (
 )
 
 
-def _header(points: int) -> bytes:
+def _header(points: int, properties: Sequence[tuple[str, str]] = PROPERTIES) -> bytes:
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {points}"]
-    lines += [f"property {kind} {name}" for kind, name in PROPERTIES]
+    lines += [f"property {kind} {name}" for kind, name in properties]
     return ("\n".join([*lines, "end_header"]) + "\n").encode("ascii")
 
 
@@ -62,6 +64,13 @@ def write_map(path: Path, points: MapPoints) -> None:
     with path.open("wb") as file:
         file.write(_header(len(rows)))
         file.write(rows.tobytes())
+
+
+def cloud_ply(xyz: Float32Array, rgb: UInt8Array) -> bytes:
+    """Return a binary PLY file of points (N, 3) with colors (N, 3)."""
+    rows: npt.NDArray[np.void] = np.zeros(len(xyz), dtype=[("xyz", "<f4", 3), ("rgb", "u1", 3)])
+    rows["xyz"], rows["rgb"] = xyz, rgb
+    return _header(len(rows), PROPERTIES[:6]) + rows.tobytes()
 
 
 def read_map(path: Path) -> MapPoints:

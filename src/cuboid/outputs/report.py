@@ -135,6 +135,10 @@ class RunReport:
     limits: Mapping[str, LimitReached] = field(default_factory=dict)
     frames_dropped: int = 0
 
+    def __repr__(self) -> str:
+        frames = f"{self.frames_used} of {self.frames_read} frames used in {self.seconds:.1f} s"
+        return f"RunReport({self.recording}: {frames}; {len(self.warnings)} warnings)"
+
     @property
     def distortion(self) -> tuple[float, ...]:
         """Of the lens, as it was taken out of the images; empty where there was none."""

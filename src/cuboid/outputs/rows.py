@@ -13,37 +13,31 @@ from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import compose, quat_wxyz_from_rotation, rotation_from_quat_wxyz
 from cuboid.outputs.text import DIRECTION, LENGTH, PIXEL, number, numbers
+from cuboid.results import Sighting, tag_of
 
 TRACKS_HEADER = header_of(TrackEntry)
 PROPOSALS_HEADER = header_of(ProposalEntry)
 
 
-@dataclass(frozen=True, slots=True)
-class TrackRow:
-    """A line of `tracks.csv`: a confirmed object seen in a frame.
+@dataclass(frozen=True, slots=True, repr=False)
+class TrackRow(Sighting):
+    """A sighting with its frame: a line of `tracks.csv`.
+
+    The other attributes are those of `Sighting`; the rectangle is in pixels of the recording's color image.
 
     Attributes
     ----------
     frame : int
+        Number of the frame in the recording.
     timestamp_s : float
-    label : int
-    box : Box
-        In the world, as the map had it after that frame.
-    iou : float or None
-        None where the file leaves it empty.
-    visible : float
-        0..1.
-    rect_xyxy : (4,) float64
-        Pixels of the recording's color image.
+        Seconds.
     """
 
     frame: int
     timestamp_s: float
-    label: int
-    box: Box
-    iou: float | None
-    visible: float
-    rect_xyxy: Float64Array
+
+    def __repr__(self) -> str:
+        return f"TrackRow(frame {self.frame}, {tag_of(self.label)}: {self.box.text()}; {self.visible:.0%} visible)"
 
     def line(self) -> str:
         """Return the line without its end."""
@@ -79,6 +73,10 @@ class ProposalRow:
     score: float
     rect_xyxy: Float64Array
 
+    def __repr__(self) -> str:
+        label = tag_of(self.label) if self.label else "no label"
+        return f"ProposalRow(frame {self.frame}, {label}: {self.box.text()}; score {self.score:.2f})"
+
     def line(self) -> str:
         """Return the line without its end."""
         return (
@@ -99,6 +97,10 @@ class PoseRow:
 
     timestamp_s: float
     T_world_camera: Float64Array
+
+    def __repr__(self) -> str:
+        place = ", ".join(f"{value:z.3f}" for value in self.T_world_camera[:3, 3])
+        return f"PoseRow({self.timestamp_s:.3f} s: camera at {place} m)"
 
     def line(self) -> str:
         """Return the line without its end."""
@@ -126,7 +128,7 @@ def read_tracks(path: Path) -> list[TrackRow]:
         The file is missing or a line of it is malformed; the message names file and line.
     """
     return [
-        TrackRow(row.frame, row.timestamp, row.label, _box(row), row.iou, row.visible, _rect(row))
+        TrackRow(row.label, _box(row), row.iou, row.visible, _rect(row), row.frame, row.timestamp)
         for _, row in read_table(path, TrackEntry)
     ]
 

@@ -27,6 +27,7 @@ from cuboid.outputs.objects import ObjectsFile, write_objects
 from cuboid.outputs.ply import write_map
 from cuboid.outputs.report import RunReport, write_run
 from cuboid.outputs.rows import PROPOSALS_HEADER, TRACKS_HEADER, PoseRow, ProposalRow, TrackRow
+from cuboid.paths import PathLike
 from cuboid.results import FrameResult, MapPoints
 
 # Rows of a run without an output folder are kept in memory up to this size, a file; beyond it on disk.
@@ -40,7 +41,7 @@ class ResultWriter:
 
     Parameters
     ----------
-    path : Path
+    path : path
         The output folder.
     force : bool
         Whether results that lie there may be replaced.
@@ -54,13 +55,13 @@ class ResultWriter:
         The folder exists and `force` is not given, or it cannot be written.
     """
 
-    def __init__(self, path: Path, *, force: bool = False, corrected: bool = False) -> None:
+    def __init__(self, path: PathLike, *, force: bool = False, corrected: bool = False) -> None:
         self._folder = ResultFolder(path, force=force)
-        self._shown = path
+        self._shown = self._folder.path
         self._online = TRAJECTORY_ONLINE if corrected else TRAJECTORY
         with ExitStack() as stack:
             stack.push(self._folder)
-            with writing(path):
+            with writing(self._shown):
                 names = TRACKS, PROPOSALS, self._online
                 self._files = {name: stack.enter_context(self._open(name)) for name in names}
                 self._files[TRACKS].write(TRACKS_HEADER + "\n")
@@ -211,7 +212,7 @@ def lines_of(result: FrameResult, pixels: int = 1) -> tuple[list[str], list[str]
     """
     frame, time_s = result.index, result.timestamp_s
     tracks = [
-        TrackRow(frame, time_s, seen.label, seen.box, seen.iou, seen.visible, seen.rect_xyxy * pixels).line()
+        TrackRow(seen.label, seen.box, seen.iou, seen.visible, seen.rect_xyxy * pixels, frame, time_s).line()
         for seen in result.sightings
     ]
     proposals = [

@@ -21,7 +21,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.config import TrackerConfig
-from cuboid.errors import InputError, MissingExtraError
+from cuboid.errors import InputError
+from cuboid.extras import require
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.proposals.boxes import MOST, best_boxes, thin_out
 from cuboid.proposals.registry import SOURCES
@@ -74,10 +75,7 @@ class OnnxModel:
     """
 
     def __init__(self, path: Path) -> None:
-        try:
-            import onnxruntime
-        except ImportError:
-            raise MissingExtraError("proposal source 'onnx' needs ONNX Runtime: pip install 'cuboid[onnx]'") from None
+        onnxruntime = require("onnxruntime", "--proposals onnx", "onnx")
         if not path.is_file():
             raise InputError(f"no model at {path}")
         options = onnxruntime.SessionOptions()

@@ -88,6 +88,9 @@ class Proposals:
                     f"got {mask.shape}"
                 )
 
+    def __repr__(self) -> str:
+        return f"Proposals({len(self)} {'boxes' if self.masks is None else 'masks'})"
+
     def __len__(self) -> int:
         return len(self.scores)
 

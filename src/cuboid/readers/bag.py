@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.errors import FrameError, InputError
+from cuboid.extras import missing
 from cuboid.formats.cache import local_file
 from cuboid.readers.bag_mcap import Times, mcap_times
 
@@ -180,9 +181,7 @@ def _open(path: Path) -> AnyReader:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
-        raise InputError(
-            f"{path}: bags are read with rosbags, which is not installed: pip install 'cuboid[ros]'"
-        ) from None
+        raise InputError(missing(f"{path}: a bag", "rosbags", "ros")) from None
     if path.suffix == ".db3":  # SQLite wants a file of its own
         try:
             path = local_file(path)

@@ -16,6 +16,7 @@ from cuboid.formats.camera_file import MAX_UNITS, MIN_UNITS, CameraDocument, Mat
 from cuboid.formats.json_validation import read_json
 from cuboid.formats.table_validation import read_lines
 from cuboid.frame import Float64Array, Intrinsics
+from cuboid.paths import PathLike
 from cuboid.readers.depth_camera import DepthCamera, depth_camera_of
 from cuboid.readers.missing_camera import missing_camera
 from cuboid.readers.reader import Calibration, Listing
@@ -32,7 +33,7 @@ HOW_TO_GIVE = f"give them with --intrinsics FX,FY,CX,CY or in {CAMERA_FILE}"
 
 # What a user may give: fx, fy, cx, cy of images without distortion, a file of the form of camera.json or
 # camera-intrinsics.txt, or all that is known of the camera.
-GivenIntrinsics = Sequence[float] | str | os.PathLike[str] | Calibration
+GivenIntrinsics = Sequence[float] | PathLike | Calibration
 
 
 def choose(

@@ -43,6 +43,9 @@ class DepthCamera:
     T_color_depth: Float64Array
     distortion: tuple[float, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"DepthCamera({self.size[0]} x {self.size[1]} pixels, fx {self.fx:.1f}, fy {self.fy:.1f})"
+
     def document(self) -> dict[str, Any]:
         """Return what `camera.json` says of it."""
         values = (self.fx, self.fy, self.cx, self.cy)

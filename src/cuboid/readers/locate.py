@@ -9,6 +9,7 @@ from pathlib import Path
 from cuboid.errors import InputError, shown
 from cuboid.formats.reading import names_in
 from cuboid.formats.stored import ARCHIVE_ENDINGS, StoredPath, located
+from cuboid.paths import PathLike
 from cuboid.readers import calibration as calibrations
 from cuboid.readers.image_folder import left_out, left_out_warning
 from cuboid.readers.nearest import nothing_found
@@ -22,7 +23,7 @@ NAMED = 8
 
 
 def open_recording(
-    path: str | os.PathLike[str],
+    path: PathLike,
     *,
     format: str | None = None,  # noqa: A002 - the flag's own name
     intrinsics: calibrations.GivenIntrinsics | None = None,
@@ -32,7 +33,7 @@ def open_recording(
 
     Parameters
     ----------
-    path : str or path
+    path : path
         The recording's folder (or file), or a folder up to two levels above it if it is the only one there. A .zip or
         .tar counts as a folder, and so does what lies behind a URL (https://, s3://, gs://; extra "remote").
     format : str, optional

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from cuboid.errors import FrameError, InputError
+from cuboid.extras import missing
 from cuboid.formats.cache import local_file
 from cuboid.formats.reading import UnreadableError, names_in, opened
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
@@ -161,9 +162,7 @@ def _require_openexr(path: Path) -> None:
     try:
         import OpenEXR  # noqa: F401 - only to tell that it is there
     except ImportError:
-        raise InputError(
-            f"{path}: its depth is read with OpenEXR, which is missing: pip install 'cuboid[phone]'"
-        ) from None
+        raise InputError(missing(f"{path}: its depth", "OpenEXR", "phone")) from None
 
 
 READERS.register("record3d")(Reader("metadata.json, rgb/, depth/N.exr", recognises, read))

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from cuboid.errors import FrameError, InputError
+from cuboid.extras import missing
 from cuboid.formats.reading import UnreadableError, names_in, read_bytes
 from cuboid.frame import Float32Array
 from cuboid.readers.depth_camera import check_number
@@ -125,9 +126,7 @@ def _require_liblzfse(path: Path) -> None:
     try:
         import liblzfse  # noqa: F401 - only to tell that it is there
     except ImportError:
-        raise InputError(
-            f"{path}: its depth is packed with LZFSE, which is read with pyliblzfse: pip install 'cuboid[phone]'"
-        ) from None
+        raise InputError(missing(f"{path}: depth packed with LZFSE", "pyliblzfse", "phone")) from None
 
 
 READERS.register("record3d-file")(Reader("an .r3d file of Record3D", recognises, read, files=(".r3d",)))

@@ -6,48 +6,30 @@ from dataclasses import dataclass
 
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
+from cuboid.results import TrackedObject, tag_of
 
 
-@dataclass(frozen=True, slots=True)
-class SceneObject:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class SceneObject(TrackedObject):
     """An object of a scene.
+
+    The other attributes are those of `TrackedObject`: the box is in the scene's world, as known last; `first_frame` and
+    `last_frame` count the frames of all recordings; `points` are the voxels that the box was fitted to.
 
     Attributes
     ----------
-    label : int
-    name : str
-        What people call it; empty where nobody gave it a name.
     state : str
         "present", "gone", "merged" or "forgotten".
     merged_into : int or None
-        The label that it lives on under, where it was merged.
-    box : Box
-        In the scene's world, as known last.
-    score : float
-        Confidence that it is an object, 0..1.
-    heat : float
-        Mean heat of its points, 0..1.
-    points : int
-        Voxels that its box was fitted to.
-    mean_color : (3,) float64
-        RGB, 0..255.
+        The older label that it was merged into.
     first_seen, last_seen : (int, int)
-        Recording and frame of it.
-    frames_seen : int
+        Number of the recording, and number of the frame in that recording.
     """
 
-    label: int
-    name: str
     state: str
     merged_into: int | None
-    box: Box
-    score: float
-    heat: float
-    points: int
-    mean_color: Float64Array
     first_seen: tuple[int, int]
     last_seen: tuple[int, int]
-    frames_seen: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,3 +90,7 @@ class ScenePast:
     iou: float | None
     visible: float
     rect_xyxy: Float64Array
+
+    def __repr__(self) -> str:
+        where = f"recording {self.recording}, frame {self.frame}"
+        return f"ScenePast({where}, {tag_of(self.label)}: {self.box.text()}; {self.visible:.0%} visible)"

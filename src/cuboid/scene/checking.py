@@ -13,11 +13,11 @@ from cuboid.heatmap.levels import split_rows
 from cuboid.scene import before
 from cuboid.scene.database import complaining, open_damaged, open_to_read, open_to_write, transaction
 from cuboid.scene.earlier import Keys, Rows, earlier_block, refill, take_earlier
-from cuboid.scene.editing import CAMERA
 from cuboid.scene.packing import BlockRow, unpacked_block
 from cuboid.scene.saving import StateFile, block_rows, load_blocks, load_parts, strange_is_damaged
 from cuboid.scene.thawing import roots, thaw
 from cuboid.scene.validation import TABLES, DamagedError, Row, columns_of, refuse_no_row
+from cuboid.scene.visit import ANY_CAMERA
 from cuboid.tracker import Tracker
 
 # What people and other programs are told, in the order in which rows refer to each other.
@@ -78,7 +78,7 @@ def _state_problems(connection: sqlite3.Connection) -> list[str]:
     try:
         before.load(connection)
         with strange_is_damaged():
-            tracker = thaw(load_parts(connection), *roots(Tracker(CAMERA)))[0]
+            tracker = thaw(load_parts(connection), *roots(Tracker(ANY_CAMERA)))[0]
         if tracker is None:
             return ["the state of the tracker is missing"]
         with strange_is_damaged():
@@ -191,7 +191,7 @@ def _rescue_state(old: sqlite3.Connection, new: sqlite3.Connection, lost: list[s
     """Let the new file go on with what is left of the map; return how many blocks of it there are."""
     try:
         with strange_is_damaged():
-            tracker, poses, _ = thaw(load_parts(old), *roots(Tracker(CAMERA)))
+            tracker, poses, _ = thaw(load_parts(old), *roots(Tracker(ANY_CAMERA)))
     except (InputError, sqlite3.DatabaseError) as error:
         tracker = None
         lost.append(f"the map and the objects' evidence ({error})")

@@ -18,7 +18,7 @@ from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry.se3 import angle, exp, inverse, mean_motion, tidied, transform
 from cuboid.poses import PoseEstimator
 from cuboid.posing import LOST, NO_POSE, EstimatedPoses, Posed
-from cuboid.surfaces.cells import find_voting_cells
+from cuboid.surfaces.standing import find_flat_areas
 from cuboid.surfaces.up import UpVote
 from cuboid.working import thin
 
@@ -242,8 +242,7 @@ class ScenePoses:
         """Return up in a part's world as a frame shows it; raises FrameError while none does."""
         c, vote = self._config, UpVote()
         image = thin(frame, self.intrinsics, c.working_width_px, 0)
-        cells = find_voting_cells(image.depth_m, image.camera, T_part_camera, c.depth_noise_per_m, c.max_depth_m)
-        up = vote.update(cells, T_part_camera, frame.up_camera)
+        up = vote.update(find_flat_areas(image.depth_m, image.camera, c), T_part_camera, frame.up_camera)
         self._waited += 1
         if up is None and self._waited < MAX_FRAMES_WITHOUT_UP:
             raise FrameError(LOST)

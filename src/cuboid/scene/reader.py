@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterable, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from cuboid.errors import InputError, shown
 from cuboid.frame import Float64Array
-from cuboid.results import SceneChange
+from cuboid.object_table import ObjectTable
+from cuboid.paths import PathLike, as_path
+from cuboid.queries import MapQueries
+from cuboid.results import MapPoints, SceneChange, SupportPlane
 from cuboid.scene.answers import SceneObject, ScenePast, SceneRecording
 from cuboid.scene.database import complaining, open_to_read
-from cuboid.scene.validation import BOX, Row, box_of, columns_of, read_rows, rotation_of
+from cuboid.scene.validation import BOX, Outline, Row, box_of, columns_of, document, read_rows, rotation_of
+
+if TYPE_CHECKING:
+    from cuboid.tracker import Tracker
 
 _COLUMNS = (
-    "label", "name", "state", "merged_into", *BOX, "score", "heat", "points", "red", "green", "blue", "first_frame",
-    "last_frame", "frames_seen",
+    "label", "name", "state", "merged_into", "plane", *BOX, "score", "heat", "points", "red", "green", "blue",
+    "first_frame", "last_frame", "frames_seen",
 )  # fmt: skip
 _PAST = (
     *columns_of("sightings", ("label", "iou", "recording", "frame")), "frames.time_s", *columns_of("boxes", BOX),
@@ -33,19 +39,20 @@ _CHANGE = (
 )  # fmt: skip
 
 
-class SceneReader:
+class SceneReader(MapQueries):
     """What a scene's file says. Reading takes no lock: what another one commits meanwhile is seen.
 
     Parameters
     ----------
-    path : Path
+    path : path
         Of the file; where there is none, there are no recordings and no objects.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: PathLike) -> None:
+        self.path = as_path(path)
         self._read: sqlite3.Connection | None = None
-        if path.exists():
+        self._saved: tuple[int, Tracker] | None = None
+        if self.path.exists():
             self._connection()
 
     def poses(self, recording: int) -> dict[int, tuple[float, Float64Array]]:
@@ -66,25 +73,73 @@ class SceneReader:
         ]
 
     @property
-    def objects(self) -> list[SceneObject]:
-        """The objects that are there, by label."""
-        return [item for item in self.all_objects if item.state == "present"]
+    def objects(self) -> ObjectTable:
+        """The objects that are there, by label; each is a `SceneObject`."""
+        return ObjectTable(item for item in self.all_objects if item.state == "present")
 
     @property
     def all_objects(self) -> list[SceneObject]:
         """All objects that ever had a label, by label."""
         rows = self._told(columns_of("objects", _COLUMNS), "objects ORDER BY label")
+        place = {identity: k for k, identity in enumerate(self._plane_identities())}
         with complaining(self.path):
-            return [self._object(row) for row in rows]
+            merged: dict[int | None, list[int]] = defaultdict(list)
+            for label, _, _, merged_into, *_ in rows:
+                merged[merged_into].append(label)
+            return [self._object(row, merged.get(row[0], ()), place) for row in rows]
 
-    def at(self, point: npt.ArrayLike, radius: float) -> list[SceneObject]:
-        """Return the objects whose boxes come within a radius, metres, of a point (3,) of the world, nearest first."""
-        place = np.asarray(point, np.float64)
-        near = []
-        for item in self.objects:
-            beyond = np.abs((place - item.box.center) @ item.box.rotation) - item.box.size / 2
-            near.append((float(np.linalg.norm(np.maximum(beyond, 0.0))), item.label, item))
-        return [item for distance, _, item in sorted(near, key=lambda one: one[:2]) if distance <= radius]
+    @property
+    def planes(self) -> tuple[SupportPlane, ...]:
+        """The supporting planes; `SceneObject.plane` is an index into them."""
+        rows = self._told(columns_of("planes", ("nx", "ny", "nz", "offset", "outline")), "planes ORDER BY identity")
+        with complaining(self.path):
+            return tuple(_plane_of(row) for row in rows)
+
+    def _plane_identities(self) -> list[int]:
+        return [row[0] for row in self._told(("planes.identity",), "planes ORDER BY identity")]
+
+    @property
+    def up(self) -> Float64Array | None:
+        """Up in the world, (3,), a unit vector; None while unknown."""
+        with self._saved_tracker() as tracker:
+            return None if tracker is None else tracker.up
+
+    def map_points(self) -> MapPoints:
+        """Return the global point map, as it was committed last.
+
+        Raises
+        ------
+        InputError
+            The state of the scene is damaged, or of another version.
+        """
+        with self._saved_tracker() as tracker:
+            if tracker is None:
+                return MapPoints(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8), np.zeros(0, np.float32))
+            return tracker.map_points()
+
+    @contextmanager
+    def _saved_tracker(self) -> Iterator[Tracker | None]:
+        """Give the tracker of the scene as it was committed last, within one reading transaction.
+
+        It is kept until another commit; None where the scene has no state.
+        """
+        from cuboid.scene.saving import has_state
+        from cuboid.scene.visit import load_tracker
+
+        if not self.path.exists():
+            yield None
+            return
+        with complaining(self.path):
+            connection = self._connection()
+            connection.execute("BEGIN")
+            try:
+                known = has_state(connection)
+                version: int = connection.execute("PRAGMA data_version").fetchone()[0]
+                if known and (self._saved is None or self._saved[0] != version):
+                    self._saved = version, load_tracker(connection, self.path)
+                yield self._saved[1] if known and self._saved is not None else None
+            finally:
+                connection.execute("COMMIT")
 
     def history(self, label: int) -> list[ScenePast]:
         """Return the sightings of an object, in order of time; those of labels that were merged into it too.
@@ -158,13 +213,27 @@ class SceneReader:
             found += [k for k, into in known.items() if into == one and k not in found]
         return found
 
-    def _object(self, row: Sequence[Any]) -> SceneObject:
-        label, name, state, merged_into = row[:4]
-        box, color = box_of(row[4:14], "objects"), np.array(row[17:20])
+    def _object(self, row: Row, merged: Iterable[int], place: Mapping[int, int]) -> SceneObject:
+        label, name, state, merged_into, plane, *rest = row
+        score, heat, points, red, green, blue, first_frame, last_frame, frames_seen = rest[10:]
         return SceneObject(
-            label, name or "", state, merged_into, box, row[14], row[15], row[16], color,
-            self._place(row[20]), self._place(row[21]), row[22],
-        )  # fmt: skip
+            label=label,
+            name=name,
+            state=state,
+            merged_into=merged_into,
+            merged_labels=tuple(merged),
+            box=box_of(rest[:10], "objects"),
+            plane=None if plane is None else place.get(plane),
+            score=score,
+            heat=heat,
+            points=points,
+            mean_color=np.array((red, green, blue)),
+            first_frame=first_frame,
+            last_frame=last_frame,
+            frames_seen=frames_seen,
+            first_seen=self._place(first_frame),
+            last_seen=self._place(last_frame),
+        )
 
     def _place(self, frame: int) -> tuple[int, int]:
         """Return recording and frame of a frame by the scene's count."""
@@ -191,6 +260,12 @@ class SceneReader:
         return self._read
 
 
+def _plane_of(row: Row) -> SupportPlane:
+    """Return the plane of a row; DamagedError where its outline is none."""
+    outline = np.array(document(row[4], Outline, "planes.outline"), np.float64)
+    return SupportPlane(np.array(row[:3]), row[3], outline.reshape(-1, 3))
+
+
 def _place_of(numbers: Sequence[float | None]) -> Float64Array | None:
     return None if None in numbers else np.array(numbers, np.float64)
 
@@ -200,7 +275,7 @@ def _change_of(row: Row) -> SceneChange:
     recording, label, name, change, *rest = row
     (metres, sure, before, after), box = rest[6:10], box_of(rest[10:], "objects")
     places = _place_of(rest[:3]), _place_of(rest[3:6])
-    return SceneChange(recording, label, name or "", change, box, *places, metres, sure, before, after)
+    return SceneChange(recording, label, name, change, box, *places, metres, sure, before, after)
 
 
 def _pose(numbers: Sequence[float]) -> Float64Array:

@@ -143,9 +143,14 @@ class Records:
 
     def _objects(self, tracker: Tracker, rows: Rows) -> None:
         for entry in tracker.ever_labelled():
-            now = (entry.box, entry.points, entry.state, entry.frames_seen, entry.last_frame, len(entry.merged_labels))
+            plane = tracker.support.find(entry.plane)
+            now = (
+                entry.box, entry.points, entry.state, entry.frames_seen, entry.last_frame, len(entry.merged_labels),
+                None if plane is None else plane.identity,
+            )  # fmt: skip
             if not _same(self._told.get(entry.label), now):
                 was = copy(entry)  # what its attributes hold is never changed
+                was.plane = None if plane is None else plane.identity
                 rows.objects += [(was, 0), *((was, k) for k in entry.merged_labels if k not in self._merged)]
                 rows.merged += [(k, entry.label) for k in entry.merged_labels]
                 self._merged |= {*entry.merged_labels}

@@ -14,16 +14,12 @@ from cuboid import __version__
 from cuboid.errors import InputError
 from cuboid.frame import Intrinsics
 from cuboid.outputs import ObjectsFile, ResultWriter, RunReport
-from cuboid.results import FrameResult, Sighting, SupportPlane, TrackedObject
+from cuboid.results import FrameResult, Sighting, TrackedObject
 from cuboid.scene.answers import SceneObject, ScenePast
-from cuboid.scene.editing import CAMERA
-from cuboid.scene.saving import SceneBlockStore
 from cuboid.scene.scene import Scene
-from cuboid.scene.validation import CameraColumn, Outline, Settings, columns_of, document, read_rows
-from cuboid.scene.visit import load
-from cuboid.tracker import Tracker
+from cuboid.scene.validation import CameraColumn, Settings, columns_of, document, read_rows
+from cuboid.scene.visit import load_tracker
 
-_PLANE = ("nx", "ny", "nz", "offset", "outline")
 NOT_IN_SCENE = "the scene has no pose of this frame"
 
 
@@ -60,13 +56,7 @@ def write_results(scene: Scene, connection: sqlite3.Connection, number: int, fol
     read = len(range(0, frames, every))
     missing = [k for k in range(0, frames, every) if k not in known]
     sightings, objects = _seen(scene, number)
-    tracker = load(connection, Tracker(CAMERA), SceneBlockStore(connection, scene.path))[0]
-    planes = tuple(
-        SupportPlane(
-            np.array(plane[:3]), plane[3], np.array(document(plane[4], Outline, "planes.outline")).reshape(-1, 3)
-        )
-        for plane in read_rows(connection, columns_of("planes", _PLANE), "planes ORDER BY rowid")
-    )
+    tracker, planes = load_tracker(connection, scene.path), scene.planes
     with ResultWriter(folder, force=force) as writer:
         for frame, (time_s, T_world_camera) in known.items():
             seen, heat = tuple(sightings.get(frame, ())), np.zeros((0, 0), np.float32)
@@ -95,11 +85,7 @@ def _seen(scene: Scene, number: int) -> tuple[dict[int, list[Sighting]], list[Tr
     """Return the sightings of a recording by frame, and the objects that it saw."""
     frames: dict[int, list[Sighting]] = defaultdict(list)
     objects: list[TrackedObject] = []
-    merged: dict[int, list[int]] = defaultdict(list)
     gone = {one.label for one in scene.changes(number) if one.recording == number and one.change == "gone"}
-    for item in scene.all_objects:
-        if item.merged_into is not None:
-            merged[item.merged_into].append(item.label)
     for item in scene.all_objects:
         own = [past for past in scene.history(item.label) if past.recording == number]
         if item.merged_into is not None or item.state == "forgotten" or not own:
@@ -107,13 +93,13 @@ def _seen(scene: Scene, number: int) -> tuple[dict[int, list[Sighting]], list[Tr
         for past in own:
             frames[past.frame].append(Sighting(past.label, past.box, past.iou, past.visible, past.rect_xyxy))
         if item.label not in gone:
-            objects.append(_object(item, own, merged[item.label]))
+            objects.append(_object(item, own))
     for rows in frames.values():
         rows.sort(key=lambda one: one.label)
     return frames, objects
 
 
-def _object(item: SceneObject, own: list[ScenePast], merged: list[int]) -> TrackedObject:
+def _object(item: SceneObject, own: list[ScenePast]) -> TrackedObject:
     return TrackedObject(
         label=item.label,
         box=own[-1].box,
@@ -124,7 +110,7 @@ def _object(item: SceneObject, own: list[ScenePast], merged: list[int]) -> Track
         frames_seen=len({past.frame for past in own}),
         points=item.points,
         mean_color=item.mean_color,
-        plane=None,
-        merged_labels=tuple(merged),
+        plane=item.plane,
+        merged_labels=item.merged_labels,
         name=item.name,
     )

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from cuboid.config import TrackerConfig
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.outputs import ResultWriter
+from cuboid.paths import PathLike
 from cuboid.posing import Poses
 from cuboid.proposals.types import ProposalSource
 from cuboid.results import SceneChange
@@ -51,7 +51,7 @@ class IntoScene:
 
     Attributes
     ----------
-    path : Path
+    path : path
         Of its file, which is made where there is none.
     same_world : bool
         The recording's given poses are in the scene's world; else they are aligned with it by the appearance of the
@@ -62,7 +62,7 @@ class IntoScene:
         How often what is new is written.
     """
 
-    path: Path
+    path: PathLike
     same_world: bool = False
     resume: bool = False
     commit_every_s: float = COMMIT_EVERY_S

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterable
 from contextlib import suppress
-from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -15,6 +14,7 @@ from cuboid.config import TrackerConfig
 from cuboid.errors import InputError
 from cuboid.frame import Intrinsics
 from cuboid.limits import MEMORY_MB
+from cuboid.paths import PathLike, as_path
 from cuboid.proposals import make_source
 from cuboid.proposals.types import ProposalSource
 from cuboid.scene import before, editing
@@ -40,18 +40,18 @@ class Scene(SceneReader):
 
     Parameters
     ----------
-    path : Path
+    path : path
         Of the file; it is made by the first call that writes.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: PathLike) -> None:
         super().__init__(path)
         self._write: Writing | None = None
         self._block_connection: sqlite3.Connection | None = None
         self._tracker: SceneTracker | None = None
 
     @classmethod
-    def open(cls, path: str | Path) -> Scene:
+    def open(cls, path: PathLike) -> Scene:
         """Open a scene, or one that is to be made.
 
         Raises
@@ -59,7 +59,7 @@ class Scene(SceneReader):
         InputError
             The file is no scene, damaged, or of a newer version.
         """
-        return cls(Path(path))
+        return cls(path)
 
     def __enter__(self) -> Scene:
         return self
@@ -86,7 +86,7 @@ class Scene(SceneReader):
             self._block_connection = None
         if self._read is not None:
             self._read.close()
-            self._read = None
+            self._read = self._saved = None
         if self._write is not None:
             self._write.close()
             self._write = None
@@ -235,7 +235,7 @@ class Scene(SceneReader):
         with complaining(self.path):
             editing.forget(connection, str(self.path), label)
 
-    def write_results(self, folder: Path, recording: int | None = None, *, force: bool = False) -> None:
+    def write_results(self, folder: PathLike, recording: int | None = None, *, force: bool = False) -> None:
         """Write a result folder, as `cuboid track` leaves it, of a recording: the last one unless given.
 
         Raises
@@ -252,7 +252,7 @@ class Scene(SceneReader):
             connection = self._connection()
             connection.execute("BEGIN")  # all that is read is of one moment
             try:
-                write_results(self, connection, number, folder, force=force)
+                write_results(self, connection, number, as_path(folder), force=force)
             finally:
                 connection.execute("COMMIT")
 

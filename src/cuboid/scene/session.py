@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from cuboid.frame import Float64Array, Frame, Intrinsics
+from cuboid.object_table import ObjectTable
 from cuboid.posing import Posed, Poses
 from cuboid.proposals.types import Proposals, ProposalSource
+from cuboid.queries import MapQueries
 from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
 from cuboid.scene import changes, layout, parts
 from cuboid.scene.before import Before, write_noted
@@ -33,7 +35,7 @@ WRITING_FRACTION = 0.06
 SPARSE = 7
 
 
-class SceneTracker:
+class SceneTracker(MapQueries):
     """A tracker whose map, objects and labels are those of a scene; made by `Scene.tracker`.
 
     Frames are numbered within the recording; results are those of a `Tracker`, in the scene's world.
@@ -156,13 +158,13 @@ class SceneTracker:
         self._pending.append((file, text))
 
     @property
-    def objects(self) -> list[TrackedObject]:
+    def objects(self) -> ObjectTable:
         """The confirmed objects that this recording has seen, by label; frames are those of the recording."""
         first = self._visit.first_frame
-        return [self._of_visit(item) for item in self._tracker.objects if item.last_frame >= first]
+        return ObjectTable(self._of_visit(item) for item in self._tracker.objects if item.last_frame >= first)
 
     def _of_visit(self, item: TrackedObject) -> TrackedObject:
-        first, name = self._visit.first_frame, self._names.get(item.label, "")
+        first, name = self._visit.first_frame, self._names.get(item.label)
         begun, ended, seen = item.first_frame - first, item.last_frame - first, item.frames_seen
         if begun < 0:
             told = [self._records.seen[k] for k in (item.label, *item.merged_labels) if k in self._records.seen]

@@ -7,6 +7,7 @@ import sqlite3
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,9 @@ from cuboid.scene.saving import SceneBlockStore, load_state, strange_is_damaged
 from cuboid.scene.thawing import roots
 from cuboid.scene.validation import columns_of, document, read_rows
 from cuboid.tracker import Tracker
+
+# A state that is loaded to be read or edited takes no frames: any camera will do.
+ANY_CAMERA = Intrinsics(1.0, 1.0, 0.0, 0.0, 1, 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,6 +178,11 @@ def load(
             with strange_is_damaged():
                 poses = ScenePoses.of_earlier(poses, estimated)
     return tracker, poses
+
+
+def load_tracker(connection: sqlite3.Connection, path: Path) -> Tracker:
+    """Return the tracker of a scene as it was committed last, to read its map; raises what `load` raises."""
+    return load(connection, Tracker(ANY_CAMERA), SceneBlockStore(connection, path))[0]
 
 
 def pending(connection: sqlite3.Connection, visit: Visit) -> dict[str, str]:

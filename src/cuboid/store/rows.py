@@ -15,7 +15,7 @@ import pyarrow as pa
 from cuboid.frame import Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import quats_wxyz_from_rotations
-from cuboid.outputs import FinishedResults, RunReport
+from cuboid.outputs import Results, RunReport
 from cuboid.posing import LOST
 from cuboid.results import TrackedObject
 from cuboid.store.indicators import indicators
@@ -84,7 +84,7 @@ class ReadAs:
     has_poses: bool
 
 
-def recorded(head: RunHead, results: FinishedResults) -> datetime:
+def recorded(head: RunHead, results: Results) -> datetime:
     """Return when a recording begins: by its own times where they are those of a calendar, else by its newest file."""
     first_s = next((row.timestamp_s for row in results.poses.values()), 0.0)
     return datetime.fromtimestamp(first_s, UTC) if first_s >= CALENDAR_S else head.newest
@@ -101,14 +101,14 @@ def failure(head: RunHead, state: str, reason: str) -> pa.Table:
 
 
 def tables_of(
-    head: RunHead, results: FinishedResults, read_as: ReadAs, pictures: Mapping[int, Picture], folder: str | None
+    head: RunHead, results: Results, read_as: ReadAs, pictures: Mapping[int, Picture], folder: str | None
 ) -> dict[str, pa.Table]:
     """Return the rows of a run that is done, by table.
 
     Parameters
     ----------
     head : RunHead
-    results : FinishedResults
+    results : Results
     read_as : ReadAs
     pictures : mapping of int to Picture
         By label.
@@ -131,7 +131,7 @@ def settings_text(settings: Mapping[str, Any]) -> str:
     return json.dumps(settings, sort_keys=True, ensure_ascii=False, allow_nan=False)
 
 
-def _run(results: FinishedResults) -> dict[str, Any]:
+def _run(results: Results) -> dict[str, Any]:
     report, objects = results.report, results.found.objects
     hints = indicators(objects)
     return {
@@ -153,7 +153,7 @@ def _run(results: FinishedResults) -> dict[str, Any]:
     }
 
 
-def _labels(results: FinishedResults) -> int:
+def _labels(results: Results) -> int:
     """Return how many labels were given; one is seen, or was merged into another."""
     given = {row.label for row in results.tracks} | set(results.survivor)
     return len(given)
@@ -170,7 +170,7 @@ def _costs(report: RunReport) -> dict[str, Any]:
     }
 
 
-def _recording(head: RunHead, results: FinishedResults, read_as: ReadAs, begin: datetime) -> dict[str, Any]:
+def _recording(head: RunHead, results: Results, read_as: ReadAs, begin: datetime) -> dict[str, Any]:
     K, up = read_as.intrinsics, results.found.up
     times_s = [row.timestamp_s for row in results.poses.values()] or [0.0]
     return {
@@ -201,7 +201,7 @@ def _boxes(boxes: Sequence[Box]) -> list[dict[str, float]]:
     return [dict(zip(names, row, strict=True)) for row in values.tolist()]
 
 
-def _objects(results: FinishedResults, pictures: Mapping[int, Picture], begin: datetime) -> list[dict[str, Any]]:
+def _objects(results: Results, pictures: Mapping[int, Picture], begin: datetime) -> list[dict[str, Any]]:
     times_s = {frame: row.timestamp_s for frame, row in results.poses.items()}
     start_s = next(iter(times_s.values()), 0.0)
 
@@ -236,10 +236,10 @@ def _objects(results: FinishedResults, pictures: Mapping[int, Picture], begin: d
     return rows
 
 
-def _look(item: TrackedObject, results: FinishedResults) -> dict[str, Any]:
+def _look(item: TrackedObject, results: Results) -> dict[str, Any]:
     """Return what one like it is found by."""
-    mine = results.points.label == item.label
-    colors = color_fractions(results.points.rgb[mine])
+    cloud = results.cloud(item.label)
+    colors = color_fractions(cloud.rgb)
     red, green, blue = (round(float(value)) for value in item.mean_color)
     return {
         "red": red,
@@ -247,7 +247,7 @@ def _look(item: TrackedObject, results: FinishedResults) -> dict[str, Any]:
         "blue": blue,
         "color": color_word(colors),
         "colors": colors.tolist(),
-        "shape": shape_distribution(results.points.xyz[mine], item.box.size).tolist(),
+        "shape": shape_distribution(cloud.xyz, item.box.size).tolist(),
     }
 
 
@@ -265,7 +265,7 @@ def _picture(picture: Picture | None) -> dict[str, Any]:
     }
 
 
-def _sightings(results: FinishedResults) -> list[dict[str, Any]]:
+def _sightings(results: Results) -> list[dict[str, Any]]:
     return [
         {
             "frame": row.frame,

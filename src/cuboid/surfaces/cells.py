@@ -60,7 +60,6 @@ def find_cells(
     T_world_camera: Float64Array,
     noise_per_m: float,
     max_depth_m: float,
-    times: int = 1,
 ) -> Cells:
     """Find the flat cells of a depth image.
 
@@ -74,10 +73,8 @@ def find_cells(
     noise_per_m : float
         Standard deviation of depth is this times z squared.
     max_depth_m : float
-    times : int
-        How many times as wide as usual cells are.
     """
-    patch, size = patch_pixels(camera), times * cell_pixels(camera)
+    patch, size = patch_pixels(camera), cell_pixels(camera)
     rows, columns = depth_m.shape[0] // size, depth_m.shape[1] // size
     raw = np.empty((rows * columns, kernel.CELL_COLUMNS))
     kernel.fit_cells(depth_m, _pinhole(camera), size, max_depth_m, raw)
@@ -94,13 +91,6 @@ def find_cells(
         sigma_m=np.maximum(MIN_SIGMA_M, noise_per_m * found[:, kernel.CZ] ** 2),
         image_shape=shape,
     )
-
-
-def find_voting_cells(
-    depth_m: Float32Array, camera: Intrinsics, T_world_camera: Float64Array, noise_per_m: float, max_depth_m: float
-) -> Cells:
-    """Find the flat cells that vote for up: four times as true, in noise, as those of half their edge."""
-    return find_cells(depth_m, camera, T_world_camera, noise_per_m, max_depth_m, times=2)
 
 
 def with_level_patches(

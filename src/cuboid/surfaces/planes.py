@@ -1,8 +1,7 @@
 """Supporting planes: several, horizontal relative to each other, found online, tracked and grown.
 
-Up is the direction in which the scene's horizontal surfaces face. No inertial unit tells it: it is the
-direction that collects the most flat area, where surfaces that a camera held upright would see from above
-count most.
+Up is the direction in which the surfaces face that things stand on. Where no inertial unit tells it, it is the
+direction of the flat areas that most things are seen to stand off from; see `up`.
 
 A frame has to do with the planes whose windows it sees; all others stay as they are, however many there are.
 """
@@ -25,12 +24,16 @@ from cuboid.surfaces.discovery import largest_level
 from cuboid.surfaces.duplicates import merge_duplicates
 from cuboid.surfaces.frustum_planes import FrustumPlanes, crop_planes, frustum
 from cuboid.surfaces.plane import ON_PLANE_M, REACH_M, Plane
-from cuboid.surfaces.up import REFRESH_FRAMES, SAME_COS, UpVote
+from cuboid.surfaces.standing import SAME_COS, FlatAreas
+from cuboid.surfaces.up import REFRESH_FRAMES, UpVote
 from cuboid.surfaces.windows import Windows, window_of
-from cuboid.tolerances import DRIFT_M, LITTLE, MIN_FRAMES, MOST, SIGMAS
+from cuboid.tolerances import DRIFT_M, DRIFT_RAD, LITTLE, MIN_FRAMES, MOST, SIGMAS
 
 # A plane that is not in use yet is removed when it was not seen for more frames than this.
 MAX_UNSEEN_FRAMES = 60
+# The plan frame is turned when the plane that most is known of is tilted in it by more than half of what
+# poses err.
+LEVEL_COS = float(np.cos(MOST * DRIFT_RAD))
 
 
 class PlaneTracker:
@@ -69,10 +72,13 @@ class PlaneTracker:
         """Count a frame, and tell whether it is to vote for up."""
         return self._vote.is_due()
 
-    def vote_up(self, cells: Cells, T_world_camera: Float64Array, up_camera: Float64Array | None = None) -> bool:
-        """Update the vote for up with a frame's flat cells; where up changes, reset all planes and return True."""
-        up = self._vote.update(cells, T_world_camera, up_camera)
-        if up is not None and (self.T_plan_world is None or self._vote.changed):
+    def vote_up(self, areas: FlatAreas, T_world_camera: Float64Array, up_camera: Float64Array | None = None) -> bool:
+        """Update the vote for up with a frame's flat areas; where up changes, reset all planes and return True."""
+        up = self._vote.update(areas, T_world_camera, up_camera)
+        if up is None:
+            self.T_plan_world = None
+            self._clear()
+        elif self.T_plan_world is None or self._vote.changed:
             side = np.eye(3)[int(np.argmin(np.abs(up)))]
             first = np.cross(side, up)
             first /= np.linalg.norm(first)
@@ -80,7 +86,7 @@ class PlaneTracker:
             self.T_plan_world[:3, :3] = np.stack([first, np.cross(up, first), up])
             self._clear()
             return True
-        return False
+        return self._vote.changed
 
     def update(self, frame: int, cells: Cells, keyframe: int = 0) -> npt.NDArray[np.int32]:
         """Update the planes with the flat cells of a frame that is anchored to a keyframe.
@@ -94,6 +100,7 @@ class PlaneTracker:
         owner = np.full(rows * columns, -1, np.int32)
         if self.T_plan_world is None:
             return owner.reshape(rows, columns)
+        self._level()
         R = self.T_plan_world[:3, :3]
         flat = np.flatnonzero(cells.normal @ R[2] > SAME_COS)
         centers, sigma_m = cells.center[flat] @ R.T, cells.sigma_m[flat]
@@ -166,17 +173,33 @@ class PlaneTracker:
         moved : mapping of int to (4, 4) float64
             T_new_old in the world, of each keyframe that moved.
         """
-        self._as_seen = {}
         if self.T_plan_world is None:
+            self._as_seen = {}
             return
         T = self.T_plan_world
-        in_plan = {keyframe: T @ T_new_old @ inverse(T) for keyframe, T_new_old in moved.items()}
+        self._move({keyframe: T @ T_new_old @ inverse(T) for keyframe, T_new_old in moved.items()})
+
+    def _move(self, in_plan: Mapping[int, Float64Array]) -> None:
+        """Move the planes by T_new_old in the plan frame, (4, 4), of each keyframe."""
+        self._as_seen = {}
         for plane in self.planes:
             if plane.apply_correction(in_plan):
                 self._changed.add(plane)
                 self._windows.update(plane)
                 if plane.plan.stale:
                     self._stale.add(plane)
+
+    def _level(self) -> None:
+        """Turn the plan frame so that the plane that most is known of is level in it: a frame's areas told less."""
+        main = self._main
+        if self.T_plan_world is None or main is None or main.frames < REFRESH_FRAMES or main.normal[2] >= LEVEL_COS:
+            return
+        T_new_old = np.eye(4)
+        first = np.cross([0.0, 1.0, 0.0], main.normal)
+        first /= np.linalg.norm(first)
+        T_new_old[:3, :3] = np.stack([first, np.cross(main.normal, first), main.normal])
+        self._move({k: T_new_old for plane in self.planes for k in plane.keyframes.tolist()})
+        self.T_plan_world = T_new_old @ self.T_plan_world
 
     def _match(self, centers: Float64Array, sigma_m: Float64Array) -> npt.NDArray[np.int32]:
         best = np.full(len(centers), np.inf)

@@ -1,4 +1,4 @@
-"""Which way is up: a vote of the flat areas seen so far."""
+"""Which way is up: the direction of the flat areas that things stand on, whichever way the camera is held."""
 
 from __future__ import annotations
 
@@ -8,52 +8,23 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float64Array
-from cuboid.surfaces.cells import MIN_CELLS, Cells
-from cuboid.tolerances import ARM_LENGTH_M, DRIFT_RAD, LITTLE, MIN_FRAMES, MIN_READINGS, MOST, SOME
+from cuboid.surfaces.standing import ENOUGH, SAME_COS, FlatAreas
+from cuboid.tolerances import MIN_READINGS, MOST, SOME
 
-# A flat face of a thing is smaller than this, square metres; one of a room, or of furniture, is larger.
-FACE_M2 = 0.2
-# Normals within this of each other are one direction; a surface is level whose normal is within it of up.
-SAME_COS = float(np.cos(np.radians(12.0)))
-# Directions nearer to one of more area than to what stands upright on it are its noise.
+# A direction nearer than this to another is its noise: the next real one is at right angles.
 NOISE_COS = math.sqrt(MOST)
-# Hands and robots turn cameras about the vertical: where two of the camera's axes lose a little of their length on
-# average, and the third one far less, that one is as likely up as a level surface that is half seen as such.
-FIXED_LIKELY = MOST
-# A surface that only an odd camera would take for level is a wall sooner than a table, unless it is within arm's reach,
-# or the camera, fixed to something, has not moved beyond drift in so many votes.
-STILL_VOTES = MIN_READINGS
 # Another direction becomes up when its likelihood is larger by this ratio.
 MIN_LIKELIHOOD_RATIO = 2.0
-# How likely a flat area is level that a camera held as this one is would not take for level.
-ODD = LITTLE
-# How a camera may be held, turned about its sight: of each the axes of the upright camera in it, (3, 3, 3). One that
-# hangs upside down sees a table as an upright one that looks down sees the wall behind it: this is the likelier one.
-TURNS = np.array([[[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]] for c, s in ((1, 0), (0, 1), (0, -1))], float)
 # What is known of planes, and of up once it is known, is updated every so many frames.
 REFRESH_FRAMES = 8
 
 
-def _level_likelihood(normals_camera: Float64Array) -> Float64Array:
-    """Return how likely surfaces (N, 3) are level by the image-up parts of their normals, `ODD`..1, (N, 3) by turn.
-
-    Seen by a camera that is held upright, a table's normal points up in the image, a wall's sideways or, when the
-    camera looks down, downwards. A camera that looks straight down sees level surfaces as `ODD` ones: these are up
-    where nothing else is.
-    """
-    up = -normals_camera @ TURNS[:, :, 1].T
-    return np.asarray(np.clip((up - LITTLE) / (MOST - LITTLE), ODD, 1.0))
-
-
 class UpVote:
-    """Collects directions in which flat areas face, weighted by area and by how upright they look."""
+    """Collects directions in which flat areas face, with the evidence that things stand on them."""
 
     def __init__(self) -> None:
-        # A row a direction: unit vector (3), area, area times distance, and by turn of the area how much looks level.
-        self._seen: Float64Array = np.zeros((0, 5 + len(TURNS)))
-        self._facing: Float64Array = np.zeros(3)
-        self._first: Float64Array | None = None
-        self._moved_m = 0.0
+        # A row a direction: unit vector (3), area, evidence.
+        self._seen: Float64Array = np.zeros((0, 5))
         self._axes: Float64Array = np.zeros((3, 3))
         self._measured: Float64Array = np.zeros(3)
         self._up: Float64Array | None = None
@@ -63,109 +34,103 @@ class UpVote:
     @property
     def image_up(self) -> Float64Array:
         """The up of the images so far, (3,) in the world: what is left where nothing else tells."""
-        down = self._axes @ TURNS[self._turn(), :, 1]
-        norm = float(np.linalg.norm(down))
-        return np.asarray(-down / norm if norm > 0 else np.array([0.0, 0.0, 1.0]))
-
-    def _turn(self) -> int:
-        """Return in which quarter turn the camera is held: all that it sees faces up in the image, on average.
-
-        Tables and floors are seen from above, walls from either side. Unless another turn is plain, it is none.
-        """
-        up = -self._facing @ TURNS[:, :, 1].T / max(1e-9, float(self._seen[:, 3].sum()))
-        best = int(np.argmax(up))
-        plain = self._votes >= MIN_FRAMES and up[best] >= max(SOME, MIN_LIKELIHOOD_RATIO * up[0])
-        return best if plain else 0
+        norm = float(np.linalg.norm(self._axes[:, 1]))
+        return np.asarray(-self._axes[:, 1] / norm if norm > 0 else np.array([0.0, 0.0, 1.0]))
 
     def is_due(self) -> bool:
         """Count a frame, and tell whether its vote is asked for."""
         self._frames += 1
-        return self._up is None or self._frames % REFRESH_FRAMES == 0
+        self._begin_anew()
+        return not self._is_sure() or self._frames % REFRESH_FRAMES == 0
 
     def update(
-        self, cells: Cells, T_world_camera: Float64Array, up_camera: Float64Array | None = None
+        self, areas: FlatAreas, T_world_camera: Float64Array, up_camera: Float64Array | None = None
     ) -> Float64Array | None:
-        """Take in a frame's cells; return up (3,) in the world, or None while unknown.
+        """Take in a frame's flat areas; return up (3,) in the world, or None while unknown.
 
         `changed` tells whether up is not what it was before.
 
         Parameters
         ----------
-        cells : Cells
+        areas : FlatAreas
         T_world_camera : (4, 4) float64
         up_camera : (3,) float64 or None
             Unit vector away from the earth's pull in the camera, where it was measured: no surface says more.
         """
         self.changed = False
+        self._begin_anew()
         self._axes += T_world_camera[:3, :3]
         self._votes += 1
-        self._first = T_world_camera[:3, 3].copy() if self._first is None else self._first
-        self._moved_m = max(self._moved_m, float(np.linalg.norm(T_world_camera[:3, 3] - self._first)))
-        self._collect(cells, T_world_camera)
         if up_camera is not None:
             self._measured += T_world_camera[:3, :3] @ up_camera
-        directions, likely, known = self._likely()
-        if len(likely) == 0:
-            return self._up
-        best = int(np.argmax(likely))
-        if self._up is None:
-            if known[best]:
-                self._up = directions[best].copy()
-            return self._up
-        current = directions @ self._up > SAME_COS
-        held = float(likely[current].max()) if current.any() else 0.0
-        if not current[best] and known[best] and likely[best] > MIN_LIKELIHOOD_RATIO * held:
-            self._up, self.changed = directions[best].copy(), True
+        normals = areas.normal @ T_world_camera[:3, :3].T
+        for normal, area_m2, evidence in zip(normals, areas.area_m2, areas.evidence, strict=True):
+            # No area counts for more than a square metre a frame: a near wall is no surer than a table.
+            self._add(np.array([*normal, min(1.0, area_m2), evidence]))
+        best = self._best()
+        if self._up is not None and (best is None or best @ self._up <= SAME_COS):
+            self.changed = True
+        if best is None or self._up is None or self.changed:
+            self._up = None if best is None else best.copy()
         return self._up
 
-    def _likely(self) -> tuple[Float64Array, Float64Array, npt.NDArray[np.bool_]]:
-        """Return the directions (N, 3) that may be up, how likely each is, and whether enough is known of it."""
+    def _begin_anew(self) -> None:
+        """Begin with what an earlier version held to be up, where that wrote the votes: it knew no evidence."""
+        if self._seen.shape[1] != 5:
+            self._seen = np.zeros((0, 5)) if self._up is None else np.array([[*self._up, 1.0, 1.0]])
+            self._axes, self._votes = np.zeros((3, 3)), 0
+
+    def _is_sure(self) -> bool:
+        """Tell whether up is known, and by so much that a few frames will not change it."""
+        if self._up is None or self._measured.any():
+            return self._up is not None
+        likely, own = self._likelihood(), self._seen[:, :3] @ self._up > NOISE_COS
+        clear = likely[own].max(initial=0.0) >= MIN_LIKELIHOOD_RATIO * likely[~own].max(initial=0.0)
+        return bool(self._votes >= MIN_READINGS and clear and self._share(own) >= ENOUGH)
+
+    def _share(self, directions: npt.NDArray[np.bool_]) -> float:
+        """Return the most evidence of some directions (N,), in the mean of all frames."""
+        return float(self._seen[directions, 4].max(initial=0.0)) / max(1, self._votes)
+
+    def _best(self) -> Float64Array | None:
+        """Return the direction (3,) that up should be now; None while it is not known.
+
+        In that direction some of what lies on no flat area stands, in the mean of all frames; once it is half of that,
+        up is not known any more.
+        """
         if (norm := float(np.linalg.norm(self._measured))) > 0.0:
             return self._level(self._measured / norm)
-        seen = self._seen
-        directions, area_m2 = seen[:, :3], seen[:, 3]
-        mode = ~((directions @ directions.T > NOISE_COS) & (area_m2[None] > area_m2[:, None])).any(1)
-        turn = self._turn()
-        directions, area_m2, upright_m2 = directions[mode], area_m2[mode], seen[mode, 5 + turn]
-        likely = upright_m2 / area_m2 * -np.expm1(-area_m2 / FACE_M2)
-        distance_m = seen[mode, 4] / area_m2
-        still = (self._moved_m < DRIFT_RAD * distance_m) & (self._votes >= STILL_VOTES)
-        odd = upright_m2 < 2.0 * ODD * area_m2
-        known = (area_m2 >= FACE_M2) & (~odd | (distance_m < ARM_LENGTH_M) | still)
-        axes = self._axes @ TURNS[turn]
-        lost = 1.0 - np.linalg.norm(axes, axis=0) / self._votes
-        axis = int(np.argmin(lost))
-        turned = float(np.delete(lost, axis).min())
-        if axis > 0 and turned >= LITTLE and lost[axis] <= SOME * turned:
-            # The image's up, or, where the camera turns about its own axis, back along its sight.
-            fixed = -axes[:, axis] / np.linalg.norm(axes[:, axis])
-            if len(directions) == 0 or not (directions @ fixed > SAME_COS).any():
-                return np.vstack([directions, fixed]), np.append(likely, FIXED_LIKELY), np.append(known, True)
-            likely = np.where(directions @ fixed > SAME_COS, np.maximum(likely, FIXED_LIKELY), likely)
-        return directions, likely, known
+        likely = self._likelihood()
+        own = np.zeros(len(likely), bool) if self._up is None else self._seen[:, :3] @ self._up > NOISE_COS
+        known = self._up is not None and self._share(own) >= MOST * ENOUGH
+        held = likely[own].max(initial=0.0) if known else 0.0
+        enough = self._seen[:, 4] >= ENOUGH * self._votes
+        best = int(np.argmax(likely * enough)) if enough.any() else -1
+        if best >= 0 and not own[best] and likely[best] > MIN_LIKELIHOOD_RATIO * held:
+            return np.asarray(self._seen[best, :3])
+        return self._up if known else self._level_in_images()
 
-    def _level(self, measured: Float64Array) -> tuple[Float64Array, Float64Array, npt.NDArray[np.bool_]]:
-        """Return as `_likely` does what was measured as up; a level surface of some area says it more exactly."""
-        near = self._seen[(self._seen[:, :3] @ measured > SAME_COS) & (self._seen[:, 3] >= FACE_M2)]
-        best = near[np.argmax(near[:, 3]), :3] if len(near) else measured
-        return best[None], np.ones(1), np.ones(1, dtype=bool)
+    def _level_in_images(self) -> Float64Array | None:
+        """Return the direction (3,) of most flat area that the images show from above; None where there is none.
 
-    def _collect(self, cells: Cells, T_world_camera: Float64Array) -> None:
-        left = np.ones(len(cells.places), dtype=bool)
-        upright = _level_likelihood(cells.normal @ T_world_camera[:3, :3])
-        while len(members := np.flatnonzero(left)) >= MIN_CELLS:
-            normals, area = cells.normal[members], cells.area_m2[members]
-            gain = (normals @ normals.T > SAME_COS) @ area
-            if gain.max() < LITTLE * FACE_M2:
-                return
-            near = normals @ normals[int(np.argmax(gain))] > SAME_COS
-            left[members[near]] = False
-            # No frame counts for more than a square metre: a near wall does not outvote a table seen for long.
-            w = area[near] / max(1.0, float(area[near].sum()))
-            far = np.linalg.norm(cells.center[members[near]] - T_world_camera[:3, 3], axis=1)
-            mean = w @ normals[near]
-            self._facing += mean @ T_world_camera[:3, :3]
-            self._add(np.array([*mean / np.linalg.norm(mean), w.sum(), w @ far, *w @ upright[members[near]]]))
+        It holds while nothing is seen to stand anywhere. Faces of things are smaller than a fifth of a square metre.
+        """
+        area = self._seen[:, 3] * ((self._seen[:, :3] @ self.image_up > MOST) & (self._seen[:, 3] >= SOME))
+        return np.asarray(self._seen[int(np.argmax(area)), :3]) if area.any() else None
+
+    def _likelihood(self) -> Float64Array:
+        """Return how likely each direction (N,) is up: by what stands on its areas, and by how the camera turns.
+
+        Whatever carries a camera turns it about the vertical more than about anything else: of all directions up
+        changes least in the camera. A camera that does not turn tells nothing by that.
+        """
+        constancy = np.linalg.norm(self._seen[:, :3] @ self._axes, axis=1) / max(1, self._votes)
+        return np.asarray(self._seen[:, 4] * constancy**4)
+
+    def _level(self, measured: Float64Array) -> Float64Array:
+        """Return what was measured as up (3,); a level surface of a square metre in all says it more exactly."""
+        near = self._seen[(self._seen[:, :3] @ measured > SAME_COS) & (self._seen[:, 3] >= 1.0)]
+        return np.asarray(near[np.argmax(near[:, 3]), :3] if len(near) else measured)
 
     def _add(self, row: Float64Array) -> None:
         if len(self._seen):

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from cuboid.extras import require
 from cuboid.frame import Float32Array, Float64Array, Intrinsics
 
-MODULES, INSTALL = ("embreex.rtcore_scene", "embreex.mesh_construction"), "'cuboid[synth]'"
+MODULES, EXTRA = ("embreex.rtcore_scene", "embreex.mesh_construction"), "synth"
 # A ray from a surface starts this far off its surface, metres: single precision at 5 m is 0.5 micrometres.
 SHADOW_BIAS_M = 2e-3
 
@@ -55,7 +55,7 @@ class RayCaster:
     """
 
     def __init__(self, corners: Float64Array) -> None:
-        scenes, meshes = (require(name, "cuboid synth", INSTALL) for name in MODULES)
+        scenes, meshes = (require(name, "cuboid synth", EXTRA) for name in MODULES)
         self._scene = scenes.EmbreeScene()
         meshes.TriangleMesh(self._scene, np.ascontiguousarray(corners, np.float32))
 

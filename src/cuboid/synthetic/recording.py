@@ -31,10 +31,11 @@ from cuboid.extras import require
 from cuboid.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
 from cuboid.geometry import se3
 from cuboid.outputs.folder import ResultFolder, writing
+from cuboid.paths import PathLike, as_path
 from cuboid.synthetic import truth
 from cuboid.synthetic.faults import named, spoil
 from cuboid.synthetic.poses import POSE_NOISES
-from cuboid.synthetic.raycast import INSTALL, MODULES
+from cuboid.synthetic.raycast import EXTRA, MODULES
 from cuboid.synthetic.scene import Scene
 from cuboid.synthetic.sensors import SENSORS
 from cuboid.synthetic.view import Rendered, SceneView
@@ -106,7 +107,7 @@ class _Renderer:
 
 def render_recording(
     scene: Scene,
-    path: Path,
+    path: PathLike,
     *,
     sensor: str = "structured-light",
     pose_noise: str = "none",
@@ -121,7 +122,7 @@ def render_recording(
     Parameters
     ----------
     scene : Scene
-    path : Path
+    path : path
         The folder; it appears when it is complete.
     sensor : str
         Of `SENSORS`.
@@ -149,8 +150,9 @@ def render_recording(
     OutputError
         The folder exists and is no made recording or `force` is not given, or it cannot be written.
     """
+    path = as_path(path)
     _check(sensor, pose_noise, size)
-    require(MODULES[0], "cuboid synth", INSTALL)  # said here, not by the processes that render
+    require(MODULES[0], "cuboid synth", EXTRA)  # said here, not by the processes that render
     named(faults, scene.frames)
     if force and (path / truth.TRUTH).is_file():
         with writing(path):

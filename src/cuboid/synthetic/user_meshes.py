@@ -11,6 +11,7 @@ from cuboid.errors import InputError
 from cuboid.extras import require
 from cuboid.formats.reading import opened
 from cuboid.frame import Float64Array
+from cuboid.paths import PathLike, as_path
 from cuboid.synthetic.footprint import hull, smallest_rectangle
 from cuboid.synthetic.material import PAINTS, Color, Material, Texture
 from cuboid.synthetic.mesh import Mesh, shift, turn
@@ -30,7 +31,7 @@ LARGEST = 1e9
 THINNEST_M = 0.004
 
 
-def load_meshes(folder: Path) -> list[Model]:
+def load_meshes(folder: PathLike) -> list[Model]:
     """Return a model for each mesh file of a folder, in the order of names.
 
     ``.glb`` files are turned from y up (which that format prescribes) to z up; the others are taken as z up.
@@ -40,6 +41,7 @@ def load_meshes(folder: Path) -> list[Model]:
     InputError
         The folder cannot be read or holds no mesh, or a file is no usable mesh.
     """
+    folder = as_path(folder)
     try:
         names = sorted(name for name in os.listdir(folder) if name.lower().endswith(EXTENSIONS))
     except OSError as error:
@@ -57,7 +59,7 @@ def load_mesh(path: Path) -> Model:
     InputError
         It cannot be read, has no faces or too many, has numbers that are not finite, or is flat.
     """
-    trimesh = require("trimesh", "cuboid synth --meshes", "'cuboid[synth]'")
+    trimesh = require("trimesh", "cuboid synth --meshes", "synth")
 
     with opened(path, MAX_MESH_BYTES) as file:
         try:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ import numpy as np
 from cuboid.errors import InputError, OutputError
 from cuboid.outputs.pending import write_whole
 from cuboid.outputs.text import LENGTH, rounded, rounded_list
+from cuboid.paths import PathLike, as_path
 from cuboid.synthetic.kinds import APART_M, FRAMES, WAYS, Draft, finish, make_scene
 from cuboid.synthetic.mesh import shift, turn
 from cuboid.synthetic.paths import CAMERAS
@@ -127,7 +127,7 @@ def _turn(place: Arrangement, number: int, rng: np.random.Generator) -> None:
 
 def render_visits(
     scenes: Sequence[Scene],
-    path: Path,
+    path: PathLike,
     *,
     force: bool = False,
     progress: Progress | None = None,
@@ -139,7 +139,7 @@ def render_visits(
     ----------
     scenes : sequence of Scene
         From `make_visits`.
-    path : Path
+    path : path
         The folder of all.
     force : bool
         Whether made visits that lie there are replaced.
@@ -160,6 +160,7 @@ def render_visits(
     OutputError
         The folder exists and `force` is not given, or it cannot be written.
     """
+    path = as_path(path)
     if path.exists() and not (force and (path / VISITS).is_file()):
         raise OutputError(f"{path}: exists; --force replaces made visits that lie there")
     frames, done = sum(scene.frames for scene in scenes), 0

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import Box
-from cuboid.outputs import FinishedResults, ProposalRow, TrackRow
+from cuboid.outputs import ProposalRow, Results, TrackRow
 from cuboid.outputs.text import LENGTH, number
+from cuboid.paths import PathLike
 from cuboid.readers.recording import Recording
-from cuboid.readers.reopen import reopen_recording
 from cuboid.results import names_of
 
 
@@ -63,8 +62,10 @@ class Replay:
 
     Parameters
     ----------
-    folder : Path
+    folder : path
         What `cuboid track` left behind.
+    recording_path : Path, optional
+        Where the recording is now; where it was during the run unless given.
 
     Attributes
     ----------
@@ -79,7 +80,7 @@ class Replay:
     last_frame : int
         The last frame of the recording that was used; -1 where none was.
     names : dict of int to str
-        What people call the objects, by label.
+        Names of the objects, by label.
 
     Raises
     ------
@@ -87,8 +88,8 @@ class Replay:
         The folder is not a result folder, or a file in it is malformed.
     """
 
-    def __init__(self, folder: Path) -> None:
-        results = FinishedResults(folder)
+    def __init__(self, folder: PathLike, recording_path: PathLike | None = None) -> None:
+        results = Results(folder, recording_path)
         report = results.report
         self._results = results
         self.intrinsics: Intrinsics = results.found.intrinsics
@@ -111,9 +112,10 @@ class Replay:
         """Return how many frames were used."""
         return len(self._poses)
 
-    def reopen(self, moved: Path | None) -> Recording:
-        """Open the recording, which lies at `moved`, or where it lay; InputError where it is not there."""
-        return reopen(self._results, moved)
+    @property
+    def recording(self) -> Recording:
+        """The recording of the results; InputError where it is not there."""
+        return self._results.recording
 
     def frames(self, timestamp_of: Callable[[int], float]) -> Iterator[ReplayedFrame]:
         """Iterate over the used frames, in order; those that have another time in the recording are left out.
@@ -137,29 +139,3 @@ class Replay:
             )
             proposals = tuple(self._proposals.get(index, ()))
             yield ReplayedFrame(index, pose.T_world_camera, sightings, proposals, hidden)
-
-
-def reopen(results: FinishedResults, moved: Path | None) -> Recording:
-    """Open the recording of finished results.
-
-    Parameters
-    ----------
-    results : FinishedResults
-    moved : Path or None
-        Where it lies now; None where it still is where it was.
-
-    Raises
-    ------
-    InputError
-        It is not there, or is another one.
-    """
-    report = results.report
-    return reopen_recording(
-        moved or Path(report.recording),
-        report.format,
-        results.found.intrinsics,
-        report.distortion,
-        report.depth_camera,
-        results.last_frame,
-        report.depth_units_per_metre,
-    )

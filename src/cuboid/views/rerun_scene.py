@@ -26,7 +26,6 @@ from cuboid.results import MapPoints, SupportPlane, tag_of
 from cuboid.views.palette import color_of
 
 APPLICATION = "cuboid"
-INSTALL = "'cuboid[rerun]'"
 # Sizes of what is drawn, metres: a voxel of the map is 1 cm wide.
 POINT_M, LINE_M = 0.004, 0.003
 # How far in front of the camera its picture hangs, metres.
@@ -78,7 +77,7 @@ class RerunScene:
     """
 
     def __init__(self, name: str, feature: str) -> None:
-        self._rr = rr = require("rerun", feature, INSTALL)
+        self._rr = rr = require("rerun", feature, "rerun")
         self.stream: Any = rr.RecordingStream(APPLICATION, recording_id=f"{APPLICATION}-{name}", send_properties=False)
         self.stream.set_log_time_enabled(False)
         self.stream.set_log_tick_enabled(False)

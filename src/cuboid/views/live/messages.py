@@ -155,7 +155,7 @@ def _object(item: TrackedObject, seen: bool) -> dict[str, Any]:
     return {
         **label_colors(item.label),
         "label": item.label,
-        "name": item.name,
+        "name": item.name or "",
         "center": rounded_list(item.box.center, PLACE_DIGITS),
         "size": rounded_list(item.box.size, PLACE_DIGITS),
         "rotation": [rounded_list(row, TURN_DIGITS) for row in item.box.rotation],

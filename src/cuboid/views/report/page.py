@@ -7,10 +7,10 @@ import re
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 from cuboid.outputs.pending import write_whole
+from cuboid.paths import PathLike, as_path
 from cuboid.views.report.summary import Summary
 
 # In the order in which they use each other.
@@ -79,12 +79,12 @@ def assembled(html: str, style: str, scripts: Sequence[str], document: Mapping[s
     return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], html)
 
 
-def write_report(path: Path, summary: Summary) -> None:
+def write_report(path: PathLike, summary: Summary) -> None:
     """Write the page; it appears, or is replaced, when it is whole.
 
     Parameters
     ----------
-    path : Path
+    path : path
         The file.
     summary : Summary
         From `summarise`.
@@ -94,4 +94,4 @@ def write_report(path: Path, summary: Summary) -> None:
     OutputError
         The file cannot be written; none is left then.
     """
-    write_whole(path, page_of(summary))
+    write_whole(as_path(path), page_of(summary))

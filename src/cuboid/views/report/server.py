@@ -10,7 +10,7 @@ from urllib.parse import parse_qs
 
 from cuboid.errors import FrameError, InputError
 from cuboid.frame import Frame
-from cuboid.outputs import FinishedResults
+from cuboid.outputs import Results
 from cuboid.readers import Recording
 from cuboid.views.redraw import KINDS, Draw, drawer
 from cuboid.views.replay import Replay, ReplayedFrame
@@ -59,7 +59,7 @@ class Viewer:
     @cached_property
     def page(self) -> bytes:
         """The page, UTF-8."""
-        summary = summarise(FinishedResults(self._folder), self._recording.read)
+        summary = summarise(Results(self._folder), self._recording.read)
         return page_of(summary, {"pictures": PICTURES, "kinds": KINDS}).encode("utf-8")
 
     def picture(self, index: int, what: str) -> bytes | None:

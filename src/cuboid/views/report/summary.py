@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from cuboid.frame import Frame, Intrinsics
-from cuboid.outputs import FinishedResults, ObjectsFile, PoseRow, RunReport, TrackRow
+from cuboid.outputs import ObjectsFile, PoseRow, Results, RunReport, TrackRow
 from cuboid.results import SceneChange, TrackedObject
 from cuboid.views.palette import color_of, hex_of, ink_on
 from cuboid.views.report.pictures import Picture, best_sightings, cut_pictures
@@ -87,7 +87,7 @@ class Summary:
         return {
             **label_colors(item.label),
             "label": item.label,
-            "name": item.name,
+            "name": item.name or "",
             "center": _list(item.box.center, PLACE_DIGITS),
             "size": _list(item.box.size, PLACE_DIGITS),
             "rotation": [_list(row, TURN_DIGITS) for row in item.box.rotation],
@@ -109,14 +109,12 @@ class Summary:
         return next((item.label for item in self.found.objects if label in item.merged_labels), None)
 
 
-def summarise(
-    results: FinishedResults, read: Callable[[int], Frame] | None, changes: Sequence[SceneChange] = ()
-) -> Summary:
+def summarise(results: Results, read: Callable[[int], Frame] | None, changes: Sequence[SceneChange] = ()) -> Summary:
     """Gather what the page tells of a run.
 
     Parameters
     ----------
-    results : FinishedResults
+    results : Results
     read : callable or None
         Returns a frame of the recording, for pictures; None where the recording is not at hand.
     changes : sequence of SceneChange
@@ -137,13 +135,13 @@ def summarise(
         frames=tuple(results.poses),
         poses=tuple(results.poses.values()),
         tracks=tuple(results.tracks),
-        points=pack_points(results.points),
+        points=pack_points(results.map_points()),
         pictures={} if read is None else pictures_of(results, read),
         changes=tuple(changes),
     )
 
 
-def pictures_of(results: FinishedResults, read: Callable[[int], Frame]) -> dict[int, Picture]:
+def pictures_of(results: Results, read: Callable[[int], Frame]) -> dict[int, Picture]:
     """Return the best picture of each object, by label; parameters and errors are those of `summarise`."""
     lasting = {item.label for item in results.found.objects}
     best = {label: row for label, row in best_sightings(results.tracks).items() if label in lasting}
@@ -182,7 +180,7 @@ def _change(one: SceneChange) -> dict[str, Any]:
     return {
         **label_colors(one.label),
         "label": one.label,
-        "name": one.name,
+        "name": one.name or "",
         "change": one.change,
         **{key: None if place is None else _list(place, PLACE_DIGITS) for key, place in places.items()},
         "size": _list(one.box.size, PLACE_DIGITS),

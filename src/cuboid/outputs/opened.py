@@ -1,0 +1,266 @@
+"""The results of a finished run, opened: each file is read when it is first needed, and checked against the others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+from cuboid.errors import InputError, shown
+from cuboid.frame import Float64Array
+from cuboid.object_table import ObjectTable
+from cuboid.outputs.folder import MAP, OBJECTS, PROPOSALS, RUN, TRACKS, TRAJECTORY, finish_replacing
+from cuboid.outputs.objects import ObjectsFile, read_objects
+from cuboid.outputs.ply import read_map
+from cuboid.outputs.report import RunReport, read_run
+from cuboid.outputs.rows import (
+    PoseRow,
+    ProposalRow,
+    TrackRow,
+    read_proposal_labels,
+    read_proposals,
+    read_tracks,
+    read_trajectory,
+)
+from cuboid.paths import PathLike, as_path
+from cuboid.posing import LOST
+from cuboid.queries import MapQueries
+from cuboid.readers.recording import Recording
+from cuboid.readers.reopen import reopen_recording
+from cuboid.results import MapPoints, SupportPlane, TrackedObject
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameRecord:
+    """What became of one frame of a recording.
+
+    Attributes
+    ----------
+    index : int
+        Number of the frame in the recording.
+    state : {"used", "lost", "skipped"}
+        "lost": the camera pose could not be found. "skipped": the frame could not be used.
+    timestamp_s : float or None
+        Seconds; None where the frame was not used.
+    T_world_camera : (4, 4) float64 or None
+        Camera pose, metres; None where the frame was not used.
+    reason : str or None
+        Why it was not used; None where it was.
+    """
+
+    index: int
+    state: Literal["used", "lost", "skipped"]
+    timestamp_s: float | None = None
+    T_world_camera: Float64Array | None = None
+    reason: str | None = None
+
+    def __repr__(self) -> str:
+        rest = f"at {self.timestamp_s:.3f} s" if self.reason is None else self.reason
+        return f"FrameRecord({self.index} {self.state}: {rest})"
+
+
+class Results(MapQueries):
+    """The results that `cuboid track` or `Tracker.save` left in a folder; `cuboid.open_results` opens them.
+
+    A file is read when it is first needed.
+
+    Parameters
+    ----------
+    folder : str or os.PathLike
+        The result folder.
+    recording_path : str or os.PathLike, optional
+        Where the recording is now; where it was during the run unless given.
+
+    Attributes
+    ----------
+    folder : Path
+    recording_path : Path or None
+
+    Raises
+    ------
+    InputError
+        There is no such folder; or, when a file is first needed, it is missing, malformed, or does not fit the others.
+    """
+
+    def __init__(self, folder: PathLike, recording_path: PathLike | None = None) -> None:
+        self.folder = as_path(folder)
+        self.recording_path = None if recording_path is None else as_path(recording_path)
+        if not self.folder.is_dir():
+            raise InputError(f"{self.folder}: expected a folder with the results of 'cuboid track'")
+        with suppress(OSError):  # of a folder that cannot be written, what is there is read
+            finish_replacing(self.folder)
+
+    def __repr__(self) -> str:
+        return f"Results({self.folder})"
+
+    def _repr_html_(self) -> str:
+        """Show the objects in a notebook."""
+        return self.objects._repr_html_()
+
+    @cached_property
+    def report(self) -> RunReport:
+        """How the run went: settings, frames, times."""
+        return read_run(self.folder / RUN)
+
+    @cached_property
+    def found(self) -> ObjectsFile:
+        """Objects, planes, up and intrinsics: the content of `objects.json`."""
+        return read_objects(self.folder / OBJECTS)
+
+    @property
+    def objects(self) -> ObjectTable:
+        """The objects, by label: a list, and a table for notebooks and pandas."""
+        return ObjectTable(self.found.objects)
+
+    @property
+    def planes(self) -> tuple[SupportPlane, ...]:
+        """The supporting planes; `TrackedObject.plane` is an index into them."""
+        return self.found.planes
+
+    @property
+    def up(self) -> Float64Array | None:
+        """Up in the world, (3,), a unit vector; None while unknown."""
+        return self.found.up
+
+    @cached_property
+    def _points(self) -> MapPoints:
+        return read_map(self.folder / MAP)
+
+    def map_points(self) -> MapPoints:
+        """Return the global point map."""
+        return self._points
+
+    @cached_property
+    def frames(self) -> Sequence[FrameRecord]:
+        """What became of each frame that the run read, in order."""
+        used = [FrameRecord(k, "used", pose.timestamp_s, pose.T_world_camera) for k, pose in self.poses.items()]
+        others = [
+            FrameRecord(k, "lost" if reason == LOST else "skipped", reason=reason) for k, reason in self.report.skipped
+        ]
+        return tuple(sorted([*used, *others], key=lambda one: one.index))
+
+    def sightings(self, label: int | None = None, frame: int | None = None) -> list[TrackRow]:
+        """Return the sightings of objects, by frame and label.
+
+        Parameters
+        ----------
+        label : int, optional
+            Only those of this object, labels that were merged into it included.
+        frame : int, optional
+            Only those in this frame, by its number in the recording.
+
+        Raises
+        ------
+        InputError
+            No object ever had the label, or the frame is not among those that the run read.
+        """
+        rows = self.tracks
+        if label is not None:
+            labels = {label, *(item.label for item in self.found.objects if label in item.merged_labels)}
+            labels |= {old for item in self.found.objects if item.label == label for old in item.merged_labels}
+            rows = [row for row in rows if row.label in labels]
+            if not rows and label not in self.survivor:
+                raise InputError(f"{self.folder / TRACKS}: no object ever had the label {shown(label)}")
+        if frame is not None:
+            if frame not in self.poses and frame not in dict(self.report.skipped):
+                raise InputError(f"{self.folder / RUN}: frame {shown(frame)} is not among the frames that were read")
+            rows = [row for row in rows if row.frame == frame]
+        return list(rows)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is likely to be wrong with the input, a line each."""
+        return self.report.warnings
+
+    @cached_property
+    def recording(self) -> Recording:
+        """The recording of the results, for its images.
+
+        Raises
+        ------
+        InputError
+            It is not there, or is another one.
+        """
+        report = self.report
+        return reopen_recording(
+            self.recording_path or Path(report.recording),
+            report.format,
+            self.found.intrinsics,
+            report.distortion,
+            report.depth_camera,
+            self.last_frame,
+            report.depth_units_per_metre,
+        )
+
+    @cached_property
+    def poses(self) -> dict[int, PoseRow]:
+        """Camera pose and time of each used frame, by its number in the recording, in order."""
+        rows = read_trajectory(self.folder / TRAJECTORY)
+        if len(rows) != self.report.frames_used:
+            raise InputError(
+                f"{self.folder / TRAJECTORY}: expected {self.report.frames_used} lines, one a used frame of {RUN}, "
+                f"got {len(rows)}"
+            )
+        return dict(zip(self.report.used().tolist(), rows, strict=True))
+
+    @cached_property
+    def tracks(self) -> list[TrackRow]:
+        """All sightings, by frame and label."""
+        rows = sorted(read_tracks(self.folder / TRACKS), key=lambda row: (row.frame, row.label))
+        self._refuse_unused(TRACKS, rows)
+        return rows
+
+    @cached_property
+    def proposals(self) -> list[ProposalRow]:
+        """The frames' own boxes, in the order of the file."""
+        rows = read_proposals(self.folder / PROPOSALS)
+        self._refuse_unused(PROPOSALS, rows)
+        return rows
+
+    @cached_property
+    def proposal_labels(self) -> list[int]:
+        """The label of each of the frames' own boxes, 0 for none."""
+        return read_proposal_labels(self.folder / PROPOSALS)
+
+    @cached_property
+    def survivor(self) -> dict[int, TrackedObject]:
+        """The object that each label ended as: its own, or the one that it was merged into."""
+        ended = {label: item for item in self.found.objects for label in item.merged_labels}
+        return ended | {item.label: item for item in self.found.objects}
+
+    @property
+    def last_frame(self) -> int:
+        """The last frame of the recording that was used; -1 where none was."""
+        return next(reversed(self.poses), -1)
+
+    def _refuse_unused(self, name: str, rows: list[TrackRow] | list[ProposalRow]) -> None:
+        strange = {row.frame for row in rows} - self.poses.keys()
+        if strange:
+            raise InputError(f"{self.folder / name}: frame {min(strange)} is not among the used frames of {RUN}")
+
+
+def open_results(folder: PathLike, recording: PathLike | None = None) -> Results:
+    """Open the results that `cuboid track` or `Tracker.save` left in a folder.
+
+    Parameters
+    ----------
+    folder : str or os.PathLike
+        The result folder.
+    recording : str or os.PathLike, optional
+        Where the recording is now; where it was during the run unless given.
+
+    Raises
+    ------
+    InputError
+        The folder does not exist or holds no results, or its `objects.json` or `run.json` is malformed.
+    """
+    results = Results(folder, recording)
+    if not (results.folder / RUN).exists() and not (results.folder / OBJECTS).exists():
+        raise InputError(
+            f"{results.folder}: holds no results: expected {OBJECTS} and {RUN}, which 'cuboid track' writes"
+        )
+    _ = results.report, results.found  # a wrong folder is refused here, not at the first query
+    return results

@@ -1,0 +1,177 @@
+"""Things that stand off the flat areas of one frame: the evidence of which of these support something.
+
+It depends on nothing but depth: no direction in the image or in the world is special.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.config import TrackerConfig
+from cuboid.frame import Float32Array, Float64Array, Intrinsics
+from cuboid.kernels import cells as cell_kernel
+from cuboid.kernels import patches
+from cuboid.kernels import standing as kernel
+from cuboid.proposals.depth import PLANE_BOW_M, PLANES
+from cuboid.sensor import MIXED_PER_M, cell_pixels
+from cuboid.surfaces.frame_segments import GAP_M, MIN_PIXELS
+from cuboid.tolerances import BIAS_M, DRIFT_M, JUMP_M, JUMP_SIGMAS, LITTLE, MOST, SOME, STRAYS
+
+# Depth ripples by no more than this times z squared, beyond the step that parts surfaces: ten deviations of its noise.
+RIPPLE_PER_M = MIXED_PER_M
+# Less than this fraction of what stands off, or of a picture, tells nothing.
+ENOUGH = 0.02
+# Normals within this of each other are one direction.
+SAME_COS = float(np.cos(np.radians(12.0)))
+
+
+@dataclass(frozen=True, slots=True)
+class FlatAreas:
+    """The flat areas of one frame, P of them, whichever way they face.
+
+    Attributes
+    ----------
+    normal : (P, 3) float64
+        Unit, towards the camera, in the camera frame.
+    area_m2 : (P,) float64
+        What is seen of each.
+    evidence : (P,) float64
+        Which fraction of all that lies on no flat area is seen as things that stand on each, 0..1.
+    """
+
+    normal: Float64Array
+    area_m2: Float64Array
+    evidence: Float64Array
+
+
+def find_flat_areas(depth_m: Float32Array, camera: Intrinsics, config: TrackerConfig) -> FlatAreas:
+    """Find the flat areas of a depth image, and how much evidence there is that things stand on each.
+
+    A thing that stands on an area is a piece of surface between depth jumps that has the size of an object, rises from
+    the area by more than depth ripples and does not reach below it, meets it along a good part of its outline, and ends
+    in depth jumps along another part: bumps of a wall that the sensor makes do not.
+
+    Parameters
+    ----------
+    depth_m : (H, W) float32
+        Metres, 0 none.
+    camera : Intrinsics
+        Of this image.
+    config : TrackerConfig
+        Noise of the sensor, and sizes of objects.
+    """
+    noise, pinhole = config.depth_noise_per_m, np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+    planes, normal, area_m2 = _grow(depth_m, camera, pinhole, config)
+    evidence = np.zeros(len(planes))
+    if not len(planes):
+        return FlatAreas(normal, area_m2, evidence)
+    on = np.empty(depth_m.shape, np.int8)
+    kernel.lie_on(depth_m, pinhole, planes, noise, config.min_height_m, BIAS_M, config.max_depth_m, on)
+    # What is far smaller than an area may be the face of a thing that stands on it.
+    faces = area_m2 <= SOME * area_m2[:, None]
+    for small in np.unique(faces, axis=0):
+        supports = np.flatnonzero((faces == small).all(1))
+        evidence[supports] = _things(depth_m, camera, planes, on, small, config)[supports]
+    off = max(ENOUGH * depth_m.size, float(np.count_nonzero(on == kernel.SURFACE)))
+    return FlatAreas(normal, area_m2, np.minimum(1.0, evidence / off))
+
+
+def _things(
+    depth_m: Float32Array,
+    camera: Intrinsics,
+    planes: Float64Array,
+    on: npt.NDArray[np.int8],
+    small: npt.NDArray[np.bool_],
+    config: TrackerConfig,
+) -> Float64Array:
+    """Return how many readings (P,) show things that stand on each flat area, each as far as it is clear.
+
+    Parameters
+    ----------
+    depth_m, camera, config
+        See `find_flat_areas`.
+    planes : (P, 4) float64
+    on : (H, W) int8
+        See `kernels.standing.lie_on`.
+    small : (P,) bool
+        Areas that are taken for faces of things.
+    """
+    noise, found = config.depth_noise_per_m, np.zeros(len(planes))
+    become = np.append(np.where(small, kernel.SURFACE, np.arange(len(planes))), [kernel.NOTHING, kernel.SURFACE])
+    on, labels = become.astype(np.int8)[on], np.empty(depth_m.shape, np.int32)
+    count = kernel.label_pieces(depth_m, on, noise, JUMP_M, labels, np.empty(depth_m.size, np.int32))
+    touches, others = np.empty((count, len(planes)), np.int64), np.empty((count, kernel.KINDS), np.int64)
+    kernel.bounds(depth_m, on, labels, noise, JUMP_M, GAP_M * camera.fx, touches, others)
+    beneath, clear = _clearness(touches, others)
+    order = np.argsort(labels, axis=None, kind="stable")
+    ends = np.searchsorted(labels.ravel()[order], np.arange(count + 1))
+    for k in np.flatnonzero((clear > 0.0) & (np.diff(ends) >= MIN_PIXELS)).tolist():
+        v, u = np.divmod(order[ends[k] : ends[k + 1]], depth_m.shape[1])
+        z = depth_m[v, u].astype(np.float64)
+        points = np.column_stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z])
+        if _stands(points, planes[beneath[k]], config):
+            found[beneath[k]] += clear[k] * len(z)
+    return found
+
+
+def _grow(
+    depth_m: Float32Array, camera: Intrinsics, pinhole: Float64Array, config: TrackerConfig
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Return the flat areas of a depth image: normal and offset (P, 4), mean normal of its cells (P, 3), area (P,)."""
+    size, noise = cell_pixels(camera), config.depth_noise_per_m
+    shape = depth_m.shape[0] // size, depth_m.shape[1] // size
+    cells = np.empty((shape[0] * shape[1], cell_kernel.CELL_COLUMNS))
+    cell_kernel.fit_cells(depth_m, pinhole, size, config.max_depth_m, cells)
+    inverse, member = np.empty((PLANES, 3)), np.empty(shape, np.int16)
+    count = patches.grow_planes(
+        cells, shape, pinhole, noise, PLANE_BOW_M, JUMP_SIGMAS * noise, MOST * config.min_plane_area_m2, inverse, member
+    )
+    # 1 = z (a u + b v + c) on an area, with u = fx x / z + cx and v = fy y / z + cy.
+    a, b, c = inverse[:count].T
+    planes = np.column_stack([a * camera.fx, b * camera.fy, a * camera.cx + b * camera.cy + c, -np.ones(count)])
+    planes /= -np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+    own = member.ravel()
+    area_m2 = np.bincount(own[own >= 0], cells[own >= 0, cell_kernel.AREA], count).astype(np.float64)
+    # Cells of twice the edge face four times as truly; those at the edges of an area may lie on what it meets there.
+    wide = np.empty(((shape[0] // 2) * (shape[1] // 2), cell_kernel.CELL_COLUMNS))
+    cell_kernel.fit_cells(depth_m, pinhole, 2 * size, config.max_depth_m, wide)
+    flat = (wide[:, cell_kernel.AREA] > 0) & (wide[:, cell_kernel.RMS] < JUMP_SIGMAS * noise)
+    facing = wide[:, cell_kernel.NX : cell_kernel.NZ + 1]
+    on = member[: shape[0] // 2 * 2 : 2, : shape[1] // 2 * 2 : 2].ravel()
+    normal = planes[:, :3].copy()
+    for p in range(count):
+        mine = flat & (on == p) & (facing @ planes[p, :3] > SAME_COS)
+        mean = wide[mine, cell_kernel.AREA] @ facing[mine]
+        if mine.any():
+            normal[p] = mean / np.linalg.norm(mean)
+    return planes, normal, area_m2
+
+
+def _clearness(
+    touches: npt.NDArray[np.int64], others: npt.NDArray[np.int64]
+) -> tuple[npt.NDArray[np.int64], Float64Array]:
+    """Return the area (N,) that each piece touches most, and how clear it is that it stands there and ends, 0..1 (N,).
+
+    Parameters
+    ----------
+    touches, others
+        See `kernels.standing.bounds`.
+    """
+    beneath = touches.argmax(1) if len(touches) else np.zeros(0, np.int64)
+    touch = np.take_along_axis(touches, beneath[:, None], 1)[:, 0]
+    judged = np.maximum(1, touches.sum(1) + others.sum(1))
+    free = others[:, kernel.FREE]
+    both = (touch > SOME * judged) & (free > LITTLE * judged)
+    return beneath, np.where(both, np.maximum(0.0, ((touch + free) / judged - MOST) / (1.0 - MOST)), 0.0)
+
+
+def _stands(points: Float64Array, plane: Float64Array, config: TrackerConfig) -> bool:
+    """Tell whether a piece (N, 3) rises from a plane (4,) as an object does, and does not go on below it."""
+    if np.ptp(points, axis=0).max() > config.max_size_m:
+        return False
+    low, middle, high = np.quantile(points @ plane[:3] + plane[3], [2.0 * STRAYS, MOST, 1.0 - 2.0 * STRAYS])
+    ripple_m = JUMP_M + RIPPLE_PER_M * float(np.median(points[:, 2])) ** 2
+    return bool(low >= -DRIFT_M and middle > config.min_height_m and high > max(ripple_m, 2.0 * config.min_height_m))

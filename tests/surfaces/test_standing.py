@@ -1,0 +1,50 @@
+"""What stands on the flat areas of a frame."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cuboid.config import TrackerConfig
+from cuboid.frame import Float32Array
+from cuboid.geometry.box import Box
+from cuboid.surfaces.standing import FlatAreas, find_flat_areas
+from made_scenes import CAMERA, cast, look_at, upright
+
+TABLE = upright((0, 0), (1.4, 1.0, 0.05), z=-0.05)
+THING = upright((0.1, 0.1), (0.2, 0.15, 0.12), 0.3)
+POSE = look_at((0.0, -0.9, 0.7), (0, 0, 0))
+
+
+def depth_of(*boxes: Box) -> Float32Array:
+    return cast(boxes, POSE)[0].astype(np.float32)
+
+
+def areas(depth_m: Float32Array) -> FlatAreas:
+    return find_flat_areas(depth_m, CAMERA, TrackerConfig())
+
+
+def test_a_thing_on_a_table_is_evidence_for_the_table() -> None:
+    found = areas(depth_of(TABLE, THING))
+    k = int(np.argmax(found.evidence))
+    assert found.normal[k] @ POSE[:3, :3].T @ [0, 0, 1] > 0.999
+    assert found.evidence[k] > 0.4
+    assert found.evidence.sum() == pytest.approx(found.evidence[k], abs=0.05)
+    assert 0.8 < found.area_m2[k] < 1.4
+
+
+def test_what_hangs_before_a_surface_does_not_stand_on_it() -> None:
+    above = Box(THING.center + np.array([0, 0, 0.25]), THING.size, THING.rotation)
+    assert areas(depth_of(TABLE, above)).evidence.sum() < 0.02
+
+
+def test_what_goes_on_beyond_the_size_of_an_object_stands_on_nothing() -> None:
+    assert (
+        areas(depth_of(upright((0, 0), (4, 4, 0.05), z=-0.05), upright((0, 0.5), (3, 0.2, 0.3)))).evidence.sum() < 0.02
+    )
+
+
+def test_an_image_without_depth_has_no_flat_areas() -> None:
+    found = areas(np.zeros((CAMERA.height, CAMERA.width), np.float32))
+    assert found.normal.shape == (0, 3)
+    assert len(found.area_m2) == len(found.evidence) == 0
