@@ -21,7 +21,7 @@ from cuboid.outputs import FinishedResults
 from cuboid.posing import GivenPoses
 from cuboid.scene import Scene, Source
 from cuboid.scene.checking import problems, rescue
-from cuboid.scene.schema import MIGRATIONS, VERSION
+from cuboid.scene.schema import VERSION
 from cuboid.synthetic import make_scene
 from cuboid.synthetic.view import SceneView
 
@@ -145,26 +145,13 @@ def test_other_files_are_refused_in_one_line(path: Path, tmp_path: Path) -> None
     with sqlite3.connect(newer) as connection:
         connection.execute(f"PRAGMA user_version = {VERSION + 1}")
     connection.close()
-    for file, said in ((text, "is no scene file"), (other, "but no scene file"), (newer, "written by a newer Cuboid")):
+    for file, said in ((text, "is no scene file"), (other, "but no scene file"), (newer, "written by another Cuboid")):
         before = file.read_bytes()
         with pytest.raises(CuboidError, match=said):
             Scene.open(file)
         assert file.read_bytes() == before
     with pytest.raises(InputError, match=r"made with voxel_m = 0\.01, not 0\.02"), Scene.open(path) as scene:
         scene.tracker(CAMERA, TrackerConfig(voxel_m=0.02))
-
-
-@pytest.mark.parametrize("version", range(1, VERSION))
-def test_files_of_earlier_versions_are_migrated(version: int, tmp_path: Path) -> None:
-    """Files that earlier versions left are kept; see `tests/scene/kept`."""
-    kept = Path(shutil.copy(Path(__file__).parent / "kept" / f"version-{version}.cuboid", tmp_path))
-    with Scene.open(kept) as scene:
-        assert [item.label for item in scene.objects] == [1, 2]
-        assert scene.recordings[0].complete
-    assert problems(kept) == []
-    record(kept, Shown(), "again")
-    with Scene.open(kept) as scene:
-        assert [item.label for item in scene.objects] == [1, 2]
 
 
 def test_every_byte_of_the_map_is_under_a_check_sum(path: Path, tmp_path: Path) -> None:
@@ -251,10 +238,6 @@ def test_what_can_be_read_of_a_damaged_file_is_saved(seed: int, path: Path, tmp_
         assert known <= {item.label for item in scene.all_objects}
     with pytest.raises(OutputError, match="exists; name another file"):
         rescue(path, tmp_path / "new.cuboid")
-
-
-def test_migrations_are_numbered() -> None:
-    assert len(MIGRATIONS) == VERSION
 
 
 def test_a_place_is_recognised_and_labels_go_on(tmp_path: Path) -> None:

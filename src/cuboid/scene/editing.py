@@ -12,8 +12,7 @@ from cuboid.frame import Intrinsics
 from cuboid.objects.entry import MapObject
 from cuboid.scene.database import transaction
 from cuboid.scene.records import Records
-from cuboid.scene.saving import SceneBlockStore, StateFile
-from cuboid.scene.visit import load
+from cuboid.scene.saving import SceneBlockStore, StateFile, load_state
 from cuboid.tracker import Tracker
 
 # The state is loaded to be changed, not to see with: any camera will do.
@@ -24,8 +23,8 @@ CAMERA = Intrinsics(1.0, 1.0, 0.0, 0.0, 1, 1)
 def edited(connection: sqlite3.Connection, path: str) -> Iterator[Tracker]:
     """Give the tracker of a scene, and save what was done with it."""
     block_store = SceneBlockStore(connection, Path(path))
-    tracker, poses = load(connection, Tracker(CAMERA), block_store)
-    state = StateFile(tracker, connection, (poses,), block_store)
+    tracker, poses = load_state(connection, CAMERA, block_store=block_store)
+    state = StateFile(connection, tracker, poses, block_store)
     yield tracker
     records = Records(connection, 0)
     with transaction(connection):

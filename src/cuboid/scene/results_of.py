@@ -17,11 +17,9 @@ from cuboid.outputs import ObjectsFile, ResultWriter, RunReport
 from cuboid.results import FrameResult, Sighting, SupportPlane, TrackedObject
 from cuboid.scene.answers import SceneObject, ScenePast
 from cuboid.scene.editing import CAMERA
-from cuboid.scene.saving import SceneBlockStore
+from cuboid.scene.saving import SceneBlockStore, load_state
 from cuboid.scene.scene import Scene
 from cuboid.scene.validation import CameraColumn, Outline, Settings, columns_of, document, read_rows
-from cuboid.scene.visit import load
-from cuboid.tracker import Tracker
 
 _PLANE = ("nx", "ny", "nz", "offset", "outline")
 NOT_IN_SCENE = "the scene has no pose of this frame"
@@ -60,7 +58,7 @@ def write_results(scene: Scene, connection: sqlite3.Connection, number: int, fol
     read = len(range(0, frames, every))
     missing = [k for k in range(0, frames, every) if k not in known]
     sightings, objects = _seen(scene, number)
-    tracker = load(connection, Tracker(CAMERA), SceneBlockStore(connection, scene.path))[0]
+    tracker = load_state(connection, CAMERA, block_store=SceneBlockStore(connection, scene.path))[0]
     planes = tuple(
         SupportPlane(
             np.array(plane[:3]), plane[3], np.array(document(plane[4], Outline, "planes.outline")).reshape(-1, 3)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float64Array
+from cuboid.state import Record
 from cuboid.surfaces.cells import MIN_CELLS, Cells
 from cuboid.tolerances import ARM_LENGTH_M, DRIFT_RAD, LITTLE, MIN_FRAMES, MIN_READINGS, MOST, SOME
 
@@ -45,25 +47,47 @@ def _level_likelihood(normals_camera: Float64Array) -> Float64Array:
     return np.asarray(np.clip((up - LITTLE) / (MOST - LITTLE), ODD, 1.0))
 
 
-class UpVote:
-    """Collects directions in which flat areas face, weighted by area and by how upright they look."""
+@dataclass(slots=True, eq=False)
+class UpVote(Record):
+    """Collects directions in which flat areas face, weighted by area and by how upright they look.
 
-    def __init__(self) -> None:
-        # A row a direction: unit vector (3), area, area times distance, and by turn of the area how much looks level.
-        self._seen: Float64Array = np.zeros((0, 5 + len(TURNS)))
-        self._facing: Float64Array = np.zeros(3)
-        self._first: Float64Array | None = None
-        self._moved_m = 0.0
-        self._axes: Float64Array = np.zeros((3, 3))
-        self._measured: Float64Array = np.zeros(3)
-        self._up: Float64Array | None = None
-        self._frames = self._votes = 0
-        self.changed = False
+    Attributes
+    ----------
+    seen : (N, 8) float64
+        A row a direction: unit vector (3), area, area times distance, and by turn of the area how much looks level.
+    facing : (3,) float64
+        Sum of the normals in the camera frame.
+    first_place : (3,) float64 or None
+        Where the first camera was.
+    moved_m : float
+        The farthest that cameras were from there.
+    axes : (3, 3) float64
+        Sum of the rotations of the cameras.
+    measured : (3,) float64
+        Sum of the directions that were measured as up.
+    up : (3,) float64 or None
+        In the world.
+    frames, votes : int
+        Frames that were counted, and those that voted.
+    changed : bool
+        Whether the last vote has changed `up`.
+    """
+
+    seen: Float64Array = field(default_factory=lambda: np.zeros((0, 5 + len(TURNS))))
+    facing: Float64Array = field(default_factory=lambda: np.zeros(3))
+    first_place: Float64Array | None = None
+    moved_m: float = 0.0
+    axes: Float64Array = field(default_factory=lambda: np.zeros((3, 3)))
+    measured: Float64Array = field(default_factory=lambda: np.zeros(3))
+    up: Float64Array | None = None
+    frames: int = 0
+    votes: int = 0
+    changed: bool = False
 
     @property
     def image_up(self) -> Float64Array:
         """The up of the images so far, (3,) in the world: what is left where nothing else tells."""
-        down = self._axes @ TURNS[self._turn(), :, 1]
+        down = self.axes @ TURNS[self._turn(), :, 1]
         norm = float(np.linalg.norm(down))
         return np.asarray(-down / norm if norm > 0 else np.array([0.0, 0.0, 1.0]))
 
@@ -72,15 +96,15 @@ class UpVote:
 
         Tables and floors are seen from above, walls from either side. Unless another turn is plain, it is none.
         """
-        up = -self._facing @ TURNS[:, :, 1].T / max(1e-9, float(self._seen[:, 3].sum()))
+        up = -self.facing @ TURNS[:, :, 1].T / max(1e-9, float(self.seen[:, 3].sum()))
         best = int(np.argmax(up))
-        plain = self._votes >= MIN_FRAMES and up[best] >= max(SOME, MIN_LIKELIHOOD_RATIO * up[0])
+        plain = self.votes >= MIN_FRAMES and up[best] >= max(SOME, MIN_LIKELIHOOD_RATIO * up[0])
         return best if plain else 0
 
     def is_due(self) -> bool:
         """Count a frame, and tell whether its vote is asked for."""
-        self._frames += 1
-        return self._up is None or self._frames % REFRESH_FRAMES == 0
+        self.frames += 1
+        return self.up is None or self.frames % REFRESH_FRAMES == 0
 
     def update(
         self, cells: Cells, T_world_camera: Float64Array, up_camera: Float64Array | None = None
@@ -97,43 +121,43 @@ class UpVote:
             Unit vector away from the earth's pull in the camera, where it was measured: no surface says more.
         """
         self.changed = False
-        self._axes += T_world_camera[:3, :3]
-        self._votes += 1
-        self._first = T_world_camera[:3, 3].copy() if self._first is None else self._first
-        self._moved_m = max(self._moved_m, float(np.linalg.norm(T_world_camera[:3, 3] - self._first)))
+        self.axes += T_world_camera[:3, :3]
+        self.votes += 1
+        self.first_place = T_world_camera[:3, 3].copy() if self.first_place is None else self.first_place
+        self.moved_m = max(self.moved_m, float(np.linalg.norm(T_world_camera[:3, 3] - self.first_place)))
         self._collect(cells, T_world_camera)
         if up_camera is not None:
-            self._measured += T_world_camera[:3, :3] @ up_camera
+            self.measured += T_world_camera[:3, :3] @ up_camera
         directions, likely, known = self._likely()
         if len(likely) == 0:
-            return self._up
+            return self.up
         best = int(np.argmax(likely))
-        if self._up is None:
+        if self.up is None:
             if known[best]:
-                self._up = directions[best].copy()
-            return self._up
-        current = directions @ self._up > SAME_COS
+                self.up = directions[best].copy()
+            return self.up
+        current = directions @ self.up > SAME_COS
         held = float(likely[current].max()) if current.any() else 0.0
         if not current[best] and known[best] and likely[best] > MIN_LIKELIHOOD_RATIO * held:
-            self._up, self.changed = directions[best].copy(), True
-        return self._up
+            self.up, self.changed = directions[best].copy(), True
+        return self.up
 
     def _likely(self) -> tuple[Float64Array, Float64Array, npt.NDArray[np.bool_]]:
         """Return the directions (N, 3) that may be up, how likely each is, and whether enough is known of it."""
-        if (norm := float(np.linalg.norm(self._measured))) > 0.0:
-            return self._level(self._measured / norm)
-        seen = self._seen
+        if (norm := float(np.linalg.norm(self.measured))) > 0.0:
+            return self._level(self.measured / norm)
+        seen = self.seen
         directions, area_m2 = seen[:, :3], seen[:, 3]
         mode = ~((directions @ directions.T > NOISE_COS) & (area_m2[None] > area_m2[:, None])).any(1)
         turn = self._turn()
         directions, area_m2, upright_m2 = directions[mode], area_m2[mode], seen[mode, 5 + turn]
         likely = upright_m2 / area_m2 * -np.expm1(-area_m2 / FACE_M2)
         distance_m = seen[mode, 4] / area_m2
-        still = (self._moved_m < DRIFT_RAD * distance_m) & (self._votes >= STILL_VOTES)
+        still = (self.moved_m < DRIFT_RAD * distance_m) & (self.votes >= STILL_VOTES)
         odd = upright_m2 < 2.0 * ODD * area_m2
         known = (area_m2 >= FACE_M2) & (~odd | (distance_m < ARM_LENGTH_M) | still)
-        axes = self._axes @ TURNS[turn]
-        lost = 1.0 - np.linalg.norm(axes, axis=0) / self._votes
+        axes = self.axes @ TURNS[turn]
+        lost = 1.0 - np.linalg.norm(axes, axis=0) / self.votes
         axis = int(np.argmin(lost))
         turned = float(np.delete(lost, axis).min())
         if axis > 0 and turned >= LITTLE and lost[axis] <= SOME * turned:
@@ -146,7 +170,7 @@ class UpVote:
 
     def _level(self, measured: Float64Array) -> tuple[Float64Array, Float64Array, npt.NDArray[np.bool_]]:
         """Return as `_likely` does what was measured as up; a level surface of some area says it more exactly."""
-        near = self._seen[(self._seen[:, :3] @ measured > SAME_COS) & (self._seen[:, 3] >= FACE_M2)]
+        near = self.seen[(self.seen[:, :3] @ measured > SAME_COS) & (self.seen[:, 3] >= FACE_M2)]
         best = near[np.argmax(near[:, 3]), :3] if len(near) else measured
         return best[None], np.ones(1), np.ones(1, dtype=bool)
 
@@ -164,16 +188,16 @@ class UpVote:
             w = area[near] / max(1.0, float(area[near].sum()))
             far = np.linalg.norm(cells.center[members[near]] - T_world_camera[:3, 3], axis=1)
             mean = w @ normals[near]
-            self._facing += mean @ T_world_camera[:3, :3]
+            self.facing += mean @ T_world_camera[:3, :3]
             self._add(np.array([*mean / np.linalg.norm(mean), w.sum(), w @ far, *w @ upright[members[near]]]))
 
     def _add(self, row: Float64Array) -> None:
-        if len(self._seen):
-            similarity = self._seen[:, :3] @ row[:3]
+        if len(self.seen):
+            similarity = self.seen[:, :3] @ row[:3]
             k = int(np.argmax(similarity))
             if similarity[k] > SAME_COS:
-                mean = self._seen[k, :3] * self._seen[k, 3] + row[:3] * row[3]
-                self._seen[k] += row
-                self._seen[k, :3] = mean / np.linalg.norm(mean)
+                mean = self.seen[k, :3] * self.seen[k, 3] + row[:3] * row[3]
+                self.seen[k] += row
+                self.seen[k, :3] = mean / np.linalg.norm(mean)
                 return
-        self._seen = np.vstack([self._seen, row])
+        self.seen = np.vstack([self.seen, row])
