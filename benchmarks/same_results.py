@@ -8,7 +8,7 @@ With `--against`, another checkout, or digests that were saved before, is compar
 printed; the exit status is 1 then. A NAME picks the runs whose names contain it ("table-1", "/estimated/scene").
 
 A run with a scene has two recordings of it, the second a later visit: "first/objects.json", "second/objects.json"; and
-what `cuboid scene list` and `cuboid scene changes` print.
+what `cuboid scene changes` prints.
 """
 
 from __future__ import annotations
@@ -175,9 +175,7 @@ def digests_of(run: Run, recordings: list[Path], checkout: Path, folder: Path) -
             same = ("--same-world",) if run.poses == "given" else ()
             call(checkout, "track", recording, "--output", folder / visit, "--scene", scene, *same, *common)
             found |= _digests(folder / visit, f"{visit}/")
-        for question in ("list", "changes"):
-            found[question] = _digest(call(checkout, "scene", question, scene, "--all").encode())
-        return found
+        return {**found, "changes": _digest(call(checkout, "scene", "changes", scene, "--all").encode())}
     except RuntimeError as error:  # a recording may be refused: by both checkouts in the same words
         said = str(error).replace(str(folder), "").splitlines()[-1]
         return {**found, "error": said}

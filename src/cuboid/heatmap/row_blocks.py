@@ -16,7 +16,13 @@ Blocks = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class RowBlocksState(Record):
-    """State of `RowBlocks`: the blocks of each object, ascending, by its number."""
+    """State of `RowBlocks`.
+
+    Attributes
+    ----------
+    of : dict of int to tuple of int
+        The blocks of each object, ascending, by its number.
+    """
 
     of: dict[int, tuple[int, ...]]
 

@@ -41,10 +41,14 @@ class VoxelMapState(Record):
         As how many sightings those of earlier visits count, at most.
     first_frame : int or None
         Of this visit.
-    looks, waiting : int
-        Carving passes, and frames since the last one.
-    next_look, next_fine_look : int
-        The cube, and the fine one, that the next pass begins with.
+    looks : int
+        Carving passes.
+    waiting : int
+        Frames since the last one.
+    next_look : int
+        The cube that the next one begins with.
+    next_fine_look : int
+        The fine cube that it begins with.
     moments : int
         Moments at which the camera had moved since the one before.
     parted : (N, 2) int64

@@ -28,7 +28,15 @@ MAX_LOG_ODDS = 2.0 * SURE
 
 @dataclass(frozen=True, slots=True)
 class AffinityState(Record):
-    """State of an `Affinity`: the pairs of objects, (N, 2) int64, by number, and the log-odds of each, (N,) float64."""
+    """State of an `Affinity`.
+
+    Attributes
+    ----------
+    pairs : (N, 2) int64
+        Numbers of two objects, the lower one first.
+    log_odds : (N,) float64
+        That they are one.
+    """
 
     pairs: npt.NDArray[np.int64]
     log_odds: Float64Array

@@ -35,6 +35,7 @@ class MapObject(Record):
         Owner number in the voxel map, from 1; never reused.
     box : Box
     state : State
+        "candidate", "confirmed" or "retired".
     label : int
         0 until confirmed.
     keyframe : int
@@ -47,8 +48,10 @@ class MapObject(Record):
         Their colors.
     heat : float
         Mean heat of its voxels.
-    first_frame, last_frame : int
-        First and last frame that saw it.
+    first_frame : int
+        First frame that saw it.
+    last_frame : int
+        Last frame that saw it.
     frames_seen : int
         Frames that saw it.
     sightings : int
@@ -60,6 +63,7 @@ class MapObject(Record):
     supports : dict of int to int
         Pixels of it seen above each plane, by the plane's identity.
     merged_labels : list of int
+        Labels of objects that were merged into it.
     fitted : int
         Sightings at the last fit of its box.
     carries : bool

@@ -28,10 +28,13 @@ class ObjectStoreState(Record):
     ----------
     objects : dict of int to MapObject
         By number; those that are retired and have a label too.
-    next_number, next_label : int
-        The next ones to be given.
+    next_number : int
+        That of the next object.
+    next_label : int
+        That of the next object that is confirmed.
     affinity : AffinityState
     boxes : (capacity, 15) float64
+        A row a number: centre, size, rotation; NaN where no object lives.
     """
 
     objects: dict[int, MapObject]

@@ -74,7 +74,9 @@ class AtlasState(Record):
     keyframes : dict of int to Keyframe
         By number.
     edges : tuple of Edge
+        Motions that were measured between them.
     loops : int
+        Places that were recognised by appearance.
     joined : bool
         Whether submaps have met since the graph was optimised last.
     work : tuple of (int, int, bool)

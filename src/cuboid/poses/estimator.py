@@ -102,8 +102,10 @@ class PoseEstimatorState(Record):
     atlas : AtlasState
     anchors : dict of int to (int, (4, 4) float64)
         By frame: the keyframe that it is anchored to, and T_keyframe_camera.
-    submap, submaps : int
-        That of the camera, and how many there are.
+    submap : int
+        The one that the camera is in.
+    submaps : int
+        How many were begun.
     lost : int
         Frames since the last one that has a pose.
     elsewhere : bool

@@ -57,6 +57,7 @@ class Layout:
 
 @cache
 def layout_of(cls: Any) -> Layout:
+    """Return the layout of a class of records, from the annotations of its fields."""
     hints, names = get_type_hints(cls), saved_fields(cls)
     one = {name: hints[name] for name in names if _is_record(hints[name])}
     many = {

@@ -80,7 +80,10 @@ class ScenePosesState(Record):
         Its keyframes.
     seen_as : tuple of (int, (4, 4) float64, (4, 4) float64)
         Its frames that were recognised: part, pose in it, and pose in the recording's world.
-    aligned, recognised : bool
+    aligned : bool
+        Whether frames that agree have told where its world lies.
+    recognised : bool
+        Whether the last frame that has a pose is in part 0.
     last_part : int
         That of the last frame with a pose.
     waited : int

@@ -36,8 +36,19 @@ class Plane(WatchedRecord):
         Its place among the planes, -1 when it is no more.
     identity : int
         Its own for good, never given to another plane.
-    frames, last_frame : int
-        Frames that saw it, and the last of these.
+    weight : float
+        Of all its points.
+    mean : (3,) float64
+        Of its points.
+    scatter : (3, 3) float64
+        Weighted sum of the outer products of its points' distances from the mean.
+    normal : (3,) float64
+    offset : float
+        Points p of the plane have normal.p + offset = 0.
+    frames : int
+        Frames that saw it.
+    last_frame : int
+        The last of these.
     in_use : bool
         Objects may stand on it.
     plan : GroundPlan

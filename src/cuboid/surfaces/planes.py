@@ -43,16 +43,24 @@ class PlaneTrackerState(Record):
     ----------
     vote : UpVote
     next_identity : int
+        That of the next plane.
     T_plan_world : (4, 4) float64 or None
+        None while up is unknown.
     planes : dict of int to Plane
         In the order of their indices.
     of : dict of int to int
-        The plane that each identity ever given now means; identities of planes that are no more are left out.
+        By each identity ever given: the plane, or the one that absorbed it. Identities of removed planes are left out.
     windows : Windows
     main : int or None
+        The plane that most is known of.
     looked_at : int
+        The last frame whose cells were used.
     as_seen : dict of int to (4,) float64
-    stale, changed : tuple of int
+        Normal and offset of the planes as that frame saw them, in the plan frame.
+    stale : tuple of int
+        Planes with readings that are not processed yet.
+    changed : tuple of int
+        Planes that were processed since duplicates were searched for.
     """
 
     vote: UpVote

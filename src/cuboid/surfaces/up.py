@@ -67,8 +67,10 @@ class UpVote(Record):
         Sum of the directions that were measured as up.
     up : (3,) float64 or None
         In the world.
-    frames, votes : int
-        Frames that were counted, and those that voted.
+    frames : int
+        Frames so far.
+    votes : int
+        Those of them that voted.
     changed : bool
         Whether the last vote has changed `up`.
     """
