@@ -132,7 +132,7 @@ def test_poses_go_on_from_any_cut(mode: str, shown: list[Frame]) -> None:
                 told += [posed.T_world_camera.tobytes(), *(T.tobytes() for T in posed.moved.values())]
             if k in cuts:
                 state = decode(ScenePosesState, Encoder().parts(take(poses.state())))
-                poses = ScenePoses.from_state(state, CAMERA, TrackerConfig())
+                poses = ScenePoses.from_state(state, CAMERA)
         return told + [T.tobytes() for T in poses.trajectory(100).values()]
 
     whole = run(())

@@ -103,7 +103,7 @@ def test_what_is_saved_is_what_is_loaded() -> None:
     assert any(part.arrays for part in parts.values())
     again = Encoder().parts(take(decode(SceneState, parts)))
     assert repr(again) == repr(parts)
-    other = ScenePoses.from_state(decode(SceneState, parts).poses, CAMERA, TrackerConfig())
+    other = ScenePoses.from_state(decode(SceneState, parts).poses, CAMERA)
     loaded = Tracker.from_state(decode(SceneState, parts).tracker, CAMERA)
     assert repr(Encoder().parts(take(SceneState(loaded.state(), other.state())))) == repr(parts)
 

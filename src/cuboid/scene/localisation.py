@@ -63,6 +63,8 @@ class ScenePosesState(Record):
 
     Attributes
     ----------
+    config : TrackerConfig
+        As the scene was begun with: the tracker may have estimated more noise since.
     estimator : PoseEstimatorState
     told : dict of int to (4, 4) float64
         Pose in the world of each keyframe as the tracker knows it.
@@ -90,6 +92,7 @@ class ScenePosesState(Record):
         Frames of new parts without a level surface.
     """
 
+    config: TrackerConfig
     estimator: PoseEstimatorState
     told: dict[int, Float64Array]
     T_world_part: dict[int, Float64Array]
@@ -115,7 +118,7 @@ class ScenePoses:
     config : TrackerConfig
     """
 
-    NOT_SAVED = frozenset({"intrinsics", "_config", "_least_m"})
+    NOT_SAVED = frozenset({"intrinsics", "_least_m"})
 
     def __init__(self, intrinsics: Intrinsics, config: TrackerConfig) -> None:
         self.intrinsics, self._config = intrinsics, config
@@ -137,15 +140,15 @@ class ScenePoses:
     def state(self) -> ScenePosesState:
         """Return the state of now; see `PoseEstimator.state`."""
         return ScenePosesState(
-            self._estimator.state(), dict(self._told), dict(self._T_world_part), tuple(self._joined), self.mode,
-            self._part, self._T_part_recording, tuple(self._own), tuple(self._seen_as), self._aligned,
+            self._config, self._estimator.state(), dict(self._told), dict(self._T_world_part), tuple(self._joined),
+            self.mode, self._part, self._T_part_recording, tuple(self._own), tuple(self._seen_as), self._aligned,
             self._recognised, self._last_part, self._waited,
         )  # fmt: skip
 
     @classmethod
-    def from_state(cls, state: ScenePosesState, intrinsics: Intrinsics, config: TrackerConfig) -> ScenePoses:
+    def from_state(cls, state: ScenePosesState, intrinsics: Intrinsics) -> ScenePoses:
         """Return poses that go on from a state."""
-        poses = cls(intrinsics, config)
+        poses = cls(intrinsics, state.config)
         poses._estimator = PoseEstimator.from_state(state.estimator, intrinsics)
         poses._told, poses._T_world_part, poses._joined = state.told, state.T_world_part, list(state.joined)
         poses.mode, poses._part, poses._T_part_recording = state.mode, state.part, state.T_part_recording

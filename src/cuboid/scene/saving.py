@@ -281,7 +281,7 @@ def load_state_without_map(
     with refusing_nonsense():
         state = decode(SceneState, parts)
         tracker = Tracker.from_state(state.tracker, intrinsics, proposals, memory_mb=memory_mb)
-        return tracker, ScenePoses.from_state(state.poses, intrinsics, tracker.config)
+        return tracker, ScenePoses.from_state(state.poses, intrinsics)
 
 
 def block_rows(connection: sqlite3.Connection) -> list[BlockRow]:
