@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from cuboid import Frame, Tracker
+from cuboid import Frame
 from cuboid.geometry import se3
+from cuboid.tracker import Tracker
 from experiment_growth import SCENE, Lap
 from scenes import made
 from tables import cell, dump, show

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cuboid import Tracker, open_recording
+from cuboid import open_recording
 from cuboid.config import TrackerConfig
 from cuboid.evaluation import evaluate
 from cuboid.evaluation.figures import figures
@@ -17,6 +17,7 @@ from cuboid.geometry.overlap import pack
 from cuboid.results import FrameResult
 from cuboid.run import track_recording
 from cuboid.run_types import Progress
+from cuboid.tracker import Tracker
 from scenes import Case, cases
 from scoring import mean, total
 from tables import dump, show

@@ -19,10 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from cuboid import Tracker, open_recording
+from cuboid import open_recording
 from cuboid.evaluation.truth import NAME as TRUTH
 from cuboid.frame import Float64Array, Frame
 from cuboid.measuring import peak_memory_mb
+from cuboid.tracker import Tracker
 from scenes import MadeScene, made
 from scoring import processor_time
 from tables import cell, dump, show

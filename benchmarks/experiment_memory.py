@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid import Tracker
 from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.kernels.cubes import make_cube, pack_key
 from cuboid.measuring import peak_memory_mb
 from cuboid.proposals import Proposals
+from cuboid.tracker import Tracker
 from tables import cell, dump, show
 
 CAMERA = Intrinsics(125.0, 125.0, 79.5, 59.5, 160, 120)

@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from cuboid import Tracker, open_recording
+from cuboid import open_recording
 from cuboid.frame import Frame, Intrinsics
 from cuboid.proposals import Proposals
 from cuboid.scene import Scene, Source
+from cuboid.tracker import Tracker
 from experiment_memory import CAMERA, places_in_rows
 from scenes import scene_01
 from tables import cell, dump, show

@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid import Tracker
 from cuboid.cli.threads import limit_threads
 from cuboid.evaluation.matching import match
 from cuboid.geometry.rectangles import rect_iou_matrix
 from cuboid.proposals import make_source
+from cuboid.tracker import Tracker
 from proposal_sources import FIT, View, stills
 
 # What a hand that holds still moves by, metres, in a direction of the image.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -18,14 +19,14 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import moved_beyond
 from cuboid.heatmap.anchors import LAST_KEYFRAME
 from cuboid.heatmap.pixel_heat import pixel_heat, weigh
-from cuboid.heatmap.voxel_map import VoxelMap
+from cuboid.heatmap.voxel_map import VoxelMap, VoxelMapState
 from cuboid.kernels.outlines import BOTTOM, LEFT, RIGHT, TOP
 from cuboid.kernels.pixels import assign_planes
 from cuboid.limits import MAX_PROPOSALS, MEMORY_MB
 from cuboid.object_table import ObjectTable
 from cuboid.objects.association import Association
 from cuboid.objects.entry import MapObject
-from cuboid.objects.object_map import ObjectMap
+from cuboid.objects.object_map import ObjectMap, ObjectMapState
 from cuboid.objects.prior import prior_of
 from cuboid.objects.validity import too_large
 from cuboid.objects.visibility import measure_visibility, sightings_of
@@ -37,10 +38,11 @@ from cuboid.queries import MapQueries
 from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
 from cuboid.rolling import Roll, farther_up
 from cuboid.sensor import excess_noise, resolves_m
+from cuboid.state import Record
 from cuboid.surfaces.cells import find_cells, patch_pixels, with_level_patches
 from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments, PixelPlanes, points_of, segment_frame
 from cuboid.surfaces.grid import CELL_M
-from cuboid.surfaces.planes import PlaneTracker
+from cuboid.surfaces.planes import PlaneTracker, PlaneTrackerState
 from cuboid.surfaces.standing import find_flat_areas
 from cuboid.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, SAMPLE, STRAYS
 from cuboid.working import WorkingImage, filled, thin
@@ -58,6 +60,40 @@ class Stopwatch:
         now = time.perf_counter()
         self.milliseconds[stage] = (now - self._last) * 1e3
         self._last = now
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerState(Record):
+    """State of a `Tracker`: all that it needs to go on, but for the rows of the voxel map.
+
+    Attributes
+    ----------
+    config : TrackerConfig
+        As it is in use.
+    turns : int or None
+        Quarter turns by which images are rolled; None before the first frame with depth.
+    count : int
+        Frames so far.
+    place : (3,) float64 or None
+        Where the camera was in the last one.
+    looked_from : (4, 4) float64 or None
+        T_world_camera of the last frame from a new viewpoint.
+    due : bool
+        Whether the next frame refreshes the map.
+    planes : PlaneTrackerState
+    voxels : VoxelMapState
+    map : ObjectMapState
+    """
+
+    config: TrackerConfig
+    turns: int | None
+    count: int
+    place: Float64Array | None
+    looked_from: Float64Array | None
+    due: bool
+    planes: PlaneTrackerState
+    voxels: VoxelMapState
+    map: ObjectMapState
 
 
 class Tracker(MapQueries):
@@ -79,6 +115,8 @@ class Tracker(MapQueries):
     InputError
         If no proposal source has that name.
     """
+
+    NOT_SAVED = frozenset({"intrinsics", "_memory_mb", "_propose"})
 
     def __init__(
         self,
@@ -105,6 +143,31 @@ class Tracker(MapQueries):
         self._planes = PlaneTracker(c)
         self._voxels = VoxelMap(c.voxel_m, c.depth_noise_per_m, c.max_depth_m, self._memory_mb)
         self._map = ObjectMap(c, self._voxels, self._planes)
+
+    def state(self) -> TrackerState:
+        """Return the state of now; see `ObjectStore.state`."""
+        return TrackerState(
+            self.config, self._turns, self._count, self._place, self._looked_from, self._due, self._planes.state(),
+            self._voxels.state(), self._map.state(),
+        )  # fmt: skip
+
+    @classmethod
+    def from_state(
+        cls,
+        state: TrackerState,
+        intrinsics: Intrinsics,
+        proposals: str | ProposalSource | None = None,
+        *,
+        memory_mb: float = MEMORY_MB,
+    ) -> Tracker:
+        """Return a tracker that goes on from a state; the rows of its voxel map must be restored."""
+        tracker, c = cls(intrinsics, state.config, proposals, memory_mb=memory_mb), state.config
+        tracker._planes = PlaneTracker.from_state(state.planes, c)
+        tracker._voxels = VoxelMap.from_state(state.voxels, c.voxel_m, c.depth_noise_per_m, c.max_depth_m, memory_mb)
+        tracker._map = ObjectMap.from_state(state.map, c, tracker._voxels, tracker._planes)
+        tracker._turns, tracker._count, tracker._due = state.turns, state.count, state.due
+        tracker._place, tracker._looked_from = state.place, state.looked_from
+        return tracker
 
     def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
         """Take in a frame.

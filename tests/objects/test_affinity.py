@@ -15,8 +15,6 @@ from cuboid.objects.affinity import (
     SURE,
     Affinity,
 )
-from cuboid.scene.freezing import freeze
-from cuboid.scene.thawing import thaw
 
 
 def test_frames_add_up_as_far_as_they_are_news() -> None:
@@ -93,14 +91,3 @@ def test_partners_are_asked_for_by_how_likely_they_are_one_with_an_object() -> N
     assert affinity.partners(4, least=SURE) == [2]
     assert affinity.partners(4, most=-SURE) == [9]
     assert affinity.partners(4, least=-SURE, most=SURE) == [7]
-
-
-def test_saved_scenes_find_what_was_told() -> None:
-    """Files that others have name these attributes: under other names their evidence would be lost without a word."""
-    affinity = Affinity()
-    affinity.add_evidence(2, 1, one=True, novelty=1.0)
-    (part,) = freeze(affinity).values()
-    assert set(part.fields) == {"_log_odds", "_partners"}
-    (again,) = thaw({"Affinity": part}, Affinity())
-    assert again.of(1, 2) == affinity.of(1, 2)
-    assert again.partners(1) == [2]

@@ -12,7 +12,7 @@ import pytest
 from cuboid.config import TrackerConfig
 from cuboid.geometry.box import Box
 from cuboid.objects.entry import MapObject, summed_counts
-from cuboid.scene.freezing import Freezer, freeze
+from cuboid.scene.codec import Encoder, take
 from cuboid.scene.pace import Pace, Rhythm
 from cuboid.tracker import Tracker
 from worlds import CAMERA
@@ -101,20 +101,20 @@ def test_commits_come_as_often_as_they_should_or_as_they_cost_little(monkeypatch
 
 
 def test_what_was_taken_stays_as_it_was() -> None:
-    """It is turned into parts in another thread while the tracker goes on."""
-    tracker, freezer = Tracker(CAMERA, TrackerConfig()), Freezer()
+    """It is encoded in another thread while the tracker goes on."""
+    tracker, encoder = Tracker(CAMERA, TrackerConfig()), Encoder()
     store = tracker._map.store
     entries = [store.add(Box(np.full(3, float(k)), np.full(3, 0.1), np.eye(3)), k) for k in range(3)]
-    expected, taken = freeze(tracker), freezer.take(tracker)
+    expected, taken = Encoder().parts(take(tracker.state())), take(tracker.state())
     _change(entries[1])
     store.retire(entries[2])
-    first = freezer.parts(taken)
+    first = encoder.parts(taken)
     assert repr(first) == repr(expected)
-    second = freezer.freeze(tracker)
-    assert repr(second) == repr(freeze(tracker))
-    assert second["MapObject 1"] is first["MapObject 1"], "what did not change is the same part"
-    assert second["MapObject 2"] is not first["MapObject 2"]
-    assert "MapObject 3" not in second
+    second = encoder.parts(take(tracker.state()))
+    assert repr(second) == repr(Encoder().parts(take(tracker.state())))
+    assert second["map/store/objects/1"] is first["map/store/objects/1"], "what did not change is the same part"
+    assert second["map/store/objects/2"] is not first["map/store/objects/2"]
+    assert "map/store/objects/3" not in second
 
 
 def _change(entry: MapObject) -> None:

@@ -18,12 +18,10 @@ from cuboid.geometry import se3
 from cuboid.posing import GivenPoses
 from cuboid.scene import Scene, Source
 from cuboid.scene.checking import problems
-from cuboid.scene.freezing import freeze
-from cuboid.scene.localisation import ESTIMATED, OWN_WORLD, SAME_WORLD, ScenePoses
-from cuboid.scene.thawing import roots, thaw
+from cuboid.scene.codec import Encoder, decode, take
+from cuboid.scene.localisation import ESTIMATED, OWN_WORLD, SAME_WORLD, ScenePoses, ScenePosesState
 from cuboid.synthetic import make_scene
 from cuboid.synthetic.view import SceneView
-from cuboid.tracker import Tracker
 
 MADE = make_scene("table", 6, frames=150, camera="orbit")
 CAMERA: Intrinsics = MADE.intrinsics(160, 120)
@@ -133,7 +131,8 @@ def test_poses_go_on_from_any_cut(mode: str, shown: list[Frame]) -> None:
                 posed = poses.locate(frame, np.array([0.0, 0.0, 1.0]))
                 told += [posed.T_world_camera.tobytes(), *(T.tobytes() for T in posed.moved.values())]
             if k in cuts:
-                _, poses, _ = thaw(freeze(poses), *roots(Tracker(CAMERA)))
+                state = decode(ScenePosesState, Encoder().parts(take(poses.state())))
+                poses = ScenePoses.from_state(state, CAMERA)
         return told + [T.tobytes() for T in poses.trajectory(100).values()]
 
     whole = run(())

@@ -221,14 +221,14 @@ def test_a_correction_finds_nothing_anew_of_what_many_wide_planes_cover(monkeypa
         plane.plan.begin(ground, np.full(len(ground), 0.02), 1 + k % 8)
         tracker.planes.append(plane)
         tracker._windows.update(plane)
-    before = [plane.plan._places.copy() for plane in tracker.planes]
+    before = [plane.plan.places.copy() for plane in tracker.planes]
     refreshed: list[GroundPlan] = []
     monkeypatch.setattr(GroundPlan, "refresh", lambda plan, *_: refreshed.append(plan))
     for _ in range(3):
         tracker.apply_correction({k: se3.exp(rng.normal(0, 0.02, 6)) for k in range(1, 9)})
     assert refreshed == []
     assert all(plane.plan.wide and plane.plan.late for plane in tracker.planes), "what they cover comes in its turn"
-    moved = [not np.array_equal(plane.plan._places, old) for plane, old in zip(tracker.planes, before, strict=True)]
+    moved = [not np.array_equal(plane.plan.places, old) for plane, old in zip(tracker.planes, before, strict=True)]
     assert all(moved)
 
 

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from cuboid.frame import Float64Array
 from cuboid.kernels.cubes import ANCHORS
+from cuboid.state import Record
 
 # Keyframes up to this one are told apart: hours of video. They are anchors of that number; numbers above are those of
 # keyframes that have moved since some of their points last did.
@@ -26,7 +27,7 @@ CubeNumbers = npt.NDArray[np.int32]
 
 
 @dataclass(slots=True, eq=False)
-class Anchor:
+class Anchor(Record):
     """A keyframe at some state of its pose; what an attribute holds is replaced, never changed.
 
     Attributes
@@ -45,33 +46,63 @@ class Anchor:
     T_new_old: Float64Array | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class AnchorsState(Record):
+    """State of `Anchors`.
+
+    Attributes
+    ----------
+    all : dict of int to Anchor
+        By number.
+    now : dict of int to int
+        By keyframe, the anchor of the points that are seen from it now.
+    last_number : int
+        The last one given to a keyframe that had moved.
+    """
+
+    all: dict[int, Anchor]
+    now: dict[int, int]
+    last_number: int
+
+
 class Anchors:
     """All anchors of a map.
 
     Attributes
     ----------
-    complete : bool
-        Whether all are known: those of a map that an earlier version wrote are not.
     pending : (ANCHORS,) bool
         Whether a motion of their points is pending.
     motions : (ANCHORS, 3, 4) float64
         These.
     """
 
+    NOT_SAVED = frozenset({"pending", "motions", "_keyframes", "_of", "_pairs"})
+
     def __init__(self) -> None:
         self._all: dict[int, Anchor] = {}
         # The anchor of what is seen from a keyframe now.
         self._now: dict[int, int] = {}
         self._last_number = LAST_KEYFRAME
-        self.complete = True
         self.pending: npt.NDArray[np.bool_] = np.zeros(ANCHORS, bool)
         self.motions: Float64Array = np.zeros((ANCHORS, 3, 4))
         self._keyframes: npt.NDArray[np.uint16] = np.arange(ANCHORS, dtype=np.uint16)
         self._of: dict[int, set[int]] = {}
         self._pairs: tuple[CubeNumbers, CubeNumbers] | None = None
 
-    def remake(self) -> None:
-        """Recompute what follows from the anchors: they were loaded."""
+    def state(self) -> AnchorsState:
+        """Return the state of now; nothing in it changes any more, once each anchor's attributes are taken."""
+        return AnchorsState(dict(self._all), dict(self._now), self._last_number)
+
+    @classmethod
+    def from_state(cls, state: AnchorsState) -> Anchors:
+        """Return the anchors of a state."""
+        anchors = cls()
+        anchors._all, anchors._now, anchors._last_number = state.all, state.now, state.last_number
+        anchors._remake()
+        return anchors
+
+    def _remake(self) -> None:
+        """Recompute what follows from the anchors."""
         self.pending[:], self._keyframes[:], self._of, self._pairs = False, np.arange(ANCHORS), {}, None
         for one in self._all.values():
             self._note(one)
@@ -83,11 +114,6 @@ class Anchors:
         if one.T_new_old is not None:
             self.motions[one.number] = one.T_new_old[:3]
             self._pairs = None
-
-    @property
-    def known(self) -> bool:
-        """Whether there are any."""
-        return bool(self._all)
 
     @property
     def cubes(self) -> int:
@@ -188,8 +214,7 @@ class Anchors:
             self._all[number].cubes = some.astype(np.int32)
         self._all = {number: one for number, one in self._all.items() if len(one.cubes)}
         self._now = {keyframe: number for keyframe, number in self._now.items() if number in self._all}
-        self.complete = True
-        self.remake()
+        self._remake()
 
 
 def of_each(anchors: npt.NDArray[np.uint16], cubes: Numbers) -> Iterator[tuple[int, Numbers]]:

@@ -35,9 +35,6 @@ class MovingPoints(LevelledPoints):
         moved : mapping of int to (4, 4) float64
             T_new_old of each keyframe whose surroundings move.
         """
-        if not self._anchors.complete:
-            self._load_all()
-            self._find_anchors()
         # Past motions may have left many empty cubes: then the map is rebuilt without these.
         cubes = np.flatnonzero(~self._fine(np.arange(self._cubes.used[0])))
         if self._anchors.crowded or 2 * self._count_empty(cubes) > max(MIN_EMPTY_CUBES, len(cubes)):

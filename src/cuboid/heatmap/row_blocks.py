@@ -3,19 +3,48 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.state import Record
+
 Blocks = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class RowBlocksState(Record):
+    """State of `RowBlocks`.
+
+    Attributes
+    ----------
+    of : dict of int to tuple of int
+        The blocks of each object, ascending, by its number.
+    """
+
+    of: dict[int, tuple[int, ...]]
 
 
 class RowBlocks:
     """Keeps the blocks of each object; one that has no row of it does no harm."""
 
+    NOT_SAVED: frozenset[str] = frozenset()
+
     def __init__(self) -> None:
         self._of: dict[int, set[int]] = {}
+
+    def state(self) -> RowBlocksState:
+        """Return the state of now; nothing in it changes any more."""
+        return RowBlocksState({number: tuple(sorted(blocks)) for number, blocks in self._of.items()})
+
+    @classmethod
+    def from_state(cls, state: RowBlocksState) -> RowBlocks:
+        """Return the blocks of a state."""
+        blocks = cls()
+        blocks._of = {number: set(some) for number, some in state.of.items()}
+        return blocks
 
     def add(self, numbers: npt.NDArray[np.int64], blocks: Blocks) -> None:
         """Let objects (N,), ascending, have rows of blocks (N,)."""

@@ -121,7 +121,7 @@ class StoredPoints:
         return list(zip(keys, visits, rows, strict=True))
 
     def restore(self, blocks: Iterable[tuple[int, int, int, int, int]], block_store: BlockStore) -> None:
-        """Restore a map whose blocks are in a block store; `RowBlocks` and the like are not touched.
+        """Restore a map from `from_state` whose blocks are in a block store.
 
         Parameters
         ----------
@@ -130,7 +130,6 @@ class StoredPoints:
         block_store : BlockStore
         """
         self._begin(block_store)
-        self._anchors.remake()
         cubes = self._cubes
         for block, key, rows, living, visit in blocks:
             cube = kernel_cubes.make_cube(np.int64(key), cubes)
@@ -144,8 +143,6 @@ class StoredPoints:
             self._ready[block] = visit
         if self._anchors.cubes > cubes.used[0]:
             raise ValueError(f"points are in {self._anchors.cubes} cubes, expected {cubes.used[0]}")
-        # An earlier version did not tell which points are anchored to which keyframe.
-        self._anchors.complete &= self._anchors.known or self.blocks == 1
 
     def _begin_anew(self) -> None:
         self._begin(

@@ -9,12 +9,15 @@ import numpy.typing as npt
 
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.geometry.se3 import inverse
+from cuboid.heatmap.anchors import Anchors, AnchorsState
 from cuboid.heatmap.fine_points import FinePoints
+from cuboid.heatmap.row_blocks import RowBlocks, RowBlocksState
 from cuboid.heatmap.stored_points import Rows
 from cuboid.kernels import claims as kernel_claims
 from cuboid.kernels import lookup, owners
 from cuboid.kernels import voxels as kernel
 from cuboid.kernels.cubes import BLOCK_ROWS, HEATS, LEVELS
+from cuboid.state import Record
 from cuboid.tolerances import MIN_READINGS
 from cuboid.working import WorkingImage
 
@@ -45,6 +48,47 @@ class PixelVoxels:
     known: npt.NDArray[np.bool_]
 
 
+@dataclass(frozen=True, slots=True)
+class VoxelMapState(Record):
+    """State of a `VoxelMap`, but for its rows: these are saved block by block.
+
+    Attributes
+    ----------
+    visit : int
+        Visits of the place before this one.
+    most_hits : int
+        As how many sightings those of earlier visits count, at most.
+    first_frame : int or None
+        Of this visit.
+    looks : int
+        Carving passes.
+    waiting : int
+        Frames since the last one.
+    next_look : int
+        The cube that the next one begins with.
+    next_fine_look : int
+        The fine cube that it begins with.
+    moments : int
+        Moments at which the camera had moved since the one before.
+    parted : (N, 2) int64
+        Cubes of which each voxel has a row of its own, and the moment since when; out of view for longest first.
+    blocks : RowBlocksState
+    anchors : AnchorsState
+    """
+
+    visit: int
+    most_hits: int
+    first_frame: int | None
+    looks: int
+    waiting: int
+    next_look: int
+    next_fine_look: int
+    moments: int
+    parted: npt.NDArray[np.int64]
+    blocks: RowBlocksState
+    anchors: AnchorsState
+
+
 class VoxelMap(FinePoints):
     """Points of the scene with color, heat, and the object that each belongs to, in cubes of voxels.
 
@@ -66,6 +110,15 @@ class VoxelMap(FinePoints):
         Called with rows of points that are as they were before the visit, when these are to be made ready for it.
     """
 
+    # Rows are saved in blocks; what finds them follows from these.
+    NOT_SAVED = frozenset(
+        {
+            *("voxel_m", "noise_per_m", "_max_depth_m", "memory_mb", "before_visit"),
+            *("_row_memory", "_block_store", "_points", "_cubes", "_seen", "_marks", "_unindexed", "_last_viewed"),
+            "_ready",
+        }
+    )
+
     def __init__(self, voxel_m: float, noise_per_m: float, max_depth_m: float, memory_mb: float = float("inf")) -> None:
         super().__init__(voxel_m, memory_mb)
         self.noise_per_m = noise_per_m
@@ -74,6 +127,26 @@ class VoxelMap(FinePoints):
         self._next_look = self._next_fine_look = 0
         # Frames since the last one.
         self._waiting = 0
+
+    def state(self) -> VoxelMapState:
+        """Return the state of now; nothing in it changes any more."""
+        return VoxelMapState(
+            self._visit, self._most_hits, self._first_frame, self._looks, self._waiting, self._next_look,
+            self._next_fine_look, self._moments, self._parted.copy(), self._blocks.state(), self._anchors.state(),
+        )  # fmt: skip
+
+    @classmethod
+    def from_state(
+        cls, state: VoxelMapState, voxel_m: float, noise_per_m: float, max_depth_m: float, memory_mb: float
+    ) -> VoxelMap:
+        """Return a map that goes on from a state, without its rows: `restore` or `refill` must follow."""
+        voxels = cls(voxel_m, noise_per_m, max_depth_m, memory_mb)
+        voxels._visit, voxels._most_hits, voxels._first_frame = state.visit, state.most_hits, state.first_frame
+        voxels._looks, voxels._waiting, voxels._moments = state.looks, state.waiting, state.moments
+        voxels._next_look, voxels._next_fine_look = state.next_look, state.next_fine_look
+        voxels._parted = state.parted
+        voxels._blocks, voxels._anchors = RowBlocks.from_state(state.blocks), Anchors.from_state(state.anchors)
+        return voxels
 
     @property
     def carving_passes(self) -> int:

@@ -6,8 +6,14 @@ by side, that they are two. A single frame errs; the sum over all frames seldom 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import log
 
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.frame import Float64Array
+from cuboid.state import Record
 from cuboid.tolerances import SURE
 
 Pair = tuple[int, int]
@@ -20,13 +26,44 @@ SAME_LOG_ODDS, DIFFERENT_LOG_ODDS = log((1.0 - SPLIT_RATE) / JOIN_RATE), log(SPL
 MAX_LOG_ODDS = 2.0 * SURE
 
 
+@dataclass(frozen=True, slots=True)
+class AffinityState(Record):
+    """State of an `Affinity`.
+
+    Attributes
+    ----------
+    pairs : (N, 2) int64
+        Numbers of two objects, the lower one first.
+    log_odds : (N,) float64
+        That they are one.
+    """
+
+    pairs: npt.NDArray[np.int64]
+    log_odds: Float64Array
+
+
 class Affinity:
     """The log-odds, for each pair of objects seen side by side, that they are one."""
 
+    NOT_SAVED = frozenset({"_partners"})
+
     def __init__(self) -> None:
-        # A saved scene has these by their names.
         self._log_odds: dict[Pair, float] = {}
         self._partners: dict[int, set[int]] = {}
+
+    def state(self) -> AffinityState:
+        """Return the state of now; nothing in it changes any more."""
+        odds = self._log_odds
+        pairs = np.array(list(odds), np.int64).reshape(-1, 2)
+        return AffinityState(pairs, np.fromiter(odds.values(), np.float64, len(odds)))
+
+    @classmethod
+    def from_state(cls, state: AffinityState) -> Affinity:
+        """Return the affinities of a state."""
+        affinity = cls()
+        for (a, b), log_odds in zip(state.pairs.tolist(), state.log_odds.tolist(), strict=True):
+            affinity._add(a, b, log_odds)
+        return affinity
 
     def add_evidence(self, a: int, b: int, *, one: bool, novelty: float) -> None:
         """Add the evidence of a frame on two objects, weighted by the novelty (0..1) of its viewpoint."""

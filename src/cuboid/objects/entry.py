@@ -12,6 +12,7 @@ import numpy.typing as npt
 from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.kernels.outlines import KINDS
+from cuboid.state import TRANSIENT, Record
 
 
 class State(Enum):
@@ -23,7 +24,7 @@ class State(Enum):
 
 
 @dataclass(slots=True, eq=False)
-class MapObject:
+class MapObject(Record):
     """An object of the map, with a label or not yet.
 
     What an attribute holds is replaced, never changed: arrays, dicts and lists too.
@@ -34,11 +35,11 @@ class MapObject:
         Owner number in the voxel map, from 1; never reused.
     box : Box
     state : State
+        "candidate", "confirmed" or "retired".
     label : int
         0 until confirmed.
     keyframe : int
-        That most of its points are anchored to; -1 where that is not known: a frame has shown its place since, or an
-        earlier version did not tell.
+        That most of its points are anchored to; -1 where a frame has shown its place since: it is unknown then.
     plane : int or None
         Identity of the plane that it stands on.
     points : (N, 3) float32
@@ -47,8 +48,10 @@ class MapObject:
         Their colors.
     heat : float
         Mean heat of its voxels.
-    first_frame, last_frame : int
-        First and last frame that saw it.
+    first_frame : int
+        First frame that saw it.
+    last_frame : int
+        Last frame that saw it.
     frames_seen : int
         Frames that saw it.
     sightings : int
@@ -60,6 +63,7 @@ class MapObject:
     supports : dict of int to int
         Pixels of it seen above each plane, by the plane's identity.
     merged_labels : list of int
+        Labels of objects that were merged into it.
     fitted : int
         Sightings at the last fit of its box.
     carries : bool
@@ -90,7 +94,7 @@ class MapObject:
     fitted: int = 0
     carries: bool = False
     holder: int = 0
-    taken_by: MapObject | None = None
+    taken_by: MapObject | None = field(default=None, metadata=TRANSIENT)
 
     @property
     def survivor(self) -> MapObject:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 from math import ceil
 
@@ -24,10 +25,11 @@ from cuboid.objects.confirmation import is_confirmable
 from cuboid.objects.entry import MapObject, State, summed_counts
 from cuboid.objects.fitting import Fitting
 from cuboid.objects.outline import log_odds_of, with_viewpoint_change
-from cuboid.objects.store import ObjectStore
+from cuboid.objects.store import ObjectStore, ObjectStoreState
 from cuboid.objects.validity import fits_object
 from cuboid.objects.visibility import boxes_in_frustum
 from cuboid.observation import Observation
+from cuboid.state import Record
 from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments
 from cuboid.surfaces.planes import PlaneTracker
 from cuboid.tolerances import LITTLE, MIN_FRAMES, MIN_READINGS, MOST, SURE
@@ -40,6 +42,13 @@ MISSED = 0.3
 NEW_SIDE_RAD = 0.05
 
 
+@dataclass(frozen=True, slots=True)
+class ObjectMapState(Record):
+    """State of an `ObjectMap`: that of its store."""
+
+    store: ObjectStoreState
+
+
 class ObjectMap:
     """The map of objects, updated frame by frame.
 
@@ -50,12 +59,27 @@ class ObjectMap:
     planes : PlaneTracker
     """
 
+    NOT_SAVED = frozenset({"_config", "_voxels", "_planes", "_boxing"})
+
     def __init__(self, config: TrackerConfig, voxels: VoxelMap, planes: PlaneTracker) -> None:
         self._config = config
         self._voxels = voxels
         self._planes = planes
         self._boxing = Boxing(voxels)
         self.store = ObjectStore(voxels)
+
+    def state(self) -> ObjectMapState:
+        """Return the state of now; see `ObjectStore.state`."""
+        return ObjectMapState(self.store.state())
+
+    @classmethod
+    def from_state(
+        cls, state: ObjectMapState, config: TrackerConfig, voxels: VoxelMap, planes: PlaneTracker
+    ) -> ObjectMap:
+        """Return a map of objects that goes on from a state; voxels and planes have their states already."""
+        found = cls(config, voxels, planes)
+        found.store = ObjectStore.from_state(state.store, voxels)
+        return found
 
     @property
     def _fitting(self) -> Fitting:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -13,9 +14,34 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.overlap import BATCH, bound, near
-from cuboid.objects.affinity import Affinity
+from cuboid.objects.affinity import Affinity, AffinityState
 from cuboid.objects.entry import MapObject, State, summed_counts
+from cuboid.state import Record
 from cuboid.tolerances import MOST
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectStoreState(Record):
+    """State of an `ObjectStore`.
+
+    Attributes
+    ----------
+    objects : dict of int to MapObject
+        By number; those that are retired and have a label too.
+    next_number : int
+        That of the next object.
+    next_label : int
+        That of the next object that is confirmed.
+    affinity : AffinityState
+    boxes : (capacity, 15) float64
+        A row a number: centre, size, rotation; NaN where no object lives.
+    """
+
+    objects: dict[int, MapObject]
+    next_number: int
+    next_label: int
+    affinity: AffinityState
+    boxes: Float64Array
 
 
 class ObjectStore:
@@ -33,6 +59,8 @@ class ObjectStore:
         See `pack`, a row a number; NaN where no object lives.
     """
 
+    NOT_SAVED = frozenset({"_voxels", "_confirmed", "_bounds", "_changed"})
+
     def __init__(self, voxels: VoxelMap) -> None:
         self._voxels = voxels
         self._objects: dict[int, MapObject] = {}
@@ -43,6 +71,21 @@ class ObjectStore:
         # Bounds of batches of boxes, and those batches that have changed since.
         self._bounds: Float64Array | None = None
         self._changed: set[int] = set()
+
+    def state(self) -> ObjectStoreState:
+        """Return the state of now; nothing in it changes any more, once each object's attributes are taken."""
+        return ObjectStoreState(
+            dict(self._objects), self._next_number, self._next_label, self.affinity.state(), self.boxes.copy()
+        )
+
+    @classmethod
+    def from_state(cls, state: ObjectStoreState, voxels: VoxelMap) -> ObjectStore:
+        """Return a store that goes on from a state; the map has its state already."""
+        store = cls(voxels)
+        store._objects, store._next_number, store._next_label = state.objects, state.next_number, state.next_label
+        store._confirmed = {number: entry for number, entry in state.objects.items() if entry.confirmed}
+        store.affinity, store.boxes = Affinity.from_state(state.affinity), state.boxes
+        return store
 
     def __getitem__(self, number: int) -> MapObject:
         return self._objects[number]

@@ -15,6 +15,7 @@ from cuboid.poses.graph import Edge, deviations, optimise, optimise_around
 from cuboid.poses.keyframes import OVERLAP_LEVEL, Keyframe, median_depth_m, overlap, view_distances
 from cuboid.poses.places import Appearance, locate, votes
 from cuboid.poses.pyramid import Level, SmallImage
+from cuboid.state import Record
 
 # Keyframes whose overlap is looked at: those with the most similar views.
 NEAR = 12
@@ -64,6 +65,31 @@ class Place:
     found: Alignment
 
 
+@dataclass(frozen=True, slots=True)
+class AtlasState(Record):
+    """State of an `Atlas`.
+
+    Attributes
+    ----------
+    keyframes : dict of int to Keyframe
+        By number.
+    edges : tuple of Edge
+        Motions that were measured between them.
+    loops : int
+        Places that were recognised by appearance.
+    joined : bool
+        Whether submaps have met since the graph was optimised last.
+    work : tuple of (int, int, bool)
+        Pairs of keyframes whose edge is to be measured, and whether they are alike in appearance only.
+    """
+
+    keyframes: dict[int, Keyframe]
+    edges: tuple[Edge, ...]
+    loops: int
+    joined: bool
+    work: tuple[tuple[int, int, bool], ...]
+
+
 class Atlas:
     """Keyframes and the graph between them.
 
@@ -75,12 +101,27 @@ class Atlas:
         Recognised places: edges between keyframes found by appearance.
     """
 
+    NOT_SAVED: frozenset[str] = frozenset()
+
     def __init__(self) -> None:
         self.keyframes: list[Keyframe] = []
         self.edges: list[Edge] = []
         self.loops = 0
         self._joined = False  # whether submaps have met since the graph was optimised last
         self._work: deque[tuple[int, int, bool]] = deque()
+
+    def state(self) -> AtlasState:
+        """Return the state of now; nothing in it changes any more, once each keyframe's attributes are taken."""
+        keyframes = {keyframe.number: keyframe for keyframe in self.keyframes}
+        return AtlasState(keyframes, tuple(self.edges), self.loops, self._joined, tuple(self._work))
+
+    @classmethod
+    def from_state(cls, state: AtlasState) -> Atlas:
+        """Return an atlas that goes on from a state."""
+        atlas = cls()
+        atlas.keyframes, atlas.edges = list(state.keyframes.values()), list(state.edges)
+        atlas.loops, atlas._joined, atlas._work = state.loops, state.joined, deque(state.work)
+        return atlas
 
     def add(
         self, frame: int, T_world_camera: Float64Array, submap: int, small: SmallImage, features: FrameFeatures

@@ -11,10 +11,11 @@ from cuboid.errors import FrameError
 from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry import se3
 from cuboid.poses.alignment import Alignment, Prior, Reference, align
-from cuboid.poses.atlas import Atlas, FrameFeatures, Place
+from cuboid.poses.atlas import Atlas, AtlasState, FrameFeatures, Place
 from cuboid.poses.keyframes import NEW_VIEW, OVERLAP_LEVEL, Keyframe
 from cuboid.poses.places import describe, locate
 from cuboid.poses.pyramid import Level, SmallImage, keep, shrink
+from cuboid.state import Record
 
 # One whose pose is given needs fewer, whose views differ by this: nothing is aligned to it but what has lost its way.
 GIVEN_VIEW = 0.3
@@ -92,6 +93,45 @@ class _Shot:
         return self._features
 
 
+@dataclass(frozen=True, slots=True)
+class PoseEstimatorState(Record):
+    """State of a `PoseEstimator`.
+
+    Attributes
+    ----------
+    atlas : AtlasState
+    anchors : dict of int to (int, (4, 4) float64)
+        By frame: the keyframe that it is anchored to, and T_keyframe_camera.
+    submap : int
+        The one that the camera is in.
+    submaps : int
+        How many were begun.
+    lost : int
+        Frames since the last one that has a pose.
+    elsewhere : bool
+        Whether frames of an unknown place may be elsewhere than in submap 0.
+    T_world_camera : (4, 4) float64
+        Of the last frame that has a pose.
+    motion : (6,) float64
+        Of the camera frame, a second.
+    time_s : float
+        Of that frame.
+    local : tuple of int
+        Keyframes that frames are aligned to.
+    """
+
+    atlas: AtlasState
+    anchors: dict[int, tuple[int, Float64Array]]
+    submap: int
+    submaps: int
+    lost: int
+    elsewhere: bool
+    T_world_camera: Float64Array
+    motion: Float64Array
+    time_s: float
+    local: tuple[int, ...]
+
+
 class PoseEstimator:
     """Estimates the poses of a stream of RGB-D frames of a static scene.
 
@@ -103,6 +143,8 @@ class PoseEstimator:
     intrinsics : Intrinsics
         Of every frame.
     """
+
+    NOT_SAVED = frozenset({"intrinsics", "_reference"})
 
     def __init__(self, intrinsics: Intrinsics) -> None:
         self.intrinsics = intrinsics
@@ -117,6 +159,29 @@ class PoseEstimator:
         self._time_s = 0.0
         self._local: list[int] = []
         self._reference = Reference((), 0)
+
+    def state(self) -> PoseEstimatorState:
+        """Return the state of now; see `Atlas.state`."""
+        return PoseEstimatorState(
+            self._atlas.state(), dict(self._anchors), self._submap, self._submaps, self._lost, self._elsewhere,
+            self._T_world_camera, self._motion, self._time_s, tuple(self._local),
+        )  # fmt: skip
+
+    @classmethod
+    def from_state(cls, state: PoseEstimatorState, intrinsics: Intrinsics) -> PoseEstimator:
+        """Return an estimator that goes on from a state."""
+        estimator = cls(intrinsics)
+        estimator._atlas, estimator._anchors = Atlas.from_state(state.atlas), state.anchors
+        estimator._submap, estimator._submaps = state.submap, state.submaps
+        estimator._lost, estimator._elsewhere = state.lost, state.elsewhere
+        estimator._T_world_camera, estimator._motion, estimator._time_s = (
+            state.T_world_camera,
+            state.motion,
+            state.time_s,
+        )
+        if state.local:
+            estimator._use(list(state.local))
+        return estimator
 
     @property
     def keyframes(self) -> list[Keyframe]:

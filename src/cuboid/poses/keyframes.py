@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,7 @@ from cuboid.kernels import align as kernel
 from cuboid.poses.alignment import Reference, pick
 from cuboid.poses.places import Appearance
 from cuboid.poses.pyramid import Level, SmallImage
+from cuboid.state import TRANSIENT, Record
 
 # Overlap is told by the points of this level, every so many of them.
 OVERLAP_LEVEL, OVERLAP_EVERY = 2, 4
@@ -28,7 +29,7 @@ MIN_COSINE = 0.5
 
 
 @dataclass(slots=True)
-class Keyframe:
+class Keyframe(Record):
     """A frame that others are aligned to.
 
     What an attribute holds is replaced, never changed.
@@ -59,7 +60,7 @@ class Keyframe:
     appearance: Appearance
     submap: int
     given: bool = False
-    _reference: Reference | None = None
+    _reference: Reference | None = field(default=None, metadata=TRANSIENT)
 
     @property
     def reference(self) -> Reference:

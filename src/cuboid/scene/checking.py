@@ -7,18 +7,20 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.errors import InputError, OutputError, one_line
 from cuboid.heatmap.levels import split_rows
+from cuboid.kernels.cubes import ROW
 from cuboid.scene import before
 from cuboid.scene.database import complaining, open_damaged, open_to_read, open_to_write, transaction
-from cuboid.scene.earlier import Keys, Rows, earlier_block, refill, take_earlier
 from cuboid.scene.packing import BlockRow, unpacked_block
-from cuboid.scene.saving import StateFile, block_rows, load_blocks, load_parts, strange_is_damaged
-from cuboid.scene.thawing import roots, thaw
+from cuboid.scene.saving import StateFile, load_blocks, load_state, load_state_without_map
 from cuboid.scene.validation import TABLES, DamagedError, Row, columns_of, refuse_no_row
 from cuboid.scene.visit import ANY_CAMERA
-from cuboid.tracker import Tracker
+
+Rows = npt.NDArray[np.void]
+Keys = npt.NDArray[np.int64]
 
 # What people and other programs are told, in the order in which rows refer to each other.
 TOLD = ("scene", "recordings", "frames", "planes", "objects", "boxes", "sightings", "pending")
@@ -77,15 +79,9 @@ def _state_problems(connection: sqlite3.Connection) -> list[str]:
         return []
     try:
         before.load(connection)
-        with strange_is_damaged():
-            tracker = thaw(load_parts(connection), *roots(Tracker(ANY_CAMERA)))[0]
-        if tracker is None:
-            return ["the state of the tracker is missing"]
-        with strange_is_damaged():
-            if not take_earlier(connection, tracker.voxels):
-                block_rows(connection)
-                for _ in load_blocks(connection):
-                    pass
+        load_state(connection, ANY_CAMERA)
+        for _ in load_blocks(connection):
+            pass
     except InputError as error:
         return [str(error)]
     return []
@@ -190,44 +186,39 @@ def _drop_orphans(connection: sqlite3.Connection) -> None:
 def _rescue_state(old: sqlite3.Connection, new: sqlite3.Connection, lost: list[str]) -> int:
     """Let the new file go on with what is left of the map; return how many blocks of it there are."""
     try:
-        with strange_is_damaged():
-            tracker, poses, _ = thaw(load_parts(old), *roots(Tracker(ANY_CAMERA)))
+        tracker, poses = load_state_without_map(old, ANY_CAMERA)
     except (InputError, sqlite3.DatabaseError) as error:
-        tracker = None
         lost.append(f"the map and the objects' evidence ({error})")
-    if tracker is None:
         return 0
-    blocks = list(_readable_blocks(old, tracker.voxels.voxel_m, lost))
-    refill(tracker.voxels, blocks)
+    blocks = list(_readable_blocks(old, lost))
+    rows, keys = (np.concatenate(some) for some in zip((np.zeros(0, ROW), np.zeros(0, np.int64)), *blocks, strict=True))
+    # Of a voxel that comes twice, the first.
+    _, first = np.unique(np.column_stack([keys, rows["voxel"]]), axis=0, return_index=True)
+    tracker.voxels.refill(keys[np.sort(first)], rows[np.sort(first)])
     for entry in tracker.ever_labelled():
         there = tracker.voxels.rows_at(entry.points.astype(np.float64)) >= 0
         if there.any():  # what no point is left of is known by that
             entry.points, entry.colors = entry.points[there], entry.colors[there]
-    state = StateFile(tracker, new, () if poses is None else (poses,))
+    state = StateFile(new, tracker, poses)
     with transaction(new):
         state.write(new, state.snapshot())
     return len(blocks)
 
 
-def _readable_blocks(old: sqlite3.Connection, voxel_m: float, lost: list[str]) -> Iterator[tuple[Rows, Keys]]:
+def _readable_blocks(old: sqlite3.Connection, lost: list[str]) -> Iterator[tuple[Rows, Keys]]:
     """Give the living rows, and the keys of their cubes, of each block of the map that can be read."""
-    in_cubes = any(row[1] == "cube" for row in old.execute("PRAGMA table_info(blocks)"))
-    tables = ("blocks", "earlier_blocks") if in_cubes else ("earlier_blocks",)
-    for table in tables:
-        there = table if in_cubes else "blocks"  # a file of an earlier version, which is not migrated
-        last = old.execute(f"SELECT max(number) FROM {there}").fetchone()[0]
-        first = 1 if table == "blocks" else 0
-        for number in range(first, first if last is None else int(last) + 1):
-            try:
-                row = old.execute(f"SELECT * FROM {there} WHERE number = ?", (number,)).fetchone()
-                if row is None:
-                    raise DamagedError("it is missing")
-                refuse_no_row(table, row)
-                found = _cube_block(row) if table == "blocks" else earlier_block(row, voxel_m)
-            except (DamagedError, sqlite3.DatabaseError) as error:
-                lost.append(f"block {number} of the map ({error})")
-                continue
-            yield found
+    last = old.execute("SELECT max(number) FROM blocks").fetchone()[0]
+    for number in range(1, 1 if last is None else int(last) + 1):
+        try:
+            row = old.execute("SELECT * FROM blocks WHERE number = ?", (number,)).fetchone()
+            if row is None:
+                raise DamagedError("it is missing")
+            refuse_no_row("blocks", row)
+            found = _cube_block(row)
+        except (DamagedError, sqlite3.DatabaseError) as error:
+            lost.append(f"block {number} of the map ({error})")
+            continue
+        yield found
 
 
 def _cube_block(row: Row) -> tuple[Rows, Keys]:

@@ -1,4 +1,4 @@
-"""The file of a scene: opened, told from other files, migrated, and written by one at a time."""
+"""The file of a scene: opened, told from other files, and written by one at a time."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import os
 import sqlite3
 import stat
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from cuboid.errors import InputError, OutputError
 from cuboid.formats.reading import kind_of, real_path
 from cuboid.outputs.pending import PendingFile
-from cuboid.scene.schema import APPLICATION_ID, MIGRATIONS, VERSION
+from cuboid.scene.schema import APPLICATION_ID, TABLES, VERSION
 from cuboid.scene.validation import DamagedError
 
 # Who writes holds a lock on the file of this name beside the scene.
@@ -95,7 +95,7 @@ def open_to_read(path: Path) -> sqlite3.Connection:
     Raises
     ------
     InputError
-        There is none, it is none, it is damaged, or of a newer version.
+        There is none, it is none, it is damaged, or of another version.
     """
     if not path.is_file():
         raise InputError(f"{path}: there is no such scene file")
@@ -103,12 +103,10 @@ def open_to_read(path: Path) -> sqlite3.Connection:
     with complaining(path):
         try:  # not "ro": whoever closes a scene last tidies up its log
             connection = _connect(path, "rw")
-            version = _version(connection, path)
+            _refuse_other_version(connection, path)
         except sqlite3.OperationalError:  # a place where nothing can be written: nobody else does either
             connection = _connect(path, "ro", immutable=True)
-            version = _version(connection, path)
-        if version < VERSION:
-            connection = _migrated_copy(connection, version)
+            _refuse_other_version(connection, path)
         connection.execute("PRAGMA query_only = ON")
     return connection
 
@@ -145,7 +143,7 @@ class Writing:
     Raises
     ------
     InputError
-        It is no scene, damaged, or of a newer version; there is none and `create` is not given.
+        It is no scene, damaged, or of another version; there is none and `create` is not given.
     OutputError
         Another one writes it, or it cannot be written.
     """
@@ -215,30 +213,16 @@ def _refuse_other(path: Path) -> None:
                 raise InputError(f"{place}: is {kind_of(found)}, a regular file was expected: it belongs to the scene")
 
 
-def _migrated_copy(connection: sqlite3.Connection, version: int) -> sqlite3.Connection:
-    """Return a copy of a scene at this version, in a temporary database that SQLite removes; close the original."""
-    with closing(connection):
-        copy = sqlite3.connect("", isolation_level=None, check_same_thread=False, factory=_Connection)
-        connection.backup(copy)
-    _migrate(copy, version)
-    return copy
-
-
-def _version(connection: sqlite3.Connection, path: Path) -> int:
-    """Return the version of a scene; refuses other databases, versions below 1 and newer ones."""
+def _refuse_other_version(connection: sqlite3.Connection, path: Path) -> None:
+    """Raise InputError where a database is no scene, or one of another version."""
     application = connection.execute("PRAGMA application_id").fetchone()[0]
     version = int(connection.execute("PRAGMA user_version").fetchone()[0])
     if application != APPLICATION_ID:
         raise InputError(f"{path}: is a database, but no scene file of Cuboid")
-    if version < 1:
+    if version != VERSION:
         raise InputError(
-            f"{path}: the scene file is damaged (scene version {version}; expected 1 to {VERSION}); {RESCUE}"
+            f"{path}: was written by another Cuboid (scene version {version}); this one reads version {VERSION}"
         )
-    if version > VERSION:
-        raise InputError(
-            f"{path}: was written by a newer Cuboid (scene version {version}); this one reads versions up to {VERSION}"
-        )
-    return version
 
 
 def _make(path: Path) -> None:
@@ -249,25 +233,20 @@ def _make(path: Path) -> None:
         connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
         connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
         connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-        _migrate(connection, 0)
+        connection.execute(f"PRAGMA user_version = {VERSION}")
+        connection.executescript(TABLES)
         connection.close()
         file.show()
 
 
 def _prepare(connection: sqlite3.Connection, path: Path) -> None:
-    """Bring a scene of an earlier version up to this one, and let others read while it is written."""
-    version = _version(connection, path)
+    """Refuse what is no scene of this version, and let others read while it is written."""
+    _refuse_other_version(connection, path)
     if connection.execute("PRAGMA journal_mode = WAL").fetchone()[0] != "wal":
         raise OutputError(f"{path}: cannot be written: this place allows no write-ahead log")
     connection.execute("PRAGMA synchronous = NORMAL")
     connection.execute(f"PRAGMA wal_autocheckpoint = {LOG_PAGES}")
     connection.execute(f"PRAGMA cache_size = -{CACHE_KB}")
-    _migrate(connection, version)
-
-
-def _migrate(connection: sqlite3.Connection, version: int) -> None:
-    for step in range(version, VERSION):
-        connection.executescript(f"BEGIN IMMEDIATE;\n{MIGRATIONS[step]}\nPRAGMA user_version = {step + 1};\nCOMMIT;")
 
 
 def _lock_path(path: Path) -> Path:

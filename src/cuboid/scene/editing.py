@@ -11,8 +11,8 @@ from cuboid.errors import InputError
 from cuboid.objects.entry import MapObject
 from cuboid.scene.database import transaction
 from cuboid.scene.records import Records
-from cuboid.scene.saving import SceneBlockStore, StateFile
-from cuboid.scene.visit import ANY_CAMERA, load
+from cuboid.scene.saving import SceneBlockStore, StateFile, load_state
+from cuboid.scene.visit import ANY_CAMERA
 from cuboid.tracker import Tracker
 
 
@@ -20,8 +20,8 @@ from cuboid.tracker import Tracker
 def edited(connection: sqlite3.Connection, path: str) -> Iterator[Tracker]:
     """Give the tracker of a scene, and save what was done with it."""
     block_store = SceneBlockStore(connection, Path(path))
-    tracker, poses = load(connection, Tracker(ANY_CAMERA), block_store)
-    state = StateFile(tracker, connection, (poses,), block_store)
+    tracker, poses = load_state(connection, ANY_CAMERA, block_store=block_store)
+    state = StateFile(connection, tracker, poses, block_store)
     yield tracker
     records = Records(connection, 0)
     with transaction(connection):

@@ -16,8 +16,9 @@ from cuboid.config import TrackerConfig
 from cuboid.errors import FrameError
 from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry.se3 import angle, exp, inverse, mean_motion, tidied, transform
-from cuboid.poses import PoseEstimator
-from cuboid.posing import LOST, NO_POSE, EstimatedPoses, Posed
+from cuboid.poses.estimator import PoseEstimator, PoseEstimatorState
+from cuboid.posing import LOST, NO_POSE, Posed
+from cuboid.state import Record
 from cuboid.surfaces.standing import find_flat_areas
 from cuboid.surfaces.up import UpVote
 from cuboid.working import thin
@@ -56,6 +57,57 @@ class Joined:
         return np.asarray(np.linalg.norm(points - self.middle, axis=1) < ASIDE_M / 2)
 
 
+@dataclass(frozen=True, slots=True)
+class ScenePosesState(Record):
+    """State of `ScenePoses`.
+
+    Attributes
+    ----------
+    config : TrackerConfig
+        As the scene was begun with: the tracker may have estimated more noise since.
+    estimator : PoseEstimatorState
+    told : dict of int to (4, 4) float64
+        Pose in the world of each keyframe as the tracker knows it.
+    T_world_part : dict of int to (4, 4) float64
+        Where each part of the scene stands.
+    joined : tuple of ((3,) float64, (4, 4) float64)
+        Parts that have become part of others and were not taken yet; see `Joined`.
+    mode : str
+        `ESTIMATED`, `SAME_WORLD` or `OWN_WORLD`: the poses of this recording.
+    part : int
+        That this recording belongs to, where its poses are of its own world.
+    T_part_recording : (4, 4) float64
+        Its world's place there.
+    own : tuple of int
+        Its keyframes.
+    seen_as : tuple of (int, (4, 4) float64, (4, 4) float64)
+        Its frames that were recognised: part, pose in it, and pose in the recording's world.
+    aligned : bool
+        Whether frames that agree have told where its world lies.
+    recognised : bool
+        Whether the last frame that has a pose is in part 0.
+    last_part : int
+        That of the last frame with a pose.
+    waited : int
+        Frames of new parts without a level surface.
+    """
+
+    config: TrackerConfig
+    estimator: PoseEstimatorState
+    told: dict[int, Float64Array]
+    T_world_part: dict[int, Float64Array]
+    joined: tuple[tuple[Float64Array, Float64Array], ...]
+    mode: str
+    part: int
+    T_part_recording: Float64Array
+    own: tuple[int, ...]
+    seen_as: tuple[tuple[int, Float64Array, Float64Array], ...]
+    aligned: bool
+    recognised: bool
+    last_part: int
+    waited: int
+
+
 class ScenePoses:
     """Tells where frames were taken, of all recordings of a scene; frames have the scene's numbers.
 
@@ -65,6 +117,8 @@ class ScenePoses:
         Of the frames that come.
     config : TrackerConfig
     """
+
+    NOT_SAVED = frozenset({"intrinsics", "_least_m"})
 
     def __init__(self, intrinsics: Intrinsics, config: TrackerConfig) -> None:
         self.intrinsics, self._config = intrinsics, config
@@ -83,12 +137,25 @@ class ScenePoses:
         self._aligned = self._recognised = False
         self._last_part = self._waited = 0
 
+    def state(self) -> ScenePosesState:
+        """Return the state of now; see `PoseEstimator.state`."""
+        return ScenePosesState(
+            self._config, self._estimator.state(), dict(self._told), dict(self._T_world_part), tuple(self._joined),
+            self.mode, self._part, self._T_part_recording, tuple(self._own), tuple(self._seen_as), self._aligned,
+            self._recognised, self._last_part, self._waited,
+        )  # fmt: skip
+
     @classmethod
-    def of_earlier(cls, fresh: ScenePoses, estimated: EstimatedPoses) -> ScenePoses:
-        """Return what goes on from the estimated poses that files of an earlier version have."""
-        fresh._estimator = estimated.estimator
-        fresh._told = {k.number: k.T_world_camera for k in fresh._estimator.keyframes if not k.submap}
-        return fresh
+    def from_state(cls, state: ScenePosesState, intrinsics: Intrinsics) -> ScenePoses:
+        """Return poses that go on from a state."""
+        poses = cls(intrinsics, state.config)
+        poses._estimator = PoseEstimator.from_state(state.estimator, intrinsics)
+        poses._told, poses._T_world_part, poses._joined = state.told, state.T_world_part, list(state.joined)
+        poses.mode, poses._part, poses._T_part_recording = state.mode, state.part, state.T_part_recording
+        poses._own, poses._seen_as = list(state.own), list(state.seen_as)
+        poses._aligned, poses._recognised = state.aligned, state.recognised
+        poses._last_part, poses._waited = state.last_part, state.waited
+        return poses
 
     def begin(self, mode: str, *, first: bool) -> None:
         """Expect the frames of a recording; the scene's world is that of the first one.

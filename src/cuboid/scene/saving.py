@@ -5,22 +5,23 @@ from __future__ import annotations
 import hashlib
 import sqlite3
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.frame import Intrinsics
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.kernels.cubes import ROW
+from cuboid.limits import MEMORY_MB
+from cuboid.proposals.types import ProposalSource
+from cuboid.scene.codec import Encoder, Part, Taken, decode, take
 from cuboid.scene.database import complaining
-from cuboid.scene.earlier import take_earlier
-from cuboid.scene.freezing import Freezer, Taken
-from cuboid.scene.kinds import Part
+from cuboid.scene.localisation import ScenePoses, ScenePosesState
 from cuboid.scene.pace import Pace
 from cuboid.scene.packing import (
     BlockRow,
@@ -30,9 +31,9 @@ from cuboid.scene.packing import (
     unpacked,
     unpacked_block,
 )
-from cuboid.scene.thawing import thaw
 from cuboid.scene.validation import DamagedError, columns_of, iterate_table, read_rows
-from cuboid.tracker import Tracker
+from cuboid.state import Record
+from cuboid.tracker import Tracker, TrackerState
 
 BESIDE = ", ".join(BlockRow._fields)
 # What was written as it is, since it changes all the time, is compressed once it does not; so many blocks a time.
@@ -40,20 +41,27 @@ PACKED_A_TIME = 64
 
 
 @dataclass(frozen=True, slots=True)
+class SceneState(Record):
+    """All that a scene needs to go on, but for the rows of its map: the root of the parts in the file."""
+
+    tracker: TrackerState
+    poses: ScenePosesState
+
+
+@dataclass(frozen=True, slots=True)
 class Snapshot:
-    """The state of a tracker at one moment: nothing in it changes any more.
+    """The state of a scene at one moment: nothing in it changes any more.
 
     Attributes
     ----------
-    taken : tuple of Taken
-        Of the tracker, and of what else is saved with it.
+    taken : Taken
     blocks : int
         One more than the highest number of the map's blocks.
     changed : dict of int to (int, int, (N,) of type ROW)
         The map's blocks that have changed since the last snapshot: key of the cube, visit, rows.
     """
 
-    taken: tuple[Taken, ...]
+    taken: Taken
     blocks: int
     changed: dict[int, tuple[int, int, npt.NDArray[Any]]]
 
@@ -103,28 +111,27 @@ class SceneBlockStore:
 
 
 class StateFile:
-    """Writes the states of one tracker, one after the other.
+    """Writes the states of one scene, one after the other.
 
     Parameters
     ----------
-    tracker : Tracker
     connection : sqlite3.Connection
         Of the scene: what it holds of an earlier state is replaced.
-    others : iterable of object
-        What else is saved with it.
+    tracker : Tracker
+    poses : ScenePoses
     block_store : SceneBlockStore, optional
         Where the map's blocks come from that are not in memory.
     """
 
     def __init__(
         self,
-        tracker: Tracker,
         connection: sqlite3.Connection,
-        others: Iterable[object] = (),
+        tracker: Tracker,
+        poses: ScenePoses,
         block_store: SceneBlockStore | None = None,
     ) -> None:
-        self._tracker, self._block_store = tracker, block_store
-        self._freezers = [(root, Freezer()) for root in (tracker, *others)]
+        self._tracker, self._poses, self._block_store = tracker, poses, block_store
+        self._encoder = Encoder()
         # Digests of what the file holds by part and path, the part itself under ""; b"" where that is not known.
         self._written: dict[tuple[str, str], bytes] = {}
         for query in ("SELECT key, '' FROM parts", "SELECT part, path FROM arrays"):
@@ -138,7 +145,7 @@ class StateFile:
 
     def snapshot(self) -> Snapshot:
         """Take the state of now."""
-        taken = tuple(freezer.take(root) for root, freezer in self._freezers)
+        taken = take(SceneState(self._tracker.state(), self._poses.state()))
         voxels = self._tracker.voxels
         blocks = voxels.take_changed()
         if self._begin:
@@ -168,7 +175,6 @@ class StateFile:
             connection.execute("INSERT OR REPLACE INTO blocks VALUES (?, ?, ?, ?, ?, ?, ?)", row)
             pace.rest()
         connection.execute("DELETE FROM blocks WHERE number >= ?", (state.blocks,))
-        connection.execute("DELETE FROM earlier_blocks")
         connection.execute("INSERT OR REPLACE INTO scene VALUES ('blocks', ?)", (str(state.blocks),))
         connection.execute("INSERT OR REPLACE INTO scene VALUES ('seal', ?)", (_seal(connection, pace),))
         rest = sorted(number for number in self._plain - state.changed.keys() if number < state.blocks)
@@ -188,18 +194,15 @@ class StateFile:
 
     def _write_parts(self, connection: sqlite3.Connection, state: Snapshot, pace: Pace) -> None:
         now: dict[tuple[str, str], bytes] = {}
-        parts: dict[str, Part] = {}
-        for (_, freezer), taken in zip(self._freezers, state.taken, strict=True):
-            parts |= freezer.parts(taken, pace.rest)
+        parts = self._encoder.parts(state.taken, pace.rest)
         for key, part in parts.items():
             pace.rest()
             if self._parts.get(key) is part:
                 now |= {name: self._written[name] for name in ((key, ""), *((key, path) for path in part.arrays))}
                 continue
-            fields = msgspec.msgpack.encode(part.fields)
-            if self._is_new(now, (key, ""), fields):
-                values = (key, part.kind, check_sum(fields), fields)
-                connection.execute("INSERT OR REPLACE INTO parts VALUES (?, ?, ?, ?)", values)
+            if self._is_new(now, (key, ""), part.fields):
+                values = (key, check_sum(part.fields), part.fields)
+                connection.execute("INSERT OR REPLACE INTO parts VALUES (?, ?, ?)", values)
             for path, (form, plain) in part.arrays.items():
                 name = key, path
                 same = self._same.get(name)
@@ -231,43 +234,54 @@ def has_state(connection: sqlite3.Connection) -> bool:
 
 
 def load_state(
-    connection: sqlite3.Connection, fresh: Tracker, *others: object, block_store: SceneBlockStore | None = None
-) -> tuple[Any, ...]:
-    """Return a tracker that goes on from the state of a scene, and what else was saved with it.
+    connection: sqlite3.Connection,
+    intrinsics: Intrinsics,
+    proposals: ProposalSource | None = None,
+    *,
+    memory_mb: float = MEMORY_MB,
+    block_store: SceneBlockStore | None = None,
+) -> tuple[Tracker, ScenePoses]:
+    """Return a tracker, and where its frames are taken, that go on from the state of a scene.
 
     Blocks of the map are read when they are accessed.
 
     Parameters
     ----------
     connection : sqlite3.Connection
-    fresh : Tracker
-        A new one for the frames that come: their intrinsics and proposals.
-    *others : object
-        New ones of what else may have been saved.
+    intrinsics : Intrinsics
+        Of the frames that come.
+    proposals, memory_mb
+        As for `Tracker`.
     block_store : SceneBlockStore, optional
         Where blocks are read from; the same connection unless given.
-
-    Returns
-    -------
-    tuple
-        The tracker and the others, None for those that were not saved.
 
     Raises
     ------
     InputError
-        The state is damaged, or of another version.
+        The state is damaged.
     """
     block_store = block_store or SceneBlockStore(connection, Path("the scene"))
+    tracker, poses = load_state_without_map(connection, intrinsics, proposals, memory_mb=memory_mb)
+    blocks = block_rows(connection)
+    with refusing_nonsense():
+        tracker.voxels.restore([(b.number, b.cube, b.rows, b.living, b.visit) for b in blocks], block_store)
+    block_store.voxels = tracker.voxels
+    return tracker, poses
+
+
+def load_state_without_map(
+    connection: sqlite3.Connection,
+    intrinsics: Intrinsics,
+    proposals: ProposalSource | None = None,
+    *,
+    memory_mb: float = MEMORY_MB,
+) -> tuple[Tracker, ScenePoses]:
+    """Return as `load_state` a tracker whose voxel map has no rows yet."""
     parts = load_parts(connection)
-    with strange_is_damaged():
-        tracker, *rest = thaw(parts, fresh, *others)
-        if tracker is None:
-            raise DamagedError("the state of the tracker is missing")
-        if not take_earlier(connection, tracker.voxels):
-            blocks = block_rows(connection)
-            tracker.voxels.restore([(b.number, b.cube, b.rows, b.living, b.visit) for b in blocks], block_store)
-            block_store.voxels = tracker.voxels
-    return tracker, *rest
+    with refusing_nonsense():
+        state = decode(SceneState, parts)
+        tracker = Tracker.from_state(state.tracker, intrinsics, proposals, memory_mb=memory_mb)
+        return tracker, ScenePoses.from_state(state.poses, intrinsics)
 
 
 def block_rows(connection: sqlite3.Connection) -> list[BlockRow]:
@@ -293,8 +307,8 @@ def block_rows(connection: sqlite3.Connection) -> list[BlockRow]:
 
 
 @contextmanager
-def strange_is_damaged() -> Iterator[None]:
-    """Turn what live objects cannot be made of into DamagedError: what the seal of an older file does not guard."""
+def refusing_nonsense() -> Iterator[None]:
+    """Raise DamagedError where live objects cannot be made of what a file holds."""
     try:
         yield
     except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, MemoryError) as error:
@@ -305,7 +319,7 @@ def _seal(connection: sqlite3.Connection, pace: Pace | None = None) -> str:
     """Return a check sum over which parts and arrays there are, of which forms, and over their own check sums."""
     seal = 0
     for query in (
-        "SELECT key, kind, check_sum FROM parts ORDER BY key",
+        "SELECT key, check_sum FROM parts ORDER BY key",
         "SELECT part, path, form, check_sum FROM arrays ORDER BY part, path",
         "SELECT value FROM scene WHERE key = 'blocks'",
     ):
@@ -325,13 +339,13 @@ def load_parts(connection: sqlite3.Connection) -> dict[str, Part]:
         One is damaged.
     """
     sealed = connection.execute("SELECT value FROM scene WHERE key = 'seal'").fetchone()
-    if sealed is not None and sealed[0] != _seal(connection):  # scenes of before the seal have none
+    if sealed is None or sealed[0] != _seal(connection):
         raise DamagedError("the state of the tracker is damaged: its parts are not those that were written")
     parts: dict[str, Part] = {}
-    for key, kind, check, fields in iterate_table(connection, "parts"):
+    for key, check, fields in iterate_table(connection, "parts"):
         if check_sum(fields) != check:
             raise DamagedError(f"the part '{key}' is damaged: its check sum is wrong")
-        parts[key] = Part(kind, msgspec.msgpack.decode(fields))
+        parts[key] = Part(fields)
     for key, path, form, check, data in iterate_table(connection, "arrays"):
         if key in parts:
             parts[key].arrays[path] = form, unpacked(data, check, form, f"the array '{path}' of '{key}'")

@@ -22,7 +22,7 @@ from cuboid.scene import visit as visits
 from cuboid.scene.database import Writing, complaining, open_to_read, open_to_write, transaction
 from cuboid.scene.localisation import ESTIMATED, OWN_WORLD, SAME_WORLD, ScenePoses
 from cuboid.scene.reader import SceneReader
-from cuboid.scene.saving import SceneBlockStore, has_state
+from cuboid.scene.saving import SceneBlockStore, has_state, load_state
 from cuboid.scene.session import COMMIT_EVERY_S, OwnFrames, SceneTracker
 from cuboid.scene.validation import columns_of, read_rows
 from cuboid.scene.visit import Source
@@ -126,7 +126,7 @@ class Scene(SceneReader):
         Raises
         ------
         InputError
-            The scene's state is damaged or of another version; there is nothing to resume; `config` is not that of
+            The scene's state is damaged; there is nothing to resume; `config` is not that of
             the scene; poses are to be aligned with a scene that has no keyframes.
         OutputError
             Another one writes the scene, or it cannot be written.
@@ -138,15 +138,16 @@ class Scene(SceneReader):
         connection = file.connection
         with complaining(self.path):
             own = OwnFrames(make_source(proposals))
-            tracker = Tracker(intrinsics, config, own, memory_mb=memory_mb)
-            poses = ScenePoses(intrinsics, tracker.config)
             if self._block_connection is not None:
                 self._block_connection.close()
             self._block_connection = open_to_read(self.path)
             block_store = SceneBlockStore(self._block_connection, self.path)
             if has_state(connection):
-                tracker, poses = self._going_on(connection, config, tracker, block_store)
+                tracker, poses = load_state(connection, intrinsics, own, memory_mb=memory_mb, block_store=block_store)
+                self._refuse_other_config(tracker.config, config)
             else:  # it may have had a state, and lost it with a damaged file
+                tracker = Tracker(intrinsics, config, own, memory_mb=memory_mb)
+                poses = ScenePoses(intrinsics, tracker.config)
                 tracker.begin_labels(
                     1 + connection.execute("SELECT coalesce(max(label), 0) FROM objects").fetchone()[0]
                 )
@@ -172,22 +173,11 @@ class Scene(SceneReader):
         self._tracker = SceneTracker(self.path, file, tracker, poses, visit, names, commit_every_s, block_store, stood)
         return self._tracker
 
-    def _going_on(
-        self,
-        connection: sqlite3.Connection,
-        config: TrackerConfig | None,
-        fresh: Tracker,
-        block_store: SceneBlockStore,
-    ) -> tuple[Tracker, ScenePoses]:
-        """Return tracker and poses as the scene has them."""
-        tracker, poses = visits.load(connection, fresh, block_store)
-        if config is not None:
-            own = tracker.config.to_dict()
-            for name, value in config.to_dict().items():
-                default = getattr(TrackerConfig(), name)
-                if value not in (default, own[name]):
-                    raise InputError(f"{self.path}: the scene was made with {name} = {own[name]:g}, not {value:g}")
-        return tracker, poses
+    def _refuse_other_config(self, own: TrackerConfig, asked: TrackerConfig | None) -> None:
+        """Raise InputError where a setting is asked for that is neither the default nor the scene's own."""
+        for name, value in (asked or own).to_dict().items():
+            if value not in (getattr(TrackerConfig(), name), getattr(own, name)):
+                raise InputError(f"{self.path}: the scene was made with {name} = {getattr(own, name):g}, not {value:g}")
 
     def pending(self) -> dict[str, str]:
         """Return what the files of the results held when the run that is gone on with was broken off, by name."""

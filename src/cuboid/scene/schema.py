@@ -1,4 +1,4 @@
-"""The tables of a scene file, and how files of earlier versions become files of this one.
+"""The tables of a scene file.
 
 ``docs/scene.md`` describes each of them.
 """
@@ -7,8 +7,10 @@ from __future__ import annotations
 
 # "CUBD": what the header of the file says that it is.
 APPLICATION_ID = 0x43554244
+# Of the tables and of the states in them.
+VERSION = 1
 
-_FIRST = """
+TABLES = """
 CREATE TABLE scene (
     key TEXT PRIMARY KEY,
     value TEXT NOT NULL
@@ -89,6 +91,8 @@ CREATE TABLE sightings (
 
 CREATE TABLE blocks (
     number INTEGER PRIMARY KEY,
+    cube INTEGER NOT NULL,
+    visit INTEGER NOT NULL,
     rows INTEGER NOT NULL,
     living INTEGER NOT NULL,
     check_sum INTEGER NOT NULL,
@@ -97,7 +101,6 @@ CREATE TABLE blocks (
 
 CREATE TABLE parts (
     key TEXT PRIMARY KEY,
-    kind TEXT NOT NULL,
     check_sum INTEGER NOT NULL,
     fields BLOB NOT NULL
 ) STRICT, WITHOUT ROWID;
@@ -117,9 +120,7 @@ CREATE TABLE pending (
     file TEXT NOT NULL,
     text TEXT NOT NULL
 ) STRICT;
-"""
 
-_CHANGES = """
 CREATE TABLE known (
     label INTEGER PRIMARY KEY,
     cx REAL NOT NULL, cy REAL NOT NULL, cz REAL NOT NULL,
@@ -127,7 +128,8 @@ CREATE TABLE known (
     qw REAL NOT NULL, qx REAL NOT NULL, qy REAL NOT NULL, qz REAL NOT NULL,
     look BLOB NOT NULL,
     points BLOB NOT NULL,
-    picture BLOB
+    picture BLOB,
+    number INTEGER NOT NULL
 ) STRICT;
 
 CREATE TABLE ground (
@@ -151,50 +153,9 @@ CREATE TABLE changes (
     after BLOB,
     PRIMARY KEY (recording, label)
 ) STRICT;
-"""
 
-_OCCUPIED = """
 CREATE TABLE occupied (
     check_sum INTEGER NOT NULL,
     cells BLOB NOT NULL
 ) STRICT;
 """
-
-# Blocks of cubes in the place of blocks of rows; those that there are wait for whoever writes the scene next.
-_CUBES = """
-ALTER TABLE blocks RENAME TO earlier_blocks;
-
-CREATE TABLE blocks (
-    number INTEGER PRIMARY KEY,
-    cube INTEGER NOT NULL,
-    visit INTEGER NOT NULL,
-    rows INTEGER NOT NULL,
-    living INTEGER NOT NULL,
-    check_sum INTEGER NOT NULL,
-    data BLOB NOT NULL
-) STRICT;
-
-DELETE FROM scene WHERE key IN ('capacity', 'seal');
-"""
-
-# What was occupied is noted cube by cube, and by the numbers that objects had; a visit of an earlier version that was
-# broken off goes on without.
-_NUMBERS = """
-ALTER TABLE known ADD COLUMN number INTEGER NOT NULL DEFAULT 0;
-"""
-
-# Points may have pending motions, as the tracker's state tells: no table is another one, but who does not know of that
-# would take points to be where they no longer belong.
-_ANCHORS = ""
-
-# Rows may stand for several voxels, which a byte of theirs tells that was zero: no table is another one, but who does
-# not know of that would take each for one.
-_LEVELS = ""
-
-# Cubes may be fine ones, which the sign of their key tells: no table is another one, but who does not know of that
-# would take their voxels to be twice as large, and elsewhere.
-_FINE = ""
-
-# What makes a file of version k + 1 of one of version k, from 0: an empty one.
-MIGRATIONS: tuple[str, ...] = (_FIRST, _CHANGES, _OCCUPIED, _CUBES, _NUMBERS, _ANCHORS, _LEVELS, _FINE)
-VERSION = len(MIGRATIONS)

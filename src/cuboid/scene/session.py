@@ -79,7 +79,7 @@ class SceneTracker(MapQueries):
         self._path, self._file, self._tracker, self._visit = path, file, tracker, visit
         self._names, self._poses = names, poses
         self._records = Records(file.connection, visit.number, visit.pixels)
-        self._state = StateFile(tracker, file.connection, (poses,), block_store)
+        self._state = StateFile(file.connection, tracker, poses, block_store)
         self._before, self._changes = before, changes.Changes(visit.first_frame, before)
         self._joined: list[Joined] = []
         self._pending: list[tuple[str, str]] = []

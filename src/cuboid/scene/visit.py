@@ -16,9 +16,7 @@ from cuboid.errors import InputError, shown
 from cuboid.frame import Float64Array, Intrinsics
 from cuboid.scene import before
 from cuboid.scene.database import transaction
-from cuboid.scene.localisation import ScenePoses
-from cuboid.scene.saving import SceneBlockStore, load_state, strange_is_damaged
-from cuboid.scene.thawing import roots
+from cuboid.scene.saving import SceneBlockStore, load_state
 from cuboid.scene.validation import columns_of, document, read_rows
 from cuboid.tracker import Tracker
 
@@ -153,36 +151,9 @@ def resume(connection: sqlite3.Connection, source: Source, path: str) -> Visit:
     return Visit(number, first_frame, next_frame, T_world_recording, begun.get("scale", 1))
 
 
-def load(
-    connection: sqlite3.Connection, fresh: Tracker, block_store: SceneBlockStore | None = None
-) -> tuple[Tracker, ScenePoses]:
-    """Return a tracker, and where its frames are taken, that go on from the state of a scene.
-
-    Parameters
-    ----------
-    connection : sqlite3.Connection
-    fresh : Tracker
-        A new one for the frames that come.
-    block_store : SceneBlockStore, optional
-        Where blocks of the map are read from; the same connection unless given.
-
-    Raises
-    ------
-    InputError
-        The state is damaged, or of another version.
-    """
-    tracker, poses, estimated = load_state(connection, *roots(fresh), block_store=block_store)
-    if poses is None:
-        poses = ScenePoses(fresh.intrinsics, tracker.config)
-        if estimated is not None:
-            with strange_is_damaged():
-                poses = ScenePoses.of_earlier(poses, estimated)
-    return tracker, poses
-
-
 def load_tracker(connection: sqlite3.Connection, path: Path) -> Tracker:
-    """Return the tracker of a scene as it was committed last, to read its map; raises what `load` raises."""
-    return load(connection, Tracker(ANY_CAMERA), SceneBlockStore(connection, path))[0]
+    """Return the tracker of a scene as it was committed last, to read its map; InputError where it is damaged."""
+    return load_state(connection, ANY_CAMERA, block_store=SceneBlockStore(connection, path))[0]
 
 
 def pending(connection: sqlite3.Connection, visit: Visit) -> dict[str, str]:

@@ -7,13 +7,14 @@ its own, as large as its plane.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
-from cuboid.surfaces.stamped import Stamped
+from cuboid.state import WatchedRecord
 from cuboid.tolerances import MIN_READINGS
 
 # Edge of a cell of the ground plan, metres: finer than any table, coarser than depth noise.
@@ -61,7 +62,8 @@ def _numbers(cells: Places) -> Places:
     return np.asarray((cells[:, 0] << 32) + cells[:, 1])
 
 
-class GroundPlan(Stamped):
+@dataclass(slots=True, eq=False)
+class GroundPlan(WatchedRecord):
     """Counts of the readings on one plane by cell, and the outline that follows from them.
 
     Attributes
@@ -80,19 +82,24 @@ class GroundPlan(Stamped):
         More cells are known than at the last `refresh`.
     late : bool
         The plane has moved since then: what it covers is recomputed when it is accessed; see `refresh_if_late`.
+    changed : (4,) int64
+        Window around the cells that are known since the last `refresh`.
+    places : (K, 2) float32
+        Plan coordinates of all cells that have readings: their middles, until they move.
+    known : int
+        Cells with enough readings.
     """
 
-    def __init__(self) -> None:
-        self.corner: Places = np.zeros(2, np.int64)
-        self.seen: npt.NDArray[np.int32] = np.zeros((0, 0), np.int32)
-        self.keyframes: npt.NDArray[np.uint16] = np.zeros((0, 0), np.uint16)
-        self.covered: UInt8Array = np.zeros((0, 0), np.uint8)
-        self.nearby: UInt8Array = np.zeros((0, 0), np.uint8)
-        self.stale = self.late = False
-        self._changed: Places = np.zeros(4, np.int64)
-        # Where all cells that have readings are: their middles, until they move.
-        self._places: Float32Array = np.zeros((0, 2), np.float32)
-        self._known = 0
+    corner: Places = field(default_factory=lambda: np.zeros(2, np.int64))
+    seen: npt.NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 0), np.int32))
+    keyframes: npt.NDArray[np.uint16] = field(default_factory=lambda: np.zeros((0, 0), np.uint16))
+    covered: UInt8Array = field(default_factory=lambda: np.zeros((0, 0), np.uint8))
+    nearby: UInt8Array = field(default_factory=lambda: np.zeros((0, 0), np.uint8))
+    stale: bool = False
+    late: bool = False
+    changed: Places = field(default_factory=lambda: np.zeros(4, np.int64))
+    places: Float32Array = field(default_factory=lambda: np.zeros((0, 2), np.float32))
+    known: int = 0
 
     @property
     def window(self) -> Places:
@@ -114,13 +121,9 @@ class GroundPlan(Stamped):
         pads = np.abs(window - self.window)
         if pads.any():
             around = ((pads[0], pads[2]), (pads[1], pads[3]))
-            self.seen, self.keyframes = np.pad(self.seen, around), np.pad(self._keyframes_of_cells(), around)
+            self.seen, self.keyframes = np.pad(self.seen, around), np.pad(self.keyframes, around)
             self.covered, self.nearby = np.pad(self.covered, around), np.pad(self.nearby, around)
             self.corner = window[:2]
-
-    def _keyframes_of_cells(self) -> npt.NDArray[np.uint16]:
-        """Return the keyframe of each cell: the first, where an earlier version did not tell."""
-        return self.keyframes if self.keyframes.shape == self.seen.shape else np.zeros(self.seen.shape, np.uint16)
 
     def _grown(self, low: Places, high: Places) -> Places:
         """Return the window (4,) that also holds cells from `low` to `high`; as it is where it would be too wide."""
@@ -161,18 +164,18 @@ class GroundPlan(Stamped):
         first = np.argwhere(held & (self.seen[mine] == 0))
         if len(first):
             self._are_new(first + np.maximum(self.window[:2], window[:2]))
-        self.keyframes = self._keyframes_of_cells()
         self.keyframes[mine][held] = keyframe if isinstance(keyframe, int) else keyframe[theirs][held]
         self.seen[mine] += new
+        self.note_change()
         grown = int(np.count_nonzero(self.seen[mine] >= MIN_READINGS)) - before
         if grown:
-            self._known += grown
-            self._changed = _around(self._changed, looked_at) if self.stale else looked_at
+            self.known += grown
+            self.changed = _around(self.changed, looked_at) if self.stale else looked_at
             self.stale = True
 
     def absorb(self, other: GroundPlan) -> None:
         """Take in the readings of another plan."""
-        self.add(other.seen, other.corner, other._keyframes_of_cells())
+        self.add(other.seen, other.corner, other.keyframes)
         self.refresh()
 
     def apply_correction(self, moved: Mapping[int, Float64Array], normal: Float64Array, offset: float) -> None:
@@ -186,17 +189,15 @@ class GroundPlan(Stamped):
         offset : float
             Of the plane, before it moved: normal.p + offset = 0.
         """
-        if not len(self._places):
-            self._all_changed()  # an earlier version did not tell
-        old = cells_of(self._places)
+        old = cells_of(self.places)
         i, j = (old - self.corner).T
-        readings, keyframes = self.seen[i, j], self._keyframes_of_cells()[i, j]
+        readings, keyframes = self.seen[i, j], self.keyframes[i, j]
         names, of = np.unique(keyframes, return_inverse=True)
         T = np.array([moved.get(name, np.eye(4)) for name in names.tolist()]).reshape(-1, 4, 4)[of]
-        places = self._places.astype(np.float64)
+        places = self.places.astype(np.float64)
         on_plane = np.column_stack([places, -(places @ normal[:2] + offset) / normal[2]])
-        self._places = (np.einsum("nij,nj->ni", T[:, :2, :3], on_plane) + T[:, :2, 3]).astype(np.float32)
-        cells = cells_of(self._places)
+        self.places = (np.einsum("nij,nj->ni", T[:, :2, :3], on_plane) + T[:, :2, 3]).astype(np.float32)
+        cells = cells_of(self.places)
         if not np.array_equal(cells, old):
             self._move(old, cells, readings, keyframes)
 
@@ -208,9 +209,9 @@ class GroundPlan(Stamped):
         inside = np.flatnonzero(((cells >= window[:2]) & (cells < window[2:])).all(1))
         order = inside[np.argsort(-readings[inside], kind="stable")]
         order = order[np.unique(_numbers(cells[order]), return_index=True)[1]]
-        self._places, cells = self._places[order], cells[order]
+        self.places, cells = self.places[order], cells[order]
         i, j = (old - self.corner).T
-        self.seen[i, j], self.keyframes = 0, self._keyframes_of_cells()
+        self.seen[i, j] = 0
         if (window != self.window).any():
             mine, theirs = window_intersection(window, self.window)
             for name in ("covered", "nearby"):
@@ -223,9 +224,9 @@ class GroundPlan(Stamped):
         self.seen[i, j], self.keyframes[i, j] = readings[order], keyframes[order]
         cells = self._filled(cells)
         i, j = (cells - self.corner).T
-        self._known = int(np.count_nonzero(self.seen[i, j] >= MIN_READINGS))
+        self.known = int(np.count_nonzero(self.seen[i, j] >= MIN_READINGS))
         both = np.concatenate([old, cells])
-        self._changed = np.concatenate([both.min(0), both.max(0) + 1])
+        self.changed = np.concatenate([both.min(0), both.max(0) + 1])
         self.stale = self.late = True
 
     def refresh_if_late(self) -> None:
@@ -250,13 +251,13 @@ class GroundPlan(Stamped):
 
     def _are_new(self, cells: Places) -> None:
         """Note where cells (N, 2) are that have readings now."""
-        self._places = np.concatenate([self._places, ((cells + 0.5) * CELL_M).astype(np.float32)])
+        self.places = np.concatenate([self.places, ((cells + 0.5) * CELL_M).astype(np.float32)])
 
     def _all_changed(self) -> None:
-        self._places = self._places[:0]
+        self.places = self.places[:0]
         self._are_new(np.argwhere(self.seen > 0) + self.corner)
-        self._known = int(np.count_nonzero(self.seen >= MIN_READINGS))
-        self._changed = self.window
+        self.known = int(np.count_nonzero(self.seen >= MIN_READINGS))
+        self.changed = self.window
         self.stale = True
         self.refresh()
 
@@ -267,7 +268,7 @@ class GroundPlan(Stamped):
         self.stale = self.late = False
         part = self.window
         if self.wide:
-            wide = self._changed + AROUND_CELLS * np.array([-1, -1, 1, 1])
+            wide = self.changed + AROUND_CELLS * np.array([-1, -1, 1, 1])
             part = np.concatenate([np.maximum(part[:2], wide[:2]), np.minimum(part[2:], wide[2:])])
             if (part[2:] <= part[:2]).any():  # the window is as wide as it may be, and this is outside
                 return
@@ -281,7 +282,7 @@ class GroundPlan(Stamped):
 
     def area_m2(self) -> float:
         """Return the area in which readings of the plane were seen."""
-        return float(self._known) * CELL_M**2
+        return float(self.known) * CELL_M**2
 
     def near(self, points: Float64Array) -> npt.NDArray[np.bool_]:
         """Tell which plan coordinates (N, 2) lie where the plane is or may go on."""
@@ -305,7 +306,7 @@ class GroundPlan(Stamped):
         other.refresh_if_late()
         mine, theirs = window_intersection(self.window, other.window)
         over = np.count_nonzero((self.seen[mine] >= MIN_READINGS) & (other.covered[theirs] > 0))
-        return over / max(1, self._known)
+        return over / max(1, self.known)
 
     def _look_up(self, layer: UInt8Array, points: Float64Array) -> npt.NDArray[np.bool_]:
         i, j = (cells_of(points) - self.corner).T

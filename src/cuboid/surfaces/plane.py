@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.frame import Float64Array
+from cuboid.state import TRANSIENT, WatchedRecord
 from cuboid.surfaces.grid import GroundPlan
-from cuboid.surfaces.stamped import Stamped
 from cuboid.tolerances import DRIFT_M, DRIFT_RAD, JUMP_M, LITTLE, MIN_SIGMA_M, SIGMAS
 
 Keyframes = npt.NDArray[np.int64]
@@ -27,7 +27,7 @@ _LEVEL = JUMP_M**2 / 0.035**2 * np.eye(2) * JUMP_M
 
 
 @dataclass(slots=True, eq=False)
-class Plane(Stamped):
+class Plane(WatchedRecord):
     """A tracked plane; moments are in the plan frame, weighted by area over variance.
 
     Attributes
@@ -36,8 +36,19 @@ class Plane(Stamped):
         Its place among the planes, -1 when it is no more.
     identity : int
         Its own for good, never given to another plane.
-    frames, last_frame : int
-        Frames that saw it, and the last of these.
+    weight : float
+        Of all its points.
+    mean : (3,) float64
+        Of its points.
+    scatter : (3, 3) float64
+        Weighted sum of the outer products of its points' distances from the mean.
+    normal : (3,) float64
+    offset : float
+        Points p of the plane have normal.p + offset = 0.
+    frames : int
+        Frames that saw it.
+    last_frame : int
+        The last of these.
     in_use : bool
         Objects may stand on it.
     plan : GroundPlan
@@ -46,8 +57,8 @@ class Plane(Stamped):
         The one that absorbed it.
     keyframes : (K,) int64
         Those from which it was seen.
-    told : (K, 13) float64
-        Moments of what was seen of it from each of them: weight, mean and scatter. Together these are the plane's own.
+    keyframe_moments : (K, 13) float64
+        Weight, mean and scatter of the points seen from each of them; the plane's own moments are those of all.
     """
 
     index: int = -1
@@ -61,9 +72,9 @@ class Plane(Stamped):
     last_frame: int = 0
     in_use: bool = False
     plan: GroundPlan = field(default_factory=GroundPlan)
-    taken_by: Plane | None = None
+    taken_by: Plane | None = field(default=None, metadata=TRANSIENT)
     keyframes: Keyframes = field(default_factory=lambda: np.zeros(0, np.int64))
-    told: Float64Array = field(default_factory=lambda: np.zeros((0, 13)))
+    keyframe_moments: Float64Array = field(default_factory=lambda: np.zeros((0, 13)))
 
     def add(self, points: Float64Array, weights: Float64Array, keyframe: int = 0) -> None:
         """Take in points (N, 3) of the plane, seen from a keyframe."""
@@ -80,8 +91,7 @@ class Plane(Stamped):
 
     def absorb(self, other: Plane) -> None:
         """Take in another plane that turned out to be the same."""
-        other._init_keyframes()
-        self._add_moments(other.keyframes, other.told)
+        self._add_moments(other.keyframes, other.keyframe_moments)
         step = other.mean - self.mean
         total = self.weight + other.weight
         self.scatter += other.scatter + np.outer(step, step) * (self.weight * other.weight / total)
@@ -106,21 +116,15 @@ class Plane(Stamped):
         self.normal = normal / math.sqrt(normal.dot(normal))
         self.offset = -float(self.normal @ self.mean)
 
-    def _init_keyframes(self) -> None:
-        """Anchor what an earlier version wrote to the first keyframe: it did not tell."""
-        if not len(self.keyframes) and self.weight > 0:
-            self.keyframes = np.zeros(1, np.int64)
-            self.told = np.concatenate([[self.weight], self.mean, self.scatter.ravel()])[None]
-
-    def _add_moments(self, keyframes: Keyframes, told: Float64Array) -> None:
-        """Take in what was seen from keyframes (N,), (N, 13)."""
-        self._init_keyframes()
-        for keyframe, row in zip(keyframes, told, strict=True):
+    def _add_moments(self, keyframes: Keyframes, moments: Float64Array) -> None:
+        """Add the moments (N, 13) of points that were seen from keyframes (N,)."""
+        for keyframe, row in zip(keyframes, moments, strict=True):
             at = np.flatnonzero(self.keyframes == keyframe)
             if len(at):
-                self.told[at[0]] = _combined(np.stack([self.told[at[0]], row]))
+                self.keyframe_moments[at[0]] = _combined(np.stack([self.keyframe_moments[at[0]], row]))
             else:
-                self.keyframes, self.told = np.append(self.keyframes, keyframe), np.concatenate([self.told, row[None]])
+                self.keyframes = np.append(self.keyframes, keyframe)
+                self.keyframe_moments = np.concatenate([self.keyframe_moments, row[None]])
 
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> bool:
         """Move with the keyframes from which the plane was seen; tell whether any of these moved.
@@ -130,18 +134,17 @@ class Plane(Stamped):
         moved : mapping of int to (4, 4) float64
             T_new_old in the plan frame, of each keyframe that moved.
         """
-        self._init_keyframes()
         going = np.array([k for k, keyframe in enumerate(self.keyframes.tolist()) if keyframe in moved], np.int64)
         if not len(going):
             return False
         mine = {keyframe: moved[keyframe] for keyframe in self.keyframes[going].tolist()}
         self.plan.apply_correction(mine, self.normal, self.offset)
         T = np.array(list(mine.values()))
-        R, told = T[:, :3, :3], self.told[going]
-        told[:, 1:4] = np.einsum("kij,kj->ki", R, told[:, 1:4]) + T[:, :3, 3]
-        told[:, 4:] = (R @ told[:, 4:].reshape(-1, 3, 3) @ R.transpose(0, 2, 1)).reshape(-1, 9)
-        self.told[going] = told
-        whole = _combined(self.told)
+        R, moments = T[:, :3, :3], self.keyframe_moments[going]
+        moments[:, 1:4] = np.einsum("kij,kj->ki", R, moments[:, 1:4]) + T[:, :3, 3]
+        moments[:, 4:] = (R @ moments[:, 4:].reshape(-1, 3, 3) @ R.transpose(0, 2, 1)).reshape(-1, 9)
+        self.keyframe_moments[going] = moments
+        whole = _combined(self.keyframe_moments)
         self.mean, self.scatter = whole[1:4], whole[4:].reshape(3, 3)
         self.fit()
         return True
@@ -171,11 +174,11 @@ class Plane(Stamped):
         return np.append(normal, offset) / math.sqrt(normal.dot(normal))
 
 
-def _combined(told: Float64Array) -> Float64Array:
+def _combined(moments: Float64Array) -> Float64Array:
     """Return the combined moments (13,), weight, mean and scatter, of those of each keyframe (K, 13)."""
-    weights = told[:, 0]
+    weights = moments[:, 0]
     weight = weights.sum()
-    mean = weights @ told[:, 1:4] / weight
-    distance = told[:, 1:4] - mean
-    scatter = told[:, 4:].sum(0) + ((distance * weights[:, None]).T @ distance).ravel()
+    mean = weights @ moments[:, 1:4] / weight
+    distance = moments[:, 1:4] - mean
+    scatter = moments[:, 4:].sum(0) + ((distance * weights[:, None]).T @ distance).ravel()
     return np.concatenate([[weight], mean, scatter])

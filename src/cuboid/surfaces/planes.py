@@ -9,6 +9,7 @@ A frame has to do with the planes whose windows it sees; all others stay as they
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -18,6 +19,7 @@ from cuboid.config import TrackerConfig
 from cuboid.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse, transform
+from cuboid.state import Record, snapshot
 from cuboid.surfaces import furniture, seats
 from cuboid.surfaces.cells import MIN_CELLS, Cells
 from cuboid.surfaces.discovery import largest_level
@@ -36,6 +38,47 @@ MAX_UNSEEN_FRAMES = 60
 LEVEL_COS = float(np.cos(MOST * DRIFT_RAD))
 
 
+@dataclass(frozen=True, slots=True)
+class PlaneTrackerState(Record):
+    """State of a `PlaneTracker`; planes are named by their identities.
+
+    Attributes
+    ----------
+    vote : UpVote
+    next_identity : int
+        That of the next plane.
+    T_plan_world : (4, 4) float64 or None
+        None while up is unknown.
+    planes : dict of int to Plane
+        In the order of their indices.
+    of : dict of int to int
+        By each identity ever given: the plane, or the one that absorbed it. Identities of removed planes are left out.
+    windows : Windows
+    main : int or None
+        The plane that most is known of.
+    looked_at : int
+        The last frame whose cells were used.
+    as_seen : dict of int to (4,) float64
+        Normal and offset of the planes as that frame saw them, in the plan frame.
+    stale : tuple of int
+        Planes with readings that are not processed yet.
+    changed : tuple of int
+        Planes that were processed since duplicates were searched for.
+    """
+
+    vote: UpVote
+    next_identity: int
+    T_plan_world: Float64Array | None
+    planes: dict[int, Plane]
+    of: dict[int, int]
+    windows: Windows
+    main: int | None
+    looked_at: int
+    as_seen: dict[int, Float64Array]
+    stale: tuple[int, ...]
+    changed: tuple[int, ...]
+
+
 class PlaneTracker:
     """Finds and tracks the supporting planes of a scene.
 
@@ -46,6 +89,8 @@ class PlaneTracker:
     planes : list of Plane
         In the plan frame, each at its `index`.
     """
+
+    NOT_SAVED = frozenset({"_config"})
 
     def __init__(self, config: TrackerConfig) -> None:
         self._config = config
@@ -67,6 +112,39 @@ class PlaneTracker:
         # Those with readings that are not processed yet, and those processed since duplicates were searched for.
         self._stale: set[Plane] = set()
         self._changed: set[Plane] = set()
+
+    def state(self) -> PlaneTrackerState:
+        """Return the state of now; nothing in it changes any more."""
+        return PlaneTrackerState(
+            vote=snapshot(self._vote),
+            next_identity=self._next_identity,
+            T_plan_world=self.T_plan_world,
+            planes={plane.identity: snapshot(plane) for plane in self.planes},
+            of={identity: plane.identity for identity, plane in self._of.items()},
+            windows=snapshot(self._windows),
+            main=None if self._main is None else self._main.identity,
+            looked_at=self._looked_at,
+            as_seen=dict(self._as_seen),
+            stale=tuple(sorted(plane.identity for plane in self._stale)),
+            changed=tuple(sorted(plane.identity for plane in self._changed)),
+        )
+
+    @classmethod
+    def from_state(cls, state: PlaneTrackerState, config: TrackerConfig) -> PlaneTracker:
+        """Return a tracker of planes that goes on from a state."""
+        tracker, planes = cls(config), state.planes
+        tracker._vote, tracker._next_identity, tracker.T_plan_world = (
+            state.vote,
+            state.next_identity,
+            state.T_plan_world,
+        )
+        tracker.planes = list(planes.values())
+        tracker._of = {identity: planes[heir] for identity, heir in state.of.items()}
+        tracker._windows, tracker._looked_at, tracker._as_seen = state.windows, state.looked_at, state.as_seen
+        tracker._main = None if state.main is None else planes[state.main]
+        tracker._stale = {planes[identity] for identity in state.stale}
+        tracker._changed = {planes[identity] for identity in state.changed}
+        return tracker
 
     def vote_is_due(self) -> bool:
         """Count a frame, and tell whether it is to vote for up."""

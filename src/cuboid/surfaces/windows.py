@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 
 from cuboid.frame import Float64Array
+from cuboid.state import Record
 from cuboid.surfaces.grid import Places, cells_of
 from cuboid.surfaces.plane import Plane
 
@@ -12,57 +15,65 @@ from cuboid.surfaces.plane import Plane
 NEVER = np.iinfo(np.int64).max
 
 
-class Windows:
-    """What is asked of all planes at once; heights cannot rule much out, places can.
+@dataclass(slots=True, eq=False)
+class Windows(Record):
+    """A table of all planes, a row each by `Plane.index`; heights cannot rule much out, places can.
 
-    Parameters
+    Attributes
     ----------
     max_unseen_frames : int
         A plane that is not in use is over so many frames after it was seen last.
+    windows : (N, 4) int64
+        First cell and the one past the last of each plane's ground plan.
+    ends : (N,) int64
+        Frame after which each plane is forgotten; `NEVER` for those in use.
+    weights : (N,) float64
+        Weight of each plane's moments, -1 where it is not in use.
+    means : (N, 3) float64
+        Mean of each plane's points, in the plan frame.
     """
 
-    def __init__(self, max_unseen_frames: int) -> None:
-        self._forget_frames = max_unseen_frames
-        self._windows: Places = np.zeros((0, 4), np.int64)
-        self._ends: Places = np.zeros(0, np.int64)
-        self._weights: Float64Array = np.zeros(0)
-        self._means: Float64Array = np.zeros((0, 3))
+    max_unseen_frames: int
+    windows: Places = field(default_factory=lambda: np.zeros((0, 4), np.int64))
+    ends: Places = field(default_factory=lambda: np.zeros(0, np.int64))
+    weights: Float64Array = field(default_factory=lambda: np.zeros(0))
+    means: Float64Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def retain(self, keep: list[int]) -> None:
         """Keep only these planes, in this order."""
-        self._windows, self._ends = self._windows[keep], self._ends[keep]
-        self._weights, self._means = self._weights[keep], self._means[keep]
+        self.windows, self.ends = self.windows[keep], self.ends[keep]
+        self.weights, self.means = self.weights[keep], self.means[keep]
 
     def update(self, plane: Plane) -> None:
         """Take in a new plane, or what has become of one."""
         k = plane.index
-        if k == len(self._windows):
-            self._windows = np.concatenate([self._windows, np.zeros((1, 4), np.int64)])
-            self._ends, self._weights = np.append(self._ends, 0), np.append(self._weights, 0.0)
-            self._means = np.concatenate([self._means, np.zeros((1, 3))])
-        self._windows[k], self._means[k] = plane.plan.window, plane.mean
-        self._ends[k] = NEVER if plane.in_use else plane.last_frame + self._forget_frames
-        self._weights[k] = plane.weight if plane.in_use else -1.0
+        if k == len(self.windows):
+            self.windows = np.concatenate([self.windows, np.zeros((1, 4), np.int64)])
+            self.ends, self.weights = np.append(self.ends, 0), np.append(self.weights, 0.0)
+            self.means = np.concatenate([self.means, np.zeros((1, 3))])
+        self.windows[k], self.means[k] = plane.plan.window, plane.mean
+        self.ends[k] = NEVER if plane.in_use else plane.last_frame + self.max_unseen_frames
+        self.weights[k] = plane.weight if plane.in_use else -1.0
 
     def expired(self, frame: int) -> list[int]:
         """Return the planes that are to be forgotten."""
-        return [int(k) for k in np.flatnonzero(self._ends < frame)]
+        return [int(k) for k in np.flatnonzero(self.ends < frame)]
 
     def heaviest(self) -> int | None:
         """Return the plane in use that most is known of, the first of equals."""
-        k = int(self._weights.argmax()) if len(self._weights) else -1
-        return k if k >= 0 and self._weights[k] >= 0 else None
+        k = int(self.weights.argmax()) if len(self.weights) else -1
+        return k if k >= 0 and self.weights[k] >= 0 else None
 
     def within(self, window: Places) -> list[int]:
         """Return the planes whose windows have cells in common with this one (4,), ascending."""
-        w = self._windows
+        w = self.windows
         meets = (w[:, 0] < window[2]) & (w[:, 1] < window[3]) & (w[:, 2] > window[0]) & (w[:, 3] > window[1])
         return [int(k) for k in np.flatnonzero(meets)]
 
     def level_with(self, plane: Plane, distance_m: float) -> list[int]:
         """Return the others whose windows have cells in common with a plane's and whose middles lie as high or low."""
         near = [k for k in self.within(plane.plan.window) if k != plane.index]
-        return [near[i] for i in np.flatnonzero(np.abs(plane.height(self._means[near])) <= distance_m)]
+        return [near[i] for i in np.flatnonzero(np.abs(plane.height(self.means[near])) <= distance_m)]
 
     def at(self, points: Float64Array) -> list[int]:
         """Return the planes whose windows reach among plan coordinates (N, 2 or 3)."""

@@ -1,0 +1,75 @@
+"""Make docs/scene-state.md from the states that a scene file holds: ``python docs/make_scene_state.py``."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import get_type_hints
+
+from cuboid.scene.codec import layout_of
+from cuboid.scene.saving import SceneState
+from cuboid.state import Record
+
+PAGE = Path(__file__).resolve().parent / "scene-state.md"
+HEAD = """# The state in a scene file
+
+The tables `parts` and `arrays` of [a scene file](scene.md#the-file) hold all that the tracker needs to go on, but for
+the points of the map. Each row of `parts` is one of the records below. Its `key` is its path, in which N is a number:
+`tracker/map/store/objects/17` is object 17. Its `fields` are a MessagePack map by name of the field.
+
+- An array is a list: its form (JSON: type, shape, and strides where it is not in C order) and its bytes.
+- An array of more than 512 bytes is a row of `arrays`; the field holds the `path` of that row.
+- A value that has fields itself, such as a `Box`, is a map of them.
+- A record within a record is a row of its own. Where there are many, the field lists their numbers.
+
+`python docs/make_scene_state.py` makes this page from the classes themselves.
+"""
+
+
+def records(cls: type[Record], key: str = "") -> Iterator[tuple[str, type[Record]]]:
+    """Give the key and the class of each kind of record, an outer one first."""
+    layout = layout_of(cls)
+    if key:
+        yield key, cls
+    for name in layout.names:
+        path = f"{key}/{name}" if key else name
+        if name in layout.one:
+            yield from records(layout.one[name], path)
+        elif name in layout.many:
+            yield from records(layout.many[name], f"{path}/N")
+
+
+def attributes_of(cls: type[Record]) -> dict[str, tuple[str, str]]:
+    """Return type and meaning of each attribute that the docstring of a class describes."""
+    found: dict[str, tuple[str, str]] = {}
+    _, _, section = (inspect.getdoc(cls) or "").partition("Attributes\n----------\n")
+    for entry in re.split(r"\n(?=\S)", section):
+        head, _, what = entry.partition("\n")
+        names, _, kind = head.partition(" : ")
+        found |= {name: (kind, " ".join(what.split())) for name in names.split(", ")}
+    return found
+
+
+def markdown() -> str:
+    """Return the page."""
+    parts = [HEAD]
+    for key, cls in records(SceneState):
+        layout, told, hints = layout_of(cls), attributes_of(cls), get_type_hints(cls)
+        lines = [f"## `{key}`", "", (inspect.getdoc(cls) or "").partition("\n\n")[0].replace("\n", " "), ""]
+        lines += ["| field | type | what |", "|---|---|---|"]
+        for name in layout.names:
+            kind, what = told.get(name, (getattr(hints[name], "__name__", str(hints[name])), ""))
+            if name in layout.one:
+                kind = f"row `{key}/{name}`"
+            elif name in layout.many:
+                kind = f"numbers of the rows `{key}/{name}/N`"
+            lines.append(f"| `{name}` | {kind.replace('|', 'or')} | {what} |")
+        parts.append("\n".join(lines) + "\n")
+    return "\n".join(parts)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(markdown(), encoding="utf-8")
+    print(PAGE)
