@@ -54,7 +54,7 @@ def recording(tmp_path: Path) -> cuboid.Recording:
 def public_calls() -> Iterator[tuple[str, Callable[..., object]]]:
     for package in PUBLIC:
         module = import_module(package)
-        for name in module.__all__:
+        for name in cuboid._PLACES if module is cuboid else module.__all__:
             value = getattr(module, name)
             if inspect.isfunction(value):
                 yield f"{package}.{name}", value
@@ -84,7 +84,8 @@ def test_a_run_and_its_results(name: Name, recording: cuboid.Recording, tmp_path
     assert (out / "report.html").is_file()
     finished = Results(name(out))
     assert finished.report.frames_used == 4
-    assert len(Replay(name(out)).reopen(name(recording.path))) == 4
+    assert len(Replay(name(out), name(recording.path)).recording) == 4
+    assert len(cuboid.open_results(name(out), name(recording.path)).recording) == 4
     write_report(name(tmp_path / "page.html"), summarise(finished, recording.read))
     assert (tmp_path / "page.html").is_file()
     with pytest.raises(cuboid.CuboidError, match="exists"):

@@ -13,7 +13,7 @@ import pytest
 from cuboid.errors import InputError, OutputError
 from cuboid.outputs import read_objects, read_run, read_tracks, read_trajectory
 from cuboid.outputs.folder import OUTPUT_NAMES, REPORT, TRAJECTORY_ONLINE, VIDEO
-from cuboid.posing import GivenPoses, SteadiedPoses
+from cuboid.posing import GivenPoses
 from cuboid.run import track_recording
 from cuboid.run_types import RunOutcome
 from fakes import FakeRecording, FakeTracker
@@ -48,7 +48,7 @@ def test_correcting_the_map_is_a_stage_of_its_own(monkeypatch: pytest.MonkeyPatc
     locate = GivenPoses.locate
     moved = {0: np.eye(4)}
     monkeypatch.setattr(
-        SteadiedPoses, "locate", lambda self, frame: dataclasses.replace(locate(self, frame), moved=moved)
+        GivenPoses, "locate", lambda self, frame: dataclasses.replace(locate(self, frame), moved=moved)
     )
     stages = track(FakeRecording(4), None).milliseconds
     assert "correction" in stages
