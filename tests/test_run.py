@@ -47,9 +47,7 @@ def test_frames_keep_their_numbers_with_every_limit_and_skipped_ones(tmp_path: P
 def test_correcting_the_map_is_a_stage_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     locate = GivenPoses.locate
     moved = {0: np.eye(4)}
-    monkeypatch.setattr(
-        GivenPoses, "locate", lambda self, frame: dataclasses.replace(locate(self, frame), moved=moved)
-    )
+    monkeypatch.setattr(GivenPoses, "locate", lambda self, frame: dataclasses.replace(locate(self, frame), moved=moved))
     stages = track(FakeRecording(4), None).milliseconds
     assert "correction" in stages
     assert "carry" not in stages
