@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from types import FunctionType
 from typing import Any, Literal
@@ -41,8 +42,9 @@ class Kernel:
 
     @property
     def cached(self) -> bool:
-        """Whether machine code of it lies in the cache."""
-        return self.cache.index.exists()
+        """Whether machine code of it lies in the cache; not while its module is being imported, by another thread."""
+        spec = sys.modules[self.function.__module__].__spec__
+        return not getattr(spec, "_initializing", False) and self.cache.index.exists()
 
     @property
     def size(self) -> int:

@@ -33,6 +33,11 @@ def compiling_s() -> float:
     return _thread.seconds + (time.perf_counter() - _thread.begun_s if _thread.depth else 0.0)
 
 
+def compiling() -> bool:
+    """Tell whether this thread compiles a kernel."""
+    return _thread.depth > 0
+
+
 @contextmanager
 def listening(listener: Listener) -> Iterator[None]:
     """Call `listener` when a kernel begins to compile and when one is compiled."""

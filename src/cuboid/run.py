@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from functools import partial
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cuboid import __version__
+from cuboid.compiletime import working_s
 from cuboid.config import TrackerConfig
 from cuboid.decoding import Decoded, decode
 from cuboid.errors import InputError, OutputError
@@ -112,7 +112,7 @@ def track_recording(
     OutputError
         The results cannot be written; nothing half-written is left.
     """
-    begun_s = time.perf_counter()
+    begun_s = working_s()
     taken: RecordingLike = Stream(recording) if isinstance(recording, FrameSource) else recording
     config = config or TrackerConfig()
     plan = plan_for(taken, config, proposals, poses=poses, bridge=bridge, every=every, limit=limit, scale=scale)
@@ -223,7 +223,7 @@ def _report(
         frames_used=len(pipeline.T_world_camera),
         skipped=tuple(pipeline.skipped),
         milliseconds=pipeline.log.timings(),
-        seconds=time.perf_counter() - begun_s,
+        seconds=working_s() - begun_s,
         peak_memory_mb=peak_memory_mb(),
         warnings=(
             *(live.warnings if live else ()),
