@@ -15,7 +15,7 @@ FRAMES = 20
 # The camera goes along an arc about the middle of the table, this far from it and above it, metres.
 DISTANCE_M, HEIGHT_M = 0.9, 0.7
 ARC_RAD = 1.2
-# Boxes: low and high corners, metres; the first is the table's top, the second the floor.
+# Boxes: low and high corners, metres; table top, floor, three on the table, one that floats above it.
 BOXES = np.array(
     [
         [-0.6, -0.4, -0.05, 0.6, 0.4, 0.0],
@@ -23,19 +23,26 @@ BOXES = np.array(
         [-0.3, -0.1, 0.0, -0.18, 0.06, 0.14],
         [0.15, 0.05, 0.0, 0.27, 0.2, 0.08],
         [0.1, -0.25, 0.0, 0.18, -0.17, 0.2],
+        [-0.5, -0.3, 0.12, -0.38, -0.16, 0.2],
     ]
 )
 # An upright round thing: centre, radius and height, metres.
 CAN = 0.0, 0.12, 0.05, 0.12
+# Of the boxes and the can, red, green, blue.
+COLORS = np.array(
+    [[1, 0.9, 0.7], [0.5, 0.5, 0.5], [1, 0.3, 0.2], [0.2, 0.8, 0.4], [0.3, 0.4, 1], [0.7, 0.2, 0.9], [0.9, 0.8, 0.1]]
+)
 
 
 class WarmUpRecording:
-    """A table with three boxes and a can, of which an arc of frames is rendered when they are read.
+    """A table with boxes and a can, of which an arc of frames is rendered when they are read.
 
     Parameters
     ----------
     poses : bool
         Whether the camera poses come with it.
+    noise : float
+        Standard deviation of depth, as a fraction of it.
     """
 
     path = Path("warm-up")
@@ -45,8 +52,9 @@ class WarmUpRecording:
     depth_units_per_metre = 1000.0
     depth_camera = None
 
-    def __init__(self, *, poses: bool = True) -> None:
+    def __init__(self, *, poses: bool = True, noise: float = 0.0) -> None:
         self.has_poses = poses
+        self._noise = noise
 
     def __len__(self) -> int:
         return FRAMES
@@ -55,6 +63,8 @@ class WarmUpRecording:
         """Return a frame."""
         T_world_camera = self._pose(index)
         color, depth_m = _rendered(T_world_camera)
+        spread = np.random.default_rng(index).normal(1.0, self._noise, depth_m.shape)
+        depth_m = (depth_m * spread).astype(np.float32)
         return Frame(index, index / 30.0, color, depth_m, T_world_camera if self.has_poses else None)
 
     def pose(self, index: int) -> Float64Array | None:
@@ -63,7 +73,7 @@ class WarmUpRecording:
 
     def without_poses(self) -> WarmUpRecording:
         """Return the same recording without its poses."""
-        return WarmUpRecording(poses=False)
+        return WarmUpRecording(poses=False, noise=self._noise)
 
     def _pose(self, index: int) -> Float64Array:
         """Return the pose of a camera that looks at the middle of the table, and goes there and back."""
@@ -78,34 +88,47 @@ class WarmUpRecording:
         return T_world_camera
 
 
-def compile_kernels(step: Callable[[str], None] = lambda name: None) -> None:
+def compile_kernels(progress: Callable[[int, int], None] = lambda done, parts: None) -> None:
     """Compile all kernels that tracking may need, which takes a minute or more; those in the cache are loaded.
 
     Parameters
     ----------
-    step : callable, optional
-        Called with the name of each part of the work before it begins.
+    progress : callable, optional
+        Called with the number of parts done, from 0, and of all.
     """
+    parts = (_track, _estimate_poses, _revisit, _correct, _register)
+    with tempfile.TemporaryDirectory(prefix="cuboid-compile-") as folder:
+        for done, part in enumerate(parts):
+            progress(done, len(parts))
+            part(Path(folder))
+    progress(len(parts), len(parts))
+
+
+def _track(folder: Path) -> None:
+    """Track with the recording's own poses."""
+    from cuboid.run import track_recording
+
+    track_recording(WarmUpRecording(), folder / "given", page=False)
+
+
+def _estimate_poses(folder: Path) -> None:
+    """Track with poses from the video."""
+    from cuboid.run import track_recording
+
+    track_recording(WarmUpRecording(poses=False), folder / "estimated", page=False)
+
+
+def _revisit(folder: Path) -> None:
+    """Track two noisy recordings into one scene, the second with all of the map put aside that is out of view."""
     from cuboid.run import track_recording
     from cuboid.scene.running import IntoScene
 
-    with tempfile.TemporaryDirectory(prefix="cuboid-compile-") as folder:
-        at = Path(folder)
-        step("tracking")
-        track_recording(WarmUpRecording(), at / "given", page=False)
-        step("poses from the video")
-        track_recording(WarmUpRecording(poses=False), at / "estimated", page=False)
-        step("scenes")
-        for visit, memory_mb in enumerate((1e6, 0.0)):
-            into = IntoScene(at / "scene.cuboid")
-            track_recording(WarmUpRecording(), at / f"visit-{visit}", into=into, page=False, memory_mb=memory_mb)
-    step("corrections of poses")
-    _correct()
-    step("depth cameras")
-    _register()
+    for visit, memory_mb in enumerate((1e6, 0.0)):
+        recording, into = WarmUpRecording(noise=0.01), IntoScene(folder / "scene.cuboid")
+        track_recording(recording, folder / f"visit-{visit}", into=into, page=False, memory_mb=memory_mb)
 
 
-def _correct() -> None:
+def _correct(_: Path) -> None:
     """Track a few frames, with a correction of the keyframes that they hang on."""
     from cuboid.tracker import Tracker
 
@@ -119,7 +142,7 @@ def _correct() -> None:
     tracker.map_points()
 
 
-def _register() -> None:
+def _register(_: Path) -> None:
     """Register a depth image to the color camera beside it."""
     from cuboid.readers.depth_camera import DepthCamera
     from cuboid.readers.registration import Registration
@@ -143,8 +166,7 @@ def _rendered(T_world_camera: Float64Array) -> tuple[UInt8Array, Float32Array]:
     points = eye + ways * depth_m[..., None]
     waves = np.sin(points * (37.0, 41.0, 43.0)).sum(axis=-1) + np.sin(points * (91.0, 83.0, 97.0)).sum(axis=-1)
     tone = 128.0 + 18.0 * waves
-    color = tone[..., None] * np.array([[1.0, 0.9, 0.7], [0.5, 0.5, 0.5], [1.0, 0.3, 0.2], [0.2, 0.8, 0.4],
-                                        [0.3, 0.4, 1.0], [0.9, 0.8, 0.1]])[nearest] * seen[..., None]  # fmt: skip
+    color = tone[..., None] * COLORS[nearest] * seen[..., None]
     return np.clip(color, 0, 255).astype(np.uint8), depth_m.astype(np.float32)
 
 

@@ -42,6 +42,7 @@ COMMANDS = (
     "synth",
     "bench",
     "doctor",
+    "compile",
     "completion",
 )
 
