@@ -47,7 +47,7 @@ def main() -> int:
         seconds(words)  # compiles, and brings the files into memory
         found[name] = round(median(seconds(words) for _ in range(args.times)), 3)
     if args.json:
-        print(dump(found))
+        dump(found)
     else:
         print(markdown(("start", "seconds"), [[name, value] for name, value in found.items()]))
     return 0

@@ -173,7 +173,7 @@ def prune(name: str, current: Path) -> None:
         The file of its version in use.
     """
     folder, now_s = current.parent, time.time()
-    ages = {index: now_s - index.stat().st_mtime for index in folder.glob("cuboid.*.nbi") if index != current}
+    ages = {index: now_s - index.stat().st_mtime for index in folder.glob("*.nbi") if index != current}
     earlier = sorted((index for index in ages if index.name.rpartition("-")[0] == name), key=ages.__getitem__)
     for index in {*earlier[KEPT_VERSIONS:], *(index for index, age_s in ages.items() if age_s > UNUSED_S)}:
         for data in folder.glob(f"{index.stem}.*.nbc"):

@@ -124,7 +124,7 @@ def _revisit(folder: Path) -> None:
     from cuboid.scene.running import IntoScene
 
     for visit, memory_mb in enumerate((1e6, 0.0)):
-        recording, into = WarmUpRecording(noise=0.01), IntoScene(folder / "scene.cuboid")
+        recording, into = WarmUpRecording(noise=0.03), IntoScene(folder / "scene.cuboid")
         track_recording(recording, folder / f"visit-{visit}", into=into, page=False, memory_mb=memory_mb)
 
 

@@ -40,6 +40,7 @@ NOT_RUN = (
     "evaluate trajectory",
     "bench",
     "doctor",
+    "compile",
 )
 
 
