@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Protocol
 
+from cuboid.compiletime import working_s
 from cuboid.errors import FrameError
 from cuboid.frame import Frame
 from cuboid.readers.prefetch import run_ahead
@@ -56,12 +56,12 @@ def decode(recording: Readable, indices: range, *, ahead: bool) -> Generator[Dec
     """
 
     def read(index: int) -> Decoded:
-        start_s = time.perf_counter()
+        start_s = working_s()
         try:
             frame, reason = recording.read(index), ""
         except FrameError as error:
             frame, reason = None, str(error)
-        return Decoded(index, frame, reason, (time.perf_counter() - start_s) * 1e3)
+        return Decoded(index, frame, reason, (working_s() - start_s) * 1e3)
 
     decoded = (read(index) for index in indices)
     return run_ahead(decoded, FRAMES_AHEAD) if ahead else decoded

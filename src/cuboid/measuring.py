@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import sys
-import time
 from array import array
 from collections.abc import Mapping
 from pathlib import Path
 
+from cuboid.compiletime import working_s
 from cuboid.limits import LIMITS
 from cuboid.outputs import LimitReached, Timing
 
-# The first used frames pay for compiling or loading the kernels and for filling caches: the stage times leave
+# The first used frames pay for loading the kernels and for filling caches: the stage times leave
 # them out, unless the run is so short that hardly anything would be left.
 WARM_UP_FRAMES = 10
 
@@ -55,7 +55,7 @@ class FrameLog:
             if count:
                 self._left_out[what].append(count)
         self.used += 1
-        self._finished_s.append(time.perf_counter())
+        self._finished_s.append(working_s())
         for stage, time_ms in milliseconds.items():
             # a stage that did no work in a frame took no time there
             values = self.milliseconds.setdefault(stage, array("d", [0.0] * (self.used - 1)))
@@ -87,27 +87,27 @@ class FrameLog:
 
 
 class FrameClock:
-    """Milliseconds of the stages of one frame, "frame" for the whole of it."""
+    """Milliseconds of the stages of one frame, "frame" for the whole of it; compiling kernels is left out."""
 
     def __init__(self, before: dict[str, float]) -> None:
         self._stages = before
         self._before_ms = sum(before.values())
-        self._begun_s = self._last_s = time.perf_counter()
+        self._begun_s = self._last_s = working_s()
 
     def lap(self, stage: str) -> None:
         """Give the time since the last lap to a stage."""
-        now_s = time.perf_counter()
+        now_s = working_s()
         self._stages[stage] = (now_s - self._last_s) * 1e3
         self._last_s = now_s
 
     def laps(self, milliseconds: Mapping[str, float]) -> None:
         """Take over times that were measured inside."""
         self._stages.update(milliseconds)
-        self._last_s = time.perf_counter()
+        self._last_s = working_s()
 
     def done(self) -> dict[str, float]:
         """Return the times of the whole and of the stages."""
-        return {"frame": self._before_ms + (time.perf_counter() - self._begun_s) * 1e3, **self._stages}
+        return {"frame": self._before_ms + (working_s() - self._begun_s) * 1e3, **self._stages}
 
 
 def peak_memory_mb() -> float:

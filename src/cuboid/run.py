@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from functools import partial
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cuboid import __version__
+from cuboid.compiletime import working_s
 from cuboid.config import TrackerConfig
 from cuboid.decoding import Decoded, decode
 from cuboid.errors import InputError, OutputError
@@ -114,7 +114,7 @@ def track_recording(
     OutputError
         The results cannot be written; nothing half-written is left.
     """
-    begun_s = time.perf_counter()
+    begun_s = working_s()
     output = None if output is None else as_path(output)
     taken: RecordingLike = Stream(recording) if isinstance(recording, FrameSource) else recording
     config = config or TrackerConfig()
@@ -225,7 +225,7 @@ def _report(
         frames_used=used,
         skipped=skipped,
         milliseconds=tracker.log.timings(),
-        seconds=time.perf_counter() - begun_s,
+        seconds=working_s() - begun_s,
         peak_memory_mb=peak_memory_mb(),
         warnings=(*recording.warnings, *(session.warnings() if session else ()), *warnings),
         frames_dropped=live.dropped if live else 0,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
 from cuboid import __version__
+from cuboid.compiletime import working_s
 from cuboid.decoding import decode
 from cuboid.errors import FrameError, InputError
 from cuboid.frame import Float64Array
@@ -86,7 +86,7 @@ def estimate_trajectory(
     OutputError
         The results cannot be written; nothing half-written is left.
     """
-    begun_s = time.perf_counter()
+    begun_s = working_s()
     bare = recording.without_poses()
     frames = range(0, len(bare), every)[:limit]
     if not frames:
@@ -128,7 +128,7 @@ def estimate_trajectory(
         frames_used=log.used,
         skipped=tuple(log.skipped),
         milliseconds=log.timings(),
-        seconds=time.perf_counter() - begun_s,
+        seconds=working_s() - begun_s,
         peak_memory_mb=peak_memory_mb(),
         warnings=(*bare.warnings, *(() if output is None else _warnings(bare, trajectory))),
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -12,6 +11,7 @@ import numpy.typing as npt
 
 from cuboid.boxes.fit import Resting, fit_boxes
 from cuboid.boxes.quantiles import quantile
+from cuboid.compiletime import working_s
 from cuboid.config import TrackerConfig
 from cuboid.errors import FrameError
 from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
@@ -53,11 +53,11 @@ class Stopwatch:
 
     def __init__(self) -> None:
         self.milliseconds: dict[str, float] = {}
-        self._last = time.perf_counter()
+        self._last = working_s()
 
     def lap(self, stage: str) -> None:
         """Charge the time since the last lap to a stage."""
-        now = time.perf_counter()
+        now = working_s()
         self.milliseconds[stage] = (now - self._last) * 1e3
         self._last = now
 

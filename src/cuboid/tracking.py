@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cuboid.compiletime import working_s
 from cuboid.config import TrackerConfig
 from cuboid.diagnosis import Counts, diagnose
 from cuboid.errors import CuboidError, FrameError, shown
@@ -123,7 +123,7 @@ class Tracker(MapQueries):
         self.intrinsics, self._config = intrinsics, config
         self._mapper, self._source, self._write = mapper, source, write
         self._busy = threading.Lock()
-        self._begun_s = time.perf_counter()
+        self._begun_s = working_s()
         self.log, self.counts = FrameLog(), Counts()
         self.times_s: dict[int, float] = {}
         self.T_world_camera: dict[int, Float64Array] = {}
@@ -316,7 +316,7 @@ class Tracker(MapQueries):
         if self._rows is None:
             raise CuboidError("Tracker.save: the rows of this tracker are written by the loop that made it")
         settings = {"proposals": source_name(self._proposals), "tracker": self._config.to_dict()}
-        seconds = time.perf_counter() - self._begun_s
+        seconds = working_s() - self._begun_s
         save_results(self, self._rows, as_path(output), recording, settings, seconds, force=force)
 
 

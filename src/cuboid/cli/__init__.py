@@ -40,6 +40,7 @@ GROUPS = {
         "annotate": "draw rectangles of objects into some frames of a recording, in the browser",
         "bench": "measure milliseconds a stage, frames/s and memory on a recording",
         "doctor": "check packages, compiled kernels, extras and threads",
+        "compile": "compile all kernels that tracking uses, ahead of the first run",
     },
     "many recordings": {
         "batch": "track many recordings into one store of objects",

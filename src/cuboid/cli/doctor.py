@@ -123,19 +123,18 @@ def _opencv_parts() -> Check:
 
 
 def _kernels() -> Iterator[Check]:
-    from cuboid.cli.kernels import loaded_kernels
-
     try:
         import_module("cuboid.tracker")
     except ImportError as error:
         yield Check("kernels", BAD, f"the tracker cannot be imported: {error}")
         return
-    kernels = loaded_kernels()
-    ready = sum(kernel.cached for kernel in kernels)
-    rest = "" if ready == len(kernels) else "; the others are compiled when they are first used"
-    yield Check("kernels", OK, f"{ready} of {len(kernels)} compiled and cached{rest}")
-    for folder in sorted({kernel.folder for kernel in kernels}):
-        yield _writable("kernel cache", folder)
+    from cuboid.compiled import KERNELS
+    from cuboid.kernelcache import cache_folder
+
+    ready = sum(kernel.cached for kernel in KERNELS.values())
+    rest = "" if ready == len(KERNELS) else "; the others when they are first used, or now by 'cuboid compile'"
+    yield Check("kernels", OK, f"{ready} of {len(KERNELS)} compiled{rest}")
+    yield _writable("kernel cache", cache_folder())
 
 
 def _folders() -> Iterator[Check]:

@@ -5,18 +5,17 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from types import TracebackType
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
-from cuboid.cli.kernels import loaded_kernels
+from cuboid.cli.compile_progress import showing_compilation
+from cuboid.compiletime import working_s
 from cuboid.results import FrameResult
 from cuboid.run_types import Progress
-
-COMPILING = "compiling kernels (first run)"
 
 # A line of progress after so many seconds where there is no terminal: a log stays short, and who watches
 # it is not left alone.
@@ -24,14 +23,14 @@ LINE_EVERY_S = 10.0
 
 
 class _Rate:
-    """Frames and frames a second, the first frame left out: it pays for compiling."""
+    """Frames and frames a second, the first frame left out: it pays for loading the kernels."""
 
     def __init__(self) -> None:
         self.frames = 0
         self._first_s = 0.0
 
     def tick(self) -> float:
-        now_s = time.perf_counter()
+        now_s = working_s()
         if self.frames == 0:
             self._first_s = now_s
         self.frames += 1
@@ -53,30 +52,50 @@ class TerminalProgress(Progress):
         )
         self._task = self._bar.add_task("tracking", total=None, state="")
         self._rate = _Rate()
+        self._state = ""
+        self._shown = ExitStack()
 
     def __enter__(self) -> TerminalProgress:
-        self._bar.start()
+        self._shown.enter_context(self._bar)
+        self._shown.enter_context(showing_compilation(self._compiling))
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._bar.stop()
+        self._shown.close()
 
     def start(self, frames: int | None) -> None:
         """Show the empty bar."""
-        self._bar.update(self._task, total=frames, state=COMPILING if _compiling() else "")
+        self._bar.update(self._task, total=frames)
 
     def frame(self, result: FrameResult) -> None:
         """Advance the bar."""
         rate = self._rate.tick()
         objects = _objects(result.objects_known)
-        state = f"{rate:.0f} frames/s, {objects}" if self._rate.frames > 1 else objects
-        self._bar.update(self._task, advance=1, state=state)
+        self._state = f"{rate:.0f} frames/s, {objects}" if self._rate.frames > 1 else objects
+        self._bar.update(self._task, advance=1, state=self._state)
 
     def skipped(self, index: int, reason: str) -> None:
         """Advance the bar."""
         self._bar.update(self._task, advance=1)
+
+    def _compiling(self, text: str) -> None:
+        self._bar.update(self._task, state=text or self._state, refresh=True)
+
+
+class _Lines:
+    """Lines on standard error, each a while after the one before; the first at once."""
+
+    def __init__(self) -> None:
+        self._last_s = -LINE_EVERY_S
+
+    def print(self, text: str) -> None:
+        """Print the text unless another was printed just before."""
+        now_s = time.perf_counter()
+        if text and now_s - self._last_s >= LINE_EVERY_S:
+            self._last_s = now_s
+            print(f"cuboid: {text}", file=sys.stderr, flush=True)
 
 
 class LineProgress(Progress):
@@ -86,34 +105,27 @@ class LineProgress(Progress):
         self._rate = _Rate()
         self._done = 0
         self._of = ""
-        self._last_s = time.perf_counter()
+        self._lines = _Lines()
+        self._shown = ExitStack()
 
     def __enter__(self) -> LineProgress:
+        self._shown.enter_context(showing_compilation(self._lines.print))
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Nothing is left to tidy."""
+        self._shown.close()
 
     def start(self, frames: int | None) -> None:
         """Note how many frames there are."""
         self._of = "" if frames is None else f" of {frames}"
-        if _compiling():
-            print(f"cuboid: {COMPILING}", file=sys.stderr, flush=True)
 
     def frame(self, result: FrameResult) -> None:
         """Print a line where the last one is long ago."""
         self._done += 1
-        rate, now_s = self._rate.tick(), time.perf_counter()
-        if now_s - self._last_s >= LINE_EVERY_S:
-            self._last_s = now_s
-            done = f"{self._done}{self._of} frames"
-            print(
-                f"cuboid: {done}, {rate:.0f} frames/s, {_objects(result.objects_known)}",
-                file=sys.stderr,
-                flush=True,
-            )
+        rate = self._rate.tick()
+        self._lines.print(f"{self._done}{self._of} frames, {rate:.0f} frames/s, {_objects(result.objects_known)}")
 
     def skipped(self, index: int, reason: str) -> None:
         """Count the frame."""
@@ -128,18 +140,25 @@ def progress() -> TerminalProgress | LineProgress:
 
 @contextmanager
 def counting(what: str) -> Iterator[Callable[[int, int], None]]:
-    """Show how far some other work is, on a terminal only; gives a function of what is done and of all."""
+    """Show how far some other work is; gives a function of what is done and of all."""
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(what, total=None)
+    with ExitStack() as shown:
+        if not console.is_terminal:
+            lines = _Lines()
+            shown.enter_context(showing_compilation(lines.print))
+            yield lambda done, total: lines.print(f"{what}, {done} of {total}")
+            return
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[state]}"),
+            TimeRemainingColumn(),
+        )
+        bar = shown.enter_context(Bar(*columns, console=console, transient=True))
+        task = bar.add_task(what, total=None, state="")
+        shown.enter_context(showing_compilation(lambda text: bar.update(task, state=text, refresh=True)))
         yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-def _compiling() -> bool:
-    """Tell whether most kernels are still to be compiled, which takes long enough to be said."""
-    kernels = loaded_kernels()
-    return 2 * sum(not kernel.cached for kernel in kernels) > len(kernels)
 
 
 def _objects(count: int) -> str:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -69,6 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Make the scene, render it, say what is in it."""
     limit_threads(1)
+    from cuboid.cli.progress import counting
     from cuboid.cli.tables import console
     from cuboid.synthetic import make_scene, render_recording
     from cuboid.synthetic.user_meshes import load_meshes
@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     if args.visits:
         return _visits(args, meshes)
     scene = make_scene(args.kind, args.seed, frames=args.frames, camera=args.motion, meshes=meshes)
-    with rendering() as progress:
+    with counting("rendering") as progress:
         render_recording(scene, args.output, progress=progress, **_rendered_as(args))
     counts = {"frames": scene.frames, "objects": len(scene.objects), "surfaces": len(scene.surfaces)}
     what = f"{scene.frames} frames, {len(scene.objects)} objects, {len(scene.surfaces)} level surfaces"
@@ -89,11 +89,12 @@ def run(args: argparse.Namespace) -> int:
 
 def _visits(args: argparse.Namespace, meshes: Sequence[Model]) -> int:
     """Make several recordings of one place, and say what happens between them."""
+    from cuboid.cli.progress import counting
     from cuboid.cli.tables import console
     from cuboid.synthetic import make_visits, render_visits
 
     scenes = make_visits(args.kind, args.seed, args.visits, frames=args.frames, camera=args.motion, meshes=meshes)
-    with rendering() as progress:
+    with counting("rendering") as progress:
         told = render_visits(scenes, args.output, progress=progress, **_rendered_as(args))
 
     def show() -> None:
@@ -110,19 +111,6 @@ def _rendered_as(args: argparse.Namespace) -> dict[str, Any]:
     """Return how the arguments say that a scene becomes a recording, for `render_recording` and `render_visits`."""
     names = ("sensor", "pose_noise", "faults", "size", "workers", "force")
     return {name: getattr(args, name) for name in names}
-
-
-@contextmanager
-def rendering() -> Iterator[Callable[[int, int], None]]:
-    """Show a bar of rendered frames on a terminal and nothing elsewhere; gives what is to be called."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-
-    shown = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, console=shown, transient=True, disable=not shown.is_terminal) as bar:
-        task = bar.add_task("rendering", total=None)
-        yield lambda done, frames: bar.update(task, completed=done, total=frames)
 
 
 def _seed(text: str) -> int:

@@ -91,6 +91,7 @@ def outcome_document(outcome: RunOutcome, output: Path) -> dict[str, Any]:
 def print_outcome(outcome: RunOutcome, output: Path) -> None:
     """Print the table of objects and the summary of the run."""
     from cuboid.cli.tables import console, limit_lines, objects_table, skipped_lines
+    from cuboid.compiletime import compiling_s
     from cuboid.outputs.folder import REPORT, VIDEO
 
     out, report = console(), outcome.report
@@ -109,5 +110,7 @@ def print_outcome(outcome: RunOutcome, output: Path) -> None:
         f"{report.frames_used} of {report.frames_read} frames in {report.seconds:.1f} s{frame_ms}; results in {output}",
         markup=False,
     )
+    if compiling_s() >= 1.0:
+        out.print(f"compiling kernels took {compiling_s():.0f} s more; the next run loads them")
     video = f", and {output / VIDEO}" if (output / VIDEO).is_file() else ""
     out.print(f"open {output / REPORT} in a browser{video}", markup=False, soft_wrap=True)

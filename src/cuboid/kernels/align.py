@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from cuboid.compiled import kernel
 
 # Channels of a packed image: intensity, its two derivatives per pixel, depth in metres.
 INTENSITY, ALONG_U, ALONG_V, DEPTH = range(4)
@@ -16,7 +17,7 @@ GROUP_SUMS = 6
 FREEDOM = 5.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def pack(gray, depth_m, out):
     """Bring intensity, its derivatives (central differences) and depth together, pixel by pixel.
 
@@ -39,7 +40,7 @@ def pack(gray, depth_m, out):
             pixel[DEPTH] = depth_m[v, u]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def pick_points(image, camera, cell, reach, max_depth, noise, points, normals, intensity):
     """Pick the pixel of steepest intensity of each cell of an image, as a point on a small plane.
 
@@ -100,7 +101,7 @@ def pick_points(image, camera, cell, reach, max_depth, noise, points, normals, i
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def steepest(image, top, left, bottom, right, max_depth):
     """Return column and row of the pixel of steepest intensity with a reading; -1 where no pixel has one."""
     best, bu, bv = np.float32(-1.0), -1, -1
@@ -116,7 +117,7 @@ def steepest(image, top, left, bottom, right, max_depth):
     return bu, bv
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def plane_around(image, bu, bv, reach, limit, needed):
     """Fit 1/z = a u + b v + c to the readings around a pixel, u and v counted from it, whose 1/z is as near as a limit.
 
@@ -155,7 +156,7 @@ def plane_around(image, bu, bv, reach, limit, needed):
     return True, a, b, w0 + mw - a * mu - b * mv
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def accumulate(
     points, normals, intensity, group, shade, image, camera, T_camera_points, sigma, noise, gate, system, sums, shades
 ):
@@ -268,7 +269,7 @@ def accumulate(
             system[i, j] = system[j, i]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def add_equation(system, J, w, r):
     """Add a residual r with derivative J (6,) and weight w to the normal equations; see `accumulate`."""
     for i in range(6):

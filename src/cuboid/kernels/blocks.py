@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.frame import Float32Array, UInt8Array
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def halve_depth(depth_m: Float32Array, same_surface: float, out_m: Float32Array) -> None:
     """Give each 2 x 2 block one reading, and none between two surfaces.
 
@@ -43,7 +43,7 @@ def halve_depth(depth_m: Float32Array, same_surface: float, out_m: Float32Array)
             out[u] = none if near == inf else mean
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def take_one(color: UInt8Array, step: int, x: int, y: int, out: UInt8Array) -> None:
     """Take one pixel of each block of a color image; NumPy takes ten times as long over slices of three bytes.
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.kernels.extents import side_spread
 from cuboid.kernels.resting import ROUND_RADIUS
 from cuboid.kernels.revolve import fit_axis
@@ -32,7 +32,7 @@ MIN_ARC = MOST - LITTLE
 MIN_BODY = MOST - LITTLE
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def find_body(plan, layer, trust, rectangle, noise, trim, center, part):
     """Find the upright axis of a body of revolution of whose side points were seen, and what is no part of the body.
 
@@ -88,7 +88,7 @@ def find_body(plan, layer, trust, rectangle, noise, trim, center, part):
     return off
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fit_trimmed(plan, layer, trust, noise, trim, center, radius, residual, weights):
     """Fit an axis, and again without what departs from it: `weights` (N,) are 0 there. Tell whether there is one."""
     if not fit_axis(plan, layer, trust, STEPS, center, radius, residual):
@@ -118,7 +118,7 @@ def fit_trimmed(plan, layer, trust, noise, trim, center, radius, residual, weigh
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def weighted_median(values, weights):
     """Return below which of values (N,) half of the weight lies: by parting them again and again."""
     part, heavy = values.copy(), weights.copy()
@@ -147,7 +147,7 @@ def weighted_median(values, weights):
     return part[begin]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def off_rectangle(plan, weights, rectangle):
     """Return how far points depart from the sides of a rectangle; see `find_body`."""
     away = np.empty((len(plan), 2))
@@ -160,7 +160,7 @@ def off_rectangle(plan, weights, rectangle):
     return side_spread(away, weights, sides, -half, half, 0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def is_round(sector, weights, residual, limit):
     """Tell whether enough of the turn was seen, and departs from itself from sector to sector by less than a limit."""
     readings, sums = np.zeros(SECTORS + 1, np.int64), np.zeros((SECTORS + 1, 2))
@@ -177,7 +177,7 @@ def is_round(sector, weights, residual, limit):
     return known >= MIN_ARC * SECTORS and not high - low > limit
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def appendage(layer, trust, sector, weights, radius, residual, off, part):
     """Tell what is no part of a body: what sticks out by more than `off` in a part of the turn, and its whole layers.
 

@@ -7,8 +7,8 @@ noise is the same everywhere in 1/z, so that one linear fit a cell and one thres
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.tolerances import MIN_SIGMA_M, SIGMAS
 
 # Columns of a cell's row.
@@ -23,7 +23,7 @@ MIN_LEVEL = 3
 FILLED = 0.6
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fit_cells(depth, camera, size, max_depth, cells):
     """Fit a plane to every size x size cell that is mostly filled.
 
@@ -95,7 +95,7 @@ def fit_cells(depth, camera, size, max_depth, cells):
             out[RMS] = np.sqrt(max(0.0, vww - a * vwu - b * vwv))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def level_patches(depth, camera, up, size, noise, min_depth, max_depth, skip, patches):
     """Find the patches that show a level surface from above, however narrow it looks.
 

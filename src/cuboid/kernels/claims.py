@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.kernels.cubes import BLOCK_BITS
 
 # Of the pairs of an object and a block so many are remembered while they are collected, a power of 2.
 REMEMBERED = 256
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def proposal_overlaps(owner, place, rectangles, starts, covered, column, table, object_pixels):
     """Count the candidates that each proposal covers, by the object that they belong to.
 
@@ -58,7 +58,7 @@ def proposal_overlaps(owner, place, rectangles, starts, covered, column, table, 
         table[k, last] += run
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def segment_overlaps(claim, owner, known, place, table, size):
     """Count the pixels that each segment of a frame has in common with each object, and those mapped before.
 
@@ -95,7 +95,7 @@ def segment_overlaps(claim, owner, known, place, table, size):
     size[mine] += seen
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def assign_pixels(order, rectangles, starts, covered, least, free_fraction, claim):
     """Give each candidate pixel to at most one proposal: the strongest first, as long as it is mostly free.
 
@@ -136,7 +136,7 @@ def assign_pixels(order, rectangles, starts, covered, least, free_fraction, clai
             at += x1 - x0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def vote_owners(claim, number_of, place, allowed, candidate, slots, hits, most, owner, confidence, voted):
     """Let the pixels of a frame vote for the owners of their voxels: a majority vote in one number a voxel.
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.kernels.cubes import (
     BLOCK_BITS,
     CUBE_BITS,
@@ -23,7 +23,7 @@ from cuboid.kernels.cubes import (
 from cuboid.kernels.voxels import MAX_HITS
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def pending_rows(which, cubes, points, rows):
     """Find the living rows of some cubes whose motion is pending.
 
@@ -51,7 +51,7 @@ def pending_rows(which, cubes, points, rows):
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def remove_pending(which, cubes, points):
     """Remove all rows of some cubes (N,) whose motion is pending."""
     for cube in which:
@@ -62,7 +62,7 @@ def remove_pending(which, cubes, points):
                 cubes.dead[cube] += 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def apply_motions(keys, taken, pending, motions, voxel_m, to):
     """Apply pending motions to points that were removed from their cubes.
 
@@ -107,13 +107,13 @@ def apply_motions(keys, taken, pending, motions, voxel_m, to):
     return count
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def quantised(part):
     """Return a place in a voxel, 0..1, as rows have it."""
     return min(np.int64(part * PLACES), np.int64(PLACES) - 1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def insert_points(keys, taken, anchor, cubes, points, rows):
     """Insert points that have moved into the cubes where they come to lie.
 
@@ -158,7 +158,7 @@ def insert_points(keys, taken, anchor, cubes, points, rows):
             write_point(row, i, current_anchor, taken, points)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def write_point(row, i, anchor, taken, points):
     """Write a point to the row of its voxel."""
     points.weight[row], points.owner[row], points.last_frame[row] = taken.weight[i], taken.owner[i], taken.last_frame[i]
@@ -169,7 +169,7 @@ def write_point(row, i, anchor, taken, points):
     points.anchor[row], points.confidence[row], points.mark[row] = anchor, taken.confidence[i], 0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def merge_point(row, i, anchor, taken, points):
     """Merge a point with that of a row."""
     weight = points.weight[row] + taken.weight[i]
@@ -188,7 +188,7 @@ def merge_point(row, i, anchor, taken, points):
     points.confidence[row] = max(points.confidence[row], taken.confidence[i])
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def weighted_mean(one, other, fraction):
     """Return the mean of two integers, of which the second has a weight of `fraction`."""
     return np.int64(one + fraction * (np.int64(other) - np.int64(one)) + 0.5)

@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from cuboid.compiled import kernel
 
 # Bits of a cube's number along an axis, and of a voxel's within its cube.
 KEY_BITS, CUBE_BITS = 21, 5
@@ -105,13 +106,13 @@ class Cubes(NamedTuple):
     index_stale: npt.NDArray[np.bool_]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def pack_key(x, y, z):
     """Return the key of cube (x, y, z)."""
     return ((x + KEY_OFFSET) << (2 * KEY_BITS)) | ((y + KEY_OFFSET) << KEY_BITS) | (z + KEY_OFFSET)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def corner(key):
     """Return the number (x, y, z) of a cube's first voxel."""
     mask = (1 << KEY_BITS) - 1
@@ -121,26 +122,26 @@ def corner(key):
     return x << CUBE_BITS, y << CUBE_BITS, z << CUBE_BITS
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def edge_of(key, voxel_m):
     """Return the edge of the voxels of a cube, where those of the map have this one."""
     return 0.5 * voxel_m if key < 0 else voxel_m
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def voxel_in(ix, iy, iz):
     """Return the number of voxel (ix, iy, iz) in its cube."""
     mask = CUBE_SIDE - 1
     return ((ix & mask) << (2 * CUBE_BITS)) | ((iy & mask) << CUBE_BITS) | (iz & mask)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def row_of(cube, k, blocks):
     """Return the map's row that a cube's row k is."""
     return (np.int64(blocks[cube, k >> BLOCK_BITS]) << BLOCK_BITS) | (k & (BLOCK_ROWS - 1))
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def scatter(number):
     """Return bits that differ wherever numbers do."""
     # A product's bit depends on no higher bit of its factors: fold the upper half in, and mix once more.
@@ -149,7 +150,7 @@ def scatter(number):
     return np.int64(h >> np.uint64(32))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def find_cube(key, cubes):
     """Return (cube, place): the cube of a key or -1, and where in the table it is or would go."""
     mask = cubes.table.size - 1
@@ -163,14 +164,14 @@ def find_cube(key, cubes):
         place = (place + 1) & mask
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cubes_at(keys, cubes, found):
     """Write the cube of each key (N,), -1 where there is none, to `found` (N,) int64."""
     for i in range(keys.size):
         found[i], _ = find_cube(keys[i], cubes)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def make_cube(key, cubes):
     """Return the cube of a key, a new one where there is none; -1 where there is no room for one more."""
     cube, place = find_cube(key, cubes)
@@ -190,7 +191,7 @@ def make_cube(key, cubes):
     return cube
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def find_row(cube, voxel, cubes, voxels):
     """Return (row, place): a voxel's row of the map or -1, and where in the cube's table it is or would go."""
     first, mask = cube << TABLE_BITS, (1 << np.int64(cubes.bits[cube])) - 1
@@ -205,7 +206,7 @@ def find_row(cube, voxel, cubes, voxels):
         place = (place + 1) & mask
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def likely_row(cube, voxel, cubes):
     """Return the row where `find_row` looks first, which may be another voxel's; -1 where there is none."""
     place = scatter(voxel) & ((1 << np.int64(cubes.bits[cube])) - 1)
@@ -213,7 +214,7 @@ def likely_row(cube, voxel, cubes):
     return row_of(cube, entry - 1, cubes.blocks) if entry > 0 else np.int64(-1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_index(cube, cubes, points):
     """Rebuild a cube's table, of the size that its rows need; it leads to those without a pending motion."""
     count = np.int64(cubes.rows[cube])
@@ -236,7 +237,7 @@ def fill_index(cube, cubes, points):
         cubes.tables[first + place] = k + 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def add_block(cube, k, cubes):
     """Have the block that a cube's row k lies in, where those before it are there; tell whether there is room."""
     if k >= MAX_BLOCKS << BLOCK_BITS:
@@ -252,7 +253,7 @@ def add_block(cube, k, cubes):
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def add_row(cube, voxel, place, anchor, cubes, points):
     """Return a new row of a voxel, whose place in the table is known; -1 where there is no room for one more."""
     k = np.int64(cubes.rows[cube])
@@ -267,7 +268,7 @@ def add_row(cube, voxel, place, anchor, cubes, points):
     return row
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def allocate_rows(keys, voxel, anchor, cubes, points, rows):
     """Make room for points of so many different voxels: keys of their cubes (N,), voxels in these, anchors.
 

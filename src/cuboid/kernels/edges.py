@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.frame import Float32Array, Float64Array
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def depth_edges(depth_m: Float32Array, jump: float, gap: int, out: Float32Array, across: npt.NDArray[np.bool_]) -> int:
     """Find where a surface ends before another one, along rows and columns.
 
@@ -55,7 +55,7 @@ def depth_edges(depth_m: Float32Array, jump: float, gap: int, out: Float32Array,
     return found
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def edge_agreement(
     places: Float32Array,
     across: npt.NDArray[np.bool_],

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.tolerances import STRAYS
 
 BINS = 256
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def reach(points, weights, directions, fraction, low, high):
     """Find for each direction the interval that holds all weight but `fraction` at either end.
 
@@ -53,7 +53,7 @@ def reach(points, weights, directions, fraction, low, high):
         low[d], high[d] = trimmed(bins, fraction * total, first, scale)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def spans(points, directions, low, high):
     """Find for each direction from where to where all points reach; see `reach`."""
     x, y, count = directions[:, 0].copy(), directions[:, 1].copy(), points.shape[0]
@@ -73,7 +73,7 @@ def spans(points, directions, low, high):
     low[:], high[:] = least, most
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def trimmed(bins, cut, first, scale):
     """Return where all weight but `cut` at either end lies; the bins, `scale` a metre, begin at `first`."""
     left, k = 0.0, 0
@@ -88,7 +88,7 @@ def trimmed(bins, cut, first, scale):
     return low, first + (k + 1 - (cut - left) / bins[k]) / scale
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def counted(place, cut, first, scale):
     """Return what `trimmed` does where each point weighs 1, by the bins that they lie in.
 
@@ -113,7 +113,7 @@ def counted(place, cut, first, scale):
     return first + (bottom + (cut - beneath) / held) / scale, first + (top + 1 - (cut - above) / borne) / scale
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def ends_at(values):
     """Return from where to where values (N,) reach, strays or not; infinite to minus infinite where there are none.
 
@@ -134,7 +134,7 @@ def ends_at(values):
     return max(low, 2.0 * near[0] - far[0]), min(high, 2.0 * near[1] - far[1])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def best_turn(points, weights, directions, low, high, larger, better):
     """Find which of the directions is that of the box: of least footprint, or hardly larger with sides that fit better.
 
@@ -182,7 +182,7 @@ def best_turn(points, weights, directions, low, high, larger, better):
     return chosen
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def side_spread(points, weights, directions, low, high, turn):
     """Return how far points depart from the sides of a box, each side moved to the mean of those nearest to it."""
     quarter = directions.shape[0] // 2
@@ -210,7 +210,7 @@ def side_spread(points, weights, directions, low, high, turn):
     return np.sqrt(max(square, 0.0) / total) if total > 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def side_layers(points, weights, center, rotation, half, band, out):
     """Weigh the points of a box that lie in two layers beneath each of its sides, but for the one that it stands on.
 
@@ -242,7 +242,7 @@ def side_layers(points, weights, center, rotation, half, band, out):
                 out[k, 2] += w
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def beyond_sides(points, center, rotation, bottom, near, steps, places, counts):
     """Put points beyond the sides of a cloud, opposite to those that make each side: its top and four upright sides.
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.kernels.regions import BACKGROUND
 from cuboid.kernels.segments import FAR, NONE, PLANE
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fill_holes(kind, on, color, step, edge, reach, focal, labels, inverse):
     """Give pixels without a reading the label and depth of what they lie nearest to; see `nearest`.
 
@@ -42,7 +42,7 @@ def fill_holes(kind, on, color, step, edge, reach, focal, labels, inverse):
             flat[holes[i]], near[holes[i]] = flat[source[i]], near[source[i]]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def fill_depth(depth, color, edge, reach, focal, out):
     """Copy depth, its holes filled with the depth of what they lie nearest to; see `nearest`.
 
@@ -69,7 +69,7 @@ def fill_depth(depth, color, edge, reach, focal, out):
             flat[holes[i]] = one / near[source[i]]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def nearest(known, inverse, color, step, edge, reach, focal):
     """Find what the holes of an image lie nearest to, color edges being far to cross.
 
@@ -142,7 +142,7 @@ def nearest(known, inverse, color, step, edge, reach, focal):
     return holes[:count], sources[:count]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def changes(shade, wide):
     """Return how much color changes (4, N) from each place to the next one, and to the three in the row after.
 
@@ -162,7 +162,7 @@ def changes(shade, wide):
     return change
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def clear_margin(wide, height, cost, limit, source, shade):
     """Let nothing be in the margin around an image of so many rows, `wide` pixels long; see `nearest`."""
     for v in range(height + 2):
@@ -177,7 +177,7 @@ def clear_margin(wide, height, cost, limit, source, shade):
             shade[0, at] = shade[1, at] = shade[2, at] = 0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sweep(runs, ahead, wide, change, per_level, cost, limit, source):
     """Let each place in runs (N, 2) of the image with its margin learn from the neighbours that come before it.
 
@@ -213,7 +213,7 @@ def sweep(runs, ahead, wide, change, per_level, cost, limit, source):
             cost[here], limit[here], source[here] = least, most, origin
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def by_way_of(cost, step, change, per_level, limit):
     """Return what a place costs by way of a neighbour, a step away; infinity beyond its limit. See `sweep`."""
     total = cost + (step + np.float32(change) * per_level)

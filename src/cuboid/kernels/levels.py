@@ -8,8 +8,8 @@ in their cube: what belongs to objects keeps its rows when they are parted again
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, CUBE_BITS, HEATS, add_block, fill_index, row_of
 from cuboid.tolerances import LITTLE
 
@@ -20,7 +20,7 @@ CELLS = 1 << (3 * CELL_BITS)
 HEAT_STEP = HEATS * LITTLE
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def cell_of(voxel):
     """Return the cell of a voxel of a cube, and which of its eight voxels that is."""
     x, y, z = voxel >> (2 * CUBE_BITS), (voxel >> CUBE_BITS) & ((1 << CUBE_BITS) - 1), voxel & ((1 << CUBE_BITS) - 1)
@@ -28,19 +28,19 @@ def cell_of(voxel):
     return cell, ((x & 1) << 2) | ((y & 1) << 1) | (z & 1)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def voxel_of(first, eighth):
     """Return one of the eight voxels of a cell by the first of them."""
     return first | ((eighth >> 2) << (2 * CUBE_BITS)) | (((eighth >> 1) & 1) << CUBE_BITS) | (eighth & 1)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def layer_place(place, layer):
     """Return the place in a voxel along an axis that a row of a cell tells of one of two layers."""
     return (((place >> (8 * layer)) & 255) << 8) | 128
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def kind_of(row, since, points):
     """Return a number that is the same for rows of one cell which may become one: what decides of them is the same."""
     warmth = int(points.heat[row] / HEAT_STEP)
@@ -48,14 +48,14 @@ def kind_of(row, since, points):
     return kind | (np.int64(points.hits[row] > 1) << 1) | np.int64(points.last_frame[row] >= since)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def copy(words, row, to_words, to):
     """Copy a row."""
     for k in range(words.shape[1]):
         to_words[to, k] = words[row, k]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def thin(which, since, cubes, words, points, made_words, made, moved):
     """Let voxels that belong to no object and lie in one cell, as far as they are alike, be one row.
 
@@ -86,7 +86,7 @@ def thin(which, since, cubes, words, points, made_words, made, moved):
     return others
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def thin_one(cube, since, cubes, words, points, made_words, made, moved, others):
     """Do it for one cube; see `thin`."""
     count = np.int64(cubes.rows[cube])
@@ -139,7 +139,7 @@ def thin_one(cube, since, cubes, words, points, made_words, made, moved, others)
     return others
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def merge_rows(cube, first, following, cubes, words, points, made_words, made, to):
     """Make the row of a cell of a group of rows, which are dead then."""
     places, weights = np.zeros((3, 2)), np.zeros((3, 2))
@@ -180,7 +180,7 @@ def merge_rows(cube, first, following, cubes, words, points, made_words, made, t
     made.last_frame[to], made.mark[to] = seen, mark
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def split_cells(which, cubes, words, points, made_words, made, parted):
     """Let each voxel that a row of a cell stands for have a row of its own again, and make the cubes' tables.
 

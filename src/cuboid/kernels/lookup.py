@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.kernels.cubes import (
     BATCH,
     BLOCK_BITS,
@@ -21,7 +21,7 @@ from cuboid.kernels.cubes import (
 from cuboid.kernels.levels import layer_place, voxel_of
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def rows_at(points, voxel_m, cubes, voxels, weights, rows, missing):
     """Find for each point (N, 3) the row of the living voxel there, -1 none; written to `rows` (N,) int64.
 
@@ -46,7 +46,7 @@ def rows_at(points, voxel_m, cubes, voxels, weights, rows, missing):
     return absent
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def seen_around(ground, axes, reach, least, voxel_m, cubes, voxels, weights, seen, missing):
     """Tell of places (N, 3) on a plane whether enough of the nine voxels around each hold a point, one up or down.
 
@@ -86,7 +86,7 @@ def seen_around(ground, axes, reach, least, voxel_m, cubes, voxels, weights, see
     return absent
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def places(rows, eighths, voxel_m, cubes, points, motions, xyz):
     """Write where in the world the points of rows (N,) are to `xyz` (N, 3) float32.
 
@@ -115,7 +115,7 @@ def places(rows, eighths, voxel_m, cubes, points, motions, xyz):
             xyz[i, 0], xyz[i, 1], xyz[i, 2] = px, py, pz
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cubes_meeting(spaces, cube, anchor, motions, voxel_m, cubes, meets):
     """Tell of pairs of a cube and an anchor (N,) whether points of them may be in a region, by the cubes' spheres.
 
@@ -146,7 +146,7 @@ def cubes_meeting(spaces, cube, anchor, motions, voxel_m, cubes, meets):
         )
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def _meets(spaces, x, y, z, radius):
     for k in range(spaces.shape[0]):
         if spaces[k, 0] * x + spaces[k, 1] * y + spaces[k, 2] * z + spaces[k, 3] < -radius:
@@ -154,7 +154,7 @@ def _meets(spaces, x, y, z, radius):
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def touched(slots, cube_of, marks, found):
     """Find the cubes that rows of pixels (H, W) int32 lie in, -1 for none.
 
@@ -175,7 +175,7 @@ def touched(slots, cube_of, marks, found):
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cubes_in_frustum(T_camera_world, camera, width, height, far_m, voxel_m, cubes, seen):
     """Find the cubes that reach into a picture, and no farther than some distance; by their spheres.
 

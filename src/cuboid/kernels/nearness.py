@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.kernels.cubes import pack_key, scatter
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def count_near(a, b, limit, enough):
     """Count the points of `a` that lie nearer than a limit to any of `b`, up to so many.
 
@@ -57,19 +57,19 @@ def count_near(a, b, limit, enough):
     return count
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def cell(x, low, limit):
     """Return in which cell of those from `low` on, as wide as the limit, a coordinate lies."""
     return np.int64(np.floor((x - low) / limit))
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def place_of(i, j, k, size):
     """Return the place of a cell in a table of so many, a power of two; two cells that share one do no harm."""
     return scatter(pack_key(i, j, k)) & (size - 1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def has_near(x, y, z, b, deep, low, limit, first, after):
     """Tell whether any point of `b` lies nearer than a limit to a place; see `count_near`."""
     i, j, k = cell(x, low[0], limit), cell(y, low[1], limit), cell(z, low[2], limit)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.tolerances import JUMP_SIGMAS
 
 # What lies across a piece of outline: columns of `outline`.
@@ -19,7 +19,7 @@ END_FRACTION = 0.05
 EDGE_LEVELS, INNER_PIXELS = 90, 2
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def surrounded(claim, v, u):
     """Tell whether all four neighbours of a pixel, none beyond the border, are of its segment."""
     a = claim[v, u]
@@ -27,7 +27,7 @@ def surrounded(claim, v, u):
     return beside & (claim[v - 1, u] == a) & (claim[v + 1, u] == a)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def inwards(readings, claim, v, u, dv, du, reach):
     """Return how many steps inwards of a segment's outline its first reading is; `reach` where it is no nearer."""
     height, width = readings.shape
@@ -40,7 +40,7 @@ def inwards(readings, claim, v, u, dv, du, reach):
     return reach
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def across(depth, readings, color, claim, on_plane, plane, v, u, dv, du, limit, reach):
     """Tell what lies across one pixel of a segment's outline: the first reading outwards, over holes.
 
@@ -93,7 +93,7 @@ def across(depth, readings, color, claim, on_plane, plane, v, u, dv, du, limit, 
     return FREE if edge else UNSURE, first
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def outlines(
     depth, readings, color, claim, on_plane, corners, plane_of, side_of, focal, noise, jump, gap_m, outline,
     contact,

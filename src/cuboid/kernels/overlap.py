@@ -8,7 +8,8 @@ Faces that coincide are counted once: those of A are clipped to the closed B, th
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from cuboid.compiled import kernel
 
 # Two planes within this are one, metres.
 COINCIDE_M = 1e-10
@@ -20,7 +21,7 @@ BATCH = 64
 SLACK_M = 1e-6
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def clip(polygon, count, axis, bound, sign, out):
     """Clip a polygon (K, 3) to sign * x[axis] <= bound; return the number of corners left."""
     left = 0
@@ -38,7 +39,7 @@ def clip(polygon, count, axis, bound, sign, out):
     return left
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def faces_within(center, R, size, other, slack, origin, first, second):
     """Sum area times distance from a point over the faces of a box, clipped to another box.
 
@@ -99,7 +100,7 @@ def faces_within(center, R, size, other, slack, origin, first, second):
     return total
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def intersections(A, B, out):
     """Volumes of A[i] n B[j].
 
@@ -136,7 +137,7 @@ def intersections(A, B, out):
             out[i, j] = max(0.0, volume / 3.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def bound(boxes, batch, bounds):
     """Find the bounds of the boxes of a batch: least and greatest centre, and greatest radius of a bounding sphere.
 
@@ -159,7 +160,7 @@ def bound(boxes, batch, bounds):
             row[6] = max(row[6], 0.5 * np.sqrt(long * long + wide * wide + high * high))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def near(boxes, bounds, center, radius, gap, found):
     """Find the boxes whose bounding spheres come near another sphere.
 

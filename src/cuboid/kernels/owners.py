@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.kernels.cubes import HEATS
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def rows_of(number, blocks, size, owner, rows):
     """Gather the rows of an object from the blocks that may hold some.
 
@@ -37,7 +37,7 @@ def rows_of(number, blocks, size, owner, rows):
     return n
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def solid_rows_of(number, blocks, size, owner, weight, confidence, hits, heat, hot, votes, ratio, most, rows):
     """Gather those living rows of an object that are hot and that enough votes bear out; see `rows_of`.
 
@@ -73,7 +73,7 @@ def solid_rows_of(number, blocks, size, owner, weight, confidence, hits, heat, h
     return n
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def has_rows(number, blocks, size, owner, weight, least):
     """Tell whether an object has so many living rows in the blocks that may hold some; see `rows_of`."""
     n = 0
@@ -86,7 +86,7 @@ def has_rows(number, blocks, size, owner, weight, least):
     return n >= least
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def release(gone, blocks, size, owner, confidence, changed):
     """Let objects, those that `gone` (M,) bool names by number, have no rows; see `rows_of`.
 
@@ -99,7 +99,7 @@ def release(gone, blocks, size, owner, confidence, changed):
                 changed[block] = True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def owner_of(slots, owner, hits, pixel_owner, known):
     """Look up whom the voxel of each pixel belongs to, and whether frames before this one saw it.
 
@@ -121,7 +121,7 @@ def owner_of(slots, owner, hits, pixel_owner, known):
             known[v, u] = row >= 0 and hits[row] > 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def choose(slots, owner, numbers, depth, far_m, chosen):
     """Leave of a depth image what lies in voxels of some objects, and no farther than some distance.
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.kernels.cells import AREA, CX, CY, CZ, NX, NY, NZ, RMS
 from cuboid.kernels.segments import FAR, NONE, PLANE, SURFACE
 from cuboid.tolerances import SIGMAS
@@ -15,7 +15,7 @@ MIN_CELLS = 9
 ALIKE_COS = 0.9
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def grow_planes(cells, shape, camera, noise, bias, flat, least_area, planes, member):
     """Join the flat cells of a frame to its large planes.
 
@@ -70,7 +70,7 @@ def grow_planes(cells, shape, camera, noise, bias, flat, least_area, planes, mem
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def grow(seed, attempt, cells, camera, off, flat, member, tried, queue):
     """Join cells to a plane, beginning with a seed, as long as they lie on it; see `grow_planes`.
 
@@ -128,14 +128,14 @@ def grow(seed, attempt, cells, camera, off, flat, member, tried, queue):
     return tail, area, a, b, c
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def seen_at(cell, camera):
     """Return column and row of a cell's centre in the image, pixels, and its 1/z."""
     w = 1.0 / cell[CZ]
     return cell[CX] * w * camera[0] + camera[2], cell[CY] * w * camera[1] + camera[3], w
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def cell_plane(cell, camera):
     """Return a, b, c of 1/z = a u + b v + c of a cell: n.p = n.center, divided by z and by n.center."""
     d = cell[NX] * cell[CX] + cell[NY] * cell[CY] + cell[NZ] * cell[CZ]
@@ -143,7 +143,7 @@ def cell_plane(cell, camera):
     return a, b, cell[NZ] / d - a * camera[2] - b * camera[3]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def plane_normal(a, b, c, camera):
     """Return the unit normal, towards the camera, of the plane 1/z = a u + b v + c."""
     nx, ny, nz = a * camera[0], b * camera[1], a * camera[2] + b * camera[3] + c
@@ -151,7 +151,7 @@ def plane_normal(a, b, c, camera):
     return nx / norm, ny / norm, nz / norm
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def solve3(m, a, b, c):
     """Solve the normal equations (uu, uv, u, vv, v, 1; uw, vw, w) of a plane by Cramer's rule on centred sums.
 
@@ -168,7 +168,7 @@ def solve3(m, a, b, c):
     return a, b, mw - a * mu - b * mv
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def classify(
     depth, cells, planes, count, member, camera, size, reach, noise, floor, bias, max_depth, inverse, kind, on
 ):  # fmt: skip
@@ -246,13 +246,13 @@ def classify(
                     on[v, u] = p if own else on[v, u]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def columns_of(length, size):
     """Return how many cells an image's side has, the last of them cut off where they do not fit in."""
     return (length + size - 1) // size
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def tell_far(depth, max_depth, inverse, kind, on):
     """Tell pixels without a reading, and those that are too far, from surfaces, none yet on a plane; see `classify`."""
     one, none = np.float32(1.0), np.float32(0.0)
@@ -267,7 +267,7 @@ def tell_far(depth, max_depth, inverse, kind, on):
             kind[v, u] = (FAR if z > max_depth else SURFACE) if z > none else NONE
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def bow_at(r, q, reach, member, off, bow, weight):
     """Write how far the cells around one lie off each plane, in the mean, and what weight they have; see `classify`."""
     rows, columns = member.shape

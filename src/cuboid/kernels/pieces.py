@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.tolerances import JUMP_SIGMAS
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def find_root(parent, a):
     """Return the root of a in a union-find forest, halving the path."""
     while parent[a] != a:
@@ -17,7 +17,7 @@ def find_root(parent, a):
     return a
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def label_regions(depth, assigned, noise, jump, parent, labels):
     """Number the 8-connected regions of pixels of one proposal whose depth is continuous.
 
@@ -80,7 +80,7 @@ def label_regions(depth, assigned, noise, jump, parent, labels):
     return number
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def measure_regions(labels, assigned, depth, readings, sizes, read, total, owner, corners):
     """Measure regions by their runs along the rows of the image: a sum in hand is faster than one in memory.
 
@@ -121,7 +121,7 @@ def measure_regions(labels, assigned, depth, readings, sizes, read, total, owner
                 box[0], box[1], box[2], box[3] = min(box[0], first), min(box[1], v), max(box[2], end - 1), v
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def judge_regions(labels, assigned, depth, readings, least, focal, major, deep, become, sizes, owner):
     """Tell which regions are one, and which are none.
 
@@ -174,7 +174,7 @@ def judge_regions(labels, assigned, depth, readings, least, focal, major, deep, 
             become[k] = 0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def gather_regions(
     labels, become, sizes, least, readings, heat, support, first, pixels, corners, claim, warmth, beneath
 ):

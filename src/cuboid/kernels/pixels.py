@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.tolerances import JUMP_M, SIGMAS
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def drop_mixed(depth, jump, out):
     """Copy depth without mixed (flying) pixels: readings between a nearer and a farther neighbour.
 
@@ -27,7 +27,7 @@ def drop_mixed(depth, jump, out):
             clean[u] = np.float32(0.0) if mixed else z
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def is_mixed(before, z, after, limit):
     """Tell whether a reading lies between a nearer and a farther neighbour, far from both."""
     near, far = before - z, z - after
@@ -35,7 +35,7 @@ def is_mixed(before, z, after, limit):
     return known & (near * far > 0.0) & (min(abs(near), abs(far)) > limit)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def assign_planes(
     depth, camera, T_grid_camera, planes_camera, numbers, ground, origin, cell, patches, patch, noise, floor, bias,
     max_depth, on_plane, support, seen,
@@ -108,7 +108,7 @@ def assign_planes(
             on_plane[v, u] = support[v, u] if best[u] == -np.inf else -1
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def lower(height, covered, plane, best, support):
     """Let pixels of a row over cells that a plane covers have it beneath them where it is higher than what they had."""
     # Without a branch: so one instruction takes several pixels.
@@ -118,7 +118,7 @@ def lower(height, covered, plane, best, support):
         best[u] = height[u] if (height[u] < best[u]) & (covered[u] > 0) else best[u]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def planes_by_cell(grounds, bits):
     """Return which planes cover each cell, (cells,) uint64: a bit for each, which may stand for another one too."""
     over = np.zeros(grounds.shape[1], np.uint64)
@@ -129,7 +129,7 @@ def planes_by_cell(grounds, bits):
     return over
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def planes_by_row(patches, rows, patch):
     """Return on which planes any patch of each row of patches lies, as `planes_by_cell` does, for rows of an image."""
     along = np.zeros((rows - 1) // patch + 1, np.uint64)
@@ -139,7 +139,7 @@ def planes_by_row(patches, rows, patch):
     return along
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def over_cells(depth, across, ry, T_grid_camera, origin, cell, wide, high, max_depth, place):
     """Tell over which cell, of wide x high, each reading of a row of the image is; -1 none. See `assign_planes`."""
     xx, xy, xz, x0 = T_grid_camera[0]
@@ -154,7 +154,7 @@ def over_cells(depth, across, ry, T_grid_camera, origin, cell, wide, high, max_d
         place[u] = np.int64(ix * high + iy) if inside else -1
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def heights_above(depth, across, ry, plane, noise, floor, bias, height):
     """Tell how high each reading of a row of the image is above a plane; see `assign_planes`.
 
@@ -168,7 +168,7 @@ def heights_above(depth, across, ry, plane, noise, floor, bias, height):
         height[u] = (-np.inf if abs(h) < limit else h) if h > -limit else np.inf
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def back_project(pixels, depth, camera, T, places):
     """Write where in the world pixels are.
 

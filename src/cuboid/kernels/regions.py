@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from numba import njit
-
+from cuboid.compiled import kernel
 from cuboid.kernels.segments import CREASE, NONE
 from cuboid.tolerances import JUMP_SIGMAS, LITTLE, SOME
 
@@ -19,7 +18,7 @@ BEFORE, HALF = 0.3, 0.4
 BACKGROUND = -1
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def measure_run(row, v, first, end, height, width, readings, inverse):
     """Add a run of pixels of an image row, up to before its end, to the measures of a segment.
 
@@ -37,7 +36,7 @@ def measure_run(row, v, first, end, height, width, readings, inverse):
     row[BORDER] += at_border
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def measure_row(v, kind, labels, inverse, segments, planes):
     """Add a row of the image to the measures of all that it shows; see `measure`."""
     height, width = labels.shape
@@ -59,7 +58,7 @@ def measure_row(v, kind, labels, inverse, segments, planes):
         measure_run(row, v, first, end, height, width, readings, total)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # a reading without end has 1/z = 0
+@kernel(error_model="numpy")  # a reading without end has 1/z = 0
 def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, weight, planes):
     """Measure each segment and large plane, and how strongly its outline parts it from what is around it.
 
@@ -110,7 +109,7 @@ def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, 
                     along_planes(a, b, wa, wb, limit, sure, planes)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def along_planes(a, b, wa, wb, limit, sure, planes):
     """Add a piece of outline between two labels, one of them a large plane's, with 1/z on either side."""
     if a < BACKGROUND:
@@ -119,7 +118,7 @@ def along_planes(a, b, wa, wb, limit, sure, planes):
         along_plane(planes[BACKGROUND - 1 - b], a, wb - wa, min(wa, wb), limit, sure)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def between(a, b, wa, wb, limit, creased, sure, segments, contact, weight):
     """Add a piece of outline between two labels, one of them a segment's, with 1/z on either side; see `measure`."""
     if a > 0:
@@ -152,7 +151,7 @@ def between(a, b, wa, wb, limit, creased, sure, segments, contact, weight):
         weight[b, a] += strength_b
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(error_model="numpy", inline="always")
 def along_plane(row, other, ahead, low, limit, sure):
     """Add a piece of a large plane's outline to its measures.
 

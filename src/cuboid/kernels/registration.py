@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.frame import Float32Array, Float64Array
 
 # Half the side of what a reading covers, in pixels of the depth image: a little more than half a pixel, since
@@ -19,7 +19,7 @@ NOISE_PER_M = 3 * 1.425e-3
 NEAREST_M = 0.02
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def project_depth(
     depth_m: Float32Array,
     rays: Float32Array,
@@ -59,7 +59,7 @@ def project_depth(
             uvz[r, c, 2] = depth
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def splat_depth(
     uvz: Float32Array, footprint: Float32Array, pixel: float, offset: Float32Array, out_m: Float32Array
 ) -> None:

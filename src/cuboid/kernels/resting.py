@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.kernels.extents import best_turn, reach
 from cuboid.tolerances import DRIFT_M, JUMP_M, LITTLE, MOST, SOME
 
@@ -29,7 +29,7 @@ ALIKE_M = 1e-9
 MIN_M = 1e-3
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fit_each(points, first, normals, offsets, fraction, directions, solvers, boxes):
     """Fit a box to each of several clouds of points that are believed alike.
 
@@ -50,7 +50,7 @@ def fit_each(points, first, normals, offsets, fraction, directions, solvers, box
         fit(points[own], trust[own], normals[k], offsets[k], fraction, directions, solvers, boxes[k])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def plane_axes(normal, axes):
     """Write two axes that make a right-handed frame with a unit normal (3,), and the normal: (3, 3), row by row."""
     x, y, z = normal[0], normal[1], normal[2]
@@ -63,7 +63,7 @@ def plane_axes(normal, axes):
     axes[2, 0], axes[2, 1], axes[2, 2] = x, y, z
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fit(points, weights, normal, offset, fraction, directions, solvers, box):
     """Fit the box of minimal footprint whose third axis is a plane's normal.
 
@@ -114,7 +114,7 @@ def fit(points, weights, normal, offset, fraction, directions, solvers, box):
     around(low, high, bottom[0], top[0], axes, directions, side[:sides], trust[:sides], box)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def around(low, high, bottom, top, axes, directions, side, trust, box):
     """Find the box of least footprint around what reaches from `low` to `high` in each direction.
 
@@ -141,7 +141,7 @@ def around(low, high, bottom, top, axes, directions, side, trust, box):
     turned(low, high, turn, bottom, top, axes, directions, box)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def turned(low, high, turn, bottom, top, axes, directions, box):
     """Write the box that is turned as direction number `turn` (0..Q-1) is; see `around`."""
     a, b = turn, turn + directions.shape[0] // 2
@@ -160,7 +160,7 @@ def turned(low, high, turn, bottom, top, axes, directions, box):
         box[k] = u * x + v * y + axes[2, k] * z
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def disc(low, high, directions, solvers):
     """Return centre and radius of the disc that a footprint shows a part of; a radius of 0 where it shows none.
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.tolerances import MIN_SIGMA_M, SIGMAS
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fit_axis(plan, layer, weights, rounds, center, radius, residual):
     """Fit one axis, and a radius a layer, to points of a surface: least squares of the distance, strays held down.
 
@@ -98,7 +98,7 @@ def fit_axis(plan, layer, weights, rounds, center, radius, residual):
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def widest_layer(distance, layer, weights, layers, least, rim):
     """Return the radius of the widest layer that has at least so much weight.
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.kernels.nearness import count_near
 from cuboid.tolerances import LITTLE, MIN_READINGS, MOST, SAMPLE
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def highest_rim(points, order, begins, ends, axes, gap):
     """Find the highest slab most of which is not beneath what is above it, and which is twice as wide, in plan.
 
@@ -44,7 +44,7 @@ def highest_rim(points, order, begins, ends, axes, gap):
     return -1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def plan_of(points, which, axes):
     """Return where some of points lie in plan, (M, 2) float32: all, or every so many-th where these are more."""
     which = which[:: 1 + len(which) // SAMPLE]
@@ -56,7 +56,7 @@ def plan_of(points, which, axes):
     return plan
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def longest(plan):
     """Return the direction in which points (N, 2) vary most."""
     x, y = plan[:, 0].astype(np.float64), plan[:, 1].astype(np.float64)
@@ -65,14 +65,14 @@ def longest(plan):
     return np.cos(angle), np.sin(angle)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def width(plan, x, y):
     """Return how far points (N, 2) reach in a direction, without those few that reach farthest on either side."""
     along = np.sort(plan[:, 0] * x + plan[:, 1] * y)
     return at_fraction(along, 1.0 - LITTLE) - at_fraction(along, LITTLE)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def at_fraction(along, fraction):
     """Return below what a fraction of sorted values lies, linear between two."""
     place = fraction * (len(along) - 1)

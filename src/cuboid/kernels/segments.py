@@ -7,8 +7,8 @@ and a disparity sensor's noise is the same everywhere in w.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.tolerances import JUMP_SIGMAS
 
 # Kinds of pixels: no reading, on a large plane, on another surface, too far away.
@@ -22,7 +22,7 @@ PLACE_BITS = 16
 COLUMN_MASK = (1 << PLACE_BITS) - 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def mark(inverse, kind, focal, noise, jump, arm, bend, smooth, marks):
     """Mark depth jumps between neighbours, and concave creases on surfaces.
 
@@ -72,7 +72,7 @@ def mark(inverse, kind, focal, noise, jump, arm, bend, smooth, marks):
             marks[v, u] |= CREASE if creased else 0
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def is_crease(smooth, here, away, w, reach, least):
     """Whether a surface lies behind the chord over it, from so many places before to as many after it."""
     # Unsigned: no index from the end.
@@ -81,14 +81,14 @@ def is_crease(smooth, here, away, w, reach, least):
     return near & (p + q - 2.0 * w > least)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def with_near(x, w, limit, total, n):
     """Add a neighbour on the same surface to the sum and the number of those."""
     near = (x > np.float32(0.0)) & (abs(x - w) < limit)
     return total + (x if near else np.float32(0.0)), n + (np.float32(1.0) if near else np.float32(0.0))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def mark_jumps(inverse, kind, noise, jump, smooth, marks):
     """Mark depth jumps between neighbours, and smooth surfaces; see `mark`."""
     height, width = inverse.shape
@@ -119,7 +119,7 @@ def mark_jumps(inverse, kind, noise, jump, smooth, marks):
             marks[v, u] = (RIGHT if right else 0) | (DOWN if down else 0)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def jumps(before, here, there, after, limit):
     """Whether depth jumps from here to there, and the step does not go on as the surface on either side does."""
     step = abs(here - there)
@@ -130,7 +130,7 @@ def jumps(before, here, there, after, limit):
     return far & ~(as_before | as_after)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def linked(kind, marks, v, u, vv, uu):
     """Whether two 4-neighbours lie on one surface."""
     if kind[vv, uu] != SURFACE:
@@ -140,7 +140,7 @@ def linked(kind, marks, v, u, vv, uu):
     return (marks[min(v, vv), u] & DOWN) == 0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def label_surfaces(kind, marks, least, most, labels, queue):
     """Number the segments: surface patches between jumps and creases.
 
@@ -182,7 +182,7 @@ def label_surfaces(kind, marks, least, most, labels, queue):
     return last
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cores(kind, marks):
     """Return the pixels (H, W) of surfaces that neither a jump nor a crease touches, 1 or 0."""
     height, width = kind.shape
@@ -198,7 +198,7 @@ def cores(kind, marks):
     return core
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def label_cores(kind, marks, core, least, labels, queue, limit):
     """Number the cores of surfaces, at most so many; return the last number. What is no core of one is none anymore."""
     height, width = kind.shape
@@ -217,7 +217,7 @@ def label_cores(kind, marks, core, least, labels, queue, limit):
     return last
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def grow_back(kind, marks, labels, queue):
     """Let all cores grow at once into what is linked to them."""
     height, width = kind.shape
@@ -241,7 +241,7 @@ def grow_back(kind, marks, labels, queue):
                 tail += 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def flood(kind, marks, core, cores_only, v0, u0, label, labels, queue):
     """Label what is linked to a pixel; return how many pixels the queue lists."""
     height, width = kind.shape

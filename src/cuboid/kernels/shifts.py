@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.tolerances import MIN_SIGMA_M
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def shift_means(places, weight, reach_m, mean, near):
     """Move places again and again to the weighted mean of those within reach, until none moves by more than 1 mm.
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.kernels.extents import ends_at
 from cuboid.kernels.overlap import BATCH, SLACK_M
 from cuboid.tolerances import DRIFT_M, SIGMAS
@@ -13,7 +13,7 @@ from cuboid.tolerances import DRIFT_M, SIGMAS
 NEAREST_M = DRIFT_M
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def count_seen(
     points, colors, ends, feet, numbers, depth, color, slots, owner, camera, T, noise, agree, alike, counts, corners
 ):  # fmt: skip
@@ -100,7 +100,7 @@ def count_seen(
         begin = ends[k]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def pictured(points, foot, T, camera, places):
     """Tell where in the picture points (N, 3) are, and then where below them every other one stands; see `count_seen`.
 
@@ -125,7 +125,7 @@ def pictured(points, foot, T, camera, places):
         zs[i] = ahead
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def may_be_in_frustum(bounds, T, camera, width, height, far):
     """Tell whether any box within bounds (7,), see `overlap.bound`, may reach into a picture; as `boxes_in_frustum`."""
     if bounds[0] > bounds[3]:
@@ -147,7 +147,7 @@ def may_be_in_frustum(bounds, T, camera, width, height, far):
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def boxes_in_frustum(boxes, bounds, T_camera_world, camera, width, height, far, found):
     """Find the boxes that reach into a picture with their bounding spheres.
 

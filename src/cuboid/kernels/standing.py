@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from numba import njit
-
+from cuboid.compiled import kernel
 from cuboid.tolerances import JUMP_SIGMAS, SIGMAS
 
 # Columns of `bounds`: what lies across the outline of a piece, beside the planes that it touches.
@@ -13,7 +12,7 @@ KINDS = len((FREE, HIDDEN, BORDER, CONTACT))
 SURFACE, NOTHING = range(-1, -3, -1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def lie_on(depth, camera, planes, noise, floor, bias, max_depth, on):
     """Find the plane that each reading lies on.
 
@@ -52,7 +51,7 @@ def lie_on(depth, camera, planes, noise, floor, bias, max_depth, on):
                     on[v, u] = p
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def label_pieces(depth, on, noise, jump, labels, queue):
     """Number the connected pieces of surface that lie on no plane, cut at depth jumps.
 
@@ -100,7 +99,7 @@ def label_pieces(depth, on, noise, jump, labels, queue):
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def bounds(depth, on, labels, noise, jump, reach, touches, others):
     """Count what lies across the outline of each piece: a plane that it touches, or something else.
 

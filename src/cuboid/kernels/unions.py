@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.kernels.regions import BORDER, BOTTOM, INVERSE, LEFT, OUTLINE, PIXELS, READINGS, RIGHTMOST, STRENGTH, TOP
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def join(segments, contact, weight, count, focal, largest, members, found, parts):
     """Join neighbouring segments step by step, the weakest outline first, and keep all unions on the way.
 
@@ -79,7 +79,7 @@ def join(segments, contact, weight, count, focal, largest, members, found, parts
         n += 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def pair(segments, contact, weight, count, focal, largest, n, members, found, parts):
     """Add the unions of two neighbouring segments that `join` did not come by.
 
@@ -123,7 +123,7 @@ def pair(segments, contact, weight, count, focal, largest, n, members, found, pa
     return n
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def distinct(order, members, pixels, weight, same, kept):
     """Choose regions, the best first, without those that are nearly the same as a better one.
 
@@ -169,7 +169,7 @@ def distinct(order, members, pixels, weight, same, kept):
     return n
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def unite(one, other, shared, strength, union):
     """Measure the union of two segments, which may be one of them.
 
@@ -193,14 +193,14 @@ def unite(one, other, shared, strength, union):
     union[BORDER] = one[BORDER] + other[BORDER]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def extent(row, focal):
     """Return the longer side of a segment's rectangle at its mean depth, metres."""
     side = max(row[RIGHTMOST] - row[LEFT], row[BOTTOM] - row[TOP]) + 1.0
     return side * row[READINGS] / (row[INVERSE] * focal)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def can_join(one, other, focal, largest):
     """Whether a union would be no larger than an object, across and in depth."""
     z1, z2 = one[READINGS] / one[INVERSE], other[READINGS] / other[INVERSE]
@@ -211,7 +211,7 @@ def can_join(one, other, focal, largest):
     return (max(across, down) + 1.0) * 0.5 * (z1 + z2) / focal <= largest
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cut_masks(labels, members, chosen, boxes, masks):
     """Write the masks of regions, each cropped to its rectangle, one after the other.
 

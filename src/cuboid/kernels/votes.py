@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.tolerances import MIN_READINGS
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def weigh(
     depth, candidate, boxes, scores, masks, rectangles, starts, step, phase, focal, low_m, high_m, covered, weights
 ):  # fmt: skip
@@ -88,7 +88,7 @@ def weigh(
         weights[k] = scores[k] * fit / readings
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def accumulate_heat(rectangles, starts, covered, weights, heat):
     """Add each proposal's weight to the candidates that it covers; see `weigh` for the parameters."""
     for k in range(weights.size):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.kernels.cubes import (
     BLOCK_BITS,
     BLOCK_ROWS,
@@ -36,14 +36,14 @@ MAX_HITS = 65535
 LAST_CUBES = 64
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def running_mean(part, parts, weight_of_pixel, to):
     """Return a mean that is kept in so many parts of 1, after a sighting with a weight of `weight_of_pixel`."""
     old = part + 0.5
     return np.uint16(min(np.int64(old + weight_of_pixel * (to * parts - old)), 65535))
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def pixel_weights(depth, heat, v, frame, turn, max_depth, pixel_weight):
     """Subsample a row of the image: how many pixels each one represents; 0 where another one, in turn, represents it.
 
@@ -62,7 +62,7 @@ def pixel_weights(depth, heat, v, frame, turn, max_depth, pixel_weight):
         pixel_weight[u] = weight_of_pixel if (z > 0.0) & (z <= max_depth) else 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def likely_rows(count, cube_in, voxel_of, cubes, voxels, likely):
     """Look up the row of each voxel where it is at its first place in its cube's table, else -1.
 
@@ -74,7 +74,7 @@ def likely_rows(count, cube_in, voxel_of, cubes, voxels, likely):
         likely[k] = likely[k] if likely[k] >= 0 and voxels[likely[k]] == voxel_of[k] else -1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, turn, anchor, level, cubes, points, slots):
     """Fuse a frame's points into the map: a weighted running mean of place, color and heat a voxel.
 
@@ -184,7 +184,7 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, turn, anchor,
             changed[row >> BLOCK_BITS] = True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def carve_free_space(which, depth, camera, T_camera_world, noise, margin, step, voxel_m, cubes, points):
     """Carve free space: count the rays that pass the points of some cubes; remove those passed more often than hit.
 
@@ -230,7 +230,7 @@ def carve_free_space(which, depth, camera, T_camera_world, noise, margin, step, 
                     cubes.dead[cube] += 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def pack(cube, cubes, rows, points):
     """Let all rows of a cube live, in their order; those that get free are zeros.
 

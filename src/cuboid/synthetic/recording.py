@@ -18,6 +18,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -137,7 +138,7 @@ def render_recording(
     force : bool
         Whether a made recording that lies at `path` may be replaced.
     progress : callable, optional
-        Called with the number of frames done and of all.
+        Called with the number of frames done, from 0, and of all.
 
     Returns
     -------
@@ -163,6 +164,8 @@ def render_recording(
         (work / "color").mkdir()
         (work / "depth").mkdir()
         done: list[_Done] = []
+        if progress is not None:
+            progress(0, scene.frames)
         with _results(partial(_Renderer, scene, intrinsics, sensor, work), scene.frames, workers) as results:
             for result in results:
                 done.append(result)
@@ -245,13 +248,18 @@ def _render(frame: int) -> _Done:
 
 @contextmanager
 def _results(make: Callable[[], _Renderer], frames: int, workers: int) -> Iterator[Iterator[_Done]]:
-    """Give the rendered frames in order."""
+    """Give the rendered frames in order.
+
+    The first is rendered here: it compiles the kernels, and the workers load them.
+    """
+    render = make()
     if workers <= 1:
-        yield map(make(), range(frames))
+        yield map(render, range(frames))
         return
+    first = render(0)
     with ProcessPoolExecutor(workers, get_context("spawn"), _begin, (make,)) as pool:
         try:
-            yield pool.map(_render, range(frames), chunksize=4)
+            yield chain([first], pool.map(_render, range(1, frames), chunksize=4))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise

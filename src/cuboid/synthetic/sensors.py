@@ -20,8 +20,8 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.frame import Float32Array, Intrinsics
 
 Sensor = Callable[[Float32Array, Float32Array, Intrinsics, np.random.Generator], Float32Array]
@@ -174,7 +174,7 @@ def _within(
     return np.where(kept, measured, 0).astype(np.float32)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def projector_shadow(depth_m: Float32Array, disparity_at_1_m: float, shadow: Mask) -> None:
     """Mark the pixels that a projector right of the camera does not reach.
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from cuboid.compiled import kernel
 from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.synthetic.material import Material, linear
 from cuboid.synthetic.raycast import SHADOW_BIAS_M, Hits, RayCaster
@@ -99,7 +99,7 @@ def _lit_fraction(
     return (lit / np.float32(len(look.lamp))).reshape(points.shape[:2])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _noise_at(noise: Float32Array, x: float, y: float, z: float) -> float:  # pragma: no cover (compiled)
     """Interpolate the periodic noise of a 32 x 32 x 32 lattice, 0..1."""
     fx, fy, fz = np.floor(x), np.floor(y), np.floor(z)
@@ -116,14 +116,14 @@ def _noise_at(noise: Float32Array, x: float, y: float, z: float) -> float:  # pr
     return float(low * (1 - c) + high * c)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _cell(noise: Float32Array, x: float, y: float, z: float) -> float:  # pragma: no cover (compiled)
     """Return a number 0..1 that is one for each cell of the unit lattice."""
     i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
     return float(noise[(i * 7 + j * 3) & 31, (j * 11 + k * 5) & 31, (k * 13 + i) & 31])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _second_fraction(
     noise: Float32Array, texture: int, x: float, y: float, z: float
 ) -> float:  # pragma: no cover (compiled)
@@ -140,7 +140,8 @@ def _second_fraction(
         return float(0.65 * ring + 0.35 * _noise_at(noise, x * 0.8, y * 9.0, z * 9.0))
     if texture == 4:  # marble
         coarse = _noise_at(noise, x, y, z)
-        return min(max(0.7 * coarse + 0.5 * _noise_at(noise, x * 2.7 + 5, y * 2.7, z * 2.7) - 0.1, 0.0), 1.0)
+        veins: float = 0.7 * coarse + 0.5 * _noise_at(noise, x * 2.7 + 5, y * 2.7, z * 2.7)
+        return min(max(veins - 0.1, 0.0), 1.0)
     if texture == 5:  # bands with print
         band = int(np.floor(z))
         tone = _cell(noise, 3.0, band + 0.5, 11.0)
@@ -158,7 +159,7 @@ def _second_fraction(
     return 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _smooth_lit(lit: Float32Array, part: npt.NDArray[np.int32], r: int, c: int) -> float:  # pragma: no cover (compiled)
     """Spread the lamp's fraction from the pixels that have it to their neighbours on the same part."""
     total, weight = 0.0, 1e-6
@@ -171,7 +172,7 @@ def _smooth_lit(lit: Float32Array, part: npt.NDArray[np.int32], r: int, c: int) 
     return total / weight
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _places(
     depth_m: Float32Array,
     face: npt.NDArray[np.int32],
@@ -205,7 +206,7 @@ def _places(
             cosine[r, c] = -along / length / np.sqrt(x * x + y * y + h * h)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _colors(
     part: npt.NDArray[np.int32],
     points: Float32Array,

@@ -1,0 +1,38 @@
+"""`cuboid compile`: compiles the kernels ahead of the first run."""
+
+from __future__ import annotations
+
+import argparse
+
+EXAMPLE = "cuboid compile"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    from cuboid.cli.results import add_results
+
+    add_results(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compile, and say where the kernels are kept."""
+    from cuboid.cli.progress import counting
+    from cuboid.cli.results import give
+    from cuboid.cli.threads import limit_threads
+
+    limit_threads(1)
+    from cuboid.warmup import compile_kernels
+
+    with counting("tracking a made recording") as progress:
+        compile_kernels(progress)
+    from cuboid.compiled import KERNELS
+    from cuboid.compiletime import compiling_s
+    from cuboid.kernelcache import cache_folder
+
+    done = sum(kernel.cache.compiled for kernel in KERNELS.values())
+    there = sum(kernel.cached for kernel in KERNELS.values())
+    folder, seconds = str(cache_folder()), compiling_s()
+    document = {"compiled": done, "seconds": seconds, "cached": there, "kernels": len(KERNELS), "folder": folder}
+    line = f"{done} kernels compiled in {seconds:.0f} s; {there} of {len(KERNELS)} are in {folder}"
+    give(args, document, lambda: print(line))
+    return 0

@@ -1,0 +1,211 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from cuboid import compiletime, kernelcache
+from cuboid.compiled import KERNELS
+from cuboid.kernelcache import KEPT_VERSIONS, UNUSED_S, cache_folder, prune
+from cuboid.kernelstamp import stamp_of
+
+SOURCE = """
+from typing import NamedTuple
+import numpy as np
+from cuboid.compiled import kernel
+
+FACTOR = 2.0
+TABLE = np.array([1, 2])
+
+class Pair(NamedTuple):
+    first: object
+    second: object
+
+@kernel(inline="always")
+def inlined(x):
+    return x + 1.0
+
+@kernel
+def called(x):
+    return FACTOR * inlined(x)
+
+@kernel
+def outer(x):
+    '''Doc.'''
+    return called(x) + TABLE[0]
+
+@kernel
+def other(pair):
+    return pair.first - pair.second
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Return an empty folder of compiled kernels."""
+    monkeypatch.setenv(kernelcache.VARIABLE, str(tmp_path / "kernels"))
+    cache_folder.cache_clear()
+    yield tmp_path / "kernels"
+    cache_folder.cache_clear()
+
+
+def module(source: str = SOURCE, *changes: tuple[str, str]) -> Any:
+    """Return a module as a new process would import it."""
+    for before, after in changes:
+        assert before in source
+        source = source.replace(before, after)
+    made = ModuleType("made_kernels")
+    made.__spec__ = sys.__spec__
+    sys.modules["made_kernels"] = made
+    exec(compile(source, "made_kernels.py", "exec"), made.__dict__)
+    return made
+
+
+def stamps(*changes: tuple[str, str]) -> dict[str, str]:
+    """Return the stamp of each kernel of the source, changed or not."""
+    made = module(SOURCE, *changes)
+    kernels = (made.called, made.outer, made.other)
+    return {one.py_func.__name__: stamp_of(one.py_func, one.targetoptions) for one in kernels}
+
+
+@pytest.mark.parametrize(
+    ("change", "changed"),
+    [
+        (("FACTOR = 2.0", "FACTOR = 3.0"), {"called", "outer"}),
+        (("FACTOR = 2.0", "FACTOR = 2"), {"called", "outer"}),
+        (("x + 1.0", "x + 1.5"), {"called", "outer"}),
+        (("[1, 2]", "[1, 3]"), {"outer"}),
+        (("[1, 2]", "[1.0, 2]"), {"outer"}),
+        (("pair.first - pair.second", "pair.second - pair.first"), {"other"}),
+        (("@kernel\ndef called", "@kernel(error_model='numpy')\ndef called"), {"called", "outer"}),
+        (("Doc.", "Another."), set()),
+        (("FACTOR = 2.0", "# A comment.\n\nFACTOR = 2.0"), set()),
+    ],
+)
+def test_a_stamp_changes_with_all_that_a_kernel_is_made_of_and_with_nothing_else(
+    change: tuple[str, str], changed: set[str]
+) -> None:
+    before, after = stamps(), stamps(change)
+    assert {name for name in before if before[name] != after[name]} == changed
+
+
+def test_a_kernel_may_not_use_a_module_of_ours() -> None:
+    made = module("from cuboid import tolerances\n" + SOURCE, ("pair.first -", "tolerances.SOME -"))
+    with pytest.raises(TypeError, match=r"made_kernels\.other: tolerances: a kernel uses a module"):
+        stamp_of(made.other.py_func, {})
+
+
+def compiled(name: str) -> bool:
+    return KERNELS[f"made_kernels.{name}"].cache.compiled
+
+
+def test_an_edited_constant_is_never_answered_from_the_cache_and_the_rest_stays_compiled(folder: Path) -> None:
+    made = module()
+    assert (made.outer(1.0), made.other(made.Pair(3.0, 2.0))) == (5.0, 1.0)
+    assert compiled("outer")
+    assert compiled("other")
+    made = module(SOURCE, ("FACTOR = 2.0", "FACTOR = 3.0"))
+    assert (made.outer(1.0), made.other(made.Pair(3.0, 2.0))) == (7.0, 1.0)
+    assert compiled("outer")
+    assert not compiled("other")
+    made = module()  # the edit is taken back
+    assert made.outer(1.0) == 5.0
+    assert not compiled("outer")
+
+
+def test_the_order_of_a_named_tuples_fields_counts(folder: Path) -> None:
+    made = module()
+    assert made.other(made.Pair(3.0, 2.0)) == 1.0
+    made = module(SOURCE, ("    first: object\n    second: object", "    second: object\n    first: object"))
+    assert made.other(made.Pair(3.0, 2.0)) == -1.0
+
+
+def test_a_damaged_file_is_compiled_again(folder: Path) -> None:
+    module().outer(1.0)
+    for path in folder.iterdir():
+        path.write_bytes(path.read_bytes()[:-20] if path.suffix == ".nbc" else b"\x80")
+    made = module()
+    assert made.outer(1.0) == 5.0
+    assert compiled("outer")
+    made = module()
+    assert made.outer(1.0) == 5.0
+    assert not compiled("outer")
+
+
+def test_a_cache_that_cannot_be_written_ends_no_run(tmp_path: Path, folder: Path) -> None:
+    folder.write_text("a file where the folder should be")
+    assert module().outer(1.0) == 5.0
+
+
+def test_old_files_are_removed(folder: Path) -> None:
+    folder.mkdir()
+    ages_s = {"a.f-new": 0.0, "b.g-unused": UNUSED_S + 60.0, "b.g-used": UNUSED_S - 60.0}
+    ages_s |= {f"a.f-{age}": 3600.0 * age for age in range(1, KEPT_VERSIONS + 3)}
+    newest = cache_time(folder)
+    for name, age_s in ages_s.items():
+        for path in (folder / f"{name}.nbi", folder / f"{name}.1.nbc"):
+            path.touch()
+            os.utime(path, (newest - age_s, newest - age_s))
+    prune("a.f", folder / "a.f-new.nbi")
+    kept = {"a.f-new", "b.g-used", *(f"a.f-{age}" for age in range(1, KEPT_VERSIONS + 1))}
+    assert {path.name for path in folder.iterdir()} == {f"{name}.{end}" for name in kept for end in ("nbi", "1.nbc")}
+
+
+def cache_time(folder: Path) -> float:
+    """Return the time of the file system, now."""
+    probe = folder / "probe"
+    probe.touch()
+    now_s = probe.stat().st_mtime
+    probe.unlink()
+    return now_s
+
+
+def test_the_working_clock_stands_still_while_kernels_compile(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s = 100.0
+    monkeypatch.setattr(compiletime.time, "perf_counter", lambda: now_s)
+    begun_s, compiled_s = compiletime.working_s(), compiletime.compiling_s()
+    now_s += 1.0
+    compiletime.begin()
+    now_s += 5.0
+    compiletime.begin()  # a kernel that the first one calls
+    now_s += 2.0
+    assert compiletime.working_s() - begun_s == pytest.approx(1.0)
+    compiletime.end()
+    compiletime.end()
+    now_s += 0.5
+    assert compiletime.working_s() - begun_s == pytest.approx(1.5)
+    assert compiletime.compiling_s() - compiled_s == pytest.approx(7.0)
+
+
+def test_compiling_a_kernel_is_timed_and_told(folder: Path) -> None:
+    told: list[bool] = []
+    before_s = compiletime.compiling_s()
+    with compiletime.listening(lambda: told.append(compiletime.compiling())):
+        module().outer(1.0)
+    assert told[0]
+    assert not told[-1]
+    assert compiletime.compiling_s() > before_s
+
+
+# Kernels that only scenes of an earlier format need.
+NOT_WARMED_UP = {"allocate_rows"}
+
+WARM_UP = """
+from cuboid.warmup import compile_kernels
+compile_kernels()
+from cuboid.compiled import KERNELS
+assert len(KERNELS) > 100
+print(*sorted(kernel.function.__name__ for kernel in KERNELS.values() if not kernel.cached))
+"""
+
+
+def test_the_warm_up_compiles_all_kernels_of_tracking() -> None:
+    done = subprocess.run([sys.executable, "-c", WARM_UP], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert set(done.stdout.split()) <= NOT_WARMED_UP
