@@ -1,17 +1,32 @@
+"""Progress on a terminal and without one, and how far compiling is."""
+
 from __future__ import annotations
 
 import io
-from pathlib import Path
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
 from rich.console import Console
 
+from cuboid import compiled, compiletime
 from cuboid.cli import progress as module
-from cuboid.cli.kernels import Kernel
-from cuboid.cli.progress import COMPILING, LineProgress, TerminalProgress
+from cuboid.cli.compile_progress import COMPILING, CompileCount, about_left
+from cuboid.cli.progress import LineProgress, TerminalProgress
 from cuboid.results import FrameResult
 from fakes import INTRINSICS, FakeRecording, FakeTracker
+
+
+@dataclass
+class FakeCache:
+    compiled: bool = False
+
+
+@dataclass
+class FakeKernel:
+    cached: bool = False
+    size: int = 100
+    cache: FakeCache = field(default_factory=FakeCache)
 
 
 def results(count: int) -> list[FrameResult]:
@@ -19,8 +34,7 @@ def results(count: int) -> list[FrameResult]:
     return [tracker.update(recording.read(i)) for i in range(count)]
 
 
-def test_the_bar_shows_frames_rate_and_objects(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "loaded_kernels", list)
+def test_the_bar_shows_frames_rate_and_objects() -> None:
     screen = io.StringIO()
     with TerminalProgress(Console(file=screen, force_terminal=True, width=120)) as bar:
         bar.start(4)
@@ -33,22 +47,54 @@ def test_the_bar_shows_frames_rate_and_objects(monkeypatch: pytest.MonkeyPatch) 
     assert COMPILING not in shown
 
 
-def test_compiling_is_said_where_kernels_are_not_cached(
+def test_compiling_is_counted_on_the_terminal_and_in_lines(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(module, "loaded_kernels", lambda: [Kernel("k", False, Path())])
+    kernels = {str(k): FakeKernel() for k in range(4)}
+    monkeypatch.setattr(compiled, "KERNELS", kernels)
     screen = io.StringIO()
-    with TerminalProgress(Console(file=screen, force_terminal=True, width=120)) as bar:
-        bar.start(4)
-    assert COMPILING in screen.getvalue()
-    LineProgress().start(4)
-    assert COMPILING in capsys.readouterr().err
+    for bar in (TerminalProgress(Console(file=screen, force_terminal=True, width=120)), LineProgress()):
+        with bar:
+            bar.start(4)
+            for kernel in kernels.values():
+                kernel.cache.compiled = False
+            compiletime.begin()
+            kernels["0"].cache.compiled = True
+            compiletime.end()
+            compiletime.begin()
+            compiletime.end()
+    assert f"{COMPILING} 1 of 4" in screen.getvalue()
+    assert f"{COMPILING} 2 of 4" in screen.getvalue()
+    assert f"cuboid: {COMPILING} 1 of 4" in capsys.readouterr().err
+
+
+def test_no_total_is_given_while_most_kernels_are_compiled_already(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiled, "KERNELS", {str(k): FakeKernel(cached=k > 0) for k in range(4)})
+    count = CompileCount()
+    assert count.text() == ""
+    compiletime.begin()
+    try:
+        assert count.text() == COMPILING
+    finally:
+        compiletime.end()
+
+
+@pytest.mark.parametrize(
+    ("spent_s", "left", "words"),
+    [
+        (4.0, 9.0, ""),
+        (10.0, 1.1, ", about 15 s left"),
+        (30.0, 3.0, ", about 90 s left"),
+        (60.0, 2.0, ", about 2 min left"),
+    ],
+)
+def test_the_time_left_is_told_once_it_can_be_estimated(spent_s: float, left: float, words: str) -> None:
+    assert about_left(spent_s, left) == words
 
 
 def test_without_a_terminal_a_line_now_and_then(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(module, "loaded_kernels", list)
     clock = iter(np.arange(0.0, 1000.0, 1.5))
     monkeypatch.setattr(module.time, "perf_counter", lambda: next(clock))
     with LineProgress() as lines:
