@@ -41,9 +41,8 @@ from cuboid.scene import Scene
 from cuboid.scene.database import open_to_read
 from cuboid.scene.localisation import ESTIMATED
 from cuboid.scene.running import IntoScene
-from cuboid.scene.visit import load
+from cuboid.scene.saving import load_state
 from cuboid.synthetic import make_visits, render_visits
-from cuboid.tracker import Tracker
 from scenes import SIZE, MadeScene, made, scene_01, source_digest
 from tables import dump, show
 
@@ -190,7 +189,7 @@ def places(args: argparse.Namespace) -> None:
 def _shown(scene: Path, recording: Recording) -> int:
     """Return how many frames of a recording, spread over it, are taken for a place of a scene, each begun lost."""
     with closing(open_to_read(scene)) as connection:
-        tracker, poses = load(connection, Tracker(recording.intrinsics))
+        tracker, poses = load_state(connection, recording.intrinsics)
     count = 0
     for index in np.linspace(0, len(recording) - 1, SHOWN).astype(int).tolist():
         poses.begin(ESTIMATED, first=False)
