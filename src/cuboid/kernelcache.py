@@ -49,7 +49,7 @@ def _candidates() -> Iterator[Path]:
     home = os.path.expanduser("~")
     if os.path.isabs(home):
         yield Path(home, ".cache", "cuboid", "kernels")
-    yield Path(tempfile.gettempdir(), f"cuboid-kernels-{os.getuid()}")
+    yield Path(tempfile.gettempdir(), f"cuboid-kernels-{os.getuid()}" if hasattr(os, "getuid") else "cuboid-kernels")
 
 
 def _own(folder: Path) -> bool:
@@ -60,8 +60,12 @@ def _own(folder: Path) -> bool:
         found = folder.lstat()
     except OSError:
         return False
-    mine = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
-    return mine and _writable(folder)
+    return stat.S_ISDIR(found.st_mode) and _private(found) and _writable(folder)
+
+
+def _private(found: os.stat_result) -> bool:
+    """Tell whether only this user can write; on Windows the folders of a user's profile are private."""
+    return not hasattr(os, "getuid") or (found.st_uid == os.getuid() and not found.st_mode & 0o022)
 
 
 def _writable(folder: Path) -> bool:

@@ -40,14 +40,14 @@ def project_depth(
     K_color : (4,) float64
         fx, fy, cx, cy of the color image.
     uvz : (H, W, 3) float32
-        Written: column, row, and depth from the color camera; depth 0 where there is none.
+        Written: column, row, and depth from the color camera; all 0 where there is none.
     """
     T = T_color_depth
     fx, fy, cx, cy = K_color
     for r in range(depth_m.shape[0]):
         for c in range(depth_m.shape[1]):
             z = depth_m[r, c]
-            uvz[r, c, 2] = 0.0
+            uvz[r, c, 0] = uvz[r, c, 1] = uvz[r, c, 2] = 0.0
             if not z > 0:
                 continue
             x, y = rays[r, c, 0] * z, rays[r, c, 1] * z
