@@ -117,7 +117,26 @@ def peak_memory_mb() -> float:
         for line in status.read_text().splitlines():
             if line.startswith("VmHWM:"):
                 return int(line.split()[1]) / 1024.0
-    import resource
+    return _peak_mb()
 
-    unit = 2**20 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+
+if sys.platform == "win32":
+
+    def _peak_mb() -> float:
+        """Ask Windows for PROCESS_MEMORY_COUNTERS: two numbers of 32 bits, then sizes, the peak first."""
+        import ctypes
+
+        counters = (ctypes.c_size_t * 9)()
+        kernel32 = ctypes.WinDLL("kernel32")
+        kernel32.GetCurrentProcess.restype = ctypes.c_void_p
+        kernel32.K32GetProcessMemoryInfo.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32]
+        kernel32.K32GetProcessMemoryInfo(kernel32.GetCurrentProcess(), counters, ctypes.sizeof(counters))
+        return counters[1] / 2**20
+
+else:
+
+    def _peak_mb() -> float:
+        import resource
+
+        unit = 2**20 if sys.platform == "darwin" else 1024
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit

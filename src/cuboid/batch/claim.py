@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
-import os
 import secrets
 import threading
 import time
@@ -13,6 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from cuboid.errors import CuboidError
+from cuboid.locks import lock_file, release
 from cuboid.outputs.folder import writing
 from cuboid.store.place import Place
 
@@ -51,33 +50,26 @@ def claimed(place: Place, waiting: Callable[[], None]) -> Iterator[None]:
 
 @contextmanager
 def _file_lock(store: Path, waiting: Callable[[], None]) -> Iterator[None]:
-    handle = _locked(store, waiting)
+    handle = _locked(store / LOCK, waiting)
     try:
         yield
     finally:
-        with suppress(OSError):  # nothing was done: leave no folder
-            if os.listdir(store) == [LOCK]:
-                (store / LOCK).unlink()
-                store.rmdir()
-        os.close(handle)
+        release(handle, store / LOCK)
+        with suppress(OSError):  # the store is empty where nothing was done; else it stays
+            store.rmdir()
 
 
-def _locked(store: Path, waiting: Callable[[], None]) -> int:
-    """Return a handle of the lock's file; it is locked until the handle is closed."""
+def _locked(path: Path, waiting: Callable[[], None]) -> int:
+    """Return the handle of the lock's file once it is locked."""
+    called = False
     while True:
-        with writing(store / LOCK):
-            store.mkdir(parents=True, exist_ok=True)
-            handle = os.open(store / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
-        with suppress(OSError):  # a file system without locks
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                waiting()
-                fcntl.flock(handle, fcntl.LOCK_EX)
-        with suppress(FileNotFoundError):
-            if os.fstat(handle).st_ino == (store / LOCK).stat().st_ino:
-                return handle
-        os.close(handle)  # the holder before has just removed the file
+        with writing(path), suppress(BlockingIOError, FileNotFoundError):  # held; or removed with its folder just now
+            path.parent.mkdir(parents=True, exist_ok=True)
+            return lock_file(path)
+        if not called:
+            waiting()
+            called = True
+        time.sleep(POLL_S)
 
 
 @contextmanager

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Sequence
-from typing import Any, Protocol
+from io import RawIOBase
+from typing import Any, Protocol, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -43,10 +43,10 @@ class BlockStore(Protocol):
 
 
 class TemporaryBlockStore:
-    """A file that has no name and is gone with the process."""
+    """A temporary file, which is gone with the process."""
 
     def __init__(self) -> None:
-        self._file: int | None = None
+        self._file: RawIOBase | None = None
 
     def takes(self, blocks: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
         """Tell which blocks (N,) may be put here now: all."""
@@ -56,23 +56,24 @@ class TemporaryBlockStore:
         """Keep the rows (N,) of a block; raises OutputError where the disk is full."""
         try:
             if self._file is None:
-                self._file, name = tempfile.mkstemp(prefix="cuboid-map-")
-                os.unlink(name)
-            data, at = memoryview(rows.tobytes()), block * BLOCK_BYTES
+                file = tempfile.TemporaryFile(prefix="cuboid-map-", buffering=0)  # noqa: SIM115 as long as the map
+                self._file = cast(RawIOBase, file)
+            data = memoryview(rows.tobytes())
+            self._file.seek(block * BLOCK_BYTES)
             while len(data):
-                written = os.pwrite(self._file, data, at)
-                data, at = data[written:], at + written
+                data = data[self._file.write(data) :]
         except OSError as error:
             raise OutputError(f"{tempfile.gettempdir()}: parts of the map cannot be evicted: {error}") from error
 
     def get(self, blocks: Sequence[int], counts: Sequence[int]) -> list[Rows]:
         """Return the rows of blocks that have so many."""
-        assert self._file is not None or not blocks
-        return [
-            np.frombuffer(os.pread(self._file or 0, count * ROW.itemsize, block * BLOCK_BYTES), ROW)
-            for block, count in zip(blocks, counts, strict=True)
-        ]
+        return [self._read(block, count) for block, count in zip(blocks, counts, strict=True)]
+
+    def _read(self, block: int, count: int) -> Rows:
+        assert self._file is not None, "only blocks that were put are read"
+        self._file.seek(block * BLOCK_BYTES)
+        return np.frombuffer(self._file.read(count * ROW.itemsize) or b"", ROW)
 
     def __del__(self) -> None:
         if self._file is not None:
-            os.close(self._file)
+            self._file.close()

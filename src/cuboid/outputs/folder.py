@@ -13,7 +13,6 @@ A working folder is locked while its run lives, so that those of killed runs can
 from __future__ import annotations
 
 import errno
-import fcntl
 import glob
 import os
 import secrets
@@ -25,6 +24,7 @@ from pathlib import Path
 from types import TracebackType
 
 from cuboid.errors import OutputError
+from cuboid.locks import lock_folder, release
 from cuboid.paths import PathLike, as_path
 
 RUN = "run.json"
@@ -102,7 +102,7 @@ class ResultFolder:
             _remove_abandoned(place, self._real.name)
             self._working = place / f".{self._real.name}.{secrets.token_hex(4)}.partial"
             self._working.mkdir()
-            self._lock = _locked(self._working)
+            self._lock = lock_folder(self._working)
 
     def _refuse(self, force: bool) -> None:
         if self._replace and not force:
@@ -117,7 +117,7 @@ class ResultFolder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         shutil.rmtree(self._working, ignore_errors=True)
-        os.close(self._lock)
+        release(self._lock)
 
     def file(self, name: str) -> Path:
         """Return where the file of this name is written now."""
@@ -135,7 +135,7 @@ class ResultFolder:
             if not self._replace:
                 self._working.rename(self._real)
                 return
-            lock = _locked(self._real)  # of two runs into one folder, the second to end replaces the first
+            lock = lock_folder(self._real)  # of two runs into one folder, the second to end replaces the first
             try:
                 finish_replacing(self._real, locked=True)
                 names = [name for name in OUTPUT_NAMES if self.file(name).exists()]
@@ -143,7 +143,7 @@ class ResultFolder:
                 self._working.rename(self._real / COMPLETE)
                 finish_replacing(self._real, locked=True)
             finally:
-                os.close(lock)
+                release(lock)
 
 
 def finish_replacing(folder: Path, *, locked: bool = False) -> None:
@@ -164,7 +164,7 @@ def finish_replacing(folder: Path, *, locked: bool = False) -> None:
     complete = folder / COMPLETE
     if not complete.is_dir():
         return
-    lock = None if locked else _locked(folder)
+    lock = None if locked else lock_folder(folder)
     try:
         if not (complete / NAMES).exists():  # another process has just done it
             shutil.rmtree(complete, ignore_errors=True)
@@ -180,7 +180,7 @@ def finish_replacing(folder: Path, *, locked: bool = False) -> None:
         shutil.rmtree(complete, ignore_errors=True)
     finally:
         if lock is not None:
-            os.close(lock)
+            release(lock)
 
 
 def _remove_abandoned(place: Path, name: str) -> None:
@@ -189,21 +189,8 @@ def _remove_abandoned(place: Path, name: str) -> None:
         with suppress(OSError):
             if time.time() - left.stat().st_mtime < YOUNG_S:
                 continue
-            lock = _locked(left, wait=False)
+            lock = lock_folder(left, wait=False, required=True)
             try:
                 shutil.rmtree(left, ignore_errors=True)
             finally:
-                os.close(lock)
-
-
-def _locked(folder: Path, *, wait: bool = True) -> int:
-    """Return a handle of a folder that is locked until it is closed; without `wait`, OSError where another has it."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-    except OSError:
-        if not wait:
-            os.close(handle)
-            raise
-        # a file system without locks: two runs into one folder are not kept apart there
-    return handle
+                release(lock)

@@ -47,11 +47,10 @@ def say(out: BinaryIO, answer: dict[str, Any], arrays: list[np.ndarray[Any, Any]
 
 def limit_memory() -> None:
     """Let the system refuse this process more memory, where it can."""
-    try:
+    if sys.platform != "win32":
         import resource
-    except ImportError:  # Windows
-        return
-    resource.setrlimit(resource.RLIMIT_DATA, (MAX_MEMORY, MAX_MEMORY))
+
+        resource.setrlimit(resource.RLIMIT_DATA, (MAX_MEMORY, MAX_MEMORY))
 
 
 def read(path: str) -> tuple[dict[str, Any], list[np.ndarray[Any, Any]]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
+import sys
 from contextlib import suppress
 from typing import Any
 
@@ -63,8 +64,7 @@ def _times(data: bytes, at: int, channel: int, offset: int) -> Times:
 
 def _announce(file: Any, parts: list[tuple[int, int]]) -> None:
     """Tell the system which parts of a file will be read, where it is a file of the system."""
-    if not hasattr(os, "posix_fadvise"):
-        return
-    with suppress(OSError, ValueError, OverflowError, AttributeError):
-        for start, length in parts:
-            os.posix_fadvise(file.fileno(), start, length, os.POSIX_FADV_WILLNEED)
+    if sys.platform == "linux":
+        with suppress(OSError, ValueError, OverflowError, AttributeError):
+            for start, length in parts:
+                os.posix_fadvise(file.fileno(), start, length, os.POSIX_FADV_WILLNEED)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
 import sqlite3
 import stat
 from collections.abc import Iterator
@@ -13,6 +11,7 @@ from typing import Any
 
 from cuboid.errors import InputError, OutputError
 from cuboid.formats.reading import kind_of, real_path
+from cuboid.locks import lock_file, release
 from cuboid.outputs.pending import PendingFile
 from cuboid.scene.schema import APPLICATION_ID, TABLES, VERSION
 from cuboid.scene.validation import DamagedError
@@ -179,9 +178,7 @@ class Writing:
             self._unlock()
 
     def _unlock(self) -> None:
-        with suppress(OSError):
-            _lock_path(self._path).unlink()
-        os.close(self._lock)
+        release(self._lock, _lock_path(self._path))
 
 
 def open_to_write(path: Path, *, create: bool = False) -> Writing:
@@ -254,21 +251,10 @@ def _lock_path(path: Path) -> Path:
 
 
 def _locked(path: Path) -> int:
-    """Return a handle that keeps others from writing until it is closed."""
-    place = _lock_path(path)
-    while True:
-        try:
-            handle = os.open(place, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(handle)
-            raise OutputError(f"{path}: another program is writing this scene; others can only read it") from None
-        except OSError:
-            return handle  # a file system without locks: SQLite's own must do
-        with suppress(OSError):
-            if os.fstat(handle).st_ino == place.stat().st_ino:
-                return handle
-        os.close(handle)  # whoever had it has just removed it
+    """Return a lock that keeps others from writing until it is released."""
+    try:
+        return lock_file(_lock_path(path))
+    except BlockingIOError:
+        raise OutputError(f"{path}: another program is writing this scene; others can only read it") from None
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
