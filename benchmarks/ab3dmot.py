@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou_matrix, pack
 

@@ -32,8 +32,8 @@ from distributed import Client, Worker, WorkerPlugin
 from cuboid.batch.batch import Order, carry_out, plan
 from cuboid.batch.cluster import Workers
 from cuboid.batch.sources import expand
-from cuboid.cli.threads import limit_threads
-from cuboid.config import TrackerConfig
+from cuboid.core.config import TrackerConfig
+from cuboid.core.threads import limit_threads
 from cuboid.store.compact import compact
 from cuboid.store.place import Place
 from scenes import MadeScene, made
@@ -41,7 +41,11 @@ from suite import Settings
 from tables import dump, show
 
 DISTINCT = 20
-TRACKING = ("cuboid.opening.open_recording", "cuboid.run.track_recording", "cuboid.saving.write_page")
+TRACKING = (
+    "cuboid.recordings.opening.open_recording",
+    "cuboid.pipeline.run.track_recording",
+    "cuboid.tracking.saving.write_page",
+)
 HEADER = (
     "workers",
     "recordings",

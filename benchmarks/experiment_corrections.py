@@ -14,7 +14,7 @@ import numpy as np
 
 from cuboid import Frame
 from cuboid.geometry import se3
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 from experiment_growth import SCENE, Lap
 from scenes import made
 from tables import cell, dump, show
@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> None:
     """Print the table, or all figures."""
     laps = min(args.laps, LAPS[-1])
     lap = Lap(made(SCENE, args.work).recording, laps)
-    tracker, rows = Tracker(lap.intrinsics), []
+    tracker, rows = PosedTracker(lap.intrinsics), []
     for number in range(laps):
         for frame in lap.frames(number, number * len(lap.frames(0, 0))):
             tracker.update(frame, number + 1)
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> None:
     show("Corrections of poses: median of processor time", HEADER, lines)
 
 
-def _corrected(tracker: Tracker, keyframes: int, frame: Frame) -> dict[str, Any]:
+def _corrected(tracker: PosedTracker, keyframes: int, frame: Frame) -> dict[str, Any]:
     rng = np.random.default_rng(keyframes)
     found: dict[str, list[float]] = {"all": [], "new": [], "planes": [], "after": [], "another": []}
     carry, points = tracker._planes.apply_correction, tracker.points_known

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
 from cuboid.objects.matching import assign

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 
 from cuboid import open_recording
-from cuboid.config import TrackerConfig
+from cuboid.core.config import TrackerConfig
+from cuboid.core.frame import Intrinsics
+from cuboid.core.results import FrameResult
 from cuboid.evaluation import evaluate
 from cuboid.evaluation.figures import figures
 from cuboid.evaluation.result import BoxRows, MapBoxes, Result
-from cuboid.frame import Intrinsics
 from cuboid.geometry.overlap import pack
-from cuboid.results import FrameResult
-from cuboid.run import track_recording
-from cuboid.run_types import Progress
-from cuboid.tracker import Tracker
+from cuboid.pipeline.run import track_recording
+from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.tracking.types import Progress
 from scenes import Case, cases
 from scoring import mean, total
 from tables import dump, show
@@ -34,10 +34,10 @@ class _Snapshots(Progress):
         self.maps: dict[int, MapBoxes] = {}
         self._counts = counts
         self._done = 0
-        self._tracker: Tracker | None = None
+        self._tracker: PosedTracker | None = None
 
-    def make(self, intrinsics: Intrinsics, config: TrackerConfig, proposals: Any) -> Tracker:
-        self._tracker = Tracker(intrinsics, config, proposals)
+    def make(self, intrinsics: Intrinsics, config: TrackerConfig, proposals: Any) -> PosedTracker:
+        self._tracker = PosedTracker(intrinsics, config, proposals)
         return self._tracker
 
     def frame(self, result: FrameResult) -> None:

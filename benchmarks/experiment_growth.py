@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 
 from cuboid import open_recording
+from cuboid.core.frame import Float64Array, Frame
 from cuboid.evaluation.truth import NAME as TRUTH
-from cuboid.frame import Float64Array, Frame
-from cuboid.measuring import peak_memory_mb
-from cuboid.tracker import Tracker
+from cuboid.tracking.measuring import peak_memory_mb
+from cuboid.tracking.posed_tracker import PosedTracker
 from scenes import MadeScene, made
 from scoring import processor_time
 from tables import cell, dump, show
@@ -64,7 +64,7 @@ def _pose(frame: Frame) -> Float64Array:
 
 def grow(lap: Lap, laps: int, places: int, checkpoints: list[int]) -> list[dict[str, Any]]:
     """Track laps at so many places; return times over the laps before each checkpoint."""
-    tracker = Tracker(lap.intrinsics)
+    tracker = PosedTracker(lap.intrinsics)
     times: list[dict[str, float]] = []
     rows, begun, worst = [], time.perf_counter(), 0.0
     for number in range(laps):
@@ -85,7 +85,7 @@ def grow(lap: Lap, laps: int, places: int, checkpoints: list[int]) -> list[dict[
     return rows
 
 
-def _state(tracker: Tracker, laps: int, times: list[dict[str, float]]) -> dict[str, Any]:
+def _state(tracker: PosedTracker, laps: int, times: list[dict[str, float]]) -> dict[str, Any]:
     return {
         "laps": laps,
         "frames": laps * LAP_FRAMES,

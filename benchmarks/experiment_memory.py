@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array, Frame, Intrinsics
+from cuboid.core.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry.box import Box
-from cuboid.kernels.cubes import make_cube, pack_key
-from cuboid.measuring import peak_memory_mb
+from cuboid.heatmap.kernels.cubes import make_cube, pack_key
 from cuboid.proposals import Proposals
-from cuboid.tracker import Tracker
+from cuboid.tracking.measuring import peak_memory_mb
+from cuboid.tracking.posed_tracker import PosedTracker
 from tables import cell, dump, show
 
 CAMERA = Intrinsics(125.0, 125.0, 79.5, 59.5, 160, 120)
@@ -117,7 +117,7 @@ def looks(number: int, shift: npt.NDArray[np.float64], shown: list[Proposals], r
 def walk(objects: int, memory_mb: float, checkpoints: list[int]) -> list[dict[str, Any]]:
     """Walk until there are so many objects; return how things stand when there are as many as at each checkpoint."""
     shown: list[Proposals] = []
-    tracker = Tracker(CAMERA, proposals=lambda frame, camera: shown[-1], memory_mb=memory_mb)
+    tracker = PosedTracker(CAMERA, proposals=lambda frame, camera: shown[-1], memory_mb=memory_mb)
     times: list[float] = []
     rows, known, worst = [], 0, 0.0
     waiting = sorted({*checkpoints, objects})
@@ -146,7 +146,7 @@ def walk(objects: int, memory_mb: float, checkpoints: list[int]) -> list[dict[st
 def elsewhere(objects: int) -> dict[str, float]:
     """Return the median frame, ms, of a tracker with few objects and of one that has so many more elsewhere."""
     shown: list[Proposals] = []
-    trackers = [Tracker(CAMERA, proposals=lambda frame, camera: shown[-1]) for _ in range(2)]
+    trackers = [PosedTracker(CAMERA, proposals=lambda frame, camera: shown[-1]) for _ in range(2)]
     times: list[list[float]] = [[], []]
     for number in range(PLACES):
         if number == PLACES // 3:
@@ -160,7 +160,7 @@ def elsewhere(objects: int) -> dict[str, float]:
     return {"few_ms": few, "many_ms": many, "ratio": many / few}
 
 
-def _tell_of(tracker: Tracker, objects: int) -> None:
+def _tell_of(tracker: PosedTracker, objects: int) -> None:
     """Let a tracker have objects far away, and cubes of the map that are not in memory."""
     store, rng = tracker._map.store, np.random.default_rng(0)
     for k in range(2 * objects):

@@ -14,14 +14,14 @@ from unittest.mock import patch
 import numpy as np
 
 from cuboid import open_recording
+from cuboid.core.frame import Float64Array, Frame
 from cuboid.evaluation import evaluate
 from cuboid.evaluation.figures import figures
-from cuboid.frame import Float64Array, Frame
 from cuboid.geometry import se3
 from cuboid.objects.object_map import ObjectMap
 from cuboid.outputs import read_tracks
 from cuboid.outputs.folder import TRACKS
-from cuboid.run import track_recording
+from cuboid.pipeline.run import track_recording
 from cuboid.synthetic.poses import POSE_NOISES
 from scenes import Case, cases
 from scoring import mean, total

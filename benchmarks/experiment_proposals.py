@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from cuboid.config import TrackerConfig
+from cuboid.core.config import TrackerConfig
 from cuboid.synthetic import KINDS
 from scenes import MadeScene, scene_01
 from scoring import mean, run_and_score, total

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from cuboid.config import TrackerConfig
+from cuboid.core.config import TrackerConfig
 from scenes import SIZE, cases
 from scoring import mean, run_and_score, total
 from tables import cell, dump, show

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 
 from cuboid import open_recording
-from cuboid.frame import Frame, Intrinsics
+from cuboid.core.frame import Frame, Intrinsics
 from cuboid.proposals import Proposals
 from cuboid.scene import Scene, Source
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 from experiment_memory import CAMERA, places_in_rows
 from scenes import scene_01
 from tables import cell, dump, show
@@ -96,7 +96,7 @@ def beside(args: argparse.Namespace) -> list[dict[str, Any]]:
 
 def _without(turns: Connection, intrinsics: Intrinsics, frames: list[Frame]) -> None:
     """Track frames without a scene, one at each turn, and tell how long each took."""
-    tracker = Tracker(intrinsics)
+    tracker = PosedTracker(intrinsics)
     for frame in frames:
         turns.recv()
         begun = time.thread_time(), time.process_time()

@@ -28,7 +28,7 @@ from pathlib import Path
 
 from cuboid import CuboidError
 from cuboid.cli.synth import KINDS
-from cuboid.cli.threads import limit_threads
+from cuboid.core.threads import limit_threads
 
 NAMES = (
     "descriptors", "resolution", "sources", "frames", "poses", "growth", "memory", "corrections", "scene", "guards",

@@ -33,10 +33,10 @@ import cv2
 import numpy as np
 
 from cuboid import CuboidError, open_recording
-from cuboid.converting import pose_text
-from cuboid.frame import Frame
+from cuboid.core.frame import Frame
 from cuboid.geometry import se3
 from cuboid.readers import Recording
+from cuboid.recordings.converting import pose_text
 from tables import dump, show
 
 HEADER = (
@@ -297,15 +297,16 @@ def held_mb() -> float:
 
 def measure(path: Path, poses: Path) -> dict[str, Any]:
     """Open a container and track it, in this process; poses are taken from beside where it has none."""
-    from cuboid.cli.threads import limit_threads
-    from cuboid.tracker import Tracker
+    from cuboid.core.threads import limit_threads
+    from cuboid.tracking.posed_tracker import PosedTracker
 
     limit_threads(1)
     known = np.load(poses)
     begun_s = time.perf_counter()
     recording = open_recording(path)
     open_s = time.perf_counter() - begun_s
-    tracker, at, times = Tracker(recording.intrinsics), {int(part * len(recording)) - 1: part for part in PARTS}, []
+    tracker, times = PosedTracker(recording.intrinsics), []
+    at = {int(part * len(recording)) - 1: part for part in PARTS}
     found: dict[str, Any] = {"frames": len(recording), "open_s": open_s, "start_mb": held_mb(), "mb": {}}
     for item in recording.iterate():
         if not isinstance(item, Frame):

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from cuboid.boxes.fit import fit_box
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
 from cuboid.geometry.overlap import iou_matrix, pack
 from features import FEATURES, KEYPOINTS, make_surface
 from observations import Observation, Observed

@@ -11,17 +11,18 @@ from unittest.mock import patch
 import numpy as np
 import numpy.typing as npt
 
-from cuboid import observation, open_recording
-from cuboid.config import TrackerConfig
+from cuboid import open_recording
+from cuboid.core import observation
+from cuboid.core.config import TrackerConfig
+from cuboid.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.core.results import FrameResult
+from cuboid.core.working import WorkingImage
 from cuboid.evaluation.result import BoxRows, MapBoxes, Result
-from cuboid.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
-from cuboid.results import FrameResult
-from cuboid.run import track_recording
+from cuboid.pipeline.run import track_recording
 from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments, points_of, segment_frame
-from cuboid.tracker import Tracker
-from cuboid.working import WorkingImage
+from cuboid.tracking.posed_tracker import PosedTracker
 from scenes import Case
 
 
@@ -69,7 +70,7 @@ class Observed:
     clusters: tuple[Observation, ...]
 
 
-class _Listening(Tracker):
+class _Listening(PosedTracker):
     """A tracker that keeps what its frames show."""
 
     def __init__(self, *arguments: Any, every: int) -> None:
@@ -88,7 +89,7 @@ class _Listening(Tracker):
             images.append(seen.image)
             return things
 
-        with patch("cuboid.tracker.segment_frame", listen):
+        with patch("cuboid.tracking.posed_tracker.segment_frame", listen):
             result = super().update(frame, anchor)
         if frame.index % self._every == 0:
             parts = tuple(
@@ -116,7 +117,7 @@ def observe(case: Case, every: int = 1, limit: int | None = None) -> list[Observ
     """Track a recording and return what each n-th frame of it showed by itself."""
     made: list[_Listening] = []
 
-    def make(intrinsics: Intrinsics, config: TrackerConfig, proposals: Any) -> Tracker:
+    def make(intrinsics: Intrinsics, config: TrackerConfig, proposals: Any) -> PosedTracker:
         made.append(_Listening(intrinsics, config, proposals, every=every))
         return made[0]
 

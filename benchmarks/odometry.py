@@ -26,12 +26,12 @@ import cv2
 import numpy as np
 
 from cuboid import CuboidError, open_recording
-from cuboid.cli.threads import limit_threads
-from cuboid.downscaling import downscale
-from cuboid.errors import FrameError
+from cuboid.core.downscaling import downscale
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Frame, Intrinsics
+from cuboid.core.threads import limit_threads
 from cuboid.evaluation.timed_poses import TimedPoses
 from cuboid.evaluation.trajectory import evaluate_trajectory
-from cuboid.frame import Frame, Intrinsics
 from cuboid.poses import PoseEstimator
 from cuboid.readers import Recording
 from following import Follower

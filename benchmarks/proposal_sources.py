@@ -23,9 +23,9 @@ import cv2
 import numpy as np
 
 from cuboid import open_recording
-from cuboid.cli.threads import limit_threads
+from cuboid.core.frame import Frame, Intrinsics
+from cuboid.core.threads import limit_threads
 from cuboid.evaluation.truth import read_truth
-from cuboid.frame import Frame, Intrinsics
 from cuboid.geometry.se3 import inverse, transform
 from cuboid.proposals import Proposals, ProposalSource, make_source
 from cuboid.views.projection import project

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cuboid
-from cuboid.errors import InputError, OutputError
+from cuboid.core.errors import InputError, OutputError
 from cuboid.evaluation.truth import NAME as TRUTH
 from cuboid.synthetic import KINDS, make_scene, render_recording
 

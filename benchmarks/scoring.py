@@ -16,8 +16,8 @@ import numpy as np
 from cuboid import open_recording
 from cuboid.evaluation import Result, evaluate
 from cuboid.evaluation.figures import figures
-from cuboid.run import track_recording
-from cuboid.run_types import RunOutcome
+from cuboid.pipeline.run import track_recording
+from cuboid.tracking.types import RunOutcome
 from scenes import Case
 
 
@@ -29,7 +29,7 @@ def run_and_score(case: Case, output: Path, **options: Any) -> dict[str, Any]:
     case : Case
     output : Path
     **options
-        Those of `cuboid.run.track_recording`.
+        Those of `cuboid.pipeline.run.track_recording`.
     """
     if output.exists():
         shutil.rmtree(output)

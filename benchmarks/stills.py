@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.cli.threads import limit_threads
+from cuboid.core.threads import limit_threads
 from cuboid.evaluation.matching import match
 from cuboid.geometry.rectangles import rect_iou_matrix
 from cuboid.proposals import make_source
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 from proposal_sources import FIT, View, stills
 
 # What a hand that holds still moves by, metres, in a direction of the image.
@@ -28,7 +28,7 @@ SHAKE_M = 0.001
 
 def judge(view: View, frames: int) -> np.ndarray:
     """Return of a still the objects wanted, those with a 2D proposal, an own box, a label, and the false labels."""
-    rng, tracker = np.random.default_rng(0), Tracker(view.intrinsics)
+    rng, tracker = np.random.default_rng(0), PosedTracker(view.intrinsics)
     for index in range(frames):
         T = np.eye(4)
         T[:3, 3] = rng.normal(0.0, SHAKE_M, 3)

@@ -24,8 +24,8 @@ from cuboid.batch.batch import Order, carry_out, plan
 from cuboid.batch.cluster import Workers
 from cuboid.batch.sources import Source
 from cuboid.batch.task import Ended
-from cuboid.cli.threads import limit_threads
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
+from cuboid.core.threads import limit_threads
 from cuboid.store.judging import judge_store
 from cuboid.store.rows import settings_text
 from cuboid.synthetic import KINDS

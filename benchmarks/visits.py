@@ -25,9 +25,8 @@ from typing import Any
 import numpy as np
 
 from cuboid import CuboidError, open_recording
-from cuboid.cli.threads import limit_threads
-from cuboid.converting import convert_recording
-from cuboid.errors import FrameError
+from cuboid.core.errors import FrameError
+from cuboid.core.threads import limit_threads
 from cuboid.evaluation import evaluate
 from cuboid.evaluation.timed_poses import read_poses
 from cuboid.evaluation.trajectory import associate, evaluate_trajectory, rigid_fit
@@ -35,8 +34,9 @@ from cuboid.evaluation.truth import read_truth
 from cuboid.evaluation.visits import evaluate_visits, is_visits
 from cuboid.geometry.se3 import transform
 from cuboid.outputs import PoseRow
+from cuboid.pipeline.run import track_recording
 from cuboid.readers import Recording
-from cuboid.run import track_recording
+from cuboid.recordings.converting import convert_recording
 from cuboid.scene import Scene
 from cuboid.scene.database import open_to_read
 from cuboid.scene.localisation import ESTIMATED

@@ -28,15 +28,15 @@ import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
 import cuboid.surfaces.frame_segments as frame_segments
-import cuboid.tracker
+import cuboid.tracking.posed_tracker
 from cuboid import Frame, FrameResult, Tracker, open_recording
 from cuboid.annotation import Annotator, KeyframesFile, make_server
+from cuboid.core.palette import color_of
 from cuboid.evaluation import read_truth
-from cuboid.kernels.outlines import CONTACT, FREE, HIDDEN, SUPPORT, UNSURE
 from cuboid.proposals import make_source
+from cuboid.surfaces.kernels.outlines import CONTACT, FREE, HIDDEN, SUPPORT, UNSURE
 from cuboid.views.drawing import DARK, WHITE, draw_frame
 from cuboid.views.overlays import heat_over
-from cuboid.views.palette import color_of
 from cuboid.views.projection import visible_rect
 from cuboid.views.text import put_text
 
@@ -78,13 +78,16 @@ def main() -> None:
 def method_picture(demo: Path) -> np.ndarray:
     """Track the demo up to a frame; return that frame at four stages of the method, (H, W, 3), RGB."""
     recording = open_recording(demo / "recording")
-    tracker = cuboid.tracker.Tracker(recording.intrinsics)
+    tracker = cuboid.tracking.posed_tracker.Tracker(recording.intrinsics)
     for frame in recording.iterate():
         assert isinstance(frame, Frame)
         if frame.index < SHOWN:
             tracker.update(frame)
             continue
-        with watching(cuboid.tracker, "segment_frame") as shared, watching(frame_segments, "outlines") as outlined:
+        with (
+            watching(cuboid.tracking.posed_tracker, "segment_frame") as shared,
+            watching(frame_segments, "outlines") as outlined,
+        ):
             result = tracker.update(frame)
         seen = {s.label for s in result.sightings}
         hidden = [o for o in tracker.objects if o.label not in seen]

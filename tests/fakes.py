@@ -9,10 +9,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cuboid.errors import FrameError
-from cuboid.frame import Frame, Intrinsics
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Frame, Intrinsics
+from cuboid.core.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
 from cuboid.geometry.box import Box
-from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
 
 INTRINSICS = Intrinsics(500.0, 500.0, 31.5, 23.5, 64, 48)
 

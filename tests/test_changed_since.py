@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 from made_scenes import CAMERA, frame_of, look_at, upright
 
 TABLE = upright((0, 0), (1.6, 1.2, 0.04), z=-0.04)
@@ -20,7 +20,7 @@ def eye(k: int) -> np.ndarray:
 
 
 def test_a_still_camera_sees_what_was_taken_since_the_last_visit() -> None:
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     for k in range(FRAMES):
         tracker.update(frame_of([TABLE, STAYS, TAKEN], eye(k), k))
     before = {o.label: o.box.center for o in tracker.objects}

@@ -10,15 +10,15 @@ from typing import Any
 
 import pytest
 
-from cuboid import compiletime, kernelcache
-from cuboid.compiled import KERNELS
-from cuboid.kernelcache import KEPT_VERSIONS, UNUSED_S, cache_folder, prune
-from cuboid.kernelstamp import stamp_of
+from cuboid.core import compiletime, kernelcache
+from cuboid.core.compiled import KERNELS
+from cuboid.core.kernelcache import KEPT_VERSIONS, UNUSED_S, cache_folder, prune
+from cuboid.core.kernelstamp import stamp_of
 
 SOURCE = """
 from typing import NamedTuple
 import numpy as np
-from cuboid.compiled import kernel
+from cuboid.core.compiled import kernel
 
 FACTOR = 2.0
 TABLE = np.array([1, 2])
@@ -197,9 +197,9 @@ def test_compiling_a_kernel_is_timed_and_told(folder: Path) -> None:
 NOT_WARMED_UP = {"allocate_rows"}
 
 WARM_UP = """
-from cuboid.warmup import compile_kernels
+from cuboid.pipeline.warmup import compile_kernels
 compile_kernels()
-from cuboid.compiled import KERNELS
+from cuboid.core.compiled import KERNELS
 assert len(KERNELS) > 100
 print(*sorted(kernel.function.__name__ for kernel in KERNELS.values() if not kernel.cached))
 """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.geometry import se3
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 from made_scenes import CAMERA, frame_of, look_at, upright
 
 SCENE = [
@@ -22,12 +22,12 @@ def eye(k: int) -> np.ndarray:
     return look_at((1.1 * np.cos(turn), 1.1 * np.sin(turn), 0.9), (0, 0, 0.05))
 
 
-def drifted_tracker() -> Tracker:
+def drifted_tracker() -> PosedTracker:
     """25 frames at true poses (keyframe 1), then 12 that claim drifted ones (keyframe 2).
 
     Twenty would have seen through what the first showed, and ended it.
     """
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     for k in range(37):
         shown = eye(k) if k < 25 else DRIFT @ eye(k)
         tracker.update(frame_of(SCENE, eye(k), k, T_shown=shown), anchor=1 if k < 25 else 2)
@@ -51,7 +51,7 @@ def test_objects_that_drift_doubled_become_one_under_the_older_label() -> None:
 
 
 def test_a_world_that_moves_as_a_whole_takes_all_with_it() -> None:
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     for k in range(20):
         tracker.update(frame_of(SCENE, eye(k), k), anchor=1)
     before, planes, points = tracker.objects, tracker.planes, tracker.map_points()
@@ -75,7 +75,7 @@ def test_a_world_that_moves_as_a_whole_takes_all_with_it() -> None:
 
 
 def test_what_was_seen_since_from_another_keyframe_moves_with_that() -> None:
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     for k in range(28):  # the last ones are too few for boxes to be fitted anew
         tracker.update(frame_of(SCENE, eye(k), k), anchor=1 if k < 26 else 2)
     before, T = tracker.objects, se3.exp([0.3, -0.2, 0.0, 0.0, 0.0, 0.1])

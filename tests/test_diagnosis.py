@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from cuboid.calibration.pose_fit import PoseFit
-from cuboid.diagnosis import RunFacts, diagnose, explains
+from cuboid.tracking.diagnosis import RunFacts, diagnose, explains
 
 GOOD = RunFacts(
     frames_read=100,

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from cuboid.frame import Float64Array, Frame, Intrinsics
+from cuboid.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.core.results import Sighting
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou
 from cuboid.readers import open_recording
-from cuboid.results import Sighting
-from cuboid.rolling import Roll
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.tracking.rolling import Roll
 from made_scenes import CAMERA, frame_of, look_at, upright
 
 SCENE = [
@@ -34,7 +34,7 @@ def made() -> list[Frame]:
 
 
 def track(frames: Iterable[Frame], camera: Intrinsics) -> tuple[list[Box], list[tuple[Sighting, ...]]]:
-    tracker = Tracker(camera)
+    tracker = PosedTracker(camera)
     sightings = [tracker.update(frame).sightings for frame in frames]
     return [one.box for one in tracker.objects], sightings
 

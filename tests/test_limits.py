@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cuboid.frame import Frame, Intrinsics
-from cuboid.limits import MAX_CANDIDATES, MAX_PROPOSALS, MAX_SEGMENTS
+from cuboid.core.frame import Frame, Intrinsics
+from cuboid.core.limits import MAX_CANDIDATES, MAX_PROPOSALS, MAX_SEGMENTS
 from cuboid.outputs import read_run
+from cuboid.pipeline.run import track_recording
 from cuboid.proposals.types import Proposals
-from cuboid.run import track_recording
 from cuboid.surfaces.frame_segments import MIN_PIXELS, _leave_out
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 from fakes import FakeRecording
 
 WIDTH, HEIGHT = 640, 480
@@ -51,7 +51,7 @@ def large(count: int) -> Proposals:
 
 @pytest.mark.parametrize("made", [tiles(16), tiles(24), large(2000)], ids=["1200 masks", "520 masks", "2000 boxes"])
 def test_no_frame_takes_long(made: Proposals) -> None:
-    tracker, left_out, worst_s = Tracker(CAMERA, proposals=lambda frame, camera: made), {}, 0.0
+    tracker, left_out, worst_s = PosedTracker(CAMERA, proposals=lambda frame, camera: made), {}, 0.0
     for k in range(14):
         frame = blocks(k, 24)
         begun_s = time.thread_time()
@@ -115,4 +115,4 @@ def test_what_no_source_may_propose(boxes: list[list[int]], scores: list[float],
 def test_proposals_beyond_the_picture_are_refused() -> None:
     far = Proposals(np.array([[600, 400, 641, 480]], np.int32), np.ones(1, np.float32))
     with pytest.raises(ValueError, match="outside its 640 x 480 pixels"):
-        Tracker(CAMERA, proposals=lambda frame, camera: far).update(blocks(0, 24))
+        PosedTracker(CAMERA, proposals=lambda frame, camera: far).update(blocks(0, 24))

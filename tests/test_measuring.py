@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from cuboid.measuring import WARM_UP_FRAMES, FrameLog
+from cuboid.tracking.measuring import WARM_UP_FRAMES, FrameLog
 
 
 def log_of(frames: int) -> FrameLog:
@@ -39,7 +39,7 @@ def test_a_run_without_frames_has_no_times() -> None:
 
 def test_peak_memory_counts_what_was_given_back() -> None:
     script = (
-        "from cuboid.measuring import peak_memory_mb\n"
+        "from cuboid.tracking.measuring import peak_memory_mb\n"
         "before = peak_memory_mb()\n"
         "block = b'x' * (200 << 20)\n"
         "del block\n"

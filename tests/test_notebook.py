@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 import pytest
 
-from cuboid.errors import FrameError, MissingExtraError
-from cuboid.object_table import COLUMNS, ObjectTable
+from cuboid.core.errors import FrameError, MissingExtraError
+from cuboid.core.palette import color_of
+from cuboid.core.results import FrameResult, Sighting
+from cuboid.outputs.object_table import COLUMNS, ObjectTable
+from cuboid.pipeline.run import track_recording
 from cuboid.readers import open_recording
-from cuboid.results import FrameResult, Sighting
-from cuboid.run import track_recording
-from cuboid.tracker import Tracker
-from cuboid.views.palette import color_of
+from cuboid.tracking.posed_tracker import PosedTracker
 from fakes import INTRINSICS, FakeRecording, FakeTracker, box, write_recording
 
 
@@ -71,7 +71,7 @@ def test_a_result_shows_heat_and_what_is_seen() -> None:
 
 def test_objects_are_a_list_and_a_table() -> None:
     objects = table(0.0, 0.5)
-    assert isinstance(Tracker(INTRINSICS).objects, ObjectTable)
+    assert isinstance(PosedTracker(INTRINSICS).objects, ObjectTable)
     assert [item.label for item in objects] == [1, 2]
     row = objects.rows()[1]
     assert tuple(row) == COLUMNS

@@ -16,16 +16,16 @@ import trimesh
 
 import cuboid
 from cuboid.annotation import KeyframesFile
-from cuboid.converting import convert_recording
+from cuboid.core.paths import PathLike
 from cuboid.evaluation import evaluate, evaluate_keyframes, read_keyframes, read_result, read_truth
 from cuboid.evaluation.timed_poses import read_poses
 from cuboid.evaluation.trajectory import evaluate_trajectory
 from cuboid.evaluation.visits import evaluate_visits
 from cuboid.exports import export
 from cuboid.outputs import Results, ResultWriter
-from cuboid.paths import PathLike
+from cuboid.pipeline.slam import estimate_trajectory
+from cuboid.recordings.converting import convert_recording
 from cuboid.scene.running import IntoScene
-from cuboid.slam import estimate_trajectory
 from cuboid.synthetic import make_scene, make_visits, render_recording, render_visits
 from cuboid.synthetic.user_meshes import load_meshes
 from cuboid.views.replay import Replay

@@ -10,12 +10,12 @@ import av
 import numpy as np
 import pytest
 
-from cuboid.errors import InputError, OutputError
+from cuboid.core.errors import InputError, OutputError
 from cuboid.outputs import read_objects, read_run, read_tracks, read_trajectory
 from cuboid.outputs.folder import OUTPUT_NAMES, REPORT, TRAJECTORY_ONLINE, VIDEO
-from cuboid.posing import GivenPoses
-from cuboid.run import track_recording
-from cuboid.run_types import RunOutcome
+from cuboid.pipeline.run import track_recording
+from cuboid.poses.sources import GivenPoses
+from cuboid.tracking.types import RunOutcome
 from fakes import FakeRecording, FakeTracker
 
 RESULTS = sorted(set(OUTPUT_NAMES) - {VIDEO, TRAJECTORY_ONLINE})

@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.geometry.se3 import inverse, quat_wxyz_from_rotation
 from cuboid.outputs import RunReport
+from cuboid.pipeline.run import track_recording
 from cuboid.readers import open_recording
-from cuboid.run import track_recording
 from cuboid.synthetic import make_scene, render_recording
 from made_scenes import CAMERA, cast, look_at, upright
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 from made_scenes import CAMERA, frame_of, look_at, upright
 
 FLOOR = upright((0, 0), (8, 8, 0.1), z=-0.1)
@@ -22,16 +22,16 @@ SHELF = [
 THINGS = [upright((-0.2, 0.48), (0.14, 0.1, 0.2), 0.3, z=0.78), upright((0.22, 0.5), (0.12, 0.12, 0.12), 0.1, z=0.78)]
 
 
-def walk(first_m: float, last_m: float, frames: int) -> Tracker:
+def walk(first_m: float, last_m: float, frames: int) -> PosedTracker:
     """What is known after a walk towards the shelf, from so far to so far."""
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     for k, away in enumerate(np.linspace(first_m, last_m, frames)):
         T = look_at((0.3 * np.sin(k / 12), 0.5 - away, 1.3), (0, 0.5, 0.6))
         tracker.update(frame_of([FLOOR, WALL, *SHELF, *THINGS], T, k, noise_per_m=1.4e-3))
     return tracker
 
 
-def best(tracker: Tracker, thing: Box) -> float:
+def best(tracker: PosedTracker, thing: Box) -> float:
     return max((iou(o.box, thing) for o in tracker.objects), default=0.0)
 
 

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cuboid.errors import FrameError
-from cuboid.frame import Frame, Intrinsics
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Frame, Intrinsics
+from cuboid.core.results import FrameResult
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou
-from cuboid.results import FrameResult
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 from made_scenes import CAMERA, cast, frame_of, look_at, upright
 
 FLOOR = upright((0, 0), (8, 8, 0.1), z=-0.85)
@@ -26,11 +26,11 @@ def orbit(n: int, start: float = -0.6, end: float = 0.6, radius: float = 1.3, he
     return [look_at([radius * np.cos(a), radius * np.sin(a), height], [0, 0, 0.05]) for a in angles]
 
 
-def follow(tracker: Tracker, frames: Iterable[Frame]) -> list[FrameResult]:
+def follow(tracker: PosedTracker, frames: Iterable[Frame]) -> list[FrameResult]:
     return [tracker.update(frame) for frame in frames]
 
 
-def matched(tracker: Tracker, truth: list[Box]) -> list[tuple[int, float]]:
+def matched(tracker: PosedTracker, truth: list[Box]) -> list[tuple[int, float]]:
     """For each true box the label and IoU of the best object."""
     pairs = []
     for box in truth:
@@ -40,7 +40,7 @@ def matched(tracker: Tracker, truth: list[Box]) -> list[tuple[int, float]]:
 
 
 def test_two_boxes_on_a_table() -> None:
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     results = follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, k) for k, T in enumerate(orbit(40))))
     assert len(tracker.objects) == 2
     assert [o.label for o in tracker.objects] == [1, 2]
@@ -59,7 +59,7 @@ def test_two_boxes_on_a_table() -> None:
 
 
 def test_rectangles_hold_the_objects_pixels() -> None:
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     poses = orbit(30)
     last = follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, k) for k, T in enumerate(poses)))[-1]
     _, hit = cast([FLOOR, TABLE, *THINGS], poses[-1])
@@ -74,7 +74,7 @@ def test_rectangles_hold_the_objects_pixels() -> None:
 def test_a_camera_in_portrait_finds_what_one_in_landscape_finds() -> None:
     """A quarter turn changes neither which pixels are looked at nor which way is up."""
     frames = [frame_of([FLOOR, TABLE, *THINGS], T, k) for k, T in enumerate(orbit(25))]
-    portrait = Tracker(
+    portrait = PosedTracker(
         Intrinsics(CAMERA.fy, CAMERA.fx, CAMERA.height - 1 - CAMERA.cy, CAMERA.cx, CAMERA.height, CAMERA.width)
     )
     follow(portrait, (quarter_turned(frame) for frame in frames))
@@ -93,7 +93,7 @@ def quarter_turned(frame: Frame) -> Frame:
 
 
 def test_where_up_was_measured_it_is_known_from_the_first_frame() -> None:
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     wall = upright((0, 1.0), (6, 0.1, 4), z=-2.0)
     T = look_at([0, -1.0, 0.5], [0, 1.0, 0.5])
     frame = frame_of([wall], T, 0)
@@ -110,7 +110,7 @@ def test_any_world_frame_will_do(seed: int) -> None:
     T_new_world = np.eye(4)
     T_new_world[:3, :3] = Q * np.sign(np.linalg.det(Q))
     T_new_world[:3, 3] = rng.normal(size=3)
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     frames = (frame_of([FLOOR, TABLE, *THINGS], T, k, T_shown=T_new_world @ T) for k, T in enumerate(orbit(30)))
     follow(tracker, frames)
     turned = [
@@ -125,7 +125,7 @@ def test_any_world_frame_will_do(seed: int) -> None:
 def test_a_hidden_object_has_its_old_label_when_it_comes_back() -> None:
     """A screen stands before one of the things for 60 frames."""
     screen = upright((0.2, -0.35), (0.3, 0.01, 0.35))
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     poses = orbit(40, -0.3, 0.3) + orbit(40, 0.3, -0.3)
     hidden = [FLOOR, TABLE, *THINGS, screen]
     before = follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, k) for k, T in enumerate(poses[:40])))
@@ -144,7 +144,7 @@ def test_a_hidden_object_has_its_old_label_when_it_comes_back() -> None:
 def test_labels_last_while_the_camera_is_turned_away() -> None:
     wall = upright((0, 4), (8, 0.1, 3), z=-0.85)
     scene = [FLOOR, TABLE, wall, *THINGS]
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     follow(tracker, (frame_of(scene, T, k) for k, T in enumerate(orbit(30))))
     labels = matched(tracker, THINGS)
     away = [look_at([0, -1.3, 0.8], [2.5 * np.cos(a), -1.3 + 2.5 * np.sin(a), 0.9]) for a in np.linspace(0.2, 2.9, 60)]
@@ -160,7 +160,7 @@ def test_first_frames_without_any_plane() -> None:
     wall = upright((0, 3), (8, 0.1, 3), z=-0.85)
     scene = [FLOOR, TABLE, wall, *THINGS]
     up_there = [look_at([0, -1.3, 0.8], [0.2 * k / 40, 2.5, 1.4]) for k in range(40)]
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     follow(tracker, (frame_of(scene, T, k) for k, T in enumerate([*up_there, *orbit(40)])))
     assert len(tracker.objects) == 2
     assert min(overlap for _, overlap in matched(tracker, THINGS)) > 0.6
@@ -168,7 +168,7 @@ def test_first_frames_without_any_plane() -> None:
 
 def test_neighbours_two_centimetres_apart_are_two() -> None:
     pair = [upright((-0.06, 0), (0.1, 0.1, 0.12)), upright((0.06, 0), (0.1, 0.1, 0.12))]
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     follow(tracker, (frame_of([FLOOR, TABLE, *pair], T, k) for k, T in enumerate(orbit(60, radius=0.9))))
     assert len(tracker.objects) == 2
     assert min(overlap for _, overlap in matched(tracker, pair)) > 0.6
@@ -177,7 +177,7 @@ def test_neighbours_two_centimetres_apart_are_two() -> None:
 def test_neighbours_that_touch_are_two() -> None:
     table = Box(np.array([0, 0, -0.05]), np.array([1.4, 1.0, 0.1]), np.eye(3))
     tall, low = upright((-0.05, 0.0), (0.1, 0.1, 0.24)), upright((0.07, 0.02), (0.14, 0.1, 0.1))
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     follow(tracker, (frame_of([table, tall, low], T, k) for k, T in enumerate(orbit(60))))
     pairs = matched(tracker, [tall, low])
     assert len({label for label, _ in pairs}) == 2
@@ -188,7 +188,7 @@ def test_a_partial_view_starts_no_second_label() -> None:
     """The first frames see a third of a long box; it grows, and stays one."""
     long = upright((0, 0), (0.5, 0.12, 0.15))
     sweep = [look_at([x, -0.9, 0.6], [x, 0, 0.05]) for x in np.linspace(-0.9, 0.5, 60)]
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     results = follow(tracker, (frame_of([FLOOR, TABLE, long], T, k) for k, T in enumerate(sweep)))
     assert {s.label for r in results for s in r.sightings} == {1}
     assert len(tracker.objects) == 1
@@ -196,7 +196,7 @@ def test_a_partial_view_starts_no_second_label() -> None:
 
 
 def test_poses_that_drift_do_not_double_an_object() -> None:
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     labels = set()
     for k, T in enumerate(orbit(90)):
         shown = T.copy()
@@ -209,7 +209,7 @@ def test_things_on_a_table_and_on_the_floor_stand_on_their_own_planes() -> None:
     on_floor = upright((0.95, 0.0), (0.25, 0.2, 0.3), z=-0.75)
     scene = [FLOOR, TABLE, THINGS[0], on_floor]
     poses = [look_at([1.0 + x, -1.6, 0.9], [0.35, 0, -0.2]) for x in np.linspace(-0.5, 0.5, 50)]
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     follow(tracker, (frame_of(scene, T, k) for k, T in enumerate(poses)))
     pairs = matched(tracker, [THINGS[0], on_floor])
     assert min(overlap for _, overlap in pairs) > 0.6
@@ -222,7 +222,7 @@ def test_things_on_a_table_and_on_the_floor_stand_on_their_own_planes() -> None:
 
 
 def test_an_object_that_proves_not_to_be_there_is_retired_and_its_label_not_used_again() -> None:
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, k) for k, T in enumerate(orbit(20))))
     assert len(tracker.objects) == 2
     gone = matched(tracker, THINGS)[1][0]
@@ -249,14 +249,14 @@ def readings_without_end(k: int) -> Frame:
 
 @pytest.mark.parametrize("make", [empty_wall, readings_without_end])
 def test_nothing_to_see_is_no_error(make: Callable[[int], Frame]) -> None:
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     results = follow(tracker, (make(k) for k in range(40)))
     assert tracker.objects == []
     assert results[-1].sightings == ()
 
 
 def test_a_frame_that_cannot_be_used_says_why() -> None:
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     good = frame_of([TABLE], orbit(1)[0], 0)
     with pytest.raises(FrameError, match="no camera pose"):
         tracker.update(Frame(0, 0.0, good.color, good.depth_m, None))
@@ -271,7 +271,7 @@ def test_a_frame_that_cannot_be_used_says_why() -> None:
 
 def test_the_same_frames_give_the_same_bytes() -> None:
     def once() -> tuple[bytes, ...]:
-        tracker = Tracker(CAMERA)
+        tracker = PosedTracker(CAMERA)
         follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, k) for k, T in enumerate(orbit(25))))
         points = tracker.map_points()
         boxes = b"".join(
@@ -291,26 +291,26 @@ def test_the_same_frames_give_the_same_bytes() -> None:
 def test_the_top_of_a_box_is_no_supporting_plane() -> None:
     """A box of 36 x 30 cm, 20 cm high: its top is larger than the least plane, and still it is an object."""
     big = upright((0.1, 0.05), (0.36, 0.3, 0.2), 0.3)
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     follow(tracker, (frame_of([FLOOR, TABLE, big], T, k) for k, T in enumerate(orbit(40))))
     assert len(tracker.objects) == 1
     assert matched(tracker, [big])[0][1] > 0.7
 
 
 def test_a_thing_in_plain_view_has_its_label_within_ten_frames() -> None:
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     results = follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, k) for k, T in enumerate(orbit(40)[:11])))
     assert len(results[10].sightings) == 2
 
 
 def test_what_is_as_clear_from_elsewhere_has_its_label_at_once() -> None:
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     results = follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, 10 * k) for k, T in enumerate(orbit(4))))
     assert [len(result.sightings) for result in results] == [0, 2, 2, 2]
 
 
 def test_what_the_border_of_the_picture_always_cuts_has_no_label_until_its_end_is_seen() -> None:
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     tower = upright((0.0, 0.0), (0.15, 0.15, 0.8), 0.3)
     low = [look_at([1.2 * np.cos(a), 1.2 * np.sin(a), 0.5], [0, 0, 0.0]) for a in np.linspace(-2.0, -1.7, 24)]
     follow(tracker, (frame_of([FLOOR, TABLE, tower], T, k) for k, T in enumerate(low)))
@@ -322,7 +322,7 @@ def test_what_the_border_of_the_picture_always_cuts_has_no_label_until_its_end_i
 
 
 def test_a_thing_without_depth_is_known_by_its_color() -> None:
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     poses = orbit(30)
     scene = [FLOOR, TABLE, *THINGS]
     follow(tracker, (frame_of(scene, T, k) for k, T in enumerate(poses[:24])))
@@ -338,7 +338,7 @@ def test_a_thing_without_depth_is_known_by_its_color() -> None:
 
 
 def test_what_proves_to_hold_up_a_plane_is_furniture_and_what_stands_on_it_an_object() -> None:
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     floor, block = upright((0, 0), (8, 8, 0.1), z=-0.1), upright((0, 0), (0.8, 0.5, 0.4), 0.2)
     cup = upright((0.1, 0.05), (0.1, 0.1, 0.12), z=0.4)
     scene = [floor, block, cup]
@@ -354,7 +354,7 @@ def test_what_proves_to_hold_up_a_plane_is_furniture_and_what_stands_on_it_an_ob
 
 
 def test_what_was_taken_away_is_retired_and_what_was_not_stays() -> None:
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     poses = orbit(30)
     follow(tracker, (frame_of([FLOOR, TABLE, *THINGS], T, k) for k, T in enumerate(poses)))
     assert [o.label for o in tracker.objects] == [1, 2]

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import cuboid
-from cuboid.errors import CuboidError, FrameError, OutputError
+from cuboid.core.errors import CuboidError, FrameError, OutputError
 from cuboid.outputs import Results
-from cuboid.posing import NO_POSE
-from cuboid.run import track_recording
+from cuboid.pipeline.run import track_recording
+from cuboid.poses.sources import NO_POSE
 from fakes import INTRINSICS, FakeRecording
 from made_scenes import CAMERA, frame_of, look_at, upright
 

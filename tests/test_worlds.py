@@ -10,9 +10,9 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
 
-from cuboid.config import TrackerConfig
+from cuboid.core.config import TrackerConfig
 from cuboid.geometry import se3
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 from worlds import CAMERA, TABLE, Proposer, Watch, World
 
 WAYS = ("round", "jump", "down", "upside down", "on its side")
@@ -23,7 +23,7 @@ SPOILT = ("far and near", "noise", "one value", "empty")
 def finely() -> Iterator[None]:
     """Let the coarse pictures of these worlds be near enough for fine points."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cuboid.tracker.resolves_m", lambda *_: 3.0)
+        patch.setattr("cuboid.tracking.posed_tracker.resolves_m", lambda *_: 3.0)
         yield
 
 
@@ -39,7 +39,7 @@ class Worlds(RuleBasedStateMachine):
         rng = np.random.default_rng(seed)
         self.world, self.index, self.anchor = World(rng), 0, 1
         self.proposer = None if source == "depth" else Proposer(rng, 4 if source == "strays" else 0)
-        self.tracker = Tracker(CAMERA, TrackerConfig(max_size_m=max_size_m), self.proposer or "depth")
+        self.tracker = PosedTracker(CAMERA, TrackerConfig(max_size_m=max_size_m), self.proposer or "depth")
         self.watch = Watch(self.tracker)
         for _ in range(3):
             self.world.add("alone")
@@ -124,7 +124,7 @@ def told(seed: int, frames: int) -> tuple[object, ...]:
     """All that a tracker tells of a world with this seed."""
     rng = np.random.default_rng(seed)
     world, proposer = World(rng), Proposer(rng, 2)
-    tracker = Tracker(CAMERA, proposals=proposer)
+    tracker = PosedTracker(CAMERA, proposals=proposer)
     for way in ("alone", "alone", "beside", "on top"):
         world.add(way)
     seen = []

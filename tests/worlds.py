@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.frame import Frame, Intrinsics
+from cuboid.core.frame import Frame, Intrinsics
+from cuboid.core.results import FrameResult
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
+from cuboid.heatmap.kernels.cubes import BLOCK_BITS, BLOCK_ROWS
 from cuboid.heatmap.voxel_map import MAX_VOTES
-from cuboid.kernels.cubes import BLOCK_BITS, BLOCK_ROWS
 from cuboid.objects.entry import State
 from cuboid.proposals.types import Proposals
-from cuboid.results import FrameResult
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 from made_scenes import cast, look_at, upright
 
 CAMERA = Intrinsics(68.0, 68.0, 39.5, 29.5, 80, 60)
@@ -136,7 +136,7 @@ def assert_boxes_are_sound(boxes: list[Box]) -> None:
 class Watch:
     """Looks at a tracker after each step, and remembers which labels there were."""
 
-    def __init__(self, tracker: Tracker) -> None:
+    def __init__(self, tracker: PosedTracker) -> None:
         self._tracker = tracker
         self._number_of: dict[int, int] = {}
         self._ended: set[int] = set()

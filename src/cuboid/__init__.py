@@ -21,25 +21,31 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from cuboid.errors import CuboidError as CuboidError
+from cuboid.core.display import draw_with
+from cuboid.core.errors import CuboidError as CuboidError
 
 # "import X as X" exports a name to type checkers. There is no `__all__`: with it, `help(cuboid)` would print each class
 # in full, some thousand lines.
 if TYPE_CHECKING:
     from cuboid.cameras import LiveCamera as LiveCamera
     from cuboid.cameras import open_camera as open_camera
-    from cuboid.config import TrackerConfig as TrackerConfig
-    from cuboid.errors import ConfigError as ConfigError
-    from cuboid.errors import FrameError as FrameError
-    from cuboid.errors import InputError as InputError
-    from cuboid.errors import MissingExtraError as MissingExtraError
-    from cuboid.errors import OutputError as OutputError
-    from cuboid.frame import Frame as Frame
-    from cuboid.frame import Intrinsics as Intrinsics
-    from cuboid.frame import SkippedFrame as SkippedFrame
+    from cuboid.core.config import TrackerConfig as TrackerConfig
+    from cuboid.core.errors import ConfigError as ConfigError
+    from cuboid.core.errors import FrameError as FrameError
+    from cuboid.core.errors import InputError as InputError
+    from cuboid.core.errors import MissingExtraError as MissingExtraError
+    from cuboid.core.errors import OutputError as OutputError
+    from cuboid.core.frame import Frame as Frame
+    from cuboid.core.frame import Intrinsics as Intrinsics
+    from cuboid.core.frame import SkippedFrame as SkippedFrame
+    from cuboid.core.results import FrameResult as FrameResult
+    from cuboid.core.results import MapPoints as MapPoints
+    from cuboid.core.results import Proposal3D as Proposal3D
+    from cuboid.core.results import SceneChange as SceneChange
+    from cuboid.core.results import Sighting as Sighting
+    from cuboid.core.results import SupportPlane as SupportPlane
+    from cuboid.core.results import TrackedObject as TrackedObject
     from cuboid.geometry.box import Box as Box
-    from cuboid.object_table import ObjectTable as ObjectTable
-    from cuboid.opening import open_recording as open_recording
     from cuboid.outputs import FrameRecord as FrameRecord
     from cuboid.outputs import LimitReached as LimitReached
     from cuboid.outputs import Results as Results
@@ -47,25 +53,17 @@ if TYPE_CHECKING:
     from cuboid.outputs import Timing as Timing
     from cuboid.outputs import TrackRow as TrackRow
     from cuboid.outputs import open_results as open_results
+    from cuboid.outputs.object_table import ObjectTable as ObjectTable
+    from cuboid.outputs.queries import MapQueries as MapQueries
+    from cuboid.outputs.queries import PointCloud as PointCloud
+    from cuboid.pipeline.run import track_recording as track_recording
+    from cuboid.pipeline.streaming import FrameSource as FrameSource
     from cuboid.poses import DriftCorrection as DriftCorrection
     from cuboid.proposals.types import Proposals as Proposals
     from cuboid.proposals.types import ProposalSource as ProposalSource
-    from cuboid.queries import MapQueries as MapQueries
-    from cuboid.queries import PointCloud as PointCloud
     from cuboid.readers import Recording as Recording
     from cuboid.readers.depth_camera import DepthCamera as DepthCamera
-    from cuboid.results import FrameResult as FrameResult
-    from cuboid.results import MapPoints as MapPoints
-    from cuboid.results import Proposal3D as Proposal3D
-    from cuboid.results import SceneChange as SceneChange
-    from cuboid.results import Sighting as Sighting
-    from cuboid.results import SupportPlane as SupportPlane
-    from cuboid.results import TrackedObject as TrackedObject
-    from cuboid.run import track_recording as track_recording
-    from cuboid.run_types import Progress as Progress
-    from cuboid.run_types import RecordingLike as RecordingLike
-    from cuboid.run_types import RunOutcome as RunOutcome
-    from cuboid.run_types import TrackerLike as TrackerLike
+    from cuboid.recordings.opening import open_recording as open_recording
     from cuboid.scene import Scene as Scene
     from cuboid.scene import SceneObject as SceneObject
     from cuboid.scene import ScenePast as ScenePast
@@ -73,8 +71,13 @@ if TYPE_CHECKING:
     from cuboid.scene import SceneTracker as SceneTracker
     from cuboid.scene import Source as Source
     from cuboid.scene.running import IntoScene as IntoScene
-    from cuboid.streaming import FrameSource as FrameSource
-    from cuboid.tracking import Tracker as Tracker
+    from cuboid.tracking.tracker import Tracker as Tracker
+    from cuboid.tracking.types import Progress as Progress
+    from cuboid.tracking.types import RecordingLike as RecordingLike
+    from cuboid.tracking.types import RunOutcome as RunOutcome
+    from cuboid.tracking.types import TrackerLike as TrackerLike
+
+draw_with("cuboid.views.notebook")
 
 __version__ = "0.1.0"
 
@@ -82,43 +85,43 @@ __version__ = "0.1.0"
 # `--threads` can size the pools of libraries, which read their limits when they are imported.
 _PLACES = {
     # Open
-    "open_recording": "cuboid.opening",
+    "open_recording": "cuboid.recordings.opening",
     "open_camera": "cuboid.cameras",
     "open_results": "cuboid.outputs",
     "Recording": "cuboid.readers",
     "LiveCamera": "cuboid.cameras",
-    "FrameSource": "cuboid.streaming",
-    "Frame": "cuboid.frame",
-    "SkippedFrame": "cuboid.frame",
-    "Intrinsics": "cuboid.frame",
+    "FrameSource": "cuboid.pipeline.streaming",
+    "Frame": "cuboid.core.frame",
+    "SkippedFrame": "cuboid.core.frame",
+    "Intrinsics": "cuboid.core.frame",
     "DepthCamera": "cuboid.readers.depth_camera",
     # Track
-    "Tracker": "cuboid.tracking",
-    "TrackerConfig": "cuboid.config",
+    "Tracker": "cuboid.tracking.tracker",
+    "TrackerConfig": "cuboid.core.config",
     "Proposals": "cuboid.proposals.types",
     "ProposalSource": "cuboid.proposals.types",
     "DriftCorrection": "cuboid.poses",
-    "track_recording": "cuboid.run",
-    "RecordingLike": "cuboid.run_types",
-    "TrackerLike": "cuboid.run_types",
-    "Progress": "cuboid.run_types",
-    "RunOutcome": "cuboid.run_types",
+    "track_recording": "cuboid.pipeline.run",
+    "RecordingLike": "cuboid.tracking.types",
+    "TrackerLike": "cuboid.tracking.types",
+    "Progress": "cuboid.tracking.types",
+    "RunOutcome": "cuboid.tracking.types",
     "RunReport": "cuboid.outputs",
     "Timing": "cuboid.outputs",
     "LimitReached": "cuboid.outputs",
     "IntoScene": "cuboid.scene.running",
     # Results
     "Results": "cuboid.outputs",
-    "MapQueries": "cuboid.queries",
-    "ObjectTable": "cuboid.object_table",
-    "TrackedObject": "cuboid.results",
+    "MapQueries": "cuboid.outputs.queries",
+    "ObjectTable": "cuboid.outputs.object_table",
+    "TrackedObject": "cuboid.core.results",
     "Box": "cuboid.geometry.box",
-    "PointCloud": "cuboid.queries",
-    "MapPoints": "cuboid.results",
-    "SupportPlane": "cuboid.results",
-    "FrameResult": "cuboid.results",
-    "Sighting": "cuboid.results",
-    "Proposal3D": "cuboid.results",
+    "PointCloud": "cuboid.outputs.queries",
+    "MapPoints": "cuboid.core.results",
+    "SupportPlane": "cuboid.core.results",
+    "FrameResult": "cuboid.core.results",
+    "Sighting": "cuboid.core.results",
+    "Proposal3D": "cuboid.core.results",
     "FrameRecord": "cuboid.outputs",
     "TrackRow": "cuboid.outputs",
     # Scenes
@@ -127,14 +130,14 @@ _PLACES = {
     "SceneObject": "cuboid.scene",
     "SceneRecording": "cuboid.scene",
     "ScenePast": "cuboid.scene",
-    "SceneChange": "cuboid.results",
+    "SceneChange": "cuboid.core.results",
     "Source": "cuboid.scene",
     # Errors
-    "InputError": "cuboid.errors",
-    "ConfigError": "cuboid.errors",
-    "FrameError": "cuboid.errors",
-    "OutputError": "cuboid.errors",
-    "MissingExtraError": "cuboid.errors",
+    "InputError": "cuboid.core.errors",
+    "ConfigError": "cuboid.core.errors",
+    "FrameError": "cuboid.core.errors",
+    "OutputError": "cuboid.core.errors",
+    "MissingExtraError": "cuboid.core.errors",
 }
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from cuboid.batch import claim
 from cuboid.batch.claim import LOCK, claimed
-from cuboid.errors import OutputError
+from cuboid.core.errors import OutputError
 from cuboid.store.place import Place
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cuboid.batch.sources import expand
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from fakes import write_recording
 
 

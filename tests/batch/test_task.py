@@ -8,21 +8,21 @@ from pathlib import Path
 
 import pytest
 
-import cuboid.run
+import cuboid.pipeline.run
 from batches import content, recordings
 from cuboid.batch.identity import head_of
 from cuboid.batch.sources import Source
 from cuboid.batch.task import Task, track
 from cuboid.cli import main
 from cuboid.cli.batch import add_arguments, settings_from
-from cuboid.frame import Frame
-from cuboid.results import FrameResult
+from cuboid.core.frame import Frame
+from cuboid.core.results import FrameResult
 from fakes import FakeTracker
 
 
 @pytest.fixture
 def task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Task:
-    monkeypatch.setattr(cuboid.run, "_tracker", FakeTracker)
+    monkeypatch.setattr(cuboid.pipeline.run, "_tracker", FakeTracker)
     source = Source("rec-00", str(recordings(tmp_path / "source", 1) / "rec-00"))
     parser = argparse.ArgumentParser()
     add_arguments(parser)
@@ -44,7 +44,7 @@ def test_what_is_whole_is_not_tracked_again_though_its_worker_died(
     (results,) = tmp_path.glob("store/results/rec-00/*")
     files = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in results.iterdir()}
     rows = content(tmp_path / "store")
-    monkeypatch.setattr(cuboid.run, "_tracker", Unasked)
+    monkeypatch.setattr(cuboid.pipeline.run, "_tracker", Unasked)
     assert track(task) == first
     assert {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in results.iterdir()} == files
     assert content(tmp_path / "store") == rows
@@ -58,7 +58,7 @@ def test_results_appear_when_they_are_whole(task: Task, tmp_path: Path, monkeypa
             seen.extend(path.name for path in tmp_path.glob("store/results/rec-00/*"))
             return super().update(frame, anchor)
 
-    monkeypatch.setattr(cuboid.run, "_tracker", Watched)
+    monkeypatch.setattr(cuboid.pipeline.run, "_tracker", Watched)
     track(task)
     assert seen
     assert all(name.startswith(".") and name.endswith(".partial") for name in seen)

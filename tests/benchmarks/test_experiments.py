@@ -9,7 +9,7 @@ import pytest
 
 from ab3dmot import track
 from cuboid import open_recording
-from cuboid.frame import Frame, Intrinsics
+from cuboid.core.frame import Frame, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.objects.object_map import ObjectMap
 from cuboid.proposals import Proposals, make_source

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array
-from cuboid.kernels import revolve as kernel
-from cuboid.kernels.bodies import MIN_ARC, MIN_BODY, SECTORS, STEPS
-from cuboid.kernels.extents import side_spread
-from cuboid.kernels.resting import ROUND_RADIUS
-from cuboid.tolerances import (
+from cuboid.boxes.kernels import revolve as kernel
+from cuboid.boxes.kernels.bodies import MIN_ARC, MIN_BODY, SECTORS, STEPS
+from cuboid.boxes.kernels.extents import side_spread
+from cuboid.boxes.kernels.resting import ROUND_RADIUS
+from cuboid.core.frame import Float64Array
+from cuboid.core.tolerances import (
     DRIFT_M,
     JUMP_M,
     JUMP_SIGMAS,

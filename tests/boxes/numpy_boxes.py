@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.boxes.fit import ARC_DESIGNS, ARC_SOLVERS, ARCS, DIRECTIONS, plane_axes
-from cuboid.geometry.box import Box
-from cuboid.kernels.resting import (
+from cuboid.boxes.kernels.resting import (
     ALIKE_M,
     BETTER_SIDES,
     MISSING_M,
@@ -15,7 +14,8 @@ from cuboid.kernels.resting import (
     ROUND_RADIUS,
     ROUND_RESIDUAL,
 )
-from cuboid.tolerances import JUMP_M
+from cuboid.core.tolerances import JUMP_M
+from cuboid.geometry.box import Box
 
 BINS = 256
 

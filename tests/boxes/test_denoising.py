@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from cuboid.boxes.denoising import denoised
 from cuboid.boxes.fit import fit_box
+from cuboid.boxes.kernels.shifts import shift_means
 from cuboid.boxes.revolved import revolved
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou
-from cuboid.kernels.shifts import shift_means
 
 UP = np.array([0.0, 0.0, 1.0])
 VOXEL_M = 0.01

@@ -7,10 +7,10 @@ import pytest
 
 from cuboid.boxes.fit import fit_box
 from cuboid.boxes.hidden import as_deep_as_wide, foot_is_hidden, mirrored_points
-from cuboid.config import TrackerConfig
+from cuboid.core.config import TrackerConfig
+from cuboid.core.working import WorkingImage
 from cuboid.geometry.box import Box
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.working import WorkingImage
 from made_scenes import CAMERA, cast, look_at, upright
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -7,7 +7,7 @@ import pytest
 from posed import Posed
 
 from cuboid.calibration import spread_out
-from cuboid.frame import Frame
+from cuboid.core.frame import Frame
 from cuboid.readers import Recording, open_recording
 from cuboid.synthetic import make_scene, render_recording
 from cuboid.synthetic.poses import POSE_NOISES

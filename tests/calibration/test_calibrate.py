@@ -10,8 +10,8 @@ from posed import Posed, scaled
 
 from cuboid.calibration import calibrate, quick_check, spread_out
 from cuboid.cli import main
-from cuboid.errors import InputError
-from cuboid.frame import Frame
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Frame
 from cuboid.geometry import se3
 from cuboid.outputs import read_run
 from cuboid.readers import Recording, open_recording

@@ -7,7 +7,7 @@ import pytest
 
 from cuboid.calibration.comparing import PARAMETERS, disagreements, warp
 from cuboid.calibration.views import CELL_PX, Pinhole, View, build_view, factors
-from cuboid.frame import Frame, Intrinsics
+from cuboid.core.frame import Frame, Intrinsics
 from cuboid.geometry import se3
 
 PINHOLE = Pinhole(130.0, 128.0, 79.0, 61.0)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cuboid.calibration.pose_fit import DEPTH_FACTORS, pose_fit
-from cuboid.errors import FrameError
-from cuboid.frame import Frame, Intrinsics
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Frame, Intrinsics
 
 K = Intrinsics(160.0, 160.0, 79.5, 59.5, 160, 120)
 
@@ -75,8 +75,8 @@ def test_too_few_frames_tell_nothing() -> None:
 
 
 def test_given_poses_of_real_recordings_explain_them(data_dir) -> None:
-    from cuboid.diagnosis import explains
     from cuboid.readers import open_recording
+    from cuboid.tracking.diagnosis import explains
 
     for name in ("office-scan", "rgbd-scenes-v2/imgs/scene_01", "rgbd_dataset_freiburg1_xyz", "desk-realsense"):
         recording = open_recording(data_dir / name)

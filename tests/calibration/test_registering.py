@@ -12,7 +12,7 @@ import pytest
 import cuboid
 from cuboid.calibration.registering import register_recording, registration_warning
 from cuboid.cli import main
-from cuboid.frame import Intrinsics
+from cuboid.core.frame import Intrinsics
 from cuboid.readers import open_recording
 from cuboid.synthetic.kinds import make_scene
 from cuboid.synthetic.recording import DEPTH_UNITS_PER_M, encode_color, encode_depth

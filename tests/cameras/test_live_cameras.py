@@ -12,11 +12,11 @@ from played import CALIBRATION, SIZE, PlayedDriver, color_image, depth_image, po
 import cuboid
 from cuboid.cameras import CAMERAS, LiveCamera, Shot
 from cuboid.cameras.latest import LatestQueue
-from cuboid.errors import InputError, OutputError
+from cuboid.core.errors import InputError, OutputError
 from cuboid.outputs import read_run, read_tracks
+from cuboid.pipeline.run import track_recording
+from cuboid.pipeline.streaming import FrameSource
 from cuboid.readers import Calibration, DepthCamera, open_recording
-from cuboid.run import track_recording
-from cuboid.streaming import FrameSource
 from fakes import FakeTracker
 
 

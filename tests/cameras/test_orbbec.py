@@ -11,7 +11,7 @@ from played import color_image, depth_image, install, lacking
 
 import cuboid
 from cuboid.cameras.orbbec import CONVERSIONS, rgb_of
-from cuboid.errors import FrameError, InputError, MissingExtraError
+from cuboid.core.errors import FrameError, InputError, MissingExtraError
 
 
 class OBError(Exception):

@@ -15,7 +15,7 @@ import cuboid
 from cuboid.cameras import LiveCamera
 from cuboid.cameras.realsense import RealSense
 from cuboid.cli import main
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.outputs import read_run
 
 rs = pytest.importorskip(

@@ -18,7 +18,7 @@ HERE = Path(__file__).resolve().parent
 SCRIPT = """
 import sys
 sys.path[:0] = [{here!r}, {tests!r}]
-import cuboid.run
+import cuboid.pipeline.run
 from cuboid.cameras import CAMERAS
 from cuboid.cli import main
 from fakes import FakeTracker
@@ -29,7 +29,7 @@ class Telling(FakeTracker):
         print("frame", frame.index, file=sys.stderr, flush=True)
         return super().update(frame, anchor)
 
-cuboid.run._tracker = Telling
+cuboid.pipeline.run._tracker = Telling
 then = {then}
 CAMERAS.register("toy")(lambda options: PlayedDriver({frames}, paced=False, every_s=0.01, then=then))
 sys.exit(main(sys.argv[1:]))

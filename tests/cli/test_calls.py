@@ -23,7 +23,7 @@ Call = Callable[..., tuple[int, str, str]]
 @pytest.fixture
 def call(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Call:
     """Return a function that calls the command line and gives status, output and errors."""
-    monkeypatch.setattr("cuboid.run._tracker", FakeTracker)
+    monkeypatch.setattr("cuboid.pipeline.run._tracker", FakeTracker)
     monkeypatch.setattr("cuboid.cli.progress.loaded_kernels", list)
 
     def run(*words: str | Path) -> tuple[int, str, str]:

@@ -18,7 +18,7 @@ TESTS = Path(__file__).resolve().parents[1]
 SCRIPT = """
 import sys, time
 sys.path.insert(0, {tests!r})
-import cuboid.run
+import cuboid.pipeline.run
 from cuboid.cli import main
 from fakes import FakeTracker
 
@@ -28,7 +28,7 @@ class Slow(FakeTracker):
         time.sleep(1.0 if frame.index == 4 else 0.01)
         return super().update(frame, anchor)
 
-cuboid.run._tracker = Slow
+cuboid.pipeline.run._tracker = Slow
 sys.exit(main(sys.argv[1:]))
 """
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from cuboid import compiled, compiletime
 from cuboid.cli import progress as module
 from cuboid.cli.compile_progress import COMPILING, CompileCount, about_left
 from cuboid.cli.progress import LineProgress, TerminalProgress
-from cuboid.results import FrameResult
+from cuboid.core import compiled, compiletime
+from cuboid.core.results import FrameResult
 from fakes import INTRINSICS, FakeRecording, FakeTracker
 
 

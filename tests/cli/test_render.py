@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from cuboid.cli import render
-from cuboid.errors import InputError
-from cuboid.frame import UInt8Array
+from cuboid.core.errors import InputError
+from cuboid.core.frame import UInt8Array
+from cuboid.pipeline.run import track_recording
 from cuboid.readers import open_recording
-from cuboid.run import track_recording
 from fakes import FakeTracker, write_recording
 
 FRAMES = 7

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.core.frame import Intrinsics
+from cuboid.core.results import TrackedObject
 from cuboid.evaluation.matching import FrameOverlap
-from cuboid.frame import Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.outputs import ObjectsFile, RunReport, write_objects, write_run
-from cuboid.results import TrackedObject
 
 LEVEL = np.eye(3)
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_truth import cube, truth_document, write_csv, write_folder, write_truth
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.evaluation import evaluate
 from cuboid.evaluation.alignment import mean_motion
 from cuboid.geometry import se3

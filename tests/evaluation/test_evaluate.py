@@ -10,7 +10,7 @@ import pytest
 from made_truth import as_json, cube, follow, truth_document, write_csv, write_folder, write_truth
 
 from cuboid.cli import evaluate as command
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.evaluation import Evaluation, evaluate
 from cuboid.geometry.box import Box
 

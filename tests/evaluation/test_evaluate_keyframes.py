@@ -10,14 +10,14 @@ import pytest
 from made_keyframes import drawn, keyframes_document, square, write_keyframes, write_sightings
 
 from cuboid import cli, open_recording
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Intrinsics
+from cuboid.core.results import FrameResult, MapPoints, Proposal3D, Sighting, TrackedObject
 from cuboid.evaluation import evaluate_keyframes
 from cuboid.evaluation.evaluate_keyframes import KeyframeEvaluation
-from cuboid.frame import Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.outputs import ObjectsFile, ResultWriter, RunReport
 from cuboid.readers import Recording
-from cuboid.results import FrameResult, MapPoints, Proposal3D, Sighting, TrackedObject
 from made_results import SKIPPED, write_results
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from made_truth import as_json, cube, truth_document, write_truth
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
+from cuboid.core.results import MapPoints
 from cuboid.evaluation.points import (
     REACH_M,
     HeatAt,
@@ -18,7 +19,6 @@ from cuboid.evaluation.points import (
 )
 from cuboid.evaluation.truth import Truth, read_truth
 from cuboid.outputs import write_map
-from cuboid.results import MapPoints
 
 
 def line(count: int) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_truth import cube, write_csv
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.evaluation.result import read_result
 
 HEADER = "frame,label,cx,cy,cz,length,width,height,qw,qx,qy,qz"

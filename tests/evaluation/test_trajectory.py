@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cuboid.cli import main
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.evaluation.timed_poses import TimedPoses, read_poses
 from cuboid.evaluation.trajectory import associate, evaluate_trajectory, rigid_fit
 from cuboid.evaluation.trajectory_plot import plot, ticks

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from made_truth import as_json, cube, truth_document, write_truth
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.evaluation.truth import JudgedRegion, read_truth
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.evaluation.visits import evaluate_visits
 from cuboid.formats.json_validation import read_json
 from cuboid.formats.visits_file import VisitsDocument

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.frame import Float64Array, Intrinsics
+from cuboid.core.frame import Float64Array, Intrinsics
+from cuboid.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import rotation_from_quat_wxyz
 from cuboid.outputs import ObjectsFile, ResultWriter, RunReport, Timing
-from cuboid.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
 
 FRAMES = 5
 SKIPPED = 2

@@ -15,14 +15,14 @@ from pycocotools.coco import COCO
 from rosbags.highlevel import AnyReader
 
 from cuboid.cli import main
-from cuboid.errors import InputError, OutputError
+from cuboid.core.errors import InputError, OutputError
+from cuboid.core.palette import color_of
 from cuboid.exports import EXPORTS, export
 from cuboid.exports.kitti import in_camera, kitti_row, read_kitti
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou
 from cuboid.geometry.se3 import rotation_from_quat_wxyz
 from cuboid.outputs import Results, TrackRow, read_map
-from cuboid.views.palette import color_of
 
 OWN = ("coco", "csv", "json", "kitti", "mcap", "ply")
 SUFFIXES = {name: form.suffix for name, form in EXPORTS.items()}

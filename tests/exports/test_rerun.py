@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cuboid.errors import InputError, MissingExtraError
+from cuboid.core.errors import InputError, MissingExtraError
 from cuboid.exports import export
 from cuboid.outputs import Results
 

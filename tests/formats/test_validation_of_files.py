@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cuboid.errors import CuboidError, FrameError, InputError, one_line, shown
+from cuboid.core.errors import CuboidError, FrameError, InputError, one_line, shown
+from cuboid.core.frame import Frame
 from cuboid.formats import reading
 from cuboid.formats.json_validation import read_json
 from cuboid.formats.objects_file import ObjectsDocument
 from cuboid.formats.reading import UnreadableError, opened, read_bytes, text_lines
 from cuboid.formats.rows_files import TrackEntry
 from cuboid.formats.table_validation import read_table
-from cuboid.frame import Frame
 from cuboid.outputs.rows import TRACKS_HEADER
 
 REPOSITORY = Path(__file__).resolve().parents[2]

@@ -23,8 +23,8 @@ from made_bags import START_NS, make_bag, time_of, writing
 from made_recordings import CAMERA, color_image, depth_image
 from targets import files_of, read_all
 
-from cuboid.errors import FrameError
-from cuboid.frame import Intrinsics
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Intrinsics
 from cuboid.readers import open_recording
 
 

@@ -26,11 +26,11 @@ sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 from hostile import hostile  # noqa: E402
 
-from cuboid.config import TrackerConfig  # noqa: E402
-from cuboid.errors import FrameError  # noqa: E402
-from cuboid.frame import Intrinsics  # noqa: E402
+from cuboid.core.config import TrackerConfig  # noqa: E402
+from cuboid.core.errors import FrameError  # noqa: E402
+from cuboid.core.frame import Intrinsics  # noqa: E402
 from cuboid.geometry import se3  # noqa: E402
-from cuboid.tracker import Tracker  # noqa: E402
+from cuboid.tracking.posed_tracker import PosedTracker  # noqa: E402
 from worlds import Watch  # noqa: E402
 
 # Seconds of one core that a frame may take, the first ones of a process left out: these load the kernels. What other
@@ -100,7 +100,7 @@ class Fired:
 def load_kernels() -> None:
     """Let no frame and no correction pay for what is done once in a process."""
     sequence = hostile(MANY_OBJECTS, (320, 240))
-    tracker = Tracker(sequence.intrinsics)
+    tracker = PosedTracker(sequence.intrinsics)
     for item in sequence.frames(50):
         if item.frame is not None:
             tracker.update(item.frame, 1 + item.frame.index // (2 * KEYFRAME_EVERY))
@@ -117,7 +117,7 @@ def fire(seed: int, frames: int, fired: Fired, size: tuple[int, int] | None = No
 def _take(seed: int, frames: int, fired: Fired, size: tuple[int, int] | None) -> None:
     """Let a tracker take a sequence, and note what is wrong with it; its end is the first fault but for slowness."""
     sequence, rng = hostile(seed, size), np.random.default_rng(SETTINGS + seed)
-    tracker = Tracker(sequence.intrinsics, _settings(rng))
+    tracker = PosedTracker(sequence.intrinsics, _settings(rng))
     watch = Watch(tracker)
     fired.sequences += 1
     for number, item in enumerate(sequence.frames(frames)):

@@ -19,7 +19,7 @@ for _folder in (HERE.parent, HERE.parent / "readers", HERE.parent / "exports"):
 from engine import Target  # noqa: E402
 from made_run import finished  # noqa: E402
 
-from cuboid.errors import CuboidError  # noqa: E402
+from cuboid.core.errors import CuboidError  # noqa: E402
 from cuboid.evaluation import evaluate  # noqa: E402
 from cuboid.evaluation.timed_poses import read_poses  # noqa: E402
 from cuboid.exports import EXPORTS, export  # noqa: E402

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from cuboid.core.working import WorkingImage
 from cuboid.geometry import se3
+from cuboid.heatmap.kernels.cubes import ANCHORS, BLOCK_BITS, PLACES, ROW, cubes_of, voxels_of
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.kernels.cubes import ANCHORS, BLOCK_BITS, PLACES, ROW, cubes_of, voxels_of
-from cuboid.working import WorkingImage
 from made_scenes import CAMERA, cast, look_at, upright
 
 SCENE = [upright((0, 0), (2, 2, 0.02), z=-0.02), upright((0.1, 0.1), (0.2, 0.3, 0.2), 0.3)]

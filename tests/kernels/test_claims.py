@@ -6,8 +6,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cuboid.kernels.claims import assign_pixels, proposal_overlaps, segment_overlaps, vote_owners
-from cuboid.kernels.outlines import (
+from cuboid.core.tolerances import JUMP_SIGMAS
+from cuboid.heatmap.kernels.claims import assign_pixels, proposal_overlaps, segment_overlaps, vote_owners
+from cuboid.surfaces.kernels.outlines import (
     BORDER,
     BOTTOM,
     CONTACT,
@@ -24,7 +25,6 @@ from cuboid.kernels.outlines import (
     UNSURE,
     outlines,
 )
-from cuboid.tolerances import JUMP_SIGMAS
 
 HEIGHT, WIDTH = 16, 24
 SIDES = np.array([BOTTOM, TOP, RIGHT, LEFT])  # of a camera held upright: below, above, right, left

@@ -5,9 +5,9 @@ import pytest
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from cuboid.kernels.pieces import gather_regions, judge_regions, label_regions
-from cuboid.kernels.pixels import assign_planes, back_project, drop_mixed
-from cuboid.tolerances import JUMP_SIGMAS
+from cuboid.core.kernels.pixels import assign_planes, back_project, drop_mixed
+from cuboid.core.tolerances import JUMP_SIGMAS
+from cuboid.surfaces.kernels.pieces import gather_regions, judge_regions, label_regions
 
 CAMERA = np.array([50.0, 50.0, 31.5, 23.5])
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from cuboid.kernels.rims import highest_rim
-from cuboid.tolerances import LITTLE, MIN_READINGS, MOST, SAMPLE
+from cuboid.core.tolerances import LITTLE, MIN_READINGS, MOST, SAMPLE
+from cuboid.objects.kernels.rims import highest_rim
 
 GAP_M, SLAB_M = 0.02, 0.03
 

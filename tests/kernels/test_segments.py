@@ -3,9 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.kernels import holes, patches, regions, segments, unions
-from cuboid.kernels.cells import CELL_COLUMNS, fit_cells
-from cuboid.tolerances import JUMP_SIGMAS
+from cuboid.core.kernels import holes, patches, regions, segments
+from cuboid.core.kernels.cells import CELL_COLUMNS, fit_cells
+from cuboid.core.tolerances import JUMP_SIGMAS
+from cuboid.proposals.kernels import unions
 
 PINHOLE = np.array([265.0, 265.0, 79.5, 59.5])
 SHAPE = (120, 160)

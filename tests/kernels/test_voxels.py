@@ -7,9 +7,9 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from cuboid.frame import Intrinsics
+from cuboid.core.frame import Intrinsics
+from cuboid.core.working import WorkingImage
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.working import WorkingImage
 
 CAMERA = Intrinsics(60.0, 60.0, 31.5, 23.5, 64, 48)
 VOXEL = 0.05

@@ -7,10 +7,10 @@ import numpy as np
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
 from cuboid.heatmap.voxel_map import PixelVoxels
-from cuboid.kernels.outlines import KINDS
 from cuboid.objects.association import Association, associate
 from cuboid.objects.entry import MapObject
 from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments
+from cuboid.surfaces.kernels.outlines import KINDS
 
 SHAPE = (20, 40)
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from made_maps import box_of, grid, map_of, shell
 
-from cuboid.config import TrackerConfig
+from cuboid.core.config import TrackerConfig
 from cuboid.geometry.overlap import iou
-from cuboid.kernels.outlines import FREE, HIDDEN, TOP
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.entry import MapObject, State
 from cuboid.objects.fitting import Fitting
 from cuboid.objects.store import ObjectStore
 from cuboid.surfaces.cells import Cells
+from cuboid.surfaces.kernels.outlines import FREE, HIDDEN, TOP
 from cuboid.surfaces.planes import PlaneTracker
 from cuboid.surfaces.standing import FlatAreas
 

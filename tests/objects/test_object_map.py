@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from made_maps import map_of, shell
 
-from cuboid.config import TrackerConfig
+from cuboid.core.config import TrackerConfig
+from cuboid.core.tolerances import SURE
 from cuboid.geometry.box import Box
-from cuboid.kernels.outlines import KINDS
 from cuboid.objects.affinity import DIFFERENT_LOG_ODDS, SAME_LOG_ODDS
 from cuboid.objects.association import Association
 from cuboid.objects.object_map import ObjectMap
 from cuboid.surfaces.frame_segments import FrameSegment
+from cuboid.surfaces.kernels.outlines import KINDS
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import SURE
 
 JAR = np.array([0.1, 0.1, 0.16])
 RIM = np.array([0.31, 0.02, 0.02])

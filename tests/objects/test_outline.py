@@ -7,11 +7,23 @@ from math import log
 import numpy as np
 import pytest
 
-from cuboid.kernels.outlines import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, KINDS, LEFT, RIGHT, SUPPORT, TOP, UNSURE
+from cuboid.core.tolerances import MOST
 from cuboid.objects.affinity import SURE
 from cuboid.objects.outline import CLEAR, enclosed, ends_above, ends_beside, with_viewpoint_change
 from cuboid.objects.outline import log_odds_of as told_by_each
-from cuboid.tolerances import MOST
+from cuboid.surfaces.kernels.outlines import (
+    BORDER,
+    BOTTOM,
+    CONTACT,
+    FREE,
+    HIDDEN,
+    KINDS,
+    LEFT,
+    RIGHT,
+    SUPPORT,
+    TOP,
+    UNSURE,
+)
 
 
 def outline(top: int, bottom: int, left: int, right: int, pixels: int = 20) -> np.ndarray:

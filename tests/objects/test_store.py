@@ -7,8 +7,8 @@ import pytest
 from made_maps import grid, map_of
 
 from cuboid.geometry.box import Box
+from cuboid.geometry.kernels.overlap import BATCH
 from cuboid.geometry.overlap import pack
-from cuboid.kernels.overlap import BATCH
 from cuboid.objects.entry import State
 from cuboid.objects.store import ObjectStore
 

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
+from cuboid.core.results import MapPoints, TrackedObject
 from cuboid.geometry.box import Box
 from cuboid.outputs import (
     LimitReached,
@@ -27,8 +28,7 @@ from cuboid.outputs import (
     write_run,
 )
 from cuboid.outputs.rows import PoseRow, ProposalRow, TrackRow
-from cuboid.results import MapPoints, TrackedObject
-from cuboid.run import track_recording
+from cuboid.pipeline.run import track_recording
 from fakes import INTRINSICS, FakeRecording, FakeTracker, box
 
 RECT = np.array([1.0, 2.0, 11.5, 12.25])

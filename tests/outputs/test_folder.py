@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from cuboid.errors import OutputError
+from cuboid.core.errors import OutputError
 from cuboid.outputs.folder import ResultFolder, writing
 
 

@@ -16,9 +16,9 @@ sys.path.insert(0, {tests!r})
 from pathlib import Path
 import numpy as np
 from fakes import FakeRecording, FakeTracker
-from cuboid.errors import OutputError
-from cuboid.results import MapPoints
-from cuboid.run import track_recording
+from cuboid.core.errors import OutputError
+from cuboid.core.results import MapPoints
+from cuboid.pipeline.run import track_recording
 
 class Tracker(FakeTracker):
     def map_points(self):

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import cuboid
+from cuboid.core.results import MapPoints, SupportPlane
 from cuboid.outputs import ObjectsFile, ResultWriter, read_objects, write_objects
-from cuboid.queries import MapQueries
-from cuboid.results import MapPoints, SupportPlane
+from cuboid.outputs.queries import MapQueries
 from made_results import FRAMES, SEEN, SKIPPED, box, camera, made_objects, write_results
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scene"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.frame import Frame, Intrinsics
+from cuboid.core.frame import Frame, Intrinsics
 from cuboid.geometry.box import Box
 from made_scenes import cast, look_at, upright
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from posed_pictures import CAMERA, black, camera_path, picture
 
-from cuboid.frame import Frame
+from cuboid.core.frame import Frame
 from cuboid.geometry import se3
 from cuboid.poses.alignment import Prior, align, merge, pick
 from cuboid.poses.pyramid import build_levels, keep, shrink

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from cuboid import open_recording
-from cuboid.errors import FrameError
-from cuboid.frame import Frame
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Frame
 from cuboid.geometry import se3
 from cuboid.geometry.box import Box
 from cuboid.poses import drift
 from cuboid.poses.alignment import pick
 from cuboid.poses.drift import DriftCorrection, explained
 from cuboid.poses.pyramid import build_levels, shrink
-from cuboid.posing import CorrectedPoses
+from cuboid.poses.sources import CorrectedPoses
 from made_scenes import CAMERA, frame_of, look_at, upright
 
 # A table top with things of several sizes, seen from an arc of 60 degrees, there and back.

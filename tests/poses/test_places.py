@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 from posed_pictures import CAMERA, black, camera_path, picture
 
-from cuboid.frame import Frame
+from cuboid.core.frame import Frame
 from cuboid.geometry import se3
 from cuboid.poses.places import Appearance, describe, locate, votes
 from cuboid.poses.pyramid import shrink

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from posed_pictures import CAMERA, ate_m, black, camera_path, picture
 
-from cuboid.errors import FrameError
-from cuboid.frame import Frame
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Frame
 from cuboid.geometry import se3
 from cuboid.poses import PoseEstimate, PoseEstimator
 from cuboid.poses.alignment import Alignment, Prior, Reference, align

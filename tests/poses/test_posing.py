@@ -11,13 +11,13 @@ import pytest
 from posed_pictures import CAMERA, ate_m, black, camera_path, picture
 
 import cuboid
-from cuboid.errors import FrameError
-from cuboid.frame import Frame
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Frame
 from cuboid.geometry import se3
 from cuboid.outputs import Results, read_run, read_trajectory
-from cuboid.posing import BridgedPoses, EstimatedPoses, GivenPoses
+from cuboid.pipeline.run import track_recording
+from cuboid.poses.sources import BridgedPoses, EstimatedPoses, GivenPoses
 from cuboid.readers import open_recording
-from cuboid.run import track_recording
 
 PATH = camera_path(30, 45.0)
 

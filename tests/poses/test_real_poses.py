@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from posed_pictures import ate_m
 
-from cuboid.errors import FrameError
-from cuboid.frame import Frame
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Frame
 from cuboid.poses import PoseEstimator
 from cuboid.readers import Recording, open_recording
 

@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 from commands import refused, run
 
-from cuboid.cli.threads import limit_threads
-from cuboid.errors import CuboidError
+from cuboid.core.errors import CuboidError
+from cuboid.core.threads import limit_threads
 from cuboid.scene import Scene
 from cuboid.scene.database import open_to_write
 from cuboid.synthetic import make_scene, render_recording

@@ -9,10 +9,10 @@ import pytest
 import solids
 from numpy.typing import NDArray
 
-from cuboid.config import TrackerConfig
-from cuboid.downscaling import downscale
-from cuboid.errors import InputError
-from cuboid.frame import Frame, Intrinsics
+from cuboid.core.config import TrackerConfig
+from cuboid.core.downscaling import downscale
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Frame, Intrinsics
 from cuboid.proposals import Proposals, make_source
 
 NOISE = 1.425e-3

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import solids
 
-from cuboid.errors import InputError
-from cuboid.frame import Frame, Intrinsics
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Frame, Intrinsics
 from cuboid.proposals import DEFAULT_SOURCE, SOURCES, Proposals, make_source
 from cuboid.proposals.boxes import best_boxes, masks_as_proposals, thin_out
 from cuboid.proposals.silence import silent_stdout

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.proposals import matlab
 from cuboid.proposals.files import load_mat
 from cuboid.proposals.matlab import MatlabReader

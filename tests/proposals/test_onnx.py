@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
-from cuboid.errors import InputError, MissingExtraError
-from cuboid.frame import Frame, Intrinsics
+from cuboid.core.errors import InputError, MissingExtraError
+from cuboid.core.frame import Frame, Intrinsics
 from cuboid.geometry.rectangles import rect_iou_matrix
 from cuboid.proposals import Proposals, make_source
 from cuboid.readers import open_recording

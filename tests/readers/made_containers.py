@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from made_bags import START_NS, encoded, time_of, writing
 
-from cuboid.frame import Intrinsics
+from cuboid.core.frame import Intrinsics
 from cuboid.geometry import se3
 
 # Camera's axes of ARKit and OpenGL.

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from made_recordings import make_plain
 
-from cuboid.errors import FrameError, InputError
+from cuboid.core.errors import FrameError, InputError
 from cuboid.formats import archives, cache
 from cuboid.formats.cache import local_file
 from cuboid.formats.reading import MAX_TEXT_BYTES, UnreadableError, names_in, opened, read_bytes

@@ -7,8 +7,8 @@ import av
 import numpy as np
 import pytest
 
-from cuboid.errors import FrameError, InputError
-from cuboid.frame import SkippedFrame
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import SkippedFrame
 from cuboid.readers import open_recording
 
 FRAMES, STEP_US = 4, 33_333

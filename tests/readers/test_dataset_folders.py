@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from made_recordings import color_image, depth_image, write_image
 
-from cuboid.errors import FrameError, InputError
-from cuboid.frame import Intrinsics, SkippedFrame
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Intrinsics, SkippedFrame
 from cuboid.readers import open_recording
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from made_recordings import color_image, depth_image, write_image
 
-from cuboid.errors import FrameError, InputError
-from cuboid.frame import SkippedFrame
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import SkippedFrame
 from cuboid.readers import open_recording
 from cuboid.readers.images import decode_color
 

@@ -10,7 +10,7 @@ from made_bags import START_NS, make_bag, time_of, writing
 from made_recordings import CAMERA, color_image, depth_image, make_plain
 
 from cuboid.cli import main
-from cuboid.errors import FrameError, InputError
+from cuboid.core.errors import FrameError, InputError
 from cuboid.readers import open_recording
 
 

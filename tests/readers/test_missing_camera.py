@@ -7,7 +7,7 @@ import pytest
 from made_recordings import CAMERA, color_image, depth_image, write_image
 
 from cuboid.cli import main
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.readers import FrameEntry, open_recording
 from cuboid.readers.missing_camera import guess_camera
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from made_recordings import Made, color_image, depth_image, write_frames, write_image
 
-from cuboid.errors import FrameError, InputError
-from cuboid.frame import Intrinsics
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Intrinsics
 from cuboid.readers import open_recording
 
 MATRIX = [60.0, 0, 0, 0, 61.0, 0, 31.5, 23.5, 1]

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from made_recordings import write_image
 
-from cuboid.errors import FrameError, InputError
+from cuboid.core.errors import FrameError, InputError
 from cuboid.geometry import se3
 from cuboid.readers import open_recording
 from cuboid.readers.record3d_file import packed_size

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from made_recordings import CAMERA, NO_TURN, color_image, make_plain, write_image
 
-from cuboid.errors import FrameError, InputError
-from cuboid.frame import Intrinsics
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Intrinsics
 from cuboid.readers import open_recording
 
 

@@ -9,7 +9,7 @@ from made_bags import START_NS, time_of, writing
 from made_recordings import CAMERA, color_image, depth_image
 
 from cuboid.calibration.registering import find_misregistration
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.readers import open_recording
 from cuboid.readers.bag import Bag
 

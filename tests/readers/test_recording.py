@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from cuboid.frame import SkippedFrame
+from cuboid.core.frame import SkippedFrame
 from cuboid.readers import open_recording
 from cuboid.readers.prefetch import run_ahead
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from made_recordings import color_image, make_plain, write_image
 
-from cuboid.errors import FrameError, InputError
-from cuboid.frame import Intrinsics
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Intrinsics
 from cuboid.outputs.report import RunReport
 from cuboid.readers import open_recording
 from cuboid.readers.reopen import reopen_recording

@@ -13,11 +13,11 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 from made_containers import LOSSLESS, LOSSY, Frames, plain
 
-from cuboid.frame import Frame, Intrinsics
+from cuboid.core.frame import Frame, Intrinsics
+from cuboid.core.results import TrackedObject
 from cuboid.geometry.overlap import iou
 from cuboid.readers import open_recording
-from cuboid.results import TrackedObject
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 from made_scenes import cast, look_at, upright
 
 FLOOR = upright((0, 0), (8, 8, 0.1), z=-0.85)
@@ -50,7 +50,7 @@ def tracked(path: Path, poses: list[np.ndarray]) -> list[TrackedObject]:
     """The objects of a recording; a container that keeps no poses gets them from beside."""
     recording = open_recording(path)
     assert len(recording) == COUNT
-    tracker = Tracker(recording.intrinsics)
+    tracker = PosedTracker(recording.intrinsics)
     for frame in recording.iterate(prefetch=False):
         assert isinstance(frame, Frame), frame
         # The world that was made has z up, whatever is usual in worlds of this container.

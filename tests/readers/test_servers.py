@@ -12,7 +12,7 @@ from made_recordings import make_plain, write_image
 from servers import serving
 from test_archives import assert_same, pack
 
-from cuboid.errors import FrameError, InputError
+from cuboid.core.errors import FrameError, InputError
 from cuboid.formats.stored import located
 from cuboid.readers import open_recording
 

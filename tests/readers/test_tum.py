@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_recordings import CAMERA, NO_TURN, Made, write_frames
 
-from cuboid.errors import FrameError, InputError
-from cuboid.frame import Intrinsics, SkippedFrame
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Intrinsics, SkippedFrame
 from cuboid.readers import open_recording
 from cuboid.readers.tum import associate
 

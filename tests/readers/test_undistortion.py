@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_recordings import CAMERA, make_plain, write_image
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.readers import Calibration, open_recording
 from cuboid.readers.calibration import write_camera
 from cuboid.readers.reopen import reopen_recording

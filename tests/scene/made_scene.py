@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.frame import Frame, Intrinsics
+from cuboid.core.frame import Frame, Intrinsics
 from cuboid.proposals.types import Proposals
 from cuboid.scene import Scene, Source
 from made_scenes import cast, look_at, upright

@@ -10,8 +10,8 @@ import pytest
 from made_scene import CAMERA, Shown, record
 
 from browser import Watched, browser
-from cuboid.errors import InputError
-from cuboid.frame import Frame
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Frame
 from cuboid.outputs import Results
 from cuboid.proposals.types import Proposals
 from cuboid.scene import Scene, Source

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
 from cuboid.geometry import se3
 from cuboid.geometry.box import Box
 from cuboid.objects.entry import MapObject

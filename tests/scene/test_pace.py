@@ -9,12 +9,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cuboid.config import TrackerConfig
+from cuboid.core.config import TrackerConfig
 from cuboid.geometry.box import Box
 from cuboid.objects.entry import MapObject, summed_counts
 from cuboid.scene.codec import Encoder, take
 from cuboid.scene.pace import Pace, Rhythm
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 from worlds import CAMERA
 
 PIECES, PIECE_S, FRACTION = 20, 0.0022, 0.2
@@ -102,7 +102,7 @@ def test_commits_come_as_often_as_they_should_or_as_they_cost_little(monkeypatch
 
 def test_what_was_taken_stays_as_it_was() -> None:
     """It is encoded in another thread while the tracker goes on."""
-    tracker, encoder = Tracker(CAMERA, TrackerConfig()), Encoder()
+    tracker, encoder = PosedTracker(CAMERA, TrackerConfig()), Encoder()
     store = tracker._map.store
     entries = [store.add(Box(np.full(3, float(k)), np.full(3, 0.1), np.eye(3)), k) for k in range(3)]
     expected, taken = Encoder().parts(take(tracker.state())), take(tracker.state())

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cuboid.config import TrackerConfig
-from cuboid.errors import FrameError
-from cuboid.frame import Float64Array, Frame, Intrinsics
+from cuboid.core.config import TrackerConfig
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry import se3
-from cuboid.posing import GivenPoses
+from cuboid.poses.sources import GivenPoses
 from cuboid.scene import Scene, Source
 from cuboid.scene.checking import problems
 from cuboid.scene.codec import Encoder, decode, take

@@ -10,22 +10,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cuboid.config import TrackerConfig
-from cuboid.errors import FrameError
-from cuboid.frame import Frame, Intrinsics
+from cuboid.core.config import TrackerConfig
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Frame, Intrinsics
+from cuboid.core.results import FrameResult
+from cuboid.core.state import snapshot
 from cuboid.geometry import se3
 from cuboid.heatmap import levels
 from cuboid.outputs.objects import ObjectsFile, write_objects
 from cuboid.proposals.types import Proposals
-from cuboid.results import FrameResult
 from cuboid.scene.codec import Encoder, Part, take
 from cuboid.scene.database import Writing, open_to_read, open_to_write
 from cuboid.scene.localisation import ESTIMATED, ScenePoses
 from cuboid.scene.saving import SceneBlockStore, StateFile, load_state
-from cuboid.state import snapshot
 from cuboid.synthetic import make_scene
 from cuboid.synthetic.view import SceneView
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 from worlds import CAMERA, Proposer, World
 
 FRAMES = 36
@@ -38,7 +38,7 @@ TURN = se3.compose((1, 0, 0, 0), (20.0, 0, 0))
 @pytest.fixture(autouse=True)
 def finely(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the coarse pictures of these worlds be near enough for fine points."""
-    monkeypatch.setattr("cuboid.tracker.resolves_m", lambda *_: 3.0)
+    monkeypatch.setattr("cuboid.tracking.posed_tracker.resolves_m", lambda *_: 3.0)
 
 
 class Show:
@@ -62,8 +62,8 @@ class Show:
     def proposed(self, frame: Frame, _: Intrinsics) -> Proposals:
         return self.proposals[frame.index]
 
-    def tracker(self) -> Tracker:
-        return Tracker(CAMERA, proposals=self.proposed)
+    def tracker(self) -> PosedTracker:
+        return PosedTracker(CAMERA, proposals=self.proposed)
 
 
 def told(result: FrameResult) -> list[object]:
@@ -76,7 +76,7 @@ def told(result: FrameResult) -> list[object]:
     return said
 
 
-def ends(tracker: Tracker, folder: Path) -> list[bytes]:
+def ends(tracker: PosedTracker, folder: Path) -> list[bytes]:
     """Return all that a tracker knows at the end."""
     path = folder / "objects.json"
     write_objects(path, ObjectsFile(tracker.up, CAMERA, tuple(tracker.planes), tuple(tracker.objects)))
@@ -84,7 +84,7 @@ def ends(tracker: Tracker, folder: Path) -> list[bytes]:
     return [path.read_bytes(), *(column.tobytes() for column in (points.xyz, points.rgb, points.heat, points.label))]
 
 
-def load(connection: sqlite3.Connection, show: Show, block_store: SceneBlockStore | None = None) -> Tracker:
+def load(connection: sqlite3.Connection, show: Show, block_store: SceneBlockStore | None = None) -> PosedTracker:
     """Return the tracker of a scene."""
     return load_state(connection, CAMERA, show.proposed, block_store=block_store)[0]
 
@@ -125,7 +125,7 @@ def test_parts_of_the_map_leave_memory_and_come_back(
     monkeypatch.setattr(levels, "MAX_UNVIEWED_MOMENTS", 5)
     show = Show(1)
     whole, poor = (
-        Tracker(CAMERA, proposals=lambda frame, _: show.proposals[frame.index], memory_mb=most_mb)
+        PosedTracker(CAMERA, proposals=lambda frame, _: show.proposals[frame.index], memory_mb=most_mb)
         for most_mb in (float("inf"), 1.0)
     )
     file = open_to_write(tmp_path / "a.cuboid", create=True)
@@ -189,7 +189,7 @@ def test_goes_on_after_a_correction_of_poses(tmp_path: Path) -> None:
     moved = {k: se3.exp(np.array([0.01, 0.02 * k, 0, 0, 0, 0.01])) for k in (1, 2)}
     files: list[Writing] = []
 
-    def run(cut: Callable[[Tracker, int], Tracker]) -> tuple[list[object], list[bytes]]:
+    def run(cut: Callable[[PosedTracker, int], PosedTracker]) -> tuple[list[object], list[bytes]]:
         tracker, said = show.tracker(), []
         for frame in show.frames:
             said.append(told(tracker.update(frame, anchor=frame.index // 12)))
@@ -198,7 +198,7 @@ def test_goes_on_after_a_correction_of_poses(tmp_path: Path) -> None:
             tracker = cut(tracker, frame.index)
         return said, ends(tracker, tmp_path)
 
-    def cut(tracker: Tracker, index: int) -> Tracker:
+    def cut(tracker: PosedTracker, index: int) -> PosedTracker:
         if index not in (21, 22, 27):
             return tracker
         file = open_to_write(tmp_path / f"{index}.cuboid", create=True)
@@ -219,7 +219,7 @@ def test_what_points_owe_lasts_and_no_look_from_outside_settles_it(tmp_path: Pat
     rng, pending = np.random.default_rng(2), []
     moved = {index: {k: se3.exp(rng.normal(0, 0.006, 6)) for k in range(1, 7)} for index in (13, 17, 20, 26, 31)}
 
-    def run(memory_mb: float, meddle: Callable[[Tracker, int], Tracker]) -> tuple[list[object], list[bytes]]:
+    def run(memory_mb: float, meddle: Callable[[PosedTracker, int], PosedTracker]) -> tuple[list[object], list[bytes]]:
         tracker, said = show.tracker(), []
         tracker.voxels.memory_mb = memory_mb
         for index, frame in enumerate(frames):
@@ -229,12 +229,12 @@ def test_what_points_owe_lasts_and_no_look_from_outside_settles_it(tmp_path: Pat
             tracker = meddle(tracker, index)
         return said, ends(tracker, tmp_path)
 
-    def profile(tracker: Tracker, index: int) -> Tracker:
+    def profile(tracker: PosedTracker, index: int) -> PosedTracker:
         pending.append(len(tracker.voxels._anchors.pending_cubes[0]))
         ends(tracker, tmp_path)
         return tracker
 
-    def cut(tracker: Tracker, index: int) -> Tracker:
+    def cut(tracker: PosedTracker, index: int) -> PosedTracker:
         if index not in (13, 18, 21, 25, 31):
             return tracker
         commit(file.connection, state(tracker))
@@ -246,7 +246,7 @@ def test_what_points_owe_lasts_and_no_look_from_outside_settles_it(tmp_path: Pat
     file, states = open_to_write(path, create=True), {}
     reader = open_to_read(path)
 
-    def state(tracker: Tracker) -> StateFile:
+    def state(tracker: PosedTracker) -> StateFile:
         return states.setdefault(id(tracker), StateFile(file.connection, tracker, PLACES))
 
     whole = run(float("inf"), lambda tracker, index: tracker)
@@ -267,7 +267,7 @@ def test_estimated_poses_go_on_from_any_cut(tmp_path: Path) -> None:
     files: list[Writing] = []
 
     def run(cuts: tuple[int, ...]) -> tuple[list[bytes], list[bytes]]:
-        tracker, poses, told = Tracker(camera), ScenePoses(camera, TrackerConfig()), []
+        tracker, poses, told = PosedTracker(camera), ScenePoses(camera, TrackerConfig()), []
         poses.begin(ESTIMATED, first=True)
         for frame in frames:
             try:

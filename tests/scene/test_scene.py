@@ -14,12 +14,12 @@ import pytest
 from made_scene import CAMERA, THINGS, Shown, record
 
 from cuboid import cli
-from cuboid.config import TrackerConfig
-from cuboid.errors import CuboidError, FrameError, InputError, OutputError
-from cuboid.frame import Frame
+from cuboid.core.config import TrackerConfig
+from cuboid.core.errors import CuboidError, FrameError, InputError, OutputError
+from cuboid.core.frame import Frame
 from cuboid.geometry import se3
 from cuboid.outputs import Results
-from cuboid.posing import GivenPoses
+from cuboid.poses.sources import GivenPoses
 from cuboid.scene import Scene, SceneObject, Source
 from cuboid.scene.checking import problems, rescue
 from cuboid.scene.database import open_to_read, open_to_write
@@ -197,7 +197,7 @@ def test_every_byte_of_the_map_is_under_a_check_sum(path: Path, tmp_path: Path) 
 def test_fine_points_are_in_the_file_in_exports_and_in_what_is_rescued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cuboid.tracker.resolves_m", lambda *_: 3.0)
+    monkeypatch.setattr("cuboid.tracking.posed_tracker.resolves_m", lambda *_: 3.0)
     path, new, points = tmp_path / "fine.cuboid", tmp_path / "new.cuboid", []
     record(path, Shown())
     assert problems(path) == []

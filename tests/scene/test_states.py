@@ -10,21 +10,21 @@ from typing import Any, get_type_hints
 import pytest
 from made_scene import CAMERA, Shown
 
-from cuboid.config import TrackerConfig
+from cuboid.core.config import TrackerConfig
+from cuboid.core.state import TRANSIENT, Record, saved_fields, snapshot
 from cuboid.scene.codec import Encoder, decode, layout_of, take
 from cuboid.scene.localisation import SAME_WORLD, ScenePoses
 from cuboid.scene.saving import SceneState
-from cuboid.state import TRANSIENT, Record, saved_fields, snapshot
 from cuboid.surfaces.plane import Plane
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
-def scene() -> tuple[Tracker, ScenePoses]:
+def scene() -> tuple[PosedTracker, ScenePoses]:
     """Return tracker and poses of a scene that some frames were taken in."""
     shown = Shown()
-    tracker, poses = Tracker(CAMERA, proposals=shown.proposals), ScenePoses(CAMERA, TrackerConfig())
+    tracker, poses = PosedTracker(CAMERA, proposals=shown.proposals), ScenePoses(CAMERA, TrackerConfig())
     poses.begin(SAME_WORLD, first=True)
     for frame in shown.frames:
         poses.take(frame)
@@ -71,7 +71,7 @@ def test_each_attribute_is_saved_or_said_not_to_be() -> None:
 
 
 def test_a_new_attribute_is_noticed() -> None:
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     tracker._map.store.strange = 1  # type: ignore[attr-defined]
     assert unsaved(tracker._map.store) == {"strange"}
 
@@ -104,7 +104,7 @@ def test_what_is_saved_is_what_is_loaded() -> None:
     again = Encoder().parts(take(decode(SceneState, parts)))
     assert repr(again) == repr(parts)
     other = ScenePoses.from_state(decode(SceneState, parts).poses, CAMERA)
-    loaded = Tracker.from_state(decode(SceneState, parts).tracker, CAMERA)
+    loaded = PosedTracker.from_state(decode(SceneState, parts).tracker, CAMERA)
     assert repr(Encoder().parts(take(SceneState(loaded.state(), other.state())))) == repr(parts)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from made_scene import CAMERA, Shown, record
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.scene import Scene, before
 from cuboid.scene.checking import problems, rescue
 from cuboid.scene.localisation import Joined
@@ -174,7 +174,7 @@ def test_a_file_whose_tables_have_no_names_is_damaged(path: Path, tmp_path: Path
 ALL_WAYS = """
 import sys
 from pathlib import Path
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.scene.checking import problems, rescue
 from cuboid.scene.database import open_to_read, open_to_write
 path = Path(sys.argv[1])

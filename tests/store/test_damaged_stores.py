@@ -13,7 +13,7 @@ import pytest
 from made_stores import put_run, thing
 
 from cuboid.cli import main
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.store.compact import compact
 from cuboid.store.find import Filters, find
 from cuboid.store.place import Place

@@ -12,7 +12,7 @@ import pytest
 from cuboid.batch.identity import head_of
 from cuboid.batch.sources import Source, expand
 from cuboid.cli import main
-from cuboid.errors import CuboidError, InputError
+from cuboid.core.errors import CuboidError, InputError
 from cuboid.store.place import Place
 from cuboid.store.query import Tables
 

@@ -10,7 +10,7 @@ import pytest
 from made_stores import put_run, run_of, thing
 
 from cuboid.cli import main
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.store.compact import compact
 from cuboid.store.place import Place
 from cuboid.store.query import Tables

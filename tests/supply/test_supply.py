@@ -30,10 +30,10 @@ for module in pkgutil.walk_packages(cuboid.__path__, "cuboid."):
         except ModuleNotFoundError as missing:  # an extra: what needs it is imported where it is used
             extras = {{"rosbags", "cyclonedds", "distributed", "dask", "pyarrow", "duckdb", "fsspec", "starlette"}}
             assert missing.name.split(".")[0] in extras, missing
-import cuboid.run
+import cuboid.pipeline.run
 from cuboid.cli import main
 from fakes import FakeTracker, write_recording
-cuboid.run._tracker = FakeTracker
+cuboid.pipeline.run._tracker = FakeTracker
 folder = Path({folder!r})
 write_recording(folder / "recording", 6)
 assert main(["track", str(folder / "recording"), "--output", str(folder / "out"), "--video"]) == 0

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cuboid.core.tolerances import MIN_READINGS
 from cuboid.geometry import se3
 from cuboid.surfaces.grid import CELL_M, GroundPlan
-from cuboid.tolerances import MIN_READINGS
 
 
 def patch(

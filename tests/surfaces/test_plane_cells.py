@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.config import TrackerConfig
-from cuboid.frame import Intrinsics
-from cuboid.sensor import cell_pixels
+from cuboid.core.config import TrackerConfig
+from cuboid.core.frame import Intrinsics
+from cuboid.core.sensor import cell_pixels
 from cuboid.surfaces.cells import find_cells
 from made_scenes import CAMERA, cast, look_at, upright
 

@@ -7,17 +7,17 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cuboid.config import TrackerConfig
+from cuboid.core.config import TrackerConfig
+from cuboid.core.results import FrameResult
+from cuboid.core.tolerances import MIN_READINGS
 from cuboid.geometry import se3
 from cuboid.geometry.box import Box
-from cuboid.results import FrameResult
 from cuboid.surfaces.cells import Cells
 from cuboid.surfaces.grid import GroundPlan, cells_of
 from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.planes import PlaneTracker
 from cuboid.surfaces.standing import FlatAreas
-from cuboid.tolerances import MIN_READINGS
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 from made_scenes import CAMERA, frame_of, look_at, upright
 
 SCENE = [
@@ -49,9 +49,9 @@ def facing(*normal: float) -> FlatAreas:
     return FlatAreas(np.array([normal]) @ LEVEL[:3, :3], np.ones(1), np.full(1, 0.5))
 
 
-def with_planes_elsewhere(count: int) -> Tracker:
+def with_planes_elsewhere(count: int) -> PosedTracker:
     """A tracker that has seen planes at the table's own height, 40 m away and more, each 4 m from the next."""
-    tracker = Tracker(CAMERA)
+    tracker = PosedTracker(CAMERA)
     for k in range(count):
         cells = level_cells(40.0 + 4.0 * (k % 12), 4.0 * (k // 12))
         tracker._planes.vote_up(facing(0, 0, 1), LEVEL)
@@ -60,7 +60,7 @@ def with_planes_elsewhere(count: int) -> Tracker:
     return tracker
 
 
-def follow(tracker: Tracker) -> list[FrameResult]:
+def follow(tracker: PosedTracker) -> list[FrameResult]:
     angles = np.linspace(-0.6, 0.6, 24) - np.pi / 2
     poses = [look_at((1.3 * np.cos(a), 1.3 * np.sin(a), 0.8), (0, 0, 0.05)) for a in angles]
     return [tracker.update(frame_of(SCENE, T, k)) for k, T in enumerate(poses)]
@@ -260,7 +260,7 @@ def test_what_reaches_up_to_a_plane_carries_it_and_what_stands_on_it_or_below_do
 
 
 def test_planes_that_are_known_well_are_looked_at_anew_when_the_camera_has_moved() -> None:
-    tracker, looks = Tracker(CAMERA), []
+    tracker, looks = PosedTracker(CAMERA), []
     ways_m = np.concatenate([np.zeros(12), np.linspace(0.0, 0.09, 19)])
     for k, way_m in enumerate(ways_m):
         result = tracker.update(frame_of(SCENE, look_at((way_m, -1.3, 0.8), (way_m, 0, 0.05)), k))

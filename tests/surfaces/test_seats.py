@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_planes import level
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
 from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.seats import seat_of, supporting_plane
 

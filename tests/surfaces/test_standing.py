@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.config import TrackerConfig
-from cuboid.frame import Float32Array
+from cuboid.core.config import TrackerConfig
+from cuboid.core.frame import Float32Array
 from cuboid.geometry.box import Box
 from cuboid.surfaces.standing import FlatAreas, find_flat_areas
 from made_scenes import CAMERA, cast, look_at, upright

@@ -7,7 +7,7 @@ import pytest
 
 import cuboid
 from cuboid.cli import synth
-from cuboid.errors import MissingExtraError
+from cuboid.core.errors import MissingExtraError
 from cuboid.synthetic import KINDS
 from cuboid.synthetic.paths import CAMERAS
 from cuboid.synthetic.poses import POSE_NOISES

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import cuboid
-from cuboid.errors import InputError
-from cuboid.frame import SkippedFrame
+from cuboid.core.errors import InputError
+from cuboid.core.frame import SkippedFrame
 from cuboid.synthetic.faults import FRAME_FAULTS, spoil
 
 REASONS = {

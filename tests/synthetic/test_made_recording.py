@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import cuboid
-from cuboid.errors import InputError, OutputError
+from cuboid.core.errors import InputError, OutputError
 from cuboid.evaluation.truth import read_truth
 from cuboid.formats.table_validation import data_lines
 from cuboid.geometry import se3

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.geometry import se3
 from cuboid.synthetic import KINDS, demo_scene, make_scene
 from cuboid.synthetic.footprint import gap_m, hull

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.frame import Intrinsics
+from cuboid.core.frame import Intrinsics
 from cuboid.synthetic.sensors import SENSORS, STEP_PER_M, projector_shadow
 
 CAMERA = Intrinsics(540.0, 540.0, 159.5, 119.5, 320, 240)

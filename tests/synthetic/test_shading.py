@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.frame import Intrinsics
+from cuboid.core.frame import Intrinsics
 from cuboid.synthetic import make_scene
 from cuboid.synthetic.material import Material, Texture
 from cuboid.synthetic.mesh import box, corner_normals

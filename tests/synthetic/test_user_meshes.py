@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.synthetic import make_scene
 from cuboid.synthetic.user_meshes import load_mesh, load_meshes
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cuboid.errors import InputError, OutputError
+from cuboid.core.errors import InputError, OutputError
 from cuboid.evaluation.truth import read_truth
 from cuboid.synthetic import make_visits, render_visits
 from cuboid.synthetic.kinds import WAYS

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cuboid.frame import Float64Array, Intrinsics, UInt8Array
+from cuboid.core.frame import Float64Array, Intrinsics, UInt8Array
+from cuboid.core.palette import UNLABELLED, color_of
 from cuboid.geometry.box import EDGES, Box
 from cuboid.views.drawing import STRIP_PX, Status, dashes, draw_frame, draw_proposals
-from cuboid.views.palette import UNLABELLED, color_of
 from cuboid.views.projection import project
 from cuboid.views.replay import Known
 from cuboid.views.tags import place_tag

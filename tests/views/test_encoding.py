@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from av.video.reformatter import VideoReformatter
 
-from cuboid.errors import OutputError
-from cuboid.frame import UInt8Array
+from cuboid.core.errors import OutputError
+from cuboid.core.frame import UInt8Array
 from cuboid.views.encoding import GIF_FRAMES, GIF_WIDTH_PX, GifWriter, Mp4Writer, VideoWriter, yuv420
 
 

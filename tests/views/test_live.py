@@ -16,14 +16,14 @@ import cv2
 import numpy as np
 import pytest
 
-from cuboid.errors import OutputError
-from cuboid.frame import Frame, Intrinsics
-from cuboid.results import MapPoints
+from cuboid.core.errors import OutputError
+from cuboid.core.frame import Frame, Intrinsics
+from cuboid.core.palette import hex_of
+from cuboid.core.results import MapPoints
 from cuboid.views.live import LiveServer, LiveView
 from cuboid.views.live.messages import PICTURE_WIDTH_PX, map_message, moment_message
 from cuboid.views.live.server import PORTS
 from cuboid.views.live.watch import Moment, Ration
-from cuboid.views.palette import hex_of
 from cuboid.views.serving import HOST
 from fakes import INTRINSICS, FakeRecording, FakeTracker
 

@@ -12,8 +12,8 @@ import pytest
 
 from browser import Watched, browser, pixels
 from cuboid.cli import main
-from cuboid.frame import Frame, Intrinsics
-from cuboid.results import FrameResult, MapPoints
+from cuboid.core.frame import Frame, Intrinsics
+from cuboid.core.results import FrameResult, MapPoints
 from cuboid.views.live import LiveServer, LiveView
 from fakes import FakeTracker, write_recording
 
@@ -134,7 +134,7 @@ def test_a_page_whose_program_is_gone_waits_for_the_next_run(watched: Watched) -
 def test_track_says_where_it_can_be_seen(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cuboid.run._tracker", FakeTracker)
+    monkeypatch.setattr("cuboid.pipeline.run._tracker", FakeTracker)
     recording = write_recording(tmp_path / "recording", 4)
     words = ["track", str(recording), "--output", str(tmp_path / "out")]
     assert main([*words, "--live"]) == 0

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cuboid.frame import Float64Array, Intrinsics
+from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import EDGES, Box
 from cuboid.geometry.se3 import compose, inverse, transform
 from cuboid.views.projection import (

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.frame import Intrinsics
+from cuboid.core.frame import Intrinsics
+from cuboid.core.results import FrameResult, MapPoints, Sighting, TrackedObject
 from cuboid.geometry.box import Box
 from cuboid.outputs import ObjectsFile, ResultWriter, RunReport, Timing
-from cuboid.results import FrameResult, MapPoints, Sighting, TrackedObject
 from cuboid.views.replay import Replay
 
 EVERY = 3

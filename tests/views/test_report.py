@@ -19,12 +19,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from cuboid.cli import report as command
-from cuboid.errors import FrameError, InputError, OutputError
-from cuboid.frame import Frame
+from cuboid.core.errors import FrameError, InputError, OutputError
+from cuboid.core.frame import Frame
+from cuboid.core.palette import hex_of
+from cuboid.core.results import MapPoints
 from cuboid.outputs import Results, read_tracks
 from cuboid.readers import open_recording
-from cuboid.results import MapPoints
-from cuboid.views.palette import hex_of
 from cuboid.views.report import Summary, page_of, summarise, write_report
 from cuboid.views.report.page import SCRIPTS
 from cuboid.views.report.pictures import ASPECT, cut

@@ -12,10 +12,10 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from browser import VIEWPORT, Watched, browser, pixels
-from cuboid.frame import UInt8Array
+from cuboid.core.frame import UInt8Array
+from cuboid.core.palette import color_of
 from cuboid.outputs import Results, read_tracks
 from cuboid.readers import open_recording
-from cuboid.views.palette import color_of
 from cuboid.views.report import summarise, write_report
 from made_results import BEST, COLORS, SEEN, SKIPPED, SPANS, write_results
 

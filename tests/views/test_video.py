@@ -7,10 +7,10 @@ import av
 import numpy as np
 import pytest
 
-from cuboid.errors import OutputError
-from cuboid.frame import Frame, Intrinsics
+from cuboid.core.errors import OutputError
+from cuboid.core.frame import Frame, Intrinsics
+from cuboid.core.results import FrameResult, Sighting, TrackedObject
 from cuboid.geometry.box import Box
-from cuboid.results import FrameResult, Sighting, TrackedObject
 from cuboid.views.video import RecentRate, VideoView, hidden_objects, video_rate
 
 INTRINSICS = Intrinsics(300.0, 300.0, 159.5, 119.5, 320, 240)

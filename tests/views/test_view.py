@@ -21,8 +21,8 @@ import pytest
 
 from browser import Watched, browser, pixels
 from cuboid.cli import serving, view
-from cuboid.errors import InputError, OutputError
-from cuboid.frame import UInt8Array
+from cuboid.core.errors import InputError, OutputError
+from cuboid.core.frame import UInt8Array
 from cuboid.readers import open_recording
 from cuboid.views.replay import Replay
 from cuboid.views.report.server import Viewer, make_server

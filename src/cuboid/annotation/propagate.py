@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cuboid.errors import FrameError
-from cuboid.frame import Float32Array, Float64Array, Intrinsics
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.geometry.se3 import inverse, transform
 from cuboid.readers.recording import Recording
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from cuboid.annotation.propagate import propagated
 from cuboid.annotation.store import KeyframesFile, Outdated
-from cuboid.errors import CuboidError, FrameError, one_line
-from cuboid.frame import Float64Array
+from cuboid.core.errors import CuboidError, FrameError, one_line
+from cuboid.core.frame import Float64Array
+from cuboid.core.palette import COLORS
 from cuboid.readers.recording import Recording
-from cuboid.views.palette import COLORS
 from cuboid.views.report.page import assembled, own
 from cuboid.views.report.pictures import encode_jpeg
 from cuboid.views.report.summary import label_colors

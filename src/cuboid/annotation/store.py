@@ -6,14 +6,14 @@ import threading
 from decimal import Decimal
 from typing import Any
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
+from cuboid.core.paths import PathLike, as_path
 from cuboid.evaluation.keyframes import check_frames, file_number, keyframes_from_json
 from cuboid.formats.json_validation import read_any
 from cuboid.formats.keyframes_file import FORMAT, VERSION
 from cuboid.formats.reading import MAX_JSON_BYTES, read_bytes
 from cuboid.outputs.objects import write_json
 from cuboid.outputs.pending import PendingFile
-from cuboid.paths import PathLike, as_path
 from cuboid.readers.recording import Recording
 
 

@@ -12,7 +12,7 @@ from cuboid import __version__
 from cuboid.batch.cluster import RETRIES
 from cuboid.batch.sources import Source
 from cuboid.batch.task import Ended, Task, give_up, identify, track
-from cuboid.errors import CuboidError, InputError
+from cuboid.core.errors import CuboidError, InputError
 from cuboid.store.compact import compact
 from cuboid.store.place import Place
 from cuboid.store.rows import RunHead
@@ -36,7 +36,7 @@ class Order:
         URL.
     settings : dict
         ``reading``: options of `cuboid.open_recording`; ``tracker``: its configuration; the others are options
-        of `cuboid.run.track_recording`.
+        of `cuboid.pipeline.run.track_recording`.
     tables_only : bool
     retry : bool
         Whether recordings that failed, or were set aside, are tried again.

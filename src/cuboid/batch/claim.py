@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from cuboid.errors import CuboidError
-from cuboid.locks import lock_file, release
+from cuboid.core.errors import CuboidError
+from cuboid.core.locks import lock_file, release
 from cuboid.outputs.folder import writing
 from cuboid.store.place import Place
 

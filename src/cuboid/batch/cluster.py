@@ -11,8 +11,8 @@ import dask
 from distributed import Client, LocalCluster, Nanny, Status
 
 from cuboid import __version__
-from cuboid.cli.threads import POOLS, cores
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
+from cuboid.core.threads import POOLS, cores
 
 # A recording of 640x480 takes 0.4 GB; a bag that is kept open, and a long map, a few times that.
 MEMORY_LIMIT = "4GiB"

@@ -14,7 +14,7 @@ import fsspec
 import msgspec
 
 from cuboid.batch.sources import Source
-from cuboid.errors import InputError, one_line
+from cuboid.core.errors import InputError, one_line
 from cuboid.store.place import is_remote, refusals
 from cuboid.store.rows import RunHead, settings_text
 

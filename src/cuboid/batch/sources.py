@@ -10,7 +10,7 @@ from pathlib import Path
 
 import fsspec
 
-from cuboid.errors import InputError, one_line
+from cuboid.core.errors import InputError, one_line
 from cuboid.formats.reading import real_path
 from cuboid.formats.stored import ARCHIVE_ENDINGS, located
 from cuboid.readers import READERS

@@ -15,7 +15,7 @@ import fsspec
 
 from cuboid.batch.identity import head_of
 from cuboid.batch.sources import Source
-from cuboid.errors import InputError, MissingExtraError, one_line
+from cuboid.core.errors import InputError, MissingExtraError, one_line
 from cuboid.outputs.folder import RUN
 from cuboid.store.place import RESULTS, Place, is_remote, refusals
 from cuboid.store.rows import ReadAs, RunHead, day_of, failure, recorded, tables_of
@@ -91,7 +91,7 @@ def track(task: Task) -> Ended:
     A fault of the recording is a result too; what fails by chance (a network, a full disk) is raised, and Dask tries
     again.
     """
-    from cuboid.cli.threads import limit_threads
+    from cuboid.core.threads import limit_threads
 
     limit_threads(1)
     place = Place(task.store)
@@ -111,12 +111,12 @@ def give_up(head: RunHead, place: Place, state: str, reason: str) -> Ended:
 
 
 def _tracked(task: Task, place: Place, path: Path, scratch: Path) -> Ended:
-    from cuboid.config import TrackerConfig
-    from cuboid.opening import open_recording
+    from cuboid.core.config import TrackerConfig
     from cuboid.outputs import Results
     from cuboid.outputs.pending import new_folder
-    from cuboid.run import track_recording
-    from cuboid.saving import write_page
+    from cuboid.pipeline.run import track_recording
+    from cuboid.recordings.opening import open_recording
+    from cuboid.tracking.saving import write_page
     from cuboid.views.report import pictures_of
 
     options = dict(task.settings)

@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from cuboid.boxes.fit import plane_axes
+from cuboid.boxes.kernels.shifts import shift_means
 from cuboid.boxes.quantiles import quantile
-from cuboid.frame import Float64Array
-from cuboid.kernels.shifts import shift_means
-from cuboid.tolerances import SIGMAS
+from cuboid.core.frame import Float64Array
+from cuboid.core.tolerances import SIGMAS
 
 
 def is_thick(noise_m: float, voxel_m: float) -> bool:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.frame import Float64Array
+from cuboid.boxes.kernels.extents import side_layers
+from cuboid.core.frame import Float64Array
+from cuboid.core.tolerances import JUMP_SIGMAS, MIN_SIGMA_M, SOME
 from cuboid.geometry.box import Box
-from cuboid.kernels.extents import side_layers
-from cuboid.tolerances import JUMP_SIGMAS, MIN_SIGMA_M, SOME
 
 
 def to_faces(box: Box, points: Float64Array, trust: Float64Array, noise_m: float, top_alone: bool) -> Box:

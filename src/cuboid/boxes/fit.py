@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cuboid.frame import Float32Array, Float64Array
+from cuboid.boxes.kernels import resting as kernel
+from cuboid.boxes.kernels.extents import reach
+from cuboid.core.frame import Float32Array, Float64Array
+from cuboid.core.tolerances import MIN_SIGMA_M
 from cuboid.geometry.box import Box
-from cuboid.kernels import resting as kernel
-from cuboid.kernels.extents import reach
-from cuboid.tolerances import MIN_SIGMA_M
 
 # Footprints are tried every two degrees: a 30 cm box turned by one degree is 3 mm off at its ends, below the noise.
 _ANGLES = np.radians(np.arange(0.0, 180.0, 2.0))

@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 from cuboid.boxes.fit import fit_box, plane_axes
 from cuboid.boxes.quantiles import quantile
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
+from cuboid.core.tolerances import LITTLE, MIN_READINGS, SOME, STRAYS
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.tolerances import LITTLE, MIN_READINGS, SOME, STRAYS
 
 # A box this near its plane, metres, rests on it.
 MIN_GAP_M = 1e-6

@@ -13,12 +13,12 @@ import math
 import numpy as np
 
 from cuboid.boxes.fit import DIRECTIONS, box_within, plane_axes, reach_of
+from cuboid.boxes.kernels.bodies import find_body
+from cuboid.boxes.kernels.revolve import widest_layer
 from cuboid.boxes.quantiles import quantile
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
+from cuboid.core.tolerances import JUMP_M, LITTLE, MIN_READINGS, MOST, STRAYS
 from cuboid.geometry.box import Box
-from cuboid.kernels.bodies import find_body
-from cuboid.kernels.revolve import widest_layer
-from cuboid.tolerances import JUMP_M, LITTLE, MIN_READINGS, MOST, STRAYS
 
 
 def revolved(

@@ -12,8 +12,8 @@ from cuboid.calibration.comparing import CENTER_X, CENTER_Y, DEPTH, FOCAL
 from cuboid.calibration.pairs import choose_pairs
 from cuboid.calibration.solving import Problem, Solution
 from cuboid.calibration.views import Pinhole, build_view, factors
-from cuboid.errors import InputError
-from cuboid.frame import Float64Array, Frame, Intrinsics
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry import se3
 
 # So many frames are compared, in groups of so many that follow each other, where the recording is long.

@@ -13,8 +13,8 @@ from cuboid.calibration.comparing import FOCAL
 from cuboid.calibration.pairs import choose_pairs
 from cuboid.calibration.solving import Problem
 from cuboid.calibration.views import Pinhole, build_view, factors
-from cuboid.errors import FrameError
-from cuboid.frame import Float64Array, Frame, Intrinsics
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Float64Array, Frame, Intrinsics
 
 # So many frames of a run are looked at, more where its poses were estimated and know less; a run of fewer than the last
 # is not checked.

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.calibration.views import Pinhole, View
-from cuboid.frame import Float32Array, Float64Array
+from cuboid.core.frame import Float32Array, Float64Array
 
 # What is fitted, in this order: logarithm of the focal length, optical centre in pixels of the small images, and
 # logarithm of the depth scale.

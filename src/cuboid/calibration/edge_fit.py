@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float32Array, Float64Array, Frame
-from cuboid.kernels.edges import depth_edges, edge_agreement
+from cuboid.calibration.kernels.edges import depth_edges, edge_agreement
+from cuboid.core.frame import Float32Array, Float64Array, Frame
 
 # Images are thinned to at least this width, pixels: an edge is found to half a pixel of them.
 WIDTH_PX = 320

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cuboid.calibration.views import Pinhole, View
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
 from cuboid.geometry import se3
 
 # A wrong pinhole shows in pairs that see things move in the image, and poses are off more the longer the way: for each

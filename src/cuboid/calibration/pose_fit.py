@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cuboid.errors import FrameError
-from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics
 from cuboid.geometry.se3 import inverse, transform
 
 # Frames whose depth is carried to later ones, evenly over the run, and how many used frames later these are.

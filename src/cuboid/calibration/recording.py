@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from cuboid.calibration.calibrate import CalibrationResult, calibrate, spread_out
-from cuboid.errors import FrameError, InputError
-from cuboid.frame import Float64Array, Frame
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Float64Array, Frame
 from cuboid.readers import Recording
 
 # Poses and focal length are estimated in turn, so often at most, until the latter changes by less than this fraction.
@@ -64,14 +64,13 @@ def _with_estimated_poses(
     recording: Recording, every: int, limit: int | None, progress: Callable[[int, int], None]
 ) -> CalibrationResult:
     """Estimate poses, then the focal length with them, and again with that one."""
-    from cuboid.slam import estimate_trajectory  # brings kernels that who has poses does not need
-
     found, previous = None, recording
     count = len(range(0, len(recording), every)[:limit])
     step = min(LONGEST_STEP, max(1, count // ENOUGH_FRAMES))
     for _ in range(ROUNDS):
-        estimated = estimate_trajectory(previous, None, every=every * step, limit=-(-count // step), progress=progress)
-        result = calibrate(_posed(previous, estimated.trajectory), previous.intrinsics, estimated=True)
+        frames = range(0, len(previous), every * step)[: -(-count // step)]
+        trajectory = _trajectory(previous, frames, progress)
+        result = calibrate(_posed(previous, trajectory), previous.intrinsics, estimated=True)
         change = abs(float(np.log(result.intrinsics.fx / previous.intrinsics.fx)))
         found = replace(
             result,
@@ -84,6 +83,23 @@ def _with_estimated_poses(
             break
     assert found is not None
     return found
+
+
+def _trajectory(
+    recording: Recording, frames: range, progress: Callable[[int, int], None]
+) -> Mapping[int, Float64Array]:
+    """Estimate T_world_camera (4, 4) of frames from their images, by number; those without a pose are left out."""
+    from cuboid.poses import PoseEstimator  # compiles kernels that given poses do not need
+
+    bare = recording.without_poses()
+    estimator = PoseEstimator(bare.intrinsics)
+    for done, index in enumerate(frames, 1):
+        with suppress(FrameError):
+            estimator.update(bare.read(index))
+        progress(done, len(frames))
+    if not estimator.keyframes:
+        raise InputError(f"{recording.path}: no frame has enough depth and texture to start with")
+    return estimator.trajectory()
 
 
 def _posed(recording: Recording, T_world_camera: Mapping[int, Float64Array]) -> Iterator[Frame]:

@@ -30,8 +30,8 @@ from cuboid.calibration.edge_fit import (
 from cuboid.calibration.pairs import choose_pairs
 from cuboid.calibration.solving import Problem
 from cuboid.calibration.views import Pinhole, build_view, factors
-from cuboid.errors import FrameError
-from cuboid.frame import Float64Array, Frame, Intrinsics
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Float64Array, Frame, Intrinsics
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.recording import Recording
 

@@ -27,7 +27,7 @@ from cuboid.calibration.comparing import (
 )
 from cuboid.calibration.pairs import relative
 from cuboid.calibration.views import CELL_PX, Pinhole, View
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
 from cuboid.geometry import se3
 
 # Degrees of freedom of the t-distributions: heavy tails, as in Kerl, Sturm, Cremers (IROS 2013).

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.downscaling import downscale
-from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics
+from cuboid.core.downscaling import downscale
+from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics
 
 # Brightness is compared without its local mean and contrast, over this many pixels (deviation): cameras change
 # exposure, and what shines changes with the angle.

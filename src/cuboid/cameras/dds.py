@@ -14,7 +14,7 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
 from cuboid.cameras.ros2_messages import WIRE_NAMES, CameraInfo
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 
 PREFIX = "rt"  # of topics of ROS
 TICK_S = 0.05

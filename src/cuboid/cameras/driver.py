@@ -6,12 +6,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from cuboid.errors import InputError
-from cuboid.extras import require
-from cuboid.frame import Float64Array, UInt8Array
+from cuboid.core.errors import InputError
+from cuboid.core.extras import require
+from cuboid.core.frame import Float64Array, UInt8Array
+from cuboid.core.registry import Registry
 from cuboid.readers.reader import Calibration
 from cuboid.readers.undistortion import DepthArray
-from cuboid.registry import Registry
 
 
 class StreamEndedError(Exception):

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cuboid.converting import WRITERS, units_kept
-from cuboid.frame import Frame, Intrinsics
+from cuboid.core.frame import Frame, Intrinsics
 from cuboid.outputs.folder import ResultFolder, writing
 from cuboid.readers.depth_camera import DepthCamera
+from cuboid.recordings.converting import WRITERS, units_kept
 
 # What a recording of a live camera may be written as.
 FORMS = ("plain", "mcap")

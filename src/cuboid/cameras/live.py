@@ -16,9 +16,9 @@ from typing import Self
 from cuboid.cameras.driver import CAMERAS, Driver, Shot, StreamEndedError
 from cuboid.cameras.keeping import FORMS, keeping
 from cuboid.cameras.latest import POLL_S, LatestQueue
-from cuboid.errors import CuboidError, FrameError, InputError, OutputError
-from cuboid.frame import Frame, Intrinsics
-from cuboid.paths import PathLike, as_path
+from cuboid.core.errors import CuboidError, FrameError, InputError, OutputError
+from cuboid.core.frame import Frame, Intrinsics
+from cuboid.core.paths import PathLike, as_path
 from cuboid.readers import calibration as calibrations
 from cuboid.readers.images import depth_in_metres
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cuboid.cameras.driver import CAMERAS, Shot, StreamEndedError, image_size, library, refuse_unknown, whole_number
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.readers.reader import Calibration
 
 NAME = "oak"

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from cuboid.cameras.driver import CAMERAS, Shot, StreamEndedError, image_size, library, refuse_unknown, whole_number
-from cuboid.errors import InputError
-from cuboid.frame import UInt8Array
+from cuboid.core.errors import InputError
+from cuboid.core.frame import UInt8Array
 from cuboid.geometry.se3 import rigid
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.reader import Calibration

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from cuboid.cameras.driver import CAMERAS, Shot, StreamEndedError, library, refuse_unknown
-from cuboid.errors import FrameError, InputError
-from cuboid.frame import Float64Array
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Float64Array
 from cuboid.readers.phone import T_OPENGL_OPENCV, phone_cameras, shrink_factor, shrunk
 from cuboid.readers.posetext import pose_from_quaternion
 

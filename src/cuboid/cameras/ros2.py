@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from cuboid.cameras.driver import CAMERAS, Shot, library, refuse_unknown, whole_number
-from cuboid.errors import FrameError, InputError
+from cuboid.core.errors import FrameError, InputError
 from cuboid.readers.bag_cameras import camera_of
 from cuboid.readers.bag_images import color_of, depth_of, units_per_metre
 from cuboid.readers.bag_transforms import stamp_s

@@ -17,7 +17,7 @@ from types import ModuleType
 from cuboid import __version__
 from cuboid.cli.optional_words import without_guessing
 from cuboid.cli.parser import MISTAKE, Parser, did_you_mean
-from cuboid.errors import CuboidError, one_line, printable
+from cuboid.core.errors import CuboidError, one_line, printable
 
 # The commands by what they are for, as the help lists them; a line each.
 GROUPS = {
@@ -163,7 +163,7 @@ def _run(words: list[str]) -> int:
 
         refuse_existing_files(args)
     if "threads" in args:
-        from cuboid.cli.threads import limit_threads
+        from cuboid.core.threads import limit_threads
 
         limit_threads(args.threads)
     status: int = modules[args.command].run(args)

@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C."""
     from cuboid.annotation import Annotator, KeyframesFile, make_server
-    from cuboid.cli.threads import limit_threads
+    from cuboid.core.threads import limit_threads
 
     limit_threads(1)
     recording = open_from(args)
@@ -55,7 +55,7 @@ def _path(output: Path | None, recording: Recording) -> Path:
     """Return the file of the keyframes; OutputError where none can be written there."""
     import os
 
-    from cuboid.errors import OutputError
+    from cuboid.core.errors import OutputError
 
     path = output or (recording.path / NAME if recording.path.is_dir() else recording.path.with_suffix(f".{NAME}"))
     if path.suffix != ".json":

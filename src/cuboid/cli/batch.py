@@ -10,7 +10,7 @@ from cuboid import __version__
 from cuboid.cli.recording import add_reading_options, add_tracking, config_from, reading_from
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.workers import add_workers, workers_from
-from cuboid.errors import one_line
+from cuboid.core.errors import one_line
 
 if TYPE_CHECKING:
     from cuboid.batch.batch import Plan
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Track what is not done yet."""
-    from cuboid.extras import need_cluster
+    from cuboid.core.extras import need_cluster
 
     need_cluster("cuboid batch")
     from contextlib import nullcontext
@@ -92,7 +92,7 @@ def settings_from(args: argparse.Namespace) -> dict[str, Any]:
     """Return the settings of an `Order`."""
     from pathlib import Path
 
-    from cuboid.errors import InputError
+    from cuboid.core.errors import InputError
 
     if isinstance(args.intrinsics, Path):
         raise InputError("--intrinsics: a batch takes FX,FY,CX,CY; a camera.json belongs beside each recording")

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cuboid.cli.progress import LINE_EVERY_S
-from cuboid.errors import printable
+from cuboid.core.errors import printable
 
 if TYPE_CHECKING:
     from cuboid.batch.batch import Plan

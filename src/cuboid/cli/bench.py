@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.recording import add_recording, open_from, tracking_from
 from cuboid.cli.results import add_results, give
-from cuboid.cli.threads import cores
+from cuboid.core.threads import cores
 
 if TYPE_CHECKING:
-    from cuboid.run_types import RunOutcome
+    from cuboid.tracking.types import RunOutcome
 
 EXAMPLE = "cuboid bench RECORDING --limit 100"
 
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Track without writing anything, and print the measurements."""
     from cuboid.cli.progress import progress
-    from cuboid.run import track_recording
+    from cuboid.pipeline.run import track_recording
 
     with progress() as shown:
         outcome = track_recording(
@@ -86,7 +86,7 @@ def tail(frame_ms: Sequence[float], decode_ms: Sequence[float]) -> dict[str, flo
     """
     import numpy as np
 
-    from cuboid.measuring import warm_up_of
+    from cuboid.tracking.measuring import warm_up_of
 
     warm = warm_up_of(len(frame_ms))
     unit_ms = float(np.median(decode_ms[warm:]))

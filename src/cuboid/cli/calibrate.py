@@ -37,8 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Calibrate, write, and say how sure it is."""
-    from cuboid.cli.threads import limit_threads
-    from cuboid.errors import OutputError
+    from cuboid.core.errors import OutputError
+    from cuboid.core.threads import limit_threads
 
     limit_threads(1)
     if args.output.suffix != ".json":
@@ -86,7 +86,7 @@ def _document(found: CalibrationResult, units: float, output: Path) -> dict[str,
 
 def _poses(poses: str | None) -> str | None:
     """Return the source of poses for `calibrate_recording`; raises InputError where it corrects them."""
-    from cuboid.errors import InputError
+    from cuboid.core.errors import InputError
 
     if poses == "corrected":
         raise InputError("--poses corrected needs correct intrinsics; calibrate with --poses given or estimated")

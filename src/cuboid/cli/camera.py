@@ -41,7 +41,7 @@ def source_of(args: argparse.Namespace, interruption: Interruption) -> Iterator[
     InputError
         The arguments name neither, or both, or what the other one has.
     """
-    from cuboid.errors import InputError
+    from cuboid.core.errors import InputError
 
     if args.camera is None:
         if args.recording is None:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from cuboid import compiletime
+from cuboid.core import compiletime
 
 COMPILING = "compiling kernels"
 # Seconds of compiling before the rest is estimated.
@@ -28,7 +28,7 @@ class CompileCount:
         """Return what is compiled at the moment, such as "compiling kernels 37 of 119, about 40 s left"; else ""."""
         if not compiletime.compiling():
             return ""
-        from cuboid.compiled import KERNELS
+        from cuboid.core.compiled import KERNELS
 
         if len(KERNELS) != self._known:  # another module was imported
             self._known = len(KERNELS)

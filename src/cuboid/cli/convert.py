@@ -31,10 +31,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Convert, and say what was left out."""
     from cuboid.cli.progress import counting
-    from cuboid.cli.threads import limit_threads
-    from cuboid.converting import convert_recording
-    from cuboid.errors import InputError, OutputError
+    from cuboid.core.errors import InputError, OutputError
+    from cuboid.core.threads import limit_threads
     from cuboid.formats.reading import real_path
+    from cuboid.recordings.converting import convert_recording
 
     limit_threads(1)
     recording = open_from(args)

@@ -7,7 +7,8 @@ import sys
 from pathlib import Path
 
 from cuboid.cli.results import add_output, add_results, give
-from cuboid.cli.threads import add_threads, cores, positive
+from cuboid.cli.threads import add_threads, positive
+from cuboid.core.threads import cores
 
 EXAMPLE = "cuboid demo"
 
@@ -36,8 +37,8 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.cli.progress import progress
     from cuboid.cli.track import outcome_document, print_outcome
     from cuboid.evaluation import evaluate
+    from cuboid.pipeline.run import track_recording
     from cuboid.readers import open_recording
-    from cuboid.run import track_recording
     from cuboid.synthetic.truth import TRUTH
 
     recording, results = args.output / RECORDING, args.output / RESULTS
@@ -67,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _make(path: Path, frames: int | None, threads: int) -> None:
     from cuboid.cli.progress import counting
-    from cuboid.errors import OutputError
+    from cuboid.core.errors import OutputError
     from cuboid.synthetic import demo_scene, render_recording
     from cuboid.synthetic.truth import TRUTH
 

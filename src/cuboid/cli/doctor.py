@@ -13,8 +13,8 @@ from pathlib import Path
 
 from cuboid import __version__
 from cuboid.cli.results import add_results, give
-from cuboid.cli.threads import cores
-from cuboid.extras import NOT_INSTALLED, how_to_install
+from cuboid.core.extras import NOT_INSTALLED, how_to_install
+from cuboid.core.threads import cores
 
 EXAMPLE = "cuboid doctor"
 
@@ -124,12 +124,12 @@ def _opencv_parts() -> Check:
 
 def _kernels() -> Iterator[Check]:
     try:
-        import_module("cuboid.tracker")
+        import_module("cuboid.tracking.posed_tracker")
     except ImportError as error:
         yield Check("kernels", BAD, f"the tracker cannot be imported: {error}")
         return
-    from cuboid.compiled import KERNELS
-    from cuboid.kernelcache import cache_folder
+    from cuboid.core.compiled import KERNELS
+    from cuboid.core.kernelcache import cache_folder
 
     ready = sum(kernel.cached for kernel in KERNELS.values())
     rest = "" if ready == len(KERNELS) else "; the others when they are first used, or now by 'cuboid compile'"

@@ -62,8 +62,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate and print."""
-    from cuboid.cli.threads import limit_threads
-    from cuboid.errors import InputError
+    from cuboid.core.errors import InputError
+    from cuboid.core.threads import limit_threads
     from cuboid.evaluation import evaluate
     from cuboid.evaluation.keyframes import is_keyframes
 

@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     """Judge and print."""
     from pathlib import Path
 
-    from cuboid.extras import need_cluster
+    from cuboid.core.extras import need_cluster
 
     need_cluster("cuboid evaluate --store")
     from cuboid.cli.workers import workers_from
@@ -77,7 +77,7 @@ def _numbers(found: Judged) -> list[str]:
 
 def _print(found: Judged, means: dict[str, Interval]) -> None:
     from cuboid.cli.tables import console, new_table
-    from cuboid.errors import printable
+    from cuboid.core.errors import printable
 
     out = console()
     table = new_table("scene", *SHOWN)
@@ -97,7 +97,7 @@ def _print_change(
     paired: dict[str, Paired], before: dict[str, dict[str, Any]], after: dict[str, dict[str, Any]]
 ) -> None:
     from cuboid.cli.tables import console, new_table
-    from cuboid.errors import printable
+    from cuboid.core.errors import printable
 
     out = console()
     table = new_table("figure", "before", "after", "change", "95 % from", "to", "sure", "scenes up", "down", "same")

@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Compare, draw and print."""
     from cuboid.cli.tables import console
-    from cuboid.cli.threads import limit_threads
+    from cuboid.core.threads import limit_threads
 
     limit_threads(1)
     from cuboid.evaluation.trajectory import evaluate_trajectory

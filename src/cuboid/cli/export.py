@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write the export, and say what it lacks."""
     from cuboid.cli.tables import console
-    from cuboid.cli.threads import limit_threads
+    from cuboid.core.threads import limit_threads
 
     limit_threads(1)
     from cuboid.exports import export

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,12 +28,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Find and print."""
-    from cuboid.extras import need_cluster
+    from cuboid.core.extras import need_cluster
 
     need_cluster("cuboid find")
     from cuboid.cli.tables import console
     from cuboid.outputs.pending import write_whole
-    from cuboid.store.find import Filters, find
+    from cuboid.store.find import Filters, find, plain
     from cuboid.store.page import found_page
     from cuboid.store.query import Tables
 
@@ -61,19 +60,6 @@ def run(args: argparse.Namespace) -> int:
 
     give(args, {"objects": [plain(row) for row in rows]}, show)
     return 0
-
-
-def plain(row: dict[str, Any]) -> dict[str, Any]:
-    """Return a row ready for JSON, without its picture."""
-    kept = {name: value for name, value in row.items() if name != "picture"}
-    return {
-        name: value.isoformat()
-        if isinstance(value, datetime)
-        else round(value, 6)
-        if isinstance(value, float)
-        else value
-        for name, value in kept.items()
-    }
 
 
 def _table(rows: list[dict[str, Any]]) -> Table:

@@ -10,7 +10,7 @@ from cuboid.cli.recording import add_reading, open_from
 from cuboid.cli.results import add_results, give
 
 if TYPE_CHECKING:
-    from cuboid.inspecting import RecordingInfo
+    from cuboid.recordings.inspecting import RecordingInfo
 
 NAME_WIDTH = 14
 
@@ -26,8 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Look, and print."""
-    from cuboid.cli.threads import limit_threads
-    from cuboid.inspecting import inspect_recording
+    from cuboid.core.threads import limit_threads
+    from cuboid.recordings.inspecting import inspect_recording
 
     limit_threads(1)
     found = inspect_recording(open_from(args), every_frame=args.all)

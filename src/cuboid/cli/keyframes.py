@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from cuboid.cli.results import give
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 from cuboid.cli.optional_words import OPTIONAL
 
 if TYPE_CHECKING:
-    from cuboid.frame import Frame, Intrinsics
+    from cuboid.core.frame import Frame, Intrinsics
+    from cuboid.core.results import FrameResult
     from cuboid.outputs import RunReport
-    from cuboid.results import FrameResult
-    from cuboid.run_types import MapLike, Watch
+    from cuboid.tracking.types import MapLike, Watch
     from cuboid.views.live import LiveView
 
 
@@ -72,7 +72,7 @@ def live_view(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> It
     """Serve the run where `--live` asks for it, and say where; gives what looks at the run."""
     if not args.live:
         if args.live_host is not None:
-            from cuboid.errors import InputError
+            from cuboid.core.errors import InputError
 
             raise InputError("--live-host says where --live is seen; give --live too")
         yield None

@@ -21,7 +21,7 @@ def setting_names() -> list[str]:
     """Return the fields of the tracker's configuration."""
     from dataclasses import fields
 
-    from cuboid.config import TrackerConfig
+    from cuboid.core.config import TrackerConfig
 
     return [item.name for item in fields(TrackerConfig)]
 

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NoReturn
 
-from cuboid.errors import one_line
+from cuboid.core.errors import one_line
 
 MISTAKE = 2
 # More choices than this are not listed in a complaint.

@@ -13,9 +13,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemaini
 from rich.progress import Progress as Bar
 
 from cuboid.cli.compile_progress import showing_compilation
-from cuboid.compiletime import working_s
-from cuboid.results import FrameResult
-from cuboid.run_types import Progress
+from cuboid.core.compiletime import working_s
+from cuboid.core.results import FrameResult
+from cuboid.tracking.types import Progress
 
 # A line of progress after so many seconds where there is no terminal: a log stays short, and who watches
 # it is not left alone.

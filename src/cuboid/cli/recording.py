@@ -11,7 +11,7 @@ from cuboid.cli.parser import takes_names
 from cuboid.cli.threads import add_threads, positive
 
 if TYPE_CHECKING:
-    from cuboid.config import TrackerConfig
+    from cuboid.core.config import TrackerConfig
     from cuboid.readers import Recording
 
 
@@ -114,7 +114,7 @@ def add_reading_options(
 
 def open_from(args: argparse.Namespace) -> Recording:
     """Open the recording that the arguments name."""
-    from cuboid.opening import open_recording
+    from cuboid.recordings.opening import open_recording
 
     return open_recording(args.recording, **reading_from(args))
 
@@ -145,7 +145,7 @@ def tracking_from(args: argparse.Namespace) -> dict[str, Any]:
 
 def config_from(args: argparse.Namespace) -> TrackerConfig:
     """Return the configuration that the arguments give."""
-    from cuboid.config import TrackerConfig
+    from cuboid.core.config import TrackerConfig
 
     return TrackerConfig.from_dict(dict(args.settings))
 

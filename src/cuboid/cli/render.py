@@ -40,8 +40,8 @@ def run(args: argparse.Namespace) -> int:
     from rich.progress import track
 
     from cuboid.cli.tables import console
-    from cuboid.cli.threads import limit_threads
-    from cuboid.errors import InputError
+    from cuboid.core.errors import InputError
+    from cuboid.core.threads import limit_threads
     from cuboid.views.redraw import drawer
     from cuboid.views.replay import Replay
 
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _path(args: argparse.Namespace) -> Path:
     """Return the file to write; an error where its name says another format, or it exists and --force is not given."""
-    from cuboid.errors import InputError
+    from cuboid.core.errors import InputError
 
     suffix = ".gif" if args.gif else ".mp4"
     path: Path = args.output or args.results / f"{DEFAULT_NAMES[args.show]}{suffix}"

@@ -22,8 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write the page."""
     from cuboid.cli.tables import console
-    from cuboid.cli.threads import limit_threads
-    from cuboid.errors import InputError
+    from cuboid.core.errors import InputError
+    from cuboid.core.threads import limit_threads
     from cuboid.outputs import Results
     from cuboid.outputs.folder import REPORT
     from cuboid.views.report import summarise, write_report

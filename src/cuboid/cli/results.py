@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cuboid.cli.optional_words import OPTIONAL
-from cuboid.errors import OutputError
+from cuboid.core.errors import OutputError
 
 PRINTED = OPTIONAL["--json"][0]
 # Arguments that name a file which is written beside the results.

@@ -63,8 +63,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Do what is asked."""
-    from cuboid.cli.threads import limit_threads
-    from cuboid.errors import InputError
+    from cuboid.core.errors import InputError
+    from cuboid.core.threads import limit_threads
 
     limit_threads(1)
     if args.verb == "check":
@@ -93,7 +93,7 @@ def _list(scene: Scene, args: argparse.Namespace) -> Answer:
     from rich.markup import escape
 
     from cuboid.cli.tables import new_table
-    from cuboid.errors import printable
+    from cuboid.core.errors import printable
 
     found = [item for item in scene.all_objects if args.all or item.state == "present"]
     document = {"objects": [object_document(item) for item in found]}
@@ -114,7 +114,7 @@ def _list(scene: Scene, args: argparse.Namespace) -> Answer:
 
 
 def _show(scene: Scene, args: argparse.Namespace) -> Answer:
-    from cuboid.errors import InputError
+    from cuboid.core.errors import InputError
 
     if args.label is not None:
         return _show_object(scene, args)
@@ -125,7 +125,7 @@ def _show(scene: Scene, args: argparse.Namespace) -> Answer:
     from rich.markup import escape
 
     from cuboid.cli.tables import new_table
-    from cuboid.errors import printable
+    from cuboid.core.errors import printable
 
     gone = len([item for item in scene.all_objects if item.state == "gone"])
     size_mb = scene.path.stat().st_size / 2**20
@@ -145,9 +145,9 @@ def _show(scene: Scene, args: argparse.Namespace) -> Answer:
 
 
 def _show_object(scene: Scene, args: argparse.Namespace) -> Answer:
-    from cuboid.errors import InputError
+    from cuboid.core.errors import InputError
+    from cuboid.core.results import tag_of
     from cuboid.outputs.pending import write_whole
-    from cuboid.results import tag_of
 
     item = _object(scene, args.label)
     history = scene.history(args.label)
@@ -178,7 +178,7 @@ def _changes(scene: Scene, args: argparse.Namespace) -> Answer:
     from rich.markup import escape
 
     from cuboid.cli.tables import new_table
-    from cuboid.errors import printable
+    from cuboid.core.errors import printable
     from cuboid.outputs.pending import new_folder
 
     found = [one for one in scene.changes(args.since) if args.all or one.change not in ("unchanged", "not looked at")]
@@ -203,7 +203,7 @@ def _changes(scene: Scene, args: argparse.Namespace) -> Answer:
 
 
 def _object(scene: Scene, label: int) -> SceneObject:
-    from cuboid.errors import InputError
+    from cuboid.core.errors import InputError
 
     for item in scene.all_objects:
         if item.label == label:
@@ -212,7 +212,7 @@ def _object(scene: Scene, label: int) -> SceneObject:
 
 
 def _name(scene: Scene, args: argparse.Namespace) -> Answer:
-    from cuboid.results import tag_of
+    from cuboid.core.results import tag_of
 
     scene.name(args.label, args.name)
     name = args.name.strip()

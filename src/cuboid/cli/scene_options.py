@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cuboid.cli.recording import seconds
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 
 if TYPE_CHECKING:
     from cuboid.scene.running import IntoScene

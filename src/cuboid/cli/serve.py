@@ -32,12 +32,12 @@ def run(args: argparse.Namespace) -> int:
     import secrets
     import socket
 
-    from cuboid.extras import need_cluster
+    from cuboid.core.extras import need_cluster
 
     need_cluster("cuboid serve")
     import uvicorn
 
-    from cuboid.errors import OutputError
+    from cuboid.core.errors import OutputError
     from cuboid.store.asgi import application
     from cuboid.views.serving import LOCAL_NAMES
 

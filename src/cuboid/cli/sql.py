@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 
 from cuboid.cli.results import add_results, give
-from cuboid.cli.threads import cores, positive
+from cuboid.cli.threads import positive
+from cuboid.core.threads import cores
 
 EXAMPLE = 'cuboid sql STORE "select count(*) from objects"'
 
@@ -25,11 +26,11 @@ def run(args: argparse.Namespace) -> int:
     """Ask and print."""
     import sys
 
-    from cuboid.extras import need_cluster
+    from cuboid.core.extras import need_cluster
 
     need_cluster("cuboid sql")
     from cuboid.cli.tables import console, new_table
-    from cuboid.errors import InputError
+    from cuboid.core.errors import InputError
     from cuboid.store.query import Tables
 
     answer = Tables(args.store, args.threads).ask(args.question)
@@ -73,7 +74,7 @@ def _plain(value: object) -> object:
 
 
 def _cell(value: object) -> str:
-    from cuboid.errors import shown
+    from cuboid.core.errors import shown
 
     if value is None:
         return ""

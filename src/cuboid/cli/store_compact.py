@@ -19,7 +19,7 @@ def run(args: argparse.Namespace) -> int:
     """Gather and tidy."""
     from dataclasses import asdict
 
-    from cuboid.extras import need_cluster
+    from cuboid.core.extras import need_cluster
 
     need_cluster("cuboid store compact")
     from cuboid.store.compact import compact, tidy

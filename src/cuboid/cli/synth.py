@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.results import add_output, add_results, give
-from cuboid.cli.threads import cores, limit_threads, positive
+from cuboid.cli.threads import positive
+from cuboid.core.threads import cores, limit_threads
 
 if TYPE_CHECKING:
     from cuboid.synthetic.shapes import Model

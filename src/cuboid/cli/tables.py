@@ -10,9 +10,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from cuboid.errors import printable
+from cuboid.core.errors import printable
+from cuboid.core.results import TrackedObject
 from cuboid.outputs import RunReport, Timing
-from cuboid.results import TrackedObject
 
 # A pipe has no width: tables take what they need, and no cell is cut.
 WIDE = 200

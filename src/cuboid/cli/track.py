@@ -12,11 +12,11 @@ from cuboid.cli.live import add_live, watching
 from cuboid.cli.recording import add_recording, megabytes, tracking_from
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.scene_options import add_scene, scene_from
-from cuboid.cli.threads import cores
-from cuboid.limits import MEMORY_MB
+from cuboid.core.limits import MEMORY_MB
+from cuboid.core.threads import cores
 
 if TYPE_CHECKING:
-    from cuboid.run_types import RunOutcome
+    from cuboid.tracking.types import RunOutcome
 
 EXAMPLE = "cuboid track RECORDING --output DIR"
 
@@ -45,8 +45,8 @@ def run(args: argparse.Namespace) -> int:
     into = scene_from(args)
     with interruptible() as interruption:
         from cuboid.cli.progress import progress
+        from cuboid.pipeline.run import track_recording
         from cuboid.readers import Recording
-        from cuboid.run import track_recording
 
         with source_of(args, interruption) as source, progress() as shown:
             name = source.path.name if isinstance(source, Recording) else args.camera
@@ -91,7 +91,7 @@ def outcome_document(outcome: RunOutcome, output: Path) -> dict[str, Any]:
 def print_outcome(outcome: RunOutcome, output: Path) -> None:
     """Print the table of objects and the summary of the run."""
     from cuboid.cli.tables import console, limit_lines, objects_table, skipped_lines
-    from cuboid.compiletime import compiling_s
+    from cuboid.core.compiletime import compiling_s
     from cuboid.outputs.folder import REPORT, VIDEO
 
     out, report = console(), outcome.report

@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C."""
-    from cuboid.cli.threads import limit_threads
+    from cuboid.core.threads import limit_threads
     from cuboid.views.replay import Replay
     from cuboid.views.report.server import Viewer, make_server
 

@@ -33,7 +33,7 @@ def workers_from(args: argparse.Namespace) -> Workers:
     from dask.utils import parse_bytes
 
     from cuboid.batch.cluster import Workers
-    from cuboid.errors import InputError
+    from cuboid.core.errors import InputError
 
     try:
         parse_bytes(args.memory_limit)

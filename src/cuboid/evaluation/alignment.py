@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.errors import FrameError, InputError
+from cuboid.core.errors import FrameError, InputError
 from cuboid.evaluation.result import Result
 from cuboid.geometry.se3 import mean_motion
 from cuboid.outputs import read_trajectory

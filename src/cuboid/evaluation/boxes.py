@@ -8,10 +8,10 @@ from itertools import permutations
 
 import numpy as np
 
+from cuboid.core.frame import Float64Array
 from cuboid.evaluation.matching import FrameOverlap, match, ratio
 from cuboid.evaluation.result import MapBoxes
 from cuboid.evaluation.scope import FOUND_IOU, Scope, counted
-from cuboid.frame import Float64Array
 from cuboid.geometry.overlap import overlap_min_matrix
 
 THRESHOLDS = (0.25, 0.5)

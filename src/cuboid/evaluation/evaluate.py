@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
+from cuboid.core.paths import PathLike, as_path
 from cuboid.evaluation.alignment import in_world_of
 from cuboid.evaluation.boxes import (
     THRESHOLDS,
@@ -35,7 +36,6 @@ from cuboid.evaluation.truth import Truth, read_truth
 from cuboid.geometry.se3 import transform
 from cuboid.outputs import read_map
 from cuboid.outputs.text import LENGTH, rounded
-from cuboid.paths import PathLike, as_path
 
 FORMAT, VERSION = "cuboid-evaluation", 1
 

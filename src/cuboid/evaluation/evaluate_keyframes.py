@@ -6,7 +6,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
+from cuboid.core.paths import PathLike, as_path
 from cuboid.evaluation.evaluate import plain
 from cuboid.evaluation.funnel import Stage, early_stages, open_again, rects_by_frame
 from cuboid.evaluation.keyframe_scores import (
@@ -24,7 +25,6 @@ from cuboid.evaluation.result import read_rects
 from cuboid.outputs import Results, RunReport
 from cuboid.outputs.folder import TRACKS
 from cuboid.outputs.text import LENGTH, rounded
-from cuboid.paths import PathLike, as_path
 from cuboid.readers.recording import Recording
 
 FORMAT, VERSION = "cuboid-keyframes-evaluation", 1

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cuboid.config import TrackerConfig
-from cuboid.downscaling import downscale
-from cuboid.errors import ConfigError, CuboidError, InputError
+from cuboid.core.config import TrackerConfig
+from cuboid.core.downscaling import downscale
+from cuboid.core.errors import ConfigError, CuboidError, InputError
+from cuboid.core.frame import Float64Array
 from cuboid.evaluation.result import RectRows, read_rects
 from cuboid.formats.rows_files import OwnRectEntry
-from cuboid.frame import Float64Array
 from cuboid.outputs import Results
 from cuboid.outputs.folder import PROPOSALS
 from cuboid.proposals import SOURCES, make_source

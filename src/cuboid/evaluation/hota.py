@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.core.frame import Float64Array
 from cuboid.evaluation.matching import FrameOverlap
 from cuboid.evaluation.result import IntArray
-from cuboid.frame import Float64Array
 from cuboid.objects.matching import assign
 
 ALPHAS = np.arange(1, 20) * 0.05

@@ -7,10 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cuboid.errors import FrameError
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Float64Array, UInt8Array
 from cuboid.evaluation.keyframe_scores import JudgedFrame
 from cuboid.evaluation.rectangles import Outcome
-from cuboid.frame import Float64Array, UInt8Array
 from cuboid.outputs.folder import writing
 from cuboid.readers.recording import Recording
 from cuboid.views.tags import TAG_PX, place_tag, put_tag

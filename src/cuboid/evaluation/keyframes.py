@@ -14,11 +14,11 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from cuboid.errors import InputError, printable
+from cuboid.core.errors import InputError, printable
+from cuboid.core.frame import Float64Array
+from cuboid.core.paths import PathLike, as_path
 from cuboid.formats.json_validation import checked, format_in, read_json
 from cuboid.formats.keyframes_file import FORMAT, KeyframeEntry, KeyframesDocument
-from cuboid.frame import Float64Array
-from cuboid.paths import PathLike, as_path
 from cuboid.readers.recording import Recording
 
 # A frame's number in the name of its file: the first there is, which may be a time.

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cuboid.core.frame import Float64Array
 from cuboid.evaluation.result import IntArray
-from cuboid.frame import Float64Array
 from cuboid.objects.matching import assign
 
 

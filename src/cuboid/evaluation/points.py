@@ -9,17 +9,17 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
+from cuboid.core.extras import require
+from cuboid.core.frame import Float64Array
+from cuboid.core.paths import PathLike, as_path
 from cuboid.evaluation.matching import ratio
 from cuboid.evaluation.truth import Truth
-from cuboid.extras import require
 from cuboid.formats.reading import MAX_BINARY_BYTES, opened
 from cuboid.formats.rows_files import LabelEntry
 from cuboid.formats.table_validation import read_lines
-from cuboid.frame import Float64Array
 from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import FARTHEST_M
-from cuboid.paths import PathLike, as_path
 
 # A labelled point has the heat of the nearest point of the map within this, metres: two voxels of 1 cm.
 REACH_M = 0.02

@@ -8,9 +8,9 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.core.frame import Float64Array
 from cuboid.evaluation.keyframes import Keyframe
 from cuboid.evaluation.matching import match
-from cuboid.frame import Float64Array
 from cuboid.geometry.rectangles import fractions_inside, rect_iou_matrix
 
 # Of a thing that shows less of itself than this, a person would not ask that it be found.

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Float64Array
+from cuboid.core.paths import PathLike, as_path
 from cuboid.formats.rows_files import BoxEntry, OwnBoxEntry, OwnRectEntry, RectEntry
 from cuboid.formats.table_validation import read_table
-from cuboid.frame import Float64Array
 from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import rotation_from_quat_wxyz
 from cuboid.outputs import Results
 from cuboid.outputs.folder import MAP, PROPOSALS, TRACKS, TRAJECTORY
-from cuboid.paths import PathLike, as_path
 
 IntArray = npt.NDArray[np.int64]
 

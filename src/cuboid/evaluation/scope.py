@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.core.frame import Float64Array
 from cuboid.evaluation.matching import FrameOverlap, match
 from cuboid.evaluation.result import BoxRows, IntArray
 from cuboid.evaluation.truth import Truth, TruthObject
-from cuboid.frame import Float64Array
 from cuboid.geometry.overlap import intersection_matrix, iou_matrix, pack
 
 BoolArray = npt.NDArray[np.bool_]

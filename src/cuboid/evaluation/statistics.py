@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
 
 # B. Efron and R. Tibshirani, "An Introduction to the Bootstrap" (1993): percentiles of resampled means want thousands.
 RESAMPLES = 10_000

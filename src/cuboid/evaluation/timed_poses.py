@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.errors import CuboidError, FrameError, InputError
+from cuboid.core.errors import CuboidError, FrameError, InputError
+from cuboid.core.frame import Float64Array
+from cuboid.core.paths import PathLike, as_path
 from cuboid.formats.table_validation import data_lines
-from cuboid.frame import Float64Array
 from cuboid.outputs.folder import TRAJECTORY
-from cuboid.paths import PathLike, as_path
 from cuboid.readers import open_recording
 from cuboid.readers.posetext import Trajectory, parse_numbers, pose_from_quaternion
 from cuboid.readers.recording import DEFAULT_RATE_HZ

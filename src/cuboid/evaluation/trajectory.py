@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Float64Array
+from cuboid.core.paths import PathLike
 from cuboid.evaluation.timed_poses import TimedPoses, read_poses
-from cuboid.frame import Float64Array
 from cuboid.outputs.text import LENGTH, rounded
-from cuboid.paths import PathLike
 
 FORMAT, VERSION = "cuboid-trajectory-evaluation", 1
 

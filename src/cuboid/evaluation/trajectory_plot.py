@@ -10,9 +10,9 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Float64Array
 from cuboid.evaluation.trajectory import TrajectoryErrors
-from cuboid.frame import Float64Array
 from cuboid.outputs.pending import write_whole
 from cuboid.views.text import Color, ink, put_text
 

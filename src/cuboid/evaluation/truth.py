@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import printable
+from cuboid.core.errors import printable
+from cuboid.core.frame import Float64Array
+from cuboid.core.paths import PathLike, as_path
 from cuboid.formats.json_validation import read_json
 from cuboid.formats.truth_file import BoxOfTruth, RegionOfTruth, TruthDocument, VisibilityOfTruth
-from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
-from cuboid.paths import PathLike, as_path
 
 NAME = "truth.json"
 

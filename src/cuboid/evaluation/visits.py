@@ -10,19 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.errors import FrameError, InputError
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Float64Array
+from cuboid.core.paths import PathLike, as_path
+from cuboid.core.results import SceneChange
 from cuboid.evaluation.alignment import TRUE_TRAJECTORY
 from cuboid.evaluation.matching import match, ratio
 from cuboid.evaluation.truth import read_truth
 from cuboid.formats.json_validation import read_json
 from cuboid.formats.visits_file import ChangeOfThing, VisitsDocument
-from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou_matrix, pack
 from cuboid.geometry.se3 import mean_motion, transform
-from cuboid.paths import PathLike, as_path
 from cuboid.readers.posetext import Trajectory
-from cuboid.results import SceneChange
 from cuboid.scene import Scene
 
 VISITS = "visits.json"

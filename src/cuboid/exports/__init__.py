@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cuboid.errors import OutputError
+from cuboid.core.errors import OutputError
+from cuboid.core.paths import PathLike, as_path
 from cuboid.exports import coco, csv_table, kitti, mcap, plain_json, ply, rerun_file
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.formats.reading import real_path
 from cuboid.outputs import OUTPUT_NAMES, Results
 from cuboid.outputs.pending import new_file, new_folder
-from cuboid.paths import PathLike, as_path
 
 __all__ = [
     "EXPORTS",

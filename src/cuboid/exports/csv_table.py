@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from cuboid.core.results import TrackedObject
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.outputs import Results
 from cuboid.outputs.text import DIRECTION, LENGTH, number, numbers
-from cuboid.results import TrackedObject
 
 HEADER = (
     "label,length_cm,width_cm,height_cm,x_m,y_m,z_m,qw,qx,qy,qz,score,heat,"

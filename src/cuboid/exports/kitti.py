@@ -21,9 +21,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.exports.registry import EXPORTS, Export
-from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou
 from cuboid.geometry.se3 import inverse, transform

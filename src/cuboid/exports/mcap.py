@@ -22,15 +22,15 @@ from typing import Any
 import cv2
 import numpy as np
 
-from cuboid.errors import FrameError
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Float64Array, Frame
+from cuboid.core.palette import color_of
+from cuboid.core.results import MapPoints, names_of, tag_of
 from cuboid.exports.registry import EXPORTS, Export
+from cuboid.formats.ros_messages import COLOR, DEPTH, OPTICAL_FRAME, TRANSFORMS, WORLD_FRAME, RosBag, nanoseconds
 from cuboid.formats.stored import is_there
-from cuboid.frame import Float64Array, Frame
 from cuboid.geometry.box import CORNER_SIGNS, EDGES, Box
 from cuboid.outputs import Results, TrackRow
-from cuboid.results import MapPoints, names_of, tag_of
-from cuboid.ros_messages import COLOR, DEPTH, OPTICAL_FRAME, TRANSFORMS, WORLD_FRAME, RosBag, nanoseconds
-from cuboid.views.palette import color_of
 from cuboid.views.report.pictures import encode_jpeg
 
 MARKERS, DETECTIONS, MAP = "/objects/markers", "/objects/detections", "/map"

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.core.frame import Float64Array
+from cuboid.core.palette import hex_of
+from cuboid.core.results import SupportPlane, TrackedObject
 from cuboid.exports.registry import EXPORTS, Export
-from cuboid.frame import Float64Array
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.outputs import Results
 from cuboid.outputs.objects import write_json
 from cuboid.outputs.text import DIRECTION, LENGTH, rounded, rounded_list
-from cuboid.results import SupportPlane, TrackedObject
-from cuboid.views.palette import hex_of
 
 # Digits after the point of centimetres: a hundredth of a millimetre.
 CENTIMETRE = 3

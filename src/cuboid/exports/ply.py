@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.core.palette import color_of
+from cuboid.core.results import MapPoints, TrackedObject
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.geometry.box import EDGES
 from cuboid.outputs import Results, write_map
-from cuboid.results import MapPoints, TrackedObject
-from cuboid.views.palette import color_of
 
 # Corners of each face in the order of `Box.corners`, counter-clockwise seen from outside.
 OUTWARD_FACES = ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6))

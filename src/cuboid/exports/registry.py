@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from cuboid.core.registry import Registry
 from cuboid.outputs import Results
-from cuboid.registry import Registry
 
 
 @dataclass(frozen=True, slots=True)

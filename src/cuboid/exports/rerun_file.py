@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.errors import FrameError
+from cuboid.core.errors import FrameError
+from cuboid.core.results import names_of
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.formats.stored import is_there
 from cuboid.outputs import Results, TrackRow
-from cuboid.results import names_of
 from cuboid.views.report.pictures import encode_jpeg
 from cuboid.views.rerun_scene import RerunScene
 from cuboid.views.rerun_view import JPEG_QUALITY

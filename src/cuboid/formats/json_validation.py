@@ -8,7 +8,7 @@ from typing import Any, TypeVar, get_args, get_type_hints
 
 import msgspec
 
-from cuboid.errors import InputError, shown
+from cuboid.core.errors import InputError, shown
 from cuboid.formats.reading import MAX_JSON_BYTES, read_bytes
 
 T = TypeVar("T")

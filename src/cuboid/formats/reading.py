@@ -10,7 +10,7 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import BinaryIO
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.formats.stored import StoredPath
 
 # The largest file of each kind. A map of 10,000 objects takes 6 MB of JSON, a day of poses 250 MB of text.

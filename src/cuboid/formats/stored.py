@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any, BinaryIO, Protocol
 
-from cuboid.paths import PathLike
+from cuboid.core.paths import PathLike
 
 URL = re.compile(r"([a-z][a-z0-9+.-]+):/+(?=[^/])")
 # Scheme, and host or bucket.

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import msgspec
 
-from cuboid.errors import InputError, shown
+from cuboid.core.errors import InputError, shown
 from cuboid.formats.json_validation import in_words
 from cuboid.formats.reading import text_lines
 

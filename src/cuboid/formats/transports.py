@@ -10,7 +10,7 @@ import threading
 from collections import OrderedDict
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from cuboid.extras import missing
+from cuboid.core.extras import missing
 from cuboid.formats.archives import BUFFER_BYTES, Window
 from cuboid.formats.stored import Entry, StoredPath
 

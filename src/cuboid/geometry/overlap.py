@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
 from cuboid.geometry.box import Box
-from cuboid.kernels.overlap import intersections
+from cuboid.geometry.kernels.overlap import intersections
 
 # A cube of a micrometre: quotients of less lose their digits.
 NO_VOLUME_M3 = 1e-18

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:  # a frame knows what a pose is, so this cannot know what a frame is
-    from cuboid.frame import Float64Array
+    from cuboid.core.frame import Float64Array
 
 # How far a matrix may be from a rotation; files with 3 digits stay below. What passes is made a rotation.
 RIGID_TOLERANCE = 0.01

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array
-from cuboid.kernels.cubes import ANCHORS
-from cuboid.state import Record
+from cuboid.core.frame import Float64Array
+from cuboid.core.state import Record
+from cuboid.heatmap.kernels.cubes import ANCHORS
 
 # Keyframes up to this one are told apart: hours of video. They are anchors of that number; numbers above are those of
 # keyframes that have moved since some of their points last did.

@@ -10,9 +10,9 @@ from typing import Any, Protocol, cast
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import OutputError
+from cuboid.core.errors import OutputError
+from cuboid.heatmap.kernels.cubes import ROW
 from cuboid.heatmap.row_memory import BLOCK_BYTES
-from cuboid.kernels.cubes import ROW
 
 Rows = npt.NDArray[Any]
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float32Array, Float64Array
+from cuboid.core.frame import Float32Array, Float64Array
+from cuboid.core.working import WorkingImage
+from cuboid.heatmap.kernels import lookup, owners
+from cuboid.heatmap.kernels import voxels as kernel
+from cuboid.heatmap.kernels.cubes import CUBE_SIDE, FINE, KEY_OFFSET, keys_of
 from cuboid.heatmap.moving_points import MovingPoints
 from cuboid.heatmap.stored_points import Rows
-from cuboid.kernels import lookup, owners
-from cuboid.kernels import voxels as kernel
-from cuboid.kernels.cubes import CUBE_SIDE, FINE, KEY_OFFSET, keys_of
-from cuboid.working import WorkingImage
 
 
 class FinePoints(MovingPoints):

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float32Array
+from cuboid.core.frame import Float32Array
+from cuboid.core.tolerances import ARM_LENGTH_M, DRIFT_M
+from cuboid.heatmap.kernels import levels as kernel
+from cuboid.heatmap.kernels import lookup
+from cuboid.heatmap.kernels.cubes import BLOCK_BITS, CUBE_BITS
 from cuboid.heatmap.stored_points import Rows, StoredPoints, rows_of_a_cube, words_of
-from cuboid.kernels import levels as kernel
-from cuboid.kernels import lookup
-from cuboid.kernels.cubes import BLOCK_BITS, CUBE_BITS
-from cuboid.tolerances import ARM_LENGTH_M, DRIFT_M
 
 # Moments (see `StoredPoints`) after which what is out of view is kept in cells: the camera has gone by an arm's length,
 # or turned by 46 degrees. Hands that shake, or look aside and back, part none.

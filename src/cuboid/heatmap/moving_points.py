@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
 from cuboid.heatmap.anchors import of_each
+from cuboid.heatmap.kernels import corrections as kernel
+from cuboid.heatmap.kernels import cubes as kernel_cubes
+from cuboid.heatmap.kernels import lookup
+from cuboid.heatmap.kernels.cubes import BLOCK_BITS, columns_of
 from cuboid.heatmap.levels import LevelledPoints
 from cuboid.heatmap.stored_points import Rows
-from cuboid.kernels import corrections as kernel
-from cuboid.kernels import cubes as kernel_cubes
-from cuboid.kernels import lookup
-from cuboid.kernels.cubes import BLOCK_BITS, columns_of
 
 # Fewer empty cubes than this are no burden.
 MIN_EMPTY_CUBES = 64

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.config import TrackerConfig
-from cuboid.frame import Float32Array, UInt8Array
-from cuboid.kernels import votes as kernel
+from cuboid.core.config import TrackerConfig
+from cuboid.core.frame import Float32Array, UInt8Array
+from cuboid.core.tolerances import LITTLE
+from cuboid.core.working import WorkingImage
+from cuboid.heatmap.kernels import votes as kernel
 from cuboid.proposals.types import JoinedMasks, Proposals
-from cuboid.tolerances import LITTLE
-from cuboid.working import WorkingImage
 
 # The strongest proposals that say how much weight counts as sure.
 STRONGEST = 10

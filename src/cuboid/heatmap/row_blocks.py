@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.state import Record
+from cuboid.core.state import Record
 
 Blocks = npt.NDArray[np.int64]
 

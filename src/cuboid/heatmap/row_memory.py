@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.kernels.cubes import BLOCK_ROWS, ROW, TABLE_BITS, Cubes, Points, columns_of, empty_cubes
+from cuboid.heatmap.kernels.cubes import BLOCK_ROWS, ROW, TABLE_BITS, Cubes, Points, columns_of, empty_cubes
 
 # Blocks of rows that there is room for, at most and at least; what cannot be reserved is halved. Windows counts what is
 # reserved as used: 0.6 GB of rows and 2.1 GB of tables.

@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 from cuboid.heatmap.anchors import Anchors
 from cuboid.heatmap.block_store import BlockStore, TemporaryBlockStore
+from cuboid.heatmap.kernels import cubes as kernel_cubes
+from cuboid.heatmap.kernels import levels, owners
+from cuboid.heatmap.kernels import voxels as kernel
+from cuboid.heatmap.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, MAX_BLOCKS, ROW, Points, columns_of
 from cuboid.heatmap.row_blocks import RowBlocks
 from cuboid.heatmap.row_memory import RowMemory, resident_mb
-from cuboid.kernels import cubes as kernel_cubes
-from cuboid.kernels import levels, owners
-from cuboid.kernels import voxels as kernel
-from cuboid.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, MAX_BLOCKS, ROW, Points, columns_of
 
 Rows = npt.NDArray[np.int64]
 

@@ -7,19 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.core.state import Record
+from cuboid.core.tolerances import MIN_READINGS
+from cuboid.core.working import WorkingImage
 from cuboid.geometry.se3 import inverse
 from cuboid.heatmap.anchors import Anchors, AnchorsState
 from cuboid.heatmap.fine_points import FinePoints
+from cuboid.heatmap.kernels import claims as kernel_claims
+from cuboid.heatmap.kernels import lookup, owners
+from cuboid.heatmap.kernels import voxels as kernel
+from cuboid.heatmap.kernels.cubes import BLOCK_ROWS, HEATS, LEVELS
 from cuboid.heatmap.row_blocks import RowBlocks, RowBlocksState
 from cuboid.heatmap.stored_points import Rows
-from cuboid.kernels import claims as kernel_claims
-from cuboid.kernels import lookup, owners
-from cuboid.kernels import voxels as kernel
-from cuboid.kernels.cubes import BLOCK_ROWS, HEATS, LEVELS
-from cuboid.state import Record
-from cuboid.tolerances import MIN_READINGS
-from cuboid.working import WorkingImage
 
 # Points that a frame carves: all in view where these are few, else a part of them in turn.
 MAX_CARVED_POINTS = 40_000

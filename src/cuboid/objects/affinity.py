@@ -12,9 +12,9 @@ from math import log
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array
-from cuboid.state import Record
-from cuboid.tolerances import SURE
+from cuboid.core.frame import Float64Array
+from cuboid.core.state import Record
+from cuboid.core.tolerances import SURE
 
 Pair = tuple[int, int]
 

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
+from cuboid.core.tolerances import MOST, SOME
 from cuboid.geometry.overlap import iou_matrix
+from cuboid.heatmap.kernels.claims import segment_overlaps
 from cuboid.heatmap.voxel_map import PixelVoxels
-from cuboid.kernels.claims import segment_overlaps
 from cuboid.objects.entry import MapObject
 from cuboid.objects.matching import assign
 from cuboid.surfaces.frame_segments import FrameSegments
-from cuboid.tolerances import MOST, SOME
 
 # Gate of the association: 3D IoU of the boxes, or IoU of the masks.
 SAME = 0.25

@@ -11,7 +11,7 @@ from cuboid.boxes.faces import to_faces
 from cuboid.boxes.fit import fit_box
 from cuboid.boxes.hidden import as_deep_as_wide, is_clear_of, with_hidden
 from cuboid.boxes.revolved import revolved
-from cuboid.frame import Float32Array, Float64Array
+from cuboid.core.frame import Float32Array, Float64Array
 from cuboid.geometry.box import Box
 from cuboid.heatmap.stored_points import Rows
 from cuboid.heatmap.voxel_map import VoxelMap

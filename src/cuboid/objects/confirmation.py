@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.boxes.quantiles import quantile
-from cuboid.config import TrackerConfig
-from cuboid.geometry.distances import touch
-from cuboid.kernels.outlines import BOTTOM, CONTACT, FREE, LEFT, RIGHT, SUPPORT, TOP
+from cuboid.core.config import TrackerConfig
+from cuboid.core.tolerances import DRIFT_M, MOST, SAMPLE, STRAYS, SURE
+from cuboid.objects.distances import touch
 from cuboid.objects.entry import MapObject
 from cuboid.objects.outline import OWN_FRACTION, enclosed, ends_above, ends_beside
 from cuboid.objects.store import ObjectStore
 from cuboid.objects.validity import fits_object
 from cuboid.objects.visibility import ALIKE
+from cuboid.surfaces.kernels.outlines import BOTTOM, CONTACT, FREE, LEFT, RIGHT, SUPPORT, TOP
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import DRIFT_M, MOST, SAMPLE, STRAYS, SURE
 
 # Frames do not agree on two objects that touch while the log-odds that they are two are below this.
 UNSURE = 1.1

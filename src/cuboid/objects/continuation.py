@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.boxes.kernels.extents import beyond_sides
+from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.core.tolerances import DRIFT_M, MIN_FRAMES, MIN_READINGS, MOST, SAMPLE, SOME
 from cuboid.geometry.box import Box
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.kernels.extents import beyond_sides
-from cuboid.tolerances import DRIFT_M, MIN_FRAMES, MIN_READINGS, MOST, SAMPLE, SOME
 
 # What lies this near a side of the box, voxels, makes that side; it goes on where there are points so far beyond it,
 # voxels.

@@ -9,10 +9,10 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
+from cuboid.core.state import TRANSIENT, Record
 from cuboid.geometry.box import Box
-from cuboid.kernels.outlines import KINDS
-from cuboid.state import TRANSIENT, Record
+from cuboid.surfaces.kernels.outlines import KINDS
 
 
 class State(Enum):

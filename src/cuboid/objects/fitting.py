@@ -10,8 +10,9 @@ import numpy.typing as npt
 
 from cuboid.boxes.fit import fit_box
 from cuboid.boxes.hidden import with_foot
-from cuboid.config import TrackerConfig
-from cuboid.frame import Float32Array, Float64Array
+from cuboid.core.config import TrackerConfig
+from cuboid.core.frame import Float32Array, Float64Array
+from cuboid.core.tolerances import DRIFT_M, MIN_READINGS, SAMPLE, SIGMAS
 from cuboid.geometry.box import Box
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.boxing import Boxing
@@ -23,7 +24,6 @@ from cuboid.objects.support import above_support_rim, find_holder
 from cuboid.objects.validity import fits_object, too_large
 from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import DRIFT_M, MIN_READINGS, SAMPLE, SIGMAS
 
 # A box is refitted when the number of sightings has grown by this fraction.
 GROWN = 0.15

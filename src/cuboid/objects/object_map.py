@@ -10,14 +10,17 @@ from math import ceil
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.config import TrackerConfig
-from cuboid.frame import Float64Array, UInt8Array
+from cuboid.core.config import TrackerConfig
+from cuboid.core.frame import Float64Array, UInt8Array
+from cuboid.core.limits import MAX_CANDIDATES
+from cuboid.core.observation import Observation
+from cuboid.core.state import Record
+from cuboid.core.tolerances import LITTLE, MIN_FRAMES, MIN_READINGS, MOST, SURE
+from cuboid.core.working import WorkingImage
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import transform
 from cuboid.heatmap.voxel_map import PixelVoxels, VoxelMap
-from cuboid.kernels.outlines import KINDS
-from cuboid.limits import MAX_CANDIDATES
 from cuboid.objects.affinity import MAX_LOG_ODDS
 from cuboid.objects.association import Association, associate
 from cuboid.objects.boxing import Boxing
@@ -28,12 +31,9 @@ from cuboid.objects.outline import log_odds_of, with_viewpoint_change
 from cuboid.objects.store import ObjectStore, ObjectStoreState
 from cuboid.objects.validity import fits_object
 from cuboid.objects.visibility import boxes_in_frustum
-from cuboid.observation import Observation
-from cuboid.state import Record
 from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments
+from cuboid.surfaces.kernels.outlines import KINDS
 from cuboid.surfaces.planes import PlaneTracker
-from cuboid.tolerances import LITTLE, MIN_FRAMES, MIN_READINGS, MOST, SURE
-from cuboid.working import WorkingImage
 
 # Log-odds that a candidate loses in a frame with its place in view and no matching proposal.
 MISSED = 0.3

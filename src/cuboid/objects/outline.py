@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array
-from cuboid.kernels.outlines import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, LEFT, RIGHT, SUPPORT, TOP, UNSURE
-from cuboid.tolerances import MOST, SOME, SURE
+from cuboid.core.frame import Float64Array
+from cuboid.core.tolerances import MOST, SOME, SURE
+from cuboid.surfaces.kernels.outlines import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, LEFT, RIGHT, SUPPORT, TOP, UNSURE
 
 # Log-odds of a sighting whose outline is completely visible and free: two or three of these confirm an object.
 CLEAR = SURE / 2.0

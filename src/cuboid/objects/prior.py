@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
+from cuboid.heatmap.kernels.claims import proposal_overlaps
 from cuboid.heatmap.pixel_heat import WeighedProposals
-from cuboid.kernels.claims import proposal_overlaps
 from cuboid.objects.association import index_table
 from cuboid.objects.entry import MapObject
 

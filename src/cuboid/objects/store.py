@@ -9,15 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
+from cuboid.core.state import Record
+from cuboid.core.tolerances import MOST
 from cuboid.geometry.box import Box
+from cuboid.geometry.kernels.overlap import BATCH, bound, near
 from cuboid.geometry.overlap import overlap_min_matrix
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.kernels.overlap import BATCH, bound, near
 from cuboid.objects.affinity import Affinity, AffinityState
 from cuboid.objects.entry import MapObject, State, summed_counts
-from cuboid.state import Record
-from cuboid.tolerances import MOST
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,12 +9,12 @@ import numpy.typing as npt
 
 from cuboid.boxes.fit import plane_axes
 from cuboid.boxes.quantiles import quantile
-from cuboid.frame import Float32Array, Float64Array
-from cuboid.geometry.distances import points_near
+from cuboid.core.frame import Float32Array, Float64Array
+from cuboid.core.tolerances import DRIFT_M, JUMP_M, MIN_READINGS, SAMPLE, SOME, STRAYS
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.kernels.rims import highest_rim
+from cuboid.objects.distances import points_near
 from cuboid.objects.entry import MapObject
-from cuboid.tolerances import DRIFT_M, JUMP_M, MIN_READINGS, SAMPLE, SOME, STRAYS
+from cuboid.objects.kernels.rims import highest_rim
 
 
 def find_holder(

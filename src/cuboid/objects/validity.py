@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cuboid.config import TrackerConfig
+from cuboid.core.config import TrackerConfig
 from cuboid.geometry.box import Box
 
 

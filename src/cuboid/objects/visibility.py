@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
+from cuboid.core.observation import Observation
+from cuboid.core.results import Sighting
+from cuboid.core.tolerances import DRIFT_M, LITTLE, MIN_READINGS, SAMPLE, SOME
+from cuboid.core.working import WorkingImage
 from cuboid.geometry.rectangles import rect_iou
-from cuboid.kernels import sightings as kernel
-from cuboid.kernels.outlines import EDGE_LEVELS
 from cuboid.objects.association import SAME, Association
 from cuboid.objects.entry import MapObject
-from cuboid.observation import Observation
-from cuboid.results import Sighting
+from cuboid.objects.kernels import sightings as kernel
 from cuboid.surfaces.frame_segments import FrameSegments
-from cuboid.tolerances import DRIFT_M, LITTLE, MIN_READINGS, SAMPLE, SOME
-from cuboid.working import WorkingImage
+from cuboid.surfaces.kernels.outlines import EDGE_LEVELS
 
 # A color agrees with a point's when no channel is farther off than this, of 255: noise, exposure, texture finer than
 # a voxel.

@@ -23,9 +23,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 
-from cuboid.errors import OutputError
-from cuboid.locks import lock_folder, release
-from cuboid.paths import PathLike, as_path
+from cuboid.core.errors import OutputError
+from cuboid.core.locks import lock_folder, release
+from cuboid.core.paths import PathLike, as_path
 
 RUN = "run.json"
 OBJECTS = "objects.json"

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from cuboid.core.frame import Float64Array, Intrinsics
+from cuboid.core.results import SupportPlane, TrackedObject
 from cuboid.formats.json_validation import read_json
 from cuboid.formats.objects_file import FORMAT, VERSION, ObjectEntry, ObjectsDocument
-from cuboid.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import Box
 from cuboid.outputs.text import DIRECTION, LENGTH, rounded, rounded_list
-from cuboid.results import SupportPlane, TrackedObject
 
 
 @dataclass(frozen=True, slots=True)

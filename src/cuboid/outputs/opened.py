@@ -9,12 +9,15 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
-from cuboid.errors import InputError, shown
-from cuboid.frame import Float64Array
-from cuboid.object_table import ObjectTable
+from cuboid.core.errors import InputError, shown
+from cuboid.core.frame import Float64Array
+from cuboid.core.paths import PathLike, as_path
+from cuboid.core.results import MapPoints, SupportPlane, TrackedObject
 from cuboid.outputs.folder import MAP, OBJECTS, PROPOSALS, RUN, TRACKS, TRAJECTORY, finish_replacing
+from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.objects import ObjectsFile, read_objects
 from cuboid.outputs.ply import read_map
+from cuboid.outputs.queries import MapQueries
 from cuboid.outputs.report import RunReport, read_run
 from cuboid.outputs.rows import (
     PoseRow,
@@ -25,12 +28,9 @@ from cuboid.outputs.rows import (
     read_tracks,
     read_trajectory,
 )
-from cuboid.paths import PathLike, as_path
-from cuboid.posing import LOST
-from cuboid.queries import MapQueries
+from cuboid.poses.sources import LOST
 from cuboid.readers.recording import Recording
 from cuboid.readers.reopen import reopen_recording
-from cuboid.results import MapPoints, SupportPlane, TrackedObject
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,7 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
-from cuboid.errors import OutputError
+from cuboid.core.errors import OutputError
 from cuboid.formats.reading import kind_of, real_path
 from cuboid.outputs.folder import writing
 

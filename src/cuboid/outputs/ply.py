@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Float32Array, UInt8Array
+from cuboid.core.results import MapPoints
 from cuboid.formats.reading import MAX_BINARY_BYTES, read_bytes
-from cuboid.frame import Float32Array, UInt8Array
 from cuboid.geometry.se3 import FARTHEST_M
-from cuboid.results import MapPoints
 
 # Little-endian layout of a point, in the words of the PLY format (G. Turk, 1994).
 POINT = np.dtype(

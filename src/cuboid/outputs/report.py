@@ -65,7 +65,7 @@ class SkippedKind:
 
 @dataclass(frozen=True, slots=True)
 class LimitReached:
-    """What was more than a frame may bring, see `cuboid.limits`.
+    """What was more than a frame may bring, see `cuboid.core.limits`.
 
     Attributes
     ----------

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from cuboid.core.frame import Float64Array
+from cuboid.core.results import Sighting, tag_of
 from cuboid.formats.rows_files import PoseEntry, ProposalEntry, ProposalLabel, TrackEntry
 from cuboid.formats.table_validation import header_of, read_lines, read_table
-from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import compose, quat_wxyz_from_rotation, rotation_from_quat_wxyz
 from cuboid.outputs.text import DIRECTION, LENGTH, PIXEL, number, numbers
-from cuboid.results import Sighting, tag_of
 
 TRACKS_HEADER = header_of(TrackEntry)
 PROPOSALS_HEADER = header_of(ProposalEntry)

@@ -11,7 +11,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import TextIO
 
-from cuboid.errors import OutputError
+from cuboid.core.errors import OutputError
+from cuboid.core.paths import PathLike
+from cuboid.core.results import FrameResult, MapPoints
 from cuboid.outputs.folder import (
     MAP,
     OBJECTS,
@@ -27,8 +29,6 @@ from cuboid.outputs.objects import ObjectsFile, write_objects
 from cuboid.outputs.ply import write_map
 from cuboid.outputs.report import RunReport, write_run
 from cuboid.outputs.rows import PROPOSALS_HEADER, TRACKS_HEADER, PoseRow, ProposalRow, TrackRow
-from cuboid.paths import PathLike
-from cuboid.results import FrameResult, MapPoints
 
 # Rows of a run without an output folder are kept in memory up to this size, a file; beyond it on disk.
 MAX_IN_MEMORY_BYTES = 1 << 22

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float32Array, Float64Array
+from cuboid.core.frame import Float32Array, Float64Array
 from cuboid.geometry import se3
-from cuboid.kernels import align as kernel
+from cuboid.poses.kernels import align as kernel
 from cuboid.poses.pyramid import LEVELS, Level
 
 # Per level, finest first: side of the cell that gives one point, half the window of its plane, largest number of steps.

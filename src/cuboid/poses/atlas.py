@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cuboid.frame import Float64Array, Intrinsics
+from cuboid.core.frame import Float64Array, Intrinsics
+from cuboid.core.state import Record
 from cuboid.geometry import se3
 from cuboid.poses.alignment import Alignment, Reference, align, merge, pick
 from cuboid.poses.graph import Edge, deviations, optimise, optimise_around
 from cuboid.poses.keyframes import OVERLAP_LEVEL, Keyframe, median_depth_m, overlap, view_distances
 from cuboid.poses.places import Appearance, locate, votes
 from cuboid.poses.pyramid import Level, SmallImage
-from cuboid.state import Record
 
 # Keyframes whose overlap is looked at: those with the most similar views.
 NEAR = 12

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cuboid.frame import Float64Array, Frame, Intrinsics
+from cuboid.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.core.tolerances import DRIFT_M, DRIFT_RAD, MIN_FRAMES, MIN_READINGS, MOST, SIGMAS
 from cuboid.geometry.se3 import inverse, moved_beyond, tidied
-from cuboid.kernels import align as kernel
 from cuboid.poses.alignment import NOISE, Prior, Reference, align, pick
+from cuboid.poses.kernels import align as kernel
 from cuboid.poses.keyframes import NEW_VIEW, OVERLAP_LEVEL, median_depth_m, overlap, pixels_of, view_distances
 from cuboid.poses.pyramid import Level, build_levels, shrink
-from cuboid.tolerances import DRIFT_M, DRIFT_RAD, MIN_FRAMES, MIN_READINGS, MOST, SIGMAS
 
 # Keyframes that are remembered: 100 kB each. The one that was used longest ago goes.
 MAX_KEYFRAMES = 256

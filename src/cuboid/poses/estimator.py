@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cuboid.errors import FrameError
-from cuboid.frame import Float64Array, Frame, Intrinsics
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.core.state import Record
 from cuboid.geometry import se3
 from cuboid.poses.alignment import Alignment, Prior, Reference, align
 from cuboid.poses.atlas import Atlas, AtlasState, FrameFeatures, Place
 from cuboid.poses.keyframes import NEW_VIEW, OVERLAP_LEVEL, Keyframe
 from cuboid.poses.places import describe, locate
 from cuboid.poses.pyramid import Level, SmallImage, keep, shrink
-from cuboid.state import Record
 
 # One whose pose is given needs fewer, whose views differ by this: nothing is aligned to it but what has lost its way.
 GIVEN_VIEW = 0.3

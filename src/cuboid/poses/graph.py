@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
 from cuboid.geometry import se3
 
 # Gauss-Newton steps at most, and the step (metres, radians) below which the poses stand still.

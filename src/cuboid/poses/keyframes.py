@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
+from cuboid.core.state import TRANSIENT, Record
 from cuboid.geometry import se3
-from cuboid.kernels import align as kernel
 from cuboid.poses.alignment import Reference, pick
+from cuboid.poses.kernels import align as kernel
 from cuboid.poses.places import Appearance
 from cuboid.poses.pyramid import Level, SmallImage
-from cuboid.state import TRANSIENT, Record
 
 # Overlap is told by the points of this level, every so many of them.
 OVERLAP_LEVEL, OVERLAP_EVERY = 2, 4

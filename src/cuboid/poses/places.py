@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.geometry import se3
 
 # Corners of an image at most: a third of them is enough where two images show the same place.

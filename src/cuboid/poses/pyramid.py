@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.downscaling import SAME_SURFACE
-from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
-from cuboid.kernels import align as kernel
-from cuboid.kernels.blocks import halve_depth
+from cuboid.core.downscaling import SAME_SURFACE
+from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.core.kernels.blocks import halve_depth
+from cuboid.poses.kernels import align as kernel
 
 # The finest level is about so wide, pixels: at 320 a frame costs a quarter, and its intensity and depth are
 # averages of four readings.

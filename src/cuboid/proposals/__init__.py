@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cuboid.config import TrackerConfig
+from cuboid.core.config import TrackerConfig
 
 # Each of these registers its source.
 from cuboid.proposals import bing as _bing  # noqa: F401

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.config import TrackerConfig
-from cuboid.errors import InputError
-from cuboid.frame import Frame, Intrinsics
+from cuboid.core.config import TrackerConfig
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Frame, Intrinsics
 from cuboid.proposals.boxes import boxes_as_proposals, thin_out
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.silence import silent_stdout

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import InputError
-from cuboid.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.proposals.types import Proposals
 
 # Proposals of a frame, at most, from a source of many rough boxes: recall at IoU 0.5 grows little after a hundred

@@ -14,19 +14,20 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.config import TrackerConfig
-from cuboid.errors import InputError
-from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
-from cuboid.kernels import patches, regions, segments, unions
-from cuboid.kernels.blocks import halve_depth
-from cuboid.kernels.cells import CELL_COLUMNS, fit_cells
-from cuboid.kernels.holes import fill_holes
-from cuboid.kernels.pixels import drop_mixed
+from cuboid.core.config import TrackerConfig
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.core.kernels import patches, regions, segments
+from cuboid.core.kernels.blocks import halve_depth
+from cuboid.core.kernels.cells import CELL_COLUMNS, fit_cells
+from cuboid.core.kernels.holes import fill_holes
+from cuboid.core.kernels.pixels import drop_mixed
+from cuboid.core.sensor import MIXED_PER_M, cell_pixels
+from cuboid.core.tolerances import BIAS_M, JUMP_SIGMAS, MIN_SIGMA_M, SOME
+from cuboid.core.working import COLOR_LEVELS, HOLE_M
+from cuboid.proposals.kernels import unions
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import JoinedMasks, Proposals, ProposalSource
-from cuboid.sensor import MIXED_PER_M, cell_pixels
-from cuboid.tolerances import BIAS_M, JUMP_SIGMAS, MIN_SIGMA_M, SOME
-from cuboid.working import COLOR_LEVELS, HOLE_M
 
 # Images wider than this are halved until they are not, pixels, unless the user says otherwise: at 1.5 m a pixel of 320
 # is then 6 mm.

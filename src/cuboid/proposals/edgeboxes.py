@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.config import TrackerConfig
-from cuboid.frame import Float32Array, Frame, Intrinsics
+from cuboid.core.config import TrackerConfig
+from cuboid.core.frame import Float32Array, Frame, Intrinsics
 from cuboid.proposals.boxes import MOST, boxes_as_proposals, refuse_options
 from cuboid.proposals.edges import find_edges
 from cuboid.proposals.registry import SOURCES

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cuboid.frame import Float32Array, Frame, UInt8Array
+from cuboid.core.frame import Float32Array, Frame, UInt8Array
 
 # Working width, pixels: edges of a 640-pixel image found at half of it cost a quarter and lose little.
 WIDTH = 320

@@ -26,11 +26,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Float64Array
 from cuboid.formats.reading import opened
 from cuboid.formats.rows_files import RectangleEntry
 from cuboid.formats.table_validation import read_table
-from cuboid.frame import Float64Array
 from cuboid.proposals.boxes import boxes_as_proposals, masks_as_proposals
 from cuboid.proposals.matlab import READER
 from cuboid.proposals.types import Proposals

@@ -16,7 +16,7 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.formats.reading import opened
 
 CHILD = Path(__file__).with_name("matlab_child.py")

@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.config import TrackerConfig
-from cuboid.errors import InputError
-from cuboid.extras import require
-from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.core.config import TrackerConfig
+from cuboid.core.errors import InputError
+from cuboid.core.extras import require
+from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.proposals.boxes import MOST, best_boxes, thin_out
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource

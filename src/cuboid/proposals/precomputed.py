@@ -12,9 +12,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from cuboid.config import TrackerConfig
-from cuboid.errors import FrameError, InputError
-from cuboid.frame import Frame, Intrinsics
+from cuboid.core.config import TrackerConfig
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Frame, Intrinsics
 from cuboid.proposals.files import LOADERS
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource

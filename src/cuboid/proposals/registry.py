@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from cuboid.config import TrackerConfig
+from cuboid.core.config import TrackerConfig
+from cuboid.core.registry import Registry
 from cuboid.proposals.types import ProposalSource
-from cuboid.registry import Registry
 
 # A factory takes what follows the colon in NAME:OPTIONS, or None without a colon, and the tracker's settings, whose
 # sizes, range and noise are also those of the source.

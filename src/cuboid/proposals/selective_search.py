@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.config import TrackerConfig
-from cuboid.frame import Float64Array, Frame, Intrinsics
+from cuboid.core.config import TrackerConfig
+from cuboid.core.frame import Float64Array, Frame, Intrinsics
 from cuboid.proposals.boxes import boxes_as_proposals, refuse_options, thin_out
 from cuboid.proposals.edges import Edges, find_edges
 from cuboid.proposals.registry import SOURCES

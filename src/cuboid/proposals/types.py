@@ -9,7 +9,7 @@ from typing import Protocol, overload
 
 import numpy as np
 
-from cuboid.frame import Float32Array, Frame, Intrinsics, UInt8Array
+from cuboid.core.frame import Float32Array, Frame, Intrinsics, UInt8Array
 
 
 class JoinedMasks(Sequence[UInt8Array]):

@@ -24,9 +24,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cuboid.errors import FrameError, InputError
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import UInt8Array
 from cuboid.formats.table_validation import data_lines
-from cuboid.frame import UInt8Array
 from cuboid.geometry import se3
 from cuboid.readers.image_folder import images_in
 from cuboid.readers.images import decode_color, image_dimensions

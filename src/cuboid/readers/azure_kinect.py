@@ -18,8 +18,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError, InputError
-from cuboid.frame import UInt8Array
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import UInt8Array
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.images import decode_bytes
 from cuboid.readers.matroska import MAGIC, Block, Matroska, Track, list_matroska, read_span

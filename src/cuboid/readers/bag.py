@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError, InputError
-from cuboid.extras import missing
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.extras import missing
 from cuboid.formats.cache import local_file
 from cuboid.readers.bag_mcap import Times, mcap_times
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 
 
 def camera_of(info: Any, rectified: bool, topic: str) -> tuple[tuple[float, float, float, float], tuple[float, ...]]:

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.errors import FrameError
-from cuboid.frame import Float64Array
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Float64Array
 from cuboid.readers.bag import Bag
 
 # Measurements this far from a frame in time are averaged: half of a second makes a step of 0.1 m/s a tilt of 1 degree.

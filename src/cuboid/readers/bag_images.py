@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError
-from cuboid.frame import UInt8Array
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import UInt8Array
 from cuboid.readers.images import decode_bytes
 from cuboid.readers.undistortion import DepthArray
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.errors import FrameError
-from cuboid.frame import Float64Array
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Float64Array
 from cuboid.geometry import se3
 from cuboid.readers.bag import Bag
 

@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
 from cuboid.readers.posetext import Trajectory
 from cuboid.readers.reader import READERS, Calibration, Listing, Reader
 from cuboid.readers.tum import BONN, has_lists, list_frames

@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.errors import FrameError, InputError
-from cuboid.frame import Float64Array
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Float64Array
 from cuboid.geometry import se3
 from cuboid.readers.documents import read_object
 from cuboid.readers.image_folder import images_in

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.errors import InputError, OutputError
+from cuboid.core.errors import InputError, OutputError
+from cuboid.core.frame import Float64Array, Intrinsics
+from cuboid.core.paths import PathLike
 from cuboid.formats.camera_file import MAX_UNITS, MIN_UNITS, CameraDocument, MatrixRow
 from cuboid.formats.json_validation import read_json
 from cuboid.formats.table_validation import read_lines
-from cuboid.frame import Float64Array, Intrinsics
-from cuboid.paths import PathLike
 from cuboid.readers.depth_camera import DepthCamera, depth_camera_of
 from cuboid.readers.missing_camera import missing_camera
 from cuboid.readers.reader import Calibration, Listing

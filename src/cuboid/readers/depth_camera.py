@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from cuboid.errors import InputError, shown
+from cuboid.core.errors import InputError, shown
+from cuboid.core.frame import Float64Array
 from cuboid.formats.camera_file import CameraDocument
 from cuboid.formats.run_file import ConfigEntry
-from cuboid.frame import Float64Array
 from cuboid.geometry.se3 import rigid
 
 DEPTH_CAMERA, TRANSFORM = "depth_camera", "T_color_depth"

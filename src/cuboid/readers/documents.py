@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.formats.reading import read_bytes
 
 # The largest document that is read: a pose for every frame of an hour.

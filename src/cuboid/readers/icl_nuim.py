@@ -21,10 +21,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.errors import FrameError, InputError, shown
+from cuboid.core.errors import FrameError, InputError, shown
+from cuboid.core.frame import Float64Array
 from cuboid.formats.reading import names_in
 from cuboid.formats.table_validation import data_lines
-from cuboid.frame import Float64Array
 from cuboid.readers.posetext import parse_numbers, pose_from_quaternion
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
 

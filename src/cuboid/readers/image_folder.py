@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.formats.reading import names_in
 from cuboid.readers.reader import FrameEntry
 

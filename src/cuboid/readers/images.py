@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Float32Array, UInt8Array
 from cuboid.formats.reading import UnreadableError, read_bytes
-from cuboid.frame import Float32Array, UInt8Array
 from cuboid.readers.imagesize import PNG_MAGIC, image_size
 from cuboid.readers.reader import ImageSource
 from cuboid.readers.undistortion import DepthArray

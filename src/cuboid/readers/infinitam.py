@@ -29,10 +29,10 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.errors import FrameError, InputError, shown
+from cuboid.core.errors import FrameError, InputError, shown
+from cuboid.core.frame import Float32Array, Float64Array
 from cuboid.formats.reading import names_in
 from cuboid.formats.table_validation import data_lines
-from cuboid.frame import Float32Array, Float64Array
 from cuboid.geometry import se3
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.netpbm import read_netpbm

@@ -6,10 +6,10 @@ import dataclasses
 import os
 from pathlib import Path
 
-from cuboid.errors import InputError, shown
+from cuboid.core.errors import InputError, shown
+from cuboid.core.paths import PathLike
 from cuboid.formats.reading import names_in
 from cuboid.formats.stored import ARCHIVE_ENDINGS, StoredPath, located
-from cuboid.paths import PathLike
 from cuboid.readers import calibration as calibrations
 from cuboid.readers.image_folder import left_out, left_out_warning
 from cuboid.readers.nearest import nothing_found

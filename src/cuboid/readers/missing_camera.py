@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError, InputError
+from cuboid.core.errors import FrameError, InputError
 from cuboid.readers.images import SATURATED, decode_color, decode_depth
 from cuboid.readers.reader import Calibration, FrameEntry, Listing
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.formats.reading import names_in
 from cuboid.readers.image_folder import counted_endings
 from cuboid.readers.reader import Reader

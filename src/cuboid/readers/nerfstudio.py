@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.errors import FrameError, InputError
-from cuboid.frame import Float64Array
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Float64Array
 from cuboid.readers.depth_camera import DepthCamera, check_number
 from cuboid.readers.documents import read_object
 from cuboid.readers.images import image_dimensions

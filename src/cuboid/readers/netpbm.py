@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError
+from cuboid.core.errors import FrameError
 from cuboid.formats.reading import UnreadableError, read_bytes
 from cuboid.readers.images import MAX_IMAGE_BYTES, MAX_PIXELS
 

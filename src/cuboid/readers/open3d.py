@@ -19,10 +19,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from cuboid.errors import FrameError, InputError
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Float64Array
 from cuboid.formats.reading import names_in
 from cuboid.formats.table_validation import data_lines
-from cuboid.frame import Float64Array
 from cuboid.readers.calibration import CAMERA_FILE
 from cuboid.readers.depth_camera import check_number
 from cuboid.readers.documents import read_object

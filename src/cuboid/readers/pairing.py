@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.readers.image_folder import NUMBER, images_in, pattern_of
 from cuboid.readers.tum import ASSOCIATE_WITHIN_S, associate
 

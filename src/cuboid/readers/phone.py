@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import UInt8Array
 from cuboid.formats.reading import UnreadableError, read_bytes
-from cuboid.frame import UInt8Array
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.images import MAX_IMAGE_BYTES, decode_bytes, decode_depth
 from cuboid.readers.reader import Calibration

@@ -19,10 +19,10 @@ from decimal import Decimal, InvalidOperation
 from functools import partial
 from pathlib import Path
 
-from cuboid.errors import FrameError, InputError, shown
+from cuboid.core.errors import FrameError, InputError, shown
+from cuboid.core.frame import Float64Array
 from cuboid.formats.reading import names_in
 from cuboid.formats.table_validation import data_lines
-from cuboid.frame import Float64Array
 from cuboid.readers.calibration import CAMERA_FILE
 from cuboid.readers.image_folder import IMAGE_ENDINGS, counted_endings
 from cuboid.readers.pairing import Images, find_images, pair_images, seconds_of

@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError, InputError
-from cuboid.frame import Float64Array, UInt8Array
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Float64Array, UInt8Array
 from cuboid.readers.depth_camera import check_number
 from cuboid.readers.documents import read_object
 from cuboid.readers.image_folder import images_in

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError, InputError, shown
+from cuboid.core.errors import FrameError, InputError, shown
+from cuboid.core.frame import Float64Array
 from cuboid.formats.table_validation import data_lines
 from cuboid.formats.values import LATEST_S, refuse_no_quaternion
-from cuboid.frame import Float64Array
 from cuboid.geometry import se3
 
 # Between two poses this far apart in time (seconds) the pose is interpolated: a hand-held camera's

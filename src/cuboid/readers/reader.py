@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy.typing as npt
 
+from cuboid.core.frame import Float64Array
+from cuboid.core.registry import Registry
 from cuboid.formats.reading import names_in
-from cuboid.frame import Float64Array
 from cuboid.readers.depth_camera import DepthCamera
-from cuboid.registry import Registry
 
 # An image file, or, for recordings that are one big file, a function that gives the decoded image:
 # color (H, W, 3) uint8 RGB, depth (H, W) uint16 or float32. It raises FrameError where it cannot.

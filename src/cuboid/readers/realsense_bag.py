@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.errors import InputError
-from cuboid.frame import Float64Array
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Float64Array
 from cuboid.geometry import se3
 from cuboid.readers.bag import ROS1_MAGIC, Bag, is_bag_file
 from cuboid.readers.bag_cameras import camera_of

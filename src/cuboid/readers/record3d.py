@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.errors import FrameError, InputError
-from cuboid.extras import missing
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.extras import missing
+from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.formats.cache import local_file
 from cuboid.formats.reading import UnreadableError, names_in, opened
-from cuboid.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.readers.depth_camera import check_number
 from cuboid.readers.documents import read_object
 from cuboid.readers.image_folder import images_in

@@ -21,10 +21,10 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.errors import FrameError, InputError
-from cuboid.extras import missing
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.extras import missing
+from cuboid.core.frame import Float32Array
 from cuboid.formats.reading import UnreadableError, names_in, read_bytes
-from cuboid.frame import Float32Array
 from cuboid.readers.depth_camera import check_number
 from cuboid.readers.documents import read_object
 from cuboid.readers.images import MAX_PIXELS

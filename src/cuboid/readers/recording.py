@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError, InputError
-from cuboid.frame import Float64Array, Frame, Intrinsics, SkippedFrame, UInt8Array, unit
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Float64Array, Frame, Intrinsics, SkippedFrame, UInt8Array, unit
 from cuboid.geometry import se3
 from cuboid.readers import calibration as calibrations
 from cuboid.readers.depth_camera import DepthCamera

@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from cuboid.errors import FrameError
-from cuboid.frame import Float32Array, Float64Array, Intrinsics
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.readers.depth_camera import DepthCamera
 
 # A pixel whose ray, bent by the lens again, comes out this far from it has no ray: it lies where the lens's model ends.
@@ -64,7 +64,7 @@ class Registration:
         FrameError
             If no reading lies in the color image.
         """
-        from cuboid.kernels.registration import project_depth, splat_depth
+        from cuboid.readers.kernels.registration import project_depth, splat_depth
 
         uvz = np.empty((*depth_m.shape, 3), np.float32)
         offset, out_m = np.empty(self._shape, np.float32), np.empty(self._shape, np.float32)

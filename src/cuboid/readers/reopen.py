@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cuboid.errors import InputError
-from cuboid.frame import Intrinsics
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Intrinsics
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.locate import open_recording
 from cuboid.readers.reader import Calibration

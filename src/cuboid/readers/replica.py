@@ -16,10 +16,10 @@ import re
 from functools import partial
 from pathlib import Path
 
-from cuboid.errors import FrameError, InputError
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Float64Array
 from cuboid.formats.reading import names_in
 from cuboid.formats.table_validation import data_lines
-from cuboid.frame import Float64Array
 from cuboid.readers.depth_camera import check_number
 from cuboid.readers.documents import read_object
 from cuboid.readers.posetext import parse_numbers, pose_from_matrix

@@ -23,9 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Float64Array
 from cuboid.formats.reading import names_in
-from cuboid.frame import Float64Array
 from cuboid.readers.bag import Bag, is_bag_file
 from cuboid.readers.bag_cameras import camera_of
 from cuboid.readers.bag_gravity import Gravity, measures_gravity

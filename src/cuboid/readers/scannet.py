@@ -20,9 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.errors import FrameError, InputError
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Float64Array
 from cuboid.formats.table_validation import data_lines
-from cuboid.frame import Float64Array
 from cuboid.readers.calibration import CAMERA_FILE
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.image_folder import images_in

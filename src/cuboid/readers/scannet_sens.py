@@ -19,8 +19,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError, InputError
-from cuboid.frame import Float64Array, UInt8Array
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Float64Array, UInt8Array
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.images import decode_bytes
 from cuboid.readers.matroska import read_span

@@ -26,9 +26,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.errors import FrameError
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Float64Array
 from cuboid.formats.reading import UnreadableError, names_in, text_lines
-from cuboid.frame import Float64Array
 from cuboid.geometry.se3 import rigid
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.posetext import parse_numbers

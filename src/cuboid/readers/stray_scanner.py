@@ -19,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.errors import FrameError, InputError
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Float64Array, UInt8Array
 from cuboid.formats.table_validation import data_lines
-from cuboid.frame import Float64Array, UInt8Array
 from cuboid.readers.image_folder import images_in
 from cuboid.readers.images import image_dimensions
 from cuboid.readers.phone import UP_WORLD, confident_depth, phone_cameras, shrink_factor, shrunk

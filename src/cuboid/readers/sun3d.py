@@ -21,10 +21,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError, InputError
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Float64Array
 from cuboid.formats.reading import names_in
 from cuboid.formats.table_validation import data_lines
-from cuboid.frame import Float64Array
 from cuboid.readers.image_folder import images_in
 from cuboid.readers.images import decode_depth
 from cuboid.readers.posetext import parse_numbers, pose_from_matrix

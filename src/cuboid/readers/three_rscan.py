@@ -21,9 +21,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import FrameError, InputError, shown
+from cuboid.core.errors import FrameError, InputError, shown
+from cuboid.core.frame import Float64Array
 from cuboid.formats.reading import names_in, text_lines
-from cuboid.frame import Float64Array
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.images import decode_depth
 from cuboid.readers.netpbm import read_netpbm

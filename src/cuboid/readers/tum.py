@@ -30,9 +30,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.errors import InputError, shown
+from cuboid.core.errors import InputError, shown
+from cuboid.core.frame import Float64Array
 from cuboid.formats.table_validation import data_lines
-from cuboid.frame import Float64Array
 from cuboid.readers.posetext import Trajectory, parse_time
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
 

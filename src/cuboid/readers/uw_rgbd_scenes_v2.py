@@ -19,9 +19,9 @@ import re
 from functools import partial
 from pathlib import Path
 
-from cuboid.errors import FrameError, InputError
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Float64Array
 from cuboid.formats.reading import names_in, text_lines
-from cuboid.frame import Float64Array
 from cuboid.readers.posetext import parse_numbers, pose_from_quaternion
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, has_file
 

@@ -11,8 +11,8 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from cuboid.errors import FrameError, InputError
-from cuboid.frame import UInt8Array
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import UInt8Array
 
 
 class VideoFile:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cuboid.results import SceneChange
+from cuboid.core.results import SceneChange
 from cuboid.scene.answers import SceneObject, ScenePast, SceneRecording
 from cuboid.scene.scene import Scene
 from cuboid.scene.session import SceneTracker

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
+from cuboid.core.results import TrackedObject, tag_of
 from cuboid.geometry.box import Box
-from cuboid.results import TrackedObject, tag_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)

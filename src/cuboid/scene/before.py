@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float32Array, Float64Array
+from cuboid.core.frame import Float32Array, Float64Array
+from cuboid.core.tolerances import MIN_READINGS
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import quat_wxyz_from_rotation, transform
+from cuboid.heatmap.kernels.cubes import CUBE_BITS, keys_of
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.kernels.cubes import CUBE_BITS, keys_of
 from cuboid.objects.entry import MapObject
 from cuboid.scene.localisation import Joined
 from cuboid.scene.packing import check_sum, deflated, inflated
@@ -25,8 +26,7 @@ from cuboid.scene.similarity import LAYERS, ColorProfile, color_profile_of
 from cuboid.scene.validation import BOX, DamagedError, box_of, columns_of, floats_of, read_rows
 from cuboid.surfaces.grid import CELL_M as GROUND_CELL_M
 from cuboid.surfaces.grid import cells_of
-from cuboid.tolerances import MIN_READINGS
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 
 # Of an object so many points are remembered, to tell whether they are still there.
 POINTS = 300
@@ -110,7 +110,7 @@ class Before:
         labels, keys = self._cubes
         return set(labels[voxels.viewed_since(keys, since)].tolist())
 
-    def was_seen(self, tracker: Tracker, entry: MapObject) -> bool:
+    def was_seen(self, tracker: PosedTracker, entry: MapObject) -> bool:
         """Tell whether the ground that an object stands on had been seen before the visit.
 
         What is narrower than a cell of the ground plan may have stood in one that was seen beside it: nobody knows.
@@ -136,7 +136,7 @@ class Before:
         seen |= np.isin(_cell_keys(cells), _cell_keys(cells_of(stood)))
         return float(seen.mean()) >= KNOWN_GROUND
 
-    def stood(self, tracker: Tracker, entry: MapObject) -> bool:
+    def stood(self, tracker: PosedTracker, entry: MapObject) -> bool:
         """Tell whether what is an object now was there before the visit, or may have been, without a label."""
         plane = tracker.support.find(entry.plane)
         points = entry.points
@@ -154,7 +154,7 @@ class Before:
         return bool((occupied[at] == cells).mean() >= STOOD)
 
 
-def begin(connection: sqlite3.Connection, tracker: Tracker) -> None:
+def begin(connection: sqlite3.Connection, tracker: PosedTracker) -> None:
     """Write down how things stand when a visit begins, within the caller's transaction."""
     for table in ("known", "ground", "occupied"):
         connection.execute(f"DELETE FROM {table}")

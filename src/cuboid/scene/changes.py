@@ -13,14 +13,14 @@ from itertools import combinations
 
 import numpy as np
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.objects.entry import MapObject
 from cuboid.scene.before import Before, Known
 from cuboid.scene.localisation import Joined
 from cuboid.scene.similarity import color_profile_of, similarity
 from cuboid.scene.standing import Standing, fraction_near, standing
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 
 # An object that lies still has half its old points within this of its new ones, metres, or its middle there.
 STILL_M, STILL_FRACTION, STILL_MIDDLE_M = 0.025, 0.5, 0.03
@@ -82,7 +82,7 @@ class Changes:
         # Carving pass and frame since which nothing was compared with what was; 0: all that the visit may have changed.
         self._since = self._since_frame = 0
 
-    def recognise(self, tracker: Tracker, frame: int) -> None:
+    def recognise(self, tracker: PosedTracker, frame: int) -> None:
         """Find what is gone, what stands in another one's place, and what is gone there and stands here.
 
         Of what no frame since the last time showed, nothing can have changed.
@@ -104,7 +104,7 @@ class Changes:
         self._before.apply_joins(joined)
         self._since = self._since_frame = 0
 
-    def _hold_against(self, tracker: Tracker, entry: MapObject, old: Known) -> None:
+    def _hold_against(self, tracker: PosedTracker, entry: MapObject, old: Known) -> None:
         """Retire an object whose points were carved, or in whose place others stand."""
         voxels = tracker.voxels
         carved = float((voxels.rows_at(old.points.astype(np.float64)) < 0).mean())
@@ -122,10 +122,10 @@ class Changes:
             tracker.retire(entry)
             entry.box = old.box
 
-    def _standing(self, tracker: Tracker, old: Known) -> Standing:
+    def _standing(self, tracker: PosedTracker, old: Known) -> Standing:
         return standing(tracker.voxels, old, self._first_frame)
 
-    def _find_again(self, tracker: Tracker) -> None:
+    def _find_again(self, tracker: PosedTracker) -> None:
         """Let objects that are new go on under the labels of what they are: of what is there still, or was moved."""
         known = self._before.known
         entries = tracker.ever_labelled()
@@ -146,7 +146,7 @@ class Changes:
         if gone and new:
             self._find_moved(tracker, gone, new)
 
-    def _find_moved(self, tracker: Tracker, gone: Sequence[MapObject], new: Sequence[MapObject]) -> None:
+    def _find_moved(self, tracker: PosedTracker, gone: Sequence[MapObject], new: Sequence[MapObject]) -> None:
         similarity = np.array([[self._similarity(o, self._before.known[old.label]) for o in new] for old in gone])
         taken: set[int] = set()
         for k in np.argsort(-similarity.max(1), kind="stable"):
@@ -157,7 +157,7 @@ class Changes:
                 tracker.adopt(new[j], gone[k])
                 taken.add(j)
 
-    def _join_what_went_together(self, tracker: Tracker) -> bool:
+    def _join_what_went_together(self, tracker: PosedTracker) -> bool:
         """Make one of two that lay side by side and do so elsewhere: pieces of one thing that was moved."""
         known = self._before.known
         moved = [o for o in tracker.ever_labelled() if o.confirmed and o.label in known]
@@ -176,12 +176,12 @@ class Changes:
                 return True
         return False
 
-    def tell(self, tracker: Tracker, seen: Mapping[int, object]) -> list[Change]:
+    def tell(self, tracker: PosedTracker, seen: Mapping[int, object]) -> list[Change]:
         """Return what became of each object, by label.
 
         Parameters
         ----------
-        tracker : Tracker
+        tracker : PosedTracker
         seen : mapping of int to anything
             Labels that the visit saw.
         """
@@ -204,7 +204,7 @@ class Changes:
                 there = np.concatenate([there, entry.points])
         return [told[label] for label in sorted(told)]
 
-    def _became(self, tracker: Tracker, entry: MapObject, seen: bool) -> Change:
+    def _became(self, tracker: PosedTracker, entry: MapObject, seen: bool) -> Change:
         old = self._before.known[entry.label]
         if not entry.confirmed:
             if self._standing(tracker, old).still:
@@ -231,7 +231,7 @@ def _in_place(box: Box, other: Box) -> bool:
     return _distance_m(box, other) <= STILL_MIDDLE_M
 
 
-def _level(tracker: Tracker, one: MapObject, two: MapObject) -> bool:
+def _level(tracker: PosedTracker, one: MapObject, two: MapObject) -> bool:
     """Tell whether two objects stand at the same height, neither of them on the other."""
     up = tracker.support.likely_up
     feet = [float(up @ o.box.center) - o.box.size[2] / 2 for o in (one, two)]

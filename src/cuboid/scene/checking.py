@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import InputError, OutputError, one_line
+from cuboid.core.errors import InputError, OutputError, one_line
+from cuboid.heatmap.kernels.cubes import ROW
 from cuboid.heatmap.levels import split_rows
-from cuboid.kernels.cubes import ROW
 from cuboid.scene import before
 from cuboid.scene.database import complaining, open_damaged, open_to_read, open_to_write, transaction
 from cuboid.scene.packing import BlockRow, unpacked_block

@@ -16,9 +16,9 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from cuboid.core.state import Record, saved_fields
 from cuboid.scene.packing import form_of, from_bytes, from_form
 from cuboid.scene.validation import DamagedError
-from cuboid.state import Record, saved_fields
 
 R = TypeVar("R", bound=Record)
 AnyArray = npt.NDArray[Any]

@@ -9,9 +9,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from cuboid.errors import InputError, OutputError
+from cuboid.core.errors import InputError, OutputError
+from cuboid.core.locks import lock_file, release
 from cuboid.formats.reading import kind_of, real_path
-from cuboid.locks import lock_file, release
 from cuboid.outputs.pending import PendingFile
 from cuboid.scene.schema import APPLICATION_ID, TABLES, VERSION
 from cuboid.scene.validation import DamagedError

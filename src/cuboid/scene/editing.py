@@ -7,17 +7,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.objects.entry import MapObject
 from cuboid.scene.database import transaction
 from cuboid.scene.records import Records
 from cuboid.scene.saving import SceneBlockStore, StateFile, load_state
 from cuboid.scene.visit import ANY_CAMERA
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 
 
 @contextmanager
-def edited(connection: sqlite3.Connection, path: str) -> Iterator[Tracker]:
+def edited(connection: sqlite3.Connection, path: str) -> Iterator[PosedTracker]:
     """Give the tracker of a scene, and save what was done with it."""
     block_store = SceneBlockStore(connection, Path(path))
     tracker, poses = load_state(connection, ANY_CAMERA, block_store=block_store)
@@ -69,7 +69,7 @@ def _size(entry: MapObject) -> str:
     return " x ".join(f"{100 * side:.0f}" for side in entry.box.size)
 
 
-def _living(tracker: Tracker, path: str, label: int) -> MapObject:
+def _living(tracker: PosedTracker, path: str, label: int) -> MapObject:
     for entry in tracker.ever_labelled():
         if entry.label == label and entry.confirmed:
             return entry

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from cuboid.frame import Float32Array, Float64Array
+from cuboid.core.frame import Float32Array, Float64Array
 from cuboid.geometry.se3 import inverse, transform
 from cuboid.objects.entry import MapObject
 from cuboid.scene.changes import SURE

@@ -12,16 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cuboid.config import TrackerConfig
-from cuboid.errors import FrameError
-from cuboid.frame import Float64Array, Frame, Intrinsics
+from cuboid.core.config import TrackerConfig
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.core.state import Record
+from cuboid.core.working import thin
 from cuboid.geometry.se3 import angle, exp, inverse, mean_motion, tidied, transform
 from cuboid.poses.estimator import PoseEstimator, PoseEstimatorState
-from cuboid.posing import LOST, NO_POSE, Posed
-from cuboid.state import Record
+from cuboid.poses.sources import LOST, NO_POSE, Posed
 from cuboid.surfaces.standing import find_flat_areas
 from cuboid.surfaces.up import UpVote
-from cuboid.working import thin
 
 # Parts that are not connected stand so far from each other, metres: farther than any room is wide. Voxels reach 10 km.
 ASIDE_M = 200.0

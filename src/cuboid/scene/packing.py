@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from msgspec import Meta
 
-from cuboid.errors import shown
-from cuboid.kernels.cubes import BLOCK_ROWS, ROW
+from cuboid.core.errors import shown
+from cuboid.heatmap.kernels.cubes import BLOCK_ROWS, ROW
 from cuboid.scene.validation import DamagedError
 
 # Images of at least so many pixels a side are kept as PNG, compressed so far.

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cuboid.frame import Float32Array
+from cuboid.core.frame import Float32Array
 from cuboid.geometry.se3 import quat_wxyz_from_rotation, transform
 from cuboid.scene.localisation import Joined
 from cuboid.scene.validation import DamagedError, columns_of, floats_of, read_rows, rotation_of

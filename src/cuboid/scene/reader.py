@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cuboid.errors import InputError, shown
-from cuboid.frame import Float64Array
-from cuboid.object_table import ObjectTable
-from cuboid.paths import PathLike, as_path
-from cuboid.queries import MapQueries
-from cuboid.results import MapPoints, SceneChange, SupportPlane
+from cuboid.core.errors import InputError, shown
+from cuboid.core.frame import Float64Array
+from cuboid.core.paths import PathLike, as_path
+from cuboid.core.results import MapPoints, SceneChange, SupportPlane
+from cuboid.outputs.object_table import ObjectTable
+from cuboid.outputs.queries import MapQueries
 from cuboid.scene.answers import SceneObject, ScenePast, SceneRecording
 from cuboid.scene.database import complaining, open_to_read
 from cuboid.scene.validation import BOX, Outline, Row, box_of, columns_of, document, read_rows, rotation_of
 
 if TYPE_CHECKING:
-    from cuboid.tracker import Tracker
+    from cuboid.tracking.posed_tracker import PosedTracker
 
 _COLUMNS = (
     "label", "name", "state", "merged_into", "plane", *BOX, "score", "heat", "points", "red", "green", "blue",
@@ -51,7 +51,7 @@ class SceneReader(MapQueries):
     def __init__(self, path: PathLike) -> None:
         self.path = as_path(path)
         self._read: sqlite3.Connection | None = None
-        self._saved: tuple[int, Tracker] | None = None
+        self._saved: tuple[int, PosedTracker] | None = None
         if self.path.exists():
             self._connection()
 
@@ -118,7 +118,7 @@ class SceneReader(MapQueries):
             return tracker.map_points()
 
     @contextmanager
-    def _saved_tracker(self) -> Iterator[Tracker | None]:
+    def _saved_tracker(self) -> Iterator[PosedTracker | None]:
         """Give the tracker of the scene as it was committed last, within one reading transaction.
 
         It is kept until another commit; None where the scene has no state.

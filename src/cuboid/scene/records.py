@@ -12,12 +12,12 @@ from typing import Any
 import cv2
 import numpy as np
 
-from cuboid.frame import Float64Array, Frame
+from cuboid.core.frame import Float64Array, Frame
+from cuboid.core.results import FrameResult, Sighting, SupportPlane
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.objects.entry import MapObject, State
-from cuboid.results import FrameResult, Sighting, SupportPlane
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 
 Row = tuple[Any, ...]
 
@@ -124,7 +124,7 @@ class Records:
             self.seen[seen.label] = first, count + 1
         self._picture(frame, result.sightings)
 
-    def take(self, tracker: Tracker) -> Rows:
+    def take(self, tracker: PosedTracker) -> Rows:
         """Return all rows since the last time, those of the tracker's objects and planes as they now are."""
         rows, self._rows = self._rows, Rows()
         self._objects(tracker, rows)
@@ -141,7 +141,7 @@ class Records:
         self._next_box += 1
         return number
 
-    def _objects(self, tracker: Tracker, rows: Rows) -> None:
+    def _objects(self, tracker: PosedTracker, rows: Rows) -> None:
         for entry in tracker.ever_labelled():
             plane = tracker.support.find(entry.plane)
             now = (

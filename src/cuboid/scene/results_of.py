@@ -11,10 +11,10 @@ import msgspec
 import numpy as np
 
 from cuboid import __version__
-from cuboid.errors import InputError
-from cuboid.frame import Intrinsics
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Intrinsics
+from cuboid.core.results import FrameResult, Sighting, TrackedObject
 from cuboid.outputs import ObjectsFile, ResultWriter, RunReport
-from cuboid.results import FrameResult, Sighting, TrackedObject
 from cuboid.scene.answers import SceneObject, ScenePast
 from cuboid.scene.scene import Scene
 from cuboid.scene.validation import CameraColumn, Settings, columns_of, document, read_rows

@@ -6,13 +6,13 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from cuboid.config import TrackerConfig
-from cuboid.frame import Float64Array, Intrinsics
+from cuboid.core.config import TrackerConfig
+from cuboid.core.frame import Float64Array, Intrinsics
+from cuboid.core.paths import PathLike
+from cuboid.core.results import SceneChange
 from cuboid.outputs import ResultWriter
-from cuboid.paths import PathLike
-from cuboid.posing import Poses
+from cuboid.poses.sources import Poses
 from cuboid.proposals.types import ProposalSource
-from cuboid.results import SceneChange
 from cuboid.scene.scene import Scene
 from cuboid.scene.session import COMMIT_EVERY_S, SceneTracker
 from cuboid.scene.visit import Source

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Intrinsics
+from cuboid.core.frame import Intrinsics
+from cuboid.core.limits import MEMORY_MB
+from cuboid.core.state import Record
+from cuboid.heatmap.kernels.cubes import ROW
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.kernels.cubes import ROW
-from cuboid.limits import MEMORY_MB
 from cuboid.proposals.types import ProposalSource
 from cuboid.scene.codec import Encoder, Part, Taken, decode, take
 from cuboid.scene.database import complaining
@@ -32,8 +33,7 @@ from cuboid.scene.packing import (
     unpacked_block,
 )
 from cuboid.scene.validation import DamagedError, columns_of, iterate_table, read_rows
-from cuboid.state import Record
-from cuboid.tracker import Tracker, TrackerState
+from cuboid.tracking.posed_tracker import PosedTracker, PosedTrackerState
 
 BESIDE = ", ".join(BlockRow._fields)
 # What was written as it is, since it changes all the time, is compressed once it does not; so many blocks a time.
@@ -44,7 +44,7 @@ PACKED_A_TIME = 64
 class SceneState(Record):
     """All that a scene needs to go on, but for the rows of its map: the root of the parts in the file."""
 
-    tracker: TrackerState
+    tracker: PosedTrackerState
     poses: ScenePosesState
 
 
@@ -117,7 +117,7 @@ class StateFile:
     ----------
     connection : sqlite3.Connection
         Of the scene: what it holds of an earlier state is replaced.
-    tracker : Tracker
+    tracker : PosedTracker
     poses : ScenePoses
     block_store : SceneBlockStore, optional
         Where the map's blocks come from that are not in memory.
@@ -126,7 +126,7 @@ class StateFile:
     def __init__(
         self,
         connection: sqlite3.Connection,
-        tracker: Tracker,
+        tracker: PosedTracker,
         poses: ScenePoses,
         block_store: SceneBlockStore | None = None,
     ) -> None:
@@ -240,7 +240,7 @@ def load_state(
     *,
     memory_mb: float = MEMORY_MB,
     block_store: SceneBlockStore | None = None,
-) -> tuple[Tracker, ScenePoses]:
+) -> tuple[PosedTracker, ScenePoses]:
     """Return a tracker, and where its frames are taken, that go on from the state of a scene.
 
     Blocks of the map are read when they are accessed.
@@ -275,12 +275,12 @@ def load_state_without_map(
     proposals: ProposalSource | None = None,
     *,
     memory_mb: float = MEMORY_MB,
-) -> tuple[Tracker, ScenePoses]:
+) -> tuple[PosedTracker, ScenePoses]:
     """Return as `load_state` a tracker whose voxel map has no rows yet."""
     parts = load_parts(connection)
     with refusing_nonsense():
         state = decode(SceneState, parts)
-        tracker = Tracker.from_state(state.tracker, intrinsics, proposals, memory_mb=memory_mb)
+        tracker = PosedTracker.from_state(state.tracker, intrinsics, proposals, memory_mb=memory_mb)
         return tracker, ScenePoses.from_state(state.poses, intrinsics)
 
 

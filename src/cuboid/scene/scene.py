@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.config import TrackerConfig
-from cuboid.errors import InputError
-from cuboid.frame import Intrinsics
-from cuboid.limits import MEMORY_MB
-from cuboid.paths import PathLike, as_path
+from cuboid.core.config import TrackerConfig
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Intrinsics
+from cuboid.core.limits import MEMORY_MB
+from cuboid.core.paths import PathLike, as_path
 from cuboid.proposals import make_source
 from cuboid.proposals.types import ProposalSource
 from cuboid.scene import before, editing
@@ -26,7 +26,7 @@ from cuboid.scene.saving import SceneBlockStore, has_state, load_state
 from cuboid.scene.session import COMMIT_EVERY_S, OwnFrames, SceneTracker
 from cuboid.scene.validation import columns_of, read_rows
 from cuboid.scene.visit import Source
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 
 # A name that people give has at most so many characters.
 LONGEST_NAME = 100
@@ -146,7 +146,7 @@ class Scene(SceneReader):
                 tracker, poses = load_state(connection, intrinsics, own, memory_mb=memory_mb, block_store=block_store)
                 self._refuse_other_config(tracker.config, config)
             else:  # it may have had a state, and lost it with a damaged file
-                tracker = Tracker(intrinsics, config, own, memory_mb=memory_mb)
+                tracker = PosedTracker(intrinsics, config, own, memory_mb=memory_mb)
                 poses = ScenePoses(intrinsics, tracker.config)
                 tracker.begin_labels(
                     1 + connection.execute("SELECT coalesce(max(label), 0) FROM objects").fetchone()[0]

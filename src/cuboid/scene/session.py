@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.frame import Float64Array, Frame, Intrinsics
-from cuboid.object_table import ObjectTable
-from cuboid.posing import Posed, Poses
+from cuboid.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.core.results import FrameResult, MapPoints, SupportPlane, TrackedObject
+from cuboid.outputs.object_table import ObjectTable
+from cuboid.outputs.queries import MapQueries
+from cuboid.poses.sources import Posed, Poses
 from cuboid.proposals.types import Proposals, ProposalSource
-from cuboid.queries import MapQueries
-from cuboid.results import FrameResult, MapPoints, SupportPlane, TrackedObject
 from cuboid.scene import changes, layout, parts
 from cuboid.scene.before import Before, write_noted
 from cuboid.scene.database import Writing, complaining, transaction
@@ -24,7 +24,7 @@ from cuboid.scene.pace import Pace, Rhythm
 from cuboid.scene.records import Records
 from cuboid.scene.saving import SceneBlockStore, StateFile
 from cuboid.scene.visit import Visit
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 
 # How often what is new is written, seconds.
 COMMIT_EVERY_S = 1.0
@@ -45,7 +45,7 @@ class SceneTracker(MapQueries):
     path : Path
         Of the scene.
     file : Writing
-    tracker : Tracker
+    tracker : PosedTracker
     poses : ScenePoses
         Saved with the tracker.
     visit : Visit
@@ -68,7 +68,7 @@ class SceneTracker(MapQueries):
         self,
         path: Path,
         file: Writing,
-        tracker: Tracker,
+        tracker: PosedTracker,
         poses: ScenePoses,
         visit: Visit,
         names: Mapping[int, str],
@@ -103,7 +103,7 @@ class SceneTracker(MapQueries):
         return self._visit
 
     @property
-    def tracker(self) -> Tracker:
+    def tracker(self) -> PosedTracker:
         """The tracker itself, which counts the frames of all recordings."""
         return self._tracker
 
@@ -297,7 +297,7 @@ class OwnFrames:
 class _PosesOfVisit:
     """Where the frames of a recording are taken, whose numbers the scene counts on from others."""
 
-    def __init__(self, poses: ScenePoses, first_frame: int, tracker: Tracker) -> None:
+    def __init__(self, poses: ScenePoses, first_frame: int, tracker: PosedTracker) -> None:
         self._poses, self._first, self._tracker = poses, first_frame, tracker
         self.given_with_frames = poses.mode != ESTIMATED
         self.origin = "estimated" if poses.mode == ESTIMATED else "given"

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array, UInt8Array
+from cuboid.core.frame import Float64Array, UInt8Array
 from cuboid.geometry.box import Box
 from cuboid.objects.entry import MapObject
 

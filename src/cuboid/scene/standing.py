@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from cuboid.frame import Float32Array
+from cuboid.core.frame import Float32Array
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.scene.before import Known
 

@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from msgspec import Meta
 
-from cuboid.errors import InputError, shown
+from cuboid.core.errors import InputError, shown
+from cuboid.core.frame import Float64Array
 from cuboid.formats.json_validation import in_words
 from cuboid.formats.values import (
     Cosine,
@@ -32,10 +33,9 @@ from cuboid.formats.values import (
     Side,
     refuse_no_quaternion,
 )
-from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import rotation_from_quat_wxyz
-from cuboid.kernels.cubes import BLOCK_ROWS
+from cuboid.heatmap.kernels.cubes import BLOCK_ROWS
 
 T = TypeVar("T")
 Row = tuple[Any, ...]

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.errors import InputError, shown
-from cuboid.frame import Float64Array, Intrinsics
+from cuboid.core.errors import InputError, shown
+from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.scene import before
 from cuboid.scene.database import transaction
 from cuboid.scene.saving import SceneBlockStore, load_state
 from cuboid.scene.validation import columns_of, document, read_rows
-from cuboid.tracker import Tracker
+from cuboid.tracking.posed_tracker import PosedTracker
 
 # A state that is loaded to be read or edited takes no frames: any camera will do.
 ANY_CAMERA = Intrinsics(1.0, 1.0, 0.0, 0.0, 1, 1)
@@ -102,7 +102,9 @@ def now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-def begin(connection: sqlite3.Connection, source: Source, T_world_recording: Float64Array, tracker: Tracker) -> Visit:
+def begin(
+    connection: sqlite3.Connection, source: Source, T_world_recording: Float64Array, tracker: PosedTracker
+) -> Visit:
     """Add a recording to a scene, and note how things stand; what earlier ones left pending is dropped."""
     first = connection.execute("SELECT coalesce(max(first_frame + frames), 0) FROM recordings").fetchone()[0]
     with transaction(connection):
@@ -151,7 +153,7 @@ def resume(connection: sqlite3.Connection, source: Source, path: str) -> Visit:
     return Visit(number, first_frame, next_frame, T_world_recording, begun.get("scale", 1))
 
 
-def load_tracker(connection: sqlite3.Connection, path: Path) -> Tracker:
+def load_tracker(connection: sqlite3.Connection, path: Path) -> PosedTracker:
     """Return the tracker of a scene as it was committed last, to read its map; InputError where it is damaged."""
     return load_state(connection, ANY_CAMERA, block_store=SceneBlockStore(connection, path))[0]
 

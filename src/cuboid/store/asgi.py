@@ -20,9 +20,10 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from cuboid import __version__
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.outputs.folder import OUTPUT_NAMES
-from cuboid.store.find import Filters, find
+from cuboid.store.filter_words import place, thing
+from cuboid.store.find import Filters, find, plain
 from cuboid.store.likeness import COLOR_WORDS
 from cuboid.store.page import MORE, WORST, found_page, summary_page
 from cuboid.store.place import RESULTS, Place
@@ -232,12 +233,10 @@ def _filters(request: Request) -> Filters:
         except (ValueError, OverflowError):
             raise InputError(f"{name}: expected a date and time, got '{asked[name]}'") from None
 
-    from cuboid.cli.filters import place, thing
-
     try:
         near = place(asked["near"]) if "near" in asked else None
         like = thing(asked["like"]) if "like" in asked else None
-    except Exception as error:  # what argparse says of a word
+    except ValueError as error:
         raise InputError(str(error)) from None
     sized = "min_size" in asked or "max_size" in asked
     return Filters(
@@ -255,8 +254,6 @@ def _filters(request: Request) -> Filters:
 
 
 def _rows(name: str, rows: list[dict[str, Any]]) -> Response:
-    from cuboid.cli.find import plain
-
     return JSONResponse({name: [plain(row) for row in rows]})
 
 

@@ -13,7 +13,7 @@ import duckdb
 import msgspec
 import pyarrow as pa
 
-from cuboid.errors import InputError, one_line
+from cuboid.core.errors import InputError, one_line
 from cuboid.formats.reading import UnreadableError
 from cuboid.store.place import RESULTS, Place
 from cuboid.store.query import connected, listed

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.store.likeness import COLOR_WORDS
 from cuboid.store.query import SUPERSEDED, Tables
 from cuboid.store.schema import OBJECTS, RUNS
@@ -168,3 +168,16 @@ def _the_one(tables: Tables, recording: str, label: int) -> dict[str, Any]:
     known = tables.rows(f"select 1 from {RUNS} where recording = ? limit 1", [recording])
     what = f"recording '{recording}' has no object {label}" if known else f"there is no recording '{recording}'"
     raise InputError(f"--like: {what} in {tables.url}")
+
+
+def plain(row: dict[str, Any]) -> dict[str, Any]:
+    """Return a row ready for JSON, without its picture."""
+    kept = {name: value for name, value in row.items() if name != "picture"}
+    return {
+        name: value.isoformat()
+        if isinstance(value, datetime)
+        else round(value, 6)
+        if isinstance(value, float)
+        else value
+        for name, value in kept.items()
+    }

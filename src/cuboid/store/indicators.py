@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
+from cuboid.core.results import TrackedObject
 from cuboid.geometry.overlap import intersection_matrix, overlap_min_matrix, pack
-from cuboid.results import TrackedObject
 
 # Two boxes that share so much of the smaller one are hardly two things; boxes of neighbours that lean overlap by less.
 OVERLAPPING = 1.0 / 3.0

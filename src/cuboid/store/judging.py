@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from distributed import Client
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Float64Array
 from cuboid.evaluation import Result, evaluate, read_result
 from cuboid.evaluation.figures import figures
 from cuboid.evaluation.result import BoxRows, MapBoxes
 from cuboid.evaluation.truth import NAME as TRUTH
-from cuboid.frame import Float64Array
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import rotation_from_quat_wxyz

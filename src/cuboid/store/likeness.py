@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float32Array, Float64Array, UInt8Array
-from cuboid.views.palette import linear_rgb, oklab
+from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.core.palette import linear_rgb, oklab
 
 # The basic color terms of English (B. Berlin and P. Kay, "Basic Color Terms", 1969), each with a few
 # typical colors, RGB.

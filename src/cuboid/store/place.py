@@ -14,7 +14,7 @@ import fsspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from cuboid.errors import CuboidError, InputError, OutputError, one_line
+from cuboid.core.errors import CuboidError, InputError, OutputError, one_line
 from cuboid.formats.reading import MAX_BINARY_BYTES, UnreadableError, read_bytes
 from cuboid.outputs.pending import PendingFile
 

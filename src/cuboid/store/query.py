@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import duckdb
 import pyarrow as pa
 
-from cuboid.errors import InputError, one_line
+from cuboid.core.errors import InputError, one_line
 from cuboid.formats.reading import MAX_BINARY_BYTES, UnreadableError, opened
 from cuboid.store.place import Place
 from cuboid.store.schema import DONE, RUNS, TABLES

@@ -12,12 +12,12 @@ import cv2
 import numpy as np
 import pyarrow as pa
 
-from cuboid.frame import Intrinsics
+from cuboid.core.frame import Intrinsics
+from cuboid.core.results import TrackedObject
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import quats_wxyz_from_rotations
 from cuboid.outputs import Results, RunReport
-from cuboid.posing import LOST
-from cuboid.results import TrackedObject
+from cuboid.poses.sources import LOST
 from cuboid.store.indicators import indicators
 from cuboid.store.likeness import color_fractions, color_word, shape_distribution
 from cuboid.store.schema import DONE, OBJECTS, RECORDINGS, RUNS, SIGHTINGS, TABLES

@@ -16,7 +16,7 @@ from typing import Annotated, Literal
 import msgspec
 import pyarrow as pa
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 from cuboid.formats.json_validation import checked
 from cuboid.store.place import Place
 from cuboid.store.schema import DONE, RUNS, TABLES

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float32Array, Float64Array, Intrinsics
-from cuboid.kernels import cells as kernel
-from cuboid.sensor import cell_pixels
-from cuboid.tolerances import ARM_LENGTH_M, JUMP_SIGMAS, MIN_SIGMA_M
+from cuboid.core.frame import Float32Array, Float64Array, Intrinsics
+from cuboid.core.kernels import cells as kernel
+from cuboid.core.sensor import cell_pixels
+from cuboid.core.tolerances import ARM_LENGTH_M, JUMP_SIGMAS, MIN_SIGMA_M
 
 # So many cells are a surface.
 MIN_CELLS = 6

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
 from cuboid.surfaces.grid import CELL_M, LIMIT_CELLS, cells_of
 from cuboid.surfaces.plane import ON_PLANE_M
 

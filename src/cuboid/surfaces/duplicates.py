@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from heapq import heappop, heappush
 
+from cuboid.core.tolerances import DRIFT_M
 from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.windows import Windows
-from cuboid.tolerances import DRIFT_M
 
 
 def merge_duplicates(planes: list[Plane], windows: Windows, changed: set[Plane]) -> tuple[list[int], set[Plane]]:

@@ -7,17 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.config import TrackerConfig
-from cuboid.frame import Float32Array, Float64Array
+from cuboid.core.config import TrackerConfig
+from cuboid.core.frame import Float32Array, Float64Array
+from cuboid.core.kernels.pixels import back_project
+from cuboid.core.limits import MAX_SEGMENTS
+from cuboid.core.observation import Observation
+from cuboid.core.tolerances import JUMP_M, MIN_READINGS, MOST
+from cuboid.core.working import WorkingImage
+from cuboid.heatmap.kernels.claims import assign_pixels
 from cuboid.heatmap.pixel_heat import WeighedProposals
-from cuboid.kernels.claims import assign_pixels
-from cuboid.kernels.outlines import KINDS, outlines
-from cuboid.kernels.pieces import gather_regions, judge_regions, label_regions
-from cuboid.kernels.pixels import back_project
-from cuboid.limits import MAX_SEGMENTS
-from cuboid.observation import Observation
-from cuboid.tolerances import JUMP_M, MIN_READINGS, MOST
-from cuboid.working import WorkingImage
+from cuboid.surfaces.kernels.outlines import KINDS, outlines
+from cuboid.surfaces.kernels.pieces import gather_regions, judge_regions, label_regions
 
 # A segment of fewer working pixels is noise: a 3 cm object at 2 m covers about this many.
 MIN_PIXELS = 24

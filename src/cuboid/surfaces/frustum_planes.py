@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array, Intrinsics, UInt8Array
+from cuboid.core.frame import Float64Array, Intrinsics, UInt8Array
 from cuboid.surfaces.grid import CELL_M, Places, window_intersection
 from cuboid.surfaces.plane import Plane
 

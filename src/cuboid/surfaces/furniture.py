@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from cuboid.core.tolerances import MOST
 from cuboid.surfaces.plane import ON_PLANE_M, Plane
-from cuboid.tolerances import MOST
 
 # The tops of things are at most so high above the plane that these stand on, metres; they are not the most of it, and
 # above it, not on it. Seats, shelves and stools are higher, or stand beside it.

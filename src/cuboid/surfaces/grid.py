@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float32Array, Float64Array, UInt8Array
-from cuboid.state import WatchedRecord
-from cuboid.tolerances import MIN_READINGS
+from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.core.state import WatchedRecord
+from cuboid.core.tolerances import MIN_READINGS
 
 # Edge of a cell of the ground plan, metres: finer than any table, coarser than depth noise.
 CELL_M = 0.05

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array
-from cuboid.state import TRANSIENT, WatchedRecord
+from cuboid.core.frame import Float64Array
+from cuboid.core.state import TRANSIENT, WatchedRecord
+from cuboid.core.tolerances import DRIFT_M, DRIFT_RAD, JUMP_M, LITTLE, MIN_SIGMA_M, SIGMAS
 from cuboid.surfaces.grid import GroundPlan
-from cuboid.tolerances import DRIFT_M, DRIFT_RAD, JUMP_M, LITTLE, MIN_SIGMA_M, SIGMAS
 
 Keyframes = npt.NDArray[np.int64]
 

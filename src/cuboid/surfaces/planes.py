@@ -15,11 +15,12 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.config import TrackerConfig
-from cuboid.frame import Float32Array, Float64Array, Intrinsics
+from cuboid.core.config import TrackerConfig
+from cuboid.core.frame import Float32Array, Float64Array, Intrinsics
+from cuboid.core.state import Record, snapshot
+from cuboid.core.tolerances import DRIFT_M, DRIFT_RAD, LITTLE, MIN_FRAMES, MOST, SIGMAS
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse, transform
-from cuboid.state import Record, snapshot
 from cuboid.surfaces import furniture, seats
 from cuboid.surfaces.cells import MIN_CELLS, Cells
 from cuboid.surfaces.discovery import largest_level
@@ -29,7 +30,6 @@ from cuboid.surfaces.plane import ON_PLANE_M, REACH_M, Plane
 from cuboid.surfaces.standing import SAME_COS, FlatAreas
 from cuboid.surfaces.up import REFRESH_FRAMES, UpVote
 from cuboid.surfaces.windows import Windows, window_of
-from cuboid.tolerances import DRIFT_M, DRIFT_RAD, LITTLE, MIN_FRAMES, MOST, SIGMAS
 
 # A plane that is not in use yet is removed when it was not seen for more frames than this.
 MAX_UNSEEN_FRAMES = 60

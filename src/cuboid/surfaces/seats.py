@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterable
 import cv2
 import numpy as np
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
+from cuboid.core.tolerances import MIN_READINGS, MOST
 from cuboid.surfaces.grid import CELL_M, GroundPlan, Places, cells_of, window_intersection
 from cuboid.surfaces.plane import REACH_M, Plane
-from cuboid.tolerances import MIN_READINGS, MOST
 
 
 def supporting_plane(

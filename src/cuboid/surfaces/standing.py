@@ -10,15 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.config import TrackerConfig
-from cuboid.frame import Float32Array, Float64Array, Intrinsics
-from cuboid.kernels import cells as cell_kernel
-from cuboid.kernels import patches
-from cuboid.kernels import standing as kernel
+from cuboid.core.config import TrackerConfig
+from cuboid.core.frame import Float32Array, Float64Array, Intrinsics
+from cuboid.core.kernels import cells as cell_kernel
+from cuboid.core.kernels import patches
+from cuboid.core.sensor import MIXED_PER_M, cell_pixels
+from cuboid.core.tolerances import BIAS_M, DRIFT_M, JUMP_M, JUMP_SIGMAS, LITTLE, MOST, SOME, STRAYS
 from cuboid.proposals.depth import PLANE_BOW_M, PLANES
-from cuboid.sensor import MIXED_PER_M, cell_pixels
 from cuboid.surfaces.frame_segments import GAP_M, MIN_PIXELS
-from cuboid.tolerances import BIAS_M, DRIFT_M, JUMP_M, JUMP_SIGMAS, LITTLE, MOST, SOME, STRAYS
+from cuboid.surfaces.kernels import standing as kernel
 
 # Depth ripples by no more than this times z squared, beyond the step that parts surfaces: ten deviations of its noise.
 RIPPLE_PER_M = MIXED_PER_M

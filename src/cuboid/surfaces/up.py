@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array
-from cuboid.state import Record
+from cuboid.core.frame import Float64Array
+from cuboid.core.state import Record
+from cuboid.core.tolerances import MIN_READINGS, MOST, SOME
 from cuboid.surfaces.standing import ENOUGH, SAME_COS, FlatAreas
-from cuboid.tolerances import MIN_READINGS, MOST, SOME
 
 # A direction nearer than this to another is its noise: the next real one is at right angles.
 NOISE_COS = math.sqrt(MOST)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cuboid.frame import Float64Array
-from cuboid.state import Record
+from cuboid.core.frame import Float64Array
+from cuboid.core.state import Record
 from cuboid.surfaces.grid import Places, cells_of
 from cuboid.surfaces.plane import Plane
 

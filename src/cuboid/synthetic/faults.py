@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import InputError
+from cuboid.core.errors import InputError
 
 Image = npt.NDArray[Any]
 

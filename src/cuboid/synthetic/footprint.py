@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
 
 # Widest over narrowest extent of what is round: a ten-sided prism has 1.052, a square 1.41.
 ROUND_EXTENT = 1.06

@@ -8,8 +8,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from cuboid.errors import InputError
-from cuboid.frame import Float64Array
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Float64Array
 from cuboid.synthetic import furniture as made
 from cuboid.synthetic.mesh import shift, turn
 from cuboid.synthetic.paths import CAMERAS, STEP_M, STEP_RAD, around, fly, random_motion

@@ -7,7 +7,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
 
 Color = tuple[float, float, float]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
 from cuboid.geometry import se3
 from cuboid.synthetic.mesh import turn
 from cuboid.synthetic.scene import FRAMES_PER_S

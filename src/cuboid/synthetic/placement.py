@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
 from cuboid.synthetic.footprint import gap_m, hull
 from cuboid.synthetic.mesh import shift
 from cuboid.synthetic.scene import SceneObject, Surface

@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from cuboid.frame import Float64Array
+from cuboid.core.frame import Float64Array
 from cuboid.geometry import se3
 
 PoseNoise = Callable[[Float64Array, np.random.Generator], Float64Array]

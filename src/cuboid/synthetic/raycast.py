@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.extras import require
-from cuboid.frame import Float32Array, Float64Array, Intrinsics
+from cuboid.core.extras import require
+from cuboid.core.frame import Float32Array, Float64Array, Intrinsics
 
 MODULES, EXTRA = ("embreex.rtcore_scene", "embreex.mesh_construction"), "synth"
 # A ray from a surface starts this far off its surface, metres: single precision at 5 m is 0.5 micrometres.

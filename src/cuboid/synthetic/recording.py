@@ -27,12 +27,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.errors import InputError
-from cuboid.extras import require
-from cuboid.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
+from cuboid.core.errors import InputError
+from cuboid.core.extras import require
+from cuboid.core.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
+from cuboid.core.paths import PathLike, as_path
 from cuboid.geometry import se3
 from cuboid.outputs.folder import ResultFolder, writing
-from cuboid.paths import PathLike, as_path
 from cuboid.synthetic import truth
 from cuboid.synthetic.faults import named, spoil
 from cuboid.synthetic.poses import POSE_NOISES

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cuboid.frame import Float64Array, Intrinsics
+from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.geometry import se3
 from cuboid.geometry.box import Box
 from cuboid.synthetic.footprint import hull, is_round, smallest_rectangle

@@ -21,8 +21,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.compiled import kernel
-from cuboid.frame import Float32Array, Intrinsics
+from cuboid.core.compiled import kernel
+from cuboid.core.frame import Float32Array, Intrinsics
 
 Sensor = Callable[[Float32Array, Float32Array, Intrinsics, np.random.Generator], Float32Array]
 Mask = npt.NDArray[np.bool_]

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.compiled import kernel
-from cuboid.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.core.compiled import kernel
+from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.synthetic.material import Material, linear
 from cuboid.synthetic.raycast import SHADOW_BIAS_M, Hits, RayCaster
 

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
+from cuboid.core.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
+from cuboid.core.results import MapPoints
 from cuboid.geometry import se3
 from cuboid.geometry.box import Box
 from cuboid.outputs.ply import write_map
 from cuboid.outputs.text import DIRECTION, LENGTH, number, numbers, rounded, rounded_list
-from cuboid.results import MapPoints
 from cuboid.synthetic.scene import FRAMES_PER_S, Scene
 
 TRUTH, TRAJECTORY, CLOUD = "truth.json", "true_trajectory.txt", "true_cloud.ply"

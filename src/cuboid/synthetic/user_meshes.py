@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.errors import InputError
-from cuboid.extras import require
+from cuboid.core.errors import InputError
+from cuboid.core.extras import require
+from cuboid.core.frame import Float64Array
+from cuboid.core.paths import PathLike, as_path
 from cuboid.formats.reading import opened
-from cuboid.frame import Float64Array
-from cuboid.paths import PathLike, as_path
 from cuboid.synthetic.footprint import hull, smallest_rectangle
 from cuboid.synthetic.material import PAINTS, Color, Material, Texture
 from cuboid.synthetic.mesh import Mesh, shift, turn

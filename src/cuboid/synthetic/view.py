@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
+from cuboid.core.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
 from cuboid.geometry import se3
 from cuboid.synthetic.mesh import corner_normals, merged, sample_surface
 from cuboid.synthetic.raycast import SHADOW_BIAS_M, Hits, RayCaster, pixel_rays

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from cuboid.errors import InputError, OutputError
+from cuboid.core.errors import InputError, OutputError
+from cuboid.core.paths import PathLike, as_path
 from cuboid.outputs.pending import write_whole
 from cuboid.outputs.text import LENGTH, rounded, rounded_list
-from cuboid.paths import PathLike, as_path
 from cuboid.synthetic.kinds import APART_M, FRAMES, WAYS, Draft, finish, make_scene
 from cuboid.synthetic.mesh import shift, turn
 from cuboid.synthetic.paths import CAMERAS

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array, Intrinsics, UInt8Array
+from cuboid.core.frame import Float64Array, Intrinsics, UInt8Array
+from cuboid.core.palette import color_of
+from cuboid.core.results import tag_of
 from cuboid.geometry.box import Box
-from cuboid.results import tag_of
-from cuboid.views.palette import color_of
 from cuboid.views.projection import TOP, Wireframe, may_be_in_view, wireframes
 from cuboid.views.tags import TAG_PX, place_tag, put_tag
 from cuboid.views.text import Color, put_text

@@ -14,8 +14,8 @@ import av
 import cv2
 import numpy as np
 
-from cuboid.errors import OutputError
-from cuboid.frame import UInt8Array
+from cuboid.core.errors import OutputError
+from cuboid.core.frame import UInt8Array
 from cuboid.outputs.pending import PendingFile
 
 # Measured at 640x480 on one thread, labelled frames of a moving camera: superfast takes 3.4 ms and 12 kB a

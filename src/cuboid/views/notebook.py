@@ -7,10 +7,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from cuboid.frame import Frame, Intrinsics, UInt8Array
-from cuboid.results import FrameResult
+from cuboid.core.frame import Frame, Intrinsics, UInt8Array
+from cuboid.core.palette import color_of
+from cuboid.core.results import FrameResult
 from cuboid.views.overlays import depth_picture, heat_over
-from cuboid.views.palette import color_of
 from cuboid.views.tags import TAG_PX, place_tag, put_tag
 
 # A notebook's column is about so wide, pixels.

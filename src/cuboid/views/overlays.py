@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from cuboid.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
+from cuboid.core.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
+from cuboid.core.palette import color_of
+from cuboid.core.results import MapPoints, SupportPlane
 from cuboid.geometry.se3 import inverse, transform
-from cuboid.results import MapPoints, SupportPlane
-from cuboid.views.palette import color_of
 from cuboid.views.projection import NEAR_M, project
 
 # Fraction of the colormap in a pixel of heat 1; colder ones have less, cold ones none.

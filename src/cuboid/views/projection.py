@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.frame import Float64Array, Intrinsics
+from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.geometry.box import EDGES, Box
 from cuboid.geometry.se3 import inverse, transform
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from cuboid.frame import Frame, UInt8Array
+from cuboid.core.frame import Frame, UInt8Array
 from cuboid.outputs import read_map
 from cuboid.outputs.folder import MAP
 from cuboid.views.drawing import Status, draw_frame, draw_proposals

@@ -6,13 +6,13 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from cuboid.frame import Float64Array, Intrinsics
+from cuboid.core.frame import Float64Array, Intrinsics
+from cuboid.core.paths import PathLike
+from cuboid.core.results import names_of
 from cuboid.geometry.box import Box
 from cuboid.outputs import ProposalRow, Results, TrackRow
 from cuboid.outputs.text import LENGTH, number
-from cuboid.paths import PathLike
 from cuboid.readers.recording import Recording
-from cuboid.results import names_of
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,12 +18,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from cuboid.extras import require
-from cuboid.frame import Float64Array, Intrinsics
+from cuboid.core.extras import require
+from cuboid.core.frame import Float64Array, Intrinsics
+from cuboid.core.palette import color_of
+from cuboid.core.results import MapPoints, SupportPlane, tag_of
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
-from cuboid.results import MapPoints, SupportPlane, tag_of
-from cuboid.views.palette import color_of
 
 APPLICATION = "cuboid"
 # Sizes of what is drawn, metres: a voxel of the map is 1 cm wide.

@@ -9,9 +9,9 @@ from typing import Self
 import cv2
 import numpy as np
 
-from cuboid.errors import InputError, OutputError
-from cuboid.frame import Float32Array, Float64Array, Frame, Intrinsics
-from cuboid.results import FrameResult
+from cuboid.core.errors import InputError, OutputError
+from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics
+from cuboid.core.results import FrameResult
 from cuboid.views.live.watch import TrackerView
 from cuboid.views.report.pictures import encode_jpeg
 from cuboid.views.rerun_scene import RerunScene

@@ -15,7 +15,7 @@ from ipaddress import ip_address
 from typing import Any
 from urllib.parse import urlsplit
 
-from cuboid.errors import OutputError
+from cuboid.core.errors import OutputError
 
 # Nobody but who is on this machine, or comes through a forwarded port, sees the results.
 HOST = "127.0.0.1"

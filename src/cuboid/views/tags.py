@@ -7,8 +7,8 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from cuboid.frame import Float64Array, UInt8Array
-from cuboid.views.palette import ink_on
+from cuboid.core.frame import Float64Array, UInt8Array
+from cuboid.core.palette import ink_on
 from cuboid.views.text import Color, ink, mixed
 
 # Height of a tag's letters, in an image 640 wide.

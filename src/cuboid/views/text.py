@@ -7,7 +7,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from cuboid.frame import UInt8Array
+from cuboid.core.frame import UInt8Array
 
 Color = tuple[int, int, int]
 

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
-from cuboid.errors import OutputError
-from cuboid.frame import Frame, Intrinsics
-from cuboid.results import FrameResult, TrackedObject, names_of
+from cuboid.core.errors import OutputError
+from cuboid.core.frame import Frame, Intrinsics
+from cuboid.core.results import FrameResult, TrackedObject, names_of
 from cuboid.views.drawing import Status, draw_frame
 from cuboid.views.encoding import Mp4Writer
 

@@ -12,12 +12,12 @@ from typing import Any
 import cv2
 import numpy as np
 
-from cuboid.frame import Float64Array, Intrinsics, UInt8Array
+from cuboid.core.frame import Float64Array, Intrinsics, UInt8Array
+from cuboid.core.palette import color_of
+from cuboid.core.results import MapPoints, TrackedObject, names_of
 from cuboid.outputs.text import rounded, rounded_list
-from cuboid.results import MapPoints, TrackedObject, names_of
 from cuboid.views.drawing import draw_frame
 from cuboid.views.live.watch import Moment
-from cuboid.views.palette import color_of
 from cuboid.views.report.page import assembled, own
 from cuboid.views.report.pictures import encode_jpeg
 from cuboid.views.report.points import LARGEST, STEP_M, spacing, thinned

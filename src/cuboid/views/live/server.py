@@ -9,9 +9,9 @@ from concurrent.futures import ThreadPoolExecutor
 from types import TracebackType
 from typing import Self
 
-from cuboid.errors import OutputError
-from cuboid.frame import Intrinsics
-from cuboid.results import MapPoints
+from cuboid.core.errors import OutputError
+from cuboid.core.frame import Intrinsics
+from cuboid.core.results import MapPoints
 from cuboid.views.live.messages import end_message, map_message, moment_message, page_of, spacing_of, warm_up
 from cuboid.views.live.watch import LiveView, Ration
 from cuboid.views.serving import HOST, LOCAL_NAMES, Answer, PageHandler, PageServer, listening, path_and_query

@@ -11,8 +11,8 @@ from typing import Protocol
 
 import numpy as np
 
-from cuboid.frame import Float32Array, Float64Array, Frame, UInt8Array
-from cuboid.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
+from cuboid.core.frame import Float32Array, Float64Array, Frame, UInt8Array
+from cuboid.core.results import FrameResult, MapPoints, Sighting, SupportPlane, TrackedObject
 
 # Eyes see motion from here on. On a slow or busy machine moments are rarer: what is done for them (a picture is drawn
 # and packed, 5 ms) takes no more than this fraction of the tracker's own processor time.

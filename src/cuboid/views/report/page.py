@@ -9,8 +9,8 @@ from html import escape
 from importlib.resources import files
 from typing import Any
 
+from cuboid.core.paths import PathLike, as_path
 from cuboid.outputs.pending import write_whole
-from cuboid.paths import PathLike, as_path
 from cuboid.views.report.summary import Summary
 
 # In the order in which they use each other.

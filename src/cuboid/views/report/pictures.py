@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from cuboid.errors import CuboidError
-from cuboid.frame import Float64Array, Frame, UInt8Array
+from cuboid.core.errors import CuboidError
+from cuboid.core.frame import Float64Array, Frame, UInt8Array
 from cuboid.outputs import TrackRow
 
 # Around its rectangle a picture shows so much more, fraction of the longer side: an object in its place.

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from cuboid.frame import Float32Array, Float64Array, UInt8Array
-from cuboid.results import MapPoints
+from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.core.results import MapPoints
 
 # A laptop without a graphics card still turns so many points smoothly; packed they are about 3 MB.
 MAX_POINTS = 400_000

@@ -8,8 +8,8 @@ from functools import cached_property
 from pathlib import Path
 from urllib.parse import parse_qs
 
-from cuboid.errors import FrameError, InputError
-from cuboid.frame import Frame
+from cuboid.core.errors import FrameError, InputError
+from cuboid.core.frame import Frame
 from cuboid.outputs import Results
 from cuboid.readers import Recording
 from cuboid.views.redraw import KINDS, Draw, drawer

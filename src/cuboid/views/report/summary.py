@@ -11,10 +11,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from cuboid.frame import Frame, Intrinsics
+from cuboid.core.frame import Frame, Intrinsics
+from cuboid.core.palette import color_of, hex_of, ink_on
+from cuboid.core.results import SceneChange, TrackedObject
 from cuboid.outputs import ObjectsFile, PoseRow, Results, RunReport, TrackRow
-from cuboid.results import SceneChange, TrackedObject
-from cuboid.views.palette import color_of, hex_of, ink_on
 from cuboid.views.report.pictures import Picture, best_sightings, cut_pictures
 from cuboid.views.report.points import PackedPoints, pack_points
 

@@ -1,0 +1,216 @@
+"""Hot loops that recognise bodies of revolution, whatever sticks out of them; see `boxes.revolved`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cuboid.boxes.kernels.extents import side_spread
+from cuboid.boxes.kernels.resting import ROUND_RADIUS
+from cuboid.boxes.kernels.revolve import fit_axis
+from cuboid.core.compiled import kernel
+from cuboid.core.tolerances import (
+    DRIFT_M,
+    JUMP_M,
+    JUMP_SIGMAS,
+    LITTLE,
+    MIN_READINGS,
+    MIN_SIGMA_M,
+    MOST,
+    SIGMAS,
+    SOME,
+)
+
+# The fit takes so many steps.
+STEPS = 6
+# A side is looked at in so many sectors of the turn.
+SECTORS = 12
+# Half of the turn is seen from one place, a little less of it in depth: what covers less fixes no axis in noise.
+MIN_ARC = MOST - LITTLE
+# Of a side so much is its body's: a cap's brim has nearly as many points as its dome.
+MIN_BODY = MOST - LITTLE
+
+
+@kernel
+def find_body(plan, layer, trust, rectangle, noise, trim, center, part):
+    """Find the upright axis of a body of revolution of whose side points were seen, and what is no part of the body.
+
+    Parameters
+    ----------
+    plan : (N, 2) float64
+        Points of a side seen along the axis, metres.
+    layer : (N,) int64
+        Which layer each belongs to, from 0.
+    trust : (N,) float64
+    rectangle : (6,) float64
+        Of all that was seen: middle, direction of its length, sizes, metres.
+    noise : float
+        Standard deviation of the points of a surface, metres.
+    trim : bool
+        Leave out what departs from the axis, with layers of which some does, and fit again.
+    center : (2,) float64, output
+    part : (N,) bool, output
+        What sticks out of the body in a part of the turn, and its whole layers.
+
+    Returns
+    -------
+    float
+        How far points of the surface lie off it at most, metres; 0 where there is no such body, or that is not sure.
+    """
+    n, radius = len(layer), np.empty(layer.max() + 1)
+    residual, weights = np.empty(n), trust.copy()
+    if not fit_trimmed(plan, layer, trust, noise, trim, center, radius, residual, weights):
+        return 0.0
+    whole = all_of = round_of = square = 0.0
+    for i in range(n):
+        whole, all_of = whole + weights[i], all_of + trust[i]
+        round_of += weights[i] * radius[layer[i]]
+        square += weights[i] * min(abs(residual[i]), DRIFT_M) ** 2
+    if not whole > 0.0 or whole < MIN_BODY * all_of:
+        return 0.0
+    usual, spread = round_of / whole, np.sqrt(square / whole)
+    # A nearly straight side has its axis far away.
+    if usual > ROUND_RADIUS * max(rectangle[4], rectangle[5]) + JUMP_M:
+        return 0.0
+    # It fits better than the best rectangle.
+    if spread >= off_rectangle(plan, weights, rectangle):
+        return 0.0
+    sector = np.empty(n, np.int64)
+    for i in range(n):
+        angle = math.atan2(plan[i, 1] - center[1], plan[i, 0] - center[0])
+        # The last one holds no more than a limit.
+        sector[i] = np.int64(np.floor(angle * (SECTORS / (2.0 * math.pi)))) + SECTORS // 2
+    if not is_round(sector, weights, residual, LITTLE * usual):
+        return 0.0
+    off = max(JUMP_SIGMAS * MIN_SIGMA_M, SIGMAS * spread)
+    appendage(layer, trust, sector, weights, radius, residual, off, part)
+    return off
+
+
+@kernel
+def fit_trimmed(plan, layer, trust, noise, trim, center, radius, residual, weights):
+    """Fit an axis, and again without what departs from it: `weights` (N,) are 0 there. Tell whether there is one."""
+    if not fit_axis(plan, layer, trust, STEPS, center, radius, residual):
+        return False
+    n, layers = len(layer), len(radius)
+    all_of, near_of, away = np.zeros(layers), np.empty(layers), np.empty(n)
+    for i in range(n):
+        all_of[layer[i]] += trust[i]
+    for _ in range(3 if trim else 0):
+        away[:] = np.abs(residual)
+        limit = SIGMAS * max(1.48 * weighted_median(away, weights), noise, MIN_SIGMA_M)
+        near_of[:] = 0.0
+        for i in range(n):
+            near_of[layer[i]] += trust[i] if away[i] < limit else 0.0
+        # A layer of which some departs is not round: that of a brim, or of a handle.
+        changed, left = False, 0
+        for i in range(n):
+            k = layer[i]
+            kept = trust[i] if away[i] < limit and near_of[k] >= (1.0 - SOME) * all_of[k] else 0.0
+            changed |= kept != weights[i]
+            left += kept != 0.0
+            weights[i] = kept
+        if not changed:
+            return True
+        if left < MIN_READINGS or not fit_axis(plan, layer, weights, STEPS, center, radius, residual):
+            return False
+    return True
+
+
+@kernel
+def weighted_median(values, weights):
+    """Return below which of values (N,) half of the weight lies: by parting them again and again."""
+    part, heavy = values.copy(), weights.copy()
+    begin, end, before = 0, len(part), 0.0
+    half = MOST * heavy.sum()
+    while end - begin > 1:
+        pivot = part[(begin + end) // 2]
+        # Less than the pivot, the pivot, more.
+        low, k, high, below, same = begin, begin, end, 0.0, 0.0
+        while k < high:
+            value, weight = part[k], heavy[k]
+            if value < pivot:
+                part[k], heavy[k], part[low], heavy[low] = part[low], heavy[low], value, weight
+                low, k, below = low + 1, k + 1, below + weight
+            elif value > pivot:
+                high -= 1
+                part[k], heavy[k], part[high], heavy[high] = part[high], heavy[high], value, weight
+            else:
+                k, same = k + 1, same + weight
+        if before + below >= half and low > begin:
+            end = low
+        elif before + below + same >= half or high == end:
+            return pivot
+        else:
+            begin, before = high, before + below + same
+    return part[begin]
+
+
+@kernel
+def off_rectangle(plan, weights, rectangle):
+    """Return how far points depart from the sides of a rectangle; see `find_body`."""
+    away = np.empty((len(plan), 2))
+    for i in range(len(plan)):
+        away[i, 0], away[i, 1] = plan[i, 0] - rectangle[0], plan[i, 1] - rectangle[1]
+    sides, half = np.empty((2, 2)), np.empty(2)
+    sides[0, 0], sides[0, 1] = rectangle[2], rectangle[3]
+    sides[1, 0], sides[1, 1] = -rectangle[3], rectangle[2]
+    half[0], half[1] = rectangle[4] / 2.0, rectangle[5] / 2.0
+    return side_spread(away, weights, sides, -half, half, 0)
+
+
+@kernel
+def is_round(sector, weights, residual, limit):
+    """Tell whether enough of the turn was seen, and departs from itself from sector to sector by less than a limit."""
+    readings, sums = np.zeros(SECTORS + 1, np.int64), np.zeros((SECTORS + 1, 2))
+    for i in range(len(sector)):
+        k = sector[i]
+        readings[k] += weights[i] > 0.0
+        sums[k, 0] += weights[i] * residual[i]
+        sums[k, 1] += weights[i]
+    known, low, high = 0, np.inf, -np.inf
+    for k in range(SECTORS + 1):
+        if readings[k] >= MIN_READINGS and sums[k, 1] > 0.0:
+            mean = sums[k, 0] / sums[k, 1]
+            known, low, high = known + 1, min(low, mean), max(high, mean)
+    return known >= MIN_ARC * SECTORS and not high - low > limit
+
+
+@kernel
+def appendage(layer, trust, sector, weights, radius, residual, off, part):
+    """Tell what is no part of a body: what sticks out by more than `off` in a part of the turn, and its whole layers.
+
+    What sticks out all round is the rim of a layer that is filled, as a pot is with soil.
+    """
+    n, layers = len(layer), len(radius)
+    fitted, sums, own = np.zeros(layers), np.zeros((layers, 2)), radius.copy()
+    for i in range(n):
+        k = layer[i]
+        fitted[k] += weights[i]
+        sums[k, 0] += trust[i] * (residual[i] + radius[k])
+        sums[k, 1] += trust[i]
+    for k in range(layers):
+        # Of layers that the fit left out the radius is not known.
+        if not fitted[k] > 0.0:
+            own[k] = sums[k, 0] / max(sums[k, 1], 1e-12)
+    seen, beyond = np.zeros((layers, SECTORS + 1)), np.zeros((layers, SECTORS + 1))
+    for i in range(n):
+        k = layer[i]
+        part[i] = residual[i] + radius[k] - own[k] > off
+        seen[k, sector[i]] += trust[i]
+        beyond[k, sector[i]] += trust[i] if part[i] else 0.0
+    rim, torn = np.empty(layers, np.bool_), np.zeros(layers)
+    for k in range(layers):
+        known = out = 0
+        for s in range(SECTORS + 1):
+            known += seen[k, s] > 0.0
+            out += beyond[k, s] > SOME * seen[k, s]
+        rim[k] = out > MOST * known
+    for i in range(n):
+        k = layer[i]
+        part[i] = part[i] and not rim[k]
+        torn[k] += trust[i] if part[i] else 0.0
+    for i in range(n):
+        k = layer[i]
+        part[i] = part[i] or torn[k] > SOME * sums[k, 1]

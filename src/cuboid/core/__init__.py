@@ -1,0 +1,1 @@
+"""The ground that all packages stand on: frames, errors, configuration, kernels that several stages share."""

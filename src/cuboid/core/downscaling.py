@@ -1,0 +1,47 @@
+"""Frames with fewer pixels: for `--scale`, where time counts more than the smallest objects."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cuboid.core.frame import Frame
+
+# Two readings whose depths differ by less than this fraction of the depth lie on one surface: at 1 m that is
+# 1 cm, several times a structured-light sensor's noise and less than an object's step above its table.
+SAME_SURFACE = 0.01
+
+
+def downscale(frame: Frame, factor: int) -> Frame:
+    """Return the frame whose pixels are blocks of `factor` x `factor` pixels of this one.
+
+    Where a block shows two surfaces, its depth is one of them and nothing between.
+    Its pinhole is `Intrinsics.downscaled(factor)`: color and depth both belong to the centre of the block.
+    Rows and columns that fill no block are left out.
+
+    Parameters
+    ----------
+    frame : Frame
+        H x W pixels.
+    factor : int
+        1, 2 or 4.
+
+    Returns
+    -------
+    Frame
+        H // factor x W // factor pixels; color is the block's mean.
+    """
+    if factor == 1:
+        return frame
+    import cv2
+
+    from cuboid.core.kernels.blocks import halve_depth
+
+    height, width = frame.depth_m.shape[0] // factor, frame.depth_m.shape[1] // factor
+    color = frame.color[: height * factor, : width * factor]
+    depth_m = frame.depth_m[: height * factor, : width * factor]
+    small = cv2.resize(color, (width, height), interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+    for _ in range(factor.bit_length() - 1):
+        halved_m = np.empty((depth_m.shape[0] // 2, depth_m.shape[1] // 2), np.float32)
+        halve_depth(depth_m, SAME_SURFACE, halved_m)
+        depth_m = halved_m
+    return Frame(frame.index, frame.timestamp_s, small, depth_m, frame.T_world_camera, frame.up_camera)

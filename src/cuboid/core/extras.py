@@ -1,0 +1,88 @@
+"""Packages that only some features need: imported where they are used, and asked for in one line."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+from cuboid.core.errors import MissingExtraError
+
+NOT_INSTALLED = "is not installed"
+# Modules of the extra `cluster`.
+CLUSTER = ("distributed", "pyarrow", "duckdb", "fsspec", "starlette", "uvicorn")
+
+
+def how_to_install(extra: str = "", *, pip: str = "") -> str:
+    """Return how to install an extra of Cuboid, or a package that belongs to no extra.
+
+    Parameters
+    ----------
+    extra : str, optional
+        Its name in ``pyproject.toml``.
+    pip : str, optional
+        In place of an extra: what follows ``pip install``.
+    """
+    if pip:
+        return f"pip install {pip}"
+    return f"install the extra '{extra}': pip install '.[{extra}]' in a checkout of Cuboid"
+
+
+def missing(feature: str, package: str, extra: str = "", *, pip: str = "", reason: str = NOT_INSTALLED) -> str:
+    """Return the message of a package that is not installed.
+
+    Parameters
+    ----------
+    feature : str
+        What needs it.
+    package : str
+        Its name.
+    extra, pip : str, optional
+        As for `how_to_install`.
+    reason : str, optional
+        What is wrong with it.
+    """
+    return f"{feature} needs {package}, which {reason}: {how_to_install(extra, pip=pip)}"
+
+
+def require(module: str, feature: str, extra: str = "", *, pip: str = "") -> Any:
+    """Return a module of a package that an installation may be without.
+
+    Parameters
+    ----------
+    module : str
+        Its name in Python.
+    feature : str
+        What needs it, as the user asked for it.
+    extra, pip : str, optional
+        As for `how_to_install`.
+
+    Raises
+    ------
+    MissingExtraError
+        It is not installed, or it does not fit this machine.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        reason = NOT_INSTALLED if isinstance(error, ModuleNotFoundError) else f"cannot be loaded ({error})"
+        package = module.partition(".")[0]
+        raise MissingExtraError(missing(f"'{feature}'", package, extra, pip=pip, reason=reason)) from None
+
+
+def need_cluster(feature: str) -> None:
+    """Check that all packages of the extra `cluster` are installed, without importing them.
+
+    Parameters
+    ----------
+    feature : str
+        What needs them, as the user called it.
+
+    Raises
+    ------
+    MissingExtraError
+    """
+    absent = [name for name in CLUSTER if find_spec(name) is None]
+    if absent:
+        reason = NOT_INSTALLED if len(absent) == 1 else "are not installed"
+        raise MissingExtraError(missing(f"'{feature}'", ", ".join(absent), "cluster", reason=reason))

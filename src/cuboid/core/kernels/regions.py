@@ -1,0 +1,184 @@
+"""Hot loops that measure the segments of a depth image, and how strongly their outlines part them."""
+
+from __future__ import annotations
+
+from cuboid.core.compiled import kernel
+from cuboid.core.kernels.segments import CREASE, NONE
+from cuboid.core.tolerances import JUMP_SIGMAS, LITTLE, SOME
+
+# Columns of a segment's row: pixels, readings, sum of 1/z, rectangle (end inclusive), length of the outline, the
+# sum of its strengths, and how much of it is cut off by the image's border.
+PIXELS, READINGS, INVERSE, LEFT, TOP, RIGHTMOST, BOTTOM, OUTLINE, STRENGTH, BORDER = range(10)
+COLUMNS = 10
+# How strongly a piece of outline parts a segment from what is around it, 0..1: at least before what lies behind, where
+# it grows to 1 with the jump; at a hole or a crease, which may part the two or not. Towards what hides it or stands on
+# it: some; at a gap in a crease: little.
+BEFORE, HALF = 0.3, 0.4
+# Label of pixels that are too far away; plane p has BACKGROUND - 1 - p.
+BACKGROUND = -1
+
+
+@kernel(inline="always")
+def measure_run(row, v, first, end, height, width, readings, inverse):
+    """Add a run of pixels of an image row, up to before its end, to the measures of a segment.
+
+    `inverse` is the segment's sum of 1/z with that of the run, added up pixel by pixel.
+    """
+    row[PIXELS] += end - first
+    row[READINGS] += readings
+    row[INVERSE] = inverse
+    row[LEFT] = min(row[LEFT], first)
+    row[RIGHTMOST] = max(row[RIGHTMOST], end - 1)
+    row[TOP] = min(row[TOP], v)
+    row[BOTTOM] = max(row[BOTTOM], v)
+    at_border = ((v == 0) + (v == height - 1)) * (end - first) + (first == 0) + (end == width)
+    row[OUTLINE] += at_border
+    row[BORDER] += at_border
+
+
+@kernel
+def measure_row(v, kind, labels, inverse, segments, planes):
+    """Add a row of the image to the measures of all that it shows; see `measure`."""
+    height, width = labels.shape
+    end = 0
+    while end < width:
+        first, a = end, labels[v, end]
+        if a == 0 or a == BACKGROUND:
+            while end < width and labels[v, end] == a:
+                end += 1
+            continue
+        row = segments[a] if a > 0 else planes[BACKGROUND - 1 - a]
+        total, readings = row[INVERSE], 0
+        while end < width and labels[v, end] == a:
+            # Of a plane all is read.
+            if a < 0 or kind[v, end] != NONE:
+                readings += 1
+                total += inverse[v, end]
+            end += 1
+        measure_run(row, v, first, end, height, width, readings, total)
+
+
+@kernel(error_model="numpy")  # a reading without end has 1/z = 0
+def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, weight, planes):
+    """Measure each segment and large plane, and how strongly its outline parts it from what is around it.
+
+    The strength of a piece of a segment's outline, 0..1: 1 towards a plane or a far thing; towards another segment that
+    lies behind it, growing from 0.3 to 1 with the jump; 0.4 on a concave crease; 0.2 towards what hides it; 0.1 where
+    nothing but a gap in a crease parts the two; 0.4 towards a hole. A large plane may be a thing too, the lid of a box:
+    see `along_plane`.
+
+    Parameters
+    ----------
+    kind, labels, inverse, marks
+        See `fill_holes` and `mark`.
+    noise : float
+        Standard deviation of 1/z, 1/metre.
+    jump, sure : float
+        Least jump, and the jump that is surely another object, metres.
+    segments : (S, COLUMNS) float64, output
+        Row k is label k.
+    contact : (S, S) float32, output
+        Pixels of outline that two segments share.
+    weight : (S, S) float32, output
+        [i, j]: the sum of strengths of i's outline towards j.
+    planes : (P, COLUMNS) float64, output
+        The planes' measures.
+    """
+    height, width = labels.shape
+    contact[:] = 0.0
+    weight[:] = 0.0
+    for rows in (segments, planes):
+        rows[:] = 0.0
+        rows[:, LEFT] = width
+        rows[:, TOP] = height
+    for v in range(height):
+        measure_row(v, kind, labels, inverse, segments, planes)
+        row, below = labels[v], labels[min(v + 1, height - 1)]
+        for u in range(width):
+            for k in range(2):
+                a, b = row[u], row[min(u + 1, width - 1)] if k == 0 else below[u]
+                if a == b:
+                    continue
+                vv, uu = v + k, u + 1 - k
+                wa, wb = inverse[v, u], inverse[vv, uu]
+                limit = jump * min(wa, wb) * min(wa, wb) + JUMP_SIGMAS * noise
+                if a > 0 or b > 0:
+                    creased = ((marks[v, u] | marks[vv, uu]) & CREASE) != 0
+                    between(a, b, wa, wb, limit, creased, sure, segments, contact, weight)
+                if a < BACKGROUND or b < BACKGROUND:
+                    along_planes(a, b, wa, wb, limit, sure, planes)
+
+
+@kernel(error_model="numpy")
+def along_planes(a, b, wa, wb, limit, sure, planes):
+    """Add a piece of outline between two labels, one of them a large plane's, with 1/z on either side."""
+    if a < BACKGROUND:
+        along_plane(planes[BACKGROUND - 1 - a], b, wa - wb, min(wa, wb), limit, sure)
+    if b < BACKGROUND:
+        along_plane(planes[BACKGROUND - 1 - b], a, wb - wa, min(wa, wb), limit, sure)
+
+
+@kernel(error_model="numpy")
+def between(a, b, wa, wb, limit, creased, sure, segments, contact, weight):
+    """Add a piece of outline between two labels, one of them a segment's, with 1/z on either side; see `measure`."""
+    if a > 0:
+        segments[a, OUTLINE] += 1
+    if b > 0:
+        segments[b, OUTLINE] += 1
+    if a == 0 or b == 0:
+        segments[max(a, b), STRENGTH] += HALF
+        return
+    gap = abs(wa - wb)
+    # A jump in metres, from the nearer of the two to the farther.
+    step = abs(1.0 / wa - 1.0 / wb)
+    strength_a = strength_b = LITTLE
+    if gap > limit:
+        behind = BEFORE + (1.0 - BEFORE) * min(1.0, step / sure)
+        strength_a = behind if wa > wb else SOME
+        strength_b = behind if wb > wa else SOME
+    elif creased:
+        strength_a = strength_b = HALF
+    if a < 0:
+        segments[b, STRENGTH] += 1.0 if gap <= limit or wb > wa else SOME
+    elif b < 0:
+        segments[a, STRENGTH] += 1.0 if gap <= limit or wa > wb else SOME
+    else:
+        segments[a, STRENGTH] += strength_a
+        segments[b, STRENGTH] += strength_b
+        contact[a, b] += 1
+        contact[b, a] += 1
+        weight[a, b] += strength_a
+        weight[b, a] += strength_b
+
+
+@kernel(error_model="numpy", inline="always")
+def along_plane(row, other, ahead, low, limit, sure):
+    """Add a piece of a large plane's outline to its measures.
+
+    Its strength: towards what lies behind, growing from 0.3 to 1 with the jump; 0.6 where another large plane goes on
+    from it; 0.4 towards a hole; 0.2 towards what hides it or stands on it.
+
+    Parameters
+    ----------
+    row : (COLUMNS,) float64, in and out
+    other : int
+        The label beyond.
+    ahead : float
+        By how much nearer the plane is, in 1/z.
+    low : float
+        The lesser 1/z of the two.
+    limit : float
+        More is a jump.
+    sure : float
+        See `measure`.
+    """
+    row[OUTLINE] += 1
+    if other == 0:
+        row[STRENGTH] += HALF
+    elif abs(ahead) <= limit:
+        row[STRENGTH] += 1.0 - HALF if other < BACKGROUND else SOME
+    elif ahead > 0.0:
+        # From the nearer to the farther, in metres.
+        row[STRENGTH] += BEFORE + (1.0 - BEFORE) * min(1.0, (1.0 / low - 1.0 / (low + ahead)) / sure)
+    else:
+        row[STRENGTH] += SOME

@@ -1,0 +1,54 @@
+"""One posed frame, prepared once for all stages that look at it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cuboid.core.frame import Float64Array
+from cuboid.core.working import WorkingImage
+from cuboid.geometry.se3 import inverse
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """A frame as the stages from the heatmap on see it.
+
+    Attributes
+    ----------
+    frame : int
+        Index of the frame.
+    image : WorkingImage
+        The thinned frame, without mixed pixels.
+    solid : WorkingImage
+        The same image with its holes filled.
+    T_world_camera : (4, 4) float64
+    up_camera : (3,) float64 or None
+        Measured up in camera coordinates.
+    keyframe : int
+        Keyframe that the pose is anchored to.
+    new_viewpoint : bool
+        Whether the camera has moved beyond the pose error since the last frame from a new viewpoint.
+    viewpoint_angle_rad : float
+        Change of the viewing angle since the frame before: baseline over median depth; infinite for the first frame.
+    """
+
+    frame: int
+    image: WorkingImage
+    solid: WorkingImage
+    T_world_camera: Float64Array
+    up_camera: Float64Array | None
+    keyframe: int
+    new_viewpoint: bool
+    viewpoint_angle_rad: float
+
+    @property
+    def T_camera_world(self) -> Float64Array:
+        """Carries world coordinates to camera coordinates, (4, 4)."""
+        return inverse(self.T_world_camera)
+
+    @property
+    def eye(self) -> Float64Array:
+        """Where the camera is, world, metres, (3,)."""
+        return np.asarray(self.T_world_camera[:3, 3])

@@ -1,0 +1,68 @@
+"""Names of things that plug in: registered once here, and other packages add theirs by an entry point."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from importlib.metadata import entry_points
+from typing import Generic, TypeVar
+
+from cuboid.core.errors import InputError
+
+T = TypeVar("T")
+
+
+class Registry(Generic[T]):
+    """A table from a name to a thing that plugs in.
+
+    Parameters
+    ----------
+    what : str
+        What is registered, for messages ("reader", "proposal source").
+    group : str
+        Entry point group in which other packages name theirs, e.g. ``cuboid.readers``.
+    """
+
+    def __init__(self, what: str, group: str) -> None:
+        self._what = what
+        self._group = group
+        self._items: dict[str, T] = {}
+        self._scanned = False
+
+    def register(self, name: str) -> Callable[[T], T]:
+        """Return a decorator that registers what it decorates under `name`."""
+
+        def add(item: T) -> T:
+            self._items[name] = item
+            return item
+
+        return add
+
+    def _scan(self) -> None:
+        if self._scanned:
+            return
+        self._scanned = True
+        for point in entry_points(group=self._group):
+            self._items.setdefault(point.name, point.load())
+
+    def names(self) -> list[str]:
+        """Return all names, those of other packages included, sorted."""
+        self._scan()
+        return sorted(self._items)
+
+    def items(self) -> Iterator[tuple[str, T]]:
+        """Iterate over (name, item), sorted by name."""
+        for name in self.names():
+            yield name, self._items[name]
+
+    def get(self, name: str) -> T:
+        """Return the item of this name.
+
+        Raises
+        ------
+        InputError
+            If no item has this name; the message lists those that exist.
+        """
+        self._scan()
+        if name not in self._items:
+            raise InputError(f"unknown {self._what} '{name}'; there are: {', '.join(self.names())}")
+        return self._items[name]

@@ -1,0 +1,58 @@
+"""The depth sensor: how much noisier its first frame shows it to be than it was said to be, and what it resolves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cuboid.core.frame import Float32Array, Intrinsics
+from cuboid.core.kernels.cells import AREA, CELL_COLUMNS, RMS, fit_cells
+from cuboid.core.tolerances import MIN_READINGS, SOME
+
+# Edge of the cells of a picture to which planes are fitted, radians: 3 cm at 1 m.
+CELL_RAD = 0.03
+# No more than this is believed, as a multiple of the nominal noise: clutter is no noise.
+MOST = 1.4
+# Depths of neighbours on one surface differ by less than this times z squared (plus 1 cm): ten deviations of the first
+# Kinect's noise. A reading that does not lies on nothing: it mixes two surfaces.
+MIXED_PER_M = 0.014
+
+
+def cell_pixels(camera: Intrinsics) -> int:
+    """Return the edge of a cell in a camera's image, pixels: an even number, of no fewer readings than tell a slope."""
+    return 2 * (max(MIN_READINGS, int(CELL_RAD * camera.fx)) // 2)
+
+
+def excess_noise(depth_m: Float32Array, camera: Intrinsics, nominal_per_m: float, max_depth_m: float) -> float:
+    """Return the noise that a depth image shows as a multiple of the nominal one, 1..`MOST`.
+
+    Real sensors bow and blob beyond their nominal noise; first Kinects and RealSense cameras show 1.4 times that of
+    the first Kinect's published figure over cells of 0.06 radians.
+
+    Parameters
+    ----------
+    depth_m : (H, W) float32
+    camera : Intrinsics
+        Of this image.
+    nominal_per_m : float
+        1/metre.
+    max_depth_m : float
+    """
+    # As wide as the noise's own blobs.
+    size = 2 * cell_pixels(camera)
+    rows, columns = depth_m.shape[0] // size, depth_m.shape[1] // size
+    cells = np.empty((rows * columns, CELL_COLUMNS))
+    pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+    fit_cells(np.ascontiguousarray(depth_m), pinhole, size, max_depth_m, cells)
+    rms = cells[cells[:, AREA] > 0, RMS]
+    if len(rms) < MIN_READINGS:
+        return 1.0
+    # Some of a picture's cells, at least, lie on one flat surface each; they show all but some of the noise.
+    return float(np.clip(np.quantile(rms, SOME) / ((1.0 - SOME) * nominal_per_m), 1.0, MOST))
+
+
+def resolves_m(edge_m: float, noise_per_m: float, focal_px: float) -> float:
+    """Return up to which depth a surface is told in voxels of an edge, metres.
+
+    There the deviation of a reading, or the width of a pixel, is as large as that: means of several are truer.
+    """
+    return float(min(np.sqrt(edge_m / noise_per_m), edge_m * focal_px))

@@ -1,0 +1,75 @@
+"""The thinned image that the tracker works on: another phase of the full one each frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cuboid.core.frame import Float32Array, Frame, Intrinsics, UInt8Array
+from cuboid.core.kernels.blocks import take_one
+from cuboid.core.kernels.holes import fill_depth
+from cuboid.core.kernels.pixels import drop_mixed
+from cuboid.core.sensor import MIXED_PER_M
+
+# Offsets of the thinned grid: over four frames every pixel of a grid of step 2 is used.
+_PHASES = ((0, 0), (1, 1), (1, 0), (0, 1))
+# Holes are filled at most so far, metres, and a difference in color of so many levels counts as a pixel.
+HOLE_M = 0.3
+COLOR_LEVELS = 12.0
+
+
+@dataclass(frozen=True, slots=True)
+class WorkingImage:
+    """Every step-th pixel of a frame.
+
+    Attributes
+    ----------
+    depth_m : (h, w) float32
+        Without mixed pixels.
+    color : (h, w, 3) uint8
+    camera : Intrinsics
+        Of this image.
+    step : int
+    phase : (int, int)
+        x and y: pixel (v, u) here is pixel (y + step v, x + step u) of the frame.
+    """
+
+    depth_m: Float32Array
+    color: UInt8Array
+    camera: Intrinsics
+    step: int
+    phase: tuple[int, int]
+
+
+def thin(frame: Frame, intrinsics: Intrinsics, width_px: int, count: int) -> WorkingImage:
+    """Thin a frame until its longer side has at least so many pixels; `count`, of frames before, chooses the phase."""
+    step = max(1, max(intrinsics.width, intrinsics.height) // width_px)
+    x, y = (p * step // 2 for p in _PHASES[count % len(_PHASES)])
+    rows, columns = intrinsics.height // step, intrinsics.width // step
+    raw = np.ascontiguousarray(frame.depth_m[y::step, x::step][:rows, :columns])
+    depth = np.empty_like(raw)
+    drop_mixed(raw, MIXED_PER_M, depth)
+    color = np.empty((rows, columns, 3), np.uint8)
+    take_one(np.ascontiguousarray(frame.color), step, x, y, color)
+    return WorkingImage(
+        depth_m=depth,
+        color=color,
+        camera=Intrinsics(
+            intrinsics.fx / step,
+            intrinsics.fy / step,
+            (intrinsics.cx - x) / step,
+            (intrinsics.cy - y) / step,
+            columns,
+            rows,
+        ),
+        step=step,
+        phase=(x, y),
+    )
+
+
+def filled(image: WorkingImage) -> WorkingImage:
+    """Return an image whose holes have the depth of what they lie nearest to, in place and in color: a guess."""
+    depth = np.empty_like(image.depth_m)
+    fill_depth(image.depth_m, image.color, COLOR_LEVELS, HOLE_M, image.camera.fx, depth)
+    return replace(image, depth_m=depth)

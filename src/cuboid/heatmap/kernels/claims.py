@@ -1,0 +1,215 @@
+"""Hot loops that assign a frame's pixels to its proposals, and let the segments vote for the owners of voxels."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cuboid.core.compiled import kernel
+from cuboid.heatmap.kernels.cubes import BLOCK_BITS
+
+# Of the pairs of an object and a block so many are remembered while they are collected, a power of 2.
+REMEMBERED = 256
+
+
+@kernel
+def proposal_overlaps(owner, place, rectangles, starts, covered, column, table, object_pixels):
+    """Count the candidates that each proposal covers, by the object that they belong to.
+
+    Parameters
+    ----------
+    owner : (h, w) int32
+        Object of each working pixel, 0 none.
+    place : (M,) int64
+        Column of each object by number; the last one for those that do not count, and for 0.
+    rectangles : (N, 4) int64
+    starts : (N + 1,) int64
+    covered : (L,) uint8
+        See `votes.weigh`.
+    column : (h, w) int32, scratch
+    table : (N, columns) int64, output
+    object_pixels : (columns,) int64, output
+        Pixels of each object, candidates or not, in any proposal or none.
+    """
+    table[:] = 0
+    object_pixels[:] = 0
+    # What belongs to one object comes in runs: a sum in hand is faster than one in memory.
+    last, run = 0, 0
+    for v in range(owner.shape[0]):
+        for u in range(owner.shape[1]):
+            here = place[owner[v, u]]
+            column[v, u] = here
+            if here != last:
+                object_pixels[last] += run
+                last, run = here, 0
+            run += 1
+    object_pixels[last] += run
+    for k in range(rectangles.shape[0]):
+        x0, y0, x1, y1 = rectangles[k]
+        at, last, run = starts[k], 0, 0
+        for v in range(y0, y1):
+            mine, theirs = covered[at : at + x1 - x0], column[v, x0:x1]
+            at += mine.size
+            for u in range(mine.size):
+                if mine[u]:
+                    if theirs[u] != last:
+                        table[k, last] += run
+                        last, run = theirs[u], 0
+                    run += 1
+        table[k, last] += run
+
+
+@kernel
+def segment_overlaps(claim, owner, known, place, table, size):
+    """Count the pixels that each segment of a frame has in common with each object, and those mapped before.
+
+    Parameters
+    ----------
+    claim : (h, w) int32
+        Segment of each pixel, -1 none.
+    owner : (h, w) int32
+        Object of each pixel, 0 none.
+    known : (h, w) bool
+    place : (M,) int64
+        Column of each object by number; the last one for those that do not count, and for 0.
+    table : (n + 1, columns) int64, output
+        The last row is for pixels of no segment.
+    size : (n + 1,) int64, output
+        Known pixels of each segment.
+    """
+    table[:] = 0
+    size[:] = 0
+    nobody = table.shape[0] - 1
+    # They come in runs, as in `proposal_overlaps`.
+    mine, theirs, run, seen = nobody, 0, 0, 0
+    for v in range(claim.shape[0]):
+        for u in range(claim.shape[1]):
+            k = claim[v, u] if claim[v, u] >= 0 else nobody
+            here = place[owner[v, u]]
+            if k != mine or here != theirs:
+                table[mine, theirs] += run
+                size[mine] += seen
+                mine, theirs, run, seen = k, here, 0, 0
+            run += 1
+            seen += known[v, u]
+    table[mine, theirs] += run
+    size[mine] += seen
+
+
+@kernel
+def assign_pixels(order, rectangles, starts, covered, least, free_fraction, claim):
+    """Give each candidate pixel to at most one proposal: the strongest first, as long as it is mostly free.
+
+    Parameters
+    ----------
+    order : (K,) int64
+        Proposals, the strongest first.
+    rectangles : (N, 4) int64
+    starts : (N + 1,) int64
+    covered : (L,) uint8
+        See `votes.weigh`.
+    least : int
+        A segment of fewer pixels is none.
+    free_fraction : float
+        A proposal is left out when less than this of it is free.
+    claim : (h, w) int32, output
+        Place in `order` of the proposal that has the pixel, -1 none.
+    """
+    claim[:] = -1
+    for i in range(order.size):
+        k = order[i]
+        x0, y0, x1, y1 = rectangles[k]
+        # Without a branch, row by row: so one instruction takes many pixels.
+        at, total, free = starts[k], 0, 0
+        for v in range(y0, y1):
+            mine, row = covered[at : at + x1 - x0], claim[v, x0:x1]
+            for u in range(mine.size):
+                total += mine[u]
+                free += mine[u] if row[u] < 0 else 0
+            at += x1 - x0
+        if free < least or free < free_fraction * total:
+            continue
+        at = starts[k]
+        for v in range(y0, y1):
+            mine, row = covered[at : at + x1 - x0], claim[v, x0:x1]
+            for u in range(mine.size):
+                row[u] = i if (mine[u] != 0) & (row[u] < 0) else row[u]
+            at += x1 - x0
+
+
+@kernel
+def vote_owners(claim, number_of, place, allowed, candidate, slots, hits, most, owner, confidence, voted):
+    """Let the pixels of a frame vote for the owners of their voxels: a majority vote in one number a voxel.
+
+    Boyer and Moore 1981: a voxel's owner gains a vote where a frame agrees and loses one where it does not; whoever
+    takes the last one away owns it. A voxel has one vote a frame.
+
+    Parameters
+    ----------
+    claim : (h, w) int32
+        Segment of each pixel, -1 none.
+    number_of : (count,) int32
+        Object that each segment votes for; 0 abstains.
+    place : (M,) int64
+        Column of each object by number; 0 for no one, -1 for those that are not in view.
+    allowed : (count, columns) uint8
+        1 where a segment may take voxels that were seen before from an object; any segment strengthens what its object
+        has, and takes what is new.
+    candidate : (h, w) uint8
+        0 on supporting planes: such pixels vote for no one.
+    slots : (h, w) int32
+        Voxel of each pixel, -1 none.
+    hits : (C,) int32
+        Frames that saw each voxel, this one included.
+    most : int
+        Most votes that a voxel keeps.
+    owner : (C,) int32, in and out
+    confidence : (C,) uint8, in and out
+    voted : (C,) uint8, scratch
+        Zeros.
+
+    Returns
+    -------
+    (K,) int64
+        Objects << 32 | blocks in which rows may be theirs by that, some of them more than once.
+    """
+    height, width = claim.shape
+    those, count = np.empty(claim.size, np.int32), 0
+    for v in range(height):
+        for u in range(width):
+            row = slots[v, u]
+            if row < 0 or voted[row]:
+                continue
+            if claim[v, u] >= 0:
+                number = number_of[claim[v, u]]
+                if number == 0:
+                    continue
+                if owner[row] != number and hits[row] > 1:
+                    column = place[owner[row]]
+                    if column < 0 or not allowed[claim[v, u], column]:
+                        continue
+            elif candidate[v, u] == 0:
+                number = 0
+            else:
+                continue
+            held = owner[row]
+            if held == number:
+                if number > 0 and confidence[row] < most:
+                    confidence[row] += 1
+            elif confidence[row] <= 1:
+                owner[row] = number
+                confidence[row] = 1 if number > 0 else 0
+            else:
+                confidence[row] -= 1
+            voted[row] = 1
+            those[count] = row
+            count += 1
+    pairs, found, last = np.empty(count, np.int64), 0, np.full(REMEMBERED, -1, np.int64)
+    for row in those[:count]:
+        voted[row] = 0
+        pair = (np.int64(owner[row]) << 32) | (np.int64(row) >> BLOCK_BITS)
+        place_in = (pair ^ (pair >> 32)) & (REMEMBERED - 1)
+        if owner[row] > 0 and last[place_in] != pair:
+            last[place_in] = pair
+            pairs[found] = pair
+            found += 1
+    return pairs[:found]

@@ -1,0 +1,194 @@
+"""Hot loops of pose corrections: points move with the keyframes that they are anchored to."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cuboid.core.compiled import kernel
+from cuboid.heatmap.kernels.cubes import (
+    BLOCK_BITS,
+    CUBE_BITS,
+    CUBE_SIDE,
+    FINE,
+    PLACES,
+    add_row,
+    corner,
+    edge_of,
+    find_row,
+    make_cube,
+    pack_key,
+    row_of,
+    voxel_in,
+)
+from cuboid.heatmap.kernels.voxels import MAX_HITS
+
+
+@kernel
+def pending_rows(which, cubes, points, rows):
+    """Find the living rows of some cubes whose motion is pending.
+
+    Parameters
+    ----------
+    which : (N,) int64
+        Cubes in memory.
+    cubes : Cubes
+    points : Points
+    rows : (M,) int64, output
+        Begins with them, cube by cube.
+
+    Returns
+    -------
+    int
+        How many there are.
+    """
+    count = 0
+    for cube in which:
+        for k in range(cubes.rows[cube]):
+            row = row_of(cube, k, cubes.blocks)
+            if cubes.pending[points.anchor[row]] and points.weight[row] > 0.0:
+                rows[count] = row
+                count += 1
+    return count
+
+
+@kernel
+def remove_pending(which, cubes, points):
+    """Remove all rows of some cubes (N,) whose motion is pending."""
+    for cube in which:
+        for k in range(cubes.rows[cube]):
+            row = row_of(cube, k, cubes.blocks)
+            if cubes.pending[points.anchor[row]] and points.weight[row] > 0.0:
+                points.weight[row] = 0.0
+                cubes.dead[cube] += 1
+
+
+@kernel
+def apply_motions(keys, taken, pending, motions, voxel_m, to):
+    """Apply pending motions to points that were removed from their cubes.
+
+    Parameters
+    ----------
+    keys : (N,) int64
+        Of the cubes that they were in; afterwards of the cubes that they come to lie in.
+    taken : Points
+        Their columns (N, ...); voxel and place are where they come to lie afterwards.
+    pending : (ANCHORS,) bool
+    motions : (ANCHORS, 3, 4) float64
+        By anchor.
+    voxel_m : float
+    to : (N,) int64, output
+        Begins with the keys that points come to lie in, some of them more than once.
+
+    Returns
+    -------
+    int
+        How many these are.
+    """
+    mask, count = CUBE_SIDE - 1, 0
+    for i in range(keys.size):
+        x, y, z = corner(keys[i])
+        voxel, anchor, place = np.int64(taken.voxel[i]), taken.anchor[i], taken.place[i]
+        x, y, z = x + (voxel >> (2 * CUBE_BITS)), y + ((voxel >> CUBE_BITS) & mask), z + (voxel & mask)
+        if pending[anchor]:
+            T, edge_m = motions[anchor], edge_of(keys[i], voxel_m)
+            px = (x + (place[0] + 0.5) / PLACES) * edge_m
+            py = (y + (place[1] + 0.5) / PLACES) * edge_m
+            pz = (z + (place[2] + 0.5) / PLACES) * edge_m
+            qx = (T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]) / edge_m
+            qy = (T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]) / edge_m
+            qz = (T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]) / edge_m
+            x, y, z = np.int64(np.floor(qx)), np.int64(np.floor(qy)), np.int64(np.floor(qz))
+            place[0], place[1], place[2] = quantised(qx - x), quantised(qy - y), quantised(qz - z)
+            keys[i] = pack_key(x >> CUBE_BITS, y >> CUBE_BITS, z >> CUBE_BITS) | (keys[i] & FINE)
+            taken.voxel[i] = voxel_in(x, y, z)
+        if count == 0 or to[count - 1] != keys[i]:
+            to[count] = keys[i]
+            count += 1
+    return count
+
+
+@kernel(inline="always")
+def quantised(part):
+    """Return a place in a voxel, 0..1, as rows have it."""
+    return min(np.int64(part * PLACES), np.int64(PLACES) - 1)
+
+
+@kernel
+def insert_points(keys, taken, anchor, cubes, points, rows):
+    """Insert points that have moved into the cubes where they come to lie.
+
+    Of two points that meet in a voxel place, color and heat are averaged, hits and passes add up; the oldest object's
+    keeps the owner.
+
+    Parameters
+    ----------
+    keys : (N,) int64
+        Of the cubes that they come to lie in.
+    taken : Points
+        Their columns (N, ...).
+    anchor : (ANCHORS,) uint16
+        New anchor of the points of each; nothing is pending for it.
+    cubes : Cubes
+        Those of these keys are in memory, and their tables lead to no row with a pending motion.
+    points : Points
+    rows : (N,) int64, output
+        Where each is now; -1 where there was no more room.
+    """
+    last_key, cube = np.int64(-1), np.int64(-1)
+    for i in range(keys.size):
+        if keys[i] != last_key:
+            last_key, cube = keys[i], make_cube(keys[i], cubes)
+        rows[i] = -1
+        if cube < 0:
+            continue
+        voxel, current_anchor = np.int64(taken.voxel[i]), anchor[taken.anchor[i]]
+        row, at = find_row(cube, voxel, cubes, points.voxel)
+        if row < 0:
+            row = add_row(cube, voxel, at, current_anchor, cubes, points)
+            if row < 0:
+                continue
+            points.weight[row] = 0.0
+        elif points.weight[row] <= 0.0:
+            cubes.dead[cube] -= 1
+        rows[i] = row
+        cubes.changed[row >> BLOCK_BITS] = True
+        if points.weight[row] > 0.0:
+            merge_point(row, i, current_anchor, taken, points)
+        else:
+            write_point(row, i, current_anchor, taken, points)
+
+
+@kernel
+def write_point(row, i, anchor, taken, points):
+    """Write a point to the row of its voxel."""
+    points.weight[row], points.owner[row], points.last_frame[row] = taken.weight[i], taken.owner[i], taken.last_frame[i]
+    for k in range(3):
+        points.place[row, k] = taken.place[i, k]
+        points.color[row, k] = taken.color[i, k]
+    points.heat[row], points.hits[row], points.passes[row] = taken.heat[i], taken.hits[i], taken.passes[i]
+    points.anchor[row], points.confidence[row], points.mark[row] = anchor, taken.confidence[i], 0
+
+
+@kernel
+def merge_point(row, i, anchor, taken, points):
+    """Merge a point with that of a row."""
+    weight = points.weight[row] + taken.weight[i]
+    fraction = np.float64(taken.weight[i]) / weight
+    points.weight[row] = weight
+    for k in range(3):
+        points.place[row, k] = weighted_mean(points.place[row, k], taken.place[i, k], fraction)
+        points.color[row, k] = weighted_mean(points.color[row, k], taken.color[i, k], fraction)
+    points.heat[row] = weighted_mean(points.heat[row], taken.heat[i], fraction)
+    points.hits[row] = min(np.int64(points.hits[row]) + taken.hits[i], MAX_HITS)
+    points.passes[row] = min(np.int64(points.passes[row]) + taken.passes[i], MAX_HITS)
+    one, other = points.owner[row], taken.owner[i]
+    points.owner[row] = min(one, other) if min(one, other) > 0 else max(one, other)
+    if taken.last_frame[i] >= points.last_frame[row]:
+        points.last_frame[row], points.anchor[row] = taken.last_frame[i], anchor
+    points.confidence[row] = max(points.confidence[row], taken.confidence[i])
+
+
+@kernel(inline="always")
+def weighted_mean(one, other, fraction):
+    """Return the mean of two integers, of which the second has a weight of `fraction`."""
+    return np.int64(one + fraction * (np.int64(other) - np.int64(one)) + 0.5)

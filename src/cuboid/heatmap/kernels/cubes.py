@@ -1,0 +1,328 @@
+"""Where the points of a place are: cubes of voxels, the blocks of rows that hold their points, and what finds a row.
+
+A cube has 32 voxels a side. Its points lie in rows of a few blocks of 1,024 rows, in the order in which they came; an
+open-addressing table of its own leads from a voxel in the cube to the row (0 is empty, k + 1 is the cube's row k). So
+a map grows by blocks: nothing of what there is moves. A removed point keeps its row, with zero weight, until its cube
+is packed.
+
+There are two kinds of cubes: those of the map's voxels, and fine ones, whose voxels have half the edge; the sign of a
+cube's key tells which.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.core.compiled import kernel
+
+# Bits of a cube's number along an axis, and of a voxel's within its cube.
+KEY_BITS, CUBE_BITS = 21, 5
+KEY_OFFSET = 1 << (KEY_BITS - 1)  # cube numbers run from -2^20 to 2^20 - 1: +-300 km at 1 cm
+CUBE_SIDE = 1 << CUBE_BITS
+# What the key of a fine cube has beside its place: the sign.
+FINE = -(1 << 63)
+# Rows of a block, as bits of their number.
+BLOCK_BITS = 10
+BLOCK_ROWS = 1 << BLOCK_BITS
+# Blocks of a cube whose every voxel holds a point, and places of its table: never more than half of them are taken.
+MAX_BLOCKS = 1 << (3 * CUBE_BITS - BLOCK_BITS)
+TABLE_BITS = 3 * CUBE_BITS + 1
+# A table begins with so many places: a page of memory.
+MIN_BITS = 11
+# Cubes that came after each other lie near each other: so many of them are looked at only where the bounds of all of
+# them are met.
+BATCH = 64
+# Numbers of anchors: see `Points.anchor`.
+ANCHORS = 1 << 16
+# Parts of a voxel's edge, of a color's level and of heat that are told apart: more than any sensor tells.
+PLACES, LEVELS, HEATS = 65536.0, 256.0, 65536.0
+
+
+class Points(NamedTuple):
+    """Columns of the rows, (N, ...)."""
+
+    # Weight of all sightings, metres to the power of -4; 0 marks a dead row.
+    weight: npt.NDArray[np.float32]
+    # Object that the point belongs to, 0 none.
+    owner: npt.NDArray[np.int32]
+    # Last frame that saw it.
+    last_frame: npt.NDArray[np.int32]
+    # Its voxel in the cube, and its place (N, 3) in the voxel, in parts of the edge.
+    voxel: npt.NDArray[np.uint16]
+    place: npt.NDArray[np.uint16]
+    # Red, green, blue (N, 3) in parts of a level, and heat.
+    color: npt.NDArray[np.uint16]
+    heat: npt.NDArray[np.uint16]
+    # Frames that saw it (hits), and whose rays passed it.
+    hits: npt.NDArray[np.uint16]
+    passes: npt.NDArray[np.uint16]
+    # Its anchor: a keyframe at some state of its pose; see `heatmap.anchors`.
+    anchor: npt.NDArray[np.uint16]
+    # Votes that the owner is ahead of all others.
+    confidence: npt.NDArray[np.uint8]
+    # Which of the eight voxels of its cell a row stands for, as bits, where it stands for several: see
+    # `kernels.levels`. While votes are counted, a mark of those that voted.
+    mark: npt.NDArray[np.uint8]
+
+
+ROW = np.dtype(
+    [("weight", "<f4"), ("owner", "<i4"), ("last_frame", "<i4"), ("voxel", "<u2"), ("place", "<u2", 3),
+     ("color", "<u2", 3), ("heat", "<u2"), ("hits", "<u2"), ("passes", "<u2"), ("anchor", "<u2"), ("confidence", "u1"),
+     ("mark", "u1")]
+)  # fmt: skip
+
+
+class Cubes(NamedTuple):
+    """The cubes, by number, and the blocks, by number."""
+
+    # Cubes by their place: (2 C,) 0 empty, k + 1 is cube k; and the place of each (C,).
+    table: npt.NDArray[np.int32]
+    key: npt.NDArray[np.int64]
+    # Least and greatest x, y, z (C / BATCH, 6) of the first voxels of each batch of cubes, in voxels of the map.
+    bounds: npt.NDArray[np.int64]
+    # Blocks of each (C, MOST_BLOCKS), ascending, 0 for none; rows in use, and dead ones among them.
+    blocks: npt.NDArray[np.int32]
+    rows: npt.NDArray[np.int32]
+    dead: npt.NDArray[np.int32]
+    # Places of its own table that are in use, as bits of their number; 0: there is none. Then it is not in memory, or
+    # rows of it stand for several voxels.
+    bits: npt.NDArray[np.uint8]
+    # The tables of all (C << TABLE_BITS,).
+    tables: npt.NDArray[np.uint16]
+    # Of each block (B,): its cube, its place among that one's blocks, and whether a row of it has changed. One more
+    # than there are: what has no row may mark the last one.
+    cube_of: npt.NDArray[np.int32]
+    turn: npt.NDArray[np.uint8]
+    changed: npt.NDArray[np.bool_]
+    # How many (2,): cubes, blocks. No cube has block 0.
+    used: npt.NDArray[np.int64]
+    # Of each anchor (ANCHORS,), whether a motion of its rows is pending: such rows are not where they belong, and no
+    # table leads to them.
+    pending: npt.NDArray[np.bool_]
+    # Of each cube (C,), whether its table may lead to such rows, and is to be rebuilt before it is used.
+    index_stale: npt.NDArray[np.bool_]
+
+
+@kernel(inline="always")
+def pack_key(x, y, z):
+    """Return the key of cube (x, y, z)."""
+    return ((x + KEY_OFFSET) << (2 * KEY_BITS)) | ((y + KEY_OFFSET) << KEY_BITS) | (z + KEY_OFFSET)
+
+
+@kernel(inline="always")
+def corner(key):
+    """Return the number (x, y, z) of a cube's first voxel."""
+    mask = (1 << KEY_BITS) - 1
+    x = ((key >> (2 * KEY_BITS)) & mask) - KEY_OFFSET
+    y = ((key >> KEY_BITS) & mask) - KEY_OFFSET
+    z = (key & mask) - KEY_OFFSET
+    return x << CUBE_BITS, y << CUBE_BITS, z << CUBE_BITS
+
+
+@kernel(inline="always")
+def edge_of(key, voxel_m):
+    """Return the edge of the voxels of a cube, where those of the map have this one."""
+    return 0.5 * voxel_m if key < 0 else voxel_m
+
+
+@kernel(inline="always")
+def voxel_in(ix, iy, iz):
+    """Return the number of voxel (ix, iy, iz) in its cube."""
+    mask = CUBE_SIDE - 1
+    return ((ix & mask) << (2 * CUBE_BITS)) | ((iy & mask) << CUBE_BITS) | (iz & mask)
+
+
+@kernel(inline="always")
+def row_of(cube, k, blocks):
+    """Return the map's row that a cube's row k is."""
+    return (np.int64(blocks[cube, k >> BLOCK_BITS]) << BLOCK_BITS) | (k & (BLOCK_ROWS - 1))
+
+
+@kernel(inline="always")
+def scatter(number):
+    """Return bits that differ wherever numbers do."""
+    # A product's bit depends on no higher bit of its factors: fold the upper half in, and mix once more.
+    h = np.uint64(number) * np.uint64(0x9E3779B97F4A7C15)
+    h = (h ^ (h >> np.uint64(32))) * np.uint64(0x9E3779B97F4A7C15)
+    return np.int64(h >> np.uint64(32))
+
+
+@kernel
+def find_cube(key, cubes):
+    """Return (cube, place): the cube of a key or -1, and where in the table it is or would go."""
+    mask = cubes.table.size - 1
+    place = scatter(key) & mask
+    while True:
+        entry = cubes.table[place]
+        if entry == 0:
+            return -1, place
+        if cubes.key[entry - 1] == key:
+            return np.int64(entry) - 1, place
+        place = (place + 1) & mask
+
+
+@kernel
+def cubes_at(keys, cubes, found):
+    """Write the cube of each key (N,), -1 where there is none, to `found` (N,) int64."""
+    for i in range(keys.size):
+        found[i], _ = find_cube(keys[i], cubes)
+
+
+@kernel
+def make_cube(key, cubes):
+    """Return the cube of a key, a new one where there is none; -1 where there is no room for one more."""
+    cube, place = find_cube(key, cubes)
+    if cube < 0 and cubes.used[0] < cubes.key.size:
+        cube = cubes.used[0]
+        cubes.used[0] += 1
+        cubes.table[place] = cube + 1
+        cubes.key[cube] = key
+        cubes.bits[cube] = MIN_BITS
+        bounds, (x, y, z) = cubes.bounds[cube // BATCH], corner(key)
+        if key < 0:
+            x, y, z = x >> 1, y >> 1, z >> 1
+        if cube % BATCH == 0:
+            bounds[0], bounds[1], bounds[2], bounds[3], bounds[4], bounds[5] = x, y, z, x, y, z
+        bounds[0], bounds[1], bounds[2] = min(bounds[0], x), min(bounds[1], y), min(bounds[2], z)
+        bounds[3], bounds[4], bounds[5] = max(bounds[3], x), max(bounds[4], y), max(bounds[5], z)
+    return cube
+
+
+@kernel(inline="always")
+def find_row(cube, voxel, cubes, voxels):
+    """Return (row, place): a voxel's row of the map or -1, and where in the cube's table it is or would go."""
+    first, mask = cube << TABLE_BITS, (1 << np.int64(cubes.bits[cube])) - 1
+    place = scatter(voxel) & mask
+    while True:
+        entry = np.int64(cubes.tables[first + place])
+        if entry == 0:
+            return np.int64(-1), first + place
+        row = row_of(cube, entry - 1, cubes.blocks)
+        if voxels[row] == voxel:
+            return row, first + place
+        place = (place + 1) & mask
+
+
+@kernel(inline="always")
+def likely_row(cube, voxel, cubes):
+    """Return the row where `find_row` looks first, which may be another voxel's; -1 where there is none."""
+    place = scatter(voxel) & ((1 << np.int64(cubes.bits[cube])) - 1)
+    entry = np.int64(cubes.tables[(cube << TABLE_BITS) + place])
+    return row_of(cube, entry - 1, cubes.blocks) if entry > 0 else np.int64(-1)
+
+
+@kernel
+def fill_index(cube, cubes, points):
+    """Rebuild a cube's table, of the size that its rows need; it leads to those without a pending motion."""
+    count = np.int64(cubes.rows[cube])
+    bits = MIN_BITS
+    while 10 * count > 7 << bits:
+        bits += 1
+    bits = min(bits, TABLE_BITS)
+    first = cube << TABLE_BITS
+    cubes.tables[first : first + (1 << bits)] = 0
+    cubes.bits[cube] = bits
+    mask = (1 << bits) - 1
+    cubes.index_stale[cube] = False
+    for k in range(count):
+        row = row_of(cube, k, cubes.blocks)
+        if cubes.pending[points.anchor[row]]:
+            continue
+        place = scatter(points.voxel[row]) & mask
+        while cubes.tables[first + place] > 0:
+            place = (place + 1) & mask
+        cubes.tables[first + place] = k + 1
+
+
+@kernel
+def add_block(cube, k, cubes):
+    """Have the block that a cube's row k lies in, where those before it are there; tell whether there is room."""
+    if k >= MAX_BLOCKS << BLOCK_BITS:
+        return False
+    if k & (BLOCK_ROWS - 1) == 0 and cubes.blocks[cube, k >> BLOCK_BITS] == 0:
+        block = cubes.used[1]
+        if block >= cubes.turn.size - 1:
+            return False
+        cubes.used[1] += 1
+        cubes.blocks[cube, k >> BLOCK_BITS] = block
+        cubes.cube_of[block] = cube
+        cubes.turn[block] = k >> BLOCK_BITS
+    return True
+
+
+@kernel
+def add_row(cube, voxel, place, anchor, cubes, points):
+    """Return a new row of a voxel, whose place in the table is known; -1 where there is no room for one more."""
+    k = np.int64(cubes.rows[cube])
+    if not add_block(cube, k, cubes):
+        return np.int64(-1)
+    row = row_of(cube, k, cubes.blocks)
+    points.voxel[row], points.anchor[row] = voxel, anchor
+    cubes.rows[cube] += 1
+    cubes.tables[place] = k + 1
+    if 10 * (k + 1) > 7 << np.int64(cubes.bits[cube]) and cubes.bits[cube] < TABLE_BITS:
+        fill_index(cube, cubes, points)
+    return row
+
+
+@kernel
+def allocate_rows(keys, voxel, anchor, cubes, points, rows):
+    """Make room for points of so many different voxels: keys of their cubes (N,), voxels in these, anchors.
+
+    Written to `rows` (N,) int64; -1 where there is no more room.
+    """
+    for i in range(keys.size):
+        rows[i] = -1
+        cube = make_cube(keys[i], cubes)
+        if cube >= 0:
+            _, place = find_row(cube, voxel[i], cubes, points.voxel)
+            rows[i] = add_row(cube, voxel[i], place, anchor[i], cubes, points)
+
+
+def empty_cubes(most: int, tables: npt.NDArray[np.uint16]) -> Cubes:
+    """Return room for so many cubes and blocks; memory is taken as they come."""
+    return Cubes(
+        table=np.zeros(2 * most, np.int32),
+        key=np.zeros(most, np.int64),
+        bounds=np.zeros((-(-most // BATCH), 6), np.int64),
+        blocks=np.zeros((most, MAX_BLOCKS), np.int32),
+        rows=np.zeros(most, np.int32),
+        dead=np.zeros(most, np.int32),
+        bits=np.zeros(most, np.uint8),
+        tables=tables,
+        cube_of=np.zeros(most + 1, np.int32),
+        turn=np.zeros(most + 1, np.uint8),
+        changed=np.zeros(most + 1, bool),
+        used=np.array([0, 1]),
+        pending=np.zeros(ANCHORS, bool),
+        index_stale=np.zeros(most, bool),
+    )
+
+
+def columns_of(rows: npt.NDArray[Any]) -> Points:
+    """Return the columns of rows (N,) of type ROW: views."""
+    return Points(*(rows[name] for name in Points._fields))
+
+
+def keys_of(cubes: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return numbers (N,), different for different cubes or cells (N, 3)."""
+    x, y, z = (cubes + KEY_OFFSET).T
+    return np.asarray((x << (2 * KEY_BITS)) | (y << KEY_BITS) | z)
+
+
+def cubes_of(voxels: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.uint16]]:
+    """Return the keys of the cubes (N,) that voxels of the world (N, 3) lie in, and which of its voxels they are."""
+    within = voxels & (CUBE_SIDE - 1)
+    inside = (within[:, 0] << (2 * CUBE_BITS)) | (within[:, 1] << CUBE_BITS) | within[:, 2]
+    return keys_of(voxels >> CUBE_BITS), inside.astype(np.uint16)
+
+
+def voxels_of(keys: npt.NDArray[np.int64], voxel: npt.NDArray[np.uint16]) -> npt.NDArray[np.int64]:
+    """Return the voxels of the world (N, 3) that are these in cubes (N,) of these keys: the way back."""
+    mask, side = (1 << KEY_BITS) - 1, CUBE_SIDE - 1
+    cube = np.stack([(keys >> (2 * KEY_BITS)) & mask, (keys >> KEY_BITS) & mask, keys & mask], 1) - KEY_OFFSET
+    inside = np.stack([voxel >> (2 * CUBE_BITS), (voxel >> CUBE_BITS) & side, voxel & side], 1)
+    return np.asarray((cube << CUBE_BITS) + inside)

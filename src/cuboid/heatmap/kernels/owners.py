@@ -1,0 +1,155 @@
+"""Hot loops over the owners of the voxel map: the rows of an object, and the owner of each pixel of a frame."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cuboid.core.compiled import kernel
+from cuboid.heatmap.kernels.cubes import HEATS
+
+
+@kernel
+def rows_of(number, blocks, size, owner, rows):
+    """Gather the rows of an object from the blocks that may hold some.
+
+    Parameters
+    ----------
+    number : int
+    blocks : (B,) int64
+        Ascending.
+    size : int
+        Rows of a block.
+    owner : (N,) int32
+    rows : (B * size,) int64, output
+        Ascending.
+
+    Returns
+    -------
+    int
+        How many there are.
+    """
+    n = 0
+    for block in blocks:
+        for row in range(block * size, min((block + 1) * size, owner.size)):
+            if owner[row] == number:
+                rows[n] = row
+                n += 1
+    return n
+
+
+@kernel
+def solid_rows_of(number, blocks, size, owner, weight, confidence, hits, heat, hot, votes, ratio, most, rows):
+    """Gather those living rows of an object that are hot and that enough votes bear out; see `rows_of`.
+
+    Parameters
+    ----------
+    weight : (N,) float32
+        0 of what does not live.
+    confidence : (N,) uint8
+        Votes.
+    hits : (N,) uint16
+        Frames that saw each row.
+    heat : (N,) uint16
+    hot : float32
+        Least heat, 0..1.
+    votes, ratio, most : int
+        Least votes: so many, and one in so many of the frames, of which no more than `most` count.
+    rows : (B * size,) int64, output
+
+    Returns
+    -------
+    int
+        How many there are.
+    """
+    n = 0
+    for block in blocks:
+        for row in range(block * size, min((block + 1) * size, owner.size)):
+            if owner[row] != number or not weight[row] > 0.0 or np.float32(heat[row]) / np.float32(HEATS - 1) < hot:
+                continue
+            votes_of_row = np.int64(confidence[row])
+            if votes_of_row >= votes and ratio * votes_of_row >= min(np.int64(hits[row]), most):
+                rows[n] = row
+                n += 1
+    return n
+
+
+@kernel
+def has_rows(number, blocks, size, owner, weight, least):
+    """Tell whether an object has so many living rows in the blocks that may hold some; see `rows_of`."""
+    n = 0
+    for block in blocks:
+        for row in range(block * size, min((block + 1) * size, owner.size)):
+            if owner[row] == number and weight[row] > 0.0:
+                n += 1
+        if n >= least:
+            return True
+    return n >= least
+
+
+@kernel
+def release(gone, blocks, size, owner, confidence, changed):
+    """Let objects, those that `gone` (M,) bool names by number, have no rows; see `rows_of`.
+
+    Looked for are these in the blocks (B,) that may hold some; those that did are marked.
+    """
+    for block in blocks:
+        for row in range(block * size, min((block + 1) * size, owner.size)):
+            if owner[row] < gone.size and gone[owner[row]]:
+                owner[row] = confidence[row] = 0
+                changed[block] = True
+
+
+@kernel
+def owner_of(slots, owner, hits, pixel_owner, known):
+    """Look up whom the voxel of each pixel belongs to, and whether frames before this one saw it.
+
+    Parameters
+    ----------
+    slots : (h, w) int32
+        Row of each pixel, -1 none.
+    owner : (N,) int32
+    hits : (N,) uint16
+        Frames that saw each row, this one included.
+    pixel_owner : (h, w) int32, output
+        0 where there is none.
+    known : (h, w) bool, output
+    """
+    for v in range(slots.shape[0]):
+        for u in range(slots.shape[1]):
+            row = slots[v, u]
+            pixel_owner[v, u] = owner[row] if row >= 0 else 0
+            known[v, u] = row >= 0 and hits[row] > 1
+
+
+@kernel
+def choose(slots, owner, numbers, depth, far_m, chosen):
+    """Leave of a depth image what lies in voxels of some objects, and no farther than some distance.
+
+    Parameters
+    ----------
+    slots : (h, w) int32
+        Row of each pixel, -1 none.
+    owner : (N,) int32
+    numbers : (M,) bool
+        Tells of these objects by number; there is no such object from M on.
+    depth : (h, w) float32
+    far_m : float
+    chosen : (h, w) float32, output
+        Zero but for these pixels.
+
+    Returns
+    -------
+    tuple of int
+        First and last row, first and last column of them, exclusive; the last are no more than the first where there
+        are none.
+    """
+    top, bottom, left, right = slots.shape[0], 0, slots.shape[1], 0
+    for v in range(slots.shape[0]):
+        for u in range(slots.shape[1]):
+            row, chosen[v, u] = slots[v, u], 0.0
+            if row < 0 or owner[row] >= numbers.size or not numbers[owner[row]] or depth[v, u] > far_m:
+                continue
+            chosen[v, u] = depth[v, u]
+            top, bottom = min(top, v), v + 1
+            left, right = min(left, u), max(right, u + 1)
+    return top, bottom, left, right

@@ -1,0 +1,260 @@
+"""Hot loops of the voxel map: fuse a frame's points, carve free space, pack what is left."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cuboid.core.compiled import kernel
+from cuboid.core.tolerances import JUMP_SIGMAS, LITTLE, MIN_FRAMES, NEAREST_M
+from cuboid.heatmap.kernels.cubes import (
+    BLOCK_BITS,
+    BLOCK_ROWS,
+    CUBE_BITS,
+    CUBE_SIDE,
+    HEATS,
+    KEY_BITS,
+    LEVELS,
+    PLACES,
+    add_row,
+    corner,
+    edge_of,
+    fill_index,
+    find_row,
+    likely_row,
+    make_cube,
+    pack_key,
+    row_of,
+    voxel_in,
+)
+
+# Beyond this noise passes half a voxel, metres: cold points there are walls and floors.
+FAR_M = 2.0
+# More frames than this are not counted: what there is is halved.
+MAX_HITS = 65535
+# Cubes that are remembered while a frame is fused: those of four by four by four never take each other's place.
+LAST_CUBES = 64
+
+
+@kernel(inline="always")
+def running_mean(part, parts, weight_of_pixel, to):
+    """Return a mean that is kept in so many parts of 1, after a sighting with a weight of `weight_of_pixel`."""
+    old = part + 0.5
+    return np.uint16(min(np.int64(old + weight_of_pixel * (to * parts - old)), 65535))
+
+
+@kernel(inline="always")
+def pixel_weights(depth, heat, v, frame, turn, max_depth, pixel_weight):
+    """Subsample a row of the image: how many pixels each one represents; 0 where another one, in turn, represents it.
+
+    Cold pixels are left out where `turn` is below 0; see `fuse`.
+    """
+    # Without a branch: so one instruction takes several pixels.
+    for u in range(depth.size):
+        z = depth[u]
+        # Of cold pixels one in four is used; of cold and far ones one in sixteen.
+        in_turn = ((u & 1) + 2 * (v & 1) == turn & 3) & (turn >= 0)
+        in_far_turn = ((u >> 1) & 1) + 2 * ((v >> 1) & 1) == (turn >> 2) & 3
+        cold = (4.0 if z <= FAR_M else (16.0 if in_far_turn else 0.0)) if in_turn else 0.0
+        # Far away a voxel is hardly wider than a pixel, and its noise wider than both: every other one will do.
+        hot = 1.0 if z <= FAR_M else (0.0 if (u + v + frame) & 1 else 2.0)
+        weight_of_pixel = cold if heat[u] < LITTLE else hot
+        pixel_weight[u] = weight_of_pixel if (z > 0.0) & (z <= max_depth) else 0.0
+
+
+@kernel
+def likely_rows(count, cube_in, voxel_of, cubes, voxels, likely):
+    """Look up the row of each voxel where it is at its first place in its cube's table, else -1.
+
+    Asked for one after the other, so that memory, which is slow to answer, is asked for the next ones meanwhile.
+    """
+    for k in range(count):
+        likely[k] = likely_row(cube_in[k], voxel_of[k], cubes) if cube_in[k] >= 0 else np.int64(-1)
+    for k in range(count):
+        likely[k] = likely[k] if likely[k] >= 0 and voxels[likely[k]] == voxel_of[k] else -1
+
+
+@kernel
+def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, turn, anchor, level, cubes, points, slots):
+    """Fuse a frame's points into the map: a weighted running mean of place, color and heat a voxel.
+
+    Parameters
+    ----------
+    depth : (H, W) float32
+        Metres, 0 none.
+    color : (H, W, 3) uint8
+    heat : (H, W) float32
+    camera : (4,) float64
+        fx, fy, cx, cy of these images.
+    T : (4, 4) float64
+        T_world_camera.
+    voxel_m, max_depth : float
+        Metres.
+    frame : int
+        Number of this frame; a voxel counts one hit a frame.
+    turn : int
+        Which of the cold pixels represent the others; below 0 none, and what is cold is left out.
+    anchor : int
+        Anchor of its points from now on.
+    level : int
+        0; `FINE` where the voxels are those of fine cubes.
+    cubes : Cubes
+        Those in view are in memory, and no motion of points in them, or into them, is pending.
+    points : Points
+    slots : (H, W) int32, output
+        Row of each pixel, -1 where there is no reading and where another cold pixel represents it.
+    """
+    height, width = depth.shape
+    inverse = 1.0 / voxel_m
+    # Local copies: what is written below could lie in these arrays, for all the compiler knows.
+    fx, fy, cx, cy = 1.0 / camera[0], 1.0 / camera[1], camera[2], camera[3]
+    xx, xy, xz, x0 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
+    yx, yy, yz, y0 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
+    zx, zy, zz, z0 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
+    voxels, last_frame, weight, hits = points.voxel, points.last_frame, points.weight, points.hits
+    place, colors, heats = points.place, points.color, points.heat
+    changed, bits, anchors = cubes.changed, cubes.bits, points.anchor
+    # Cubes that were asked for last, by the last bits of their numbers: to look them up takes far longer.
+    last_keys, last_cubes = np.full(LAST_CUBES, -1, np.int64), np.empty(LAST_CUBES, np.int64)
+    # Of one row of the image: how many pixels each represents; and of those that are fused the column, where it is in
+    # its voxel, its cube, -1 none, and voxel, and the row of the map that is likely its own.
+    pixel_weight, columns, where = np.empty(width), np.empty(width, np.int64), np.empty((width, 3))
+    cube_in, voxel_of, likely = np.empty(width, np.int64), np.empty(width, np.int64), np.empty(width, np.int64)
+    for v in range(height):
+        slots[v] = -1
+        pixel_weights(depth[v], heat[v], v, frame, turn, max_depth, pixel_weight)
+        count = 0
+        for u in range(width):
+            columns[count] = u
+            count += pixel_weight[u] > 0.0
+        for k in range(count):
+            u = columns[k]
+            z = depth[v, u]
+            x = (u - cx) * fx * z
+            y = (v - cy) * fy * z
+            wx = (xx * x + xy * y + xz * z + x0) * inverse
+            wy = (yx * x + yy * y + yz * z + y0) * inverse
+            wz = (zx * x + zy * y + zz * z + z0) * inverse
+            ix, iy, iz = np.int64(np.floor(wx)), np.int64(np.floor(wy)), np.int64(np.floor(wz))
+            cube_in[k] = pack_key(ix >> CUBE_BITS, iy >> CUBE_BITS, iz >> CUBE_BITS) | level
+            voxel_of[k] = voxel_in(ix, iy, iz)
+            where[k, 0], where[k, 1], where[k, 2] = wx - ix, wy - iy, wz - iz
+        # What were keys up to here becomes cubes.
+        for k in range(count):
+            key = cube_in[k]
+            last = (key & 3) | ((key >> KEY_BITS) & 3) << 2 | ((key >> (2 * KEY_BITS)) & 3) << 4
+            if last_keys[last] != key:
+                cube = make_cube(key, cubes)
+                last_keys[last], last_cubes[last] = key, cube if cube >= 0 and bits[cube] > 0 else np.int64(-1)
+            cube_in[k] = last_cubes[last]
+        likely_rows(count, cube_in, voxel_of, cubes, voxels, likely)
+        for k in range(count):
+            u, row, at, inside = columns[k], likely[k], np.int64(0), where[k]
+            if cube_in[k] < 0:
+                continue
+            if row < 0:
+                row, at = find_row(cube_in[k], voxel_of[k], cubes, voxels)
+            if row < 0:
+                row = add_row(cube_in[k], voxel_of[k], at, anchor, cubes, points)
+                if row < 0:
+                    continue
+                last_frame[row] = -1
+            elif weight[row] <= 0.0:
+                cubes.dead[cube_in[k]] -= 1
+                last_frame[row] = -1
+            slots[v, u], anchors[row] = row, anchor
+            z, warm = depth[v, u], heat[v, u]
+            # Depth's variance grows with z^4: a near sighting says more. Half a metre and nearer weigh alike.
+            near = max(z, 0.5)
+            w = pixel_weight[u] / (near * near * near * near)
+            total = weight[row] + w
+            a = w / total
+            for axis in range(3):
+                place[row, axis] = running_mean(place[row, axis], PLACES, a, inside[axis])
+                colors[row, axis] = running_mean(colors[row, axis], LEVELS, a, color[v, u, axis] + 0.5 / LEVELS)
+            heats[row] = running_mean(heats[row], HEATS, a, warm)
+            weight[row] = total
+            if last_frame[row] != frame:
+                last_frame[row] = frame
+                if hits[row] == MAX_HITS:
+                    hits[row] >>= 1
+                    points.passes[row] >>= 1
+                    weight[row] *= 0.5
+                hits[row] += 1
+            changed[row >> BLOCK_BITS] = True
+
+
+@kernel
+def carve_free_space(which, depth, camera, T_camera_world, noise, margin, step, voxel_m, cubes, points):
+    """Carve free space: count the rays that pass the points of some cubes; remove those passed more often than hit.
+
+    A voxel is passed when the reading at its pixel and at the eight around it all lie behind it by more than the
+    margin and by the noise of depth. `step` is how many frames one such pass counts for.
+    """
+    height, width = depth.shape
+    T = T_camera_world
+    mask = CUBE_SIDE - 1
+    weight, hits, passes, place = points.weight, points.hits, points.passes, points.place
+    for cube in which:
+        (x0, y0, z0), edge_m = corner(cubes.key[cube]), edge_of(cubes.key[cube], voxel_m)
+        for k in range(cubes.rows[cube]):
+            row = row_of(cube, k, cubes.blocks)
+            if weight[row] <= 0.0:
+                continue
+            voxel = np.int64(points.voxel[row])
+            px = (x0 + (voxel >> (2 * CUBE_BITS)) + (place[row, 0] + 0.5) / PLACES) * edge_m
+            py = (y0 + ((voxel >> CUBE_BITS) & mask) + (place[row, 1] + 0.5) / PLACES) * edge_m
+            pz = (z0 + (voxel & mask) + (place[row, 2] + 0.5) / PLACES) * edge_m
+            z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
+            if z < NEAREST_M:
+                continue
+            u = int(np.rint((T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]) / z * camera[0] + camera[2]))
+            v = int(np.rint((T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]) / z * camera[1] + camera[3]))
+            if u < 1 or v < 1 or u >= width - 1 or v >= height - 1:
+                continue
+            behind = z + max(margin, JUMP_SIGMAS * noise * z * z)
+            passed = depth[v, u] > behind
+            if not passed:
+                continue
+            for dv in range(-1, 2):
+                for du in range(-1, 2):
+                    if not depth[v + dv, u + du] > behind:
+                        passed = False
+            if passed:
+                cubes.changed[row >> BLOCK_BITS] = True
+                passes[row] = min(MAX_HITS, passes[row] + step)
+                if passes[row] >= MIN_FRAMES and passes[row] > hits[row]:
+                    weight[row] = 0.0
+                    hits[row] = 0
+                    passes[row] = 0
+                    cubes.dead[cube] += 1
+
+
+@kernel
+def pack(cube, cubes, rows, points):
+    """Let all rows of a cube live, in their order; those that get free are zeros.
+
+    Parameters
+    ----------
+    cube : int
+    cubes : Cubes
+    rows : (N, R) uint8
+        The rows as bytes.
+    points : Points
+        The same rows.
+    """
+    count = np.int64(cubes.rows[cube])
+    kept = np.int64(0)
+    for k in range(count):
+        row = row_of(cube, k, cubes.blocks)
+        if points.weight[row] > 0.0:
+            to = row_of(cube, kept, cubes.blocks)
+            if to != row:
+                rows[to] = rows[row]
+            kept += 1
+    for k in range(kept, count):
+        rows[row_of(cube, k, cubes.blocks)] = 0
+    for k in range(0, count, BLOCK_ROWS):
+        cubes.changed[cubes.blocks[cube, k >> BLOCK_BITS]] = True
+    cubes.rows[cube] = kept
+    cubes.dead[cube] = 0
+    fill_index(cube, cubes, points)

@@ -1,1 +1,0 @@
-"""Hot loops on flat arrays; each is held against a readable NumPy truth by its test."""

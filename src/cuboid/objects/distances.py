@@ -1,0 +1,28 @@
+"""How far two sets of points are from each other."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cuboid.core.frame import Float32Array
+from cuboid.objects.kernels.nearness import count_near
+
+
+def points_near(a: Float32Array, b: Float32Array, limit_m: float, enough: int | None = None) -> int:
+    """Return how many points of a set lie nearer than a limit to another set; no more than `enough`, where given.
+
+    Parameters
+    ----------
+    a, b : (N, D) and (M, D) float32
+        Metres; D is 2 or 3.
+    limit_m : float
+    enough : int, optional
+    """
+    return int(
+        count_near(np.ascontiguousarray(a), np.ascontiguousarray(b), limit_m, len(a) if enough is None else enough)
+    )
+
+
+def touch(a: Float32Array, b: Float32Array, limit_m: float) -> bool:
+    """Tell whether two sets of points, (N, D) and (M, D) float32, come nearer to each other than a limit."""
+    return points_near(a, b, limit_m, enough=1) > 0

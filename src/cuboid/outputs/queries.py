@@ -1,0 +1,159 @@
+"""Queries of a map of objects, the same for finished results, a running tracker and a scene."""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.core.errors import InputError, OutputError, shown
+from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.core.results import MapPoints, SupportPlane
+from cuboid.outputs.object_table import ObjectTable
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointCloud:
+    """Points with colors.
+
+    Attributes
+    ----------
+    xyz : (N, 3) float32
+        World, metres.
+    rgb : (N, 3) uint8
+    """
+
+    xyz: Float32Array
+    rgb: UInt8Array
+
+    def __len__(self) -> int:
+        """Return the number of points."""
+        return len(self.xyz)
+
+    def __repr__(self) -> str:
+        return f"PointCloud({len(self)} points)"
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a binary PLY file, which Open3D, MeshLab, CloudCompare and Blender read; replaces the file.
+
+        Parameters
+        ----------
+        path : str or os.PathLike
+            Name that ends in ``.ply``.
+
+        Raises
+        ------
+        OutputError
+            The name does not end in ``.ply``, or the file cannot be written.
+        """
+        from cuboid.outputs.pending import write_whole
+        from cuboid.outputs.ply import cloud_ply
+
+        file = Path(path)
+        if file.suffix.lower() != ".ply":
+            raise OutputError(f"{file}: expected a name that ends in .ply")
+        write_whole(file, cloud_ply(self.xyz, self.rgb))
+
+
+class MapQueries(ABC):
+    """A map of objects that can be queried: `Results`, `Tracker`, `SceneTracker` and `Scene` all are one.
+
+    On a running tracker the answers are those of the frames so far, on a scene those of what was committed last.
+    """
+
+    @property
+    @abstractmethod
+    def objects(self) -> ObjectTable:
+        """The objects, by label: a list, and a table for notebooks and pandas."""
+
+    @property
+    @abstractmethod
+    def planes(self) -> Sequence[SupportPlane]:
+        """The supporting planes; `TrackedObject.plane` is an index into them."""
+
+    @property
+    @abstractmethod
+    def up(self) -> Float64Array | None:
+        """Up in the world, (3,), a unit vector; None while unknown."""
+
+    @abstractmethod
+    def map_points(self) -> MapPoints:
+        """Return the global point map."""
+
+    def cloud(self, label: int) -> PointCloud:
+        """Return the points of one object.
+
+        Parameters
+        ----------
+        label : int
+            Its label, or one that was merged into it.
+
+        Returns
+        -------
+        PointCloud
+            World, metres.
+
+        Raises
+        ------
+        InputError
+            No object of the map has the label.
+        """
+        item, points = self.objects.find(label), self.map_points()
+        own = points.label == item.label
+        return PointCloud(points.xyz[own], points.rgb[own])
+
+    def near(self, point: npt.ArrayLike, within_m: float) -> ObjectTable:
+        """Return the objects near a point, nearest first.
+
+        Parameters
+        ----------
+        point : (3,) array_like
+            World, metres.
+        within_m : float
+            Largest distance of a box from the point, metres; a box that contains the point has distance 0.
+
+        Raises
+        ------
+        InputError
+            The point is not three finite numbers, or the distance is negative or no number.
+        """
+        place = _point(point)
+        if not within_m >= 0:
+            raise InputError(f"expected a distance of at least 0 metres, got {shown(within_m)}")
+        found = [(item.box.distance_m(place), item.label, item) for item in self.objects]
+        return ObjectTable(item for distance, _, item in sorted(found, key=lambda one: one[:2]) if distance <= within_m)
+
+    def on(self, plane: int) -> ObjectTable:
+        """Return the objects that stand on a supporting plane, by label.
+
+        Parameters
+        ----------
+        plane : int
+            Index into `planes`.
+
+        Raises
+        ------
+        InputError
+            There is no such plane.
+        """
+        count = len(self.planes)
+        if not 0 <= plane < count:
+            expected = f"0 to {count - 1}" if count else "none, since no plane is known"
+            raise InputError(f"there is no plane {shown(plane)}; expected {expected}")
+        return ObjectTable(item for item in self.objects if item.plane == plane)
+
+
+def _point(point: npt.ArrayLike) -> Float64Array:
+    """Return a point as (3,) float64; InputError where it is none."""
+    try:
+        place = np.asarray(point, np.float64)
+    except (TypeError, ValueError):
+        place = np.zeros(0)
+    if place.shape != (3,) or not np.isfinite(place).all():
+        raise InputError(f"expected a point as three finite numbers (x, y, z in metres), got {shown(point)}")
+    return place

@@ -1,0 +1,1 @@
+"""Loops over whole recordings and streams: track, estimate poses, compile kernels ahead."""

@@ -1,0 +1,121 @@
+"""How a recording is to be tracked: what was asked for, checked, with what the recording decides."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from cuboid.core.config import TrackerConfig
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Intrinsics
+from cuboid.poses.sources import ESTIMATED, GIVEN, BridgedPoses, Poses, checked_origin, source_of_poses
+from cuboid.tracking.types import RecordingLike, lens_settings
+
+if TYPE_CHECKING:
+    from cuboid.proposals.types import ProposalSource
+
+# The work inside shrinks with the scale to no less than this width, pixels: fewer show no objects.
+MIN_WORKING_PX = 120
+SCALES = (1, 2, 4)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How a recording is tracked.
+
+    Attributes
+    ----------
+    config : TrackerConfig
+    proposals : str or ProposalSource or None
+        Name of a source of 2D proposals, with its options, or the source itself; None for the default.
+    poses : {"given", "auto", "corrected", "estimated"}
+        Where the camera poses come from.
+    bridge : bool
+        Whether the video tells the poses of frames that the recording has none of.
+    every : int
+        Each n-th frame is used.
+    limit : int or None
+        At most so many frames are read.
+    scale : {1, 2, 4}
+        Side in pixels of the block that becomes one pixel before tracking.
+    """
+
+    config: TrackerConfig
+    proposals: str | ProposalSource | None
+    poses: str
+    bridge: bool
+    every: int
+    limit: int | None
+    scale: int
+
+    def source_of_poses(self, recording: RecordingLike, camera: Intrinsics) -> Poses:
+        """Return where poses come from.
+
+        Parameters
+        ----------
+        recording : RecordingLike
+        camera : Intrinsics
+            Pinhole of the frames that it will be asked about.
+        """
+        if self.bridge:
+            return BridgedPoses(camera, recording.pose)
+        return source_of_poses(self.poses, camera, self.config.voxel_m)
+
+    def settings(self, recording: RecordingLike) -> dict[str, Any]:
+        """Return all that results depend on beside the recording's files, ready for JSON."""
+        from cuboid.proposals import source_name
+
+        return {
+            "every": self.every,
+            "limit": self.limit,
+            "scale": self.scale,
+            "bridge": self.bridge,
+            **lens_settings(recording),
+            "proposals": source_name(self.proposals),
+            "tracker": self.config.to_dict(),
+        }
+
+
+def plan_for(
+    recording: RecordingLike,
+    config: TrackerConfig,
+    proposals: str | ProposalSource | None,
+    *,
+    poses: str | None,
+    bridge: bool,
+    every: int,
+    limit: int | None,
+    scale: int,
+) -> Plan:
+    """Return how a recording is tracked; parameters as of `cuboid.track_recording`.
+
+    Raises
+    ------
+    ValueError
+        A number is out of its range.
+    InputError
+        The poses are to be the recording's, and it has none.
+    """
+    if scale not in SCALES or every < 1 or (limit is not None and limit < 1):
+        raise ValueError(f"scale must be one of {SCALES}, every and limit >= 1, got {scale}, {every}, {limit}")
+    origin = checked_origin(poses or (GIVEN if recording.has_poses else ESTIMATED))
+    if origin != ESTIMATED and not recording.has_poses:
+        raise InputError(f"{recording.path}: has no camera poses; --poses estimated takes them from the video")
+    if bridge and origin != GIVEN:
+        raise InputError(f"{recording.path}: --bridge fills gaps between given poses, and there are none in use")
+    return Plan(*_at_scale(config, proposals, scale), origin, bridge, every, limit, scale)
+
+
+def _at_scale(
+    config: TrackerConfig, proposals: str | ProposalSource | None, scale: int
+) -> tuple[TrackerConfig, str | ProposalSource | None]:
+    """Let the work inside shrink with the frames: who asks for half the resolution asks for speed."""
+    if scale == 1:
+        return config, proposals
+    from cuboid.proposals.depth import WIDEST
+
+    width = max(MIN_WORKING_PX, config.working_width_px // scale)
+    if proposals in (None, "depth"):
+        proposals = f"depth:{max(MIN_WORKING_PX, WIDEST // scale)}"
+    return dataclasses.replace(config, working_width_px=width), proposals

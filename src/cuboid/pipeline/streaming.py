@@ -1,0 +1,153 @@
+"""Frames that come as they are taken, without an end that is known, as the loop over a recording takes them."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.pipeline.decoding import FRAMES_AHEAD, Decoded
+from cuboid.readers.prefetch import run_ahead
+
+if TYPE_CHECKING:
+    from cuboid.readers import Recording
+    from cuboid.readers.depth_camera import DepthCamera
+
+NO_POSE = "the frame has no camera pose"
+GONE = "a live camera's frames are gone; --record keeps them"
+# What the results of a camera whose frames were not kept name as its layout.
+FORMAT = "camera"
+
+
+@runtime_checkable
+class FrameSource(Protocol):
+    """What gives frames one after the other: a live camera, or whatever else has `intrinsics` and can be iterated over.
+
+    Attributes
+    ----------
+    name : str
+        What messages and results call it.
+    intrinsics : Intrinsics
+        Of every frame.
+    depth_units_per_metre : float
+        Of the depth images as they were taken.
+    has_poses : bool
+        Whether frames come with a camera pose.
+    dropped : int
+        Frames that nobody took in time, so far.
+    record : Path or None
+        Where the frames are kept as a recording, once the iteration has ended.
+    warnings : list of str
+        What went wrong on the way.
+    """
+
+    name: str
+    intrinsics: Intrinsics
+    depth_units_per_metre: float
+    has_poses: bool
+    record: Path | None
+    warnings: list[str]
+
+    @property
+    def dropped(self) -> int:
+        """Frames that nobody took in time, so far."""
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Give the frames in order, their indices counting from 0; raises InputError where there is none."""
+
+
+class Stream:
+    """A source of frames in the place of a recording; what it gave can be read again only where it is kept.
+
+    Parameters
+    ----------
+    source : FrameSource
+    """
+
+    distortion: tuple[float, ...] = ()
+    depth_camera: DepthCamera | None = None
+
+    def __init__(self, source: FrameSource) -> None:
+        self.source = source
+        self.path, self.format = source.record or Path(source.name), FORMAT
+        self.intrinsics = source.intrinsics
+        self.depth_units_per_metre = source.depth_units_per_metre
+        self.has_poses = source.has_poses
+        self._poses: dict[int, Float64Array] = {}
+        self._count = 0
+        self._kept: Recording | None = None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What went wrong with the source so far."""
+        return tuple(self.source.warnings)
+
+    def __len__(self) -> int:
+        """Return how many frames have come so far."""
+        return self._count
+
+    def without_poses(self) -> Stream:
+        """Return itself: who estimates poses does not look at those of the frames."""
+        return self
+
+    def pose(self, index: int) -> Float64Array | None:
+        """Return the pose that a frame came with; raises FrameError where it had none."""
+        if not self.has_poses:
+            return None
+        if index not in self._poses:
+            raise FrameError(NO_POSE)
+        return self._poses[index]
+
+    def read(self, index: int) -> Frame:
+        """Return a frame again; raises FrameError where it was not kept."""
+        if self._kept is None:
+            raise FrameError(GONE)
+        return self._kept.read(index)
+
+    def decode(self, every: int, limit: int | None, *, ahead: bool) -> Generator[Decoded, None, None]:
+        """Iterate over each n-th frame, at most so many; when it is closed, the source ends too.
+
+        Parameters
+        ----------
+        every : int
+        limit : int or None
+        ahead : bool
+            Make the next frames in a thread while the caller works on this one.
+        """
+        with closing(self._decoded(every, limit)) as decoded:
+            if ahead:
+                with closing(run_ahead(decoded, FRAMES_AHEAD)) as prepared:
+                    yield from prepared
+            else:
+                yield from decoded
+
+    def _decoded(self, every: int, limit: int | None) -> Generator[Decoded, None, None]:
+        given, frames = 0, iter(self.source)
+        try:
+            while given != limit:
+                frame = next(frames, None)
+                if frame is None:
+                    return
+                self._count = frame.index + 1
+                if frame.index % every:
+                    continue
+                if frame.T_world_camera is not None:
+                    self._poses[frame.index] = frame.T_world_camera
+                yield Decoded(frame.index, frame, "", 0.0)  # waiting for a camera is no work
+                given += 1
+        finally:
+            if isinstance(frames, Generator):
+                frames.close()
+            self._reopen()
+
+    def _reopen(self) -> None:
+        """Let frames be read from where they were kept."""
+        if self.source.record is not None and self.source.record.is_dir():
+            from cuboid.readers import open_recording
+
+            self._kept = open_recording(self.source.record)
+            self.path, self.format = self._kept.path, self._kept.format
+            self.depth_units_per_metre = self._kept.depth_units_per_metre

@@ -1,0 +1,251 @@
+"""Hot loops that join the segments of a depth image step by step, choose among the unions, and write their masks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cuboid.core.compiled import kernel
+from cuboid.core.kernels.regions import (
+    BORDER,
+    BOTTOM,
+    INVERSE,
+    LEFT,
+    OUTLINE,
+    PIXELS,
+    READINGS,
+    RIGHTMOST,
+    STRENGTH,
+    TOP,
+)
+
+
+@kernel
+def join(segments, contact, weight, count, focal, largest, members, found, parts):
+    """Join neighbouring segments step by step, the weakest outline first, and keep all unions on the way.
+
+    Parameters
+    ----------
+    segments, contact, weight : see `measure`
+        Changed.
+    count : int
+        The last label.
+    focal : float
+        Pixels.
+    largest : float
+        No union is larger, metres.
+    members : (2 S, S) uint8, output
+        Which segments each region is made of.
+    found : (2 S, COLUMNS) float64, output
+        Its measures.
+    parts : (2 S, 2) int32, output
+        The two regions that a union joins; -1 for a segment.
+
+    Returns
+    -------
+    int
+        Number of regions: the segments themselves, then the unions.
+    """
+    members[:] = 0
+    alive = np.zeros(count + 1, np.uint8)
+    current = np.zeros(count + 1, np.int32)
+    n = 0
+    for k in range(1, count + 1):
+        if segments[k, READINGS] == 0:
+            continue
+        members[n, k] = 1
+        found[n] = segments[k]
+        parts[n, 0] = parts[n, 1] = -1
+        current[k] = n
+        alive[k] = extent(segments[k], focal) <= largest
+        n += 1
+    while True:
+        best, i, j = np.inf, 0, 0
+        for a in range(1, count + 1):
+            if not alive[a]:
+                continue
+            for b in range(a + 1, count + 1):
+                if not alive[b] or contact[a, b] == 0:
+                    continue
+                strength = max(weight[a, b], weight[b, a]) / contact[a, b]
+                shared = contact[a, b] / min(segments[a, OUTLINE], segments[b, OUTLINE])
+                boundary = strength / np.sqrt(min(1.0, shared))
+                if boundary < best and can_join(segments[a], segments[b], focal, largest):
+                    best, i, j = boundary, a, b
+        if best == np.inf:
+            return n
+        one, other = segments[i], segments[j]
+        unite(one, other, contact[i, j], weight[i, j] + weight[j, i], one)
+        alive[j] = 0
+        for k in range(1, count + 1):
+            if alive[k] and k != i:
+                contact[i, k] += contact[j, k]
+                contact[k, i] = contact[i, k]
+                weight[i, k] += weight[j, k]
+                weight[k, i] += weight[k, j]
+        for k in range(1, count + 1):
+            members[n, k] = members[current[i], k] | members[current[j], k]
+        found[n] = one
+        parts[n, 0], parts[n, 1] = current[i], current[j]
+        current[i] = n
+        n += 1
+
+
+@kernel
+def pair(segments, contact, weight, count, focal, largest, n, members, found, parts):
+    """Add the unions of two neighbouring segments that `join` did not come by.
+
+    A tree of unions gives a segment one chance: where the inside of a mug went with the wall behind it, no union is
+    the mug.
+
+    Parameters
+    ----------
+    segments, contact, weight, count, focal, largest : see `join`
+        As `measure` gave them.
+    n : int
+        Number of regions that `join` found.
+    members, found, parts : see `join`, in and out
+        What has no room is left out: three pairs a segment, as many as regions of a plane can have, always have.
+
+    Returns
+    -------
+    int
+        Number of regions.
+    """
+    place = np.full(count + 1, -1, np.int64)
+    single = np.zeros(n, np.int64)
+    for i in range(n):
+        if parts[i, 0] < 0:
+            single[i] = members[i].argmax()
+            place[single[i]] = i
+    made = np.zeros((count + 1, count + 1), np.uint8)
+    for i in range(n):
+        if parts[i, 0] >= 0:
+            one, other = single[parts[i, 0]], single[parts[i, 1]]
+            made[one, other] = made[other, one] = 1
+    for a in range(1, count + 1):
+        for b in range(a + 1, count + 1):
+            if contact[a, b] == 0 or made[a, b] or n == len(members):
+                continue
+            if can_join(segments[a], segments[b], focal, largest):
+                unite(segments[a], segments[b], contact[a, b], weight[a, b] + weight[b, a], found[n])
+                members[n, a] = members[n, b] = 1
+                parts[n, 0], parts[n, 1] = place[a], place[b]
+                n += 1
+    return n
+
+
+@kernel
+def distinct(order, members, pixels, weight, same, kept):
+    """Choose regions, the best first, without those that are nearly the same as a better one.
+
+    Parameters
+    ----------
+    order : (K,) int64
+        Regions, the best first.
+    members : (N, S) uint8
+        Which segments each is made of.
+    pixels : (N,) int64
+        Of each region.
+    weight : (S,) int64
+        Pixels of each segment.
+    same : float
+        Regions with this IoU are the same.
+    kept : (most,) int64, output
+        The regions chosen.
+
+    Returns
+    -------
+    int
+        How many there are.
+    """
+    n = 0
+    for a in order:
+        if n == kept.size:
+            break
+        new = True
+        for j in range(n):
+            b = kept[j]
+            # No IoU is larger than the quotient of their sizes; a little less, for rounding.
+            if min(pixels[a], pixels[b]) < 0.99 * same * max(pixels[a], pixels[b]):
+                continue
+            common = 0
+            for s in range(weight.size):
+                common += weight[s] * (members[a, s] & members[b, s])
+            if np.float32(common) / np.float32(max(pixels[a] + pixels[b] - common, 1)) >= np.float32(same):
+                new = False
+                break
+        if new:
+            kept[n] = a
+            n += 1
+    return n
+
+
+@kernel(inline="always")
+def unite(one, other, shared, strength, union):
+    """Measure the union of two segments, which may be one of them.
+
+    Parameters
+    ----------
+    one, other : (COLUMNS,) float64
+    shared : float
+        Pixels of outline that they share.
+    strength : float
+        The sum of its strengths, both ways.
+    union : (COLUMNS,) float64, output
+    """
+    union[PIXELS] = one[PIXELS] + other[PIXELS]
+    union[READINGS] = one[READINGS] + other[READINGS]
+    union[INVERSE] = one[INVERSE] + other[INVERSE]
+    union[LEFT], union[TOP] = min(one[LEFT], other[LEFT]), min(one[TOP], other[TOP])
+    union[RIGHTMOST] = max(one[RIGHTMOST], other[RIGHTMOST])
+    union[BOTTOM] = max(one[BOTTOM], other[BOTTOM])
+    union[OUTLINE] = one[OUTLINE] + other[OUTLINE] - 2.0 * shared
+    union[STRENGTH] = one[STRENGTH] + other[STRENGTH] - strength
+    union[BORDER] = one[BORDER] + other[BORDER]
+
+
+@kernel(inline="always")
+def extent(row, focal):
+    """Return the longer side of a segment's rectangle at its mean depth, metres."""
+    side = max(row[RIGHTMOST] - row[LEFT], row[BOTTOM] - row[TOP]) + 1.0
+    return side * row[READINGS] / (row[INVERSE] * focal)
+
+
+@kernel(inline="always")
+def can_join(one, other, focal, largest):
+    """Whether a union would be no larger than an object, across and in depth."""
+    z1, z2 = one[READINGS] / one[INVERSE], other[READINGS] / other[INVERSE]
+    if abs(z1 - z2) > 0.5 * largest:
+        return False
+    across = max(one[RIGHTMOST], other[RIGHTMOST]) - min(one[LEFT], other[LEFT])
+    down = max(one[BOTTOM], other[BOTTOM]) - min(one[TOP], other[TOP])
+    return (max(across, down) + 1.0) * 0.5 * (z1 + z2) / focal <= largest
+
+
+@kernel
+def cut_masks(labels, members, chosen, boxes, masks):
+    """Write the masks of regions, each cropped to its rectangle, one after the other.
+
+    Parameters
+    ----------
+    labels : (h, w) int16
+        Segment of each pixel, -1 none, -2 - p on plane p.
+    members : (N, S) uint8
+        1 for each segment that a region is made of; the planes count from the end.
+    chosen : (K,) int64
+        Regions.
+    boxes : (K, 4) int32
+        x0, y0, x1, y1 of each, end exclusive.
+    masks : (L,) uint8, output
+    """
+    at, last = 0, members.shape[1]
+    # Of each label, counted from the last plane's on, whether it is in.
+    inside = np.zeros(2 * last + 1, np.uint8)
+    for row in range(chosen.size):
+        inside[:last] = inside[last + 1 :] = members[chosen[row]]
+        x0, y0, x1, y1 = boxes[row]
+        for v in range(y0, y1):
+            line, seen = masks[at : at + x1 - x0], labels[v, x0:x1]
+            for u in range(seen.size):
+                line[u] = inside[seen[u] + last + 1]
+            at += x1 - x0

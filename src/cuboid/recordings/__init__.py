@@ -1,0 +1,1 @@
+"""Recordings as the user meets them: opened and registered, described, converted."""

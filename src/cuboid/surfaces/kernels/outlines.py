@@ -1,0 +1,167 @@
+"""Hot loop over the outlines of a frame's segments: what lies across each piece of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cuboid.core.compiled import kernel
+from cuboid.core.tolerances import JUMP_SIGMAS
+
+# What lies across a piece of outline: columns of `outline`.
+FREE, SUPPORT, UNSURE, CONTACT, HIDDEN, BORDER = range(6)
+KINDS = 6
+# Sides of a segment in the picture, seen from the camera held upright: columns of `outline` too.
+TOP, BOTTOM, LEFT, RIGHT = range(4)
+# The top and the bottom of a segment are so much of its height.
+END_FRACTION = 0.05
+# Color that differs by so many levels, over its three channels, has an edge in between: a third of that is shading and
+# the camera's noise. It is compared with that of so many pixels inside, clear of the blur at an outline.
+EDGE_LEVELS, INNER_PIXELS = 90, 2
+
+
+@kernel(inline="always")
+def surrounded(claim, v, u):
+    """Tell whether all four neighbours of a pixel, none beyond the border, are of its segment."""
+    a = claim[v, u]
+    beside = (claim[v, u - 1] == a) & (claim[v, u + 1] == a)
+    return beside & (claim[v - 1, u] == a) & (claim[v + 1, u] == a)
+
+
+@kernel(inline="always")
+def inwards(readings, claim, v, u, dv, du, reach):
+    """Return how many steps inwards of a segment's outline its first reading is; `reach` where it is no nearer."""
+    height, width = readings.shape
+    for n in range(reach):
+        vv, uu = v - n * dv, u - n * du
+        if vv < 0 or uu < 0 or vv >= height or uu >= width or claim[vv, uu] != claim[v, u]:
+            return reach
+        if readings[vv, uu] > 0.0:
+            return n
+    return reach
+
+
+@kernel
+def across(depth, readings, color, claim, on_plane, plane, v, u, dv, du, limit, reach):
+    """Tell what lies across one pixel of a segment's outline: the first reading outwards, over holes.
+
+    Parameters
+    ----------
+    plane : int
+        What the segment stands on, -1 none.
+    v, u, dv, du : int
+        The pixel, and the step outwards.
+    limit : float
+        Larger differences of depth are jumps, metres.
+    reach : int
+        Steps that a reading is looked for.
+
+    Returns
+    -------
+    (int, int)
+        The kind, -1 where the segment itself goes on behind a hole; and the segment that begins there, -1 none.
+
+    Notes
+    -----
+    The other parameters are those of `outlines`.
+    """
+    height, width = depth.shape
+    a, z = claim[v, u], depth[v, u]
+    vi, ui = v - INNER_PIXELS * dv, u - INNER_PIXELS * du
+    if vi < 0 or ui < 0 or vi >= height or ui >= width or claim[vi, ui] != a:
+        vi, ui = v, u
+    edge, first, own = False, -1, inwards(readings, claim, v, u, dv, du, reach)
+    for n in range(1, reach + 1):
+        vv, uu = v + n * dv, u + n * du
+        if vv < 0 or uu < 0 or vv >= height or uu >= width:
+            return BORDER, -1
+        b, beyond = claim[vv, uu], readings[vv, uu]
+        if b == a:
+            return -1, -1
+        first = b if first < 0 else first
+        change = 0
+        for c in range(3):
+            change += abs(np.int64(color[vv, uu, c]) - np.int64(color[vi, ui, c]))
+        edge = edge or change >= EDGE_LEVELS
+        if beyond > 0.0:
+            if on_plane[vv, uu] >= 0 and on_plane[vv, uu] == plane:
+                return SUPPORT, b
+            if beyond > z + limit:
+                return FREE if edge or own + n <= reach else UNSURE, b
+            if beyond < z - limit:
+                return HIDDEN, b
+            return UNSURE if b >= 0 else CONTACT, b
+    return FREE if edge else UNSURE, first
+
+
+@kernel
+def outlines(
+    depth, readings, color, claim, on_plane, corners, plane_of, side_of, focal, noise, jump, gap_m, outline,
+    contact,
+):  # fmt: skip
+    """Tell what bounds each segment of a frame: free space, its support, another segment, another surface, or unknown.
+
+    From each pixel of a segment whose neighbour (of four) is not of it, the first reading outwards is looked for, over
+    holes up to a width of `gap_m`. It is FREE where that lies behind by more than a jump; SUPPORT where it lies on the
+    plane that the segment stands on; UNSURE where another segment begins at the same depth; CONTACT where any other
+    surface goes on; HIDDEN where it lies before (what is behind it cannot be told); BORDER where the picture ends. In
+    a wide hole (something dark, or that shines) color tells: it is FREE beyond an edge of color, and UNSURE where the
+    color of the segment goes on. A hole reaches from the last reading of the segment to the first one beyond: where it
+    was filled, the segment ends within it.
+
+    Parameters
+    ----------
+    depth : (h, w) float32
+        Holes filled.
+    readings : (h, w) float32
+        With its holes.
+    color : (h, w, 3) uint8
+    claim : (h, w) int32
+        Segment of each pixel, -1 none.
+    on_plane : (h, w) int32
+        Supporting plane that a pixel lies on, -1 none.
+    corners : (count, 4) int64
+        The least and the largest column and row of each segment: left, top, right, bottom.
+    plane_of : (count,) int64
+        Plane that each segment stands on, -1 none.
+    side_of : (4,) int64
+        Side of a segment that lies below, above, right and left of a pixel in the image: see TOP.
+    focal : float
+        Pixels.
+    noise : float
+        Standard deviation of depth is this times z squared.
+    jump, gap_m : float
+        Metres.
+    outline : (count, 4, KINDS) int64, output
+        Pixels of outline by side and kind.
+    contact : (count, count) int64, output
+        [i, j]: pixels of i's outline that lie at j, jump or none.
+    """
+    height, width = depth.shape
+    outline[:] = 0
+    contact[:] = 0
+    for v in range(height):
+        for u in range(width):
+            a = claim[v, u]
+            if a < 0 or (0 < v < height - 1 and 0 < u < width - 1 and surrounded(claim, v, u)):
+                continue
+            for k in range(4):
+                dv, du = (k == 0) - (k == 1), (k == 2) - (k == 3)
+                if 0 <= v + dv < height and 0 <= u + du < width and claim[v + dv, u + du] == a:
+                    continue
+                if side_of[k] <= BOTTOM:
+                    # Top and bottom are at the ends, not where a slanted side steps.
+                    low, high = (corners[a, 1], corners[a, 3]) if k < 2 else (corners[a, 0], corners[a, 2])
+                    here = v if k < 2 else u
+                    far = high - here if dv + du > 0 else here - low
+                    if far > max(1.0, END_FRACTION * (high - low)):
+                        continue
+                z = depth[v, u]
+                limit = jump + JUMP_SIGMAS * noise * z * z
+                reach = max(2, int(gap_m * focal / z))
+                kind, b = across(
+                    depth, readings, color, claim, on_plane, plane_of[a], v, u, dv, du, limit, reach
+                )  # fmt: skip
+                if b >= 0:
+                    contact[a, b] += 1
+                if kind >= 0:
+                    outline[a, side_of[k], kind] += 1

@@ -1,0 +1,245 @@
+"""Hot loops over the pixels assigned to proposals: split where depth jumps, joined where they are one, gathered."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cuboid.core.compiled import kernel
+from cuboid.core.tolerances import JUMP_SIGMAS
+
+
+@kernel(inline="always")
+def find_root(parent, a):
+    """Return the root of a in a union-find forest, halving the path."""
+    while parent[a] != a:
+        parent[a] = parent[parent[a]]
+        a = parent[a]
+    return a
+
+
+@kernel
+def label_regions(depth, assigned, noise, jump, parent, labels):
+    """Number the 8-connected regions of pixels of one proposal whose depth is continuous.
+
+    Neighbours belong together when their depths differ by less than `jump` (metres) plus the noise of two readings.
+
+    Parameters
+    ----------
+    depth : (H, W) float32
+    assigned : (H, W) int32
+        What each pixel belongs to, -1 nothing.
+    noise, jump : float
+    parent : (H * W,) int32, scratch
+    labels : (H, W) int32, output
+        From 1 in the order of their first pixel, 0 elsewhere.
+
+    Returns
+    -------
+    int
+        Number of regions.
+    """
+    rows, columns = depth.shape
+    for v in range(rows):
+        own, above, near, far = assigned[v], assigned[max(v - 1, 0)], depth[v], depth[max(v - 1, 0)]
+        for u in range(columns):
+            here = v * columns + u
+            if own[u] < 0:
+                parent[here] = -1
+                continue
+            parent[here] = root = here
+            z, mine = near[u], own[u]
+            limit = jump + JUMP_SIGMAS * noise * z * z
+            for k in range(4):
+                uu = u + k - 1 if k < 3 else u - 1
+                if uu < 0 or uu >= columns or (v == 0 and k < 3):
+                    continue
+                there = here - columns + k - 1 if k < 3 else here - 1
+                # Most neighbours are of one region by now.
+                if parent[there] == root:
+                    continue
+                if (above[uu] if k < 3 else own[uu]) == mine and abs((far[uu] if k < 3 else near[uu]) - z) < limit:
+                    other = find_root(parent, there)
+                    if root < other:
+                        parent[other] = root
+                    elif other < root:
+                        parent[root] = other
+                        root = other
+    number, flat = 0, labels.reshape(-1)
+    for v in range(rows):
+        for u in range(columns):
+            here = v * columns + u
+            if parent[here] < 0:
+                labels[v, u] = 0
+                continue
+            root = find_root(parent, here)
+            if root == here:
+                number += 1
+                labels[v, u] = number
+            else:
+                labels[v, u] = flat[root]
+    return number
+
+
+@kernel
+def measure_regions(labels, assigned, depth, readings, sizes, read, total, owner, corners):
+    """Measure regions by their runs along the rows of the image: a sum in hand is faster than one in memory.
+
+    Parameters
+    ----------
+    labels, assigned, depth
+        See `judge_regions`.
+    readings : (H, W) float32
+        Metres, 0 where a hole was filled.
+    sizes, read : (number + 1,) int64, output
+        Pixels of each region, and readings among them.
+    total : (number + 1,) float64, output
+        Summed depth, metres.
+    owner : (number + 1,) int64, output
+    corners : (number + 1, 4) int64, output
+        The least and the largest column and row of each: left, top, right, bottom.
+    """
+    rows, columns = labels.shape
+    sizes[:], read[:], total[:], owner[:] = 0, 0, 0.0, -1
+    corners[:, 0], corners[:, 1], corners[:, 2], corners[:, 3] = columns, rows, -1, -1
+    for v in range(rows):
+        end = 0
+        while end < columns:
+            first, k = end, labels[v, end]
+            known, deep = 0, total[k]
+            while end < columns and labels[v, end] == k:
+                known += readings[v, end] > 0.0
+                deep += depth[v, end]
+                end += 1
+            if k > 0:
+                sizes[k], read[k], total[k], owner[k] = (
+                    sizes[k] + end - first,
+                    read[k] + known,
+                    deep,
+                    assigned[v, first],
+                )
+                box = corners[k]
+                box[0], box[1], box[2], box[3] = min(box[0], first), min(box[1], v), max(box[2], end - 1), v
+
+
+@kernel
+def judge_regions(labels, assigned, depth, readings, least, focal, major, deep, become, sizes, owner):
+    """Tell which regions are one, and which are none.
+
+    The largest surface of each proposal is one with those that are about as large and as near.
+
+    Parameters
+    ----------
+    labels : (H, W) int32
+        From `label_regions`.
+    assigned : (H, W) int32
+    depth : (H, W) float32
+    readings : (H, W) float32
+        Metres, 0 where a hole was filled.
+    least : int
+        A region of fewer readings is none.
+    focal : float
+        Pixels.
+    major : float
+        Least size of one that joins, as a fraction of the largest one's.
+    deep : float
+        Largest difference of their mean depths, as a fraction of the largest one's length.
+    become : (number + 1,) int32, output
+        The region that each is a part of, 0 none.
+    sizes : (number + 1,) int64, output
+        Pixels of each with all its parts, 0 of what is a part, or none.
+    owner : (number + 1,) int64, output
+        Proposal of each.
+    """
+    count = become.size
+    read, total, corners = np.empty(count, np.int64), np.empty(count), np.empty((count, 4), np.int64)
+    measure_regions(labels, assigned, depth, readings, sizes, read, total, owner, corners)
+    largest = np.zeros(owner.max() + 2, np.int64)
+    for k in range(1, count):
+        if sizes[k] > sizes[largest[owner[k]]]:
+            largest[owner[k]] = k
+    become[0] = 0
+    for k in range(1, count):
+        m = largest[owner[k]]
+        z = total[m] / sizes[m]
+        length_m = (max(corners[m, 2] - corners[m, 0], corners[m, 3] - corners[m, 1]) + 1) * z / focal
+        joins = sizes[k] >= major * sizes[m] and abs(total[k] / sizes[k] - z) <= deep * length_m
+        become[k] = m if joins else k
+    for k in range(1, count):
+        m = become[k]
+        if m != k:
+            sizes[m], read[m], sizes[k] = sizes[m] + sizes[k], read[m] + read[k], 0
+    for k in range(1, count):
+        if read[become[k]] < least:
+            sizes[become[k]] = 0
+            become[k] = 0
+
+
+@kernel
+def gather_regions(
+    labels, become, sizes, least, readings, heat, support, first, pixels, corners, claim, warmth, beneath
+):
+    """Gather the readings of each region that is not too small, in the order of their numbers, and what they are like.
+
+    Parameters
+    ----------
+    labels : (H, W) int32
+        Number of the region, from 1; 0 none.
+    become, sizes
+        See `judge_regions`.
+    least : int
+        A region of fewer pixels is left out.
+    readings : (H, W) float32
+        Metres, 0 where a hole was filled.
+    heat : (H, W) float32
+    support : (H, W) int32
+        Plane beneath each pixel, -1 none.
+    first : (number + 1, 2) int64, output
+        Where the readings of each region that is kept begin in `pixels`, and end.
+    pixels : (H * W,) int64, output
+        Their places in the flattened image, ascending within a region.
+    corners : (number, 4) int64, output
+        The least and the largest column and row of each, filled holes too: left, top, right, bottom.
+    claim : (H, W) int32, output
+        Place of each pixel's region among those kept, -1 where it is left out, and of 0.
+    warmth : (number,) float64, output
+        Summed heat of all pixels of each.
+    beneath : (number, P) int64, output
+        Pixels of each above each plane.
+
+    Returns
+    -------
+    int
+        How many regions are kept.
+    """
+    rows, columns = labels.shape
+    kept, total, place = 0, 0, np.full(sizes.size, -1, np.int32)
+    for k in range(1, sizes.size):
+        if sizes[k] >= least:
+            place[k], first[kept, 0], first[kept, 1] = kept, total, total
+            kept, total = kept + 1, total + sizes[k]
+    warmth[:kept] = 0.0
+    beneath[:kept] = 0
+    for k in range(kept):
+        corners[k, 0], corners[k, 1], corners[k, 2], corners[k, 3] = columns, rows, -1, -1
+    for v in range(rows):
+        end = 0
+        while end < columns:
+            begin, label = end, labels[v, end]
+            while end < columns and labels[v, end] == label:
+                end += 1
+            k = place[become[label]]
+            claim[v, begin:end] = k
+            if k < 0:
+                continue
+            n, warm = first[k, 1], warmth[k]
+            for u in range(begin, end):
+                if readings[v, u] > 0.0:
+                    pixels[n] = v * columns + u
+                    n += 1
+                warm += heat[v, u]
+                if support[v, u] >= 0:
+                    beneath[k, support[v, u]] += 1
+            first[k, 1], warmth[k] = n, warm
+            box = corners[k]
+            box[0], box[1], box[2], box[3] = min(box[0], begin), min(box[1], v), max(box[2], end - 1), v
+    return kept

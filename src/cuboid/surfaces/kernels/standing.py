@@ -1,0 +1,150 @@
+"""Hot loops that find what stands off the flat areas of one depth image, and what bounds each such piece."""
+
+from __future__ import annotations
+
+from cuboid.core.compiled import kernel
+from cuboid.core.tolerances import JUMP_SIGMAS, SIGMAS
+
+# Columns of `bounds`: what lies across the outline of a piece, beside the planes that it touches.
+FREE, HIDDEN, BORDER, CONTACT = range(4)
+KINDS = len((FREE, HIDDEN, BORDER, CONTACT))
+# What a reading lies on, where that is no plane: another surface, or nothing that is looked at.
+SURFACE, NOTHING = range(-1, -3, -1)
+
+
+@kernel(error_model="numpy")
+def lie_on(depth, camera, planes, noise, floor, bias, max_depth, on):
+    """Find the plane that each reading lies on.
+
+    Parameters
+    ----------
+    depth : (H, W) float32
+        Metres, 0 none.
+    camera : (4,) float64
+        fx, fy, cx, cy.
+    planes : (P, 4) float64
+        Unit normal towards the camera and offset, in the camera frame: n.p + d is the height above it.
+    noise : float
+        Standard deviation of depth is noise * z * z, 1/metre.
+    floor, bias : float
+        A reading is off a plane from max(floor, bias + 3 standard deviations of its height), metres.
+    max_depth : float
+        Metres.
+    on : (H, W) int8, output
+        Plane, SURFACE or NOTHING.
+    """
+    rows, columns = depth.shape
+    for v in range(rows):
+        y = (v - camera[3]) / camera[1]
+        for u in range(columns):
+            z = depth[v, u]
+            on[v, u] = NOTHING if not (0.0 < z <= max_depth) else SURFACE
+            if on[v, u] == NOTHING:
+                continue
+            x = (u - camera[2]) / camera[0]
+            least = 1.0
+            for p in range(len(planes)):
+                along = planes[p, 0] * x + planes[p, 1] * y + planes[p, 2]
+                off = abs(along * z + planes[p, 3]) / max(floor, bias - SIGMAS * noise * z * z * along)
+                if off < least:
+                    least = off
+                    on[v, u] = p
+
+
+@kernel
+def label_pieces(depth, on, noise, jump, labels, queue):
+    """Number the connected pieces of surface that lie on no plane, cut at depth jumps.
+
+    Parameters
+    ----------
+    depth : (H, W) float32
+    on : (H, W) int8
+        From `lie_on`.
+    noise : float
+    jump : float
+        Larger steps in depth, beyond noise, are jumps, metres.
+    labels : (H, W) int32, output
+        From 0; -1 elsewhere.
+    queue : (H * W,) int32, scratch
+
+    Returns
+    -------
+    int
+        How many there are.
+    """
+    rows, columns = depth.shape
+    labels[:] = -1
+    count = 0
+    for start in range(rows * columns):
+        if on[start // columns, start % columns] != SURFACE or labels[start // columns, start % columns] >= 0:
+            continue
+        labels[start // columns, start % columns] = count
+        queue[0] = start
+        head, tail = 0, 1
+        while head < tail:
+            v, u = queue[head] // columns, queue[head] % columns
+            head += 1
+            z = depth[v, u]
+            limit = jump + JUMP_SIGMAS * noise * z * z
+            for k in range(4):
+                vv, uu = v + (k == 0) - (k == 1), u + (k == 2) - (k == 3)
+                if vv < 0 or uu < 0 or vv >= rows or uu >= columns:
+                    continue
+                if on[vv, uu] != SURFACE or labels[vv, uu] >= 0 or abs(depth[vv, uu] - z) > limit:
+                    continue
+                labels[vv, uu] = count
+                queue[tail] = vv * columns + uu
+                tail += 1
+        count += 1
+    return count
+
+
+@kernel
+def bounds(depth, on, labels, noise, jump, reach, touches, others):
+    """Count what lies across the outline of each piece: a plane that it touches, or something else.
+
+    The first reading outwards tells, over holes up to `reach` pixels at 1 m; where there is none nothing is counted.
+
+    Parameters
+    ----------
+    depth, on, labels, noise, jump
+        See `label_pieces`.
+    reach : float
+        Pixels times metres.
+    touches : (N, P) int64, output
+        Pixels of outline beyond which each plane goes on from the piece.
+    others : (N, KINDS) int64, output
+        Pixels of outline beyond which the next surface lies behind (FREE), lies before (HIDDEN), goes on and is no
+        plane (CONTACT), or the picture ends (BORDER).
+    """
+    rows, columns = depth.shape
+    touches[:] = 0
+    others[:] = 0
+    for v in range(rows):
+        for u in range(columns):
+            piece = labels[v, u]
+            if piece < 0:
+                continue
+            z = depth[v, u]
+            limit = jump + JUMP_SIGMAS * noise * z * z
+            for k in range(4):
+                dv, du = (k == 0) - (k == 1), (k == 2) - (k == 3)
+                for n in range(1, max(2, int(reach / z)) + 1):
+                    vv, uu = v + n * dv, u + n * du
+                    if vv < 0 or uu < 0 or vv >= rows or uu >= columns:
+                        others[piece, BORDER] += 1
+                        break
+                    there = depth[vv, uu]
+                    if there <= 0.0:
+                        continue
+                    if labels[vv, uu] == piece:
+                        break
+                    if there > z + limit:
+                        others[piece, FREE] += 1
+                    elif there < z - limit:
+                        others[piece, HIDDEN] += 1
+                    elif on[vv, uu] >= 0:
+                        touches[piece, on[vv, uu]] += 1
+                    else:
+                        others[piece, CONTACT] += 1
+                    break

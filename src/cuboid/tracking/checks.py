@@ -1,0 +1,82 @@
+"""The checks at the end of a run: what is likely to be wrong with its frames, poses, intrinsics and registration."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cuboid.core.errors import FrameError
+from cuboid.poses.sources import ESTIMATED, LOST, NO_POSE
+from cuboid.tracking.diagnosis import RunFacts, diagnose, explains, median_or_none
+from cuboid.tracking.types import RecordingLike
+
+if TYPE_CHECKING:
+    from cuboid.calibration.pose_fit import PoseFit
+    from cuboid.tracking.tracker import Tracker
+
+
+def checked_warnings(tracker: Tracker, recording: RecordingLike, every: int) -> tuple[str, ...]:
+    """Return the warnings of a run, those included that need frames to be read again; takes a second or two.
+
+    Parameters
+    ----------
+    tracker : Tracker
+        At the end of the run.
+    recording : RecordingLike
+        Where its frames came from.
+    every : int
+        One in so many frames of the recording was read.
+    """
+    from cuboid.calibration.check import intrinsics_warning
+    from cuboid.calibration.pose_fit import pose_fit
+    from cuboid.calibration.registering import registration_warning
+
+    estimated, poses, fit = tracker.poses == ESTIMATED, tracker.trajectory, None
+    if not estimated:  # as they were given: correcting drift bends them to a wrong depth scale
+        given = ((frame, recording.pose(frame)) for frame in poses if _has_pose(recording, frame))
+        fit = pose_fit(recording.read, recording.intrinsics, {k: T for k, T in given if T is not None})
+    found = None
+    if fit is None or explains(fit):
+        found = intrinsics_warning(recording.read, recording.intrinsics, poses, estimated=estimated)
+    beside = registration_warning(recording.read, recording.intrinsics, sorted(poses))
+    checked = (one for one in (found, beside) if one is not None)
+    return (*diagnose(run_facts(tracker, recording, every, fit)), *tracker.pose_warnings, *checked)
+
+
+def run_facts(
+    tracker: Tracker, recording: RecordingLike | None = None, every: int = 1, fit: PoseFit | None = None
+) -> RunFacts:
+    """Return the facts of a run that its diagnosis needs; without the recording as far as the tracker knows them."""
+    reasons = [reason for _, reason in tracker.log.skipped]
+    return RunFacts(
+        frames_read=len(tracker.T_world_camera) + len(reasons),
+        frames_used=len(tracker.T_world_camera),
+        frames_lost=reasons.count(LOST),
+        frames_without_pose=_without_pose(tracker, recording),
+        every=every,
+        depth_fraction=median_or_none(tracker.counts.depth_fraction),
+        depth_median_m=median_or_none(tracker.counts.depth_median_m),
+        depth_units_per_metre=1.0 if recording is None else recording.depth_units_per_metre,
+        pose_fit=fit,
+        up_known=tracker.up is not None,
+        planes=len(tracker.planes),
+        proposals=tracker.counts.proposals,
+        objects=len(tracker.objects),
+    )
+
+
+def _without_pose(tracker: Tracker, recording: RecordingLike | None) -> int:
+    """Return how many of the skipped frames lack a pose that should come with them."""
+    if tracker.poses == ESTIMATED:
+        return 0
+    return sum(
+        reason == NO_POSE if recording is None else not _has_pose(recording, frame)
+        for frame, reason in tracker.log.skipped
+    )
+
+
+def _has_pose(recording: RecordingLike, frame: int) -> bool:
+    try:
+        recording.pose(frame)
+    except FrameError:
+        return False
+    return True

@@ -1,0 +1,208 @@
+"""The likely faults of a run, from its facts at the end: a line each, with the call that helps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cuboid.core.frame import Frame
+from cuboid.core.results import FrameResult
+
+if TYPE_CHECKING:
+    from cuboid.calibration.pose_fit import PoseFit
+
+# A frame's depth is looked at in every so many rows and columns: 0.1 ms.
+PIXEL_STEP = 8
+# Fractions of the frames from which on lost ones and ones without a pose are worth a warning, and at least so many.
+MANY_LOST, MIN_LOST = 0.1, 3
+# Depth cameras at work have readings in 29 to 100 % of the pixels of real recordings at hand.
+FEW_READINGS = 0.15
+# Medians of depth, metres, beyond which no recording of a room or a table is; real ones at hand have 0.44 to 2.2.
+NEAR_M, FAR_M = 0.2, 8.0
+# Objects are found up to here, metres.
+REACH_M = 4.0
+# The poses of real recordings at hand explain 79 to 98 % of the depth of other frames, wrong ones up to 35 % unless
+# the camera hardly moves; inverted ones or another scale must explain clearly more than the given ones, and enough.
+UNEXPLAINED, CLEARLY_MORE, EXPLAINED = 0.35, 0.1, 0.6
+# An object is confirmed after some three clear sightings: with fewer frames than this there may be no chance.
+FEW_FRAMES = 10
+
+HELP = "docs/finds-nothing.md says where to look"
+
+
+@dataclass(slots=True)
+class Counts:
+    """What is counted frame by frame for the diagnosis.
+
+    Attributes
+    ----------
+    proposals : int
+        3D proposals of the used frames.
+    depth_fraction, depth_median_m : list of float
+        Of each used frame: the fraction of pixels with a reading, and the median of these.
+    """
+
+    proposals: int = 0
+    depth_fraction: list[float] = field(default_factory=list)
+    depth_median_m: list[float] = field(default_factory=list)
+
+    def add(self, frame: Frame, result: FrameResult) -> None:
+        """Count a used frame."""
+        depth_m = frame.depth_m[::PIXEL_STEP, ::PIXEL_STEP]
+        readings = depth_m[depth_m > 0]
+        self.depth_fraction.append(readings.size / depth_m.size)
+        if readings.size:
+            self.depth_median_m.append(float(np.median(readings)))
+        self.proposals += len(result.proposals)
+
+
+@dataclass(frozen=True, slots=True)
+class RunFacts:
+    """What a run knows at its end.
+
+    Attributes
+    ----------
+    frames_read, frames_used : int
+    frames_lost : int
+        Frames in which the camera was lost, poses being estimated.
+    frames_without_pose : int
+        Frames that lack a given pose.
+    every : int
+        One in so many frames of the recording was read.
+    depth_fraction, depth_median_m : float or None
+        Medians over the used frames, see `Counts`; None where none was used.
+    depth_units_per_metre : float
+    pose_fit : PoseFit or None
+        Of given poses; None where the poses are estimated, or too few frames tell.
+    up_known : bool
+    planes, proposals, objects : int
+        Supporting planes, 3D proposals of all frames, confirmed objects.
+    """
+
+    frames_read: int
+    frames_used: int
+    frames_lost: int
+    frames_without_pose: int
+    every: int
+    depth_fraction: float | None
+    depth_median_m: float | None
+    depth_units_per_metre: float
+    pose_fit: PoseFit | None
+    up_known: bool
+    planes: int
+    proposals: int
+    objects: int
+
+
+def median_or_none(values: list[float]) -> float | None:
+    """Return the median; None of no values."""
+    return float(np.median(values)) if values else None
+
+
+def diagnose(facts: RunFacts) -> tuple[str, ...]:
+    """Return the warnings about a run, one line each, the causes of others first; empty where nothing is wrong.
+
+    That no object was found is a warning of its own where none of the others explains it.
+    """
+    causes = (_scale_or_poses(facts), _few_readings(facts), _lost(facts), _without_pose(facts))
+    found = tuple(cause for cause in causes if cause is not None)
+    return (_no_object(facts),) if not (found or facts.objects) and facts.frames_used else found
+
+
+def _lost(facts: RunFacts) -> str | None:
+    if facts.frames_lost < max(MIN_LOST, MANY_LOST * facts.frames_read):
+        return None
+    advice = (
+        "read all frames with --every 1" if facts.every > 1 else "move slower, with texture and depth in the picture"
+    )
+    return f"the camera was lost in {facts.frames_lost} of {facts.frames_read} frames; {advice}"
+
+
+def _without_pose(facts: RunFacts) -> str | None:
+    if facts.frames_without_pose < max(MIN_LOST, MANY_LOST * facts.frames_read):
+        return None
+    return (
+        f"{facts.frames_without_pose} of {facts.frames_read} frames have no camera pose and were not used; "
+        "--bridge estimates these poses"
+    )
+
+
+def _few_readings(facts: RunFacts) -> str | None:
+    if facts.depth_fraction is None or facts.depth_fraction >= FEW_READINGS:
+        return None
+    return (
+        f"depth has few readings: {_percent(facts.depth_fraction)} of the pixels (median); things may be too near, "
+        "too far, black or of glass; 'cuboid info RECORDING --all' shows the range of the depth"
+    )
+
+
+def explains(fit: PoseFit) -> bool:
+    """Tell whether given poses explain the depth as well as their inverses, or another depth scale, would."""
+    return max(fit.inverted, fit.scaled) < _enough(fit) and (fit.given is None or fit.given >= UNEXPLAINED)
+
+
+def _enough(fit: PoseFit) -> float:
+    """Return the fraction of the depth from which on another hypothesis is clearly better than the given poses."""
+    return max((fit.given or 0.0) + CLEARLY_MORE, EXPLAINED)
+
+
+def _scale_or_poses(facts: RunFacts) -> str | None:
+    """Return that the depth scale is wrong, or the poses are; the first of them that the frames prove."""
+    fit, units = facts.pose_fit, facts.depth_units_per_metre
+    if fit is not None:
+        if fit.scaled >= max(_enough(fit), fit.inverted):
+            return (
+                f"the depth scale of {units:g} units per metre is wrong: with the given poses, "
+                f"{_percent(fit.scaled)} of the depth fits other frames at {units / fit.depth_factor:g}, "
+                f"{_percent(fit.given or 0.0)} as it is; run again with --depth-scale {units / fit.depth_factor:g}"
+            )
+        if fit.inverted >= _enough(fit):
+            return (
+                f"the given poses are inverted: {_percent(fit.inverted)} of the depth fits other frames by their "
+                f"inverses, {_percent(fit.given or 0.0)} as they are; write them camera to world, or run again with "
+                "--poses estimated"
+            )
+    median_m = facts.depth_median_m
+    if median_m is not None and not NEAR_M <= median_m <= FAR_M:
+        likely = units * (10 if median_m > FAR_M else 0.1)
+        return (
+            f"the depth scale of {units:g} units per metre is probably wrong: the median depth is {median_m:.2g} m; "
+            f"at --depth-scale {likely:g} it is {median_m * units / likely:.2g} m"
+        )
+    if fit is not None and fit.given is not None and fit.given < UNEXPLAINED:
+        return (
+            f"the given poses do not explain the frames: only {_percent(fit.given)} of the depth fits other frames; "
+            "are they of another recording, or in other axes? run again with --poses estimated"
+        )
+    return None
+
+
+def _no_object(facts: RunFacts) -> str:
+    """Return the line about an empty result that no other warning explains, with the most likely reason."""
+    if facts.frames_used < FEW_FRAMES:
+        advice = "--every 1 reads all" if facts.every > 1 else "record more"
+        return (
+            f"no object found in {facts.frames_used} frames: a thing must be seen clearly about three times; {advice}"
+        )
+    if facts.depth_median_m is not None and facts.depth_median_m > REACH_M:
+        return (
+            f"no object found: the median depth is {facts.depth_median_m:.1f} m, objects are found up to "
+            f"{REACH_M:g} m; move nearer, or correct the scale with --depth-scale"
+        )
+    if not facts.up_known:
+        return (
+            "no object found, and up is not known: no floor or table was seen; keep the surface under the things in "
+            "the picture, or name 'up_world' in camera.json"
+        )
+    if not facts.proposals:
+        return f"no object found: no frame had a box of its own; look at 'cuboid render DIR --show heat'; {HELP}"
+    return (
+        f"no object found: {facts.proposals} boxes in {facts.frames_used} frames, none confirmed; "
+        f"look at 'cuboid render DIR --show planes'; {HELP}"
+    )
+
+
+def _percent(fraction: float) -> str:
+    return f"{100 * fraction:.0f} %"

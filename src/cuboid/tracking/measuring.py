@@ -1,0 +1,142 @@
+"""What a run counts and times."""
+
+from __future__ import annotations
+
+import sys
+from array import array
+from collections.abc import Mapping
+from pathlib import Path
+
+from cuboid.core.compiletime import working_s
+from cuboid.core.limits import LIMITS
+from cuboid.outputs import LimitReached, Timing
+
+# The first used frames pay for loading the kernels and for filling caches: the stage times leave
+# them out, unless the run is so short that hardly anything would be left.
+WARM_UP_FRAMES = 10
+
+
+def warm_up_of(used: int) -> int:
+    """Return how many of the used frames of a run are warm-up."""
+    return WARM_UP_FRAMES if used >= 2 * WARM_UP_FRAMES else 0
+
+
+class FrameLog:
+    """Counts frames, keeps the reasons of skipped ones and the times of used ones.
+
+    Attributes
+    ----------
+    used : int
+    skipped : list of (int, str)
+        Frame and reason.
+    milliseconds : dict of str to array
+        For "frame" and each stage its time in every used frame.
+    """
+
+    def __init__(self) -> None:
+        self.used = 0
+        self.skipped: list[tuple[int, str]] = []
+        self.milliseconds: dict[str, array[float]] = {"frame": array("d")}
+        self._finished_s = array("d")
+        self._left_out: dict[str, list[int]] = {what: [] for what in LIMITS}
+
+    @property
+    def read(self) -> int:
+        """Frames read, used or not."""
+        return self.used + len(self.skipped)
+
+    def skip(self, index: int, reason: str) -> None:
+        """Count a bad frame."""
+        self.skipped.append((index, reason))
+
+    def use(self, milliseconds: Mapping[str, float], left_out: Mapping[str, int] | None = None) -> None:
+        """Count a used frame, its times, and what it had too much of."""
+        for what, count in (left_out or {}).items():
+            if count:
+                self._left_out[what].append(count)
+        self.used += 1
+        self._finished_s.append(working_s())
+        for stage, time_ms in milliseconds.items():
+            # a stage that did no work in a frame took no time there
+            values = self.milliseconds.setdefault(stage, array("d", [0.0] * (self.used - 1)))
+            values.append(time_ms)
+        for values in self.milliseconds.values():
+            values.extend([0.0] * (self.used - len(values)))
+
+    def limits(self) -> dict[str, LimitReached]:
+        """Return what frames had too much of."""
+        return {
+            what: LimitReached(LIMITS[what], len(counts), sum(counts))
+            for what, counts in self._left_out.items()
+            if counts
+        }
+
+    @property
+    def _warm(self) -> int:
+        return warm_up_of(self.used)
+
+    def frames_per_second(self) -> float:
+        """Return used frames a second of the clock after warm-up; 0 for fewer than two frames."""
+        finished_s = self._finished_s[self._warm :]
+        return (len(finished_s) - 1) / (finished_s[-1] - finished_s[0]) if len(finished_s) > 1 else 0.0
+
+    def timings(self) -> dict[str, Timing]:
+        """Return median and p95 of each stage after warm-up."""
+        start = self._warm
+        return {stage: Timing.of(values[start:]) for stage, values in self.milliseconds.items() if len(values)}
+
+
+class FrameClock:
+    """Milliseconds of the stages of one frame, "frame" for the whole of it; compiling kernels is left out."""
+
+    def __init__(self, before: dict[str, float]) -> None:
+        self._stages = before
+        self._before_ms = sum(before.values())
+        self._begun_s = self._last_s = working_s()
+
+    def lap(self, stage: str) -> None:
+        """Give the time since the last lap to a stage."""
+        now_s = working_s()
+        self._stages[stage] = (now_s - self._last_s) * 1e3
+        self._last_s = now_s
+
+    def laps(self, milliseconds: Mapping[str, float]) -> None:
+        """Take over times that were measured inside."""
+        self._stages.update(milliseconds)
+        self._last_s = working_s()
+
+    def done(self) -> dict[str, float]:
+        """Return the times of the whole and of the stages."""
+        return {"frame": self._before_ms + (working_s() - self._begun_s) * 1e3, **self._stages}
+
+
+def peak_memory_mb() -> float:
+    """Return the largest amount of memory that this process has held, in units of 2**20 bytes."""
+    status = Path("/proc/self/status")
+    if status.exists():  # getrusage counts what the parent held before it started this process
+        for line in status.read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) / 1024.0
+    return _peak_mb()
+
+
+if sys.platform == "win32":
+
+    def _peak_mb() -> float:
+        """Ask Windows for PROCESS_MEMORY_COUNTERS: two numbers of 32 bits, then sizes, the peak first."""
+        import ctypes
+
+        counters = (ctypes.c_size_t * 9)()
+        kernel32 = ctypes.WinDLL("kernel32")
+        kernel32.GetCurrentProcess.restype = ctypes.c_void_p
+        kernel32.K32GetProcessMemoryInfo.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32]
+        kernel32.K32GetProcessMemoryInfo(kernel32.GetCurrentProcess(), counters, ctypes.sizeof(counters))
+        return counters[1] / 2**20
+
+else:
+
+    def _peak_mb() -> float:
+        import resource
+
+        unit = 2**20 if sys.platform == "darwin" else 1024
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit

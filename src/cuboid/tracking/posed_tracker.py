@@ -1,0 +1,554 @@
+"""The tracker: one frame in, what was seen in it out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.boxes.fit import Resting, fit_boxes
+from cuboid.boxes.quantiles import quantile
+from cuboid.core.compiletime import working_s
+from cuboid.core.config import TrackerConfig
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.core.kernels.pixels import assign_planes
+from cuboid.core.limits import MAX_PROPOSALS, MEMORY_MB
+from cuboid.core.observation import Observation
+from cuboid.core.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
+from cuboid.core.sensor import excess_noise, resolves_m
+from cuboid.core.state import Record
+from cuboid.core.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, SAMPLE, STRAYS
+from cuboid.core.working import WorkingImage, filled, thin
+from cuboid.geometry.box import Box
+from cuboid.geometry.se3 import moved_beyond
+from cuboid.heatmap.anchors import LAST_KEYFRAME
+from cuboid.heatmap.pixel_heat import pixel_heat, weigh
+from cuboid.heatmap.voxel_map import VoxelMap, VoxelMapState
+from cuboid.objects.association import Association
+from cuboid.objects.entry import MapObject
+from cuboid.objects.object_map import ObjectMap, ObjectMapState
+from cuboid.objects.prior import prior_of
+from cuboid.objects.validity import too_large
+from cuboid.objects.visibility import measure_visibility, sightings_of
+from cuboid.outputs.object_table import ObjectTable
+from cuboid.outputs.queries import MapQueries
+from cuboid.proposals import make_source
+from cuboid.proposals.depth import DepthSegmentation
+from cuboid.proposals.types import Proposals, ProposalSource
+from cuboid.surfaces.cells import find_cells, patch_pixels, with_level_patches
+from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments, PixelPlanes, points_of, segment_frame
+from cuboid.surfaces.grid import CELL_M
+from cuboid.surfaces.kernels.outlines import BOTTOM, LEFT, RIGHT, TOP
+from cuboid.surfaces.planes import PlaneTracker, PlaneTrackerState
+from cuboid.surfaces.standing import find_flat_areas
+from cuboid.tracking.rolling import Roll, farther_up
+
+
+class Stopwatch:
+    """Milliseconds of each stage of one frame, in the order of work."""
+
+    def __init__(self) -> None:
+        self.milliseconds: dict[str, float] = {}
+        self._last = working_s()
+
+    def lap(self, stage: str) -> None:
+        """Charge the time since the last lap to a stage."""
+        now = working_s()
+        self.milliseconds[stage] = (now - self._last) * 1e3
+        self._last = now
+
+
+@dataclass(frozen=True, slots=True)
+class PosedTrackerState(Record):
+    """State of a `PosedTracker`: all that it needs to go on, but for the rows of the voxel map.
+
+    Attributes
+    ----------
+    config : TrackerConfig
+        As it is in use.
+    turns : int or None
+        Quarter turns by which images are rolled; None before the first frame with depth.
+    count : int
+        Frames so far.
+    place : (3,) float64 or None
+        Where the camera was in the last one.
+    looked_from : (4, 4) float64 or None
+        T_world_camera of the last frame from a new viewpoint.
+    due : bool
+        Whether the next frame refreshes the map.
+    planes : PlaneTrackerState
+    voxels : VoxelMapState
+    map : ObjectMapState
+    """
+
+    config: TrackerConfig
+    turns: int | None
+    count: int
+    place: Float64Array | None
+    looked_from: Float64Array | None
+    due: bool
+    planes: PlaneTrackerState
+    voxels: VoxelMapState
+    map: ObjectMapState
+
+
+class PosedTracker(MapQueries):
+    """Finds the objects of a static scene in a stream of posed RGB-D frames, and keeps their labels.
+
+    Parameters
+    ----------
+    intrinsics : Intrinsics
+        Of every frame.
+    config : TrackerConfig, optional
+    proposals : str or ProposalSource, optional
+        Name of a 2D proposal source, or any callable from (frame, intrinsics) to `Proposals`.
+    memory_mb : float
+        Memory of the process, in units of 2**20 bytes, beyond which parts of the map that are out of view are evicted,
+        and loaded again when they are accessed.
+
+    Raises
+    ------
+    InputError
+        If no proposal source has that name.
+    """
+
+    NOT_SAVED = frozenset({"intrinsics", "_memory_mb", "_propose"})
+
+    def __init__(
+        self,
+        intrinsics: Intrinsics,
+        config: TrackerConfig | None = None,
+        proposals: str | ProposalSource | None = None,
+        *,
+        memory_mb: float = MEMORY_MB,
+    ) -> None:
+        self.intrinsics = intrinsics
+        # Until depth tells in which roll images are worked on: as they come.
+        self._turns: int | None = None
+        self.config = config or TrackerConfig()
+        self._memory_mb = memory_mb
+        self._propose = make_source(proposals, self.config)
+        self._begin()
+        self._count = 0
+        self._place: Float64Array | None = None
+        self._looked_from: Float64Array | None = None
+        self._due = True
+
+    def _begin(self) -> None:
+        c = self.config
+        self._planes = PlaneTracker(c)
+        self._voxels = VoxelMap(c.voxel_m, c.depth_noise_per_m, c.max_depth_m, self._memory_mb)
+        self._map = ObjectMap(c, self._voxels, self._planes)
+
+    def state(self) -> PosedTrackerState:
+        """Return the state of now; see `ObjectStore.state`."""
+        return PosedTrackerState(
+            self.config, self._turns, self._count, self._place, self._looked_from, self._due, self._planes.state(),
+            self._voxels.state(), self._map.state(),
+        )  # fmt: skip
+
+    @classmethod
+    def from_state(
+        cls,
+        state: PosedTrackerState,
+        intrinsics: Intrinsics,
+        proposals: str | ProposalSource | None = None,
+        *,
+        memory_mb: float = MEMORY_MB,
+    ) -> PosedTracker:
+        """Return a tracker that goes on from a state; the rows of its voxel map must be restored."""
+        tracker, c = cls(intrinsics, state.config, proposals, memory_mb=memory_mb), state.config
+        tracker._planes = PlaneTracker.from_state(state.planes, c)
+        tracker._voxels = VoxelMap.from_state(state.voxels, c.voxel_m, c.depth_noise_per_m, c.max_depth_m, memory_mb)
+        tracker._map = ObjectMap.from_state(state.map, c, tracker._voxels, tracker._planes)
+        tracker._turns, tracker._count, tracker._due = state.turns, state.count, state.due
+        tracker._place, tracker._looked_from = state.place, state.looked_from
+        return tracker
+
+    def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
+        """Take in a frame.
+
+        Parameters
+        ----------
+        frame : Frame
+        anchor : int
+            Keyframe that the frame's pose is anchored to, where poses are estimated; see `apply_correction`. After
+            hours of video there are more than are distinguished.
+
+        Raises
+        ------
+        FrameError
+            If the frame has no pose, or one farther away than the map reaches, or its size is not that of the
+            intrinsics.
+        """
+        self._check(frame)
+        if self._turns is None:
+            self._turns = farther_up(frame.depth_m)
+        roll = self._roll
+        return roll.result(self._update(roll.frame(frame), frame, anchor))
+
+    @property
+    def _roll(self) -> Roll:
+        return Roll(self.intrinsics, self._turns or 0)
+
+    def _update(self, frame: Frame, given: Frame, anchor: int) -> FrameResult:
+        """Take in a frame turned by `_roll`; see `update`."""
+        watch, camera = Stopwatch(), self._roll.camera
+        seen = self._observe(frame, camera, anchor if anchor <= LAST_KEYFRAME else 0)
+        image, solid, T_camera_world = seen.image, seen.solid, seen.T_camera_world
+        every = self._proposals(frame, given)
+        proposals = every.best(MAX_PROPOSALS)
+        watch.lap("proposals")
+        planes = self._find_planes(seen)
+        watch.lap("planes")
+        candidate = self._candidates(solid, planes)
+        weighed = weigh(solid, candidate, proposals, self.config)
+        heat = pixel_heat(solid, weighed)
+        watch.lap("heat")
+        # Deferred to the next frame: a frame from a new viewpoint has planes and boxes to update already.
+        due, self._due = self._due, seen.new_viewpoint
+        # On a later visit every frame may show a change: nothing is deferred.
+        refresh_map = due or self._voxels.revisited
+        slots = self._voxels.fuse(image, heat, seen.T_world_camera, seen.frame, seen.keyframe, refresh_map)
+        self._voxels.carve_free_space(image, T_camera_world, refresh_map)
+        voxels = self._voxels.look_up(slots)
+        watch.lap("fuse")
+        in_frustum = self._map.objects_in_frustum(image, T_camera_world)
+        objects = self._map.prune_candidates(in_frustum)
+        left_out = len(in_frustum) - len(objects)
+        prior = prior_of(objects, voxels.owner, weighed)
+        segments = segment_frame(seen, planes, heat, weighed, prior, self._sides(seen.T_world_camera), self.config)
+        boxes = self._boxes(segments.segments, image, seen.T_world_camera)
+        watch.lap("boxes")
+        found = self._map.update(seen, segments, boxes, objects, voxels, candidate)
+        in_frustum = self._map.objects_in_frustum(image, T_camera_world)
+        if due:
+            self._refine(seen, heat, slots, in_frustum)
+        watch.lap("map")
+        sightings = self._frame_sightings(seen, slots, in_frustum, segments, found)
+        own = self._frame_boxes(segments, boxes, found)
+        watch.lap("matching")
+        self._count += 1
+        return FrameResult(
+            index=frame.index,
+            timestamp_s=frame.timestamp_s,
+            T_world_camera=seen.T_world_camera,
+            sightings=sightings,
+            proposals=own,
+            objects_known=self._map.store.labelled,
+            heat=heat,
+            milliseconds=watch.milliseconds,
+            left_out={
+                "proposals": len(every) - len(proposals),
+                "clusters": segments.left_out,
+                "candidates": left_out,
+            },
+            size=(camera.width, camera.height),
+        )
+
+    def _observe(self, frame: Frame, camera: Intrinsics, keyframe: int) -> Observation:
+        """Prepare a frame for all stages; the first one also tells how noisy the sensor is."""
+        T_world_camera = frame.T_world_camera
+        assert T_world_camera is not None
+        image = thin(frame, camera, self.config.working_width_px, self._count)
+        if self._count == 0:
+            self._estimate_noise(image)
+        return Observation(
+            frame=frame.index,
+            image=image,
+            solid=filled(image),
+            T_world_camera=T_world_camera,
+            up_camera=frame.up_camera,
+            keyframe=keyframe,
+            new_viewpoint=self._is_new_viewpoint(T_world_camera),
+            viewpoint_angle_rad=self._viewpoint_angle(image, T_world_camera),
+        )
+
+    def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
+        """Move the map, its planes and its objects after a pose correction (loop closure, relocalisation).
+
+        What was last observed from a keyframe moves with it; objects that meet merge under the older label. Planes and
+        objects move at once. Points move lazily, when their region is next accessed: the cost of a correction depends
+        on the number of keyframes, planes and objects, not of points.
+
+        Parameters
+        ----------
+        moved : mapping of int to (4, 4) float64
+            T_new_old in the world, of each keyframe that moved.
+        """
+        self._planes.apply_correction(moved)
+        self._map.apply_correction(moved)
+
+    def _estimate_noise(self, image: WorkingImage) -> None:
+        """Estimate from the first frame how much noisier the sensor is than configured."""
+        nominal = self.config.depth_noise_per_m
+        excess = excess_noise(image.depth_m, image.camera, nominal, self.config.max_depth_m)
+        if excess > 1.0:
+            self.config = self.config.within_range(depth_noise_per_m=excess * nominal)
+            self._begin()
+
+    def _check(self, frame: Frame) -> None:
+        expected = (self.intrinsics.height, self.intrinsics.width)
+        if frame.depth_m.shape != expected:
+            raise FrameError(
+                f"frame {frame.index} is {frame.depth_m.shape[1]} x {frame.depth_m.shape[0]} pixels, "
+                f"expected {expected[1]} x {expected[0]}"
+            )
+        if frame.T_world_camera is None:
+            raise FrameError(f"frame {frame.index} has no camera pose")
+        far_m, reach_m = np.abs(frame.T_world_camera[:3, 3]).max(), self._voxels.reach_m
+        if far_m + self.config.max_depth_m >= reach_m:
+            raise FrameError(
+                f"frame {frame.index} is {far_m:.0f} m from the origin of its poses, the map reaches {reach_m:.0f} m"
+            )
+
+    def _proposals(self, frame: Frame, given: Frame) -> Proposals:
+        """Return the proposals of a turned frame; a source that knows of no turns gets the frame as it was given."""
+        if isinstance(self._propose, DepthSegmentation):
+            return self._propose(frame, self._roll.camera)
+        proposals, c = self._propose(given, self.intrinsics), self.intrinsics
+        if len(proposals) and (proposals.boxes_xyxy[:, 2:] > (c.width, c.height)).any():
+            raise ValueError(f"proposals of frame {frame.index} lie outside its {c.width} x {c.height} pixels")
+        return self._roll.proposals(proposals)
+
+    def _find_planes(self, seen: Observation) -> PixelPlanes:
+        """Track the supporting planes; return those on and beneath which pixels lie."""
+        c, planes, image, T_world_camera = self.config, self._planes, seen.image, seen.T_world_camera
+        seen_by = image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m
+        if planes.vote_is_due():
+            areas = find_flat_areas(image.depth_m, image.camera, c)
+            if planes.vote_up(areas, T_world_camera, seen.up_camera):
+                self._map.reset_supports()
+        patch = patch_pixels(image.camera)
+        patches = np.full([n // patch for n in image.depth_m.shape], -1, np.int32)
+        renew = seen.new_viewpoint or not planes.known
+        if renew:
+            cells = find_cells(*seen_by)
+            if planes.up is not None:
+                cells = with_level_patches(cells, planes.up, *seen_by)
+            patches = planes.update(self._count, cells, seen.keyframe)
+        if planes.T_plan_world is None or not planes.planes:
+            return PixelPlanes.none(image.depth_m.shape)
+        k, on_plane, support = image.camera, *(np.empty(image.depth_m.shape, np.int32) for _ in range(2))
+        view = planes.planes_in_frustum(k, min(c.max_depth_m, float(image.depth_m.max())), T_world_camera)
+        assign_planes(
+            seen.solid.depth_m, np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera,
+            planes.in_camera(view, T_world_camera), view.numbers, view.ground,
+            view.origin, CELL_M, patches, patch, c.depth_noise_per_m, c.min_height_m, BIAS_M,
+            c.max_depth_m, on_plane, support, view.seen,
+        )  # fmt: skip
+        if renew:
+            planes.add_readings(view, seen.keyframe)
+        return PixelPlanes(on_plane, support, view.identities)
+
+    def _candidates(self, image: WorkingImage, planes: PixelPlanes) -> UInt8Array:
+        """Return which readings may belong to an object: all within range but those on a supporting plane."""
+        within = (image.depth_m > 0) & (image.depth_m <= self.config.max_depth_m)
+        return np.asarray(within & (planes.on_plane < 0), dtype=np.uint8)
+
+    def _sides(self, T_world_camera: Float64Array) -> npt.NDArray[np.int64]:
+        """Return which side of a segment lies below, above, right and left of it in the image, for any up."""
+        up = T_world_camera[:3, :3].T @ self._planes.likely_up
+        if abs(up[0]) <= abs(up[1]):
+            return np.array([TOP, BOTTOM, LEFT, RIGHT] if up[1] > 0 else [BOTTOM, TOP, RIGHT, LEFT])
+        return np.array([LEFT, RIGHT, TOP, BOTTOM] if up[0] > 0 else [RIGHT, LEFT, BOTTOM, TOP])
+
+    def _is_new_viewpoint(self, T_world_camera: Float64Array) -> bool:
+        """Tell whether the camera has moved beyond the pose error since the last frame for which this was true.
+
+        Below that the map cannot tell the two viewpoints apart: planes, boxes and free space seen from there need not
+        be updated again.
+        """
+        last = self._looked_from
+        if last is not None and not moved_beyond(last, T_world_camera, DRIFT_M, DRIFT_RAD):
+            return False
+        self._looked_from = T_world_camera
+        return True
+
+    def _viewpoint_angle(self, image: WorkingImage, T_world_camera: Float64Array) -> float:
+        """Return the change of viewing angle since the last frame, radians: baseline over depth; infinite at first."""
+        last, self._place = self._place, T_world_camera[:3, 3]
+        distance_m = 0.0 if last is None else _median_depth_m(image.depth_m)
+        return math.inf if last is None or distance_m == 0.0 else math.dist(self._place, last) / distance_m
+
+    def _boxes(self, segments: Sequence[FrameSegment], image: WorkingImage, T_world_camera: Float64Array) -> list[Box]:
+        if not segments:
+            return []
+        some = [c.pixels[:: 1 + len(c.pixels) // (SAMPLE // 2)] for c in segments]
+        points = points_of(np.concatenate(some), image, T_world_camera)
+        found = {identity: self._planes.find(identity) for identity in {k for c in segments for k in c.supports}}
+        rests = {identity: self._planes.in_world(plane) for identity, plane in found.items() if plane is not None}
+        unknown = self._planes.likely_up, None
+        planes = [_main_support(c.supports, rests) or unknown for c in segments]
+        return fit_boxes(points, [len(pixels) for pixels in some], planes, STRAYS)
+
+    def _refine(
+        self, seen: Observation, heat: Float32Array, slots: npt.NDArray[np.int32], in_frustum: Sequence[MapObject]
+    ) -> None:
+        """Fuse small labelled objects at the fine resolution as well, as far as the sensor resolves it."""
+        image = seen.image
+        voxels, c = self._voxels, image.camera
+        small = [o.number for o in in_frustum if o.confirmed and max(o.box.size.tolist()) <= voxels.small_m]
+        if small:
+            # The phases of thinned frames make up for a step of two.
+            far_m = resolves_m(voxels.fine_m, self.config.depth_noise_per_m, min(image.step, 2) * c.fx)
+            numbers = np.zeros(max(small) + 1, bool)
+            numbers[small] = True
+            voxels.refine(image, heat, seen.T_world_camera, seen.frame, seen.keyframe, slots, numbers, far_m)
+
+    def _frame_sightings(
+        self,
+        seen: Observation,
+        slots: npt.NDArray[np.int32],
+        in_frustum: Sequence[MapObject],
+        frame_segments: FrameSegments,
+        found: Association,
+    ) -> tuple[Sighting, ...]:
+        """Record which objects of the map the frame shows; return the sightings of those with a label."""
+        objects = [o for o in in_frustum if len(o.points)]
+        visibilities = measure_visibility(
+            objects, self._map.store.boxes_of(objects), seen, slots, self._voxels.owner, self.config.depth_noise_per_m
+        )
+        visible = [(entry, view) for entry, view in zip(objects, visibilities, strict=True) if view.seen]
+        self._map.record_seen(seen.frame, [entry for entry, _ in visible])
+        return sightings_of(visible, frame_segments, found)
+
+    def _frame_boxes(
+        self, frame_segments: FrameSegments, boxes: Sequence[Box], found: Association
+    ) -> tuple[Proposal3D, ...]:
+        """Return the boxes of this frame's segments, none larger than an object, with the labels of their objects."""
+        place = np.where(found.match >= 0, found.match, found.part).tolist()
+        now = [found.objects[j].survivor if j >= 0 else None for j in place]
+        labels = [o.label if o is not None and o.confirmed else 0 for o in now]
+        return tuple(
+            [
+                Proposal3D(label, box, segment.heat, segment.rect_xyxy)
+                for label, box, segment in zip(labels, boxes, frame_segments.segments, strict=True)
+                if not too_large(box, self.config)
+            ]
+        )
+
+    @property
+    def objects(self) -> ObjectTable:
+        """The confirmed objects of the map, by label: a list, and a table for notebooks and pandas."""
+        used = [plane for plane in self._planes.planes if plane.in_use]
+        place = {plane.identity: k for k, plane in enumerate(used)}
+        return ObjectTable(self._tracked(entry, place) for entry in self._map.store.confirmed())
+
+    def _tracked(self, entry: MapObject, place: Mapping[int, int]) -> TrackedObject:
+        plane = self._planes.find(entry.plane)
+        return TrackedObject(
+            label=entry.label,
+            box=entry.box,
+            score=entry.score,
+            heat=entry.heat,
+            first_frame=entry.first_frame,
+            last_frame=entry.last_frame,
+            frames_seen=entry.frames_seen,
+            points=len(self._voxels.rows_of(entry.number)),
+            mean_color=entry.mean_color,
+            plane=None if plane is None else place[plane.identity],
+            merged_labels=tuple(entry.merged_labels),
+        )
+
+    @property
+    def planes(self) -> list[SupportPlane]:
+        """The supporting planes in use."""
+        return [
+            SupportPlane(*self._planes.in_world(plane), self._planes.outline_in_world(plane))
+            for plane in self._planes.planes
+            if plane.in_use
+        ]
+
+    @property
+    def plane_identities(self) -> list[int]:
+        """What `MapObject.plane` calls each of `planes`."""
+        return [plane.identity for plane in self._planes.planes if plane.in_use]
+
+    @property
+    def up(self) -> Float64Array | None:
+        """Up in the world, (3,); None while unknown."""
+        return self._planes.up
+
+    def ever_labelled(self) -> list[MapObject]:
+        """Return all objects that have a label, retired ones too, by label."""
+        return self._map.store.ever_labelled()
+
+    def merge(self, one: MapObject, two: MapObject) -> MapObject:
+        """Make one object of two that are one, as somebody says; return it, under the older label."""
+        return self._map.merge(one, two)
+
+    def retire(self, entry: MapObject) -> None:
+        """End an object: it is none, as somebody says, or stands there no more. Its label is never given again."""
+        self._map.store.retire(entry)
+
+    def begin_visit(self) -> None:
+        """Expect the place at another time: things may have been moved, taken and brought."""
+        self._map.begin_visit()
+        self._place = self._looked_from = None
+        self._due = True
+
+    def adopt(self, entry: MapObject, old: MapObject) -> None:
+        """Let a labelled object be one that was retired: it was moved, and its older label stays."""
+        self._map.store.adopt(entry, old)
+
+    @property
+    def support(self) -> PlaneTracker:
+        """The supporting planes and their ground plans."""
+        return self._planes
+
+    def begin_labels(self, first: int) -> None:
+        """Give no label below one."""
+        self._map.store.begin_labels(first)
+
+    @property
+    def voxels(self) -> VoxelMap:
+        """The global voxel map."""
+        return self._voxels
+
+    @property
+    def points_known(self) -> int:
+        """How many points the global point map holds."""
+        return self._voxels.alive
+
+    @property
+    def map_bytes(self) -> int:
+        """Memory of the global point map, room for more points included, bytes."""
+        return self._voxels.nbytes
+
+    def map_points(self) -> MapPoints:
+        """Return the global point map; of small objects its fine points, where there are such."""
+        rows = self._voxels.living()
+        label_of = np.zeros(max((o.number for o in self._map.store.living()), default=0) + 1, np.int32)
+        for entry in self._map.store.confirmed():
+            label_of[entry.number] = entry.label
+        xyz, of = self._voxels.spread(rows)
+        owner = self._voxels.owner[rows[of]]
+        label = label_of[np.where(owner < len(label_of), owner, 0)]
+        fine, whole = self._voxels.fine_replacements(xyz, label > 0)
+        kept = np.ones(len(xyz), bool)
+        kept[whole] = False
+        every = np.concatenate([rows[of][kept], fine])
+        return MapPoints(
+            xyz=np.concatenate([xyz[kept], self._voxels.xyz(fine)]),
+            rgb=self._voxels.rgb(every),
+            heat=self._voxels.heat(every),
+            label=np.concatenate([label[kept], label[whole]]),
+        )
+
+
+def _median_depth_m(depth_m: Float32Array) -> float:
+    """Return the median of readings, one in sixteen: 0 where there is none."""
+    some = depth_m[::4, ::4]
+    known = some[some > 0]
+    return quantile(known, 0.5) if len(known) else 0.0
+
+
+def _main_support(supports: Mapping[int, int], rests: Mapping[int, Resting]) -> Resting | None:
+    """Return the plane of `rests` that is beneath most pixels, of equals the older; None where there is none."""
+    known = [identity for identity in supports if identity in rests]
+    return rests[min(known, key=lambda k: (-supports[k], k))] if known else None

@@ -1,0 +1,130 @@
+"""Frames in one roll: whichever way the camera is turned about its sight, the same images are worked on.
+
+All images of a recording are turned by the same quarter turns, so that what is farther lies above what is nearer in
+the first one, as it does on every surface that is seen from above. A recording whose images were turned, with
+intrinsics and poses, then gives the same results, number for number.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics
+from cuboid.core.results import FrameResult
+from cuboid.core.tolerances import MIN_READINGS
+from cuboid.proposals.types import Proposals
+
+# R_camera_turned of a camera whose image is turned clockwise by a quarter.
+QUARTER = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+def farther_up(depth_m: Float32Array) -> int | None:
+    """Return by how many quarters, clockwise, an image is to be turned so that what is farther lies above, 0..3.
+
+    None where too few readings tell.
+
+    Parameters
+    ----------
+    depth_m : (H, W) float32
+        Metres, 0 none.
+    """
+    v, u = np.nonzero(depth_m > 0)
+    if len(v) < MIN_READINGS:
+        return None
+    near = 1.0 / depth_m[v, u].astype(np.float64)
+    # How nearness grows to the right and downwards. Whole numbers are summed first: they have no order of rounding.
+    across, down = near @ (len(u) * u - int(u.sum())), near @ (len(v) * v - int(v.sum()))
+    # Turned clockwise by a quarter, what was at the right is below, and what was below is at the left.
+    return int(np.argmax([down, across, -down, -across]))
+
+
+@dataclass(frozen=True, slots=True)
+class Roll:
+    """Quarter turns, clockwise, by which images are turned before they are worked on.
+
+    Attributes
+    ----------
+    intrinsics : Intrinsics
+        Of the images as they come.
+    turns : int
+        0..3.
+    """
+
+    intrinsics: Intrinsics
+    turns: int
+
+    @property
+    def camera(self) -> Intrinsics:
+        """Intrinsics of the turned images."""
+        camera = self.intrinsics
+        for _ in range(self.turns):
+            camera = Intrinsics(
+                camera.fy, camera.fx, camera.height - 1 - camera.cy, camera.cx, camera.height, camera.width
+            )
+        return camera
+
+    def frame(self, frame: Frame) -> Frame:
+        """Return a frame turned, with its pose."""
+        if self.turns == 0:
+            return frame
+        R, T = self._rotation(), frame.T_world_camera
+        return dataclasses.replace(
+            frame,
+            color=np.ascontiguousarray(np.rot90(frame.color, -self.turns)),
+            depth_m=np.ascontiguousarray(np.rot90(frame.depth_m, -self.turns)),
+            T_world_camera=None if T is None else _turned(T, R),
+            up_camera=None if frame.up_camera is None else frame.up_camera @ R,
+        )
+
+    def proposals(self, found: Proposals) -> Proposals:
+        """Return the proposals of an image as those of the turned one."""
+        if self.turns == 0 or not len(found):
+            return found
+        masks = found.full_masks()
+        return Proposals(
+            self._rectangles(found.boxes_xyxy, self.intrinsics, self.turns).astype(np.int32),
+            found.scores,
+            None if masks is None else tuple(np.ascontiguousarray(np.rot90(mask, -self.turns)) for mask in masks),
+        )
+
+    def result(self, result: FrameResult) -> FrameResult:
+        """Return what was found in a turned frame as of the frame as it came."""
+        if self.turns == 0:
+            return result
+        back, camera = -self.turns % 4, self.camera
+        return dataclasses.replace(
+            result,
+            T_world_camera=_turned(result.T_world_camera, self._rotation().T),
+            sightings=tuple(
+                dataclasses.replace(one, rect_xyxy=self._rectangles(one.rect_xyxy[None], camera, back)[0])
+                for one in result.sightings
+            ),
+            proposals=tuple(
+                dataclasses.replace(one, rect_xyxy=self._rectangles(one.rect_xyxy[None], camera, back)[0])
+                for one in result.proposals
+            ),
+            heat=np.ascontiguousarray(np.rot90(result.heat, self.turns)),
+            size=(self.intrinsics.width, self.intrinsics.height),
+        )
+
+    def _rotation(self) -> Float64Array:
+        return np.asarray(np.linalg.matrix_power(QUARTER, self.turns))
+
+    @staticmethod
+    def _rectangles(boxes_xyxy: npt.NDArray[np.generic], camera: Intrinsics, turns: int) -> Float64Array:
+        """Return rectangles (N, 4) of an image in the same image turned clockwise."""
+        boxes, width, height = np.asarray(boxes_xyxy, np.float64), camera.width, camera.height
+        for _ in range(turns):
+            boxes = np.column_stack([height - boxes[:, 3], boxes[:, 0], height - boxes[:, 1], boxes[:, 2]])
+            width, height = height, width
+        return boxes
+
+
+def _turned(T_world_camera: Float64Array, R_camera_turned: Float64Array) -> Float64Array:
+    T = T_world_camera.copy()
+    T[:3, :3] = T_world_camera[:3, :3] @ R_camera_turned
+    return T

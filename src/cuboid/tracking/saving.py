@@ -1,0 +1,129 @@
+"""The result folder of a run: written at its end from what the tracker knows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from math import gcd
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cuboid import __version__
+from cuboid.core.errors import FrameError
+from cuboid.core.frame import Frame
+from cuboid.outputs import ObjectsFile, Results, ResultWriter, RunReport
+from cuboid.outputs.folder import REPORT
+from cuboid.outputs.writer import RowLog
+from cuboid.tracking.checks import checked_warnings
+from cuboid.tracking.measuring import peak_memory_mb
+from cuboid.tracking.types import RecordingLike, lens_settings
+
+if TYPE_CHECKING:
+    from cuboid.core.results import SceneChange
+    from cuboid.tracking.tracker import Tracker
+    from cuboid.views.report.pictures import Picture
+
+# What `run.json` calls the format of frames that a program gave to the tracker itself.
+FRAMES_FORMAT = "frames"
+NOT_GIVEN = "the frame was not given to the tracker"
+NO_RECORDING = "the recording of the frames is not known"
+
+
+def save_results(
+    tracker: Tracker,
+    rows: RowLog,
+    output: Path,
+    recording: RecordingLike | None,
+    settings: Mapping[str, Any],
+    seconds: float,
+    *,
+    force: bool,
+) -> None:
+    """Write the result folder of a tracker that was fed frame by frame; parameters as of `Tracker.save`.
+
+    Parameters
+    ----------
+    tracker : Tracker
+    rows : RowLog
+        Rows of its frames.
+    output : Path
+    recording : RecordingLike or None
+    settings : mapping
+        Settings for `run.json`.
+    seconds : float
+        Since the tracker was made.
+    force : bool
+    """
+    corrected = tracker.corrected_trajectory()
+    read = _no_frame if recording is None else recording.read
+    with ResultWriter(output, force=force, corrected=corrected is not None) as writer:
+        writer.go_on(rows.texts(corrected=corrected is not None))
+        every, skipped = _counted(tracker)
+        lens = {} if recording is None else lens_settings(recording)
+        warnings = (
+            tracker.warnings
+            if recording is None
+            else (*recording.warnings, *checked_warnings(tracker, recording, every))
+        )
+        report = RunReport(
+            version=__version__,
+            complete=True,
+            recording="" if recording is None else str(recording.path),
+            format=FRAMES_FORMAT if recording is None else recording.format,
+            poses=tracker.poses or "given",
+            threads=1,
+            config={"every": every, "limit": None, "scale": 1, "bridge": False, **lens, **settings},
+            frames_read=len(tracker.T_world_camera) + len(skipped),
+            frames_used=len(tracker.T_world_camera),
+            skipped=skipped,
+            milliseconds=tracker.log.timings(),
+            seconds=seconds,
+            peak_memory_mb=peak_memory_mb(),
+            warnings=warnings,
+            limits=tracker.log.limits(),
+        )
+        points = tracker.map_points()
+        found = ObjectsFile(tracker.up, tracker.intrinsics, tuple(tracker.planes), points.counted(tracker.objects))
+        writer.finish(found, points, report, corrected)
+    write_page(Results(output), read)
+
+
+def write_page(
+    results: Results, read: Callable[[int], Frame], changes: Sequence[SceneChange] = ()
+) -> Mapping[int, Picture]:
+    """Write the 3D page of results beside them.
+
+    Parameters
+    ----------
+    results : Results
+    read : callable
+        Returns a frame of the recording by its index; raises FrameError where it cannot.
+    changes : sequence of SceneChange
+        What changed in the scene that the recording went into.
+
+    Returns
+    -------
+    mapping of int to Picture
+        The page's pictures of objects, by label.
+    """
+    from cuboid.views.report import summarise, write_report
+
+    summary = summarise(results, read, changes)
+    write_report(results.folder / REPORT, summary)
+    return summary.pictures
+
+
+def _counted(tracker: Tracker) -> tuple[int, tuple[tuple[int, str], ...]]:
+    """Return the step between the frames that were given, and all that were not used, with reasons.
+
+    `run.json` counts frames 0, n, 2n, ... of a recording: those in between that were not given are named.
+    """
+    skipped = dict(tracker.log.skipped)
+    given = sorted({*tracker.T_world_camera, *skipped})
+    every = gcd(*given) or 1
+    missing = dict.fromkeys(range(0, given[-1] + 1 if given else 0, every), NOT_GIVEN)
+    reasons = missing | skipped
+    return every, tuple((k, why) for k, why in sorted(reasons.items()) if k not in tracker.T_world_camera)
+
+
+def _no_frame(index: int) -> Frame:
+    raise FrameError(NO_RECORDING)

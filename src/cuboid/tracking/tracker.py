@@ -1,0 +1,331 @@
+"""The tracker: frames with or without camera poses in, what is seen in each out, a result folder at the end."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cuboid.core.compiletime import working_s
+from cuboid.core.config import TrackerConfig
+from cuboid.core.errors import CuboidError, FrameError, shown
+from cuboid.core.frame import Float64Array, Frame, Intrinsics, SkippedFrame
+from cuboid.core.limits import MEMORY_MB
+from cuboid.core.paths import PathLike, as_path
+from cuboid.core.results import FrameResult, MapPoints, SupportPlane
+from cuboid.outputs import PoseRow
+from cuboid.outputs.object_table import ObjectTable
+from cuboid.outputs.queries import MapQueries
+from cuboid.outputs.writer import RowLog
+from cuboid.poses.sources import ESTIMATED, GIVEN, Poses, checked_origin, source_of_poses
+from cuboid.tracking.checks import run_facts
+from cuboid.tracking.diagnosis import Counts, diagnose
+from cuboid.tracking.measuring import FrameClock, FrameLog
+from cuboid.tracking.types import RecordingLike, TrackerLike
+
+if TYPE_CHECKING:
+    from cuboid.proposals.types import ProposalSource
+
+# Half of the readings of a frame lie beyond this only where depth is not in metres: no RGB-D camera sees so far.
+MAX_MEDIAN_DEPTH_M = 100.0
+
+
+class Tracker(MapQueries):
+    """Finds the objects of a static scene in RGB-D frames and keeps their labels; `cuboid track` is built on it.
+
+    Parameters
+    ----------
+    intrinsics : Intrinsics
+        Pinhole of every frame.
+    config : TrackerConfig, optional
+    proposals : str or ProposalSource, optional
+        Name of a source of 2D proposals, with its options, or any callable from (frame, intrinsics) to `Proposals`.
+    poses : {"given", "auto", "corrected", "estimated"}, optional
+        Where camera poses come from. "given": the pose of each frame as it is. "auto": the same, with a warning where
+        the poses drift. "corrected": given poses, corrected where they drift. "estimated": from the video. Unless
+        given, the first frame decides: "given" where it has a pose, else "estimated".
+    memory_mb : float
+        Memory of the process, in units of 2**20 bytes, beyond which parts of the map that are out of view are evicted,
+        and loaded again when they are accessed.
+
+    Raises
+    ------
+    InputError
+        No proposal source has that name.
+    ValueError
+        `poses` is none of these words.
+
+    Examples
+    --------
+    >>> recording = cuboid.open_recording("my-recording")  # doctest: +SKIP
+    >>> tracker = cuboid.Tracker(recording.intrinsics)  # doctest: +SKIP
+    >>> for frame in recording:  # doctest: +SKIP
+    ...     print([seen.label for seen in tracker.update(frame).sightings])
+    >>> tracker.save("results", recording=recording)  # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        intrinsics: Intrinsics,
+        config: TrackerConfig | None = None,
+        proposals: str | ProposalSource | None = None,
+        *,
+        poses: str | None = None,
+        memory_mb: float = MEMORY_MB,
+    ) -> None:
+        from cuboid.tracking.posed_tracker import PosedTracker
+
+        config, rows = config or TrackerConfig(), RowLog()
+        origin = None if poses is None else checked_origin(poses)
+        mapper = PosedTracker(intrinsics, config, proposals, memory_mb=memory_mb)
+        self._start(intrinsics, config, mapper, None, rows.add)
+        self._origin, self._proposals, self._rows = origin, proposals, rows
+
+    _origin: str | None = None
+    _proposals: str | ProposalSource | None = None
+    _rows: RowLog | None = None
+
+    @classmethod
+    def of_parts(
+        cls,
+        intrinsics: Intrinsics,
+        config: TrackerConfig,
+        mapper: TrackerLike,
+        source: Poses,
+        write: Callable[[FrameResult], None] | None,
+    ) -> Tracker:
+        """Return a tracker made of a tracker of posed frames and a source of poses, for the loop over a recording.
+
+        Parameters
+        ----------
+        intrinsics : Intrinsics
+        config : TrackerConfig
+        mapper : TrackerLike
+            Takes the frames in once their pose is known.
+        source : Poses
+        write : callable, optional
+            Gets the result of each used frame, in order; writes its rows.
+        """
+        tracker = cls.__new__(cls)
+        tracker._start(intrinsics, config, mapper, source, write)
+        return tracker
+
+    def _start(
+        self,
+        intrinsics: Intrinsics,
+        config: TrackerConfig,
+        mapper: TrackerLike,
+        source: Poses | None,
+        write: Callable[[FrameResult], None] | None,
+    ) -> None:
+        self.intrinsics, self._config = intrinsics, config
+        self._mapper, self._source, self._write = mapper, source, write
+        self._busy = threading.Lock()
+        self._begun_s = working_s()
+        self.log, self.counts = FrameLog(), Counts()
+        self.times_s: dict[int, float] = {}
+        self.T_world_camera: dict[int, Float64Array] = {}
+
+    def update(self, frame: Frame | SkippedFrame) -> FrameResult | SkippedFrame:
+        """Take in the next frame.
+
+        Parameters
+        ----------
+        frame : Frame or SkippedFrame
+            Indices increase from frame to frame. Depth is in metres.
+
+        Returns
+        -------
+        FrameResult or SkippedFrame
+            A `SkippedFrame`, which has no sightings, says why the frame could not be used: the camera is lost, the
+            frame has no pose, or it was skipped by the reader.
+
+        Raises
+        ------
+        FrameError
+            The frame is none, has another size than the intrinsics, does not come after the last one, or its depth is
+            not in metres.
+        CuboidError
+            Another thread is taking in a frame.
+        """
+        clock = FrameClock({})
+        result = self.step(frame, clock)
+        if isinstance(result, FrameResult):
+            self.log.use(clock.done(), result.left_out)
+        return result
+
+    def step(self, frame: Frame | SkippedFrame, clock: FrameClock) -> FrameResult | SkippedFrame:
+        """Take in the next frame as `update` does, on a clock whose times the caller logs."""
+        if not self._busy.acquire(blocking=False):
+            raise CuboidError("Tracker.update: another thread is taking in a frame; frames come one after the other")
+        try:
+            self._check(frame)
+            if isinstance(frame, SkippedFrame):
+                return self.skip(frame.index, frame.reason)
+            return self._step(frame, clock)
+        finally:
+            self._busy.release()
+
+    def _step(self, frame: Frame, clock: FrameClock) -> FrameResult | SkippedFrame:
+        self.times_s[frame.index] = frame.timestamp_s
+        try:
+            posed = self._poses_for(frame).locate(frame)
+            clock.lap("poses")
+            if posed.moved:
+                self._mapper.apply_correction(posed.moved)
+                clock.lap("correction")
+            result = self._mapper.update(frame.at(posed.T_world_camera), posed.anchor)
+        except FrameError as error:
+            return self.skip(frame.index, str(error))
+        self.T_world_camera[frame.index] = posed.T_world_camera
+        clock.laps(result.milliseconds)
+        self.counts.add(frame, result)
+        if self._write is not None:
+            self._write(result)
+            clock.lap("write")
+        return result
+
+    def skip(self, index: int, reason: str) -> SkippedFrame:
+        """Note a frame that cannot be used; the report names it."""
+        self.log.skip(index, reason)
+        return SkippedFrame(index, reason)
+
+    def resume(
+        self,
+        T_world_camera: Mapping[int, Float64Array],
+        times_s: Mapping[int, float],
+        skipped: Sequence[tuple[int, str]],
+    ) -> None:
+        """Begin with the frames of a run that was broken off: poses and times by index, skipped ones with reasons."""
+        self.T_world_camera.update(T_world_camera)
+        self.times_s.update(times_s)
+        for index, reason in skipped:
+            self.log.skip(index, reason)
+
+    def _check(self, frame: Frame | SkippedFrame) -> None:
+        """Raise FrameError for what a caller got wrong."""
+        if not isinstance(frame, Frame | SkippedFrame):
+            raise FrameError(f"expected a cuboid.Frame, got {type(frame).__name__}")
+        if isinstance(frame.index, bool) or not isinstance(frame.index, int | np.integer) or frame.index < 0:
+            raise FrameError(f"a frame's index must be a whole number from 0, got {shown(frame.index)}")
+        if self._last_index is not None and frame.index <= self._last_index:
+            raise FrameError(f"frame {frame.index} comes after frame {self._last_index}; indices must increase")
+        if isinstance(frame, Frame):
+            height, width = frame.depth_m.shape
+            if (width, height) != (self.intrinsics.width, self.intrinsics.height):
+                raise FrameError(
+                    f"frame {frame.index} is {width} x {height} pixels, "
+                    f"expected {self.intrinsics.width} x {self.intrinsics.height}"
+                )
+            refuse_other_units(frame)
+
+    @property
+    def _last_index(self) -> int | None:
+        """Index of the last frame, used or not; None before the first."""
+        used, skipped = next(reversed(self.T_world_camera), -1), self.log.skipped[-1][0] if self.log.skipped else -1
+        return None if max(used, skipped) < 0 else max(used, skipped)
+
+    def _poses_for(self, frame: Frame) -> Poses:
+        if self._source is None:
+            self._origin = self._origin or (ESTIMATED if frame.T_world_camera is None else GIVEN)
+            self._source = source_of_poses(self._origin, self.intrinsics, self._config.voxel_m)
+        return self._source
+
+    @property
+    def poses(self) -> str | None:
+        """Where camera poses come from: "given", "corrected" or "estimated"; None before the first frame."""
+        return None if self._source is None else self._source.origin
+
+    @property
+    def objects(self) -> ObjectTable:
+        """The confirmed objects of the map, by label: a list, and a table for notebooks and pandas."""
+        return ObjectTable(self._mapper.objects)
+
+    @property
+    def planes(self) -> list[SupportPlane]:
+        """The supporting planes."""
+        return self._mapper.planes
+
+    @property
+    def up(self) -> Float64Array | None:
+        """Up in the world, (3,); None while unknown."""
+        return self._mapper.up
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is likely to be wrong with the frames, one line each."""
+        return (*diagnose(run_facts(self)), *self.pose_warnings)
+
+    @property
+    def pose_warnings(self) -> tuple[str, ...]:
+        """What is likely to be wrong with the camera poses, one line each."""
+        return () if self._source is None else self._source.warnings()
+
+    @property
+    def points_known(self) -> int:
+        """How many points the global point map holds."""
+        return self._mapper.points_known
+
+    @property
+    def map_bytes(self) -> int:
+        """Memory of the global point map, bytes."""
+        return self._mapper.map_bytes
+
+    def map_points(self) -> MapPoints:
+        """Return the global point map."""
+        return self._mapper.map_points()
+
+    def corrected_trajectory(self) -> list[PoseRow] | None:
+        """Return the poses of the used frames as corrected since they came; None where none was corrected.
+
+        Frames that were lost when they came get a pose when their place is found later; the map never used them.
+        """
+        poses = None if self._source is None else self._source.trajectory()
+        if poses is None:
+            return None
+        return [PoseRow(self.times_s[k], T) for k, T in sorted(poses.items()) if k in self.T_world_camera]
+
+    @property
+    def trajectory(self) -> dict[int, Float64Array]:
+        """T_world_camera (4, 4) of each used frame, by its index, as corrected since it came."""
+        poses = None if self._source is None else self._source.trajectory()
+        return {k: T if poses is None else poses.get(k, T) for k, T in self.T_world_camera.items()}
+
+    def save(self, output: PathLike, *, recording: RecordingLike | None = None, force: bool = False) -> None:
+        """Write the result folder that `cuboid track` writes: objects, sightings, poses, map, report, 3D page.
+
+        Parameters
+        ----------
+        output : path
+            The folder; made where there is none.
+        recording : RecordingLike, optional
+            Where the frames came from: `run.json` names it, and the 3D page gets pictures of the objects.
+        force : bool
+            Replace results that lie in `output`.
+
+        Raises
+        ------
+        OutputError
+            The folder exists and `force` is not given, or it cannot be written.
+        """
+        from cuboid.proposals import source_name
+        from cuboid.tracking.saving import save_results
+
+        if self._rows is None:
+            raise CuboidError("Tracker.save: the rows of this tracker are written by the loop that made it")
+        settings = {"proposals": source_name(self._proposals), "tracker": self._config.to_dict()}
+        seconds = working_s() - self._begun_s
+        save_results(self, self._rows, as_path(output), recording, settings, seconds, force=force)
+
+
+def refuse_other_units(frame: Frame) -> None:
+    """Raise FrameError where the depth of a frame is not in metres."""
+    some = frame.depth_m[::8, ::8]
+    some = some[some > 0]
+    if len(some) and float(np.median(some)) > MAX_MEDIAN_DEPTH_M:
+        raise FrameError(
+            f"frame {frame.index}: the median depth is {shown(round(float(np.median(some)), 1))} m; "
+            "depth_m must be in metres, not in millimetres"
+        )

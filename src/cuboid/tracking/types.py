@@ -1,0 +1,173 @@
+"""What the loop over a recording asks of those that it works with, and what it gives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from cuboid.core.config import TrackerConfig
+from cuboid.core.frame import Float64Array, Frame, Intrinsics
+from cuboid.core.results import FrameResult, MapPoints, SupportPlane, TrackedObject
+from cuboid.outputs import RunReport
+from cuboid.outputs.object_table import ObjectTable
+
+if TYPE_CHECKING:
+    from cuboid.proposals.types import ProposalSource
+    from cuboid.readers.depth_camera import DepthCamera
+    from cuboid.views.video import FrameSink
+
+
+class RecordingLike(Protocol):
+    """What the loop needs of a recording; `cuboid.open_recording` gives one."""
+
+    @property
+    def path(self) -> Path:
+        """Where it lies."""
+
+    @property
+    def format(self) -> str:
+        """Name of its layout."""
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Pinhole of its images."""
+
+    @property
+    def distortion(self) -> tuple[float, ...]:
+        """What the lens did to them, and was taken out; empty where nothing was."""
+
+    @property
+    def depth_units_per_metre(self) -> float:
+        """Of its depth images."""
+
+    @property
+    def depth_camera(self) -> DepthCamera | None:
+        """The depth camera whose images were registered to color; None where depth was aligned already."""
+
+    @property
+    def has_poses(self) -> bool:
+        """Whether camera poses come with it."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the user should know of its files, one line each."""
+
+    def __len__(self) -> int:
+        """Return the number of frames, bad ones included."""
+
+    def read(self, index: int) -> Frame:
+        """Return a frame; raises FrameError for a bad one."""
+
+    def pose(self, index: int) -> Float64Array | None:
+        """Return a frame's pose; raises FrameError where it has none."""
+
+    def without_poses(self) -> RecordingLike:
+        """Return the same recording without its poses."""
+
+
+def lens_settings(recording: RecordingLike) -> dict[str, Any]:
+    """Return what `run.json` says of how a recording's images were made."""
+    depth_camera = {} if recording.depth_camera is None else recording.depth_camera.document()
+    return {
+        "distortion": list(recording.distortion),
+        "depth_units_per_metre": recording.depth_units_per_metre,
+        **depth_camera,
+    }
+
+
+class MapLike(Protocol):
+    """What can be asked of a running tracker between two frames."""
+
+    @property
+    def objects(self) -> list[TrackedObject]:
+        """The confirmed objects."""
+
+    @property
+    def planes(self) -> list[SupportPlane]:
+        """The supporting planes."""
+
+    @property
+    def up(self) -> Float64Array | None:
+        """Up in the world."""
+
+    @property
+    def points_known(self) -> int:
+        """Points of the global point map."""
+
+    @property
+    def map_bytes(self) -> int:
+        """Memory of the global point map."""
+
+    def map_points(self) -> MapPoints:
+        """Return the global point map."""
+
+
+class TrackerLike(MapLike, Protocol):
+    """A tracker of frames whose pose is known."""
+
+    def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
+        """Take in one frame, whose pose is anchored to a keyframe."""
+
+    def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
+        """Apply a pose correction: move what was found with the keyframes."""
+
+
+class Progress:
+    """Told how a run goes; this one does nothing."""
+
+    def start(self, frames: int | None) -> None:
+        """Tell that a run over so many frames begins; None where nobody knows how many."""
+
+    def frame(self, result: FrameResult) -> None:
+        """Tell that a frame is done."""
+
+    def skipped(self, index: int, reason: str) -> None:
+        """Tell that a frame was skipped."""
+
+
+MakeTracker = Callable[[Intrinsics, TrackerConfig, "str | ProposalSource | None"], TrackerLike]
+MakeFrameSink = Callable[[Path, Intrinsics, int], "FrameSink"]
+Watch = Callable[[Frame, FrameResult, MapLike], None]
+
+
+@dataclass(frozen=True, slots=True)
+class RunOutcome:
+    """What a run found and how it went.
+
+    Attributes
+    ----------
+    report : RunReport
+    objects : tuple of TrackedObject
+    planes : tuple of SupportPlane
+    up : (3,) float64 or None
+    milliseconds : mapping of str to sequence of float
+        For "frame" and each stage its time in every used frame, warm-up included.
+    frames_per_second : float
+        Used frames a second of the clock, after warm-up.
+    points : int
+        Points of the global point map at the end.
+    map_bytes : int
+        Memory of it.
+    """
+
+    report: RunReport
+    objects: tuple[TrackedObject, ...]
+    planes: tuple[SupportPlane, ...]
+    up: Float64Array | None
+    milliseconds: Mapping[str, Sequence[float]]
+    frames_per_second: float
+    points: int
+    map_bytes: int
+
+    def __repr__(self) -> str:
+        report = self.report
+        frames = f"{report.frames_used} of {report.frames_read} frames in {report.seconds:.1f} s"
+        return f"RunOutcome({len(self.objects)} objects; {frames})"
+
+    def _repr_html_(self) -> str:
+        """Show the objects, and how the run went, in a notebook."""
+        report, found = self.report, ObjectTable(self.objects)
+        line = f"{report.frames_used} of {report.frames_read} frames in {report.seconds:.1f} s"
+        return f"{found._repr_html_()}<p>{line}</p>"
