@@ -1,10 +1,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+from allowed_skips import may_be_skipped
 
 # The same examples in every run; the first one of a kernel also compiles it, which no deadline allows for.
 settings.register_profile("cuboid", deadline=None, derandomize=True)
@@ -23,3 +26,31 @@ def data_dir() -> Path:
             pytest.fail(message)
         pytest.skip(message)
     return folder
+
+
+def _refuse_skip(report: pytest.CollectReport | pytest.TestReport) -> None:
+    """Make a skip in CI a failure, unless it is an allowed one; an expected failure is none."""
+    if (
+        os.environ.get("CI")
+        and report.skipped
+        and not hasattr(report, "wasxfail")
+        and not may_be_skipped(report.nodeid)
+    ):
+        report.outcome = "failed"
+        report.longrepr = f"{report.nodeid} is skipped, which tests/allowed_skips.py does not allow: {report.longrepr}"
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Hold a test that is skipped against the list."""
+    report = yield
+    _refuse_skip(report)
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    """Hold a file that is skipped against the list."""
+    report = yield
+    _refuse_skip(report)
+    return report

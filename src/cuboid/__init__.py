@@ -79,7 +79,7 @@ if TYPE_CHECKING:
 
 draw_with("cuboid.views.notebook")
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # Where each public name is found. It is imported when it is first used: `cuboid --help` answers at once, and
 # `--threads` can size the pools of libraries, which read their limits when they are imported.

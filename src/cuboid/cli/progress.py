@@ -85,17 +85,26 @@ class TerminalProgress(Progress):
 
 
 class _Lines:
-    """Lines on standard error, each a while after the one before; the first at once."""
+    """Lines on standard error, each a while after the one before; what ends before that prints none."""
 
     def __init__(self) -> None:
-        self._last_s = -LINE_EVERY_S
+        self._last_s = time.perf_counter()
+        self._printed = False
 
     def print(self, text: str) -> None:
-        """Print the text unless another was printed just before."""
-        now_s = time.perf_counter()
-        if text and now_s - self._last_s >= LINE_EVERY_S:
-            self._last_s = now_s
-            print(f"cuboid: {text}", file=sys.stderr, flush=True)
+        """Print the text where the last line, or the beginning, is long enough ago."""
+        if text and time.perf_counter() - self._last_s >= LINE_EVERY_S:
+            self._print(text)
+
+    def print_soon(self, text: str) -> None:
+        """Print the text also where it is the first line."""
+        if text and not self._printed:
+            self._print(text)
+        self.print(text)
+
+    def _print(self, text: str) -> None:
+        self._last_s, self._printed = time.perf_counter(), True
+        print(f"cuboid: {text}", file=sys.stderr, flush=True)
 
 
 class LineProgress(Progress):
@@ -109,7 +118,7 @@ class LineProgress(Progress):
         self._shown = ExitStack()
 
     def __enter__(self) -> LineProgress:
-        self._shown.enter_context(showing_compilation(self._lines.print))
+        self._shown.enter_context(showing_compilation(self._lines.print_soon))
         return self
 
     def __exit__(
@@ -145,7 +154,7 @@ def counting(what: str) -> Iterator[Callable[[int, int], None]]:
     with ExitStack() as shown:
         if not console.is_terminal:
             lines = _Lines()
-            shown.enter_context(showing_compilation(lines.print))
+            shown.enter_context(showing_compilation(lines.print_soon))
             yield lambda done, total: lines.print(f"{what}, {done} of {total}")
             return
         columns = (

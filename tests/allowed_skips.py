@@ -1,0 +1,17 @@
+"""The tests that may be skipped in CI, each with its reason; any other skip is a failure there."""
+
+from __future__ import annotations
+
+# Beginnings of test ids.
+ALLOWED_SKIPS = {
+    "tests/cameras/test_orbbec.py": "the SDK pins old versions of NumPy and Open3D, so the lock cannot have it",
+    "tests/cameras/test_record3d.py": "the library has no wheel",
+    "tests/readers/test_phones.py": "pyliblzfse has no wheel",
+    "tests/supply/test_supply.py": "a database of weaknesses and other Pythons are not everywhere",
+    "tests/processes/": "mounting a disk and becoming another user need rights that not every machine gives",
+}
+
+
+def may_be_skipped(nodeid: str) -> bool:
+    """Tell whether a test may be skipped in CI."""
+    return any(nodeid.startswith(beginning) for beginning in ALLOWED_SKIPS)
