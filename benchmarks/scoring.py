@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -46,9 +46,7 @@ def processor_time() -> Iterator[None]:
     It holds for one thread, which the benchmarks are run with.
     """
     clock = SimpleNamespace(perf_counter=time.process_time)
-    with ExitStack() as patches:
-        for module in ("tracker", "measuring", "decoding"):
-            patches.enter_context(patch(f"cuboid.{module}.time", clock))
+    with patch("cuboid.core.compiletime.time", clock):
         yield
 
 

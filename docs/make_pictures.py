@@ -78,7 +78,7 @@ def main() -> None:
 def method_picture(demo: Path) -> np.ndarray:
     """Track the demo up to a frame; return that frame at four stages of the method, (H, W, 3), RGB."""
     recording = open_recording(demo / "recording")
-    tracker = cuboid.tracking.posed_tracker.Tracker(recording.intrinsics)
+    tracker = cuboid.tracking.posed_tracker.PosedTracker(recording.intrinsics)
     for frame in recording.iterate():
         assert isinstance(frame, Frame)
         if frame.index < SHOWN:

@@ -24,7 +24,6 @@ Call = Callable[..., tuple[int, str, str]]
 def call(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Call:
     """Return a function that calls the command line and gives status, output and errors."""
     monkeypatch.setattr("cuboid.pipeline.run._tracker", FakeTracker)
-    monkeypatch.setattr("cuboid.cli.progress.loaded_kernels", list)
 
     def run(*words: str | Path) -> tuple[int, str, str]:
         try:

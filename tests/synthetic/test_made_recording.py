@@ -143,7 +143,7 @@ def test_progress_is_told_frame_by_frame(tmp_path):
     render_recording(
         make_scene("table", 1, frames=3), tmp_path / "made", size=(64, 48), progress=lambda *a: told.append(a)
     )
-    assert told == [(1, 3), (2, 3), (3, 3)]
+    assert told == [(0, 3), (1, 3), (2, 3), (3, 3)]
 
 
 def test_only_a_made_recording_is_replaced(small, tmp_path):
