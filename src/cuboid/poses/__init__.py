@@ -1,8 +1,26 @@
-"""Camera poses from the video alone: dense odometry, keyframes, loop closure, a graph of poses."""
+"""Camera poses: dense odometry, keyframes, loop closure and a graph of poses; sources of poses for a run."""
 
 from __future__ import annotations
 
-from cuboid.poses.drift import DriftCorrection
-from cuboid.poses.estimator import PoseEstimate, PoseEstimator
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cuboid.poses.drift import DriftCorrection
+    from cuboid.poses.estimator import PoseEstimate, PoseEstimator
 
 __all__ = ["DriftCorrection", "PoseEstimate", "PoseEstimator"]
+
+# Where the names are found. They bring the kernels of alignment, which given poses do not need.
+_PLACES = {
+    "DriftCorrection": "cuboid.poses.drift",
+    "PoseEstimate": "cuboid.poses.estimator",
+    "PoseEstimator": "cuboid.poses.estimator",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module 'cuboid.poses' has no attribute '{name}'")
+    value = globals()[name] = getattr(import_module(_PLACES[name]), name)
+    return value
