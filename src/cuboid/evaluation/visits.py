@@ -21,7 +21,7 @@ from cuboid.formats.json_validation import read_json
 from cuboid.formats.visits_file import ChangeOfThing, VisitsDocument
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou_matrix, pack
-from cuboid.geometry.se3 import mean_motion, transform
+from cuboid.geometry.se3 import mean_motion
 from cuboid.readers.posetext import Trajectory
 from cuboid.scene import Scene
 
@@ -129,8 +129,7 @@ def _labels(scene: Scene, number: int, folder: Path, T_truth_scene: Float64Array
             boxes |= {past.label: past.box for past in scene.history(item.label) if past.recording == number}
     if not boxes:
         return {}
-    R = T_truth_scene[:3, :3]
-    there = [Box(transform(T_truth_scene, box.center), box.size, R @ box.rotation) for box in boxes.values()]
+    there = [box.moved(T_truth_scene) for box in boxes.values()]
     iou = iou_matrix(pack([one.box for one in truth.objects]), pack(there))
     numbers = list(boxes)
     return {truth.objects[i].id: numbers[j] for i, j in match(iou, MIN_IOU)}

@@ -26,7 +26,7 @@ from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou
-from cuboid.geometry.se3 import inverse, transform
+from cuboid.geometry.se3 import inverse
 from cuboid.outputs import Results, TrackRow
 from cuboid.outputs.text import LENGTH, PIXEL, number, numbers
 from cuboid.views.projection import NEAR_M, project
@@ -123,8 +123,7 @@ def kitti_row(seen: TrackRow, T_world_camera: Float64Array, intrinsics: Intrinsi
 
 def in_camera(box: Box, T_world_camera: Float64Array) -> Box:
     """Return a box of the world in the camera frame."""
-    T_camera_world = inverse(T_world_camera)
-    return Box(transform(T_camera_world, box.center), box.size, T_camera_world[:3, :3] @ box.rotation)
+    return box.moved(inverse(T_world_camera))
 
 
 def read_kitti(path: Path) -> list[KittiRow]:

@@ -72,6 +72,11 @@ class Box:
         beyond = np.abs((point - self.center) @ self.rotation) - self.size / 2.0
         return float(np.linalg.norm(np.maximum(beyond, 0.0)))
 
+    def moved(self, T_new_old: Float64Array) -> Box:
+        """Return the box after a rigid motion, (4, 4)."""
+        R = T_new_old[:3, :3]
+        return Box(R @ self.center + T_new_old[:3, 3], self.size, R @ self.rotation)
+
     def corners(self) -> Float64Array:
         """Return the eight corners, (8, 3), in the order of `CORNER_SIGNS`."""
         return self.center + (CORNER_SIGNS * (self.size / 2.0)) @ self.rotation.T

@@ -238,5 +238,4 @@ def _cube_of(points: Float32Array, voxel_m: float) -> npt.NDArray[np.int64]:
 
 
 def _moved(known: Known, T: Float64Array) -> Known:
-    box = Box(transform(T, known.box.center), known.box.size, T[:3, :3] @ known.box.rotation)
-    return replace(known, box=box, points=transform(T, known.points).astype(np.float32))
+    return replace(known, box=known.box.moved(T), points=transform(T, known.points).astype(np.float32))

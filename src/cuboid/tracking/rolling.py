@@ -71,14 +71,18 @@ class Roll:
         """Return a frame turned, with its pose."""
         if self.turns == 0:
             return frame
-        R, T = self._rotation(), frame.T_world_camera
+        T = frame.T_world_camera
         return dataclasses.replace(
             frame,
             color=np.ascontiguousarray(np.rot90(frame.color, -self.turns)),
             depth_m=np.ascontiguousarray(np.rot90(frame.depth_m, -self.turns)),
-            T_world_camera=None if T is None else _turned(T, R),
-            up_camera=None if frame.up_camera is None else frame.up_camera @ R,
+            T_world_camera=None if T is None else self.pose(T),
+            up_camera=None if frame.up_camera is None else frame.up_camera @ self._rotation(),
         )
+
+    def pose(self, T_world_camera: Float64Array) -> Float64Array:
+        """Return the pose of the turned camera, T_world_turned (4, 4)."""
+        return _turned(T_world_camera, self._rotation())
 
     def proposals(self, found: Proposals) -> Proposals:
         """Return the proposals of an image as those of the turned one."""
