@@ -52,6 +52,12 @@ JUMP_M = 0.012
 # How far a crease lies behind the chord over it, in arms: 0.4 is a bend of 44 degrees; the inside of a bowl of 7 cm
 # radius has 0.11.
 BEND = 0.4
+# Mean colors of segments that differ by this, levels over three channels, are likely two; those of one surface in
+# light and in half shadow differ by half of it.
+SAME_COLOR_LEVELS = 25.0
+# Exponents of closure and roundness in a score. Closure counts more: what is long is an object as well, and parts of it
+# are rounder than the whole.
+CLOSURE_POWER, ROUNDNESS_POWER = 1.25, 0.4
 # Fewer pixels are no segment.
 MIN_PIXELS = 10
 # The largest segments that are kept.
@@ -132,10 +138,11 @@ def _regions(
     fill_holes(kind, on, np.ascontiguousarray(color), step, COLOR_LEVELS, HOLE_M, camera.fx, labels, inverse)
     table = np.empty((last + 1, regions.COLUMNS))
     contact = np.empty((last + 1, last + 1), np.float32)
-    weight = np.empty((last + 1, last + 1), np.float32)
+    weight, level = np.empty_like(contact), np.empty_like(contact)
     whole = np.empty((planes, regions.COLUMNS))
     sure_m = 2.0 * config.min_size_m
-    regions.measure(kind, labels, inverse, marks, noise, JUMP_M, sure_m, table, contact, weight, whole)
+    regions.measure(kind, labels, inverse, marks, noise, JUMP_M, sure_m, table, contact, weight, level, whole)
+    _weaken(labels, color, step, level, table, weight)
     room = 2 * last + 1 + NEIGHBOURS * last
     members = np.zeros((room + planes, last + 1 + planes), np.uint8)
     measures = np.empty((room + planes, regions.COLUMNS))
@@ -148,6 +155,36 @@ def _regions(
     measures[n : n + planes] = whole
     n += planes
     return _Regions(labels, members[:n], measures[:n], parts[:n])
+
+
+def _weaken(
+    labels: Int16Array,
+    color: UInt8Array,
+    step: int,
+    level: Float32Array,
+    table: Float64Array,
+    weight: Float32Array,
+) -> None:
+    """Weaken the borders between segments of one color, where depth does not jump.
+
+    A crease alone does not tell a bend of one solid, or noise, from the foot of another one. Of two colors it does.
+
+    Parameters
+    ----------
+    labels : (h, w) int16
+    color : (step h, step w, 3) uint8
+    step : int
+    level : (S, S) float32
+        See `regions.measure`.
+    table : (S, COLUMNS) float64, in and out
+    weight : (S, S) float32, in and out
+    """
+    means = np.empty((len(table), 3))
+    regions.mean_colors(labels, np.ascontiguousarray(color), step, means)
+    apart = np.linalg.norm(means[:, None] - means, axis=2) / SAME_COLOR_LEVELS
+    lost = np.exp(-(apart**2)) * level
+    weight -= lost.astype(np.float32)
+    table[:, regions.STRENGTH] -= lost.sum(1)
 
 
 def _segment_planes(
@@ -177,7 +214,7 @@ def _scores(measures: Float64Array, focal_px: float, config: TrackerConfig) -> F
     """Return how likely each region is an object: how much of its outline is one, how compact it is, its size."""
     m = measures.T
     outline = np.maximum(m[regions.OUTLINE], 1.0)
-    closure = m[regions.STRENGTH] / outline
+    closure = np.maximum(0.0, m[regions.STRENGTH]) / outline
     # Pixels' edges overestimate a length by 4/pi on average over directions: a disc has 1 here.
     roundness = 4.0 * np.pi * m[regions.PIXELS] / (outline * np.pi / 4.0) ** 2
     wide = m[regions.RIGHTMOST] - m[regions.LEFT] + 1.0
@@ -188,7 +225,7 @@ def _scores(measures: Float64Array, focal_px: float, config: TrackerConfig) -> F
     fits = (long_m >= least_m) & (long_m <= config.max_size_m) & (m[regions.READINGS] > 0)
     # Few readings, and sizes near the least, are where noise makes pieces of its own.
     solid = np.clip(m[regions.READINGS] / SOLID_PIXELS, 0.0, 1.0) * np.clip(long_m / (2.0 * least_m), 0.0, 1.0)
-    score = closure * np.sqrt(np.minimum(roundness, 1.0)) * np.sqrt(solid)
+    score = closure**CLOSURE_POWER * np.minimum(roundness, 1.0) ** ROUNDNESS_POWER * np.sqrt(solid)
     return np.where(fits, np.clip(score, 0.0, 1.0), 0.0).astype(np.float32)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from cuboid.core.compiled import kernel
 from cuboid.core.kernels.segments import CREASE, NONE
 from cuboid.core.tolerances import JUMP_SIGMAS, LITTLE, SOME
@@ -59,7 +61,7 @@ def measure_row(v, kind, labels, inverse, segments, planes):
 
 
 @kernel(error_model="numpy")  # a reading without end has 1/z = 0
-def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, weight, planes):
+def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, weight, level, planes):
     """Measure each segment and large plane, and how strongly its outline parts it from what is around it.
 
     The strength of a piece of a segment's outline, 0..1: 1 towards a plane or a far thing; towards another segment that
@@ -81,12 +83,15 @@ def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, 
         Pixels of outline that two segments share.
     weight : (S, S) float32, output
         [i, j]: the sum of strengths of i's outline towards j.
+    level : (S, S) float32, output
+        The part of `weight` where depth does not jump.
     planes : (P, COLUMNS) float64, output
         The planes' measures.
     """
     height, width = labels.shape
     contact[:] = 0.0
     weight[:] = 0.0
+    level[:] = 0.0
     for rows in (segments, planes):
         rows[:] = 0.0
         rows[:, LEFT] = width
@@ -104,7 +109,7 @@ def measure(kind, labels, inverse, marks, noise, jump, sure, segments, contact, 
                 limit = jump * min(wa, wb) * min(wa, wb) + JUMP_SIGMAS * noise
                 if a > 0 or b > 0:
                     creased = ((marks[v, u] | marks[vv, uu]) & CREASE) != 0
-                    between(a, b, wa, wb, limit, creased, sure, segments, contact, weight)
+                    between(a, b, wa, wb, limit, creased, sure, segments, contact, weight, level)
                 if a < BACKGROUND or b < BACKGROUND:
                     along_planes(a, b, wa, wb, limit, sure, planes)
 
@@ -119,7 +124,7 @@ def along_planes(a, b, wa, wb, limit, sure, planes):
 
 
 @kernel(error_model="numpy")
-def between(a, b, wa, wb, limit, creased, sure, segments, contact, weight):
+def between(a, b, wa, wb, limit, creased, sure, segments, contact, weight, level):
     """Add a piece of outline between two labels, one of them a segment's, with 1/z on either side; see `measure`."""
     if a > 0:
         segments[a, OUTLINE] += 1
@@ -149,6 +154,34 @@ def between(a, b, wa, wb, limit, creased, sure, segments, contact, weight):
         contact[b, a] += 1
         weight[a, b] += strength_a
         weight[b, a] += strength_b
+        if gap <= limit:
+            level[a, b] += strength_a
+            level[b, a] += strength_b
+
+
+@kernel
+def mean_colors(labels, color, step, means):
+    """Average the colors of each segment.
+
+    Parameters
+    ----------
+    labels : (h, w) int16
+    color : (step h, step w, 3) uint8
+    step : int
+    means : (S, 3) float64, output
+        Levels; row k is label k, 0 where there is none of it.
+    """
+    means[:] = 0.0
+    counts = np.zeros(len(means), np.int64)
+    for v in range(labels.shape[0]):
+        for u in range(labels.shape[1]):
+            k = labels[v, u]
+            if k > 0:
+                counts[k] += 1
+                for c in range(3):
+                    means[k, c] += color[v * step, u * step, c]
+    for k in range(len(means)):
+        means[k] /= max(1, counts[k])
 
 
 @kernel(error_model="numpy", inline="always")
