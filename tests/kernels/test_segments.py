@@ -202,9 +202,10 @@ def test_segments_are_measured_as_numpy_counts_them() -> None:
     inverse = np.array([0.0, 1.0, 0.7, 1.4])[labels].astype(np.float32)
     kind, marks = np.full(labels.shape, segments.SURFACE, np.uint8), np.zeros(labels.shape, np.uint8)
     table, contact = np.empty((4, regions.COLUMNS)), np.empty((4, 4), np.float32)
-    weight = np.empty((4, 4), np.float32)
+    weight, level = np.empty((4, 4), np.float32), np.empty((4, 4), np.float32)
     planes = np.empty((0, regions.COLUMNS))
-    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, contact, weight, planes)
+    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, contact, weight, level, planes)
+    assert not level.any(), "depth jumps between all of them"
     framed = np.pad(labels, 1)
     pairs = np.vstack(
         [
@@ -238,8 +239,8 @@ def test_a_plane_is_measured_by_what_lies_along_its_outline() -> None:
     labels[8:10, 8:10] = 1
     rows, table = np.empty((2, regions.COLUMNS)), np.empty((2, regions.COLUMNS))
     kind, marks = np.full(labels.shape, segments.PLANE, np.uint8), np.zeros(labels.shape, np.uint8)
-    contact, weight = np.empty((2, 2), np.float32), np.empty((2, 2), np.float32)
-    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, contact, weight, rows)
+    contact, weight, level = (np.empty((2, 2), np.float32) for _ in range(3))
+    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, contact, weight, level, rows)
     lower, plane = rows
     assert plane[regions.PIXELS] == 96
     assert [plane[k] for k in (regions.LEFT, regions.TOP, regions.RIGHTMOST, regions.BOTTOM)] == [5, 5, 14, 14]
@@ -254,12 +255,40 @@ def test_two_planes_that_touch_change_no_segment() -> None:
     labels[2:4, 2:4] = 1
     table, contact = np.empty((2, regions.COLUMNS)), np.empty((2, 2), np.float32)
     kind, marks = np.full(labels.shape, segments.PLANE, np.uint8), np.zeros(labels.shape, np.uint8)
-    inverse, weight = np.ones(labels.shape, np.float32), np.empty((2, 2), np.float32)
+    inverse = np.ones(labels.shape, np.float32)
+    weight, level = np.empty((2, 2), np.float32), np.empty((2, 2), np.float32)
     planes = np.empty((2, regions.COLUMNS))
-    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, contact, weight, planes)
+    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, contact, weight, level, planes)
     assert table[1, regions.OUTLINE] == 8
     assert table[1, regions.STRENGTH] == 8
     assert not contact.any()
+
+
+def test_where_depth_does_not_jump_the_strength_of_a_border_is_known_apart() -> None:
+    # 1 and 2 lie level, with a crease between them in the upper half; 3 lies behind both
+    labels = np.ones((8, 12), np.int16)
+    labels[:, 4:8], labels[:, 8:] = 2, 3
+    inverse = np.where(labels == 3, 0.7, 1.0).astype(np.float32)
+    kind, marks = np.full(labels.shape, segments.SURFACE, np.uint8), np.zeros(labels.shape, np.uint8)
+    marks[:4, 4] = segments.CREASE
+    table, contact = np.empty((4, regions.COLUMNS)), np.empty((4, 4), np.float32)
+    weight, level, planes = np.empty_like(contact), np.empty_like(contact), np.empty((0, regions.COLUMNS))
+    regions.measure(kind, labels, inverse, marks, NOISE, 0.012, 0.06, table, contact, weight, level, planes)
+    assert level[1, 2] == level[2, 1] == pytest.approx(4 * 0.4 + 4 * 0.1)
+    assert weight[1, 2] == level[1, 2]
+    assert weight[2, 3] > 0
+    assert level[2, 3] == level[3, 2] == 0
+
+
+def test_mean_colors_are_those_that_numpy_finds() -> None:
+    rng = np.random.default_rng(8)
+    labels = rng.integers(-2, 4, (20, 30)).astype(np.int16)
+    color = rng.integers(0, 256, (40, 60, 3)).astype(np.uint8)
+    means = np.empty((6, 3))
+    regions.mean_colors(labels, color, 2, means)
+    for k in range(6):
+        own = color[::2, ::2][labels == k] if k > 0 else np.zeros((0, 3))
+        np.testing.assert_allclose(means[k], own.mean(0) if len(own) else 0.0)
 
 
 def test_joining_takes_the_weakest_outline_first_and_keeps_every_union() -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -62,6 +63,25 @@ def test_things_that_touch_are_proposed_apart(noise: float) -> None:
     proposals = make_source("depth")(frame, solids.CAMERA)
     assert overlaps(proposals, owner == 1).max() > 0.75
     assert overlaps(proposals, owner == 2).max() > 0.75
+
+
+def test_what_meets_in_a_crease_is_more_likely_two_things_where_it_has_two_colors() -> None:
+    r = solids.rays()
+    low = solids.box(r, solids.on_table(0.0, 0.75, 0.03), (0.08, 0.08, 0.06), 0.0)
+    high = solids.box(r, solids.on_table(0.0, 0.83, 0.06), (0.08, 0.08, 0.12), 0.0)
+    frame, owner = solids.frame([low, high], NOISE)
+    yellow, blue = (200, 180, 40), (40, 60, 190)
+    scores = []
+    for paint in ((yellow, yellow), (yellow, blue)):
+        color = np.full((*owner.shape, 3), 120, np.uint8)
+        color[owner == 1], color[owner == 2] = paint
+        proposals = make_source("depth")(dataclasses.replace(frame, color=color), solids.CAMERA)
+        fits = [overlaps(proposals, wanted) for wanted in (owner > 0, owner == 1, owner == 2)]
+        assert all(one.max() > 0.9 for one in fits)
+        scores.append([float(proposals.scores[one.argmax()]) for one in fits])
+    (both, *parts), (both_of_two, *parts_of_two) = scores
+    assert both_of_two == pytest.approx(both)
+    assert min(parts_of_two) > max(parts) + 0.05
 
 
 def test_table_and_floor_are_no_proposals() -> None:

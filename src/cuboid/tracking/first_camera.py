@@ -19,6 +19,9 @@ from cuboid.geometry.se3 import inverse, transform
 from cuboid.tracking.posed_tracker import PosedTracker
 from cuboid.tracking.rolling import Roll, farther_up
 
+# Poses in the map have so many decimals, metres: the last bits, which another world changes, are cut off.
+POSE_DECIMALS = 9
+
 
 class FirstCameraTracker:
     """Gives a tracker of posed frames their poses in the frame of the first camera, and its results in the world.
@@ -46,7 +49,8 @@ class FirstCameraTracker:
         T_world_map = self._T_world_map
         if T_world_map is None:
             T_world_map = Roll(self._intrinsics, farther_up(frame.depth_m) or 0).pose(T_world_camera)
-        result = self._tracker.update(frame.at(inverse(T_world_map) @ T_world_camera), anchor)
+        T_map_camera = np.round(inverse(T_world_map) @ T_world_camera, POSE_DECIMALS)
+        result = self._tracker.update(frame.at(T_map_camera), anchor)
         self._T_world_map = T_world_map
         return dataclasses.replace(
             result,
