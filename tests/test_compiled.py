@@ -96,7 +96,7 @@ def test_a_stamp_changes_with_all_that_a_kernel_is_made_of_and_with_nothing_else
 
 
 def test_a_kernel_may_not_use_a_module_of_ours() -> None:
-    made = module("from cuboid.core import tolerances\n" + SOURCE, ("pair.first -", "tolerances.SOME -"))
+    made = module("from cuboid.core import tolerances\n" + SOURCE, ("pair.first -", "tolerances.JUMP_M -"))
     with pytest.raises(TypeError, match=r"made_kernels\.other: tolerances: a kernel uses a module"):
         stamp_of(made.other.py_func, {})
 

@@ -9,7 +9,16 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.boxes.kernels import revolve as kernel
-from cuboid.boxes.kernels.bodies import MIN_ARC, MIN_BODY, SECTORS, STEPS
+from cuboid.boxes.kernels.bodies import (
+    KEPT_LAYER_FRACTION,
+    MIN_ARC,
+    MIN_BODY,
+    RIM_FRACTION,
+    ROUND_TOLERANCE,
+    SECTORS,
+    STEPS,
+    TORN_FRACTION,
+)
 from cuboid.boxes.kernels.extents import side_spread
 from cuboid.boxes.kernels.resting import ROUND_RADIUS
 from cuboid.core.frame import Float64Array
@@ -17,12 +26,9 @@ from cuboid.core.tolerances import (
     DRIFT_M,
     JUMP_M,
     JUMP_SIGMAS,
-    LITTLE,
     MIN_READINGS,
     MIN_SIGMA_M,
-    MOST,
     SIGMAS,
-    SOME,
 )
 
 Layers = npt.NDArray[np.int64]
@@ -73,9 +79,9 @@ class Axis:
         out = self.distance - radius[layer] > self.noise_m
         cell, cells = layer * (SECTORS + 1) + self.sector, layers * (SECTORS + 1)
         seen = by(cell, trust, cells).reshape(layers, -1)
-        beyond = by(cell, trust * out, cells).reshape(layers, -1) > SOME * seen
-        part = out & (beyond.sum(1) <= MOST * (seen > 0.0).sum(1))[layer]
-        torn = by(layer, trust * part, layers) > SOME * by(layer, trust, layers)
+        beyond = by(cell, trust * out, cells).reshape(layers, -1) > TORN_FRACTION * seen
+        part = out & (beyond.sum(1) <= RIM_FRACTION * (seen > 0.0).sum(1))[layer]
+        torn = by(layer, trust * part, layers) > TORN_FRACTION * by(layer, trust, layers)
         return np.asarray(part | torn[layer])
 
 
@@ -107,7 +113,7 @@ def fit_axis(plan: Float64Array, layer: Layers, trust: Float64Array, noise_m: fl
         away = np.abs(residual)
         near = away < SIGMAS * max(1.48 * _median(away, weights), noise_m, MIN_SIGMA_M)
         # A layer of which some departs is not round: that of a brim, or of a handle.
-        whole = by(layer, trust * near, len(radius)) >= (1.0 - SOME) * by(layer, trust, len(radius))
+        whole = by(layer, trust * near, len(radius)) >= KEPT_LAYER_FRACTION * by(layer, trust, len(radius))
         before, weights = weights, np.where(near & whole[layer], trust, 0.0)
         if np.array_equal(before, weights):
             break
@@ -131,7 +137,7 @@ def _median(values: Float64Array, weights: Float64Array) -> float:
     """Return below which of values (N,) half of the weight lies."""
     order = np.argsort(values)
     total = np.cumsum(weights[order])
-    return float(values[order[np.searchsorted(total, MOST * total[-1])]])
+    return float(values[order[np.searchsorted(total, 0.5 * total[-1])]])
 
 
 def numpy_body(
@@ -150,6 +156,6 @@ def numpy_body(
     sums = by(axis.sector, axis.weights * axis.residual, SECTORS + 1), by(axis.sector, axis.weights, SECTORS + 1)
     readings = np.bincount(axis.sector[axis.weights > 0.0], minlength=SECTORS + 1)
     known = (readings >= MIN_READINGS) & (sums[1] > 0.0)
-    if known.sum() < MIN_ARC * SECTORS or np.ptp(sums[0][known] / sums[1][known]) > LITTLE * usual:
+    if known.sum() < MIN_ARC * SECTORS or np.ptp(sums[0][known] / sums[1][known]) > ROUND_TOLERANCE * usual:
         return None
     return axis

@@ -92,7 +92,7 @@ def fault_of(call: Callable[[Path], object], folder: Path) -> tuple[str, bool]:
             warnings.simplefilter("error")
             call(folder)
     except TookTooLong:
-        return f"took more than {LIMIT_S:g} s: {_place()}", False
+        return f"took more than {LIMIT_S:g} s: {_position()}", False
     except CuboidError as error:
         line = str(error)
         if len(line) > LONGEST_MESSAGE or not line.isprintable():
@@ -117,7 +117,7 @@ def peak_bytes() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss << 10
 
 
-def _place() -> str:
+def _position() -> str:
     at = traceback.extract_tb(sys.exc_info()[2])
     own = [entry for entry in at if "/src/cuboid/" in entry.filename] or at
     return f"{own[-1].filename.rpartition('/cuboid/')[2]}:{own[-1].lineno}"

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from cuboid.core.tolerances import LITTLE, MIN_READINGS, MOST, SAMPLE
-from cuboid.objects.kernels.rims import highest_rim
+from cuboid.core.limits import SAMPLE_POINTS
+from cuboid.core.tolerances import MIN_READINGS
+from cuboid.objects.kernels.rims import BENEATH_FRACTION, END_FRACTION, RIM_WIDTH_FRACTION, highest_rim
 
 GAP_M, SLAB_M = 0.02, 0.03
 
@@ -17,14 +18,14 @@ def rims(points: np.ndarray, slabs: list[tuple[int, int]], axes: np.ndarray) -> 
     plan, found = (points @ axes).astype(np.float32), []
     for k, (begin, end) in enumerate(slabs):
         slab, rest = plan[begin:end], plan[end:]
-        slab, rest = slab[:: 1 + len(slab) // SAMPLE], rest[:: 1 + len(rest) // SAMPLE]
+        slab, rest = slab[:: 1 + len(slab) // SAMPLE_POINTS], rest[:: 1 + len(rest) // SAMPLE_POINTS]
         if len(slab) < MIN_READINGS:
             continue
         along = np.linalg.eigh(np.cov(slab.T))[1][:, 1]
-        low, high = np.quantile(slab @ along, [LITTLE, 1.0 - LITTLE])
-        low_rest, high_rest = np.quantile(rest @ along, [LITTLE, 1.0 - LITTLE])
+        low, high = np.quantile(slab @ along, [END_FRACTION, 1.0 - END_FRACTION])
+        low_rest, high_rest = np.quantile(rest @ along, [END_FRACTION, 1.0 - END_FRACTION])
         beneath = (cKDTree(rest).query(slab)[0] < GAP_M).mean()
-        if high_rest - low_rest <= MOST * (high - low) and beneath < MOST:
+        if high_rest - low_rest <= RIM_WIDTH_FRACTION * (high - low) and beneath < BENEATH_FRACTION:
             found.append(k)
     return found
 

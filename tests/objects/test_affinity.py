@@ -7,12 +7,12 @@ from math import log
 import pytest
 
 from cuboid.objects.affinity import (
+    CERTAIN_LOG_ODDS,
     DIFFERENT_LOG_ODDS,
     JOIN_RATE,
     MAX_LOG_ODDS,
     SAME_LOG_ODDS,
     SPLIT_RATE,
-    SURE,
     Affinity,
 )
 
@@ -43,7 +43,7 @@ def test_a_mistake_of_long_ago_can_be_mended() -> None:
     assert affinity.of(1, 2) == -MAX_LOG_ODDS
     for _ in range(int(2 * MAX_LOG_ODDS / SAME_LOG_ODDS) + 1):
         affinity.add_evidence(1, 2, one=True, novelty=1.0)
-    assert (affinity.of(1, 2) or 0.0) > SURE
+    assert (affinity.of(1, 2) or 0.0) > CERTAIN_LOG_ODDS
 
 
 def test_the_borders_of_a_part_that_is_held_tell_nothing() -> None:
@@ -88,6 +88,6 @@ def test_partners_are_asked_for_by_how_likely_they_are_one_with_an_object() -> N
         affinity.add_evidence(2, 4, one=True, novelty=1.0)
     affinity.add_evidence(4, 7, one=True, novelty=0.1)
     assert affinity.partners(4) == [2, 7, 9]
-    assert affinity.partners(4, least=SURE) == [2]
-    assert affinity.partners(4, most=-SURE) == [9]
-    assert affinity.partners(4, least=-SURE, most=SURE) == [7]
+    assert affinity.partners(4, least=CERTAIN_LOG_ODDS) == [2]
+    assert affinity.partners(4, most=-CERTAIN_LOG_ODDS) == [9]
+    assert affinity.partners(4, least=-CERTAIN_LOG_ODDS, most=CERTAIN_LOG_ODDS) == [7]

@@ -142,7 +142,7 @@ def test_a_label_waits_where_a_thing_may_be_the_end_of_a_larger_one_of_its_color
 
 def test_what_was_found_to_carry_a_plane_gets_no_label() -> None:
     leg = candidate(grid((0.0, 0.04), (0.0, 0.04), (0.0, 0.5)), FREE, SUPPORT)
-    leg.carries = True
+    leg.supports_plane = True
     assert not whole(leg, grid((0.5, 0.6), (0.5, 0.6), (0.0, 0.1)))
 
 

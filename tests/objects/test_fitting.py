@@ -108,13 +108,13 @@ def test_what_carries_the_plane_that_it_lies_on_loses_its_label_at_the_second_fi
     fitting, entry = seen(lip, side)
     entry.state, entry.log_odds = State.CONFIRMED, 9.0
     fitting.fit(entry)
-    assert entry.carries
+    assert entry.supports_plane
     assert entry.state is State.CONFIRMED
     fitting.fit(entry)
     assert entry.state is State.RETIRED
     alone, book = seen(lip)
     alone.fit(book)
-    assert not book.carries
+    assert not book.supports_plane
 
 
 @pytest.mark.parametrize(
@@ -135,5 +135,5 @@ def test_what_goes_up_to_the_table_loses_its_label_but_where_it_ends_below(
     for _ in range(2):
         assert leg.confirmed
         fitting.fit(leg)
-        assert leg.carries is (state is State.RETIRED)
+        assert leg.supports_plane is (state is State.RETIRED)
     assert leg.state is state

@@ -7,9 +7,8 @@ import pytest
 from made_maps import map_of, shell
 
 from cuboid.core.config import TrackerConfig
-from cuboid.core.tolerances import SURE
 from cuboid.geometry.box import Box
-from cuboid.objects.affinity import DIFFERENT_LOG_ODDS, SAME_LOG_ODDS
+from cuboid.objects.affinity import CERTAIN_LOG_ODDS, DIFFERENT_LOG_ODDS, SAME_LOG_ODDS
 from cuboid.objects.association import Association
 from cuboid.objects.object_map import ObjectMap
 from cuboid.surfaces.frame_segments import FrameSegment
@@ -52,7 +51,12 @@ def test_a_pair_in_one_place_is_told_once_a_frame_however_many_of_it_have_labels
 
 @pytest.mark.parametrize(
     ("labelled", "told", "takes"),
-    [(True, 0.4 * SURE, 0), (True, 0.6 * SURE, 1), (False, 0.6 * SURE, 0), (False, 1.1 * SURE, 1)],
+    [
+        (True, 0.4 * CERTAIN_LOG_ODDS, 0),
+        (True, 0.6 * CERTAIN_LOG_ODDS, 1),
+        (False, 0.6 * CERTAIN_LOG_ODDS, 0),
+        (False, 1.1 * CERTAIN_LOG_ODDS, 1),
+    ],
 )
 def test_from_a_label_another_one_takes_when_that_is_likely_and_a_candidate_when_it_is_sure(
     labelled: bool, told: float, takes: int

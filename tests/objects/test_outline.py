@@ -7,9 +7,15 @@ from math import log
 import numpy as np
 import pytest
 
-from cuboid.core.tolerances import MOST
-from cuboid.objects.affinity import SURE
-from cuboid.objects.outline import CLEAR, enclosed, ends_above, ends_beside, with_viewpoint_change
+from cuboid.objects.affinity import CERTAIN_LOG_ODDS
+from cuboid.objects.outline import (
+    CLEAR,
+    FULLY_READ_FRACTION,
+    enclosed,
+    ends_above,
+    ends_beside,
+    with_viewpoint_change,
+)
 from cuboid.objects.outline import log_odds_of as told_by_each
 from cuboid.surfaces.kernels.outlines import (
     BORDER,
@@ -43,12 +49,12 @@ def log_odds_of(kinds: np.ndarray, read: float = 1.0) -> float:
 def test_two_sightings_of_what_stands_free_are_enough() -> None:
     free = outline(FREE, SUPPORT, FREE, FREE)
     assert log_odds_of(free) == pytest.approx(log(99) / 2)
-    assert 2 * log_odds_of(free) >= SURE
+    assert 2 * log_odds_of(free) >= CERTAIN_LOG_ODDS
     assert enclosed(free)
 
 
 def test_a_clear_sighting_from_elsewhere_counts_once_more_and_one_from_the_same_place_does_not() -> None:
-    assert CLEAR + with_viewpoint_change(CLEAR, viewpoint_angle=0.2) >= 1.5 * SURE - 1e-9
+    assert CLEAR + with_viewpoint_change(CLEAR, viewpoint_angle=0.2) >= 1.5 * CERTAIN_LOG_ODDS - 1e-9
     assert with_viewpoint_change(CLEAR, viewpoint_angle=0.0) == CLEAR, "a hundred from one place tell no more each"
     assert with_viewpoint_change(CLEAR, viewpoint_angle=0.1) == pytest.approx(1.5 * CLEAR)
     assert with_viewpoint_change(CLEAR / 2.0, viewpoint_angle=np.inf) == pytest.approx(0.75 * CLEAR), (
@@ -59,7 +65,7 @@ def test_a_clear_sighting_from_elsewhere_counts_once_more_and_one_from_the_same_
 
 def test_three_sightings_of_what_is_fairly_clear_are_enough_where_the_camera_goes_round_it() -> None:
     fair = 0.6 * CLEAR
-    assert fair + 2 * with_viewpoint_change(fair, viewpoint_angle=0.4) >= SURE > 3 * fair
+    assert fair + 2 * with_viewpoint_change(fair, viewpoint_angle=0.4) >= CERTAIN_LOG_ODDS > 3 * fair
 
 
 def test_what_is_contact_at_the_bottom_may_stand_there() -> None:
@@ -151,9 +157,11 @@ def test_among_others_a_thing_takes_longer_than_alone() -> None:
 
 def test_what_was_filled_tells_nothing() -> None:
     free, wall = outline(FREE, SUPPORT, FREE, FREE), outline(CONTACT, CONTACT, CONTACT, CONTACT)
-    assert log_odds_of(free, MOST) == log_odds_of(free), "a thing with holes is seen well enough"
-    assert log_odds_of(free, MOST / 10) == pytest.approx(log_odds_of(free) / 10)
-    assert log_odds_of(wall, MOST / 10) == pytest.approx(log_odds_of(wall) / 10), "it tells nothing against it, either"
+    assert log_odds_of(free, FULLY_READ_FRACTION) == log_odds_of(free), "a thing with holes is seen well enough"
+    assert log_odds_of(free, FULLY_READ_FRACTION / 10) == pytest.approx(log_odds_of(free) / 10)
+    assert log_odds_of(wall, FULLY_READ_FRACTION / 10) == pytest.approx(log_odds_of(wall) / 10), (
+        "it tells nothing against it, either"
+    )
     assert log_odds_of(free, 0.0) == 0.0
 
 

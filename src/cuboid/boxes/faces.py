@@ -6,8 +6,11 @@ import numpy as np
 
 from cuboid.boxes.kernels.extents import side_layers
 from cuboid.core.frame import Float64Array
-from cuboid.core.tolerances import JUMP_SIGMAS, MIN_SIGMA_M, SOME
+from cuboid.core.tolerances import JUMP_SIGMAS, MIN_SIGMA_M
 from cuboid.geometry.box import Box
+
+# A side is moved by at most this fraction of the size of the box.
+MAX_MOVE_FRACTION = 0.2
 
 
 def to_faces(box: Box, points: Float64Array, trust: Float64Array, noise_m: float, top_alone: bool) -> Box:
@@ -37,7 +40,7 @@ def to_faces(box: Box, points: Float64Array, trust: Float64Array, noise_m: float
     moved = depth / some * np.maximum(0.0, 1.0 - inner / some)
     if top_alone:
         moved[:4] = 0.0
-    moved = np.minimum(moved, SOME * box.size[[0, 0, 1, 1, 2]])
+    moved = np.minimum(moved, MAX_MOVE_FRACTION * box.size[[0, 0, 1, 1, 2]])
     high = half - moved[[0, 2, 4]]
     low = half - np.array([moved[1], moved[3], 0.0])
     size, center = high + low, box.center + box.rotation @ ((high - low) / 2.0)

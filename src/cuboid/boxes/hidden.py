@@ -11,7 +11,7 @@ import numpy.typing as npt
 from cuboid.boxes.fit import fit_box, plane_axes
 from cuboid.boxes.quantiles import quantile
 from cuboid.core.frame import Float64Array
-from cuboid.core.tolerances import LITTLE, MIN_READINGS, SOME, STRAYS
+from cuboid.core.tolerances import MIN_READINGS, OUTLIER_FRACTION
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import overlap_min_matrix, pack
 from cuboid.heatmap.voxel_map import VoxelMap
@@ -19,7 +19,15 @@ from cuboid.heatmap.voxel_map import VoxelMap
 # A box this near its plane, metres, rests on it.
 MIN_GAP_M = 1e-6
 # A place was seen when so many of the nine voxels of the ground around it were.
-SOME_OF_NINE = math.ceil(9 * SOME)
+SOME_OF_NINE = 2
+# Boxes side by side overlap by at most this fraction of the smaller one.
+BESIDE_FRACTION = 0.2
+# The top of an object, whose middle is above the middle of its foot, is as thick as this fraction of its height.
+TOP_LAYER_FRACTION = 0.1
+# This fraction of the points may stick out on one side alone, as a handle does.
+STICKING_OUT_FRACTION = 0.1
+# A foot may be hidden when at most this fraction of the ground beneath was seen.
+GROUND_SEEN_FRACTION = 0.2
 # Places of the ground beneath that are looked up, as many a side, in fractions of the box from its middle.
 _STEPS = (np.arange(MIN_READINGS) + 0.5) / MIN_READINGS - 0.5
 _ALONG, _ACROSS = (places.reshape(-1, 1) for places in np.meshgrid(_STEPS, _STEPS))
@@ -76,7 +84,7 @@ def as_deep_as_wide(box: Box, eye: Float64Array, near: Sequence[Box], least_m: f
 
 def is_clear_of(box: Box, near: Sequence[Box]) -> bool:
     """Tell whether a box overlaps its neighbours by no more than boxes side by side do."""
-    return not near or bool(overlap_min_matrix(pack([box]), pack(near)).max() <= SOME)
+    return not near or bool(overlap_min_matrix(pack([box]), pack(near)).max() <= BESIDE_FRACTION)
 
 
 def with_foot(box: Box, normal: Float64Array, offset: float, near: Sequence[Box], voxels: VoxelMap) -> Box:
@@ -115,8 +123,8 @@ def mirrored_points(
     (M, 3) float64
     """
     height = points @ normal + offset
-    top = quantile(height, 1.0 - 2.0 * STRAYS)
-    layer = points[height >= top - max(LITTLE * top, voxels.voxel_m)]
+    top = quantile(height, 1.0 - 2.0 * OUTLIER_FRACTION)
+    layer = points[height >= top - max(TOP_LAYER_FRACTION * top, voxels.voxel_m)]
     axis = (layer.min(0) + layer.max(0)) / 2.0
     # Half a turn about the normal.
     away = points - axis
@@ -124,7 +132,7 @@ def mirrored_points(
     beyond = _beyond(mirrored, box)
     out = np.flatnonzero(beyond > voxels.voxel_m)
     # What sticks out farthest on one side (a handle, a spout) need not on the other.
-    allowed = round(LITTLE * len(points))
+    allowed = round(STICKING_OUT_FRACTION * len(points))
     if len(out) <= allowed:
         return np.zeros((0, 3))
     out = out[np.argsort(beyond[out], kind="stable")][: len(out) - allowed]
@@ -145,7 +153,7 @@ def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequen
         if (_beyond(ground + 0.5 * np.outer(height - box.size[2] / 2, normal), other) <= 0.0).any():
             return False
     seen = _seen(ground, normal, voxels)
-    return bool(np.count_nonzero(seen) / len(seen) <= SOME)
+    return bool(np.count_nonzero(seen) / len(seen) <= GROUND_SEEN_FRACTION)
 
 
 def _seen(ground: Float64Array, normal: Float64Array, voxels: VoxelMap) -> npt.NDArray[np.bool_]:

@@ -17,8 +17,13 @@ from cuboid.boxes.kernels.bodies import find_body
 from cuboid.boxes.kernels.revolve import widest_layer
 from cuboid.boxes.quantiles import quantile
 from cuboid.core.frame import Float64Array
-from cuboid.core.tolerances import JUMP_M, LITTLE, MIN_READINGS, MOST, STRAYS
+from cuboid.core.tolerances import JUMP_M, MIN_READINGS, OUTLIER_FRACTION
 from cuboid.geometry.box import Box
+
+# The widest layer of a body is reached by this fraction of its points.
+FULL_LAYER_FRACTION = 0.9
+# What sticks out is a part of the object where less than this fraction of it are outliers.
+MAX_STRAYS = 0.5
 
 
 def revolved(
@@ -55,7 +60,7 @@ def revolved(
     first, second = plane_axes(normal)
     plan = points @ np.array([first, second]).T
     layer = np.floor((height - height.min()) / layer_m).astype(np.int64)
-    side = np.flatnonzero(height < quantile(height, 1.0 - 2.0 * STRAYS) - JUMP_M)
+    side = np.flatnonzero(height < quantile(height, 1.0 - 2.0 * OUTLIER_FRACTION) - JUMP_M)
     if len(side) < MIN_READINGS or not trust[side].sum() > 0.0:
         return None
     center, part = np.empty(2), np.empty(len(side), bool)
@@ -68,7 +73,7 @@ def revolved(
     body[side], top[side] = ~part, False
     distance = np.hypot(*(plan - center).T)
     weight = float(trust.sum())
-    bounds = int(layer.max()) + 1, 2.0 * STRAYS * weight, 1.0 - LITTLE
+    bounds = int(layer.max()) + 1, 2.0 * OUTLIER_FRACTION * weight, FULL_LAYER_FRACTION
     radius = widest_layer(distance[body], layer[body], trust[body], *bounds)
     # Its top, which tells no axis, may be wider by as much as it is thick: what lies farther out sticks out, too.
     body |= top & (distance <= radius + JUMP_M)
@@ -78,7 +83,7 @@ def revolved(
     # What sticks out by more than noise is a part of its own, where most of it is no strays.
     beyond = distance > radius + off_m
     strays = fraction * weight / max(float(trust[beyond].sum()), 1e-12)
-    if strays < MOST:
+    if strays < MAX_STRAYS:
         least, most = reach_of(plan[beyond], trust[beyond], DIRECTIONS, strays)
         low, high = np.minimum(low, least), np.maximum(high, most)
         towards = _lengthwise(plan[beyond] - center, trust[beyond])

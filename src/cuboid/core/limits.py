@@ -12,6 +12,9 @@ MAX_SEGMENTS = 150
 # Objects in view without a label: what hostile depth begins in ten frames; a room full of things has some fifty.
 MAX_CANDIDATES = 200
 
+# Points of one object that are examined where all would take long: more do not change the answer.
+SAMPLE_POINTS = 400
+
 # By what they are called in `run.json`.
 LIMITS = {"proposals": MAX_PROPOSALS, "clusters": MAX_SEGMENTS, "candidates": MAX_CANDIDATES}
 # Memory of the process beyond which parts of the map that are out of view are evicted, in units of 2**20 bytes.

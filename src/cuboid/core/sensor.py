@@ -6,12 +6,14 @@ import numpy as np
 
 from cuboid.core.frame import Float32Array, Intrinsics
 from cuboid.core.kernels.cells import AREA, CELL_COLUMNS, RMS, fit_cells
-from cuboid.core.tolerances import MIN_READINGS, SOME
+from cuboid.core.tolerances import MIN_READINGS
 
 # Edge of the cells of a picture to which planes are fitted, radians: 3 cm at 1 m.
 CELL_RAD = 0.03
 # No more than this is believed, as a multiple of the nominal noise: clutter is no noise.
-MOST = 1.4
+MAX_EXCESS = 1.4
+# At least this fraction of the cells of a picture lie on one flat surface each.
+FLAT_FRACTION = 0.2
 # Depths of neighbours on one surface differ by less than this times z squared (plus 1 cm): ten deviations of the first
 # Kinect's noise. A reading that does not lies on nothing: it mixes two surfaces.
 MIXED_PER_M = 0.014
@@ -23,7 +25,7 @@ def cell_pixels(camera: Intrinsics) -> int:
 
 
 def excess_noise(depth_m: Float32Array, camera: Intrinsics, nominal_per_m: float, max_depth_m: float) -> float:
-    """Return the noise that a depth image shows as a multiple of the nominal one, 1..`MOST`.
+    """Return the noise that a depth image shows as a multiple of the nominal one, 1..`MAX_EXCESS`.
 
     Real sensors bow and blob beyond their nominal noise; first Kinects and RealSense cameras show 1.4 times that of
     the first Kinect's published figure over cells of 0.06 radians.
@@ -46,8 +48,8 @@ def excess_noise(depth_m: Float32Array, camera: Intrinsics, nominal_per_m: float
     rms = cells[cells[:, AREA] > 0, RMS]
     if len(rms) < MIN_READINGS:
         return 1.0
-    # Some of a picture's cells, at least, lie on one flat surface each; they show all but some of the noise.
-    return float(np.clip(np.quantile(rms, SOME) / ((1.0 - SOME) * nominal_per_m), 1.0, MOST))
+    # They show all but that fraction of the noise.
+    return float(np.clip(np.quantile(rms, FLAT_FRACTION) / ((1.0 - FLAT_FRACTION) * nominal_per_m), 1.0, MAX_EXCESS))
 
 
 def resolves_m(edge_m: float, noise_per_m: float, focal_px: float) -> float:

@@ -1,8 +1,6 @@
-"""Tolerances common to all stages: certainty, errors of sensors and poses, significant fractions."""
+"""Tolerances on which stages must agree: errors of sensors and of poses."""
 
 from __future__ import annotations
-
-from math import log
 
 # A reading lies on a surface within so many standard deviations of its noise: 99.7 of 100 do. Two readings of one
 # surface differ by no more than so many: their difference has 1.4 times the deviation.
@@ -17,17 +15,7 @@ JUMP_M = 0.01
 DRIFT_M, DRIFT_RAD = 0.03, 0.02
 # Points nearer than this to the camera's plane are not in its picture, metres: poses err by as much.
 NEAREST_M = DRIFT_M
-# Sure is what holds in 99 of 100 such cases: log-odds.
-SURE = log(99.0)
-# Fractions: the majority (one half), enough to judge by (a fifth), next to nothing (a tenth).
-MOST, SOME, LITTLE = 0.5, 0.2, 0.1
 # Fewer readings, points or voxels say nothing of where something is, or whether it is.
 MIN_READINGS = 8
-# What fewer frames tell may be chance.
-MIN_FRAMES = 3
-# Points of a thing that are asked where all would take long: more do not change the answer.
-SAMPLE = 400
-# What is nearer than an arm is long, metres, is handled, and seen well.
-ARM_LENGTH_M = 1.2
 # Fraction of the points of an object that may be outliers, at each side.
-STRAYS = 0.01
+OUTLIER_FRACTION = 0.01

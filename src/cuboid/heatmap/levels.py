@@ -8,15 +8,17 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.core.frame import Float32Array
-from cuboid.core.tolerances import ARM_LENGTH_M, DRIFT_M
+from cuboid.core.tolerances import DRIFT_M
 from cuboid.heatmap.kernels import levels as kernel
 from cuboid.heatmap.kernels import lookup
 from cuboid.heatmap.kernels.cubes import BLOCK_BITS, CUBE_BITS
 from cuboid.heatmap.stored_points import Rows, StoredPoints, rows_of_a_cube, words_of
 
+# A camera that has gone this far, metres, has left what it saw behind: an arm's length.
+LEFT_BEHIND_M = 1.2
 # Moments (see `StoredPoints`) after which what is out of view is kept in cells: the camera has gone by an arm's length,
 # or turned by 46 degrees. Hands that shake, or look aside and back, part none.
-MAX_UNVIEWED_MOMENTS = round(ARM_LENGTH_M / DRIFT_M)
+MAX_UNVIEWED_MOMENTS = round(LEFT_BEHIND_M / DRIFT_M)
 # Rows that are thinned in a frame, up to the next whole cube; more where the backlog would not be done within as many
 # frames as moments.
 THINNED_ROWS_PER_FRAME = 1024

@@ -10,11 +10,12 @@ import numpy.typing as npt
 
 from cuboid.core.config import TrackerConfig
 from cuboid.core.frame import Float32Array, UInt8Array
-from cuboid.core.tolerances import LITTLE
 from cuboid.core.working import WorkingImage
 from cuboid.heatmap.kernels import votes as kernel
 from cuboid.proposals.types import JoinedMasks, Proposals
 
+# Votes are compared with at least this mean weight of the strongest proposals: weak ones alone make no heat.
+MIN_STRENGTH = 0.1
 # The strongest proposals that say how much weight counts as sure.
 STRONGEST = 10
 
@@ -97,7 +98,7 @@ def pixel_heat(image: WorkingImage, weighed: WeighedProposals) -> Float32Array:
     if len(weighed.weights) == 0:
         return heat
     kernel.accumulate_heat(weighed.rectangles, weighed.starts, weighed.covered, weighed.weights, heat)
-    sure = max(LITTLE, float(np.sort(weighed.weights)[::-1][:STRONGEST].mean()))
+    sure = max(MIN_STRENGTH, float(np.sort(weighed.weights)[::-1][:STRONGEST].mean()))
     heat /= -np.float32(sure)
     np.exp(heat, out=heat)
     return np.subtract(np.float32(1.0), heat, out=heat)

@@ -14,8 +14,9 @@ import numpy.typing as npt
 
 from cuboid.core.frame import Float64Array
 from cuboid.core.state import Record
-from cuboid.core.tolerances import SURE
 
+# What holds in 99 of 100 such cases is certain: log-odds.
+CERTAIN_LOG_ODDS = log(99.0)
 Pair = tuple[int, int]
 
 # Over-segmentation (one in three frames) is more frequent than under-segmentation (one in seven): what a frame adds to
@@ -23,7 +24,7 @@ Pair = tuple[int, int]
 SPLIT_RATE, JOIN_RATE = 0.35, 0.15
 SAME_LOG_ODDS, DIFFERENT_LOG_ODDS = log((1.0 - SPLIT_RATE) / JOIN_RATE), log(SPLIT_RATE / (1.0 - JOIN_RATE))
 # Log-odds saturate here, of an object as of a pair, so that early mistakes can be corrected.
-MAX_LOG_ODDS = 2.0 * SURE
+MAX_LOG_ODDS = 2.0 * CERTAIN_LOG_ODDS
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.core.frame import Float64Array
-from cuboid.core.tolerances import MOST, SOME
 from cuboid.geometry.overlap import iou_matrix
 from cuboid.heatmap.kernels.claims import segment_overlaps
 from cuboid.heatmap.voxel_map import PixelVoxels
@@ -17,6 +16,10 @@ from cuboid.objects.entry import MapObject
 from cuboid.objects.matching import assign
 from cuboid.surfaces.frame_segments import FrameSegments
 
+# At least this fraction of a segment counts as mapped before.
+MIN_MAPPED_FRACTION = 0.2
+# A segment without a match is part of the object in which at least this fraction of it lies.
+PART_FRACTION = 0.5
 # Gate of the association: 3D IoU of the boxes, or IoU of the masks.
 SAME = 0.25
 
@@ -83,16 +86,16 @@ def associate(
         return Association(objects, nobody, nobody, np.zeros((n, m)), np.zeros(n), overlap[:n], overlap[-1])
     iou = iou_matrix(boxes, theirs)
     mine, object_pixels = overlap[:n], overlap.sum(0)
-    # At least a fifth of a segment counts as mapped before: the mapped part of an almost new one is no evidence.
+    # The mapped part of an almost new segment is no evidence.
     whole = np.array([len(segment.pixels) for segment in frame.segments])
-    seen = mine / np.maximum(np.maximum(size, SOME * whole)[:, None] + object_pixels[None] - mine, 1)
+    seen = mine / np.maximum(np.maximum(size, MIN_MAPPED_FRACTION * whole)[:, None] + object_pixels[None] - mine, 1)
     match, part = nobody.copy(), nobody.copy()
     like, similarity = np.maximum(iou, seen), np.zeros(n)
     for i, j in assign(like, SAME):
         match[i], similarity[i] = j, like[i, j]
     held = mine / whole[:, None]
     best = held.argmax(1)
-    lies = held[np.arange(n), best] >= MOST
+    lies = held[np.arange(n), best] >= PART_FRACTION
     part[(match < 0) & lies] = best[(match < 0) & lies]
     return Association(objects, match, part, iou, similarity, mine, object_pixels)
 

@@ -6,7 +6,9 @@ import numpy as np
 
 from cuboid.boxes.quantiles import quantile
 from cuboid.core.config import TrackerConfig
-from cuboid.core.tolerances import DRIFT_M, MOST, SAMPLE, STRAYS, SURE
+from cuboid.core.limits import SAMPLE_POINTS
+from cuboid.core.tolerances import DRIFT_M, OUTLIER_FRACTION
+from cuboid.objects.affinity import CERTAIN_LOG_ODDS
 from cuboid.objects.distances import touch
 from cuboid.objects.entry import MapObject
 from cuboid.objects.outline import OWN_FRACTION, enclosed, ends_above, ends_beside
@@ -16,6 +18,10 @@ from cuboid.objects.visibility import ALIKE
 from cuboid.surfaces.kernels.outlines import BOTTOM, CONTACT, FREE, LEFT, RIGHT, SUPPORT, TOP
 from cuboid.surfaces.planes import PlaneTracker
 
+# What ends above by itself is the foot of another object only where it is at most this fraction of its height.
+FOOT_FRACTION = 0.5
+# A side of the outline ends in free space when more than this fraction of it does.
+FREE_SIDE_FRACTION = 0.5
 # Frames do not agree on two objects that touch while the log-odds that they are two are below this.
 UNSURE = 1.1
 
@@ -36,7 +42,7 @@ def is_confirmable(entry: MapObject, store: ObjectStore, planes: PlaneTracker, c
     return (
         len(entry.points) > 0
         and not entry.holder
-        and not entry.carries
+        and not entry.supports_plane
         # What the picture has cut off may be as large again: the rim of a table, of which more was never seen.
         and enclosed(
             entry.outline, cut_off=2.0 * entry.box.size.max() <= config.max_size_m, beside=_is_beside(entry, store)
@@ -53,7 +59,9 @@ def is_confirmable(entry: MapObject, store: ObjectStore, planes: PlaneTracker, c
 
 def _is_beside(entry: MapObject, store: ObjectStore) -> bool:
     """Tell whether frames have shown an object beside a labelled one that it is likely no part of."""
-    return any(other.confirmed for other in store.all_of(store.affinity.partners(entry.number, most=-SURE / 2.0)))
+    return any(
+        other.confirmed for other in store.all_of(store.affinity.partners(entry.number, most=-CERTAIN_LOG_ODDS / 2.0))
+    )
 
 
 def _floats(entry: MapObject, planes: PlaneTracker) -> bool:
@@ -79,12 +87,12 @@ def _may_be_foot(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> 
     if plane is None or (above and ends_beside(entry.outline)):
         return False
     normal, offset = planes.in_world(plane)
-    top = quantile(entry.points @ normal, 1.0 - 2.0 * STRAYS) + offset
-    least = max(top + DRIFT_M, top / MOST if above else 0.0)
-    some = entry.points[:: 1 + len(entry.points) // SAMPLE]
+    top = quantile(entry.points @ normal, 1.0 - 2.0 * OUTLIER_FRACTION) + offset
+    least = max(top + DRIFT_M, top / FOOT_FRACTION if above else 0.0)
+    some = entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS]
     return any(
         len(other.points) > 0
-        and quantile(other.points @ normal, 1.0 - 2.0 * STRAYS) + offset > least
+        and quantile(other.points @ normal, 1.0 - 2.0 * OUTLIER_FRACTION) + offset > least
         and (touch(entry.points, other.points, DRIFT_M) or other.box.contains(some, DRIFT_M).any())
         for other in store.neighbours(entry)
     )
@@ -100,7 +108,7 @@ def _may_be_end(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> b
         return False
     normal, offset = planes.in_world(plane)
     height = entry.points @ normal + offset
-    low, high = quantile(height, 2.0 * STRAYS), quantile(height, 1.0 - 2.0 * STRAYS)
+    low, high = quantile(height, 2.0 * OUTLIER_FRACTION), quantile(height, 1.0 - 2.0 * OUTLIER_FRACTION)
     if low <= DRIFT_M or high - low > OWN_FRACTION * high:
         return False
     return any(
@@ -134,4 +142,4 @@ def _may_be_rim(entry: MapObject, planes: PlaneTracker) -> bool:
     if planes.find(entry.plane) is None or entry.box.size[2] > DRIFT_M:
         return False
     sides = entry.outline[[TOP, LEFT, RIGHT]]
-    return bool(np.count_nonzero(sides[:, FREE] > MOST * sides.sum(1)) > 1)
+    return bool(np.count_nonzero(sides[:, FREE] > FREE_SIDE_FRACTION * sides.sum(1)) > 1)

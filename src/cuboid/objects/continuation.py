@@ -6,7 +6,8 @@ import numpy as np
 
 from cuboid.boxes.kernels.extents import beyond_sides
 from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
-from cuboid.core.tolerances import DRIFT_M, MIN_FRAMES, MIN_READINGS, MOST, SAMPLE, SOME
+from cuboid.core.limits import SAMPLE_POINTS
+from cuboid.core.tolerances import DRIFT_M, MIN_READINGS
 from cuboid.geometry.box import Box
 from cuboid.heatmap.voxel_map import VoxelMap
 
@@ -14,6 +15,11 @@ from cuboid.heatmap.voxel_map import VoxelMap
 # voxels.
 SIDE_VOXELS = 2.0
 BEYOND_VOXELS = SIDE_VOXELS + np.arange(3)
+# A side goes on when this fraction of its points has surface beyond it.
+GOES_ON_FRACTION = 0.5
+# What lies above a plane goes on below it when beneath this fraction of its points there is surface of nobody, at so
+# many depths of a voxel each: fewer may be noise.
+BELOW_FRACTION, MIN_DEPTH_VOXELS = 0.2, 3
 
 
 def continues(box: Box, points: Float32Array, voxels: VoxelMap, owned: UInt8Array) -> tuple[bool, int]:
@@ -28,7 +34,7 @@ def continues(box: Box, points: Float32Array, voxels: VoxelMap, owned: UInt8Arra
     owned : (M,) uint8
         1 for each object, by number, that is no structure.
     """
-    points = points[:: 1 + len(points) // SAMPLE]
+    points = points[:: 1 + len(points) // SAMPLE_POINTS]
     beyond_m = BEYOND_VOXELS * voxels.voxel_m
     places, counts = np.empty((5 * len(beyond_m) * len(points), 3)), np.empty(5, np.int64)
     # What is lower is beside what it stands on.
@@ -40,7 +46,7 @@ def continues(box: Box, points: Float32Array, voxels: VoxelMap, owned: UInt8Arra
     owner = voxels.owner_at(places[:found])
     foreign = (owner >= 0) & ~owned[np.maximum(owner, 0)].astype(bool)
     goes_on = foreign.reshape(-1, len(beyond_m)).any(1)
-    top, *sides = np.add.reduceat(goes_on, np.cumsum(counts) - counts, dtype=np.int64) >= MOST * counts
+    top, *sides = np.add.reduceat(goes_on, np.cumsum(counts) - counts, dtype=np.int64) >= GOES_ON_FRACTION * counts
     return bool(top), int(sum(sides))
 
 
@@ -66,10 +72,10 @@ def continues_below(points: Float32Array, normal: Float64Array, offset: float, v
         The plane is normal.p + offset = 0.
     voxels : VoxelMap
     """
-    points = points[:: 1 + len(points) // (SAMPLE // 4)].astype(np.float64)
+    points = points[:: 1 + len(points) // (SAMPLE_POINTS // 4)].astype(np.float64)
     ground = points - np.outer(points @ normal + offset, normal)
     # What is nearer to the plane may be its own edge, and the plane hides what is right beneath.
     below_m = DRIFT_M + (np.arange(2 * MIN_READINGS) + 0.5) * voxels.voxel_m
     owner = voxels.owner_at((ground - below_m[:, None, None] * normal).reshape(-1, 3))
     seen = np.count_nonzero(owner.reshape(len(below_m), -1) == 0, axis=0)
-    return bool(np.count_nonzero(seen >= MIN_FRAMES) / len(seen) >= SOME)
+    return bool(np.count_nonzero(seen >= MIN_DEPTH_VOXELS) / len(seen) >= BELOW_FRACTION)

@@ -66,7 +66,7 @@ class MapObject(Record):
         Labels of objects that were merged into it.
     fitted : int
         Sightings at the last fit of its box.
-    carries : bool
+    supports_plane : bool
         Whether it was found to support its plane, as furniture does, at the last fit.
     holder : int
         Number of the object that it is attached to, since nothing supported it from below at the last fit; 0 none.
@@ -92,7 +92,7 @@ class MapObject(Record):
     supports: dict[int, int] = field(default_factory=dict)
     merged_labels: list[int] = field(default_factory=list)
     fitted: int = 0
-    carries: bool = False
+    supports_plane: bool = False
     holder: int = 0
     taken_by: MapObject | None = field(default=None, metadata=TRANSIENT)
 

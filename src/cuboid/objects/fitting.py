@@ -12,7 +12,8 @@ from cuboid.boxes.fit import fit_box
 from cuboid.boxes.hidden import with_foot
 from cuboid.core.config import TrackerConfig
 from cuboid.core.frame import Float32Array, Float64Array
-from cuboid.core.tolerances import DRIFT_M, MIN_READINGS, SAMPLE, SIGMAS
+from cuboid.core.limits import SAMPLE_POINTS
+from cuboid.core.tolerances import DRIFT_M, MIN_READINGS, SIGMAS
 from cuboid.geometry.box import Box
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.boxing import Boxing
@@ -85,7 +86,9 @@ class Fitting:
         identity = max(entry.supports.items(), key=lambda s: (s[1], -s[0]), default=(None, 0))[0]
         plane = self._planes.find(identity)
         points = voxels.xyz(rows)
-        plane = None if plane is None else self._planes.supporting_plane(points[:: 1 + len(points) // SAMPLE], plane)
+        plane = (
+            None if plane is None else self._planes.supporting_plane(points[:: 1 + len(points) // SAMPLE_POINTS], plane)
+        )
         entry.plane = None if plane is None else plane.identity
         rests = None if plane is None else self._planes.in_world(plane)
         if rests is not None:
@@ -128,9 +131,9 @@ class Fitting:
             while (times := times - 1) > 0 and entry.log_odds > 0:
                 entry.log_odds -= STRUCTURE
         # However clear its outline is: what supports a plane at two fits in a row is no object.
-        if too_large(box, self._config) or (entry.confirmed and entry.carries and supports_plane):
+        if too_large(box, self._config) or (entry.confirmed and entry.supports_plane and supports_plane):
             self._store.retire(entry)
-        entry.carries = supports_plane
+        entry.supports_plane = supports_plane
 
     def _supports_plane(self, entry: MapObject, rests: tuple[Float64Array, float] | None) -> bool:
         """Tell whether an object goes on below its plane, or up to a plane that lies on it.
@@ -154,7 +157,7 @@ class Fitting:
         if not DRIFT_M < bare.foot_m(normal, offset) <= bare.size.max():
             return box
         foot = bare.center - bare.size[2] / 2.0 * normal
-        seat = self._planes.seat_of(entry.points[:: 1 + len(entry.points) // SAMPLE], plane)
+        seat = self._planes.seat_of(entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS], plane)
         if not len(seat) or any(o.confirmed and o.box.contains(foot[None], DRIFT_M)[0] for o in near):
             return box
         corners = np.concatenate([bare.corners(), seat])

@@ -15,13 +15,13 @@ from cuboid.core.frame import Float64Array, UInt8Array
 from cuboid.core.limits import MAX_CANDIDATES
 from cuboid.core.observation import Observation
 from cuboid.core.state import Record
-from cuboid.core.tolerances import LITTLE, MIN_FRAMES, MIN_READINGS, MOST, SURE
+from cuboid.core.tolerances import MIN_READINGS
 from cuboid.core.working import WorkingImage
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import transform
 from cuboid.heatmap.voxel_map import PixelVoxels, VoxelMap
-from cuboid.objects.affinity import MAX_LOG_ODDS
+from cuboid.objects.affinity import CERTAIN_LOG_ODDS, MAX_LOG_ODDS
 from cuboid.objects.association import Association, associate
 from cuboid.objects.boxing import Boxing
 from cuboid.objects.confirmation import is_confirmable
@@ -35,6 +35,16 @@ from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments
 from cuboid.surfaces.kernels.outlines import KINDS
 from cuboid.surfaces.planes import PlaneTracker
 
+# A frame from the same place as the one before counts this much on pairs of objects; one from another side 1.
+MIN_NOVELTY = 0.1
+# A segment that matches an object with this similarity is that object: it may take voxels from others.
+SURE_MATCH = 0.5
+# A segment that covers this fraction of what is seen of an object shows that object.
+COVERED_FRACTION = 0.5
+# An object in view of which no more than this fraction of its points is left was taken away.
+LEFT_FRACTION = 0.1
+# On a later visit all earlier sightings, and earlier hits of a voxel, count as so many.
+VISIT_SIGHTINGS = 3
 # Log-odds that a candidate loses in a frame with its place in view and no matching proposal.
 MISSED = 0.3
 # A frame counts in full as evidence on pairs when the viewing angle has changed by this since the last one, radians; a
@@ -129,7 +139,7 @@ class ObjectMap:
         for entry in objects:
             entry.keyframe = -1  # the points that this frame fused are anchored to another one now
         found = associate(frame_segments, pack(boxes), objects, self.store.boxes_of(objects), voxels)
-        novelty = min(1.0, max(LITTLE, seen.viewpoint_angle_rad / NEW_SIDE_RAD))
+        novelty = min(1.0, max(MIN_NOVELTY, seen.viewpoint_angle_rad / NEW_SIDE_RAD))
         number_of = self._update_objects(seen, frame_segments, boxes, found)
         self._voxels.vote_owners(
             frame_segments.claim, number_of, *self._allowed_transfers(number_of, found), candidate, voxels.slots
@@ -200,13 +210,15 @@ class ObjectMap:
         place = np.full(self.store.numbers, -1, np.int64)
         place[0] = 0
         place[[o.number for o in found.objects]] = np.arange(1, len(found.objects) + 1)
-        sure = (found.match < 0) | (found.similarity >= MOST)
+        sure = (found.match < 0) | (found.similarity >= SURE_MATCH)
         allowed = np.zeros((len(number_of), len(found.objects) + 1), np.uint8)
         allowed[sure] = [1, *(not o.confirmed for o in found.objects)]
         numbers = number_of.tolist()
         for i in np.flatnonzero(sure).tolist():
             labelled = numbers[i] > 0 and self.store[numbers[i]].confirmed
-            others = self.store.affinity.partners(numbers[i], most=-SURE / 2.0 if labelled else -SURE)
+            others = self.store.affinity.partners(
+                numbers[i], most=-CERTAIN_LOG_ODDS / 2.0 if labelled else -CERTAIN_LOG_ODDS
+            )
             if others:
                 columns = place[others]
                 allowed[i, columns[columns > 0]] = 1
@@ -216,7 +228,7 @@ class ObjectMap:
         """Add evidence on pairs: objects covered by one segment, and objects with segments side by side."""
         affinity = self.store.affinity
         numbers = [o.number for o in found.objects]
-        whole = (found.object_pixels >= MIN_READINGS) & (found.overlap >= MOST * found.object_pixels)
+        whole = (found.object_pixels >= MIN_READINGS) & (found.overlap >= COVERED_FRACTION * found.object_pixels)
         for i in np.flatnonzero(whole.sum(1) > 1):
             for a, b in combinations(np.flatnonzero(whole[i]).tolist(), 2):
                 affinity.add_evidence(numbers[a], numbers[b], one=True, novelty=novelty)
@@ -263,7 +275,7 @@ class ObjectMap:
                 continue
             # A rim at its foot stays: a ray that passes so near to a table cannot be told from one that hits what lies
             # on it.
-            if not self._voxels.has_rows(entry.number, ceil(LITTLE * len(entry.points))):
+            if not self._voxels.has_rows(entry.number, ceil(LEFT_FRACTION * len(entry.points))):
                 self.store.retire(entry)
 
     def reset_supports(self) -> None:
@@ -296,10 +308,10 @@ class ObjectMap:
 
     def begin_visit(self) -> None:
         """Begin a later visit: earlier sightings count as few, and boxes are soon refitted."""
-        self._voxels.begin_visit(MIN_FRAMES)
+        self._voxels.begin_visit(VISIT_SIGHTINGS)
         for entry in self.store.living():
-            entry.sightings = min(entry.sightings, MIN_FRAMES)
-            entry.fitted = min(entry.fitted, MIN_FRAMES)
+            entry.sightings = min(entry.sightings, VISIT_SIGHTINGS)
+            entry.fitted = min(entry.fitted, VISIT_SIGHTINGS)
 
     def _merge(self, numbers: Sequence[int], eye: Float64Array) -> None:
         """Make one of objects that have proved to be one; the camera sees them from `eye` (3,)."""
@@ -307,12 +319,12 @@ class ObjectMap:
             number = entry.number
             if number not in self.store or entry.state is State.RETIRED:
                 continue
-            for other in self.store.affinity.partners(number, least=SURE / 2.0):
+            for other in self.store.affinity.partners(number, least=CERTAIN_LOG_ODDS / 2.0):
                 if other not in self.store:
                     continue
                 evidence = self.store.affinity.of(number, other)
                 a, b = self.store[number], self.store[other]
-                least = SURE if a.confirmed and b.confirmed else SURE / 2.0
+                least = CERTAIN_LOG_ODDS if a.confirmed and b.confirmed else CERTAIN_LOG_ODDS / 2.0
                 if evidence is not None and evidence >= least:
                     self.merge(a, b, eye)
                     break
@@ -326,14 +338,16 @@ class ObjectMap:
     def _retire_unlikely(self, numbers: Sequence[int]) -> None:
         """Retire objects whose log-odds have fallen below the threshold."""
         entries = self.store.all_of(numbers)
-        self.store.retire_all([o for o in entries if o.log_odds <= (-SURE if o.confirmed else -SURE / 2.0)])
+        self.store.retire_all(
+            [o for o in entries if -o.log_odds >= (CERTAIN_LOG_ODDS if o.confirmed else CERTAIN_LOG_ODDS / 2.0)]
+        )
 
     def record_seen(self, frame: int, seen: Sequence[MapObject]) -> None:
         """Record that a frame shows these objects; confirm the candidates among them that meet all criteria."""
         for entry in seen:
             if (
                 entry.state is State.CANDIDATE
-                and entry.log_odds >= SURE
+                and entry.log_odds >= CERTAIN_LOG_ODDS
                 and is_confirmable(entry, self.store, self._planes, self._config)
             ):
                 self.store.confirm(entry)

@@ -8,16 +8,24 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.core.frame import Float64Array
-from cuboid.core.tolerances import MOST, SOME, SURE
+from cuboid.objects.affinity import CERTAIN_LOG_ODDS
 from cuboid.surfaces.kernels.outlines import BORDER, BOTTOM, CONTACT, FREE, HIDDEN, LEFT, RIGHT, SUPPORT, TOP, UNSURE
 
 # Log-odds of a sighting whose outline is completely visible and free: two or three of these confirm an object.
-CLEAR = SURE / 2.0
+CLEAR = CERTAIN_LOG_ODDS / 2.0
 # Of an object at least this fraction of the outline that can be judged is free or rests on its support.
 OWN_FRACTION = 0.6
 # A side ends when some of it was seen to end, of the top this fraction: what always goes up behind something, or into
 # it, is a leg, or a post.
 KNOWN_TOP_FRACTION = 0.35
+# The other sides end when this fraction of them was judged.
+KNOWN_SIDE_FRACTION = 0.2
+# What more than half of a side is, decides what the side is.
+MAJORITY = 0.5
+# A segment counts in full when this fraction of its pixels are readings; the others are filled holes, a guess.
+FULLY_READ_FRACTION = 0.5
+# After the viewing angle has changed by this, radians, a sighting is independent of the one before.
+NEW_VIEW_RAD = 0.2
 
 Outline = npt.NDArray[Any]
 
@@ -44,7 +52,7 @@ def log_odds_of(outlines: Outline, read: Float64Array) -> Float64Array:
     asked = kinds.sum(1) - outlines[:, BOTTOM, HIDDEN:].sum(1)
     evidence = CLEAR * judged / np.maximum(asked, 1.0) * (fraction - OWN_FRACTION) / (1.0 - OWN_FRACTION)
     # What was filled is a guess: a sighting counts in full when most of the segment is readings, else by so much less.
-    return np.asarray(evidence * np.minimum(1.0, read / MOST), dtype=np.float64)
+    return np.asarray(evidence * np.minimum(1.0, read / FULLY_READ_FRACTION), dtype=np.float64)
 
 
 def with_viewpoint_change(evidence: float, viewpoint_angle: float) -> float:
@@ -60,7 +68,7 @@ def with_viewpoint_change(evidence: float, viewpoint_angle: float) -> float:
     viewpoint_angle : float
         Change of the viewing angle since the frame before, radians.
     """
-    return evidence + max(0.0, evidence) * evidence / CLEAR * min(1.0, viewpoint_angle / SOME)
+    return evidence + max(0.0, evidence) * evidence / CLEAR * min(1.0, viewpoint_angle / NEW_VIEW_RAD)
 
 
 def enclosed(outline: Outline, *, cut_off: bool = True, beside: bool = False) -> bool:
@@ -81,18 +89,18 @@ def enclosed(outline: Outline, *, cut_off: bool = True, beside: bool = False) ->
     """
     judged = outline[:, :HIDDEN].sum(1)
     whole = outline.sum(1)
-    least = np.full(4, SOME)
+    least = np.full(4, KNOWN_SIDE_FRACTION)
     least[TOP] = KNOWN_TOP_FRACTION
     # What the picture cuts off at the top tells nothing of it, where some of it was seen at other times.
     uncut = whole.copy()
     uncut[TOP] -= outline[TOP, BORDER]
-    known = (outline[:, :CONTACT].sum(1) >= least * uncut) & (uncut >= SOME * whole)
-    structure = outline[:, CONTACT] > MOST * judged
+    known = (outline[:, :CONTACT].sum(1) >= least * uncut) & (uncut >= KNOWN_SIDE_FRACTION * whole)
+    structure = outline[:, CONTACT] > MAJORITY * judged
     hidden = beside * outline[:, HIDDEN]
-    cut = cut_off * outline[:, BORDER] + hidden > MOST * whole
+    cut = cut_off * outline[:, BORDER] + hidden > MAJORITY * whole
     ends = known & ~structure
     # What hides a side touches it, mostly.
-    behind = hidden > MOST * whole
+    behind = hidden > MAJORITY * whole
     sides = (ends | (~known & (behind | (cut & ~structure))))[[LEFT, RIGHT]]
     return bool(ends[TOP] and sides.all() and ends[[LEFT, RIGHT]].any())
 

@@ -11,13 +11,15 @@ import numpy.typing as npt
 
 from cuboid.core.frame import Float64Array
 from cuboid.core.state import Record
-from cuboid.core.tolerances import MOST
 from cuboid.geometry.box import Box
 from cuboid.geometry.kernels.overlap import BATCH, bound, near
 from cuboid.geometry.overlap import overlap_min_matrix
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.affinity import Affinity, AffinityState
 from cuboid.objects.entry import MapObject, State, summed_counts
+
+# Two objects overlap in space when their boxes share this fraction of the smaller one: no two solids do.
+SHARED_FRACTION = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +106,7 @@ class ObjectStore:
 
     def overlapping(self, some: Sequence[MapObject], others: Sequence[MapObject]) -> npt.NDArray[np.bool_]:
         """Tell which living objects overlap in space by half of the smaller one or more, (N, M)."""
-        return np.asarray(overlap_min_matrix(self.boxes_of(some), self.boxes_of(others)) >= MOST)
+        return np.asarray(overlap_min_matrix(self.boxes_of(some), self.boxes_of(others)) >= SHARED_FRACTION)
 
     @property
     def bounds(self) -> Float64Array:

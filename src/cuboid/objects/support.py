@@ -10,11 +10,15 @@ import numpy.typing as npt
 from cuboid.boxes.fit import plane_axes
 from cuboid.boxes.quantiles import quantile
 from cuboid.core.frame import Float32Array, Float64Array
-from cuboid.core.tolerances import DRIFT_M, JUMP_M, MIN_READINGS, SAMPLE, SOME, STRAYS
+from cuboid.core.limits import SAMPLE_POINTS
+from cuboid.core.tolerances import DRIFT_M, JUMP_M, MIN_READINGS, OUTLIER_FRACTION
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.distances import points_near
 from cuboid.objects.entry import MapObject
 from cuboid.objects.kernels.rims import highest_rim
+
+# What is beneath an object's foot is known when it is for this fraction of its lowest points.
+KNOWN_BENEATH_FRACTION = 0.8
 
 
 def find_holder(
@@ -40,12 +44,12 @@ def find_holder(
     """
     points = entry.points.astype(np.float64)
     height = points @ normal + offset
-    foot = quantile(height, 2.0 * STRAYS)
+    foot = quantile(height, 2.0 * OUTLIER_FRACTION)
     if foot <= DRIFT_M:
         return 0
     # What could support it would be beneath its lowest part.
     low = np.flatnonzero(height <= foot + DRIFT_M)
-    low = low[:: 1 + len(low) // SAMPLE]
+    low = low[:: 1 + len(low) // SAMPLE_POINTS]
     points, height, plane_visible = points[low], height[low], None
     best, holder = 0, 0
     for other in others:
@@ -56,14 +60,17 @@ def find_holder(
         if touches <= best:
             continue
         theirs = other.points @ normal + offset
-        if quantile(theirs, 2.0 * STRAYS) >= foot or quantile(theirs, 1.0 - 2.0 * STRAYS) <= foot + JUMP_M:
+        if (
+            quantile(theirs, 2.0 * OUTLIER_FRACTION) >= foot
+            or quantile(theirs, 1.0 - 2.0 * OUTLIER_FRACTION) <= foot + JUMP_M
+        ):
             continue
         if plane_visible is None:
             plane_visible = _plane_visible(points - np.outer(height, normal), normal, voxels)
         inside = (np.abs((points - other.box.center) @ other.box.rotation) <= other.box.size / 2.0)[:, :2].all(1)
         # What holds another one at its side is the larger one; what is around its foot may be the smaller one.
         beneath = inside if len(other.points) < len(entry.points) else inside | plane_visible
-        if np.count_nonzero(beneath) / len(low) >= 1.0 - SOME:
+        if np.count_nonzero(beneath) / len(low) >= KNOWN_BENEATH_FRACTION:
             best, holder = touches, other.number
     return holder
 
@@ -88,7 +95,7 @@ def above_support_rim(
         Edge of a voxel, metres.
     """
     height = points @ normal + offset
-    if quantile(height, 2.0 * STRAYS) <= DRIFT_M:
+    if quantile(height, 2.0 * OUTLIER_FRACTION) <= DRIFT_M:
         return np.ones(len(points), bool)
     order = np.argsort(height, kind="stable")
     level = height[order]

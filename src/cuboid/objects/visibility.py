@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.core.frame import Float64Array
+from cuboid.core.limits import SAMPLE_POINTS
 from cuboid.core.observation import Observation
 from cuboid.core.results import Sighting
-from cuboid.core.tolerances import DRIFT_M, LITTLE, MIN_READINGS, SAMPLE, SOME
+from cuboid.core.tolerances import DRIFT_M, MIN_READINGS
 from cuboid.core.working import WorkingImage
 from cuboid.geometry.rectangles import rect_iou
 from cuboid.objects.association import SAME, Association
@@ -20,6 +21,10 @@ from cuboid.objects.kernels import sightings as kernel
 from cuboid.surfaces.frame_segments import FrameSegments
 from cuboid.surfaces.kernels.outlines import EDGE_LEVELS
 
+# An object is seen when this fraction of its near side is.
+MIN_VISIBLE_FRACTION = 0.1
+# How far the rectangle of an object moves towards that of the frame's own segment, as a fraction of the way.
+BLEND_GAIN = 0.2
 # A color agrees with a point's when no channel is farther off than this, of 255: noise, exposure, texture finer than
 # a voxel.
 ALIKE = EDGE_LEVELS // 3
@@ -85,7 +90,7 @@ def measure_visibility(
     image = observed.image
     if not objects:
         return []
-    some = [slice(None, None, max(1, len(o.points) // SAMPLE)) for o in objects]
+    some = [slice(None, None, max(1, len(o.points) // SAMPLE_POINTS)) for o in objects]
     points = [o.points[own] for o, own in zip(objects, some, strict=True)]
     colors = [o.colors[own] for o, own in zip(objects, some, strict=True)]
     n, c = len(objects), image.camera
@@ -98,7 +103,7 @@ def measure_visibility(
     )  # fmt: skip
     seen, hidden, unknown = counts.T
     visible = seen / np.maximum(1.0, seen + hidden + 0.5 * unknown)
-    seen_enough = (visible >= LITTLE) & (seen >= MIN_READINGS)
+    seen_enough = (visible >= MIN_VISIBLE_FRACTION) & (seen >= MIN_READINGS)
     rectangles = _rectangles(corners, image)
     return [Visibility(float(visible[k]), rectangles[k], bool(seen_enough[k])) for k in range(n)]
 
@@ -135,7 +140,7 @@ def blended_rectangle(rect_xyxy: Float64Array, own_xyxy: Float64Array | None) ->
     """
     if own_xyxy is None or rect_iou(rect_xyxy, own_xyxy) < SAME:
         return rect_xyxy
-    return np.asarray(rect_xyxy + SOME * (own_xyxy - rect_xyxy))
+    return np.asarray(rect_xyxy + BLEND_GAIN * (own_xyxy - rect_xyxy))
 
 
 def _feet(boxes: Float64Array) -> Float64Array:

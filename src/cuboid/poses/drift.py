@@ -14,13 +14,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from cuboid.core.frame import Float64Array, Frame, Intrinsics
-from cuboid.core.tolerances import DRIFT_M, DRIFT_RAD, MIN_FRAMES, MIN_READINGS, MOST, SIGMAS
+from cuboid.core.tolerances import DRIFT_M, DRIFT_RAD, MIN_READINGS, SIGMAS
 from cuboid.geometry.se3 import inverse, moved_beyond, tidied
 from cuboid.poses.alignment import NOISE, Prior, Reference, align, pick
 from cuboid.poses.kernels import align as kernel
 from cuboid.poses.keyframes import NEW_VIEW, OVERLAP_LEVEL, median_depth_m, overlap, pixels_of, view_distances
 from cuboid.poses.pyramid import Level, build_levels, shrink
 
+# Given poses misfit where an alignment leaves at most this fraction unexplained of what they do.
+UNEXPLAINED_FRACTION = 0.5
+# So many misfits in turn prove that poses drift: what fewer frames tell may be chance.
+MISFITS_THAT_PROVE = 3
+# A frame is compared with a keyframe of whose points it shows more than this fraction.
+MIN_OVERLAP = 0.5
 # Keyframes that are remembered: 100 kB each. The one that was used longest ago goes.
 MAX_KEYFRAMES = 256
 # Views from directions farther apart than this have little in common, radians.
@@ -136,15 +142,15 @@ class DriftCorrection:
     ) -> None:
         """Take in whether an alignment explains most of what the given poses leave unexplained."""
         left, before = (1.0 - explained(reference, levels[TOLD_AT], T) for T in (found, as_given))
-        misfit = left <= MOST * before and before - left >= MIN_GAIN
+        misfit = left <= UNEXPLAINED_FRACTION * before and before - left >= MIN_GAIN
         self._misfits = self._misfits + 1 if misfit else 0
-        if self._misfits >= MIN_FRAMES:
+        if self._misfits >= MISFITS_THAT_PROVE:
             self.proven_at = index
 
     def _oldest(self, near: list[int], T_world_camera: Float64Array, level: Level) -> _Keyframe | None:
         """Return the oldest of some keyframes of whose points an image from a pose shows most."""
         for keyframe in [self._keyframes[k] for k in near]:
-            if overlap(keyframe.reference, keyframe.corrected, T_world_camera, level) > MOST:
+            if overlap(keyframe.reference, keyframe.corrected, T_world_camera, level) > MIN_OVERLAP:
                 keyframe.used = self._comparisons
                 return keyframe
         return None

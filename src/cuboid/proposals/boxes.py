@@ -11,7 +11,7 @@ from cuboid.proposals.types import Proposals
 
 # Proposals of a frame, at most, from a source of many rough boxes: recall at IoU 0.5 grows little after a hundred
 # (Hosang et al., "What makes for effective detection proposals?", 2016), and each costs time downstream.
-MOST = 100
+MAX_BOXES = 100
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -23,7 +23,7 @@ def refuse_options(name: str, options: str | None) -> None:
 
 
 def boxes_as_proposals(
-    boxes_xyxy: npt.ArrayLike, scores: npt.ArrayLike, width: int, height: int, most: int = MOST
+    boxes_xyxy: npt.ArrayLike, scores: npt.ArrayLike, width: int, height: int, most: int = MAX_BOXES
 ) -> Proposals:
     """Return the best boxes, clipped to the image; those outside it or with a score that is no number are left out.
 
@@ -42,7 +42,7 @@ def boxes_as_proposals(
 
 
 def best_boxes(
-    boxes_xyxy: npt.ArrayLike, scores: npt.ArrayLike, width: int, height: int, most: int = MOST
+    boxes_xyxy: npt.ArrayLike, scores: npt.ArrayLike, width: int, height: int, most: int = MAX_BOXES
 ) -> tuple[npt.NDArray[np.int32], Float32Array, npt.NDArray[np.intp]]:
     """Return boxes and scores as `boxes_as_proposals` does, and which of the given ones they are."""
     values = _unit(scores)
@@ -55,7 +55,7 @@ def best_boxes(
     return whole[order], values[order], order
 
 
-def masks_as_proposals(masks: npt.NDArray[np.generic], scores: npt.ArrayLike, most: int = MOST) -> Proposals:
+def masks_as_proposals(masks: npt.NDArray[np.generic], scores: npt.ArrayLike, most: int = MAX_BOXES) -> Proposals:
     """Return the best masks, (N, H, W), each cropped to its own rectangle; empty masks are left out."""
     values = _unit(scores)
     boxes: list[tuple[int, int, int, int]] = []

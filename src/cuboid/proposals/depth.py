@@ -23,7 +23,7 @@ from cuboid.core.kernels.cells import CELL_COLUMNS, fit_cells
 from cuboid.core.kernels.holes import fill_holes
 from cuboid.core.kernels.pixels import drop_mixed
 from cuboid.core.sensor import MIXED_PER_M, cell_pixels
-from cuboid.core.tolerances import BIAS_M, JUMP_SIGMAS, MIN_SIGMA_M, SOME
+from cuboid.core.tolerances import BIAS_M, JUMP_SIGMAS, MIN_SIGMA_M
 from cuboid.core.working import COLOR_LEVELS, HOLE_M
 from cuboid.proposals.kernels import unions
 from cuboid.proposals.registry import SOURCES
@@ -67,11 +67,13 @@ NEIGHBOURS = 3
 # A region is at least this times the least size of an object: what is seen of one at an angle is narrower.
 MIN_SIZE = 5.0 / 6.0
 # Proposals of a frame, the best ones: some for each of as many objects as a desk holds. More cost time downstream.
-MOST = 140
+BEST = 140
+# Of what scores less, hardly any of the outline is a border.
+MIN_SCORE = 0.2
 # With so many readings a piece is no work of noise.
 SOLID_PIXELS = 120
 # Regions are the same proposal unless some of what they cover is not common to both: IoU.
-SAME_REGION = 1.0 - SOME
+SAME_REGION = 0.8
 
 Int16Array = npt.NDArray[np.int16]
 
@@ -232,12 +234,11 @@ def _scores(measures: Float64Array, focal_px: float, config: TrackerConfig) -> F
 def _best(scores: Float32Array, found: _Regions) -> npt.NDArray[np.int64]:
     """Return the regions worth proposing, the best first, without those that are nearly the same as a better one."""
     order = np.argsort(-scores, kind="stable")
-    # Of the others less than a fifth of the outline is anything's.
-    order = order[scores[order] >= SOME]
+    order = order[scores[order] >= MIN_SCORE]
     pixels = found.measures[:, regions.PIXELS].astype(np.int64)
     # Pixels of each segment: the regions that are one alone tell them.
     single = found.parts[:, 0] < 0
-    weight, kept = np.zeros(found.members.shape[1], np.int64), np.empty(MOST, np.int64)
+    weight, kept = np.zeros(found.members.shape[1], np.int64), np.empty(BEST, np.int64)
     weight[found.members[single].argmax(1)] = pixels[single]
     return kept[: unions.distinct(order, found.members, pixels, weight, SAME_REGION, kept)]
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from cuboid.core.config import TrackerConfig
 from cuboid.core.frame import Float32Array, Frame, Intrinsics
-from cuboid.proposals.boxes import MOST, boxes_as_proposals, refuse_options
+from cuboid.proposals.boxes import MAX_BOXES, boxes_as_proposals, refuse_options
 from cuboid.proposals.edges import find_edges
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource
@@ -43,7 +43,7 @@ class EdgeBoxes:
 
         edges = find_edges(frame, self._noise_per_m)
         finder = cv2.ximgproc.createEdgeBoxes()
-        finder.setMaxBoxes(MOST)
+        finder.setMaxBoxes(MAX_BOXES)
         finder.setMinBoxArea(MIN_AREA)
         finder.setEdgeMinMag(MIN_EDGE)
         finder.setMinScore(MIN_SCORE)

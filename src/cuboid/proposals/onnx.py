@@ -24,7 +24,7 @@ from cuboid.core.config import TrackerConfig
 from cuboid.core.errors import InputError
 from cuboid.core.extras import require
 from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
-from cuboid.proposals.boxes import MOST, best_boxes, thin_out
+from cuboid.proposals.boxes import MAX_BOXES, best_boxes, thin_out
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource
 
@@ -109,7 +109,7 @@ class OnnxModel:
         prototypes = next((np.asarray(o) for o in outputs if np.ndim(o) == 4), None)
         found = self._detections(outputs, 0 if prototypes is None else prototypes.shape[1])
         kept = np.flatnonzero(found.scores >= MIN_SCORE)
-        kept = kept[thin_out(found.boxes_xyxy[kept], found.scores[kept], OVERLAP)][:MOST]
+        kept = kept[thin_out(found.boxes_xyxy[kept], found.scores[kept], OVERLAP)][:MAX_BOXES]
         shift = np.array([fit.left, fit.top, fit.left, fit.top], dtype=np.float64)
         given = (found.boxes_xyxy[kept] - shift) / fit.scale
         boxes, scores, rows = best_boxes(given, found.scores[kept], intrinsics.width, intrinsics.height)

@@ -32,7 +32,7 @@ from cuboid.tracking.posed_tracker import PosedTracker
 POINTS = 300
 # A place was seen before when this fraction of its ground was. It was empty unless this fraction of what stands there
 # now, so far above its ground, metres, lies in cells of the map, of such a side, that were no object's, or no such
-# fraction of it rises so far: what was not told from the room before, or from its ground, is not new.
+# fraction of it rises so far: what looked like the room before, or like its ground, is not new.
 KNOWN_GROUND, STOOD, ABOVE_M, CELL_M = 0.5, 0.5, 0.02, 0.02
 
 Cells = npt.NDArray[np.int64]
@@ -144,7 +144,7 @@ class Before:
             normal, offset = tracker.support.in_world(plane)
             points = points[points @ normal + offset > ABOVE_M]
         if len(points) < STOOD * len(entry.points):
-            return True  # so low that it was not told from the ground
+            return True  # so low that it looked like the ground
         self._occupied = [_together(self._occupied)]
         (occupied,) = self._occupied
         if not len(points) or not len(occupied):

@@ -25,9 +25,9 @@ from cuboid.tracking.posed_tracker import PosedTracker
 # An object that lies still has half its old points within this of its new ones, metres, or its middle there.
 STILL_M, STILL_FRACTION, STILL_MIDDLE_M = 0.025, 0.5, 0.03
 # What is moved is at least this like what it was, and this much more so than any other, 0..1.
-SURE, CLEARER = 0.2, 1.5
+MIN_SIMILARITY, CLEARER = 0.2, 1.5
 # An object is gone when this fraction of its old points is carved, less than that of them is seen again, and less
-# than so much of it is seen anywhere: a rim at its foot, which is not told from what it stood on.
+# than so much of it is seen anywhere: a rim at its foot, which looks like what it stood on.
 CARVED, SEEN_AGAIN, LEFT = 0.5, 0.15, 0.3
 # What stands in an object's place is another one when it is no more like it than this, and what was there is not.
 UNLIKE = 0.15
@@ -153,7 +153,7 @@ class Changes:
             j = int(np.argmax(similarity[k]))
             row, column = np.delete(similarity[k], j), np.delete(similarity[:, j], k)
             others = max(row.max(initial=0.0), column.max(initial=0.0))
-            if similarity[k, j] >= SURE and similarity[k, j] >= CLEARER * others and j not in taken:
+            if similarity[k, j] >= MIN_SIMILARITY and similarity[k, j] >= CLEARER * others and j not in taken:
                 tracker.adopt(new[j], gone[k])
                 taken.add(j)
 
@@ -176,7 +176,7 @@ class Changes:
                 return True
         return False
 
-    def tell(self, tracker: PosedTracker, seen: Mapping[int, object]) -> list[Change]:
+    def find(self, tracker: PosedTracker, seen: Mapping[int, object]) -> list[Change]:
         """Return what became of each object, by label.
 
         Parameters
@@ -186,23 +186,25 @@ class Changes:
             Labels that the visit saw.
         """
         known, entries = self._before.known, tracker.ever_labelled()
-        told = {}
+        found = {}
         for entry in entries:
             if entry.label in known:
                 labels = {entry.label, *entry.merged_labels}
-                told[entry.label] = self._became(tracker, entry, any(label in seen for label in labels))
+                found[entry.label] = self._became(tracker, entry, any(label in seen for label in labels))
         place_of = {entry.label: entry.points for entry in entries}
         here = [
-            place_of[k] if one.change == "moved" else known[k].points for k, one in told.items() if one.change != "gone"
+            place_of[k] if one.change == "moved" else known[k].points
+            for k, one in found.items()
+            if one.change != "gone"
         ]
         there = np.concatenate([np.zeros((0, 3), np.float32), *here])
         for entry in sorted(entries, key=lambda o: (-float(o.box.size.prod()), o.label)):
             if entry.label not in known and entry.confirmed and entry.first_frame >= self._first_frame:
                 came = self._before.was_seen(tracker, entry) and not self._before.stood(tracker, entry)
                 came = came and fraction_near(entry.points, there, PIECE_M) < PIECE
-                told[entry.label] = Change(entry.label, "new" if came else "found", None, entry.box.center)
+                found[entry.label] = Change(entry.label, "new" if came else "found", None, entry.box.center)
                 there = np.concatenate([there, entry.points])
-        return [told[label] for label in sorted(told)]
+        return [found[label] for label in sorted(found)]
 
     def _became(self, tracker: PosedTracker, entry: MapObject, seen: bool) -> Change:
         old = self._before.known[entry.label]

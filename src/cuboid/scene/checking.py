@@ -22,7 +22,7 @@ from cuboid.scene.visit import ANY_CAMERA
 Rows = npt.NDArray[np.void]
 Keys = npt.NDArray[np.int64]
 
-# What people and other programs are told, in the order in which rows refer to each other.
+# What people and other programs read, in the order in which rows refer to each other.
 TOLD = ("scene", "recordings", "frames", "planes", "objects", "boxes", "sightings", "pending")
 # Problems of one kind that are said, at most.
 SAID = 8
@@ -222,7 +222,7 @@ def _readable_blocks(old: sqlite3.Connection, lost: list[str]) -> Iterator[tuple
 
 
 def _cube_block(row: Row) -> tuple[Rows, Keys]:
-    told = BlockRow(*row[:5])
-    rows = unpacked_block(told, *row[5:])
+    block = BlockRow(*row[:5])
+    rows = unpacked_block(block, *row[5:])
     rows = split_rows(rows[rows["weight"] > 0])
-    return rows, np.full(len(rows), told.cube)
+    return rows, np.full(len(rows), block.cube)

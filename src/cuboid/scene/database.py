@@ -1,4 +1,4 @@
-"""The file of a scene: opened, told from other files, and written by one at a time."""
+"""The file of a scene: opened, checked to be one, and written by one process at a time."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from cuboid.core.frame import Float32Array, Float64Array
 from cuboid.geometry.se3 import inverse, transform
 from cuboid.objects.entry import MapObject
-from cuboid.scene.changes import SURE
+from cuboid.scene.changes import MIN_SIMILARITY
 from cuboid.scene.similarity import color_profile_of, similarity
 
 # Objects of the part that are looked for, those seen most often, and known ones that each is held against.
@@ -79,7 +79,7 @@ def _answers(like: Float64Array, known: Float64Array, seen: Float64Array) -> Flo
     best = np.argsort(-like, axis=1, kind="stable")[:, :CANDIDATES]
     i = np.repeat(np.arange(len(seen)), best.shape[1])
     j = best.reshape(-1)
-    alike_enough = like[i, j] >= SURE
+    alike_enough = like[i, j] >= MIN_SIMILARITY
     i, j = i[alike_enough], j[alike_enough]
     a, b = np.triu_indices(len(i), 1)
     there, here = known[j[b]] - known[j[a]], seen[i[b]] - seen[i[a]]
@@ -113,14 +113,14 @@ def _scores(motions: Float64Array, like: Float64Array, known: Float64Array, seen
     distance, nearest = _nearest(known, _moved(motions, seen))
     meets = np.isfinite(distance)
     found = np.where(meets, like[np.arange(len(seen)), np.where(meets, nearest, 0)], 0.0)
-    return np.asarray(np.where(found < SURE, 0.0, found).sum(1))
+    return np.asarray(np.where(found < MIN_SIMILARITY, 0.0, found).sum(1))
 
 
 def _met(motion: Float64Array, like: Float64Array, known: Float64Array, seen: Float64Array) -> tuple[Numbers, Numbers]:
     """Return which objects meet like known ones under a motion, and these."""
     distance, nearest = _nearest(known, _moved(motion[None], seen)[0])
     met = np.flatnonzero(np.isfinite(distance))
-    met = met[like[met, nearest[met]] >= SURE]
+    met = met[like[met, nearest[met]] >= MIN_SIMILARITY]
     return met, nearest[met]
 
 

@@ -66,7 +66,7 @@ class ScenePosesState(Record):
     config : TrackerConfig
         As the scene was begun with: the tracker may have estimated more noise since.
     estimator : PoseEstimatorState
-    told : dict of int to (4, 4) float64
+    keyframe_poses : dict of int to (4, 4) float64
         Pose in the world of each keyframe as the tracker knows it.
     T_world_part : dict of int to (4, 4) float64
         Where each part of the scene stands.
@@ -83,7 +83,7 @@ class ScenePosesState(Record):
     seen_as : tuple of (int, (4, 4) float64, (4, 4) float64)
         Its frames that were recognised: part, pose in it, and pose in the recording's world.
     aligned : bool
-        Whether frames that agree have told where its world lies.
+        Whether frames that agree have shown where its world lies.
     recognised : bool
         Whether the last frame that has a pose is in part 0.
     last_part : int
@@ -94,7 +94,7 @@ class ScenePosesState(Record):
 
     config: TrackerConfig
     estimator: PoseEstimatorState
-    told: dict[int, Float64Array]
+    keyframe_poses: dict[int, Float64Array]
     T_world_part: dict[int, Float64Array]
     joined: tuple[tuple[Float64Array, Float64Array], ...]
     mode: str
@@ -124,7 +124,7 @@ class ScenePoses:
         self.intrinsics, self._config = intrinsics, config
         self._estimator = PoseEstimator(intrinsics)
         self._least_m = 0.5 * config.voxel_m  # what moves by less stays in its voxel
-        self._told: dict[int, Float64Array] = {}  # pose in the world of each keyframe as last told
+        self._keyframe_poses: dict[int, Float64Array] = {}  # pose in the world, as last reported
         self._T_world_part: dict[int, Float64Array] = {0: np.eye(4)}
         self._joined: list[tuple[Float64Array, Float64Array]] = []
         self.mode = SAME_WORLD
@@ -140,17 +140,29 @@ class ScenePoses:
     def state(self) -> ScenePosesState:
         """Return the state of now; see `PoseEstimator.state`."""
         return ScenePosesState(
-            self._config, self._estimator.state(), dict(self._told), dict(self._T_world_part), tuple(self._joined),
-            self.mode, self._part, self._T_part_recording, tuple(self._own), tuple(self._seen_as), self._aligned,
-            self._recognised, self._last_part, self._waited,
-        )  # fmt: skip
+            config=self._config,
+            estimator=self._estimator.state(),
+            keyframe_poses=dict(self._keyframe_poses),
+            T_world_part=dict(self._T_world_part),
+            joined=tuple(self._joined),
+            mode=self.mode,
+            part=self._part,
+            T_part_recording=self._T_part_recording,
+            own=tuple(self._own),
+            seen_as=tuple(self._seen_as),
+            aligned=self._aligned,
+            recognised=self._recognised,
+            last_part=self._last_part,
+            waited=self._waited,
+        )
 
     @classmethod
     def from_state(cls, state: ScenePosesState, intrinsics: Intrinsics) -> ScenePoses:
         """Return poses that go on from a state."""
         poses = cls(intrinsics, state.config)
         poses._estimator = PoseEstimator.from_state(state.estimator, intrinsics)
-        poses._told, poses._T_world_part, poses._joined = state.told, state.T_world_part, list(state.joined)
+        poses._keyframe_poses, poses._T_world_part = state.keyframe_poses, state.T_world_part
+        poses._joined = list(state.joined)
         poses.mode, poses._part, poses._T_part_recording = state.mode, state.part, state.T_part_recording
         poses._own, poses._seen_as = list(state.own), list(state.seen_as)
         poses._aligned, poses._recognised = state.aligned, state.recognised
@@ -191,7 +203,7 @@ class ScenePoses:
         assert frame.T_world_camera is not None
         number = self._estimator.take(frame, frame.T_world_camera, 0)
         if number is not None:
-            self._told[number] = frame.T_world_camera
+            self._keyframe_poses[number] = frame.T_world_camera
 
     def locate(self, frame: Frame, up: Float64Array | None) -> Posed:
         """Return where a frame was taken.
@@ -316,7 +328,7 @@ class ScenePoses:
         return vote.image_up if up is None else up
 
     def _moved(self) -> dict[int, Float64Array]:
-        """Return how keyframes have moved since that was last told, where it is worth telling."""
+        """Return how keyframes have moved since the last report, where it matters."""
         moved: dict[int, Float64Array] = {}
         now: dict[int, Float64Array] = {}
         farthest_m = 0.0
@@ -324,7 +336,7 @@ class ScenePoses:
             if keyframe.submap not in self._T_world_part:
                 continue
             T = self._T_world_part[keyframe.submap] @ keyframe.T_world_camera
-            before = self._told.setdefault(keyframe.number, T)
+            before = self._keyframe_poses.setdefault(keyframe.number, T)
             now[keyframe.number] = T
             if np.array_equal(before, T):
                 continue
@@ -336,7 +348,7 @@ class ScenePoses:
         if farthest_m < self._least_m:
             return {}
         self._note_joined(moved)
-        self._told = now
+        self._keyframe_poses = now
         return moved
 
     def _note_joined(self, moved: Mapping[int, Float64Array]) -> None:
@@ -344,7 +356,7 @@ class ScenePoses:
         present = {k.submap for k in self._estimator.keyframes}
         for part in sorted(self._T_world_part.keys() - present - {0}):
             middle = self._T_world_part.pop(part)[:3, 3]
-            own = [k for k in moved if np.linalg.norm(self._told[k][:3, 3] - middle) < ASIDE_M / 2]
+            own = [k for k in moved if np.linalg.norm(self._keyframe_poses[k][:3, 3] - middle) < ASIDE_M / 2]
             if own:
                 self._joined.append((middle, moved[own[0]]))
 

@@ -135,12 +135,12 @@ class BlockRow(NamedTuple):
     living: int
 
 
-def unpacked_block(told: BlockRow, check: int, data: bytes) -> AnyArray:
+def unpacked_block(row: BlockRow, check: int, data: bytes) -> AnyArray:
     """Return the rows (N,) of bytes from `packed_block`, or as they are.
 
     Parameters
     ----------
-    told : BlockRow
+    row : BlockRow
     check : int
         Check sum of all.
     data : bytes
@@ -150,13 +150,13 @@ def unpacked_block(told: BlockRow, check: int, data: bytes) -> AnyArray:
     DamagedError
         They are not what was written.
     """
-    rows, what = told.rows, f"block {told.number} of the map"
+    rows, what = row.rows, f"block {row.number} of the map"
     size = rows * ROW.itemsize
     if len(data) == size:
-        if check_sum(data, told) != check:
+        if check_sum(data, row) != check:
             raise DamagedError(f"{what} is damaged: its check sum is wrong")
         return np.frombuffer(data, ROW)
-    plain = inflated(data, check, what, told)
+    plain = inflated(data, check, what, row)
     if len(plain) != size or not 0 < rows <= BLOCK_ROWS:
         raise DamagedError(f"{what} is damaged: {len(plain)} bytes are not {rows} rows")
     return from_planes(plain, ROW, (rows,))

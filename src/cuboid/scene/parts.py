@@ -1,4 +1,4 @@
-"""What a scene file told of a part that was unconnected, transformed to where the part belongs."""
+"""The rows of a scene file of a part that was unconnected, transformed to where the part belongs."""
 
 from __future__ import annotations
 

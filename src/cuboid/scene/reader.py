@@ -56,9 +56,9 @@ class SceneReader(MapQueries):
             self._connection()
 
     def poses(self, recording: int) -> dict[int, tuple[float, Float64Array]]:
-        """Return time and T_world_camera (4, 4) of each used frame of a recording, as they were told then, by frame."""
+        """Return time and T_world_camera (4, 4) of each used frame of a recording, as estimated then, by frame."""
         columns = columns_of("frames", ("frame", "time_s", "qw", "qx", "qy", "qz", "tx", "ty", "tz"))
-        rows = self._told(columns, "frames WHERE recording = ? ORDER BY frame", (recording,))
+        rows = self._rows(columns, "frames WHERE recording = ? ORDER BY frame", (recording,))
         with complaining(self.path):
             return {row[0]: (row[1], _pose(row[2:])) for row in rows}
 
@@ -69,7 +69,7 @@ class SceneReader(MapQueries):
         used = dict(self._ask("SELECT recording, count(*) FROM frames GROUP BY recording"))
         return [
             SceneRecording(number, path, form, poses, begun, bool(complete), frames, used.get(number, 0))
-            for number, path, form, poses, begun, complete, frames in self._told(columns, "recordings ORDER BY id")
+            for number, path, form, poses, begun, complete, frames in self._rows(columns, "recordings ORDER BY id")
         ]
 
     @property
@@ -80,7 +80,7 @@ class SceneReader(MapQueries):
     @property
     def all_objects(self) -> list[SceneObject]:
         """All objects that ever had a label, by label."""
-        rows = self._told(columns_of("objects", _COLUMNS), "objects ORDER BY label")
+        rows = self._rows(columns_of("objects", _COLUMNS), "objects ORDER BY label")
         place = {identity: k for k, identity in enumerate(self._plane_identities())}
         with complaining(self.path):
             merged: dict[int | None, list[int]] = defaultdict(list)
@@ -91,12 +91,12 @@ class SceneReader(MapQueries):
     @property
     def planes(self) -> tuple[SupportPlane, ...]:
         """The supporting planes; `SceneObject.plane` is an index into them."""
-        rows = self._told(columns_of("planes", ("nx", "ny", "nz", "offset", "outline")), "planes ORDER BY identity")
+        rows = self._rows(columns_of("planes", ("nx", "ny", "nz", "offset", "outline")), "planes ORDER BY identity")
         with complaining(self.path):
             return tuple(_plane_of(row) for row in rows)
 
     def _plane_identities(self) -> list[int]:
-        return [row[0] for row in self._told(("planes.identity",), "planes ORDER BY identity")]
+        return [row[0] for row in self._rows(("planes.identity",), "planes ORDER BY identity")]
 
     @property
     def up(self) -> Float64Array | None:
@@ -159,7 +159,7 @@ class SceneReader(MapQueries):
                 ScenePast(
                     label, recording, frame, time_s, box_of(rest[:10], "boxes"), iou, rest[10], np.array(rest[11:])
                 )
-                for label, iou, recording, frame, time_s, *rest in self._told(_PAST, rest, labels)
+                for label, iou, recording, frame, time_s, *rest in self._rows(_PAST, rest, labels)
             ]
 
     def changes(self, since: str | int | None = None) -> list[SceneChange]:
@@ -189,7 +189,7 @@ class SceneReader(MapQueries):
         else:
             last = len(self.recordings)
             wanted = [one.number for one in self.recordings if one.number >= (last if since is None else since)]
-        rows = self._told(_CHANGE, "changes JOIN objects USING (label) ORDER BY recording, changes.label")
+        rows = self._rows(_CHANGE, "changes JOIN objects USING (label) ORDER BY recording, changes.label")
         with complaining(self.path):
             return [_change_of(row) for row in rows if row[0] in wanted]
 
@@ -200,12 +200,12 @@ class SceneReader(MapQueries):
 
     def picture(self, label: int) -> bytes | None:
         """Return an object's picture as JPEG; None where there is none."""
-        rows = self._told(("objects.picture",), "objects WHERE label = ?", (label,))
+        rows = self._rows(("objects.picture",), "objects WHERE label = ?", (label,))
         return rows[0][0] if rows else None
 
     def _labels_of(self, label: int) -> list[int]:
         """Return a label and those that were merged into it."""
-        known: dict[int, int | None] = dict(self._told(("objects.label", "objects.merged_into"), "objects"))
+        known: dict[int, int | None] = dict(self._rows(("objects.label", "objects.merged_into"), "objects"))
         if label not in known:
             raise InputError(f"{self.path}: no object has the label {label}")
         found = [label]
@@ -238,7 +238,7 @@ class SceneReader(MapQueries):
     def _place(self, frame: int) -> tuple[int, int]:
         """Return recording and frame of a frame by the scene's count."""
         columns = ("recordings.id", "recordings.first_frame")
-        rows = self._told(columns, "recordings WHERE first_frame <= ? ORDER BY id DESC LIMIT 1", (frame,))
+        rows = self._rows(columns, "recordings WHERE first_frame <= ? ORDER BY id DESC LIMIT 1", (frame,))
         number, first = rows[0] if rows else (0, 0)  # its recording was lost with a damaged file
         return number, frame - first
 
@@ -248,7 +248,7 @@ class SceneReader(MapQueries):
         with complaining(self.path):
             return self._connection().execute(query).fetchall()
 
-    def _told(self, columns: Sequence[str], rest: str, values: Iterable[Any] = ()) -> list[Row]:
+    def _rows(self, columns: Sequence[str], rest: str, values: Iterable[Any] = ()) -> list[Row]:
         if not self.path.exists():
             return []
         with complaining(self.path):

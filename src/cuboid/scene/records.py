@@ -99,7 +99,7 @@ class Records:
         self._rows = Rows()
         self._next_box: int = 1 + connection.execute("SELECT coalesce(max(id), 0) FROM boxes").fetchone()[0]
         self._box_of: dict[int, tuple[Box, int]] = {}
-        self._told: dict[int, tuple[object, ...]] = {}
+        self._written: dict[int, tuple[object, ...]] = {}
         self._merged = {k for (k,) in connection.execute("SELECT label FROM objects WHERE merged_into IS NOT NULL")}
         self._pixels = pixels
         self._quality: dict[int, float] = dict(connection.execute("SELECT label, picture_share FROM objects"))
@@ -148,13 +148,13 @@ class Records:
                 entry.box, entry.points, entry.state, entry.frames_seen, entry.last_frame, len(entry.merged_labels),
                 None if plane is None else plane.identity,
             )  # fmt: skip
-            if not _same(self._told.get(entry.label), now):
+            if not _same(self._written.get(entry.label), now):
                 was = copy(entry)  # what its attributes hold is never changed
                 was.plane = None if plane is None else plane.identity
                 rows.objects += [(was, 0), *((was, k) for k in entry.merged_labels if k not in self._merged)]
                 rows.merged += [(k, entry.label) for k in entry.merged_labels]
                 self._merged |= {*entry.merged_labels}
-                self._told[entry.label] = now
+                self._written[entry.label] = now
 
     def _picture(self, frame: Frame, sightings: Iterable[Sighting]) -> None:
         """Keep a picture of the object that is seen most times better than on its own so far."""
@@ -191,11 +191,11 @@ def picture_of(frame: Frame, rect_xyxy: Float64Array) -> bytes:
     return data.tobytes() if done else b""
 
 
-def _same(told: tuple[object, ...] | None, now: tuple[object, ...]) -> bool:
-    """Tell whether what was told last holds still; arrays and boxes are replaced, never changed."""
-    if told is None:
+def _same(before: tuple[object, ...] | None, now: tuple[object, ...]) -> bool:
+    """Tell whether what was before last holds still; arrays and boxes are replaced, never changed."""
+    if before is None:
         return False
-    return all(a is b or (isinstance(a, int) and a == b) for a, b in zip(told, now, strict=True))
+    return all(a is b or (isinstance(a, int) and a == b) for a, b in zip(before, now, strict=True))
 
 
 def _object_row(entry: MapObject, label: int = 0) -> Row:

@@ -88,7 +88,7 @@ class IntoScene:
         proposals: str | ProposalSource | None,
         memory_mb: float,
     ) -> Iterator[SceneRun]:
-        """Open the scene for a run; what it was not told to keep by `SceneRun.finish` ends as committed last.
+        """Open the scene for a run; without `SceneRun.finish` the scene ends as committed last.
 
         Raises
         ------

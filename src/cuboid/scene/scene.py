@@ -71,7 +71,7 @@ class Scene(SceneReader):
             if self._tracker is not None and kind is None:
                 self._tracker.close()
             elif self._tracker is not None:
-                with suppress(Exception):  # what went wrong first is what is told
+                with suppress(Exception):  # the first error is the one that is reported
                     self._tracker.close(complete=False)
         finally:
             self.close()
@@ -114,7 +114,7 @@ class Scene(SceneReader):
         proposals : str or ProposalSource, optional
             As for `Tracker`.
         source : Source, optional
-            What the scene is told of the recording.
+            What the scene records of the recording.
         same_world : bool
             Given poses are in the scene's world; else they are aligned with it by `SceneTracker.poses`.
         resume : bool

@@ -167,9 +167,9 @@ class SceneTracker(MapQueries):
         first, name = self._visit.first_frame, self._names.get(item.label)
         begun, ended, seen = item.first_frame - first, item.last_frame - first, item.frames_seen
         if begun < 0:
-            told = [self._records.seen[k] for k in (item.label, *item.merged_labels) if k in self._records.seen]
-            begun = min((frame for frame, _ in told), default=ended)
-            seen = max((count for _, count in told), default=0)
+            seen_as = [self._records.seen[k] for k in (item.label, *item.merged_labels) if k in self._records.seen]
+            begun = min((frame for frame, _ in seen_as), default=ended)
+            seen = max((count for _, count in seen_as), default=0)
         return dataclasses.replace(item, first_frame=begun, last_frame=ended, frames_seen=seen, name=name)
 
     @property
@@ -244,7 +244,7 @@ class SceneTracker(MapQueries):
         joined, self._joined = self._joined, []
         T_world_recording = self._poses.T_world_recording.astype("<f8").tobytes()
         visit, next_frame = self._visit, self._next_frame
-        told = self._changes.tell(self._tracker, self._records.seen) if ended and visit.number > 1 else []
+        found = self._changes.find(self._tracker, self._records.seen) if ended and visit.number > 1 else []
         noted = self._before.take_noted()
         pace = self._pace = Pace() if ended else Pace(WRITING_FRACTION, self._rhythm.wait_s, self._rhythm.cost_s)
 
@@ -255,7 +255,7 @@ class SceneTracker(MapQueries):
                 rows.write(connection)
                 parts.transform_rows(connection, joined)
                 write_noted(connection, noted)
-                changes.write(connection, visit.number, told)
+                changes.write(connection, visit.number, found)
                 visit.write(connection, next_frame, pending, complete=complete, ended=ended)
                 values = T_world_recording, visit.number
                 connection.execute("UPDATE recordings SET T_world_recording = ? WHERE id = ?", values)

@@ -10,7 +10,7 @@ from cuboid.core.frame import Float64Array, UInt8Array
 from cuboid.geometry.box import Box
 from cuboid.objects.entry import MapObject
 
-# Parts of an object's height whose colors are told apart.
+# Parts of an object's height whose colors are compared.
 LAYERS = 3
 # Deviations of one object between two visits: of the logarithm of a side, of lightness (the light may be another one),
 # and of a and b (CIE L*a*b*).

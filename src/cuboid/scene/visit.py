@@ -26,7 +26,7 @@ ANY_CAMERA = Intrinsics(1.0, 1.0, 0.0, 0.0, 1, 1)
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """What a scene is told of a recording.
+    """What a scene records of a recording.
 
     Attributes
     ----------
@@ -141,12 +141,12 @@ def resume(connection: sqlite3.Connection, source: Source, path: str) -> Visit:
     if recording != source.path:
         raise InputError(f"{path}: --resume: the recording that was broken off is {recording}, not {source.path}")
     begun = document(settings, dict[str, Any], "recordings.settings")
-    told_then = {"poses": poses, "camera": document(camera, dict[str, Any], "recordings.camera"), **begun}
+    recorded = {"poses": poses, "camera": document(camera, dict[str, Any], "recordings.camera"), **begun}
     asked = {"poses": source.poses, "camera": json.loads(_camera(source.intrinsics)), **_plain(source.settings)}
-    for name in sorted({*told_then, *asked}):
-        if told_then.get(name) != asked.get(name):
+    for name in sorted({*recorded, *asked}):
+        if recorded.get(name) != asked.get(name):
             raise InputError(
-                f"{path}: --resume: the run was begun with {name} = {shown(told_then.get(name))}, "
+                f"{path}: --resume: the run was begun with {name} = {shown(recorded.get(name))}, "
                 f"not {shown(asked.get(name))}"
             )
     T_world_recording = np.frombuffer(T, "<f8").reshape(4, 4).copy()

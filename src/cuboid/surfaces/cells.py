@@ -10,8 +10,10 @@ import numpy.typing as npt
 from cuboid.core.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.core.kernels import cells as kernel
 from cuboid.core.sensor import cell_pixels
-from cuboid.core.tolerances import ARM_LENGTH_M, JUMP_SIGMAS, MIN_SIGMA_M
+from cuboid.core.tolerances import JUMP_SIGMAS, MIN_SIGMA_M
 
+# Nearer than this, metres, cells show what level patches would: an arm's length.
+NEAR_M = 1.2
 # So many cells are a surface.
 MIN_CELLS = 6
 # A cell is flat whose residual of 1/z is within JUMP_SIGMAS of the sensor's noise: dark and shiny table tops show 1.5
@@ -118,7 +120,7 @@ def with_level_patches(
     patches = np.empty((rows * columns, 5))
     R, t = T_world_camera[:3, :3], T_world_camera[:3, 3]
     number = kernel.level_patches(
-        depth_m, _pinhole(camera), up @ R, patch_pixels(camera), noise_per_m, ARM_LENGTH_M, max_depth_m, skip, patches
+        depth_m, _pinhole(camera), up @ R, patch_pixels(camera), noise_per_m, NEAR_M, max_depth_m, skip, patches
     )
     level = patches[:number]
     return Cells(

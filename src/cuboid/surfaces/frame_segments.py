@@ -12,7 +12,7 @@ from cuboid.core.frame import Float32Array, Float64Array
 from cuboid.core.kernels.pixels import back_project
 from cuboid.core.limits import MAX_SEGMENTS
 from cuboid.core.observation import Observation
-from cuboid.core.tolerances import JUMP_M, MIN_READINGS, MOST
+from cuboid.core.tolerances import JUMP_M, MIN_READINGS
 from cuboid.core.working import WorkingImage
 from cuboid.heatmap.kernels.claims import assign_pixels
 from cuboid.heatmap.pixel_heat import WeighedProposals
@@ -26,7 +26,7 @@ FREE_FRACTION = 0.7
 # Surfaces of one proposal that a jump in depth parts, as the inside and the outside of a mug, are one thing when each
 # is at least this fraction of the largest one, and no deeper away from it than this fraction of its length. Smaller
 # ones are slivers of what is behind, farther ones that itself.
-MAJOR_FRACTION, DEEP_FRACTION = 0.4, MOST
+MAJOR_FRACTION, DEEP_FRACTION = 0.4, 0.5
 # What is beyond a hole in the depth image is looked for over so much, metres: the shadow at an outline is as wide.
 GAP_M = 0.08
 

@@ -151,7 +151,7 @@ class GroundPlan(WatchedRecord):
         if len(i) == 0:
             return
         j = np.flatnonzero(readings[i[0] : i[-1] + 1].any(0))
-        looked_at = np.concatenate([corner, corner + readings.shape])
+        last_update = np.concatenate([corner, corner + readings.shape])
         # Around them nothing changes.
         some = slice(i[0], i[-1] + 1), slice(j[0], j[-1] + 1)
         readings, corner = readings[some], corner + np.array([i[0], j[0]])
@@ -170,7 +170,7 @@ class GroundPlan(WatchedRecord):
         grown = int(np.count_nonzero(self.seen[mine] >= MIN_READINGS)) - before
         if grown:
             self.known += grown
-            self.changed = _around(self.changed, looked_at) if self.stale else looked_at
+            self.changed = _around(self.changed, last_update) if self.stale else last_update
             self.stale = True
 
     def absorb(self, other: GroundPlan) -> None:

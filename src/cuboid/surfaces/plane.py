@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from cuboid.core.frame import Float64Array
 from cuboid.core.state import TRANSIENT, WatchedRecord
-from cuboid.core.tolerances import DRIFT_M, DRIFT_RAD, JUMP_M, LITTLE, MIN_SIGMA_M, SIGMAS
+from cuboid.core.tolerances import DRIFT_M, DRIFT_RAD, JUMP_M, MIN_SIGMA_M, SIGMAS
 from cuboid.surfaces.grid import GroundPlan
 
 Keyframes = npt.NDArray[np.int64]
@@ -20,6 +20,8 @@ Keyframes = npt.NDArray[np.int64]
 ON_PLANE_M = 0.02
 # What supports a plane reaches up to it, but for the board that the plane is the top of, and for drift, metres.
 REACH_M = 2.0 * DRIFT_M
+# Neighbouring cells err alike: the cells of a frame count as this fraction of their number.
+INDEPENDENT_FRACTION = 0.1
 # How far a frame sees a plane from where the map has it.
 _PRIOR = np.diag([DRIFT_RAD**-2, DRIFT_RAD**-2, DRIFT_M**-2])
 # A residual of 1 cm counts as much as a slope of 2 degrees.
@@ -166,8 +168,11 @@ class Plane(WatchedRecord):
         weights = 1.0 / (sigma_m**2 + finest_m**2)
         solution: Float64Array = np.zeros(3)
         for _ in range(2):
-            # Neighbouring cells err alike: a frame's cells count as a tenth of their number.
-            w = LITTLE * weights / (1.0 + ((residual - design @ solution) / (SIGMAS * sigma_m + finest_m)) ** 2)
+            w = (
+                INDEPENDENT_FRACTION
+                * weights
+                / (1.0 + ((residual - design @ solution) / (SIGMAS * sigma_m + finest_m)) ** 2)
+            )
             solution = np.asarray(np.linalg.solve(design.T @ (design * w[:, None]) + _PRIOR, design.T @ (w * residual)))
         normal = self.normal - np.array([solution[0], solution[1], 0.0])
         offset = self.offset - solution[2] + float(solution[:2] @ middle[:2])

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from cuboid.core.config import TrackerConfig
 from cuboid.core.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.core.state import Record, snapshot
-from cuboid.core.tolerances import DRIFT_M, DRIFT_RAD, LITTLE, MIN_FRAMES, MOST, SIGMAS
+from cuboid.core.tolerances import DRIFT_M, DRIFT_RAD, SIGMAS
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse, transform
 from cuboid.surfaces import furniture, seats
@@ -35,7 +35,13 @@ from cuboid.surfaces.windows import Windows, window_of
 MAX_UNSEEN_FRAMES = 60
 # The plan frame is turned when the plane that most is known of is tilted in it by more than half of what
 # poses err.
-LEVEL_COS = float(np.cos(MOST * DRIFT_RAD))
+LEVEL_COS = float(np.cos(DRIFT_RAD / 2.0))
+# A level area supports objects once so many frames saw it, or one that saw so many times the least area.
+FRAMES_IN_USE = 3
+# A plane lies on a box when it is off its top by no more than the reach of a plane and this fraction of its height.
+TOP_FRACTION = 0.1
+# A plane goes on beyond a box whose footprint is less than this fraction of the plane.
+BEYOND_FRACTION = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +62,7 @@ class PlaneTrackerState(Record):
     windows : Windows
     main : int or None
         The plane that most is known of.
-    looked_at : int
+    last_update : int
         The last frame whose cells were used.
     as_seen : dict of int to (4,) float64
         Normal and offset of the planes as that frame saw them, in the plan frame.
@@ -73,7 +79,7 @@ class PlaneTrackerState(Record):
     of: dict[int, int]
     windows: Windows
     main: int | None
-    looked_at: int
+    last_update: int
     as_seen: dict[int, Float64Array]
     stale: tuple[int, ...]
     changed: tuple[int, ...]
@@ -107,7 +113,7 @@ class PlaneTracker:
         self._main: Plane | None = None
         # The last frame whose cells were used, and the planes as that frame saw them, by identity: normal and offset in
         # the plan frame.
-        self._looked_at = -1
+        self._last_update = -1
         self._as_seen: dict[int, Float64Array] = {}
         # Those with readings that are not processed yet, and those processed since duplicates were searched for.
         self._stale: set[Plane] = set()
@@ -123,7 +129,7 @@ class PlaneTracker:
             of={identity: plane.identity for identity, plane in self._of.items()},
             windows=snapshot(self._windows),
             main=None if self._main is None else self._main.identity,
-            looked_at=self._looked_at,
+            last_update=self._last_update,
             as_seen=dict(self._as_seen),
             stale=tuple(sorted(plane.identity for plane in self._stale)),
             changed=tuple(sorted(plane.identity for plane in self._changed)),
@@ -140,7 +146,7 @@ class PlaneTracker:
         )
         tracker.planes = list(planes.values())
         tracker._of = {identity: planes[heir] for identity, heir in state.of.items()}
-        tracker._windows, tracker._looked_at, tracker._as_seen = state.windows, state.looked_at, state.as_seen
+        tracker._windows, tracker._last_update, tracker._as_seen = state.windows, state.last_update, state.as_seen
         tracker._main = None if state.main is None else planes[state.main]
         tracker._stale = {planes[identity] for identity in state.stale}
         tracker._changed = {planes[identity] for identity in state.changed}
@@ -190,7 +196,7 @@ class PlaneTracker:
         if removed or len(self.planes) > before:
             matched = self._match(centers, sigma_m)
         owner[cells.places[flat]] = matched[:, None]
-        self._looked_at = frame
+        self._last_update = frame
         self._as_seen = self._adapted(centers, sigma_m, matched)
         return owner.reshape(rows, columns)
 
@@ -350,7 +356,7 @@ class PlaneTracker:
                     plane.in_use = False
                 elif not plane.in_use:
                     # Seen often enough, or at once as much as would be.
-                    plane.in_use = plane.frames >= MIN_FRAMES or area >= MIN_FRAMES * least
+                    plane.in_use = plane.frames >= FRAMES_IN_USE or area >= FRAMES_IN_USE * least
             self._windows.update(plane)
         self._changed |= near
         gone = self._windows.expired(frame)
@@ -364,7 +370,7 @@ class PlaneTracker:
 
     def _is_scheduled(self, frame: int, index: int) -> bool:
         """Tell whether a plane's turn, once in `REFRESH_FRAMES`, has come since the last processed frame."""
-        return (frame - index) // REFRESH_FRAMES > (self._looked_at - index) // REFRESH_FRAMES
+        return (frame - index) // REFRESH_FRAMES > (self._last_update - index) // REFRESH_FRAMES
 
     def _remove(self, gone: set[int]) -> None:
         if not gone:
@@ -400,12 +406,14 @@ class PlaneTracker:
 
     def has_plane_on_top(self, box: Box) -> bool:
         """Tell whether a supporting plane lies on top of a box that stands up: it is furniture, or a part of it."""
-        return any(True for _ in self._planes_on_top_of(box, REACH_M + LITTLE * box.size[2]))
+        return any(True for _ in self._planes_on_top_of(box, REACH_M + TOP_FRACTION * box.size[2]))
 
     def is_extended_by_plane(self, box: Box) -> bool:
         """Tell whether a plane as high as the top of a box that stands up goes on beyond it: the side of a shelf."""
         footprint_m2 = box.size[0] * box.size[1]
-        return any(footprint_m2 < MOST * plane.plan.area_m2() for plane in self._planes_on_top_of(box, DRIFT_M))
+        return any(
+            footprint_m2 < BEYOND_FRACTION * plane.plan.area_m2() for plane in self._planes_on_top_of(box, DRIFT_M)
+        )
 
     def _planes_on_top_of(self, box: Box, off_m: float) -> Iterator[Plane]:
         """Yield the planes over the middle of a box that stands up which are no farther from its top, metres."""

@@ -8,9 +8,12 @@ import cv2
 import numpy as np
 
 from cuboid.core.frame import Float64Array
-from cuboid.core.tolerances import MIN_READINGS, MOST
+from cuboid.core.tolerances import MIN_READINGS
 from cuboid.surfaces.grid import CELL_M, GroundPlan, Places, cells_of, window_intersection
 from cuboid.surfaces.plane import REACH_M, Plane
+
+# A seat is at most so many times as long as what it belongs to.
+LONGEST_SEAT = 1.5
 
 
 def supporting_plane(
@@ -65,7 +68,7 @@ def seat_cells(plan: GroundPlan, points: Float64Array, least_m2: float) -> Place
     """
     cells = cells_of(points)
     low, high = cells.min(0), cells.max(0) + 1
-    longest = int((1.0 + MOST) * (high - low).max())
+    longest = int(LONGEST_SEAT * (high - low).max())
     window = np.concatenate([low - longest - 1, high + longest + 1])
     mine, theirs = window_intersection(plan.window, window)
     known, beside = np.zeros((2, *(window[2:] - window[:2])), np.uint8)

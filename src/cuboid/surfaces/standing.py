@@ -15,7 +15,7 @@ from cuboid.core.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.core.kernels import cells as cell_kernel
 from cuboid.core.kernels import patches
 from cuboid.core.sensor import MIXED_PER_M, cell_pixels
-from cuboid.core.tolerances import BIAS_M, DRIFT_M, JUMP_M, JUMP_SIGMAS, LITTLE, MOST, SOME, STRAYS
+from cuboid.core.tolerances import BIAS_M, DRIFT_M, JUMP_M, JUMP_SIGMAS, OUTLIER_FRACTION
 from cuboid.proposals.depth import PLANE_BOW_M, PLANES
 from cuboid.surfaces.frame_segments import GAP_M, MIN_PIXELS
 from cuboid.surfaces.kernels import standing as kernel
@@ -24,6 +24,11 @@ from cuboid.surfaces.kernels import standing as kernel
 RIPPLE_PER_M = MIXED_PER_M
 # Less than this fraction of what stands off, or of a picture, tells nothing.
 ENOUGH = 0.02
+# An area that is at most this fraction of another one may be the face of an object that stands on it.
+FACE_FRACTION = 0.2
+# A piece stands on an area when more than the first fraction of its outline meets the area, and more than the second
+# ends in depth jumps; it is clear as far as both together exceed half of the outline.
+TOUCH_FRACTION, FREE_FRACTION, HALF = 0.2, 0.1, 0.5
 # Normals within this of each other are one direction.
 SAME_COS = float(np.cos(np.radians(12.0)))
 
@@ -71,7 +76,7 @@ def find_flat_areas(depth_m: Float32Array, camera: Intrinsics, config: TrackerCo
     on = np.empty(depth_m.shape, np.int8)
     kernel.lie_on(depth_m, pinhole, planes, noise, config.min_height_m, BIAS_M, config.max_depth_m, on)
     # What is far smaller than an area may be the face of a thing that stands on it.
-    faces = area_m2 <= SOME * area_m2[:, None]
+    faces = area_m2 <= FACE_FRACTION * area_m2[:, None]
     for small in np.unique(faces, axis=0):
         supports = np.flatnonzero((faces == small).all(1))
         evidence[supports] = _things(depth_m, camera, planes, on, small, config)[supports]
@@ -127,7 +132,7 @@ def _grow(
     cell_kernel.fit_cells(depth_m, pinhole, size, config.max_depth_m, cells)
     inverse, member = np.empty((PLANES, 3)), np.empty(shape, np.int16)
     count = patches.grow_planes(
-        cells, shape, pinhole, noise, PLANE_BOW_M, JUMP_SIGMAS * noise, MOST * config.min_plane_area_m2, inverse, member
+        cells, shape, pinhole, noise, PLANE_BOW_M, JUMP_SIGMAS * noise, config.min_plane_area_m2 / 2.0, inverse, member
     )
     # 1 = z (a u + b v + c) on an area, with u = fx x / z + cx and v = fy y / z + cy.
     a, b, c = inverse[:count].T
@@ -164,14 +169,16 @@ def _clearness(
     touch = np.take_along_axis(touches, beneath[:, None], 1)[:, 0]
     judged = np.maximum(1, touches.sum(1) + others.sum(1))
     free = others[:, kernel.FREE]
-    both = (touch > SOME * judged) & (free > LITTLE * judged)
-    return beneath, np.where(both, np.maximum(0.0, ((touch + free) / judged - MOST) / (1.0 - MOST)), 0.0)
+    both = (touch > TOUCH_FRACTION * judged) & (free > FREE_FRACTION * judged)
+    return beneath, np.where(both, np.maximum(0.0, ((touch + free) / judged - HALF) / (1.0 - HALF)), 0.0)
 
 
 def _stands(points: Float64Array, plane: Float64Array, config: TrackerConfig) -> bool:
     """Tell whether a piece (N, 3) rises from a plane (4,) as an object does, and does not go on below it."""
     if np.ptp(points, axis=0).max() > config.max_size_m:
         return False
-    low, middle, high = np.quantile(points @ plane[:3] + plane[3], [2.0 * STRAYS, MOST, 1.0 - 2.0 * STRAYS])
+    low, middle, high = np.quantile(
+        points @ plane[:3] + plane[3], [2.0 * OUTLIER_FRACTION, 0.5, 1.0 - 2.0 * OUTLIER_FRACTION]
+    )
     ripple_m = JUMP_M + RIPPLE_PER_M * float(np.median(points[:, 2])) ** 2
     return bool(low >= -DRIFT_M and middle > config.min_height_m and high > max(ripple_m, 2.0 * config.min_height_m))

@@ -10,11 +10,16 @@ import numpy.typing as npt
 
 from cuboid.core.frame import Float64Array
 from cuboid.core.state import Record
-from cuboid.core.tolerances import MIN_READINGS, MOST, SOME
+from cuboid.core.tolerances import MIN_READINGS
 from cuboid.surfaces.standing import ENOUGH, SAME_COS, FlatAreas
 
 # A direction nearer than this to another is its noise: the next real one is at right angles.
-NOISE_COS = math.sqrt(MOST)
+NOISE_COS = math.sqrt(0.5)
+# Up stays known while its evidence is at least this fraction of what makes it known.
+HELD_FRACTION = 0.5
+# While nothing is seen to stand, up is a direction within 60 degrees of the images' up, of flat areas of this many
+# square metres in all: faces of objects are smaller.
+LEVEL_IN_IMAGES_COS, MIN_LEVEL_M2 = 0.5, 0.2
 # Another direction becomes up when its likelihood is larger by this ratio.
 MIN_LIKELIHOOD_RATIO = 2.0
 # What is known of planes, and of up once it is known, is updated every so many frames.
@@ -114,7 +119,7 @@ class UpVote(Record):
             return self._level(self.measured / norm)
         likely = self._likelihood()
         own = np.zeros(len(likely), bool) if self.up is None else self.seen[:, :3] @ self.up > NOISE_COS
-        known = self.up is not None and self._share(own) >= MOST * ENOUGH
+        known = self.up is not None and self._share(own) >= HELD_FRACTION * ENOUGH
         held = likely[own].max(initial=0.0) if known else 0.0
         enough = self.seen[:, 4] >= ENOUGH * self.votes
         best = int(np.argmax(likely * enough)) if enough.any() else -1
@@ -127,7 +132,9 @@ class UpVote(Record):
 
         It holds while nothing is seen to stand anywhere. Faces of things are smaller than a fifth of a square metre.
         """
-        area = self.seen[:, 3] * ((self.seen[:, :3] @ self.image_up > MOST) & (self.seen[:, 3] >= SOME))
+        area = self.seen[:, 3] * (
+            (self.seen[:, :3] @ self.image_up > LEVEL_IN_IMAGES_COS) & (self.seen[:, 3] >= MIN_LEVEL_M2)
+        )
         return np.asarray(self.seen[int(np.argmax(area)), :3]) if area.any() else None
 
     def _likelihood(self) -> Float64Array:

@@ -16,12 +16,12 @@ from cuboid.core.config import TrackerConfig
 from cuboid.core.errors import FrameError
 from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.core.kernels.pixels import assign_planes
-from cuboid.core.limits import MAX_PROPOSALS, MEMORY_MB
+from cuboid.core.limits import MAX_PROPOSALS, MEMORY_MB, SAMPLE_POINTS
 from cuboid.core.observation import Observation
 from cuboid.core.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
 from cuboid.core.sensor import excess_noise, resolves_m
 from cuboid.core.state import Record
-from cuboid.core.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, SAMPLE, STRAYS
+from cuboid.core.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, OUTLIER_FRACTION
 from cuboid.core.working import WorkingImage, filled, thin
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import moved_beyond
@@ -74,9 +74,9 @@ class PosedTrackerState(Record):
         Quarter turns by which images are rolled; None before the first frame with depth.
     count : int
         Frames so far.
-    place : (3,) float64 or None
+    position : (3,) float64 or None
         Where the camera was in the last one.
-    looked_from : (4, 4) float64 or None
+    viewpoint : (4, 4) float64 or None
         T_world_camera of the last frame from a new viewpoint.
     due : bool
         Whether the next frame refreshes the map.
@@ -88,8 +88,8 @@ class PosedTrackerState(Record):
     config: TrackerConfig
     turns: int | None
     count: int
-    place: Float64Array | None
-    looked_from: Float64Array | None
+    position: Float64Array | None
+    viewpoint: Float64Array | None
     due: bool
     planes: PlaneTrackerState
     voxels: VoxelMapState
@@ -134,8 +134,8 @@ class PosedTracker(MapQueries):
         self._propose = make_source(proposals, self.config)
         self._begin()
         self._count = 0
-        self._place: Float64Array | None = None
-        self._looked_from: Float64Array | None = None
+        self._position: Float64Array | None = None
+        self._viewpoint: Float64Array | None = None
         self._due = True
 
     def _begin(self) -> None:
@@ -147,7 +147,7 @@ class PosedTracker(MapQueries):
     def state(self) -> PosedTrackerState:
         """Return the state of now; see `ObjectStore.state`."""
         return PosedTrackerState(
-            self.config, self._turns, self._count, self._place, self._looked_from, self._due, self._planes.state(),
+            self.config, self._turns, self._count, self._position, self._viewpoint, self._due, self._planes.state(),
             self._voxels.state(), self._map.state(),
         )  # fmt: skip
 
@@ -166,7 +166,7 @@ class PosedTracker(MapQueries):
         tracker._voxels = VoxelMap.from_state(state.voxels, c.voxel_m, c.depth_noise_per_m, c.max_depth_m, memory_mb)
         tracker._map = ObjectMap.from_state(state.map, c, tracker._voxels, tracker._planes)
         tracker._turns, tracker._count, tracker._due = state.turns, state.count, state.due
-        tracker._place, tracker._looked_from = state.place, state.looked_from
+        tracker._position, tracker._viewpoint = state.position, state.viewpoint
         return tracker
 
     def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
@@ -363,28 +363,28 @@ class PosedTracker(MapQueries):
         Below that the map cannot tell the two viewpoints apart: planes, boxes and free space seen from there need not
         be updated again.
         """
-        last = self._looked_from
+        last = self._viewpoint
         if last is not None and not moved_beyond(last, T_world_camera, DRIFT_M, DRIFT_RAD):
             return False
-        self._looked_from = T_world_camera
+        self._viewpoint = T_world_camera
         return True
 
     def _viewpoint_angle(self, image: WorkingImage, T_world_camera: Float64Array) -> float:
         """Return the change of viewing angle since the last frame, radians: baseline over depth; infinite at first."""
-        last, self._place = self._place, T_world_camera[:3, 3]
+        last, self._position = self._position, T_world_camera[:3, 3]
         distance_m = 0.0 if last is None else _median_depth_m(image.depth_m)
-        return math.inf if last is None or distance_m == 0.0 else math.dist(self._place, last) / distance_m
+        return math.inf if last is None or distance_m == 0.0 else math.dist(self._position, last) / distance_m
 
     def _boxes(self, segments: Sequence[FrameSegment], image: WorkingImage, T_world_camera: Float64Array) -> list[Box]:
         if not segments:
             return []
-        some = [c.pixels[:: 1 + len(c.pixels) // (SAMPLE // 2)] for c in segments]
+        some = [c.pixels[:: 1 + len(c.pixels) // (SAMPLE_POINTS // 2)] for c in segments]
         points = points_of(np.concatenate(some), image, T_world_camera)
         found = {identity: self._planes.find(identity) for identity in {k for c in segments for k in c.supports}}
         rests = {identity: self._planes.in_world(plane) for identity, plane in found.items() if plane is not None}
         unknown = self._planes.likely_up, None
         planes = [_main_support(c.supports, rests) or unknown for c in segments]
-        return fit_boxes(points, [len(pixels) for pixels in some], planes, STRAYS)
+        return fit_boxes(points, [len(pixels) for pixels in some], planes, OUTLIER_FRACTION)
 
     def _refine(
         self, seen: Observation, heat: Float32Array, slots: npt.NDArray[np.int32], in_frustum: Sequence[MapObject]
@@ -489,7 +489,7 @@ class PosedTracker(MapQueries):
     def begin_visit(self) -> None:
         """Expect the place at another time: things may have been moved, taken and brought."""
         self._map.begin_visit()
-        self._place = self._looked_from = None
+        self._position = self._viewpoint = None
         self._due = True
 
     def adopt(self, entry: MapObject, old: MapObject) -> None:

@@ -10,26 +10,24 @@ from cuboid.boxes.kernels.extents import side_spread
 from cuboid.boxes.kernels.resting import ROUND_RADIUS
 from cuboid.boxes.kernels.revolve import fit_axis
 from cuboid.core.compiled import kernel
-from cuboid.core.tolerances import (
-    DRIFT_M,
-    JUMP_M,
-    JUMP_SIGMAS,
-    LITTLE,
-    MIN_READINGS,
-    MIN_SIGMA_M,
-    MOST,
-    SIGMAS,
-    SOME,
-)
+from cuboid.core.tolerances import DRIFT_M, JUMP_M, JUMP_SIGMAS, MIN_READINGS, MIN_SIGMA_M, SIGMAS
 
 # The fit takes so many steps.
 STEPS = 6
 # A side is looked at in so many sectors of the turn.
 SECTORS = 12
 # Half of the turn is seen from one place, a little less of it in depth: what covers less fixes no axis in noise.
-MIN_ARC = MOST - LITTLE
+MIN_ARC = 0.4
 # Of a side so much is its body's: a cap's brim has nearly as many points as its dome.
-MIN_BODY = MOST - LITTLE
+MIN_BODY = 0.4
+# The radius of a round body varies from sector to sector by less than this fraction of it.
+ROUND_TOLERANCE = 0.1
+# A layer of which less than this fraction is near the axis's circle is not round: that of a brim, or of a handle.
+KEPT_LAYER_FRACTION = 0.8
+# A layer, or a sector of it, is a part that sticks out when more than this fraction of it does.
+TORN_FRACTION = 0.2
+# What sticks out in more than this fraction of the sectors is a rim, all round.
+RIM_FRACTION = 0.5
 
 
 @kernel
@@ -81,7 +79,7 @@ def find_body(plan, layer, trust, rectangle, noise, trim, center, part):
         angle = math.atan2(plan[i, 1] - center[1], plan[i, 0] - center[0])
         # The last one holds no more than a limit.
         sector[i] = np.int64(np.floor(angle * (SECTORS / (2.0 * math.pi)))) + SECTORS // 2
-    if not is_round(sector, weights, residual, LITTLE * usual):
+    if not is_round(sector, weights, residual, ROUND_TOLERANCE * usual):
         return 0.0
     off = max(JUMP_SIGMAS * MIN_SIGMA_M, SIGMAS * spread)
     appendage(layer, trust, sector, weights, radius, residual, off, part)
@@ -107,7 +105,7 @@ def fit_trimmed(plan, layer, trust, noise, trim, center, radius, residual, weigh
         changed, left = False, 0
         for i in range(n):
             k = layer[i]
-            kept = trust[i] if away[i] < limit and near_of[k] >= (1.0 - SOME) * all_of[k] else 0.0
+            kept = trust[i] if away[i] < limit and near_of[k] >= KEPT_LAYER_FRACTION * all_of[k] else 0.0
             changed |= kept != weights[i]
             left += kept != 0.0
             weights[i] = kept
@@ -123,7 +121,7 @@ def weighted_median(values, weights):
     """Return below which of values (N,) half of the weight lies: by parting them again and again."""
     part, heavy = values.copy(), weights.copy()
     begin, end, before = 0, len(part), 0.0
-    half = MOST * heavy.sum()
+    half = 0.5 * heavy.sum()
     while end - begin > 1:
         pivot = part[(begin + end) // 2]
         # Less than the pivot, the pivot, more.
@@ -205,12 +203,12 @@ def appendage(layer, trust, sector, weights, radius, residual, off, part):
         known = out = 0
         for s in range(SECTORS + 1):
             known += seen[k, s] > 0.0
-            out += beyond[k, s] > SOME * seen[k, s]
-        rim[k] = out > MOST * known
+            out += beyond[k, s] > TORN_FRACTION * seen[k, s]
+        rim[k] = out > RIM_FRACTION * known
     for i in range(n):
         k = layer[i]
         part[i] = part[i] and not rim[k]
         torn[k] += trust[i] if part[i] else 0.0
     for i in range(n):
         k = layer[i]
-        part[i] = part[i] or torn[k] > SOME * sums[k, 1]
+        part[i] = part[i] or torn[k] > TORN_FRACTION * sums[k, 1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.core.compiled import kernel
-from cuboid.core.tolerances import STRAYS
+from cuboid.core.tolerances import OUTLIER_FRACTION
 
 BINS = 256
 
@@ -129,7 +129,7 @@ def ends_at(values):
     bins, scale = np.zeros(BINS), BINS / (high - low)
     for value in values:
         bins[min(BINS - 1, int((value - low) * scale))] += 1.0
-    cut = 2.0 * STRAYS * values.size
+    cut = 2.0 * OUTLIER_FRACTION * values.size
     near, far = trimmed(bins, cut, low, scale), trimmed(bins, 2.0 * cut, low, scale)
     return max(low, 2.0 * near[0] - far[0]), min(high, 2.0 * near[1] - far[1])
 

@@ -8,17 +8,17 @@ import numpy as np
 
 from cuboid.boxes.kernels.extents import best_turn, reach
 from cuboid.core.compiled import kernel
-from cuboid.core.tolerances import DRIFT_M, JUMP_M, LITTLE, MOST, SOME
+from cuboid.core.tolerances import DRIFT_M, JUMP_M
 
 # A cluster whose lowest point is within this of the plane rests on it, metres: the foot of an object is lost to the
 # noise floor of the plane, and the part below a bowl's belly is seldom seen.
 REST_M = 2.0 * DRIFT_M
-# A box whose footprint is at most some larger is taken instead of the smallest one where that takes away most of the
+# A box whose footprint is at most so much larger is taken instead of the smallest one where that takes away half of the
 # variance by which points of the sides, a jump below the top, depart from these.
-RIVAL_AREA, BETTER_SIDES = 1.0 + SOME, math.sqrt(MOST)
+RIVAL_AREA, BETTER_SIDES = 1.2, math.sqrt(0.5)
 # A round footprint follows the law of the disc to this fraction of its radius, and is at most this fraction of what was
 # seen of it wide, per side: half a disc shows its whole width, but for what is lost at its edges.
-ROUND_RESIDUAL, ROUND_RADIUS = 0.03, MOST + LITTLE
+ROUND_RESIDUAL, ROUND_RADIUS = 0.03, 0.6
 # A disc of which no more than this is missing, metres, is whole: drift and noise widen what was seen all round by a
 # centimetre in one direction.
 MISSING_M = JUMP_M

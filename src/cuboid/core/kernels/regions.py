@@ -6,7 +6,7 @@ import numpy as np
 
 from cuboid.core.compiled import kernel
 from cuboid.core.kernels.segments import CREASE, NONE
-from cuboid.core.tolerances import JUMP_SIGMAS, LITTLE, SOME
+from cuboid.core.tolerances import JUMP_SIGMAS
 
 # Columns of a segment's row: pixels, readings, sum of 1/z, rectangle (end inclusive), length of the outline, the
 # sum of its strengths, and how much of it is cut off by the image's border.
@@ -15,7 +15,7 @@ COLUMNS = 10
 # How strongly a piece of outline parts a segment from what is around it, 0..1: at least before what lies behind, where
 # it grows to 1 with the jump; at a hole or a crease, which may part the two or not. Towards what hides it or stands on
 # it: some; at a gap in a crease: little.
-BEFORE, HALF = 0.3, 0.4
+BEFORE, HALF, AFTER, GAP = 0.3, 0.4, 0.2, 0.1
 # Label of pixels that are too far away; plane p has BACKGROUND - 1 - p.
 BACKGROUND = -1
 
@@ -136,17 +136,17 @@ def between(a, b, wa, wb, limit, creased, sure, segments, contact, weight, level
     gap = abs(wa - wb)
     # A jump in metres, from the nearer of the two to the farther.
     step = abs(1.0 / wa - 1.0 / wb)
-    strength_a = strength_b = LITTLE
+    strength_a = strength_b = GAP
     if gap > limit:
         behind = BEFORE + (1.0 - BEFORE) * min(1.0, step / sure)
-        strength_a = behind if wa > wb else SOME
-        strength_b = behind if wb > wa else SOME
+        strength_a = behind if wa > wb else AFTER
+        strength_b = behind if wb > wa else AFTER
     elif creased:
         strength_a = strength_b = HALF
     if a < 0:
-        segments[b, STRENGTH] += 1.0 if gap <= limit or wb > wa else SOME
+        segments[b, STRENGTH] += 1.0 if gap <= limit or wb > wa else AFTER
     elif b < 0:
-        segments[a, STRENGTH] += 1.0 if gap <= limit or wa > wb else SOME
+        segments[a, STRENGTH] += 1.0 if gap <= limit or wa > wb else AFTER
     else:
         segments[a, STRENGTH] += strength_a
         segments[b, STRENGTH] += strength_b
@@ -209,9 +209,9 @@ def along_plane(row, other, ahead, low, limit, sure):
     if other == 0:
         row[STRENGTH] += HALF
     elif abs(ahead) <= limit:
-        row[STRENGTH] += 1.0 - HALF if other < BACKGROUND else SOME
+        row[STRENGTH] += 1.0 - HALF if other < BACKGROUND else AFTER
     elif ahead > 0.0:
         # From the nearer to the farther, in metres.
         row[STRENGTH] += BEFORE + (1.0 - BEFORE) * min(1.0, (1.0 / low - 1.0 / (low + ahead)) / sure)
     else:
-        row[STRENGTH] += SOME
+        row[STRENGTH] += AFTER

@@ -10,14 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.core.compiled import kernel
-from cuboid.core.tolerances import LITTLE
 from cuboid.heatmap.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, CUBE_BITS, HEATS, add_block, fill_index, row_of
 
 # Cells of two voxels a side along an axis of a cube, as bits of their number.
 CELL_BITS = CUBE_BITS - 1
 CELLS = 1 << (3 * CELL_BITS)
 # Voxels whose heat falls into different steps of this share no cell: what is cold and what is hot stay separate.
-HEAT_STEP = HEATS * LITTLE
+HEAT_STEP = HEATS * 0.1
 
 
 @kernel(inline="always")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.core.compiled import kernel
-from cuboid.core.tolerances import JUMP_SIGMAS, LITTLE, MIN_FRAMES, NEAREST_M
+from cuboid.core.tolerances import JUMP_SIGMAS, NEAREST_M
 from cuboid.heatmap.kernels.cubes import (
     BLOCK_BITS,
     BLOCK_ROWS,
@@ -27,6 +27,10 @@ from cuboid.heatmap.kernels.cubes import (
     voxel_in,
 )
 
+# Pixels with less heat than this are cold: background.
+COLD_HEAT = 0.1
+# A voxel is removed after rays have passed it so many times: fewer may be chance.
+MIN_PASSES = 3
 # Beyond this noise passes half a voxel, metres: cold points there are walls and floors.
 FAR_M = 2.0
 # More frames than this are not counted: what there is is halved.
@@ -57,7 +61,7 @@ def pixel_weights(depth, heat, v, frame, turn, max_depth, pixel_weight):
         cold = (4.0 if z <= FAR_M else (16.0 if in_far_turn else 0.0)) if in_turn else 0.0
         # Far away a voxel is hardly wider than a pixel, and its noise wider than both: every other one will do.
         hot = 1.0 if z <= FAR_M else (0.0 if (u + v + frame) & 1 else 2.0)
-        weight_of_pixel = cold if heat[u] < LITTLE else hot
+        weight_of_pixel = cold if heat[u] < COLD_HEAT else hot
         pixel_weight[u] = weight_of_pixel if (z > 0.0) & (z <= max_depth) else 0.0
 
 
@@ -222,7 +226,7 @@ def carve_free_space(which, depth, camera, T_camera_world, noise, margin, step, 
             if passed:
                 cubes.changed[row >> BLOCK_BITS] = True
                 passes[row] = min(MAX_HITS, passes[row] + step)
-                if passes[row] >= MIN_FRAMES and passes[row] > hits[row]:
+                if passes[row] >= MIN_PASSES and passes[row] > hits[row]:
                     weight[row] = 0.0
                     hits[row] = 0
                     passes[row] = 0

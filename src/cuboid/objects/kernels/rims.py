@@ -5,8 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.core.compiled import kernel
-from cuboid.core.tolerances import LITTLE, MIN_READINGS, MOST, SAMPLE
+from cuboid.core.limits import SAMPLE_POINTS
+from cuboid.core.tolerances import MIN_READINGS
 from cuboid.objects.kernels.nearness import count_near
+
+# What is above a rim is at most this fraction as wide as the rim.
+RIM_WIDTH_FRACTION = 0.5
+# Of a slab that is no rim at least this fraction is beneath what is above it.
+BENEATH_FRACTION = 0.5
+# A width is measured without this fraction of the points at either end.
+END_FRACTION = 0.1
 
 
 @kernel
@@ -36,9 +44,9 @@ def highest_rim(points, order, begins, ends, axes, gap):
             continue
         rest = plan_of(points, order[ends[k] :], axes)
         x, y = longest(slab)
-        if width(rest, x, y) > MOST * width(slab, x, y):
+        if width(rest, x, y) > RIM_WIDTH_FRACTION * width(slab, x, y):
             continue
-        most = np.int64(np.ceil(MOST * len(slab)))
+        most = np.int64(np.ceil(BENEATH_FRACTION * len(slab)))
         if count_near(slab, rest, gap, most) < most:
             return k
     return -1
@@ -47,7 +55,7 @@ def highest_rim(points, order, begins, ends, axes, gap):
 @kernel
 def plan_of(points, which, axes):
     """Return where some of points lie in plan, (M, 2) float32: all, or every so many-th where these are more."""
-    which = which[:: 1 + len(which) // SAMPLE]
+    which = which[:: 1 + len(which) // SAMPLE_POINTS]
     plan = np.empty((len(which), 2), np.float32)
     for i in range(len(which)):
         x, y, z = points[which[i]]
@@ -69,7 +77,7 @@ def longest(plan):
 def width(plan, x, y):
     """Return how far points (N, 2) reach in a direction, without those few that reach farthest on either side."""
     along = np.sort(plan[:, 0] * x + plan[:, 1] * y)
-    return at_fraction(along, 1.0 - LITTLE) - at_fraction(along, LITTLE)
+    return at_fraction(along, 1.0 - END_FRACTION) - at_fraction(along, END_FRACTION)
 
 
 @kernel

@@ -153,7 +153,7 @@ class LiveView:
         self._map_asked = False
         self._ended: bool | None = None
         self._warnings: tuple[str, ...] = ()
-        self._told = 0
+        self._farewells = 0
 
     def __call__(self, frame: Frame, result: FrameResult, tracker: TrackerView) -> None:
         """Look at a run after a frame."""
@@ -223,14 +223,14 @@ class LiveView:
             self._ended, self._warnings = complete, tuple(warnings)
             self._changed.notify_all()
             if watched:
-                self._changed.wait_for(lambda: self._told > 0, FAREWELL_S)
+                self._changed.wait_for(lambda: self._farewells > 0, FAREWELL_S)
         if watched:
             time.sleep(LAST_WORDS_S)
 
     def farewell(self) -> None:
         """Note that somebody has been told of the end."""
         with self._changed:
-            self._told += 1
+            self._farewells += 1
             self._changed.notify_all()
 
     def _wait(self, met: Callable[[], bool], timeout_s: float) -> None:
