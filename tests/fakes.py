@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from cuboid.core.config import TrackerConfig
 from cuboid.core.errors import FrameError
 from cuboid.core.frame import Frame, Intrinsics
 from cuboid.core.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
@@ -82,6 +83,7 @@ class FakeTracker:
         self, intrinsics: Intrinsics, config: object = None, proposals: object = None, *, memory_mb: float = 0.0
     ) -> None:
         self.intrinsics = intrinsics
+        self.config = config if isinstance(config, TrackerConfig) else TrackerConfig()
         self.frames: list[int] = []
         self.sizes: list[tuple[int, ...]] = []
         self.refuse: dict[int, str] = {}

@@ -145,3 +145,17 @@ def test_saving_twice_needs_force(tmp_path: Path) -> None:
 def test_a_tracker_without_frames_saves_an_empty_result(tmp_path: Path) -> None:
     cuboid.Tracker(INTRINSICS).save(tmp_path / "out", recording=FakeRecording(0))
     assert Results(tmp_path / "out").report.frames_read == 0
+
+
+def test_results_name_the_configuration_in_use(tmp_path: Path) -> None:
+    """A sensor that is noisier than was set: the noise that the first frame shows is used, and written."""
+    rng, nominal = np.random.default_rng(2), cuboid.TrackerConfig().depth_noise_per_m
+    tracker = cuboid.Tracker(CAMERA)
+    for k, x in enumerate((0.0, 0.05)):
+        frame = frame_of(SCENE, look_at((x, -1.0, 0.8), (0, 0, 0)), k)
+        noisy = frame.depth_m + rng.normal(size=frame.depth_m.shape) * 1.3 * nominal * frame.depth_m**2
+        tracker.update(dataclasses.replace(frame, depth_m=noisy.astype(np.float32)))
+    assert tracker.config.depth_noise_per_m > 1.1 * nominal
+    tracker.save(tmp_path / "out")
+    written = Results(tmp_path / "out").report.config["tracker"]
+    assert written == tracker.config.to_dict()

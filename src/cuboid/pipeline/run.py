@@ -220,7 +220,7 @@ def _report(
         format=recording.format,
         poses=tracker.poses or GIVEN,
         threads=threads,
-        config=settings,
+        config={**settings, "tracker": tracker.config.to_dict()},
         frames_read=used + len(skipped),
         frames_used=used,
         skipped=skipped,

@@ -68,7 +68,7 @@ def write_results(scene: Scene, connection: sqlite3.Connection, number: int, fol
             format=form,
             poses=poses,
             threads=1,
-            config=config,
+            config={**config, "tracker": tracker.config.to_dict()},
             frames_read=read,
             frames_used=len(known),
             skipped=tuple((frame, NOT_IN_SCENE) for frame in missing),

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cuboid.core.config import TrackerConfig
 from cuboid.core.frame import Float64Array, Frame, Intrinsics
 from cuboid.core.results import FrameResult, MapPoints, SupportPlane, TrackedObject
 from cuboid.outputs.object_table import ObjectTable
@@ -171,6 +172,11 @@ class SceneTracker(MapQueries):
             begun = min((frame for frame, _ in seen_as), default=ended)
             seen = max((count for _, count in seen_as), default=0)
         return dataclasses.replace(item, first_frame=begun, last_frame=ended, frames_seen=seen, name=name)
+
+    @property
+    def config(self) -> TrackerConfig:
+        """The configuration in use."""
+        return self._tracker.config
 
     @property
     def planes(self) -> list[SupportPlane]:

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from cuboid.core.config import TrackerConfig
 from cuboid.core.frame import Float64Array, Frame, Intrinsics
 from cuboid.core.results import FrameResult, MapPoints, SupportPlane, TrackedObject
 from cuboid.geometry.box import Box
@@ -65,6 +66,11 @@ class FirstCameraTracker:
         """Apply a pose correction; see `PosedTracker.apply_correction`."""
         T = self._T
         self._tracker.apply_correction({k: inverse(T) @ T_new_old @ T for k, T_new_old in moved.items()})
+
+    @property
+    def config(self) -> TrackerConfig:
+        """The configuration in use."""
+        return self._tracker.config
 
     @property
     def _T(self) -> Float64Array:

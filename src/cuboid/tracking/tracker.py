@@ -241,6 +241,11 @@ class Tracker(MapQueries):
         return None if self._source is None else self._source.origin
 
     @property
+    def config(self) -> TrackerConfig:
+        """The configuration in use; its noise of depth is that of the first frame, where this shows more."""
+        return self._mapper.config
+
+    @property
     def objects(self) -> ObjectTable:
         """The confirmed objects of the map, by label: a list, and a table for notebooks and pandas."""
         return ObjectTable(self._mapper.objects)
@@ -317,7 +322,7 @@ class Tracker(MapQueries):
 
         if self._rows is None:
             raise CuboidError("Tracker.save: the rows of this tracker are written by the loop that made it")
-        settings = {"proposals": source_name(self._proposals), "tracker": self._config.to_dict()}
+        settings = {"proposals": source_name(self._proposals), "tracker": self.config.to_dict()}
         seconds = working_s() - self._begun_s
         save_results(self, self._rows, as_path(output), recording, settings, seconds, force=force)
 

@@ -81,6 +81,10 @@ class MapLike(Protocol):
     """What can be asked of a running tracker between two frames."""
 
     @property
+    def config(self) -> TrackerConfig:
+        """The configuration in use."""
+
+    @property
     def objects(self) -> list[TrackedObject]:
         """The confirmed objects."""
 
