@@ -1,4 +1,4 @@
-"""What is far has surfaces as thick as the noise of depth: its points are brought back to where they lie on average."""
+"""Denoising of far objects, whose surfaces are as thick as the noise of depth: points move to their local mean."""
 
 from __future__ import annotations
 

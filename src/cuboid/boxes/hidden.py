@@ -1,4 +1,4 @@
-"""What of an object no frame has seen: its far side, and its foot behind another object."""
+"""Parts of an object that no frame has seen: its far side, and its foot behind another object."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def with_hidden(
     more = mirrored_points(points, normal, offset, box, near, voxels)
     if len(more):
         whole = fit_box(np.concatenate([box.corners(), more]), normal, offset, 0.0)
-        # A far side that would reach into a neighbour is none.
+        # A far side that would reach into a neighbour is left out.
         if is_clear_of(whole, near):
             return whole
     return box
@@ -52,19 +52,19 @@ def with_hidden(
 def as_deep_as_wide(box: Box, eye: Float64Array, near: Sequence[Box], least_m: float) -> Box:
     """Return the box of what was seen from far, as deep as it is wide where the camera could not tell that it is not.
 
-    From the front a thing shows its width, and of its depth next to nothing; most are about as deep as they are wide.
-    More depth would show beyond the rims as far as it lies across the ray: where that is less than the map can tell, it
-    may be there.
+    From the front an object shows its width and hardly any of its depth; most objects are about as deep as wide. More
+    depth would show beyond the rims as far as it lies across the ray. Where that is less than the map resolves, the
+    object may be deeper.
 
     Parameters
     ----------
     box : Box
     eye : (3,) float64
-        Where the camera is that sees it, world, metres.
+        Position of the camera that sees it, world, metres.
     near : sequence of Box
-        Of other objects nearby: a depth that would reach into one is none.
+        Of other objects nearby; a depth that would reach into one is refused.
     least_m : float
-        What is smaller the map does not tell, metres.
+        Smallest distance that the map resolves, metres.
     """
     ray = box.rotation.T @ (box.center - eye)
     far_m = math.sqrt(ray @ ray)
@@ -131,7 +131,7 @@ def mirrored_points(
     mirrored = axis - away + 2.0 * np.outer(away @ normal, normal)
     beyond = _beyond(mirrored, box)
     out = np.flatnonzero(beyond > voxels.voxel_m)
-    # What sticks out farthest on one side (a handle, a spout) need not on the other.
+    # A part that sticks out on one side, as a handle or a spout, has no twin on the other side.
     allowed = round(STICKING_OUT_FRACTION * len(points))
     if len(out) <= allowed:
         return np.zeros((0, 3))
@@ -145,7 +145,7 @@ def mirrored_points(
 
 
 def foot_is_hidden(box: Box, normal: Float64Array, offset: float, others: Sequence[Box], voxels: VoxelMap) -> bool:
-    """Tell whether a box that floats may stand all the same: what is beneath was not seen, and is no other object."""
+    """Tell whether the foot of a floating box may be hidden: nobody saw the space beneath, and no object is there."""
     beneath = box.center + _ALONG * box.size[0] * box.rotation[:, 0] + _ACROSS * box.size[1] * box.rotation[:, 1]
     height = beneath @ normal + offset
     ground = beneath - np.outer(height, normal)

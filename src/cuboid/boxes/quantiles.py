@@ -13,7 +13,7 @@ def quantile(values: Float32Array | Float64Array, fraction: float) -> float:
     place = fraction * last
     above = min(int(place) + 1, last)
     part = np.partition(values, above)
-    # What is next below is the largest of those before it: two places at once take NumPy nine times as long.
+    # The next lower value is the largest of those before it; NumPy takes nine times as long for two places at once.
     low, high = float(part[:above].max(initial=part[0])), float(part[above])
     beyond = place - max(above - 1, 0)
     # From the nearer of the two, so that nothing is lost to rounding.

@@ -22,7 +22,7 @@ from cuboid.geometry.box import Box
 
 # The widest layer of a body is reached by this fraction of its points.
 FULL_LAYER_FRACTION = 0.9
-# What sticks out is a part of the object where less than this fraction of it are outliers.
+# Points that stick out are a part of the object where less than this fraction of them are outliers.
 MAX_STRAYS = 0.5
 
 
@@ -65,7 +65,7 @@ def revolved(
         return None
     center, part = np.empty(2), np.empty(len(side), bool)
     seen = plan[side], layer[side], trust[side], _footprint(box, first, second), noise_m
-    # What is noisy all over has its axis from all of it.
+    # A body that is noisy all over gets its axis from all its points.
     off_m = find_body(*seen, True, center, part) or find_body(*seen, False, center, part)
     if not off_m:
         return None
@@ -80,7 +80,7 @@ def revolved(
     radius = widest_layer(distance[body], layer[body], trust[body], *bounds)
     along = DIRECTIONS @ center
     low, high, towards = along - radius, along + radius, None
-    # What sticks out by more than noise is a part of its own, where most of it is no strays.
+    # Points that stick out by more than noise are a part of their own, where few of them are outliers.
     beyond = distance > radius + off_m
     strays = fraction * weight / max(float(trust[beyond].sum()), 1e-12)
     if strays < MAX_STRAYS:

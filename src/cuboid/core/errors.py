@@ -1,4 +1,4 @@
-"""What can go wrong through a user's input, each as one clear line."""
+"""Errors in a user's input, each with a message of one clear line."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from reprlib import Repr
 # A line of a message is shorter than this; a value in it is cut to fewer characters.
 LONGEST_MESSAGE = 299
 LONGEST_VALUE = 80
-# Of a list or an object only its beginning is written out.
+# A message shows only the beginning of a list or an object.
 _REPR = Repr()
 _REPR.maxlist = _REPR.maxtuple = 9
 _REPR.maxstring = _REPR.maxlong = LONGEST_VALUE

@@ -1,4 +1,4 @@
-"""What a camera gives: a frame, and the pinhole that made it."""
+"""A frame of an RGB-D camera, and the pinhole model of the camera."""
 
 from __future__ import annotations
 

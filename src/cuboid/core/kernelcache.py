@@ -17,11 +17,11 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataC
 
 from cuboid.core.kernelstamp import stamp_of
 
-# What numba reads for the folder; who sets it has chosen.
+# The environment variable of numba that names its cache folder; a user who sets it has chosen the folder.
 VARIABLE = "NUMBA_CACHE_DIR"
-# Of each kernel so many earlier versions are kept: a developer's branches.
+# This many earlier versions of each kernel are kept, for the branches of a developer.
 KEPT_VERSIONS = 3
-# What no run has used for so long is removed: kernels of versions that are not installed any more.
+# Kernels that no run has used for this long are removed: those of versions that are no longer installed.
 UNUSED_S = 30 * 24 * 3600.0
 # Hexadecimal digits of the stamp in a file's name; the whole stands inside.
 STAMP_DIGITS = 20
@@ -80,7 +80,7 @@ class _Location:
 
 
 class _Results(CompileResultCacheImpl):
-    """What numba writes of a compiled kernel, in files named by kernel and stamp."""
+    """The files of a compiled kernel that numba writes, named by kernel and stamp."""
 
     def __init__(self, function: FunctionType) -> None:
         self._lineno = function.__code__.co_firstlineno

@@ -17,7 +17,7 @@ import numba
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 
-# What compiles, and what numba's own loops for NumPy's functions depend on.
+# Versions of the compilers, and of NumPy, for whose functions numba has loops of its own.
 COMPILERS = f"{sys.implementation.cache_tag} numba {numba.__version__} {llvmlite.__version__} numpy {np.__version__}"
 
 

@@ -15,7 +15,7 @@ OKABE_ITO = ("56B4E9", "E69F00", "009E73", "CC79A7", "F0E442", "0072B2", "D55E00
 # Color of what has no label.
 UNLABELLED = (170, 170, 170)
 
-# So many labels have a color of their own; then the colors come again.
+# This many labels have different colors; after that the colors repeat.
 COLORS = 256
 
 # How people with a missing kind of cone see: G. Machado, M. Oliveira and L. Fernandes, "A physiologically-
@@ -59,8 +59,8 @@ OKLAB_CONES = np.array(
     ]
 )
 
-# What may be generated, in Oklab: light enough to stand out from the dark halo, dark enough to differ from
-# white, colored enough to differ from what has no label.
+# Range of the generated colors, in Oklab: light enough to stand out from the dark halo, dark enough to differ from
+# white, colored enough to differ from unlabelled points.
 LIGHTNESS = np.linspace(0.50, 0.91, 12)
 CHROMA = np.linspace(0.06, 0.30, 9)
 HUE_RAD = np.arange(60) * (2 * np.pi / 60)

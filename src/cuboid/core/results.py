@@ -68,7 +68,7 @@ class Sighting:
 
 @dataclass(frozen=True, slots=True)
 class FrameResult:
-    """What `Tracker.update` found in one frame.
+    """The result of `Tracker.update` for one frame.
 
     Attributes
     ----------
@@ -224,7 +224,7 @@ class MapPoints:
 
 @dataclass(frozen=True, slots=True)
 class SceneChange:
-    """What became of an object of a scene by a visit.
+    """A change of one object of a scene between two visits.
 
     Attributes
     ----------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-# What OpenMP, the linear algebra under NumPy and SciPy, and numba read when they are first imported.
+# Environment variables that OpenMP, the linear algebra under NumPy and SciPy, and numba read at their first import.
 POOLS = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",

@@ -149,7 +149,7 @@ class Anchors:
     def has_points_in(self, number: int, cubes: Numbers) -> None:
         """Let points of an anchor be in some cubes, each named once."""
         one = self._all[number]
-        # Those it has are sorted already: `np.isin` would sort them again.
+        # The known ones are sorted already; `np.isin` would sort them again.
         new = cubes[np.searchsorted(one.cubes, cubes, "left") == np.searchsorted(one.cubes, cubes, "right")]
         if len(new):
             one.cubes = np.sort(np.concatenate([one.cubes, new.astype(np.int32)]))

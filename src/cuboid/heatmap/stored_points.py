@@ -22,7 +22,7 @@ Rows = npt.NDArray[np.int64]
 
 # A cube is packed when this fraction of its rows is dead, and so many.
 DEAD_FRACTION, MIN_DEAD = 0.125, 32
-# What is evicted beyond what memory is short of, in units of 2**20 bytes: not a little each frame.
+# Eviction frees this much more memory than is missing, in units of 2**20 bytes, so that it does not recur each frame.
 SPARE_MB = 8.0
 
 

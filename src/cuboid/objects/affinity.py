@@ -15,7 +15,7 @@ import numpy.typing as npt
 from cuboid.core.frame import Float64Array
 from cuboid.core.state import Record
 
-# What holds in 99 of 100 such cases is certain: log-odds.
+# Log-odds of 99 to 1: certain.
 CERTAIN_LOG_ODDS = log(99.0)
 Pair = tuple[int, int]
 

@@ -1,4 +1,4 @@
-"""Criteria for confirming a candidate: its sides were seen to end, it has the size of one, and is no part of one."""
+"""Criteria for confirming a candidate: its sides end, its size fits, and it is no part of another object."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cuboid.objects.visibility import ALIKE
 from cuboid.surfaces.kernels.outlines import BOTTOM, CONTACT, FREE, LEFT, RIGHT, SUPPORT, TOP
 from cuboid.surfaces.planes import PlaneTracker
 
-# What ends above by itself is the foot of another object only where it is at most this fraction of its height.
+# An object whose top was seen to end is the foot of another one only if it has at most this fraction of its height.
 FOOT_FRACTION = 0.5
 # A side of the outline ends in free space when more than this fraction of it does.
 FREE_SIDE_FRACTION = 0.5
@@ -43,7 +43,7 @@ def is_confirmable(entry: MapObject, store: ObjectStore, planes: PlaneTracker, c
         len(entry.points) > 0
         and not entry.holder
         and not entry.supports_plane
-        # What the picture has cut off may be as large again: the rim of a table, of which more was never seen.
+        # The part beyond the border of the picture may be as large again, as of the rim of a table.
         and enclosed(
             entry.outline, cut_off=2.0 * entry.box.size.max() <= config.max_size_m, beside=_is_beside(entry, store)
         )
@@ -58,7 +58,7 @@ def is_confirmable(entry: MapObject, store: ObjectStore, planes: PlaneTracker, c
 
 
 def _is_beside(entry: MapObject, store: ObjectStore) -> bool:
-    """Tell whether frames have shown an object beside a labelled one that it is likely no part of."""
+    """Tell whether frames have shown an object beside a labelled one, and likely separate from it."""
     return any(
         other.confirmed for other in store.all_of(store.affinity.partners(entry.number, most=-CERTAIN_LOG_ODDS / 2.0))
     )
@@ -79,8 +79,8 @@ def _floats(entry: MapObject, planes: PlaneTracker) -> bool:
 def _may_be_foot(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> bool:
     """Tell whether an object always ends above at another object, or goes on behind it, and touches one that is higher.
 
-    It may be the foot of that: the pot of a plant, which ends above at it, or the brim of a cap, of which one side is
-    behind it. What ends above by itself, and is more than half as high, is no such foot.
+    It may be the foot of that object: the pot of a plant, whose top ends at the plant, or the brim of a cap, with one
+    side behind the cap. An object whose top ends by itself, and that is more than half as high, is no such foot.
     """
     plane = planes.find(entry.plane)
     above = ends_above(entry.outline)
@@ -101,7 +101,7 @@ def _may_be_foot(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> 
 def _may_be_end(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> bool:
     """Tell whether nothing of an object's foot shows, little of its height, and a larger one beside it has its color.
 
-    It may be the end of that: the spout of a teapot. Grey is the color of too many things to tell.
+    It may be the end of that object, as the spout of a teapot. Grey is the color of too many things to be evidence.
     """
     plane, color = planes.find(entry.plane), entry.mean_color
     if plane is None or np.ptp(color) <= ALIKE:
@@ -114,7 +114,7 @@ def _may_be_end(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> b
     return any(
         other.log_odds > 0.0
         and other.box.size.prod() > entry.box.size.prod()
-        # What has no box yet may have any color.
+        # An object without a box yet may have any color.
         and (not len(other.points) or np.abs(other.mean_color - color).max() <= ALIKE)
         for other in store.all_of(store.affinity.partners(entry.number))
     )
@@ -123,7 +123,7 @@ def _may_be_end(entry: MapObject, store: ObjectStore, planes: PlaneTracker) -> b
 def _may_be_part(entry: MapObject, store: ObjectStore) -> bool:
     """Tell whether an object may be a part of a labelled one: frames do not agree yet that two which touch are two.
 
-    Or they overlap in space, which no two solids do.
+    Two solids do not overlap in space either.
     """
     labelled = [other for other in store.neighbours(entry) if other.confirmed]
     if not labelled:
@@ -137,7 +137,7 @@ def _may_be_part(entry: MapObject, store: ObjectStore) -> bool:
 def _may_be_rim(entry: MapObject, planes: PlaneTracker) -> bool:
     """Tell whether an object is no higher than drift, and ends where its plane does on more than one of three sides.
 
-    It may be the raised rim of that: the lip of a shelf. Beyond what lies so low is its plane, but where that ends.
+    It may be the raised rim of the plane, as the lip of a shelf. Beyond any other object as low the plane goes on.
     """
     if planes.find(entry.plane) is None or entry.box.size[2] > DRIFT_M:
         return False

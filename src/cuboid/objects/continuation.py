@@ -1,4 +1,4 @@
-"""What goes on beyond its box into a surface that is no object's is a part of that surface: structure."""
+"""Structure: an object that goes on, beyond its box, into a surface of no object is a part of that surface."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from cuboid.core.tolerances import DRIFT_M, MIN_READINGS
 from cuboid.geometry.box import Box
 from cuboid.heatmap.voxel_map import VoxelMap
 
-# What lies this near a side of the box, voxels, makes that side; it goes on where there are points so far beyond it,
-# voxels.
+# Points within the first distance of a side of the box, voxels, make that side; the side goes on where there are
+# points at one of the other distances beyond it, voxels.
 SIDE_VOXELS = 2.0
 BEYOND_VOXELS = SIDE_VOXELS + np.arange(3)
 # A side goes on when this fraction of its points has surface beyond it.
 GOES_ON_FRACTION = 0.5
-# What lies above a plane goes on below it when beneath this fraction of its points there is surface of nobody, at so
-# many depths of a voxel each: fewer may be noise.
+# An object above a plane goes on below it when there is a surface of no object beneath this fraction of its points, at
+# this many depths of a voxel each: fewer may be noise.
 BELOW_FRACTION, MIN_DEPTH_VOXELS = 0.2, 3
 
 
@@ -37,7 +37,7 @@ def continues(box: Box, points: Float32Array, voxels: VoxelMap, owned: UInt8Arra
     points = points[:: 1 + len(points) // SAMPLE_POINTS]
     beyond_m = BEYOND_VOXELS * voxels.voxel_m
     places, counts = np.empty((5 * len(beyond_m) * len(points), 3)), np.empty(5, np.int64)
-    # What is lower is beside what it stands on.
+    # Lower points are beside the surface that the object stands on.
     bottom_m, side_m = DRIFT_M - box.size[2] / 2, SIDE_VOXELS * voxels.voxel_m
     rotation = np.ascontiguousarray(box.rotation)
     found = beyond_sides(points, box.center, rotation, bottom_m, side_m, beyond_m, places, counts)
@@ -74,7 +74,7 @@ def continues_below(points: Float32Array, normal: Float64Array, offset: float, v
     """
     points = points[:: 1 + len(points) // (SAMPLE_POINTS // 4)].astype(np.float64)
     ground = points - np.outer(points @ normal + offset, normal)
-    # What is nearer to the plane may be its own edge, and the plane hides what is right beneath.
+    # Nearer points may be the edge of the plane, and the plane hides the space right beneath it.
     below_m = DRIFT_M + (np.arange(2 * MIN_READINGS) + 0.5) * voxels.voxel_m
     owner = voxels.owner_at((ground - below_m[:, None, None] * normal).reshape(-1, 3))
     seen = np.count_nonzero(owner.reshape(len(below_m), -1) == 0, axis=0)

@@ -30,7 +30,7 @@ from cuboid.surfaces.planes import PlaneTracker
 GROWN = 0.15
 # Labelled objects, and candidates, whose boxes are refitted in a frame, at most; the others follow in later frames.
 FITS = 4
-# What an object loses at a fit that finds it going on into structure, or no more than noise.
+# Log-odds that an object loses at a fit that finds it to be structure, or noise.
 STRUCTURE = CLEAR
 
 
@@ -97,7 +97,7 @@ class Fitting:
             own = above_support_rim(points, *rests, voxels.voxel_m)
             if not own.all():
                 rows, points = rows[own], points[own]
-                # What it stands on is not known yet: it ends at its own foot, which is not what it stands on.
+                # The surface that it stands on is not known yet: the box ends at the foot of the object.
                 foot_m = float((points @ rests[0]).min()) - 2.0 * voxels.voxel_m
                 entry.supports, entry.plane = {} if plane is None else {plane.identity: 1}, None
                 rests, plane = (rests[0], -foot_m), None
@@ -108,15 +108,15 @@ class Fitting:
         box = bare if rests is None else with_foot(bare, *rests, others, voxels)
         self._store.place(entry, box)
         if plane is not None and rests is not None and box.foot_m(*rests) > DRIFT_M:
-            # What floats may stand on a plane that was not known yet: its support is estimated anew from later
-            # sightings.
+            # A floating object may stand on a plane that was not known yet: its support is estimated again from
+            # later sightings.
             entry.supports = {plane.identity: 1}
         near = self._store.neighbours(entry)
         entry.holder = 0 if rests is None else find_holder(entry, *rests, near, voxels)
         owned = np.zeros(self._store.numbers, np.uint8)
         owned[[entry.number, *(o.number for o in near if o.confirmed)]] = 1
         supports_plane = self._supports_plane(entry, rests)
-        # What is thinner or flatter may be the noise of a surface.
+        # A thinner or flatter object may be the noise of a surface.
         structure = (
             supports_plane
             or not fits_object(box, self._config)

@@ -13,14 +13,14 @@ from cuboid.surfaces.kernels.outlines import BORDER, BOTTOM, CONTACT, FREE, HIDD
 
 # Log-odds of a sighting whose outline is completely visible and free: two or three of these confirm an object.
 CLEAR = CERTAIN_LOG_ODDS / 2.0
-# Of an object at least this fraction of the outline that can be judged is free or rests on its support.
+# At least this fraction of the judged outline of an object is free or rests on its support.
 OWN_FRACTION = 0.6
-# A side ends when some of it was seen to end, of the top this fraction: what always goes up behind something, or into
-# it, is a leg, or a post.
+# The top ends when this fraction of it was judged: a part that always goes up behind or into something is a leg or a
+# post.
 KNOWN_TOP_FRACTION = 0.35
 # The other sides end when this fraction of them was judged.
 KNOWN_SIDE_FRACTION = 0.2
-# What more than half of a side is, decides what the side is.
+# The kind of more than half of a side decides the kind of the side.
 MAJORITY = 0.5
 # A segment counts in full when this fraction of its pixels are readings; the others are filled holes, a guess.
 FULLY_READ_FRACTION = 0.5
@@ -45,13 +45,13 @@ def log_odds_of(outlines: Outline, read: Float64Array) -> Float64Array:
     kinds[:, SUPPORT] += outlines[:, BOTTOM, CONTACT]
     kinds[:, CONTACT] -= outlines[:, BOTTOM, CONTACT]
     judged = kinds[:, :HIDDEN].sum(1).astype(np.float64)
-    # What another object bounds, or a hole without an edge of color, is its own outline half of the time.
+    # A border at another object, or at a hole without an edge of color, is the object's own outline half of the time.
     own = kinds[:, FREE] + kinds[:, SUPPORT] + 0.5 * kinds[:, UNSURE]
     fraction = own / np.maximum(judged, 1.0)
-    # What is hidden or cut off below is where it stands.
+    # The hidden or cut-off part of the bottom is where the object stands.
     asked = kinds.sum(1) - outlines[:, BOTTOM, HIDDEN:].sum(1)
     evidence = CLEAR * judged / np.maximum(asked, 1.0) * (fraction - OWN_FRACTION) / (1.0 - OWN_FRACTION)
-    # What was filled is a guess: a sighting counts in full when most of the segment is readings, else by so much less.
+    # Filled pixels are a guess: a sighting counts in full when half of the segment is readings, else less.
     return np.asarray(evidence * np.minimum(1.0, read / FULLY_READ_FRACTION), dtype=np.float64)
 
 
@@ -72,26 +72,26 @@ def with_viewpoint_change(evidence: float, viewpoint_angle: float) -> float:
 
 
 def enclosed(outline: Outline, *, cut_off: bool = True, beside: bool = False) -> bool:
-    """Tell whether all sides but the bottom were seen to end: what continues into the unknown waits.
+    """Tell whether all sides but the bottom were seen to end; an object that continues into the unknown waits.
 
-    The left or the right side may always have been cut off by the picture's border, or hidden by what is known to be
-    another object: what is seen of such an object is one, and more of it makes it larger. What goes on upwards may be a
-    post, or a wall.
+    One of the left and right sides may always have been cut off by the border of the picture, or hidden by a known
+    neighbour: the visible part is an object, and later views make it larger. A part that goes on upwards may be a post
+    or a wall.
 
     Parameters
     ----------
     outline : (4, KINDS)
         Summed over the sightings of an object.
     cut_off : bool, optional
-        Whether it may go on beyond the picture's border, and still have the size of an object.
+        Whether it may go on beyond the border of the picture and still have the size of an object.
     beside : bool, optional
-        Whether it stands beside another object that it is surely no part of.
+        Whether it stands beside another object and is surely no part of it.
     """
     judged = outline[:, :HIDDEN].sum(1)
     whole = outline.sum(1)
     least = np.full(4, KNOWN_SIDE_FRACTION)
     least[TOP] = KNOWN_TOP_FRACTION
-    # What the picture cuts off at the top tells nothing of it, where some of it was seen at other times.
+    # The part of the top that the picture cuts off is ignored, where frames saw some of the top.
     uncut = whole.copy()
     uncut[TOP] -= outline[TOP, BORDER]
     known = (outline[:, :CONTACT].sum(1) >= least * uncut) & (uncut >= KNOWN_SIDE_FRACTION * whole)
@@ -99,7 +99,7 @@ def enclosed(outline: Outline, *, cut_off: bool = True, beside: bool = False) ->
     hidden = beside * outline[:, HIDDEN]
     cut = cut_off * outline[:, BORDER] + hidden > MAJORITY * whole
     ends = known & ~structure
-    # What hides a side touches it, mostly.
+    # An object that hides a side mostly touches it.
     behind = hidden > MAJORITY * whole
     sides = (ends | (~known & (behind | (cut & ~structure))))[[LEFT, RIGHT]]
     return bool(ends[TOP] and sides.all() and ends[[LEFT, RIGHT]].any())

@@ -17,7 +17,7 @@ from cuboid.objects.distances import points_near
 from cuboid.objects.entry import MapObject
 from cuboid.objects.kernels.rims import highest_rim
 
-# What is beneath an object's foot is known when it is for this fraction of its lowest points.
+# The space beneath an object's foot is known when it is known beneath this fraction of its lowest points.
 KNOWN_BENEATH_FRACTION = 0.8
 
 
@@ -26,9 +26,10 @@ def find_holder(
 ) -> int:
     """Return the number of the object that another, unsupported one is attached to; 0 where there is none.
 
-    A solid is supported by its plane, or stands on top of another one. One whose foot is above the plane and lower than
-    the top of what it touches does neither: what it touches holds it, as a teapot its spout, a pot the plant in it.
-    What is beneath has to be known: the plane, seen below it, or the other one's volume. Else its foot may be hidden.
+    A solid is supported by its plane, or stands on top of another solid. An object whose foot is above the plane and
+    lower than the top of its neighbour does neither: the neighbour holds it, as a teapot holds its spout, or a pot its
+    plant. The space beneath the object has to be known: the plane, seen below it, or the volume of the neighbour.
+    Otherwise its foot may be hidden.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def find_holder(
     foot = quantile(height, 2.0 * OUTLIER_FRACTION)
     if foot <= DRIFT_M:
         return 0
-    # What could support it would be beneath its lowest part.
+    # A support would be beneath its lowest points.
     low = np.flatnonzero(height <= foot + DRIFT_M)
     low = low[:: 1 + len(low) // SAMPLE_POINTS]
     points, height, plane_visible = points[low], height[low], None
@@ -68,7 +69,7 @@ def find_holder(
         if plane_visible is None:
             plane_visible = _plane_visible(points - np.outer(height, normal), normal, voxels)
         inside = (np.abs((points - other.box.center) @ other.box.rotation) <= other.box.size / 2.0)[:, :2].all(1)
-        # What holds another one at its side is the larger one; what is around its foot may be the smaller one.
+        # The larger object holds the smaller one at its side; around a foot the holder may be the smaller one.
         beneath = inside if len(other.points) < len(entry.points) else inside | plane_visible
         if np.count_nonzero(beneath) / len(low) >= KNOWN_BENEATH_FRACTION:
             best, holder = touches, other.number
@@ -78,10 +79,10 @@ def find_holder(
 def above_support_rim(
     points: Float32Array, normal: Float64Array, offset: float, voxel_m: float
 ) -> npt.NDArray[np.bool_]:
-    """Tell which points of what floats above its plane stand, (N,): without the rim of what they stand on.
+    """Tell which points of an object that floats above its plane are its own, (N,), and not the rim of its support.
 
-    What supports a solid is beneath it. Of a shelf that is seen edge-on from far no more is seen than its rim, which is
-    lower than what stands on it, before it, and wider.
+    A support is beneath its object. A shelf that is seen edge-on from far shows only its rim, which is lower than the
+    object, in front of it, and wider.
 
     Parameters
     ----------
@@ -99,7 +100,7 @@ def above_support_rim(
         return np.ones(len(points), bool)
     order = np.argsort(height, kind="stable")
     level = height[order]
-    # Slabs up to where most of it is above, one a voxel higher than the other: the rim may begin anywhere.
+    # Slabs, each a voxel higher than the one before, up to half of the points: the rim may begin anywhere.
     low = np.arange(level[0], level[len(level) // 2] - DRIFT_M, voxel_m)
     begins, ends = np.searchsorted(level, low), np.searchsorted(level, low + DRIFT_M)
     # Points of voxels side by side are no farther apart than two voxels.

@@ -1,4 +1,4 @@
-"""What has the size of an object."""
+"""The size of objects."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def fits_object(box: Box, config: TrackerConfig) -> bool:
     shortest, middle, _ = sorted(sizes)
     return bool(
         middle >= config.min_size_m
-        # What is thinner, or rises by less than a plane's noise and its own, may be noise.
+        # A thinner object, or one that rises by less than the noise of its plane and its own, may be noise.
         and shortest >= config.min_height_m
         and sizes[2] >= 2.0 * config.min_height_m
         and not too_large(box, config)

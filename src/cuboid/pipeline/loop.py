@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Pipeline:
-    """What a frame passes through: scaling, tracking, drawing."""
+    """The stages of a frame: scaling, tracking, drawing."""
 
     path: Path
     planned: int | None

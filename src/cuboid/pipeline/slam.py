@@ -23,7 +23,7 @@ from cuboid.tracking.measuring import FrameClock, FrameLog, peak_memory_mb
 
 @dataclass(frozen=True, slots=True)
 class SlamOutcome:
-    """What a run of `cuboid slam` found and how it went.
+    """The outcome of `cuboid slam`.
 
     Attributes
     ----------

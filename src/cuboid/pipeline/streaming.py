@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 NO_POSE = "the frame has no camera pose"
 GONE = "a live camera's frames are gone; --record keeps them"
-# What the results of a camera whose frames were not kept name as its layout.
+# The layout, in results, of a camera whose frames were not kept.
 FORMAT = "camera"
 
 
 @runtime_checkable
 class FrameSource(Protocol):
-    """What gives frames one after the other: a live camera, or whatever else has `intrinsics` and can be iterated over.
+    """A source of frames: a live camera, or any other object that has `intrinsics` and can be iterated over.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Stream:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What went wrong with the source so far."""
+        """Faults of the source so far."""
         return tuple(self.source.warnings)
 
     def __len__(self) -> int:

@@ -28,7 +28,7 @@ BOXES = np.array(
 )
 # An upright round thing: centre, radius and height, metres.
 CAN = 0.0, 0.12, 0.05, 0.12
-# Of the boxes and the can, red, green, blue.
+# Colors of the boxes and the can: red, green, blue.
 COLORS = np.array(
     [[1, 0.9, 0.7], [0.5, 0.5, 0.5], [1, 0.3, 0.2], [0.2, 0.8, 0.4], [0.3, 0.4, 1], [0.7, 0.2, 0.9], [0.9, 0.8, 0.1]]
 )

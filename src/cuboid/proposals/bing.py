@@ -26,7 +26,7 @@ from cuboid.proposals.types import Proposals, ProposalSource
 FILES = tuple(f"ObjNessB2W8{space}.{part}.yml.gz" for space in ("MAXBGR", "HSV", "I") for part in ("idx", "wS1", "wS2"))
 # OpenCV gives each box a rank, some 300 for the best and 20,000 for the last, not a score; that of a half score.
 HALF_RANK = 3000.0
-# Of the thousands of boxes only so many of the best are looked at.
+# BING gives thousands of boxes; only this many of the best are used.
 LOOKED_AT = 1000
 # Boxes that overlap more say the same; BING's sizes are powers of two, so that neighbours overlap by half and more.
 OVERLAP = 0.75

@@ -1,4 +1,4 @@
-"""What the sources share: rectangles inside the image, overlapping ones thinned out, masks cropped, the best kept."""
+"""Functions shared by the sources: clip rectangles, thin out overlapping ones, crop masks, keep the best."""
 
 from __future__ import annotations
 

@@ -68,9 +68,9 @@ NEIGHBOURS = 3
 MIN_SIZE = 5.0 / 6.0
 # Proposals of a frame, the best ones: some for each of as many objects as a desk holds. More cost time downstream.
 BEST = 140
-# Of what scores less, hardly any of the outline is a border.
+# Regions with a lower score have hardly any border in their outline.
 MIN_SCORE = 0.2
-# With so many readings a piece is no work of noise.
+# A region with this many readings is not made by noise.
 SOLID_PIXELS = 120
 # Regions are the same proposal unless some of what they cover is not common to both: IoU.
 SAME_REGION = 0.8
@@ -128,7 +128,7 @@ def _regions(
     depth_m: Float32Array, color: UInt8Array, camera: Intrinsics, step: int, config: TrackerConfig
 ) -> _Regions:
     shape, noise = depth_m.shape, REGION_NOISE * config.depth_noise_per_m
-    # What stands at the end of the range is bounded by what lies behind, as far as an object is long.
+    # An object at the end of the range is bounded by surfaces behind it, up to the length of an object.
     inverse, kind, on, planes = _segment_planes(depth_m, camera, noise, config.max_depth_m + config.max_size_m)
     # A deviation of 1/z after halving is half of what one reading has; the first Kinect's is kept for both.
     smooth, marks = np.empty(shape, np.float32), np.empty(shape, np.uint8)

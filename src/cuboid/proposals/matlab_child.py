@@ -19,7 +19,7 @@ from scipy.io import loadmat, whosmat
 MAX_MEMORY = 1 << 30
 # Values of a variable: 800 masks of 640 x 480 pixels.
 MAX_VALUES = 256 << 20
-# What the first bytes of a file of MATLAB 7.3 say; it is another format altogether (HDF5).
+# The first bytes of a file of MATLAB 7.3, which is another format altogether (HDF5).
 MATLAB_73 = b"MATLAB 7.3"
 KNOWN = ("bboxes", "bboxes_scores", "masks", "scores", "superpixels", "labels")
 

@@ -14,7 +14,7 @@ from cuboid.core.tolerances import JUMP_SIGMAS, MIN_SIGMA_M
 
 # Nearer than this, metres, cells show what level patches would: an arm's length.
 NEAR_M = 1.2
-# So many cells are a surface.
+# A surface has at least this many cells.
 MIN_CELLS = 6
 # A cell is flat whose residual of 1/z is within JUMP_SIGMAS of the sensor's noise: dark and shiny table tops show 1.5
 # to 3 deviations, a cell over an object's foot more than 5.

@@ -27,7 +27,8 @@ FREE_FRACTION = 0.7
 # is at least this fraction of the largest one, and no deeper away from it than this fraction of its length. Smaller
 # ones are slivers of what is behind, farther ones that itself.
 MAJOR_FRACTION, DEEP_FRACTION = 0.4, 0.5
-# What is beyond a hole in the depth image is looked for over so much, metres: the shadow at an outline is as wide.
+# The surface beyond a hole in the depth image is searched for over this distance, metres: a shadow at an outline is
+# that wide.
 GAP_M = 0.08
 
 

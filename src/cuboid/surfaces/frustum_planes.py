@@ -14,7 +14,7 @@ from cuboid.surfaces.plane import Plane
 
 @dataclass(frozen=True, slots=True)
 class FrustumPlanes:
-    """What `assign_planes` takes of the planes in view, K of them, over the ground in view.
+    """The planes in view, K of them, over the ground in view, as `assign_planes` needs them.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class FrustumPlanes:
 
     @property
     def identities(self) -> npt.NDArray[np.int64]:
-        """What the planes are called for good, (K,), ascending."""
+        """Permanent numbers of the planes, (K,), ascending."""
         return np.array([plane.identity for plane in self.planes], dtype=np.int64)
 
     @property

@@ -1,4 +1,4 @@
-"""What is furniture, and what is a thing: the lids of boxes are no supporting planes."""
+"""Lids of boxes, which are parts of objects and no supporting planes."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from cuboid.core.tolerances import MIN_READINGS
 CELL_M = 0.05
 # Holes up to twice this are filled, metres: what stands on a plane hides it.
 CLOSE_M = 0.2
-# What is seen of a plane reaches this much further, metres: its rim is lost to mixed pixels.
+# A plane reaches this much further than its readings, metres: its rim is lost to mixed pixels.
 RIM_M = CELL_M
 # A plane may go on this far beyond what is covered, metres.
 NEARBY_M = 2.0 * CLOSE_M
@@ -29,8 +29,8 @@ NEARBY_M = 2.0 * CLOSE_M
 LIMIT_CELLS = 4000
 # A window that has to grow grows by so many cells more, or by this fraction of it, so that growing is rare.
 SLACK_CELLS, SLACK_FRACTION = 16, 0.25
-# Of a window wider than this, cells, only what changed is recomputed, and so much around it: 8 m, as wide as any hole
-# that is filled there.
+# In a window wider than this, cells, only the changed part is recomputed, with this many cells around it: 8 m, as wide
+# as the largest hole that is filled.
 WHOLE_CELLS, AROUND_CELLS = 400, 160
 
 Places = npt.NDArray[np.int64]

@@ -18,7 +18,7 @@ Keyframes = npt.NDArray[np.int64]
 
 # A horizontal cell belongs to a plane when it is within this of it, metres, or three standard deviations.
 ON_PLANE_M = 0.02
-# What supports a plane reaches up to it, but for the board that the plane is the top of, and for drift, metres.
+# Legs and sides that hold a plane up end at most this far below it, metres: the thickness of a board, and drift.
 REACH_M = 2.0 * DRIFT_M
 # Neighbouring cells err alike: the cells of a frame count as this fraction of their number.
 INDEPENDENT_FRACTION = 0.1

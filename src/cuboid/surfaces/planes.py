@@ -115,7 +115,7 @@ class PlaneTracker:
         # the plan frame.
         self._last_update = -1
         self._as_seen: dict[int, Float64Array] = {}
-        # Those with readings that are not processed yet, and those processed since duplicates were searched for.
+        # Planes with readings that are not processed yet, and planes processed since the last search for duplicates.
         self._stale: set[Plane] = set()
         self._changed: set[Plane] = set()
 
@@ -346,7 +346,7 @@ class PlaneTracker:
         least = self._config.min_plane_area_m2
         near = {self.planes[k] for k in self._windows.at(centers)} | self._stale
         for plane in sorted(near, key=lambda p: p.index):
-            # What it covers, before things that stand there are told from it; of the widest ones in their turn.
+            # The ground plan is renewed before objects are found on it; wide plans take turns.
             if not plane.plan.wide or self._is_scheduled(frame, plane.index):
                 plane.plan.refresh()
                 self._stale.discard(plane)

@@ -75,7 +75,7 @@ def find_flat_areas(depth_m: Float32Array, camera: Intrinsics, config: TrackerCo
         return FlatAreas(normal, area_m2, evidence)
     on = np.empty(depth_m.shape, np.int8)
     kernel.lie_on(depth_m, pinhole, planes, noise, config.min_height_m, BIAS_M, config.max_depth_m, on)
-    # What is far smaller than an area may be the face of a thing that stands on it.
+    # A far smaller area may be the face of an object that stands on this one.
     faces = area_m2 <= FACE_FRACTION * area_m2[:, None]
     for small in np.unique(faces, axis=0):
         supports = np.flatnonzero((faces == small).all(1))

@@ -22,7 +22,7 @@ HELD_FRACTION = 0.5
 LEVEL_IN_IMAGES_COS, MIN_LEVEL_M2 = 0.5, 0.2
 # Another direction becomes up when its likelihood is larger by this ratio.
 MIN_LIKELIHOOD_RATIO = 2.0
-# What is known of planes, and of up once it is known, is updated every so many frames.
+# Well-known planes, and a known up, are updated once in this many frames.
 REFRESH_FRAMES = 8
 
 
@@ -140,8 +140,8 @@ class UpVote(Record):
     def _likelihood(self) -> Float64Array:
         """Return how likely each direction (N,) is up: by what stands on its areas, and by how the camera turns.
 
-        Whatever carries a camera turns it about the vertical more than about anything else: of all directions up
-        changes least in the camera. A camera that does not turn tells nothing by that.
+        A person or a robot turns a camera about the vertical more than about any other axis: up is the direction that
+        changes least in the camera. A camera that does not turn gives no such evidence.
         """
         constancy = np.linalg.norm(self.seen[:, :3] @ self.axes, axis=1) / max(1, self.votes)
         return np.asarray(self.seen[:, 4] * constancy**4)

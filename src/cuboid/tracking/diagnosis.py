@@ -34,7 +34,7 @@ HELP = "docs/finds-nothing.md says where to look"
 
 @dataclass(slots=True)
 class Counts:
-    """What is counted frame by frame for the diagnosis.
+    """Counts for the diagnosis, added up frame by frame.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Counts:
 
 @dataclass(frozen=True, slots=True)
 class RunFacts:
-    """What a run knows at its end.
+    """Facts of a run at its end.
 
     Attributes
     ----------

@@ -466,7 +466,7 @@ class PosedTracker(MapQueries):
 
     @property
     def plane_identities(self) -> list[int]:
-        """What `MapObject.plane` calls each of `planes`."""
+        """Number of each of `planes`, as in `MapObject.plane`."""
         return [plane.identity for plane in self._planes.planes if plane.in_use]
 
     @property

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from cuboid.tracking.tracker import Tracker
     from cuboid.views.report.pictures import Picture
 
-# What `run.json` calls the format of frames that a program gave to the tracker itself.
+# The format, in `run.json`, of frames that a program gave to the tracker.
 FRAMES_FORMAT = "frames"
 NOT_GIVEN = "the frame was not given to the tracker"
 NO_RECORDING = "the recording of the frames is not known"

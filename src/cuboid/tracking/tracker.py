@@ -262,12 +262,12 @@ class Tracker(MapQueries):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is likely to be wrong with the frames, one line each."""
+        """Likely faults of the frames, one line each."""
         return (*diagnose(run_facts(self)), *self.pose_warnings)
 
     @property
     def pose_warnings(self) -> tuple[str, ...]:
-        """What is likely to be wrong with the camera poses, one line each."""
+        """Likely faults of the camera poses, one line each."""
         return () if self._source is None else self._source.warnings()
 
     @property

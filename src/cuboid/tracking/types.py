@@ -1,4 +1,4 @@
-"""What the loop over a recording asks of those that it works with, and what it gives."""
+"""Interfaces of the loop over a recording, and its outcome."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class RecordingLike(Protocol):
-    """What the loop needs of a recording; `cuboid.open_recording` gives one."""
+    """The interface of a recording; `cuboid.open_recording` gives one."""
 
     @property
     def path(self) -> Path:
@@ -36,7 +36,7 @@ class RecordingLike(Protocol):
 
     @property
     def distortion(self) -> tuple[float, ...]:
-        """What the lens did to them, and was taken out; empty where nothing was."""
+        """Coefficients of the lens distortion that was removed; empty where there was none."""
 
     @property
     def depth_units_per_metre(self) -> float:
@@ -52,7 +52,7 @@ class RecordingLike(Protocol):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the user should know of its files, one line each."""
+        """Likely faults of its files, one line each."""
 
     def __len__(self) -> int:
         """Return the number of frames, bad ones included."""
@@ -78,7 +78,7 @@ def lens_settings(recording: RecordingLike) -> dict[str, Any]:
 
 
 class MapLike(Protocol):
-    """What can be asked of a running tracker between two frames."""
+    """The interface of a running tracker between two frames."""
 
     @property
     def config(self) -> TrackerConfig:
@@ -138,7 +138,7 @@ Watch = Callable[[Frame, FrameResult, MapLike], None]
 
 @dataclass(frozen=True, slots=True)
 class RunOutcome:
-    """What a run found and how it went.
+    """The outcome of a run: objects, report, times.
 
     Attributes
     ----------

@@ -18,7 +18,7 @@ STEPS = 6
 SECTORS = 12
 # Half of the turn is seen from one place, a little less of it in depth: what covers less fixes no axis in noise.
 MIN_ARC = 0.4
-# Of a side so much is its body's: a cap's brim has nearly as many points as its dome.
+# At least this fraction of the points of a side belong to the body: a cap's brim has nearly as many as its dome.
 MIN_BODY = 0.4
 # The radius of a round body varies from sector to sector by less than this fraction of it.
 ROUND_TOLERANCE = 0.1
@@ -26,7 +26,7 @@ ROUND_TOLERANCE = 0.1
 KEPT_LAYER_FRACTION = 0.8
 # A layer, or a sector of it, is a part that sticks out when more than this fraction of it does.
 TORN_FRACTION = 0.2
-# What sticks out in more than this fraction of the sectors is a rim, all round.
+# A part that sticks out in more than this fraction of the sectors is a rim, all round.
 RIM_FRACTION = 0.5
 
 

@@ -161,7 +161,7 @@ def best_turn(points, weights, directions, low, high, larger, better):
     area = np.empty(quarter)
     best = 0
     for k in range(quarter):
-        # Of a round footprint all boxes are alike: rounded, the first one counts and not what noise favours.
+        # All boxes around a round footprint are alike: areas are rounded, so that the first one wins, not noise.
         area[k] = np.round((high[k] - low[k]) * (high[k + quarter] - low[k + quarter]), 9)
         if area[k] < area[best]:
             best = k

@@ -103,7 +103,7 @@ def fit(points, weights, normal, offset, fraction, directions, solvers, box):
     upright, bottom, top = np.zeros((n, 2)), np.empty(1), np.empty(1)
     upright[:, 0] = heights
     reach(upright, weights, np.array([[1.0, 0.0]]), fraction, bottom, top)
-    # What lies below the plane as a whole rests on something else.
+    # An object that lies wholly below the plane rests on something else.
     if bottom[0] + offset < REST_M and top[0] + offset > 0.0:
         bottom[0] = -offset
     side, trust, sides = np.empty((n, 2)), np.empty(n), 0

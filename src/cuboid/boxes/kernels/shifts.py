@@ -34,7 +34,7 @@ def shift_means(places, weight, reach_m, mean, near):
     while moved > MIN_SIGMA_M:
         moved, low, high = 0.0, 0, 0
         for i in range(n):
-            # What lies farther on never goes to a place before.
+            # A point farther on never moves before one that comes first.
             while low < n - 1 and places[low] < mean[i] - reach_m:
                 low += 1
             high = max(high, low + 1)  # of two points, one at each end, rounding may leave out both

@@ -19,7 +19,7 @@ CELL_COLUMNS = 8
 LOWEST = 0.05
 # Readings of a patch that lie level: at least so many.
 MIN_LEVEL = 3
-# Of a cell, or a patch, at least this fraction has readings that tell of its plane.
+# At least this fraction of the pixels of a cell, or of a patch, must be readings on its plane.
 FILLED = 0.6
 
 
@@ -154,8 +154,8 @@ def level_patches(depth, camera, up, size, noise, min_depth, max_depth, skip, pa
                     if not (min_depth <= here <= max_depth):
                         continue
                     gate = SIGMAS * 1.42 * noise * here * here * steep + MIN_SIGMA_M
-                    # So many pixels on, at most two patches, an upright surface has risen by more than twice the gate.
-                    # The first reading from there on, within a patch, tells: surfaces seen low are full of gaps.
+                    # This many pixels on, at most two patches, an upright surface has risen by twice the gate.
+                    # The first reading from there on, within a patch, decides: surfaces seen from low are full of gaps.
                     k = int(np.ceil(2.0 * gate * longest / here))
                     if k > 2 * size:
                         continue

@@ -100,7 +100,7 @@ def nearest(known, inverse, color, step, edge, reach, focal):
     # Around the image nothing, so that no neighbour is asked whether it is in it.
     wide = width + 2
     shape, reach_px, none = (height + 2) * wide, np.float32(reach) * np.float32(focal), np.float32(0.0)
-    # What each place costs; from what it has its depth, and what it may cost at that.
+    # For each place: its cost, the place that its depth comes from, and the largest cost allowed at that depth.
     cost, limit, source = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.int32)
     shade = np.empty((3, shape), np.uint8)
     clear_margin(wide, height, cost, limit, source, shade)
@@ -134,7 +134,7 @@ def nearest(known, inverse, color, step, edge, reach, focal):
         sweep(runs, ahead, wide, change, per_level, cost, limit, source)
     holes, sources, count = np.empty(known.size, np.int32), np.empty(known.size, np.int32), 0
     for begin, end in runs:
-        # Of a row with its margin, and of the image without.
+        # Offset between places in an image with a margin and in the image without.
         apart = width + 3 + 2 * (begin // wide - 1)
         for place in range(begin, end):
             holes[count], sources[count] = place - apart, source[place]

@@ -217,7 +217,7 @@ def classify(
     # As the readings are, so that one instruction takes twice as many.
     floor, bias, per_depth = np.float32(floor), np.float32(bias), np.float32(SIGMAS * noise)
     columns_x = np.arange(width).astype(np.float32)
-    # Of a row of cells: how far each plane bows there, and whether it reaches there.
+    # For a row of cells: how far each plane bows there, and whether it reaches there.
     bow, weight = np.empty((columns_of(width, size), count)), np.empty((columns_of(width, size), count))
     bowed = np.empty(width, np.float32)
     for r in range(columns_of(height, size)):

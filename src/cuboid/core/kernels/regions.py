@@ -52,7 +52,7 @@ def measure_row(v, kind, labels, inverse, segments, planes):
         row = segments[a] if a > 0 else planes[BACKGROUND - 1 - a]
         total, readings = row[INVERSE], 0
         while end < width and labels[v, end] == a:
-            # Of a plane all is read.
+            # All pixels of a plane are readings.
             if a < 0 or kind[v, end] != NONE:
                 readings += 1
                 total += inverse[v, end]

@@ -200,7 +200,7 @@ def cores(kind, marks):
 
 @kernel
 def label_cores(kind, marks, core, least, labels, queue, limit):
-    """Number the cores of surfaces, at most so many; return the last number. What is no core of one is none anymore."""
+    """Number the cores of surfaces, at most so many; return the last number. Patches that hold no core are left out."""
     height, width = kind.shape
     last = 0
     for v in range(height):

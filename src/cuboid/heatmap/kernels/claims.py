@@ -7,7 +7,7 @@ import numpy as np
 from cuboid.core.compiled import kernel
 from cuboid.heatmap.kernels.cubes import BLOCK_BITS
 
-# Of the pairs of an object and a block so many are remembered while they are collected, a power of 2.
+# This many pairs of an object and a block are remembered while they are collected; a power of 2.
 REMEMBERED = 256
 
 
@@ -32,7 +32,7 @@ def proposal_overlaps(owner, place, rectangles, starts, covered, column, table, 
     """
     table[:] = 0
     object_pixels[:] = 0
-    # What belongs to one object comes in runs: a sum in hand is faster than one in memory.
+    # Pixels of one object come in runs: a sum in a register is faster than one in memory.
     last, run = 0, 0
     for v in range(owner.shape[0]):
         for u in range(owner.shape[1]):

@@ -22,7 +22,7 @@ from cuboid.core.compiled import kernel
 KEY_BITS, CUBE_BITS = 21, 5
 KEY_OFFSET = 1 << (KEY_BITS - 1)  # cube numbers run from -2^20 to 2^20 - 1: +-300 km at 1 cm
 CUBE_SIDE = 1 << CUBE_BITS
-# What the key of a fine cube has beside its place: the sign.
+# The key of a fine cube has this sign beside its place.
 FINE = -(1 << 63)
 # Rows of a block, as bits of their number.
 BLOCK_BITS = 10

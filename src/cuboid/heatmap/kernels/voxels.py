@@ -142,7 +142,7 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, turn, anchor,
             cube_in[k] = pack_key(ix >> CUBE_BITS, iy >> CUBE_BITS, iz >> CUBE_BITS) | level
             voxel_of[k] = voxel_in(ix, iy, iz)
             where[k, 0], where[k, 1], where[k, 2] = wx - ix, wy - iy, wz - iz
-        # What were keys up to here becomes cubes.
+        # From here on the numbers are cubes, no longer keys.
         for k in range(count):
             key = cube_in[k]
             last = (key & 3) | ((key >> KEY_BITS) & 3) << 2 | ((key >> (2 * KEY_BITS)) & 3) << 4

@@ -1,4 +1,4 @@
-"""Hot loop: which of the slabs that a thing consists of is the rim of what it stands on."""
+"""Hot loop: the slab of an object that is the rim of the surface it stands on."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from cuboid.core.limits import SAMPLE_POINTS
 from cuboid.core.tolerances import MIN_READINGS
 from cuboid.objects.kernels.nearness import count_near
 
-# What is above a rim is at most this fraction as wide as the rim.
+# The part above a rim is at most this fraction as wide as the rim.
 RIM_WIDTH_FRACTION = 0.5
-# Of a slab that is no rim at least this fraction is beneath what is above it.
+# At least this fraction of a slab that is no rim lies beneath the part above it.
 BENEATH_FRACTION = 0.5
 # A width is measured without this fraction of the points at either end.
 END_FRACTION = 0.1
@@ -19,7 +19,7 @@ END_FRACTION = 0.1
 
 @kernel
 def highest_rim(points, order, begins, ends, axes, gap):
-    """Find the highest slab most of which is not beneath what is above it, and which is twice as wide, in plan.
+    """Find the highest slab that, in plan, is twice as wide as the part above it and mostly not beneath that part.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ import numpy as np
 from cuboid.core.compiled import kernel
 from cuboid.core.tolerances import JUMP_SIGMAS
 
-# What lies across a piece of outline: columns of `outline`.
+# Kinds of neighbour across a piece of outline: columns of `outline`.
 FREE, SUPPORT, UNSURE, CONTACT, HIDDEN, BORDER = range(6)
 KINDS = 6
 # Sides of a segment in the picture, seen from the camera held upright: columns of `outline` too.

@@ -8,7 +8,7 @@ from cuboid.core.tolerances import JUMP_SIGMAS, SIGMAS
 # Columns of `bounds`: what lies across the outline of a piece, beside the planes that it touches.
 FREE, HIDDEN, BORDER, CONTACT = range(4)
 KINDS = len((FREE, HIDDEN, BORDER, CONTACT))
-# What a reading lies on, where that is no plane: another surface, or nothing that is looked at.
+# Codes of readings that lie on no plane: on another surface, or outside the range that is examined.
 SURFACE, NOTHING = range(-1, -3, -1)
 
 
