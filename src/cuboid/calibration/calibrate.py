@@ -16,7 +16,7 @@ from cuboid.core.errors import InputError
 from cuboid.core.frame import Float64Array, Frame, Intrinsics
 from cuboid.geometry import se3
 
-# So many frames are compared, in groups of so many that follow each other, where the recording is long.
+# Number of frames that are compared, and of consecutive frames in a group, where the recording is long.
 FRAMES = 64
 GROUP = 8
 # The camera moves this far from one chosen frame to the next, radians, a metre counting as one (things are one to two
@@ -28,7 +28,7 @@ TRIED = np.arange(-0.30, 0.301, 0.05)
 TRIED_DEPTHS, ALONE = np.arange(-0.16, 0.161, 0.04), np.zeros(1)
 # Gauss-Newton steps at most.
 COARSE_STEPS, FINE_STEPS = 20, 12
-# What is fitted, with what is known: poses that were estimated from the same frames know the focal length only.
+# Parameters that are fitted, by the source of poses: those estimated from the same frames give the focal length only.
 FOCAL_ONLY, WITH_CENTER = (FOCAL,), (FOCAL, CENTER_X, CENTER_Y)
 WITH_DEPTH = (*WITH_CENTER, DEPTH)
 # With fewer pairs of views nothing is said.
@@ -48,7 +48,7 @@ WORST_FOCAL_ERROR = 0.03
 
 @dataclass(frozen=True, slots=True)
 class CalibrationResult:
-    """What was found, and how sure it is.
+    """The intrinsics that were found, with their certainty.
 
     Attributes
     ----------

@@ -16,8 +16,8 @@ from cuboid.calibration.views import Pinhole, build_view, factors
 from cuboid.core.errors import FrameError
 from cuboid.core.frame import Float64Array, Frame, Intrinsics
 
-# So many frames of a run are looked at, more where its poses were estimated and know less; a run of fewer than the last
-# is not checked.
+# Number of frames of a run that are examined, and where its poses were estimated, which carry less information. A run
+# with fewer frames than the last number is not checked.
 FRAMES, FRAMES_ESTIMATED, MIN_FRAMES = 24, 48, 8
 # Focal lengths that are tried, as logarithms beside the one in use.
 TRIED = np.arange(-0.20, 0.201, 0.05)
@@ -33,7 +33,7 @@ CLEARLY_BETTER = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What a quick look found.
+    """The result of a quick check.
 
     Attributes
     ----------

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from cuboid.calibration.views import Pinhole, View
 from cuboid.core.frame import Float32Array, Float64Array
 
-# What is fitted, in this order: logarithm of the focal length, optical centre in pixels of the small images, and
+# The fitted parameters, in this order: logarithm of the focal length, optical centre in pixels of the small images, and
 # logarithm of the depth scale.
 FOCAL, CENTER_X, CENTER_Y, DEPTH = range(4)
 PARAMETERS = 4

@@ -34,8 +34,8 @@ FINER = ((3.0, 0.02, 1.5), (2.0, 0.01, 0.75), (1.2, 0.005, 0.4), (1.0, 0.0025, 0
 FINE_BLUR_PX = FINER[-1][0]
 # Two cameras of one device lie side by side, at most this far apart, metres.
 BESIDE_M = np.arange(-0.08, 0.081, 0.005)
-# That they are apart counts if edges then agree better by this fraction: less is what noise and nearly equal depths
-# give.
+# A shift between color and depth counts if it makes edges agree better by this fraction: noise and nearly equal depths
+# give less.
 APART_GAIN = 0.05
 # A view is another one if half of its edges are not within 2 pixels of those of one before.
 SAME_VIEW, SAME_PLACE_PX = 0.5, 2

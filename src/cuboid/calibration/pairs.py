@@ -17,7 +17,7 @@ MOTIONS_RAD = (0.09, 0.19, 0.35)
 ALIKE = 1.6
 # Least fraction of a view's points that its partner must have in its image.
 MIN_OVERLAP = 0.45
-# So many of a view's points tell where it overlaps another.
+# This many points of a view show where it overlaps another.
 PROBES = 80
 
 

@@ -13,7 +13,7 @@ from cuboid.geometry.se3 import inverse, transform
 
 # Frames whose depth is carried to later ones, evenly over the run, and how many used frames later these are.
 STARTS, GAPS = 6, (5, 10, 20)
-# So many pixels along each row are compared.
+# This many pixels along each row are compared.
 COLUMNS = 80
 # Two depths agree if they differ by this fraction at most.
 AGREE = 0.025

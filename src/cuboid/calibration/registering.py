@@ -35,7 +35,7 @@ from cuboid.core.frame import Float64Array, Frame, Intrinsics
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.recording import Recording
 
-# So many frames are looked at.
+# This many frames are examined.
 FRAMES = 12
 # A run of fewer is not checked.
 MIN_FRAMES = 8

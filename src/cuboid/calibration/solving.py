@@ -38,7 +38,7 @@ ALIKE_PX = 64.0
 POSE_ERROR = np.array([0.01, np.radians(0.5)])
 MIN_POSE_ERROR = np.array([0.0003, np.radians(0.01)])
 MAX_POSE_ERROR = np.array([0.05, np.radians(2.0)])
-# What is believed before: the focal length within 30 %, the optical centre within 5 % of the image's width, the depth
+# The prior: the focal length within 30 %, the optical centre within 5 % of the image's width, the depth
 # scale within 5 %.
 FOCAL_FRACTION, CENTER_FRACTION, DEPTH_FRACTION = 0.3, 0.05, 0.05
 # Done when a step changes the focal length and the depth scale by less than this, and the centre by less than this

@@ -1,4 +1,4 @@
-"""What a frame gives to calibration: small images, and the pixels in it that tell most."""
+"""Views for calibration: small images of a frame, and its most informative pixels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a ROS 2 camera needs of DDS: which images are published, and readers of topics."""
+"""DDS for a ROS 2 camera: the images that are published, and readers of topics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a driver of a camera is: it opens one, says what its lens is, and gives images as they were taken."""
+"""The interface of a camera driver: it opens a camera, describes its lens, and gives images as they are taken."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from cuboid.outputs.folder import ResultFolder, writing
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.recordings.converting import WRITERS, units_kept
 
-# What a recording of a live camera may be written as.
+# Forms in which a recording of a live camera may be written.
 FORMS = ("plain", "mcap")
 
 

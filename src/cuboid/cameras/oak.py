@@ -20,7 +20,7 @@ from cuboid.readers.reader import Calibration
 NAME = "oak"
 OPTIONS = ("id", "size", "rate")
 SIZE, RATE_HZ = "640x400", "30"
-# What the two cameras of depth are asked for, pixels: what all models of the series have.
+# Size of the images of the two depth cameras, pixels: all models of the series have it.
 STEREO_SIZE = (640, 400)
 COLOR, DEPTH = "color", "depth"
 # Messages that wait on this side; the queue of the program itself is the one that counts what it drops.

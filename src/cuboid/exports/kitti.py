@@ -37,7 +37,7 @@ UPRIGHT = np.array([0.0, -1.0, 0.0])  # up in a level camera's frame
 # Least fraction seen of what is "not occluded" and "partly occluded"; the benchmark gives no figures for them.
 WHOLE, PARTLY = 0.8, 0.4
 
-# So many boxes, evenly over the file, tell how much the form loses.
+# This many boxes, evenly over the file, show how much the form loses.
 PROBES = 200
 
 COLUMNS = 18

@@ -40,7 +40,7 @@ ADD, DELETE = 0, 2
 CUBE_ALPHA = 0.25
 LINE_M, TEXT_M = 0.004, 0.05
 JPEG_QUALITY = 85
-# What compressed_depth_image_transport writes before the PNG: its format, and two numbers that whole depth has not.
+# compressed_depth_image_transport writes this before the PNG: its format, and two numbers that whole depth lacks.
 DEPTH_HEADER = bytes(12)
 FLOAT32 = 7  # of sensor_msgs/PointField
 

@@ -1,4 +1,4 @@
-"""What lies in .zip and .tar files, without unpacking them: their index is read, and then the files asked for."""
+"""Files in .zip and .tar archives, without unpacking them: the index is read, then each file that is asked for."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 # A compressed file up to this size is opened in memory, a larger one in the cache: it must be read in any order.
 MAX_IN_MEMORY = 16 << 20
-# Of a file in a zip: signature and fields, then the lengths of its name and of what else stands before the data.
+# Header of a file in a zip: signature and fields, then the lengths of its name and of the extra field.
 _LOCAL_HEADER = struct.Struct("<26xHH")
 BUFFER_BYTES = 1 << 16
 

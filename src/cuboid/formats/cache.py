@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 # The most that the cache holds, unless the environment says otherwise: a bag of an hour at 640x480, compressed.
 LIMIT_VARIABLE, LIMIT_MB = "CUBOID_CACHE_MB", 4096
-# So much of the disk is left to others.
+# This much of the disk is left to others.
 LEFT_FREE_BYTES = 512 << 20
 COPY_BYTES = 1 << 20
 

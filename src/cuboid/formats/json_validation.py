@@ -13,7 +13,7 @@ from cuboid.formats.reading import MAX_JSON_BYTES, read_bytes
 
 T = TypeVar("T")
 
-# What msgspec calls the kinds of values.
+# Names that msgspec gives to kinds of values.
 _WORDS = {
     "float": "a number",
     "int": "a whole number",
@@ -26,7 +26,7 @@ _BOUNDS = {">=": "of at least", "<=": "of at most", ">": "above"}
 
 
 class _Head(msgspec.Struct):
-    """What tells one format from another."""
+    """The fields that distinguish formats."""
 
     format: Any = None
     version: Any = None

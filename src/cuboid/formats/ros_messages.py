@@ -18,7 +18,7 @@ TRANSFORMS = "/tf"
 # The version of the metadata that `ros2 bag` of Humble and later reads.
 METADATA_VERSION = 9
 
-# What vision_msgs 4 (Humble and later) has; rosbags knows only the messages that ROS itself comes with.
+# Messages of vision_msgs 4 (Humble and later); rosbags knows only the messages of ROS itself.
 VISION = {
     "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
     "vision_msgs/msg/ObjectHypothesisWithPose": (

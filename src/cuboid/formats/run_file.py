@@ -54,7 +54,7 @@ class TimingEntry(Entry, frozen=True):
 
 
 class LimitEntry(Entry, frozen=True):
-    """What was more than a frame may bring, and was left out, the least likely first."""
+    """Counts of items beyond the limits of a frame, which were left out, the least likely first."""
 
     most: Annotated[int, Meta(ge=1, le=1_000_000, description="a frame, at most")]
     frames: Annotated[int, Meta(ge=1, le=MAX_FRAMES, description="that had more")]

@@ -37,7 +37,7 @@ class Entry:
 
 
 class Store(Protocol):
-    """What holds files; its methods raise OSError."""
+    """A place that holds files; its methods raise OSError."""
 
     def entry(self, path: StoredPath) -> Entry:
         """Return what lies at a path."""
@@ -49,7 +49,7 @@ class Store(Protocol):
         """Open a file for reading, from any place in any order."""
 
 
-# So many archives and servers stay open; one that is asked for again is opened again.
+# This many archives and servers stay open; any other is opened again when it is asked for.
 STORES_OPEN = 16
 _stores: OrderedDict[str, Store] = OrderedDict()
 

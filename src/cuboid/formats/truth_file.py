@@ -72,7 +72,7 @@ class VisibilityOfTruth(Entry, frozen=True):
 
 
 class TruthDocument(Entry, frozen=True):
-    """What is there: `truth.json`."""
+    """The true objects of a recording: `truth.json`."""
 
     format: Literal["cuboid-truth"]
     version: Literal[1]

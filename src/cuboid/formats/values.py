@@ -19,7 +19,7 @@ LAST_NUMBER = 2**31 - 1
 LATEST_S = 1e12
 LARGEST_IMAGE_PX = 100_000
 
-# What is written with four digits deviates from a unit vector, or from a rotation, by no more than this.
+# Numbers written with four digits deviate from a unit vector, or from a rotation, by no more than this.
 UNIT_TOLERANCE = 1e-3
 # A quaternion's length may differ from 1 by this: files with 4 digits differ by 1e-4. Beyond it the four
 # numbers are probably no quaternion, or in another order with a translation among them.

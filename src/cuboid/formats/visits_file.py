@@ -1,4 +1,4 @@
-"""What happened between made visits of one place: `visits.json`."""
+"""True changes between made visits of one place: `visits.json`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cuboid.formats.values import Count, Entry, Label, Name, Point, Side, refuse
 
 
 class ChangeOfThing(Entry, frozen=True):
-    """What became of a thing between the visit before and this one."""
+    """The true change of an object between the visit before and this one."""
 
     id: Annotated[Label, Meta(description="the same in the truth of all visits")]
     change: Literal["unchanged", "moved", "gone", "new"]

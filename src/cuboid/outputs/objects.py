@@ -19,7 +19,7 @@ from cuboid.outputs.text import DIRECTION, LENGTH, rounded, rounded_list
 
 @dataclass(frozen=True, slots=True)
 class ObjectsFile:
-    """What `objects.json` holds.
+    """The contents of `objects.json`.
 
     Attributes
     ----------

@@ -35,7 +35,7 @@ from cuboid.readers.reopen import reopen_recording
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameRecord:
-    """What became of one frame of a recording.
+    """The use of one frame of a recording.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class Results(MapQueries):
 
     @cached_property
     def frames(self) -> Sequence[FrameRecord]:
-        """What became of each frame that the run read, in order."""
+        """The frames that the run read, in order, each used or skipped."""
         used = [FrameRecord(k, "used", pose.timestamp_s, pose.T_world_camera) for k, pose in self.poses.items()]
         others = [
             FrameRecord(k, "lost" if reason == LOST else "skipped", reason=reason) for k, reason in self.report.skipped
@@ -172,7 +172,7 @@ class Results(MapQueries):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is likely to be wrong with the input, a line each."""
+        """Likely faults of the input, one line each."""
         return self.report.warnings
 
     @cached_property

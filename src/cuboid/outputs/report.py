@@ -65,7 +65,7 @@ class SkippedKind:
 
 @dataclass(frozen=True, slots=True)
 class LimitReached:
-    """What was more than a frame may bring, see `cuboid.core.limits`.
+    """Counts of items beyond the limits of a frame, see `cuboid.core.limits`.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class LimitReached:
 
 @dataclass(frozen=True, slots=True)
 class RunReport:
-    """What `run.json` holds.
+    """The contents of `run.json`.
 
     Attributes
     ----------
@@ -141,12 +141,12 @@ class RunReport:
 
     @property
     def distortion(self) -> tuple[float, ...]:
-        """Of the lens, as it was taken out of the images; empty where there was none."""
+        """Coefficients of the lens distortion that was removed from the images; empty where there was none."""
         return tuple(float(value) for value in self.config.get("distortion", ()))
 
     @property
     def depth_units_per_metre(self) -> float | None:
-        """Of the depth images; None in results that do not say."""
+        """Units of the depth images a metre; None in results that do not say."""
         units = self.config.get("depth_units_per_metre")
         return None if units is None else float(units)
 

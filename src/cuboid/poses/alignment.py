@@ -66,7 +66,7 @@ class Points:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """What an image is aligned to: points of all levels, finest first, from a number of images."""
+    """The reference of an alignment: points of all levels, finest first, from a number of images."""
 
     levels: tuple[Points, ...]
     groups: int

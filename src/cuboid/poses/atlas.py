@@ -36,7 +36,7 @@ MAX_LOCAL_KEYFRAMES, LOOP_DEVIATION = 40, 5.0
 
 @dataclass(frozen=True, slots=True)
 class FrameFeatures:
-    """What the atlas uses of a frame.
+    """The parts of a frame that the atlas uses.
 
     Attributes
     ----------

@@ -23,7 +23,7 @@ from cuboid.poses.pyramid import Level, build_levels, shrink
 
 # Given poses misfit where an alignment leaves at most this fraction unexplained of what they do.
 UNEXPLAINED_FRACTION = 0.5
-# So many misfits in turn prove that poses drift: what fewer frames tell may be chance.
+# This many misfits in turn prove that poses drift: fewer may be chance.
 MISFITS_THAT_PROVE = 3
 # A frame is compared with a keyframe of whose points it shows more than this fraction.
 MIN_OVERLAP = 0.5
@@ -37,8 +37,8 @@ COARSEST, ENOUGH = 2, 1
 # An alignment explains more than the given poses do where it explains most of what they do not, and of all points this
 # fraction: the edges of things alone have fewer.
 MIN_GAIN = 0.03
-# What a pose explains is told at this level, of 160 pixels: a reading there is the mean of several. What differs by
-# more than this, metres, is hidden by something, or another surface: it tells nothing.
+# The part that a pose explains is measured at this level, of 160 pixels: a reading there is the mean of several. A
+# reading that differs by more than this, metres, is hidden or lies on another surface, and is ignored.
 TOLD_AT, OTHER_SURFACE_M = 1, 0.1
 
 

@@ -23,7 +23,7 @@ CLEAR = 0.8
 # A corner's place in the image may differ by this much from where its keyframe's point falls, pixels.
 CORNER_PX = 2.5
 RANSAC_ROUNDS = 200
-# So many corners agree by chance on no pose.
+# This many corners never agree on a pose by chance.
 MIN_MATCHES = 15
 
 

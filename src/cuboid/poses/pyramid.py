@@ -40,7 +40,7 @@ class Level:
 
 @dataclass(frozen=True, slots=True)
 class SmallImage:
-    """What is kept of a keyframe: its finest level, compact.
+    """A stored keyframe: its finest level, compact.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ NO_POSE = "the frame has no camera pose"
 # Corrections of estimated poses are told from this fraction of a voxel on: what moves by less stays in its voxel.
 POSES_MOVE = 0.5
 GIVEN, AUTO, CORRECTED, ESTIMATED = "given", "auto", "corrected", "estimated"
-# What `--poses` and `Tracker(poses=...)` accept.
+# Values of `--poses` and `Tracker(poses=...)`.
 POSE_SOURCES = (GIVEN, AUTO, CORRECTED, ESTIMATED)
 
 
@@ -172,7 +172,7 @@ class EstimatedPoses:
 
     @property
     def estimator(self) -> PoseEstimator:
-        """What estimates them."""
+        """The estimator of the poses."""
         return self._estimator
 
     def _moved(self) -> dict[int, Float64Array]:

@@ -44,7 +44,7 @@ DEPTH_FILE = re.compile(rf"{NAME.pattern}\.png")
 MIN_CONFIDENCE = 1
 # Color and depth are of one moment; their times may differ in the last digit.
 WITHIN_S = 0.005
-# So many of the files with a camera are read to learn the usual one.
+# This many of the files with a camera are read to find the usual one.
 CAMERAS_READ = 25
 # Poses come 0.1 s apart.
 LARGEST_GAP_S = 0.25

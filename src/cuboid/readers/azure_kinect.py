@@ -1,4 +1,4 @@
-"""What k4arecorder writes with an Azure Kinect (or an Orbbec Femto in its place): a Matroska file.
+"""Recordings of k4arecorder, of an Azure Kinect or an Orbbec Femto: a Matroska file.
 
 Expected: an ``.mkv`` file with the tracks COLOR (MJPEG, NV12, YUY2 or BGRA) and DEPTH (16-bit, big-endian, millimetres)
 and the attachment ``calibration.json``; other tracks and attachments are left alone.

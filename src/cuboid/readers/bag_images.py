@@ -34,7 +34,7 @@ COLOR_ENCODINGS: dict[str, tuple[int, int | None]] = {
     "yuv422_yuy2": (2, cv2.COLOR_YUV2RGB_YUYV),
     "yuyv": (2, cv2.COLOR_YUV2RGB_YUYV),
 }
-# What compressed_depth_image_transport writes before the PNG: format, and two numbers that turn inverse depth back.
+# compressed_depth_image_transport writes this before the PNG: format, and two numbers that turn inverse depth back.
 _DEPTH_HEADER = struct.Struct("<iff")
 
 

@@ -14,7 +14,7 @@ from cuboid.geometry.se3 import rigid
 
 DEPTH_CAMERA, TRANSFORM = "depth_camera", "T_color_depth"
 DISTORTION = "distortion"
-# What sides of images are called, of color and of depth.
+# Names of the sides of color and depth images.
 _SIDES = ("width", "height", "w", "h", "dw", "dh")
 _NUMBERS = ("fx", "fy", "cx", "cy", "width", "height")
 

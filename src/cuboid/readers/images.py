@@ -25,7 +25,7 @@ JPEG_END = b"\xff\xd9"
 # Some writers pad a JPEG file behind its end marker; compressed data itself never holds the marker.
 JPEG_PADDING_BYTES = 1024
 
-# What a saturated sensor or converter writes; 7-Scenes uses it for "no reading".
+# A saturated sensor or converter writes this value; 7-Scenes uses it for "no reading".
 SATURATED = 65535
 # A depth camera that sees a scene has a reading in this range, metres: structured light and time of flight
 # start at 0.1-0.5 m, and end below 20 m. A wrong scale (mm taken for m, ...) puts all readings outside.

@@ -42,7 +42,7 @@ from cuboid.readers.reader import READERS, Calibration, FrameEntry, ImageSource,
 CALIBRATION, FRAMES = "calib.txt", "Frames"
 FILE = re.compile(r"\D*(\d+)\.(ppm|png|jpg|pgm)")
 DEPTH_FILE = re.compile(r"\D*\d+\.pgm")
-# Of the depth that an affine rule makes larger numbers are no readings.
+# Larger depths that an affine rule gives are no readings.
 MAX_AFFINE = 32000
 
 

@@ -18,7 +18,7 @@ from cuboid.readers.recording import Recording
 
 # A user may name a dataset's folder: recordings lie up to two folders deeper (rgbd-scenes-v2/imgs/scene_01).
 LEVELS = 2
-# So many recordings are named when there are several to choose from.
+# This many recordings are named when there are several to choose from.
 NAMED = 8
 
 

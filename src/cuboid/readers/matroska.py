@@ -48,7 +48,7 @@ class Block:
 
 @dataclass(slots=True)
 class Matroska:
-    """What a file holds.
+    """The contents of a file.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ def read_span(path: Path, offset: int, length: int) -> bytes:
 
 @dataclass(slots=True)
 class _State:
-    """What was said last and holds for what follows."""
+    """The last values read, which hold for the blocks that follow."""
 
     scale_ns: int = DEFAULT_SCALE_NS
     cluster: int = 0

@@ -34,7 +34,7 @@ class UnknownIntrinsicsError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """What the images tell of their camera.
+    """Guesses of a camera from its images.
 
     Attributes
     ----------

@@ -11,7 +11,7 @@ from cuboid.formats.reading import names_in
 from cuboid.readers.image_folder import counted_endings
 from cuboid.readers.reader import Reader
 
-# So many folders, and layouts, are described.
+# At most this many folders, and layouts, are described.
 FOLDERS, LAYOUTS = 4, 3
 # The layout for recordings of one's own.
 PLAIN = "plain"

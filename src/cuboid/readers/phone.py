@@ -1,4 +1,4 @@
-"""What recordings of phones have in common: a large color image, a small depth image of the same camera."""
+"""Recordings of phones: a large color image and a small depth image of the same camera."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the app Polycam exports from an iPhone as "raw data".
+"""Exports of the app Polycam for the iPhone, its "raw data".
 
 Expected tree::
 

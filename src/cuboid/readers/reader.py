@@ -1,4 +1,4 @@
-"""What a reader is: it tells whether a path holds its format, and lists the frames without decoding any."""
+"""The interface of a reader: it recognises its format, and lists the frames without decoding any."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class Calibration:
 
 @dataclass(frozen=True, slots=True)
 class Listing:
-    """What a reader found in a recording.
+    """The contents of a recording, as a reader found them.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the RealSense SDK and its viewer record: a ROS 1 bag with topics of its own.
+"""Recordings of the RealSense SDK and its viewer: a ROS 1 bag with its own topics.
 
 Expected: a ``.bag`` file with the topics ::
 
@@ -35,7 +35,7 @@ from cuboid.readers.tum import associate
 
 IMAGE = re.compile(r"(/device_\d+/sensor_\d+)/(Depth|Color)_\d+/image/data")
 ACCELEROMETER = re.compile(r"/device_\d+/sensor_\d+/Accel_\d+/imu/data")
-# So much of the index at the end of the file, which names the topics, is looked at.
+# Bytes of the index at the end of the file, which names the topics, that are examined.
 INDEX_BYTES = 1 << 16
 # Color and depth of one frame are at most this far apart, or half the time between two color images.
 WITHIN_S = 0.02

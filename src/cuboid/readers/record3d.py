@@ -1,4 +1,4 @@
-"""What the app Record3D exports from an iPhone as "EXR + JPG sequence".
+"""Exports of the app Record3D for the iPhone, its "EXR + JPG sequence".
 
 Expected tree::
 

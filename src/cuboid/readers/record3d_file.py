@@ -1,4 +1,4 @@
-"""What the app Record3D keeps of a recording: a file .r3d, which is a zip archive, or what was unpacked of it.
+"""Recordings of the app Record3D: a file .r3d, which is a zip archive, or its unpacked folder.
 
 Expected tree::
 

@@ -94,7 +94,7 @@ class Recording:
 
     @property
     def distortion(self) -> tuple[float, ...]:
-        """What the lens did to the images, and is taken out of the frames; empty where nothing is."""
+        """Coefficients of the lens distortion, which is removed from the frames; empty where there is none."""
         return self.calibration.distortion if any(self.calibration.distortion) else ()
 
     @property

@@ -1,4 +1,4 @@
-"""What the app Stray Scanner records with an iPhone.
+"""Recordings of the app Stray Scanner for the iPhone.
 
 Expected tree::
 

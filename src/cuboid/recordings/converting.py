@@ -63,7 +63,7 @@ class RecordingWriter(Protocol):
 
 
 class _Folder:
-    """What both folders have in common."""
+    """The properties that both folders share."""
 
     def __init__(
         self, folder: Path, intrinsics: Intrinsics, units_per_metre: float, up_world: Float64Array | None = None

@@ -1,4 +1,4 @@
-"""What a recording is, as far as a look at some of its frames tells: for `cuboid info`."""
+"""A summary of a recording from some of its frames, for `cuboid info`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cuboid.core.errors import FrameError
 from cuboid.core.frame import Float64Array, Frame
 from cuboid.readers import Recording
 
-# So many frames are decoded, evenly over all; and of so many the poses are looked at.
+# Number of frames that are decoded, evenly over all, and of frames whose poses are examined.
 FRAMES, POSES = 24, 500
 # A step between two times that is longer than so many usual ones is a gap.
 GAP_STEPS = 5.0
@@ -31,7 +31,7 @@ class Skipped:
 
 @dataclass(frozen=True, slots=True)
 class RecordingInfo:
-    """What was found.
+    """The summary.
 
     Attributes
     ----------

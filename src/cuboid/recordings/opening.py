@@ -10,7 +10,7 @@ from cuboid.readers import Recording
 from cuboid.readers import open_recording as read_recording
 
 AUTO, ON, OFF = "auto", "on", "off"
-# What `--register` and `open_recording(register=...)` accept.
+# Values of `--register` and `open_recording(register=...)`.
 REGISTER = (AUTO, ON, OFF)
 
 

@@ -1,4 +1,4 @@
-"""What a scene answers when it is asked: its recordings, its objects, and their sightings."""
+"""Queries of a scene: its recordings, its objects, and their sightings."""
 
 from __future__ import annotations
 

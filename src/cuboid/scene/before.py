@@ -28,7 +28,7 @@ from cuboid.surfaces.grid import CELL_M as GROUND_CELL_M
 from cuboid.surfaces.grid import cells_of
 from cuboid.tracking.posed_tracker import PosedTracker
 
-# Of an object so many points are remembered, to tell whether they are still there.
+# This many points of an object are remembered, to check whether they are still there.
 POINTS = 300
 # A place was seen before when this fraction of its ground was. It was empty unless this fraction of what stands there
 # now, so far above its ground, metres, lies in cells of the map, of such a side, that were no object's, or no such
@@ -75,7 +75,7 @@ class Before:
     def __init__(self, known: Mapping[int, Known], ground: Mapping[int, Ground], occupied: Sequence[Cells]) -> None:
         self.known, self._ground, self._occupied = dict(known), ground, list(occupied)
         self._numbers = np.array(sorted({one.number for one in known.values()}), np.int64)
-        # What was noted since the last commit.
+        # Cells noted since the last commit.
         self._noted: list[Cells] = []
         self._cubes: tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]] | None = None
 
@@ -129,7 +129,7 @@ class Before:
         i, j = (cells - corner).T
         inside = (i >= 0) & (j >= 0) & (i < known.shape[0]) & (j < known.shape[1])
         seen = inside & known[np.where(inside, i, 0), np.where(inside, j, 0)]
-        # What stood on ground hid it.
+        # Objects that stood on the ground hid it.
         points = np.concatenate([np.zeros((0, 3), np.float32), *(one.points for one in self.known.values())])
         stood = support.to_plan(points)
         stood = stood[(stood[:, 2] > low[2]) & (stood[:, 2] < high[2])]
@@ -158,7 +158,7 @@ def begin(connection: sqlite3.Connection, tracker: PosedTracker) -> None:
     """Write down how things stand when a visit begins, within the caller's transaction."""
     for table in ("known", "ground", "occupied"):
         connection.execute(f"DELETE FROM {table}")
-    # What was lost with a damaged file has no rows of the map.
+    # Objects that were lost with a damaged file have no rows in the map.
     for entry in tracker.ever_labelled():
         if entry.confirmed and len(entry.points) and tracker.voxels.owns(entry.number):
             points = np.ascontiguousarray(entry.points[:: 1 + len(entry.points) // POINTS], "<f4")

@@ -1,4 +1,4 @@
-"""What changed between two visits: what is gone, what is new, and what is gone here and stands there.
+"""Changes between two visits: objects that are gone, new, or moved from one place to another.
 
 Nothing is called gone that was only hidden or out of view: an object goes when free-space carving removes its points,
 as in the tracker. What stood nowhere before and is like what is gone is that object: it was moved.
@@ -24,18 +24,18 @@ from cuboid.tracking.posed_tracker import PosedTracker
 
 # An object that lies still has half its old points within this of its new ones, metres, or its middle there.
 STILL_M, STILL_FRACTION, STILL_MIDDLE_M = 0.025, 0.5, 0.03
-# What is moved is at least this like what it was, and this much more so than any other, 0..1.
+# Least similarity, 0..1, of a moved object to the object before, and the factor by which it exceeds any other.
 MIN_SIMILARITY, CLEARER = 0.2, 1.5
 # An object is gone when this fraction of its old points is carved, less than that of them is seen again, and less
 # than so much of it is seen anywhere: a rim at its foot, which looks like what it stood on.
 CARVED, SEEN_AGAIN, LEFT = 0.5, 0.15, 0.3
-# What stands in an object's place is another one when it is no more like it than this, and what was there is not.
+# An object in the place of an old one is another one when its similarity is at most this, and the old one is gone.
 UNLIKE = 0.15
-# What is there still but is no object any more, two by now or a part of another, goes on as the new one that has most
-# of it, and so much.
+# An old object that is still there, but now two objects or a part of another, goes on as the new object that has at
+# least this fraction of its points.
 MOST_OF_IT = 0.25
-# What is new to the map, and lies so much of it and so near, metres, to what was there before and is there still, to
-# what was moved, or to something larger that is new, is a piece of that.
+# A new object is a piece of another when this fraction of its points lies this near, metres, to an unchanged or moved
+# object, or to a larger new one.
 PIECE, PIECE_M = 0.5, 0.02
 # Objects that were moved are looked for every so many frames.
 EVERY_FRAMES = 10
@@ -43,7 +43,7 @@ EVERY_FRAMES = 10
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """What became of an object between two visits.
+    """The change of an object between two visits.
 
     Attributes
     ----------
@@ -118,7 +118,7 @@ class Changes:
         seen_again = fraction_near(old.points, again, STILL_M)
         gone = seen_again < SEEN_AGAIN and carved >= CARVED and len(again) < LEFT * len(entry.points)
         if gone or (replaced and len(again) and not self._standing(tracker, old).still):
-            # What stands there now is found from what frames show from here on, not from both.
+            # The object that stands there now is found from the frames that follow, not from both visits.
             tracker.retire(entry)
             entry.box = old.box
 

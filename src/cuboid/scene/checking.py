@@ -192,7 +192,7 @@ def _rescue_state(old: sqlite3.Connection, new: sqlite3.Connection, lost: list[s
         return 0
     blocks = list(_readable_blocks(old, lost))
     rows, keys = (np.concatenate(some) for some in zip((np.zeros(0, ROW), np.zeros(0, np.int64)), *blocks, strict=True))
-    # Of a voxel that comes twice, the first.
+    # The first of two rows of one voxel is kept.
     _, first = np.unique(np.column_stack([keys, rows["voxel"]]), axis=0, return_index=True)
     tracker.voxels.refill(keys[np.sort(first)], rows[np.sort(first)])
     for entry in tracker.ever_labelled():

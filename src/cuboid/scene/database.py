@@ -29,7 +29,7 @@ PAGE_BYTES = 4096
 LOG_PAGES, CACHE_KB = 16384, 400
 
 
-# What is said of a damaged file.
+# The message for a damaged file.
 RESCUE = "'cuboid scene check --rescue NEW' saves what can be read"
 
 

@@ -1,4 +1,4 @@
-"""What people change in a scene: objects that are one, objects that are none."""
+"""Changes that people make to a scene: merge objects, remove false ones."""
 
 from __future__ import annotations
 

@@ -23,11 +23,11 @@ from cuboid.scene.similarity import color_profile_of, similarity
 LOOKED_FOR, CANDIDATES = 16, 20
 # Two pairs are as far apart, and objects meet, within this, metres; two nearer each other than that tell no direction.
 APART_M, MEET_M, MIN_APART_M = 0.03, 0.04, 0.1
-# So many objects meet: in rooms full of objects, three or four do by chance.
+# At least this many objects must meet: in rooms full of objects, three or four meet by chance.
 MIN_MET = 5
 # The next best answer that is another one, farther off than this, metres and radians, is so much worse.
 OTHER_M, OTHER_RAD, CLEARER = 0.1, 0.2, 1.5
-# Of the part's points around, this fraction has known ones within this, metres.
+# At least this fraction of the part's points has known points within this distance, metres.
 AROUND_M, SAME_M, SAME_FRACTION = 1.0, 0.03, 0.5
 # Answers that are looked at, those of the most alike pairs.
 ANSWERS = 500

@@ -128,7 +128,7 @@ class ScenePoses:
         self._T_world_part: dict[int, Float64Array] = {0: np.eye(4)}
         self._joined: list[tuple[Float64Array, Float64Array]] = []
         self.mode = SAME_WORLD
-        # Of a recording with poses of its own: the part, its world's place there, and its keyframes.
+        # For a recording with poses of its own: the part, the pose of its world there, and its keyframes.
         self._part = 0
         self._T_part_recording: Float64Array = np.eye(4)
         self._own: list[int] = []

@@ -21,7 +21,7 @@ from cuboid.scene.validation import DamagedError
 SMALLEST_IMAGE, PNG_COMPRESSION = 48, 3
 PNG = b"\x89PNG"
 
-# What `form_of` writes, two or three items.
+# Items of a form that `form_of` writes: two or three.
 _Form = list[str | tuple[Annotated[int, Meta(ge=0, lt=2**40)], ...]]
 
 AnyArray = npt.NDArray[Any]
@@ -126,7 +126,7 @@ def packed_block(rows: AnyArray) -> bytes:
 
 
 class BlockRow(NamedTuple):
-    """What the file says of a block of the map beside its bytes, in the order of the columns."""
+    """The columns of a block of the map, beside its bytes, in order."""
 
     number: int
     cube: int

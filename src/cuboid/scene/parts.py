@@ -20,7 +20,7 @@ _TURNED = (
     ("known", "cx cy cz", "qw qx qy qz"),
 )
 _PLACES = (("changes", "from_x from_y from_z"), ("changes", "to_x to_y to_z"))
-# What tells a row of a table from others.
+# The key of a row of each table.
 _KEYS = {"frames": "recording frame", "changes": "recording label", "boxes": "id", "objects": "label", "known": "label"}
 
 

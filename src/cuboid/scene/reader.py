@@ -40,7 +40,7 @@ _CHANGE = (
 
 
 class SceneReader(MapQueries):
-    """What a scene's file says. Reading takes no lock: what another one commits meanwhile is seen.
+    """The contents of a scene file. Reading takes no lock, and sees what another process commits meanwhile.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a scene tells people and other programs: rows of frames, sightings, objects and planes."""
+"""Rows of a scene for people and other programs: frames, sightings, objects and planes."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ SKIPPED = "skipped"
 
 @dataclass(frozen=True, slots=True)
 class Begun:
-    """What a run that was broken off had done by its last commit.
+    """The progress of a broken-off run at its last commit.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the tracker needs to go on, in the file: only what changed since the last time is written."""
+"""The state of the tracker in the file: only the parts that changed since the last time are written."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from cuboid.scene.validation import DamagedError, columns_of, iterate_table, rea
 from cuboid.tracking.posed_tracker import PosedTracker, PosedTrackerState
 
 BESIDE = ", ".join(BlockRow._fields)
-# What was written as it is, since it changes all the time, is compressed once it does not; so many blocks a time.
+# Blocks that change all the time are written uncompressed, and compressed once they are stable, this many at a time.
 PACKED_A_TIME = 64
 
 
@@ -79,7 +79,7 @@ class SceneBlockStore:
     def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
         self._connection, self._path = connection, path
         self.voxels: VoxelMap | None = None
-        # What is being written.
+        # The blocks that are being written.
         self.awaited: npt.NDArray[np.int64] = np.zeros(0, np.int64)
 
     def takes(self, blocks: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:

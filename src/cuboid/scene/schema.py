@@ -7,7 +7,7 @@ from __future__ import annotations
 
 # "CUBD": what the header of the file says that it is.
 APPLICATION_ID = 0x43554244
-# Of the tables and of the states in them.
+# Version of the tables and of the states in them.
 VERSION = 1
 
 TABLES = """

@@ -29,8 +29,8 @@ from cuboid.tracking.posed_tracker import PosedTracker
 
 # How often what is new is written, seconds.
 COMMIT_EVERY_S = 1.0
-# What is committed is written bit by bit beside the frames that follow, with such a fraction of what these work; within
-# as long as the next commit waits where nothing else has the processor.
+# A commit is written in small steps beside the frames that follow, with this fraction of their work; where the
+# processor is free, within the time until the next commit.
 WRITING_FRACTION = 0.06
 # Every so many points of the map are compared with the others.
 SPARSE = 7

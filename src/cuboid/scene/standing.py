@@ -12,8 +12,8 @@ from cuboid.core.frame import Float32Array
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.scene.before import Known
 
-# What was there is there still when this fraction of it is seen again, and less than that of it is carved. On made
-# visits, of what did not move nine tenths are seen again, and less than a tenth is carved.
+# An object is still there when the first fraction of its points is seen again, and less than the second is carved. On
+# made visits, nine tenths of the points of unmoved objects are seen again, and less than a tenth is carved.
 SAME_PLACE, CHANGED = 0.6, 0.15
 # A point is seen again where a frame saw something in its voxel or in one beside it, that itself first.
 AROUND = np.array(sorted(np.ndindex(3, 3, 3), key=lambda k: (np.abs(np.array(k) - 1).sum(), k))) - 1
@@ -21,7 +21,7 @@ AROUND = np.array(sorted(np.ndindex(3, 3, 3), key=lambda k: (np.abs(np.array(k) 
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """What became of the points that an object had.
+    """The points of an object at a later visit: seen again, carved, or not in view.
 
     Attributes
     ----------

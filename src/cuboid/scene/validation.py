@@ -108,7 +108,7 @@ ROWS_A_TIME = 64
 
 
 class CameraColumn(msgspec.Struct, frozen=True):
-    """What `recordings.camera` says."""
+    """The contents of `recordings.camera`."""
 
     fx: FocalLength
     fy: FocalLength
@@ -119,7 +119,7 @@ class CameraColumn(msgspec.Struct, frozen=True):
 
 
 class Settings(msgspec.Struct, frozen=True):
-    """What is looked at of `recordings.settings`."""
+    """The fields of `recordings.settings` that are used."""
 
     every: Annotated[int, Meta(ge=1, le=10**9)] = 1
     scale: Annotated[int, Meta(ge=1, le=10**4)] = 1
@@ -129,7 +129,7 @@ Outline: TypeAlias = list[Point]
 
 
 class DamagedError(InputError):
-    """What a scene file holds is not what was written."""
+    """The contents of a scene file are not what was written."""
 
 
 def read_rows(

@@ -15,7 +15,7 @@ COVERS_PX = 0.6
 # Sensors 2012), the largest of the common sensors.
 STEEPEST = 5.7
 NOISE_PER_M = 3 * 1.425e-3
-# What lies nearer to the color camera than this has no place in its image, metres.
+# Points nearer to the color camera than this, metres, have no pixel in its image.
 NEAREST_M = 0.02
 
 
