@@ -15,7 +15,7 @@ from cuboid.readers.recording import Recording
 MIDDLE = 0.25
 # Nearer than this no sensor measures, metres.
 NEAR_M = 0.05
-# Of what leaves the picture at least this fraction must stay, or it is taken to have left.
+# An object of which less than this fraction stays in the picture has left it.
 MIN_LEFT = 0.15
 
 Rect = tuple[int, int, int, int]

@@ -19,16 +19,16 @@ from cuboid.store.rows import RunHead
 from cuboid.store.schema import DONE, FAILED, SET_ASIDE
 from cuboid.store.snapshot import key_of, snapshot
 
-# After so many recordings their files are gathered: as many small files are read in a second or two.
+# After this many recordings their files are gathered: as many small files are read in a second or two.
 GATHER_EVERY = 512
 
-# A worker looks at the files of so many recordings at once: a task a recording would take longer than the look.
+# A worker looks at the files of this many recordings at once: a task a recording would take longer than the look.
 LOOK_AT = 16
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What is to be done.
+    """The order of a batch.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What a batch finds when it begins.
+    """The state of a batch at its begin.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ MEMORY_LIMIT = "4GiB"
 # A recording that killed its worker so often is set aside.
 ATTEMPTS = 3
 
-# What fails by chance, as a network does, is tried so many times more.
+# A task that fails by chance, as a network does, is tried this many times more.
 RETRIES = 2
 
 # A worker whose process is killed while it starts is started so often.
@@ -95,7 +95,7 @@ class Workers:
             "distributed.worker.memory.spill": False,
             "distributed.worker.memory.pause": False,
             "distributed.worker.memory.terminate": 0.95,
-            # What Dask does many times a second beside the work: tasks here take seconds and hand over nothing.
+            # Dask does this many times a second beside the work; tasks here take seconds and pass nothing on.
             "distributed.worker.profile.enabled": False,
             "distributed.worker.memory.monitor-interval": "250ms",
             "distributed.admin.tick.interval": "500ms",

@@ -1,4 +1,4 @@
-"""What tells a task from another: the files of its recording, the settings, the version. The same is done once."""
+"""The identity of a task: the files of its recording, the settings, the version. Equal tasks are done once."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cuboid.core.errors import InputError, one_line
 from cuboid.store.place import is_remote, refusals
 from cuboid.store.rows import RunHead, settings_text
 
-# What object stores call the digest, or else the time, of a file's content.
+# Names that object stores give to the digest, or else the time, of the contents of a file.
 MARKS = ("ETag", "etag", "md5Hash", "content_md5", "generation", "LastModified", "last_modified", "mtime", "updated")
 
 

@@ -1,4 +1,4 @@
-"""What a worker does with one recording: fetch it, track it, put its rows and files into the store."""
+"""The task of a worker for one recording: fetch it, track it, put its rows and files into the store."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """What became of a recording.
+    """The outcome of a recording.
 
     Attributes
     ----------

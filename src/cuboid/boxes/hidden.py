@@ -18,7 +18,7 @@ from cuboid.heatmap.voxel_map import VoxelMap
 
 # A box this near its plane, metres, rests on it.
 MIN_GAP_M = 1e-6
-# A place was seen when so many of the nine voxels of the ground around it were.
+# A place was seen when this many of the nine voxels of the ground around it were.
 SOME_OF_NINE = 2
 # Boxes side by side overlap by at most this fraction of the smaller one.
 BESIDE_FRACTION = 0.2

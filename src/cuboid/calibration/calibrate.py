@@ -172,7 +172,7 @@ def spread_out(T_world_camera: Mapping[int, Float64Array], count: int = FRAMES) 
     T_world_camera : mapping of int to (4, 4) float64
         Poses of the frames that have one.
     count : int
-        At most so many frames.
+        At most this many frames.
 
     Returns
     -------
@@ -198,7 +198,7 @@ def _tried(coarse: Problem, begin: Pinhole, depths: Float64Array = ALONE) -> Pin
 
 
 def _told(found: Solution, start: Intrinsics) -> Intrinsics:
-    """Return the intrinsics; InputError where the focal length is not told."""
+    """Return the intrinsics; InputError where the focal length is unknown."""
     pinhole, error = found.pinhole, _errors(found)[FOCAL]
     if error > WORST_FOCAL_ERROR:
         raise InputError(

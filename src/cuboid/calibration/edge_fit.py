@@ -14,13 +14,13 @@ from cuboid.core.frame import Float32Array, Float64Array, Frame
 
 # Images are thinned to at least this width, pixels: an edge is found to half a pixel of them.
 WIDTH_PX = 320
-# A surface ends where the next reading is farther by this fraction of the depth (more than any noise), at most so many
-# pixels of a 640 image away: a projector's shadow lies between.
+# A surface ends where the next reading is farther by this fraction of the depth (more than any noise), and at most this
+# many pixels of a 640 image away: the shadow of a projector lies between.
 JUMP = 0.05
 GAP_PX = 12
-# With fewer ends a frame says nothing; of more, so many chosen at random are used.
+# With fewer ends a frame says nothing; of more, this many chosen at random are used.
 MIN_EDGES, MAX_EDGES = 50, 1200
-# And so many of each frame for the search over everything.
+# And this many of each frame for the search over everything.
 FEW_EDGES = 120
 # The search: magnifications 0.62 to 1.62 (a RealSense's two cameras have 1.57), shifts up to 24 pixels of the thinned
 # image (7-Scenes is off by 8 in its middle), and the blur of color's edges that it is done with, pixels.
@@ -82,7 +82,7 @@ class Edges:
         return replace(self, places=self.places[which], across=self.across[which], image=self.image[which])
 
     def few(self) -> Edges:
-        """Return at most so many of each image."""
+        """Return at most this many of each image."""
         rng = np.random.default_rng(_SEED)
         drawn = rng.permutation(len(self.image))
         order = drawn[np.argsort(self.image[drawn], kind="stable")]

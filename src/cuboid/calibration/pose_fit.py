@@ -17,7 +17,7 @@ STARTS, GAPS = 6, (5, 10, 20)
 COLUMNS = 80
 # Two depths agree if they differ by this fraction at most.
 AGREE = 0.025
-# A pair tells of a hypothesis if this many pixels of one frame fall on readings of the other; so many pairs must.
+# A pair tells of a hypothesis if this many pixels of one frame fall on readings of the other; this many pairs must.
 MIN_PIXELS, MIN_PAIRS = 200, 4
 # Factors of the depth that are tried.
 DEPTH_FACTORS = (0.1, 0.2, 0.5, 2.0, 5.0, 10.0)

@@ -37,7 +37,7 @@ def calibrate_recording(
     poses : {"given", "estimated"}, optional
         The recording's own where it has them.
     every, limit : int
-        Use each n-th frame; of the first so many.
+        Use each n-th frame; of the first this many.
     progress : callable
         Told, while poses are estimated, how many frames are done and of how many.
 

@@ -41,7 +41,7 @@ FRAMES = 12
 MIN_FRAMES = 8
 # Depth counts as off if it is so by this fraction of the image's width (4 of 640 pixels: the ends of surfaces are that
 # uncertain), found alike in both halves of the frames, to this fraction of it or 3 of 640 pixels, and the edges of
-# frames that it was not found in agree better by this much and by so many standard errors. Registered recordings gain
+# frames that it was not found in agree better by this much and by this many standard errors. Registered recordings gain
 # up to 0.04, made ones that are 6 pixels off 0.14. Stereo, to which things look larger than they are, feigns up to 8 of
 # 640 pixels: below 10 none is warned.
 CLEARLY_OFF, WORTH_A_WARNING = 0.006, 0.0156

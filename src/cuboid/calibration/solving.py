@@ -32,7 +32,7 @@ from cuboid.geometry import se3
 
 # Degrees of freedom of the t-distributions: heavy tails, as in Kerl, Sturm, Cremers (IROS 2013).
 NU = 5.0
-# Errors of neighbouring pixels are alike: those in a patch of so many pixels of the recording a side count as one.
+# Errors of neighbouring pixels are alike: those in a patch of this many pixels of the recording a side count as one.
 ALIKE_PX = 64.0
 # Error of a relative pose, metres and radians: at first, at least (what a file with 4 digits has), at most.
 POSE_ERROR = np.array([0.01, np.radians(0.5)])
@@ -49,7 +49,7 @@ SMALL_STEP = 1e-4
 DEPTH_SCALE, CONTRAST_SCALE = 2.0, 0.5
 # Disagreements below this fraction of their usual size are as good as none; it keeps made images apart from 1 / 0.
 MIN_SPREAD = 1e-3
-# The pairs are put into so many parts by their time, to see how much the result hangs on each.
+# The pairs are put into this many parts by their time, to see how much the result hangs on each.
 PARTS = 8
 
 
@@ -116,7 +116,7 @@ class Problem:
         free : sequence of int
             Which parameters are fitted.
         steps : int
-            At most so many.
+            At most this many.
         trusting : bool
             Whether poses that fit are trusted; False for those that were estimated with the pinhole in question.
         """

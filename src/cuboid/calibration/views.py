@@ -21,7 +21,7 @@ NOISE_LEVELS = 4.0
 SAME_SURFACE = 0.04
 # Coarse images are so wide, or more; in finer ones a pixel is half as large, unless they are as wide as this already.
 COARSE_PX, FINE_PX = 150, 300
-# From each cell of so many pixels a side one pixel is taken, the one where brightness changes most.
+# From each cell of this many pixels a side one pixel is taken, the one where brightness changes most.
 CELL_PX = 8
 
 

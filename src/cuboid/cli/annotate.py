@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = "cuboid annotate RECORDING"
 
-# So many keyframes are suggested: ten minutes of work, and enough to tell a good result from a bad one.
+# Number of keyframes that are suggested: ten minutes of work, and enough to tell a good result from a bad one.
 SUGGESTED = 12
 NAME = "keyframes.json"
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = "cuboid batch RECORDINGS --output STORE"
 
-# So many recordings are named by --dry-run; of the rest the number.
+# This many recordings are named by --dry-run; of the rest the number.
 NAMED = 20
 
 

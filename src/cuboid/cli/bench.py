@@ -20,7 +20,7 @@ EXAMPLE = "cuboid bench RECORDING --limit 100"
 # Cost over time compares these parts of the used frames: early, but with a map to match against, and the end.
 EARLY = (0.10, 0.35)
 LATE = (0.80, 1.00)
-# What is told of the frames, and its name in the figures.
+# Figures of the frames that are printed, and their names.
 TAIL = {"median": "median", "99th percentile": "p99", "worst": "worst"}
 
 

@@ -11,7 +11,7 @@ from cuboid.cli.threads import positive
 
 EXAMPLE = "cuboid convert RECORDING --to mcap --output DIR"
 FORMS = ("plain", "tum", "mcap")
-# So many reasons for frames that were left out are shown.
+# This many reasons for frames that were left out are shown.
 SHOWN = 8
 
 

@@ -121,7 +121,7 @@ def print_visits(found: VisitsQuality) -> None:
     out = console()
     out.print(f"labels kept of objects that did not move: {found.kept} of {found.unmoved}")
     out.print(f"moved objects recognised: {found.recognised} of {found.moved}")
-    out.print(f"changes: {found.changes} true, {found.told} reported, {found.right} of them correct")
+    out.print(f"changes: {found.changes} true, {found.reported} reported, {found.right} of them correct")
     out.print(f"hidden objects reported as gone: {found.hidden_called_gone}")
 
 

@@ -11,13 +11,13 @@ if TYPE_CHECKING:
     from cuboid.evaluation.statistics import Interval, Paired
     from cuboid.store.judging import Judged
 
-# What the tables show, with the digits of each; --json has every figure.
+# Figures of the tables, with the digits of each; --json has every figure.
 SHOWN = {
     "recall_25": 3, "precision_25": 3, "recall_50": 3, "precision_50": 3, "mean_iou": 3, "hota": 3, "idf1_25": 3,
     "idf1_50": 3, "reid": 3, "switches": 2, "fragments": 2, "merges": 2, "false_alarms": 2, "ms_frame": 1,
 }  # fmt: skip
 
-# Of a comparison so many scenes that lost most are named.
+# A comparison names this many of the scenes that lost most.
 NAMED = 10
 
 

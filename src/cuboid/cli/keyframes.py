@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from cuboid.evaluation.evaluate_keyframes import KeyframeEvaluation
 
-# Of a list of frames so many are named.
+# This many frames of a list are named.
 NAMED = 8
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-# What each takes where no word follows, and whether a word that follows is for it.
+# The value of each option where no word follows, and the test whether a word that follows belongs to it.
 OPTIONAL: dict[str, tuple[str, Callable[[str], bool]]] = {
     "--json": ("-", lambda word: word == "-" or word.endswith(".json")),
     "--register": ("on", lambda word: word in ("auto", "on", "off")),

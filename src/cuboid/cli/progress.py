@@ -17,7 +17,7 @@ from cuboid.core.compiletime import working_s
 from cuboid.core.results import FrameResult
 from cuboid.tracking.types import Progress
 
-# A line of progress after so many seconds where there is no terminal: a log stays short, and who watches
+# A line of progress after this many seconds where there is no terminal: a log stays short, and who watches
 # it is not left alone.
 LINE_EVERY_S = 10.0
 

@@ -1,4 +1,4 @@
-"""What the commands that track a recording have in common."""
+"""Options of the commands that track a recording."""
 
 from __future__ import annotations
 

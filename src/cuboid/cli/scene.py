@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from cuboid.scene import Scene, SceneObject
 
-# What a verb gives: the results ready for JSON, and what is printed.
+# The output of a verb: results ready for JSON, and the lines to print.
 Answer = tuple[dict[str, Any], "list[str | Table]"]
 
 EXAMPLE = "cuboid scene list kitchen.cuboid"

@@ -1,4 +1,4 @@
-"""What `cuboid scene --json` gives: objects and changes of a scene, ready for JSON."""
+"""The output of `cuboid scene --json`: objects and changes of a scene, ready for JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `cuboid track` takes of a scene that a recording goes into."""
+"""Options of `cuboid track` for a scene that a recording goes into."""
 
 from __future__ import annotations
 

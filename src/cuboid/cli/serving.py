@@ -1,4 +1,4 @@
-"""What the commands that open a page in the browser have in common."""
+"""Options of the commands that open a page in the browser."""
 
 from __future__ import annotations
 

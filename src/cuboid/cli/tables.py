@@ -17,7 +17,7 @@ from cuboid.outputs import RunReport, Timing
 # A pipe has no width: tables take what they need, and no cell is cut.
 WIDE = 200
 
-# So many kinds of skipped frames are shown; run.json has every frame.
+# This many kinds of skipped frames are shown; run.json has every frame.
 KINDS_SHOWN = 8
 
 

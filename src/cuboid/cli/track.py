@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     results.add_argument(
         "--memory", type=megabytes, default=MEMORY_MB, metavar="MB",
-        help="beyond so much, parts of the map that are out of view are put aside, in the scene or a temporary file "
+        help="beyond this much, parts of the map that are out of view are put aside, in the scene or a temporary file "
         f"(default: {MEMORY_MB:g})",
     )  # fmt: skip
     add_camera(parser)

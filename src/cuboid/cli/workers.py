@@ -1,4 +1,4 @@
-"""What the commands that spread their work over workers have in common."""
+"""Options of the commands that spread their work over workers."""
 
 from __future__ import annotations
 

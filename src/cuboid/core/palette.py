@@ -1,4 +1,4 @@
-"""The color of a label: the same in every picture, and told apart by color-blind people as well."""
+"""The color of a label: the same in every picture, and distinguished by color-blind people as well."""
 
 from __future__ import annotations
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-# A reading lies on a surface within so many standard deviations of its noise: 99.7 of 100 do. Two readings of one
-# surface differ by no more than so many: their difference has 1.4 times the deviation.
+# A reading lies on a surface within this many standard deviations of its noise: 99.7 of 100 do. Two readings of one
+# surface differ by no more than this many: their difference has 1.4 times the deviation.
 SIGMAS, JUMP_SIGMAS = 3.0, 4.0
 # No reading is truer than this, metres: steps of depth, calibration.
 MIN_SIGMA_M = 0.001

@@ -14,7 +14,7 @@ from cuboid.core.sensor import MIXED_PER_M
 
 # Offsets of the thinned grid: over four frames every pixel of a grid of step 2 is used.
 _PHASES = ((0, 0), (1, 1), (1, 0), (0, 1))
-# Holes are filled at most so far, metres, and a difference in color of so many levels counts as a pixel.
+# Holes are filled at most so far, metres, and a difference in color of this many levels counts as a pixel.
 HOLE_M = 0.3
 COLOR_LEVELS = 12.0
 
@@ -43,7 +43,7 @@ class WorkingImage:
 
 
 def thin(frame: Frame, intrinsics: Intrinsics, width_px: int, count: int) -> WorkingImage:
-    """Thin a frame until its longer side has at least so many pixels; `count`, of frames before, chooses the phase."""
+    """Thin a frame to at least `width_px` pixels on its longer side; `count`, of earlier frames, sets the phase."""
     step = max(1, max(intrinsics.width, intrinsics.height) // width_px)
     x, y = (p * step // 2 for p in _PHASES[count % len(_PHASES)])
     rows, columns = intrinsics.height // step, intrinsics.width // step

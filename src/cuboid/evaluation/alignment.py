@@ -12,7 +12,7 @@ from cuboid.geometry.se3 import mean_motion
 from cuboid.outputs import read_trajectory
 from cuboid.readers.posetext import Trajectory
 
-# What a made recording calls its true camera poses, beside its truth file.
+# The file of true camera poses of a made recording, beside its truth file.
 TRUE_TRAJECTORY = "true_trajectory.txt"
 
 

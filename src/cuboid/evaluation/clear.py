@@ -15,7 +15,7 @@ Pairs = list[tuple[int, int]]
 
 @dataclass(frozen=True, slots=True)
 class Clear:
-    """What a tracker did at one IoU threshold.
+    """The scores of a tracker at one IoU threshold.
 
     Attributes
     ----------

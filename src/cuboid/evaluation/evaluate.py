@@ -70,7 +70,7 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class ObjectOutcome:
-    """What became of one judged object.
+    """The scores of one judged object.
 
     Attributes
     ----------

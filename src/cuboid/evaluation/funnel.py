@@ -1,4 +1,4 @@
-"""What each stage of a run gave in single frames, as rectangles: from 2D proposals to labelled sightings."""
+"""Rectangles of each stage of a run in single frames, from 2D proposals to labelled sightings."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from cuboid.evaluation.matching import FrameOverlap, ratio
 from cuboid.evaluation.rectangles import BoolArray, FrameJudgement, Outcome, judge_frame
 from cuboid.evaluation.result import RectRows
 
-# What is reported first, and what pictures and tables of objects show, is the first of these.
+# IoU thresholds; the first one is reported first, and is the one of pictures and tables.
 THRESHOLDS = (0.5, 0.25)
 # Outcomes of sightings that count neither way.
 ASIDE = (Outcome.IGNORED, Outcome.HARDLY_VISIBLE, Outcome.IN_GROUP)
@@ -44,7 +44,7 @@ class JudgedFrame:
 
 @dataclass(frozen=True, slots=True)
 class ScoresAt:
-    """What the labelled sightings are worth at one IoU.
+    """The scores of the labelled sightings at one IoU.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class RecallAt:
 
 @dataclass(frozen=True, slots=True)
 class StageRecall:
-    """What of the drawn rectangles a stage of a run has.
+    """The drawn rectangles that a stage of a run has.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class StageRecall:
 
 @dataclass(frozen=True, slots=True)
 class DrawnOutcome:
-    """What became of one object, at the first threshold.
+    """The scores of one object, at the first threshold.
 
     Attributes
     ----------

@@ -28,7 +28,7 @@ COUNTING = "'frame' counts the recording's frames from 0, whatever their files a
 
 @dataclass(frozen=True, slots=True)
 class DrawnObject:
-    """A thing that a person told apart.
+    """An object that a person drew.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class Keyframe:
 
 @dataclass(frozen=True, slots=True)
 class Keyframes:
-    """What a file of keyframes says.
+    """The contents of a file of keyframes.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a label for life means in a static scene: the old label after an absence, one label an object, soon."""
+"""Labels for life in a static scene: the old label after an absence, one label for each object, given soon."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cuboid.evaluation.result import IntArray
 
 # Absences, in frames of the recording, for which the curve is given: a blink up to ten seconds at 30 Hz.
 ABSENCES = (1, 3, 10, 30, 100, 300)
-# A reappearance counts from so many judged frames on: what flits past the camera can be confirmed by nobody.
+# A reappearance counts from this many judged frames on: what flits past the camera can be confirmed by nobody.
 STAY_FRAMES = 3
 
 
@@ -48,12 +48,12 @@ class ObjectLabels:
 
 @dataclass(frozen=True, slots=True)
 class Reidentification:
-    """What became of objects that came back.
+    """Labels of objects that came back.
 
     Attributes
     ----------
     absence_frames : int
-        Absences of at least so many frames of the recording are counted.
+        Absences of at least this many frames of the recording are counted.
     reappearances : int
         How often an object that had a label was absent so long and came back for `STAY_FRAMES` or more.
     found : int
@@ -146,7 +146,7 @@ def _agreement(lines: Timelines, *, by_label: bool) -> float | None:
 
 
 def reidentification(lines: Timelines, absences: Sequence[int] = ABSENCES) -> tuple[Reidentification, ...]:
-    """Return the re-identification rate for absences of at least so many frames.
+    """Return the re-identification rate for absences of at least this many frames.
 
     An object is absent from the first judged frame that need not find it to the next that must. Shorter absences
     than asked for do not interrupt its presence. What was never found before the absence had no label to keep,

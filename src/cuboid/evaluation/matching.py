@@ -1,4 +1,4 @@
-"""What the metrics of a sequence are computed from: the overlap in each frame, and one-to-one matching."""
+"""The input of the metrics of a sequence: the overlap in each frame, and one-to-one matching."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cuboid.objects.matching import assign
 
 @dataclass(frozen=True, slots=True)
 class FrameOverlap:
-    """What is to be found in a frame, what was found, and how they overlap.
+    """True and found objects of a frame, and their overlap.
 
     Attributes
     ----------

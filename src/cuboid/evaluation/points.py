@@ -48,7 +48,7 @@ class LabelledCloud:
 
 @dataclass(frozen=True, slots=True)
 class HeatAt:
-    """What calling points of at least this heat an object gives.
+    """Precision and recall of the rule that points of at least this heat belong to objects.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class HeatAt:
 
 @dataclass(frozen=True, slots=True)
 class HeatQuality:
-    """How well heat tells objects from the rest.
+    """How well heat separates objects from the rest.
 
     Attributes
     ----------

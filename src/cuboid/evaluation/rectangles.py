@@ -13,7 +13,7 @@ from cuboid.evaluation.keyframes import Keyframe
 from cuboid.evaluation.matching import match
 from cuboid.geometry.rectangles import fractions_inside, rect_iou_matrix
 
-# Of a thing that shows less of itself than this, a person would not ask that it be found.
+# An object of which less than this fraction is visible need not be found.
 MIN_VISIBLE = 0.3
 # Found where at least this fraction of it lies in a place that counts neither way, a rectangle does so as well.
 LIES_IN_FRACTION = 0.5
@@ -22,7 +22,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 
 class Outcome(Enum):
-    """What a found rectangle is worth."""
+    """The verdict on a found rectangle."""
 
     TRUE = "true"  # pairs with a drawn rectangle that counts
     FALSE = "false"

@@ -1,4 +1,4 @@
-"""What is judged: the result folder of a run, or a plain CSV with the boxes of any other tracker."""
+"""Results to judge: the result folder of a run, or a plain CSV with the boxes of any other tracker."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class MapBoxes:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What a tracker left behind.
+    """The results of a tracker.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What counts: objects that must be found, objects that may be, and boxes that count neither way.
+"""The scope of an evaluation: objects that must be found, objects that may be, boxes that count neither way.
 
 An object must be found in a frame that shows more than `MUST_SEE_FRACTION` of it. It may be found where it is shown
 less: then neither its absence nor its presence counts, as with heavily occluded objects in KITTI (Geiger, Lenz,

@@ -14,7 +14,7 @@ from cuboid.core.frame import Float64Array
 RESAMPLES = 10_000
 CONFIDENCE = 0.95
 
-# Figures that are equal to so many digits are the same: what the last digit of a sum says is no difference.
+# Figures that are equal to this many digits are the same: what the last digit of a sum says is no difference.
 SAME = 1e-9
 
 

@@ -20,14 +20,14 @@ WIDTH_PX, HEIGHT_PX = 1200, 560
 TEXT_PX = 15
 WHITE, INK, FAINT = (255, 255, 255), (40, 44, 52), (222, 225, 230)
 TRUE_COLOR, ESTIMATE_COLOR = (120, 126, 136), (214, 69, 38)
-# So many lines of a grid at most, and the steps that people count in.
+# This many lines of a grid at most, and the steps that people count in.
 GRID_LINES = 6
 STEPS = (1.0, 2.0, 5.0, 10.0)
 SHIFT = 4  # cv2 draws to a sixteenth of a pixel
 
 
 class Canvas(Protocol):
-    """What is drawn on."""
+    """The drawing area."""
 
     def line(self, xy: Float64Array, color: Color, width_px: int) -> None:
         """Draw a line through points (N, 2), pixels."""

@@ -84,7 +84,7 @@ class JudgedRegion:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What a truth file says.
+    """The contents of a truth file.
 
     Attributes
     ----------

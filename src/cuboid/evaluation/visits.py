@@ -1,4 +1,4 @@
-"""How well labels are kept, and changes told, over several visits of one place."""
+"""How well labels are kept, and changes found, over several visits of one place."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ from cuboid.scene import Scene
 VISITS = "visits.json"
 # A label is a thing's when their boxes overlap by this.
 MIN_IOU = 0.2
-# A thing, or the empty place of one, is judged when so many frames show it.
+# A thing, or the empty place of one, is judged when this many frames show it.
 SHOWN_FRAMES = 8
 TOLD = ("moved", "gone", "new")
 
 
 @dataclass(frozen=True, slots=True)
 class VisitsQuality:
-    """What is right over all pairs of visits that follow each other.
+    """Counts of right answers over all pairs of consecutive visits.
 
     Attributes
     ----------
     unmoved, kept : int
         Things that were found and did not move, and those of them that have their label still.
     moved, recognised : int
-        Things that were found and were moved in sight, and those of them that have their label and are told as moved.
-    changes, told, right : int
-        True changes (moved, gone, new), those told, and those told rightly.
+        Things that were found and moved in sight, and those of them that kept their label and are reported as moved.
+    changes, reported, right : int
+        True changes (moved, gone, new), reported ones, and correctly reported ones.
     hidden_called_gone : int
         Things called gone whose place no frame shows empty.
     """
@@ -54,7 +54,7 @@ class VisitsQuality:
     moved: int
     recognised: int
     changes: int
-    told: int
+    reported: int
     right: int
     hidden_called_gone: int
 
@@ -64,7 +64,7 @@ class VisitsQuality:
             **asdict(self),
             "kept_share": ratio(self.kept, self.unmoved),
             "recognised_share": ratio(self.recognised, self.moved),
-            "precision": ratio(self.right, self.told),
+            "precision": ratio(self.right, self.reported),
             "recall": ratio(self.right, self.changes),
         }
 
@@ -99,8 +99,8 @@ def evaluate_visits(scene: PathLike, folder: PathLike) -> VisitsQuality:
         survivor = {item.label: item.merged_into or item.label for item in opened.all_objects}
         counts = np.zeros(8, int)
         for k in range(1, len(visits)):
-            told = [one for one in opened.changes(k + 1) if one.recording == k + 1]
-            counts += _pair(visits[k].changes, labels[k - 1], labels[k], told, survivor)
+            reported = [one for one in opened.changes(k + 1) if one.recording == k + 1]
+            counts += _pair(visits[k].changes, labels[k - 1], labels[k], reported, survivor)
     return VisitsQuality(*counts.tolist())
 
 
@@ -125,7 +125,7 @@ def _labels(scene: Scene, number: int, folder: Path, T_truth_scene: Float64Array
     boxes: dict[int, Box] = {}
     for item in scene.all_objects:
         if item.merged_into is None and item.state != "forgotten" and item.label not in gone:
-            # What was merged into it since had a label, and a box, of its own then.
+            # Objects that were merged into it since had labels and boxes of their own then.
             boxes |= {past.label: past.box for past in scene.history(item.label) if past.recording == number}
     if not boxes:
         return {}
@@ -139,12 +139,12 @@ def _pair(
     truth: Sequence[ChangeOfThing],
     before: dict[int, int],
     after: dict[int, int],
-    told: list[SceneChange],
+    reported: list[SceneChange],
     survivor: dict[int, int],
 ) -> list[int]:
     """Return the counts of `VisitsQuality` for two visits."""
     unmoved = kept = moved = recognised = changes = right = hidden = 0
-    kind_of = {one.label: one.change for one in told}
+    kind_of = {one.label: one.change for one in reported}
     was, is_now = ({survivor.get(label, label): id_ for id_, label in some.items()} for some in (before, after))
     judged = {row.id: row for row in truth if row.judged}
     for number, row in judged.items():
@@ -168,7 +168,7 @@ def _pair(
             right += new is not None and kind_of.get(new) == "new"
     others = {row.id for row in truth} - judged.keys()
     counted = 0
-    for one in told:
+    for one in reported:
         thing = was.get(one.label, is_now.get(one.label))
         if one.change in TOLD and thing not in others:
             counted += 1

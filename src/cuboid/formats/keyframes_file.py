@@ -17,7 +17,7 @@ Number = Annotated[int, Meta(ge=0, le=2**63 - 1)] | Annotated[float, Meta(ge=0.0
 
 
 class DrawnObjectEntry(Entry, frozen=True):
-    """A thing that a person told apart."""
+    """An object that a person drew."""
 
     id: Annotated[Label, Meta(description="its own")]
     name: Annotated[Name | None, Meta(description="for people")] = None

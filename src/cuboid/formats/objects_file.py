@@ -81,7 +81,7 @@ class ObjectsDocument(Entry, frozen=True):
 
     format: Literal["cuboid-objects"]
     version: Literal[1]
-    up: Annotated[Direction | None, Meta(description="up in the world; null where it could not be told")]
+    up: Annotated[Direction | None, Meta(description="up in the world; null where it is unknown")]
     intrinsics: Annotated[IntrinsicsEntry, Meta(description="of the recording's color image at its full size")]
     planes: list[PlaneEntry]
     objects: list[ObjectEntry]

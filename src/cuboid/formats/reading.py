@@ -48,7 +48,7 @@ class UnreadableError(InputError):
 
 @contextmanager
 def opened(path: Path, most_bytes: int) -> Iterator[BinaryIO]:
-    """Open a regular file of at most so many bytes for reading.
+    """Open a regular file of at most this many bytes for reading.
 
     Raises
     ------

@@ -18,8 +18,8 @@ from cuboid.core.frame import Float64Array
 from cuboid.core.state import Record
 from cuboid.heatmap.kernels.cubes import ANCHORS
 
-# Keyframes up to this one are told apart: hours of video. They are anchors of that number; numbers above are those of
-# keyframes that have moved since some of their points last did.
+# Keyframes up to this one are distinguished: hours of video. They are anchors of that number; higher numbers are those
+# of keyframes that have moved since some of their points last did.
 LAST_KEYFRAME = ANCHORS // 2 - 1
 
 Numbers = npt.NDArray[np.int64]

@@ -33,7 +33,7 @@ class BlockStore(Protocol):
         """
 
     def get(self, blocks: Sequence[int], counts: Sequence[int]) -> list[Rows]:
-        """Return the rows of blocks that have so many.
+        """Return the rows of blocks that have this many.
 
         Raises
         ------
@@ -66,7 +66,7 @@ class TemporaryBlockStore:
             raise OutputError(f"{tempfile.gettempdir()}: parts of the map cannot be evicted: {error}") from error
 
     def get(self, blocks: Sequence[int], counts: Sequence[int]) -> list[Rows]:
-        """Return the rows of blocks that have so many."""
+        """Return the rows of blocks that have this many."""
         return [self._read(block, count) for block, count in zip(blocks, counts, strict=True)]
 
     def _read(self, block: int, count: int) -> Rows:

@@ -59,7 +59,7 @@ class FinePoints(MovingPoints):
         numbers : (M,) bool
             Tells of the objects by number; there is no such object from M on.
         far_m : float
-            Readings beyond are not told apart so finely.
+            Readings beyond are not distinguished so finely.
         """
         chosen = np.empty_like(image.depth_m)
         top, bottom, left, right = owners.choose(slots, self.owner, numbers, image.depth_m, far_m, chosen)

@@ -38,7 +38,7 @@ class LevelledPoints(StoredPoints):
         self._first_frame: int | None = None
 
     def begin_visit(self, most_hits: int) -> None:
-        """Let what was seen so far count as no more than so many sightings; see `StoredPoints.begin_visit`."""
+        """Let what was seen so far count as no more than this many sightings; see `StoredPoints.begin_visit`."""
         self._first_frame = None
         self._parted = self._parted[:0]
         super().begin_visit(most_hits)

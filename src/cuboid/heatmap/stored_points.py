@@ -20,7 +20,7 @@ from cuboid.heatmap.row_memory import RowMemory, resident_mb
 
 Rows = npt.NDArray[np.int64]
 
-# A cube is packed when this fraction of its rows is dead, and so many.
+# A cube is packed when this fraction of its rows is dead, and this many.
 DEAD_FRACTION, MIN_DEAD = 0.125, 32
 # Eviction frees this much more memory than is missing, in units of 2**20 bytes, so that it does not recur each frame.
 SPARE_MB = 8.0
@@ -176,7 +176,7 @@ class StoredPoints:
         self._cubes.index_stale[self._anchors.pending_cubes[0]] = True
 
     def begin_visit(self, most_hits: int) -> None:
-        """Let what was seen so far count as no more than so many sightings: the world may have changed since.
+        """Let what was seen so far count as no more than this many sightings: the world may have changed since.
 
         What is not in memory is made ready when it comes back.
         """
@@ -347,7 +347,7 @@ class StoredPoints:
         return np.asarray(rows[self._points.weight[rows] > 0], dtype=np.int64)
 
     def has_rows(self, number: int, least: int) -> bool:
-        """Tell whether an object has so many rows: faster than `rows_of`."""
+        """Tell whether an object has this many rows: faster than `rows_of`."""
         blocks = self._blocks_of(number)
         return bool(owners.has_rows(number, blocks, BLOCK_ROWS, self.owner, self._points.weight, least))
 

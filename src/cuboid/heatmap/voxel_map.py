@@ -23,9 +23,9 @@ from cuboid.heatmap.stored_points import Rows
 
 # Points that a frame carves: all in view where these are few, else a part of them in turn.
 MAX_CARVED_POINTS = 40_000
-# Votes that a voxel keeps for its owner: so many frames of another opinion change it.
+# Votes that a voxel keeps for its owner: this many frames of another opinion change it.
 MAX_VOTES = MIN_READINGS
-# A voxel is its owner's when the votes are one in so many of the frames that saw it.
+# A voxel is its owner's when the votes are one in this many of the frames that saw it.
 VOTES_RATIO = 3
 
 
@@ -315,7 +315,7 @@ class VoxelMap(FinePoints):
         return self.rows_at(points) >= 0
 
     def is_occupied_around(self, ground: Float64Array, axes: Float64Array, least: int) -> npt.NDArray[np.bool_]:
-        """Tell of places (N, 3) on a plane whether so many of the nine voxels around each hold a point, one up or down.
+        """Tell at which places (N, 3) on a plane `least` of the nine voxels around, one up or down, hold a point.
 
         `axes` (3, 3) are, row by row, two axes of the plane and its normal.
         """

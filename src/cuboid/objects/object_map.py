@@ -43,7 +43,7 @@ SURE_MATCH = 0.5
 COVERED_FRACTION = 0.5
 # An object in view of which no more than this fraction of its points is left was taken away.
 LEFT_FRACTION = 0.1
-# On a later visit all earlier sightings, and earlier hits of a voxel, count as so many.
+# On a later visit all earlier sightings, and earlier hits of a voxel, count as this many.
 VISIT_SIGHTINGS = 3
 # Log-odds that a candidate loses in a frame with its place in view and no matching proposal.
 MISSED = 0.3
@@ -273,7 +273,7 @@ class ObjectMap:
         for j, entry in enumerate(found.objects):
             if j in matched or not entry.confirmed:
                 continue
-            # A rim at its foot stays: a ray that passes so near to a table cannot be told from one that hits what lies
+            # A rim at its foot stays: a ray that passes so near to a table looks like one that hits what lies
             # on it.
             if not self._voxels.has_rows(entry.number, ceil(LEFT_FRACTION * len(entry.points))):
                 self.store.retire(entry)

@@ -157,7 +157,7 @@ class RunReport:
 
     @property
     def every(self) -> int:
-        """One in so many frames of the recording was used."""
+        """One in this many frames of the recording was used."""
         return int(self.config.get("every", 1))
 
     def used(self) -> IntArray:

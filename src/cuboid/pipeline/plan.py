@@ -36,7 +36,7 @@ class Plan:
     every : int
         Each n-th frame is used.
     limit : int or None
-        At most so many frames are read.
+        At most this many frames are read.
     scale : {1, 2, 4}
         Side in pixels of the block that becomes one pixel before tracking.
     """

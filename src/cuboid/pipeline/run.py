@@ -76,7 +76,7 @@ def track_recording(
     every : int
         Use each n-th frame.
     limit : int, optional
-        Read at most so many frames.
+        Read at most this many frames.
     scale : {1, 2, 4}
         Side in pixels of the block that becomes one pixel before tracking; results stay in the recording's
         pixels.

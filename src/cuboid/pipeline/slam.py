@@ -65,7 +65,7 @@ def estimate_trajectory(
     every : int
         Use each n-th frame.
     limit : int, optional
-        Read at most so many frames.
+        Read at most this many frames.
     threads : int
         With 2 or more, the next frames are decoded ahead in a thread of their own.
     force : bool

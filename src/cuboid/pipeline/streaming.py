@@ -108,7 +108,7 @@ class Stream:
         return self._kept.read(index)
 
     def decode(self, every: int, limit: int | None, *, ahead: bool) -> Generator[Decoded, None, None]:
-        """Iterate over each n-th frame, at most so many; when it is closed, the source ends too.
+        """Iterate over each n-th frame, at most this many; when it is closed, the source ends too.
 
         Parameters
         ----------

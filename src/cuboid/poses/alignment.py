@@ -24,17 +24,17 @@ REACHES = (3, 2, 2, 1)
 STEPS = (5, 6, 8, 10)
 # A step shorter than this (metres and radians, per level finest first) ends a level.
 STILL = (1e-4, 4e-4, 1e-3, 2e-3)
-# A reading agrees within so many metres (per level) and so many deviations of the depth's noise.
+# A reading agrees within this many metres (per level) and this many deviations of the depth's noise.
 GATE_M = (0.03, 0.05, 0.10, 0.20)
 GATE_DEVIATIONS = 6.0
 # The depth's noise: metres, and metres per metre squared (a structured-light sensor's; others are better).
 NOISE = np.array([0.001, 1.4e-3])
 MAX_DEPTH_M = 6.0
-# An alignment is reliable when readings lie on the surfaces, intensities are alike, so many points say so ...
+# An alignment is reliable when readings lie on the surfaces, intensities are alike, this many points say so ...
 MIN_INLIERS, MIN_CORRELATION, MIN_POINTS = 0.6, 0.8, 150
 # ... and no direction has a larger standard deviation than this, metres and radians.
 MAX_DEVIATION_M, MAX_DEVIATION_RAD = 0.03, 0.02
-# Residuals of neighbouring pixels err alike: so many count as one.
+# Residuals of neighbouring pixels err alike: this many count as one.
 ALIKE = 50.0
 # Standard deviation beside noise: metres, and per metre between the cameras; radians, and per metre.
 FLOOR_M, FLOOR_FRACTION, FLOOR_RAD, FLOOR_RAD_PER_M = 0.0005, 0.008, 0.0005, 0.008

@@ -20,7 +20,7 @@ from cuboid.poses.pyramid import Level, SmallImage
 # Keyframes whose overlap is looked at: those with the most similar views.
 NEAR = 12
 MIN_OVERLAP = 0.3
-# A new keyframe gets edges to so many others that overlap it, and to so many of similar appearance.
+# A new keyframe gets edges to this many others that overlap it, and to this many of similar appearance.
 NEIGHBOUR_EDGES, LOOP_EDGES = 4, 2
 # Least fraction of a keyframe's strongest corners that a recognised place has in common with it.
 MIN_VOTES = 0.12
@@ -28,9 +28,9 @@ MIN_VOTES = 0.12
 THERE_AND_BACK_M, THERE_AND_BACK_RAD = 0.015, 0.015
 # An alignment without a motion prior must be better than one that follows a motion.
 RECOGNISED_INLIERS, RECOGNISED_CORRELATION = 0.7, 0.85
-# The graph is optimised when a new edge is so many deviations from the poses.
+# The graph is optimised when a new edge is this many deviations from the poses.
 MIN_DEVIATION = 0.5
-# Only so many keyframes around the new one move, unless its edges are farther from the poses: a loop was closed.
+# Only this many keyframes around the new one move, unless its edges are farther from the poses: a loop was closed.
 MAX_LOCAL_KEYFRAMES, LOOP_DEVIATION = 40, 5.0
 
 

@@ -19,7 +19,7 @@ from cuboid.poses.pyramid import Level, SmallImage, keep, shrink
 
 # One whose pose is given needs fewer, whose views differ by this: nothing is aligned to it but what has lost its way.
 GIVEN_VIEW = 0.3
-# A frame is aligned to so many keyframes at once: those that overlap it most, chosen anew every so many frames.
+# A frame is aligned to this many keyframes at once: those that overlap it most, chosen again after this many frames.
 LOCAL, CHOOSE_EVERY = 3, 5
 # A motion is expected to go on; in a thirtieth of a second it changes by about this: metres, radians.
 CHANGE_M, CHANGE_RAD = 0.03, np.radians(3.0)
@@ -30,13 +30,13 @@ LONGEST_S = 0.5
 SURE_FIT = 0.8
 # Searches that start or end this near each other are one: metres, radians.
 SAME_M, SAME_RAD = 0.005, 0.005
-# A lost camera looks first where it was, so many frames long; then only among known places.
+# A lost camera looks first where it was, this many frames long; then only among known places.
 MAX_TRACKED_LOST_FRAMES = 3
 # Known places that a lost frame is compared with.
 MAX_CANDIDATES = 4
-# A camera lost for so many frames starts a new submap; from there it looks for known places every so many frames.
+# A camera lost for this many frames starts a new submap; then it looks for known places at this interval of frames.
 MAX_LOST_FRAMES, SEARCH_EVERY = 30, 5
-# An image shows enough for a keyframe with so many corners.
+# An image shows enough for a keyframe with this many corners.
 ENOUGH_CORNERS = 50
 
 

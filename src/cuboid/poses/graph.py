@@ -16,7 +16,7 @@ from cuboid.geometry import se3
 # Gauss-Newton steps at most, and the step (metres, radians) below which the poses stand still.
 STEPS = 8
 STILL = 2e-5
-# Beyond so many deviations an edge pulls with a constant force (Huber): a wrong one cannot bend the graph much.
+# Beyond this many deviations an edge pulls with a constant force (Huber): a wrong one cannot bend the graph much.
 ROBUST_DEVIATIONS = 10.0
 # Information of a pose that no edge constrains, and of a fixed one.
 LOOSE, FIXED = 1e-3, 1e12
@@ -94,7 +94,7 @@ def optimise(
 def optimise_around(
     T_world: Sequence[Float64Array], edges: Sequence[Edge], middle: int, most: int, fixed: Collection[int] = (0,)
 ) -> list[Float64Array]:
-    """Return the poses after those fewest edges away from one have been moved, at most so many; the others stay.
+    """Return the poses after those fewest edges away from one have been moved, at most this many; the others stay.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from cuboid.poses.kernels import align as kernel
 from cuboid.poses.places import Appearance
 from cuboid.poses.pyramid import Level, SmallImage
 
-# Overlap is told by the points of this level, every so many of them.
+# Overlap is measured with the points of this level, one in this many.
 OVERLAP_LEVEL, OVERLAP_EVERY = 2, 4
 # A frame becomes a keyframe when its view differs by this much from those of all keyframes, radians: it overlaps them
 # well still.

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 LOST = "the camera is lost: the frame shows no place that is known"
 NO_POSE = "the frame has no camera pose"
-# Corrections of estimated poses are told from this fraction of a voxel on: what moves by less stays in its voxel.
+# Corrections of estimated poses are applied from this fraction of a voxel on: smaller ones stay within a voxel.
 POSES_MOVE = 0.5
 GIVEN, AUTO, CORRECTED, ESTIMATED = "given", "auto", "corrected", "estimated"
 # Values of `--poses` and `Tracker(poses=...)`.
@@ -153,7 +153,7 @@ class EstimatedPoses:
 
         self._estimator = PoseEstimator(intrinsics)
         self._least_m = least_m
-        self._told: list[Float64Array] = []  # pose of each keyframe as last told
+        self._reported: list[Float64Array] = []  # pose of each keyframe, as last reported
 
     def locate(self, frame: Frame) -> Posed:
         """Return where a frame was taken; raises FrameError while the camera is lost."""
@@ -167,7 +167,7 @@ class EstimatedPoses:
         return self._estimator.trajectory()
 
     def warnings(self) -> tuple[str, ...]:
-        """Nothing: what is lost is told frame by frame."""
+        """No warnings: lost frames are reported one by one."""
         return ()
 
     @property
@@ -176,12 +176,12 @@ class EstimatedPoses:
         return self._estimator
 
     def _moved(self) -> dict[int, Float64Array]:
-        """Return how keyframes have moved since that was last told, where it is worth telling."""
+        """Return how keyframes have moved since the last report, where it matters."""
         keyframes = self._estimator.keyframes
-        self._told += [k.T_world_camera for k in keyframes[len(self._told) :]]
+        self._reported += [k.T_world_camera for k in keyframes[len(self._reported) :]]
         moved: dict[int, Float64Array] = {}
         farthest_m = 0.0
-        for keyframe, before in zip(keyframes, self._told, strict=True):
+        for keyframe, before in zip(keyframes, self._reported, strict=True):
             if keyframe.T_world_camera is before or keyframe.submap:
                 continue
             seen = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, keyframe.depth_m]])
@@ -190,12 +190,12 @@ class EstimatedPoses:
             moved[keyframe.number] = tidied(keyframe.T_world_camera @ inverse(before))
         if farthest_m < self._least_m:
             return {}
-        self._told = [k.T_world_camera for k in keyframes]
+        self._reported = [k.T_world_camera for k in keyframes]
         return moved
 
 
 class BridgedPoses:
-    """The recording's own poses, and where it has none those that the video tells from the last one on.
+    """The recording's own poses, and where it has none those that are estimated from the video, from the last one on.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ class BridgedPoses:
         return
 
     def warnings(self) -> tuple[str, ...]:
-        """Nothing: what is lost is told frame by frame."""
+        """No warnings: lost frames are reported one by one."""
         return ()
 
 

@@ -62,7 +62,7 @@ CLOSURE_POWER, ROUNDNESS_POWER = 1.25, 0.4
 MIN_PIXELS = 10
 # The largest segments that are kept.
 SEGMENTS = 100
-# Regions of an image have at most so many pairs of neighbours each (Euler's formula).
+# Regions of an image have at most this many pairs of neighbours each (Euler's formula).
 NEIGHBOURS = 3
 # A region is at least this times the least size of an object: what is seen of one at an angle is narrower.
 MIN_SIZE = 5.0 / 6.0

@@ -19,7 +19,7 @@ STAMPED_TYPES = (
     "nav_msgs/msg/Odometry",
     "geometry_msgs/msg/PoseWithCovarianceStamped",
 )
-# Transforms are read by the second, and so many seconds are kept: frames come in order, one reads on.
+# Transforms are read by the second, and this many seconds are kept: frames come in order, one reads on.
 BLOCK_NS, KEPT_BLOCKS = 1_000_000_000, 6
 # About the first image they are looked for within this first: one step at 30 Hz either way.
 AT_FIRST_NS = 40_000_000

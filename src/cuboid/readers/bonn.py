@@ -11,8 +11,8 @@ Expected tree::
 What differs from TUM: the camera; and the lines of the trajectory are the poses of the markers on the camera in the
 motion capture's axes. The dataset's page carries points of the first camera into the world of its laser scan by
 T_ros T_0 T_ros T_m, where T_0 is the first line and T_m the calibration of markers and camera; what holds for the first
-line holds for each. T_m also holds a scale, 1.059: by so much depth at the page's 5000 units a metre falls short of the
-motion capture and the scan. It is made part of the depth scale.
+line holds for each. T_m also holds a scale, 1.059: depth at the page's 5000 units a metre falls short of the motion
+capture and the scan by this factor. The reader makes it part of the depth scale.
 
 Color and depth are registered, and bent alike by the lens of the color camera.
 """

@@ -14,9 +14,9 @@ from cuboid.readers.reader import FrameEntry
 
 IMAGE_ENDINGS = (".png", ".jpg", ".jpeg")
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
-# A message names so many of the images that are left out.
+# A message names this many of the images that are left out.
 NAMED = 4
-# And so many kinds of files.
+# And this many kinds of files.
 KINDS = 4
 
 

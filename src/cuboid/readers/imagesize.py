@@ -12,7 +12,7 @@ _SIZES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 
 
 def image_size(data: bytes) -> tuple[int, int] | None:
-    """Return width and height in pixels of a PNG or JPEG; None of other data, and where the size is not told."""
+    """Return width and height in pixels of a PNG or JPEG; None of other data, and where the size is unknown."""
     if data.startswith(PNG_MAGIC):
         if data[12:16] != b"IHDR" or len(data) < 24:
             return None

@@ -214,7 +214,7 @@ class Recording:
         return None if T_world_camera is None or self.up_world is None else T_world_camera[:3, :3].T @ self.up_world
 
     def _up_if_told(self, index: int, T_world_camera: Float64Array | None) -> Float64Array | None:
-        """Return it, None where it cannot be told: that is no fault of the frame's images."""
+        """Return it, None where it is unknown: that is no fault of the frame's images."""
         try:
             return self._up_in(index, T_world_camera)
         except FrameError:
@@ -261,9 +261,9 @@ class Recording:
         Parameters
         ----------
         every : int
-            Take every so many frames, from frame 0.
+            Take one frame in this many, from frame 0.
         limit : int or None
-            At most so many frames, skipped ones included.
+            At most this many frames, skipped ones included.
         prefetch : bool
             Decode the next frames in a thread of their own while the consumer works on this one.
         """

@@ -16,7 +16,7 @@ from cuboid.readers import Recording
 
 # Number of frames that are decoded, evenly over all, and of frames whose poses are examined.
 FRAMES, POSES = 24, 500
-# A step between two times that is longer than so many usual ones is a gap.
+# A step between two times that is longer than this many usual ones is a gap.
 GAP_STEPS = 5.0
 
 

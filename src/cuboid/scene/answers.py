@@ -48,7 +48,7 @@ class SceneRecording:
     frames : int
         How many it has.
     frames_used : int
-        Of these, so many have a pose.
+        Of these, this many have a pose.
     """
 
     number: int

@@ -27,7 +27,7 @@ STILL_M, STILL_FRACTION, STILL_MIDDLE_M = 0.025, 0.5, 0.03
 # Least similarity, 0..1, of a moved object to the object before, and the factor by which it exceeds any other.
 MIN_SIMILARITY, CLEARER = 0.2, 1.5
 # An object is gone when this fraction of its old points is carved, less than that of them is seen again, and less
-# than so much of it is seen anywhere: a rim at its foot, which looks like what it stood on.
+# than this much of it is seen anywhere: a rim at its foot, which looks like what it stood on.
 CARVED, SEEN_AGAIN, LEFT = 0.5, 0.15, 0.3
 # An object in the place of an old one is another one when its similarity is at most this, and the old one is gone.
 UNLIKE = 0.15
@@ -37,7 +37,7 @@ MOST_OF_IT = 0.25
 # A new object is a piece of another when this fraction of its points lies this near, metres, to an unchanged or moved
 # object, or to a larger new one.
 PIECE, PIECE_M = 0.5, 0.02
-# Objects that were moved are looked for every so many frames.
+# Objects that were moved are searched for at this interval of frames.
 EVERY_FRAMES = 10
 
 

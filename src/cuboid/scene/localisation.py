@@ -27,9 +27,9 @@ from cuboid.surfaces.up import UpVote
 ASIDE_M = 200.0
 # Frames of a new part without a level surface, at most: after that the images' up is used.
 MAX_FRAMES_WITHOUT_UP = 30
-# A recording with poses of its own is looked for every so many frames, until so many that were recognised agree: one
-# alone may be a shift along a wall. Then its keyframes are looked for, until so many were recognised: each has an error
-# of a centimetre, and a lever as long as the room.
+# Frames of a recording with poses of its own are searched for at this interval, until this many recognised ones agree:
+# one alone may be a shift along a wall. Then its keyframes are searched for, until this many were recognised: each has
+# an error of a centimetre, and a lever as long as the room.
 SEARCH_EVERY, AGREEING, ENOUGH = 5, 2, 12
 # Two frames that were recognised agree when each puts the other within this of where it was found: metres, radians.
 SAME_M, SAME_RAD = 0.05, 0.05

@@ -8,9 +8,9 @@ from threading import Event
 # Processor time that is worked at a stretch, and the least that is rested, by the clock, seconds.
 STRETCH_S, REST_S = 0.002, 0.02
 # Commits have no larger fraction of the processor's time than this, however large the scene; for that they wait at most
-# so many times as long as they should.
+# this many times as long as they should.
 COMMIT_FRACTION, LONGEST_WAIT = 0.05, 5.0
-# Where other programs have the processor they wait at most so many times as long as without these: of what little is
+# Where other programs have the processor they wait at most this many times as long as without these: of what little is
 # left they have a larger fraction then, but what is lost with the process stays little.
 LOADED_WAIT = 2.0
 

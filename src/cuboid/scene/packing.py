@@ -17,7 +17,7 @@ from cuboid.core.errors import shown
 from cuboid.heatmap.kernels.cubes import BLOCK_ROWS, ROW
 from cuboid.scene.validation import DamagedError
 
-# Images of at least so many pixels a side are kept as PNG, compressed so far.
+# Images of at least this many pixels a side are kept as PNG, compressed so far.
 SMALLEST_IMAGE, PNG_COMPRESSION = 48, 3
 PNG = b"\x89PNG"
 

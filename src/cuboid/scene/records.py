@@ -21,7 +21,7 @@ from cuboid.tracking.posed_tracker import PosedTracker
 
 Row = tuple[Any, ...]
 
-# An object's picture is taken anew when it is seen so many times better: larger and less hidden.
+# An object's picture is taken anew when it is seen this many times better: larger and less hidden.
 BETTER = 1.5
 # Longest side of a picture, pixels, how much of what is around it shows, and its quality as JPEG.
 PICTURE_PX, AROUND, JPEG_QUALITY = 160, 0.15, 85

@@ -92,7 +92,7 @@ class SceneBlockStore:
         """Do nothing: it is there."""
 
     def get(self, blocks: Sequence[int], counts: Sequence[int]) -> list[npt.NDArray[Any]]:
-        """Return the rows of blocks that have so many.
+        """Return the rows of blocks that have this many.
 
         Raises
         ------

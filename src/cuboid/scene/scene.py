@@ -28,7 +28,7 @@ from cuboid.scene.validation import columns_of, read_rows
 from cuboid.scene.visit import Source
 from cuboid.tracking.posed_tracker import PosedTracker
 
-# A name that people give has at most so many characters.
+# A name that people give has at most this many characters.
 LONGEST_NAME = 100
 
 

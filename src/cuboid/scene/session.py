@@ -32,7 +32,7 @@ COMMIT_EVERY_S = 1.0
 # A commit is written in small steps beside the frames that follow, with this fraction of their work; where the
 # processor is free, within the time until the next commit.
 WRITING_FRACTION = 0.06
-# Every so many points of the map are compared with the others.
+# One point of the map in this many is compared with the others.
 SPARSE = 7
 
 

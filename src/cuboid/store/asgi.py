@@ -35,7 +35,7 @@ COOKIE = "cuboid-token"
 MAX_ROWS = 1000
 TYPES = {".html": "text/html", ".json": "application/json", ".csv": "text/csv", ".txt": "text/plain"}
 
-# What the API takes, with its type as OpenAPI has it; the names are those of the command line.
+# Parameters of the API, with their OpenAPI types; the names are those of the command line.
 PARAMETERS: dict[str, tuple[dict[str, Any], str]] = {
     "min_size": ({"type": "number"}, "least length of the longest side, metres"),
     "max_size": ({"type": "number"}, "greatest length of the longest side, metres"),
@@ -47,7 +47,7 @@ PARAMETERS: dict[str, tuple[dict[str, Any], str]] = {
     "color": ({"type": "string", "enum": list(COLOR_WORDS)}, "color of a third of its points"),
     "min_score": ({"type": "number"}, "confidence that it is an object, 0 to 1"),
     "like": ({"type": "string", "example": "kitchen-3#7"}, "RECORDING#LABEL: the most like this one first"),
-    "limit": ({"type": "integer", "default": 50, "maximum": MAX_ROWS}, "at most so many"),
+    "limit": ({"type": "integer", "default": 50, "maximum": MAX_ROWS}, "at most this many"),
 }
 PATHS = {
     "/api/objects": ("Objects, as `cuboid find` finds them", tuple(PARAMETERS)),

@@ -29,7 +29,7 @@ KEPT = 2
 
 @dataclass(frozen=True, slots=True)
 class Compaction:
-    """What `compact` did.
+    """The outcome of `compact`.
 
     Attributes
     ----------

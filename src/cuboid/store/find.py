@@ -16,7 +16,7 @@ SHOWN = (
     "score", "frames_seen", "first_frame", "last_frame", "last_seen", "run",
 )  # fmt: skip
 
-# What is said of every object.
+# Columns that every answer has.
 NEVER_NULL = (
     "recording", "label", "longest_m", "middle_m", "shortest_m", "center_x_m", "center_y_m", "center_z_m",
     "frames_seen",
@@ -24,7 +24,7 @@ NEVER_NULL = (
 
 NEWEST = f"run not in (select run from {SUPERSEDED})"
 
-# An object is of a color where so many of its points are: of two colors, both find it.
+# An object is of a color where this many of its points are: of two colors, both find it.
 COLORED = 0.3
 
 # Sizes that differ by e in every side, colors that have nothing in common, or shapes that have nothing in common, make
@@ -37,7 +37,7 @@ UNLIKE = f"({_SIZE}) / 3 + list_distance(colors, ?::FLOAT[]) / sqrt(2) + list_di
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Filters:
-    """What is looked for; None does not matter.
+    """A query for objects; None matches everything.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Filters:
     like : (str, int) or None
         Recording and label of an object: those most like it come first.
     limit : int
-        So many at most.
+        This many at most.
     """
 
     size_m: tuple[float, float] | None = None

@@ -1,4 +1,4 @@
-"""What in the results of a recording hints at failure, without any truth: for looking at the worst first."""
+"""Hints at failure in the results of a recording, without any truth: for looking at the worst first."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from cuboid.core.frame import Float64Array
 from cuboid.core.results import TrackedObject
 from cuboid.geometry.overlap import intersection_matrix, overlap_min_matrix, pack
 
-# Two boxes that share so much of the smaller one are hardly two things; boxes of neighbours that lean overlap by less.
+# Boxes of two objects hardly share this fraction of the smaller one; those of leaning neighbours overlap by less.
 OVERLAPPING = 1.0 / 3.0
 
-# What lies on something is no farther from it than this, metres: two voxels and the noise of a plane.
+# An object lies on a surface no farther from it than this, metres: two voxels and the noise of a plane.
 TOUCHING_M = 0.03
 
 # Who is seen in fewer frames was hardly confirmed: a label takes about three.

@@ -1,4 +1,4 @@
-"""What of an object is compared where one like it is looked for: the colors of its points and how they are spread."""
+"""Similarity of objects: the colors of their points and how these are spread."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ COLOR_WORDS = tuple(WORDS)
 # diagonal of the box: 16 bins tell a ball from a plate, and a few hundred pairs fill them.
 SHAPE_BINS, SHAPE_PAIRS = 16, 2048
 DIGITS = 3
-# Of more points, so many tell the colors as well.
+# Of more points, this many tell the colors as well.
 MAX_POINTS = 2000
 # Linear RGB of each value of a byte.
 _LINEAR = linear_rgb(np.arange(256) / 255.0)

@@ -14,7 +14,7 @@ from cuboid.store.summary import INDICATORS, StoreSummary, summarise_store
 
 NAME = "index.html"
 
-# So many recordings are on the page: the worst of them; `cuboid sql` has all.
+# This many recordings are on the page: the worst of them; `cuboid sql` has all.
 WORST, MORE = 10, 490
 
 STYLE = """

@@ -162,7 +162,7 @@ class Place:
                 raise OutputError(f"{self.url}/{name}: cannot be removed: {error}") from error
 
     def put_table(self, name: str, table: pa.Table, group_rows: int) -> None:
-        """Write a table as a file of Parquet, in groups of so many rows."""
+        """Write a table as a file of Parquet, in groups of this many rows."""
         content = io.BytesIO()
         many = len(table) >= DICTIONARY_ROWS
         pq.write_table(table, content, compression="zstd", row_group_size=group_rows, use_dictionary=many)

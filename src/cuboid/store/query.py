@@ -16,7 +16,7 @@ from cuboid.store.snapshot import ATTEMPTS, Snapshot, snapshot
 
 Found = TypeVar("Found")
 
-# What a question may take; DuckDB spills nothing, and says so where it is not enough.
+# Memory of a query; DuckDB spills nothing, and reports where this is not enough.
 MEMORY_LIMIT = "400MB"
 
 # Runs of recordings that were done again since, with other settings or by another version: no one looks for these.

@@ -32,7 +32,7 @@ PICTURE_PX, PICTURE_QUALITY = 120, 75
 
 @dataclass(frozen=True, slots=True)
 class RunHead:
-    """What all rows of a run have in common, and what is known of it before it is made.
+    """Values that all rows of a run share, known before the run.
 
     Attributes
     ----------

@@ -14,7 +14,7 @@ RUNS, RECORDINGS, OBJECTS, SIGHTINGS = "runs", "recordings", "objects", "sightin
 TIME = pa.timestamp("us", tz="UTC")
 TEXT, COUNT, REAL, SMALL = pa.string(), pa.int32(), pa.float64(), pa.float32()
 
-# What became of a recording.
+# Outcomes of a recording.
 DONE, FAILED, SET_ASIDE = "done", "failed", "set aside"
 
 
@@ -127,7 +127,7 @@ TABLES = {
                 Column("cx_px", REAL, "optical centre"),
                 Column("cy_px", REAL, ""),
                 Column("has_poses", pa.bool_(), "whether it came with camera poses"),
-                Column("up_x", REAL, "up in its world, a unit vector; null where it could not be told"),
+                Column("up_x", REAL, "up in its world, a unit vector; null where it is unknown"),
                 Column("up_y", REAL, ""),
                 Column("up_z", REAL, ""),
             ),

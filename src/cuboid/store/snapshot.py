@@ -27,7 +27,7 @@ ATTEMPTS = 5
 _PART = re.compile(r"(?P<table>\w+)/(?P<day>day=[\d-]{10})/(?P<key>(?:part|fail)-[0-9a-f]{20})\.parquet")
 # A file that was gathered lies in the folder of a table and day: no other is opened, or removed.
 _Gathered = Annotated[str, msgspec.Meta(pattern=r"^\w+/day=[\d-]{10}/gathered-[0-9a-f]{20}\.parquet\Z")]
-# What tells which runs a file names.
+# The column that names runs in a file.
 _KEYS = pa.schema([TABLES[RUNS].schema.field(name) for name in ("run", "state")])
 
 
@@ -41,7 +41,7 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What a run put into the tables.
+    """The rows of a run in the tables.
 
     Attributes
     ----------

@@ -21,7 +21,7 @@ INDICATORS = {
 
 @dataclass(frozen=True, slots=True)
 class StoreSummary:
-    """What the summary page shows.
+    """The contents of the summary page.
 
     Attributes
     ----------

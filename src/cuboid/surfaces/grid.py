@@ -27,7 +27,7 @@ RIM_M = CELL_M
 NEARBY_M = 2.0 * CLOSE_M
 # A window is never wider than this many cells (200 m).
 LIMIT_CELLS = 4000
-# A window that has to grow grows by so many cells more, or by this fraction of it, so that growing is rare.
+# A window that has to grow grows by this many cells more, or by this fraction of it, so that growing is rare.
 SLACK_CELLS, SLACK_FRACTION = 16, 0.25
 # In a window wider than this, cells, only the changed part is recomputed, with this many cells around it: 8 m, as wide
 # as the largest hole that is filled.

@@ -1,6 +1,6 @@
 """Supporting planes: several, horizontal relative to each other, found online, tracked and grown.
 
-Up is the direction in which the surfaces face that things stand on. Where no inertial unit tells it, it is the
+Up is the direction in which the surfaces face that objects stand on. Where no inertial unit measures it, it is the
 direction of the flat areas that most things are seen to stand off from; see `up`.
 
 A frame has to do with the planes whose windows it sees; all others stay as they are, however many there are.
@@ -36,7 +36,7 @@ MAX_UNSEEN_FRAMES = 60
 # The plan frame is turned when the plane that most is known of is tilted in it by more than half of what
 # poses err.
 LEVEL_COS = float(np.cos(DRIFT_RAD / 2.0))
-# A level area supports objects once so many frames saw it, or one that saw so many times the least area.
+# A level area supports objects once this many frames saw it, or one that saw this many times the least area.
 FRAMES_IN_USE = 3
 # A plane lies on a box when it is off its top by no more than the reach of a plane and this fraction of its height.
 TOP_FRACTION = 0.1
@@ -274,7 +274,7 @@ class PlaneTracker:
                     self._stale.add(plane)
 
     def _level(self) -> None:
-        """Turn the plan frame so that the plane that most is known of is level in it: a frame's areas told less."""
+        """Turn the plan frame so that the best known plane is level in it."""
         main = self._main
         if self.T_plan_world is None or main is None or main.frames < REFRESH_FRAMES or main.normal[2] >= LEVEL_COS:
             return

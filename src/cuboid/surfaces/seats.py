@@ -12,7 +12,7 @@ from cuboid.core.tolerances import MIN_READINGS
 from cuboid.surfaces.grid import CELL_M, GroundPlan, Places, cells_of, window_intersection
 from cuboid.surfaces.plane import REACH_M, Plane
 
-# A seat is at most so many times as long as what it belongs to.
+# A seat is at most this many times as long as what it belongs to.
 LONGEST_SEAT = 1.5
 
 

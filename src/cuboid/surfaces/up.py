@@ -58,7 +58,7 @@ class UpVote(Record):
 
     @property
     def image_up(self) -> Float64Array:
-        """The up of the images so far, (3,) in the world: what is left where nothing else tells."""
+        """The up of the images so far, (3,) in the world: the fallback without other evidence."""
         norm = float(np.linalg.norm(self.axes[:, 1]))
         return np.asarray(-self.axes[:, 1] / norm if norm > 0 else np.array([0.0, 0.0, 1.0]))
 
@@ -72,7 +72,7 @@ class UpVote(Record):
     ) -> Float64Array | None:
         """Take in a frame's flat areas; return up (3,) in the world, or None while unknown.
 
-        `changed` tells whether up is not what it was before.
+        `changed` is true where up differs from before.
 
         Parameters
         ----------
@@ -98,7 +98,7 @@ class UpVote(Record):
         return self.up
 
     def _is_sure(self) -> bool:
-        """Tell whether up is known, and by so much that a few frames will not change it."""
+        """Tell whether up is so well known that a few frames will not change it."""
         if self.up is None or self.measured.any():
             return self.up is not None
         likely, own = self._likelihood(), self.seen[:, :3] @ self.up > NOISE_COS

@@ -22,7 +22,7 @@ class Windows(Record):
     Attributes
     ----------
     max_unseen_frames : int
-        A plane that is not in use is over so many frames after it was seen last.
+        A plane that is not in use is over this many frames after it was seen last.
     windows : (N, 4) int64
         First cell and the one past the last of each plane's ground plan.
     ends : (N,) int64

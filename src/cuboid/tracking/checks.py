@@ -24,7 +24,7 @@ def checked_warnings(tracker: Tracker, recording: RecordingLike, every: int) -> 
     recording : RecordingLike
         Where its frames came from.
     every : int
-        One in so many frames of the recording was read.
+        One in this many frames of the recording was read.
     """
     from cuboid.calibration.check import intrinsics_warning
     from cuboid.calibration.pose_fit import pose_fit

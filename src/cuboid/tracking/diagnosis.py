@@ -13,9 +13,9 @@ from cuboid.core.results import FrameResult
 if TYPE_CHECKING:
     from cuboid.calibration.pose_fit import PoseFit
 
-# A frame's depth is looked at in every so many rows and columns: 0.1 ms.
+# A frame's depth is examined in one row and column in this many: 0.1 ms.
 PIXEL_STEP = 8
-# Fractions of the frames from which on lost ones and ones without a pose are worth a warning, and at least so many.
+# Fractions of the frames from which on lost ones and ones without a pose are worth a warning, and at least this many.
 MANY_LOST, MIN_LOST = 0.1, 3
 # Depth cameras at work have readings in 29 to 100 % of the pixels of real recordings at hand.
 FEW_READINGS = 0.15
@@ -70,7 +70,7 @@ class RunFacts:
     frames_without_pose : int
         Frames that lack a given pose.
     every : int
-        One in so many frames of the recording was read.
+        One in this many frames of the recording was read.
     depth_fraction, depth_median_m : float or None
         Medians over the used frames, see `Counts`; None where none was used.
     depth_units_per_metre : float

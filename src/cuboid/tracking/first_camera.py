@@ -20,7 +20,7 @@ from cuboid.geometry.se3 import inverse, transform
 from cuboid.tracking.posed_tracker import PosedTracker
 from cuboid.tracking.rolling import Roll, farther_up
 
-# Poses in the map have so many decimals, metres: the last bits, which another world changes, are cut off.
+# Poses in the map have this many decimals, metres: the last bits, which another world changes, are cut off.
 POSE_DECIMALS = 9
 
 

@@ -122,7 +122,7 @@ class Progress:
     """Told how a run goes; this one does nothing."""
 
     def start(self, frames: int | None) -> None:
-        """Tell that a run over so many frames begins; None where nobody knows how many."""
+        """Tell that a run over this many frames begins; None where nobody knows how many."""
 
     def frame(self, result: FrameResult) -> None:
         """Tell that a frame is done."""

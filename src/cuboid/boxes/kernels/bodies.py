@@ -12,9 +12,9 @@ from cuboid.boxes.kernels.revolve import fit_axis
 from cuboid.core.compiled import kernel
 from cuboid.core.tolerances import DRIFT_M, JUMP_M, JUMP_SIGMAS, MIN_READINGS, MIN_SIGMA_M, SIGMAS
 
-# The fit takes so many steps.
+# The fit takes this many steps.
 STEPS = 6
-# A side is looked at in so many sectors of the turn.
+# A side is looked at in this many sectors of the turn.
 SECTORS = 12
 # Half of the turn is seen from one place, a little less of it in depth: what covers less fixes no axis in noise.
 MIN_ARC = 0.4

@@ -118,7 +118,7 @@ def ends_at(values):
     """Return from where to where values (N,) reach, strays or not; infinite to minus infinite where there are none.
 
     The outermost ones lie too far out where poses and depth err. So the edge follows from what lies further in: beyond
-    it twice the fraction of strays would go on as evenly as so many values more do that lie next to them; no farther
+    it twice the fraction of strays would go on as evenly as this many values more do that lie next to them; no farther
     than there are values.
     """
     low, high = np.inf, -np.inf
@@ -148,9 +148,9 @@ def best_turn(points, weights, directions, low, high, larger, better):
     low, high : (2 Q,) float64
         How far everything reaches along them.
     larger : float
-        A footprint so many times the least one may be taken.
+        A footprint this many times the least one may be taken.
     better : float
-        Its sides fit so many times as well: the spread of the points around the sides nearest to them.
+        Its sides fit this many times as well: the spread of the points around the sides nearest to them.
 
     Returns
     -------

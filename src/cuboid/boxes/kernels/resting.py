@@ -13,7 +13,7 @@ from cuboid.core.tolerances import DRIFT_M, JUMP_M
 # A cluster whose lowest point is within this of the plane rests on it, metres: the foot of an object is lost to the
 # noise floor of the plane, and the part below a bowl's belly is seldom seen.
 REST_M = 2.0 * DRIFT_M
-# A box whose footprint is at most so much larger is taken instead of the smallest one where that takes away half of the
+# A box whose footprint is at most this much larger replaces the smallest one where that takes away half of the
 # variance by which points of the sides, a jump below the top, depart from these.
 RIVAL_AREA, BETTER_SIDES = 1.2, math.sqrt(0.5)
 # A round footprint follows the law of the disc to this fraction of its radius, and is at most this fraction of what was

@@ -100,7 +100,7 @@ def fit_axis(plan, layer, weights, rounds, center, radius, residual):
 
 @kernel
 def widest_layer(distance, layer, weights, layers, least, rim):
-    """Return the radius of the widest layer that has at least so much weight.
+    """Return the radius of the widest layer that has at least this much weight.
 
     A layer's radius is the mean distance of its rim: of a top, which is filled, what lies within does not count.
 

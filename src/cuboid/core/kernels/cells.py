@@ -17,7 +17,7 @@ CELL_COLUMNS = 8
 
 # A surface is looked for where it is seen from higher than this (sine, 3 degrees).
 LOWEST = 0.05
-# Readings of a patch that lie level: at least so many.
+# Readings of a patch that lie level: at least this many.
 MIN_LEVEL = 3
 # At least this fraction of the pixels of a cell, or of a patch, must be readings on its plane.
 FILLED = 0.6
@@ -102,7 +102,7 @@ def level_patches(depth, camera, up, size, noise, min_depth, max_depth, skip, pa
     A reading lies on a level surface when the one beyond it, along the image of up, is at its height: on anything
     upright the height rises with the image, by far more than its noise. That noise is that of depth times the sine of
     the angle at which the surface is seen, so that what is seen low from far, where a square cell of the image holds
-    no surface as a whole, is told apart best.
+    no surface as a whole, is distinguished best.
 
     Parameters
     ----------

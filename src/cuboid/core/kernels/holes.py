@@ -164,7 +164,7 @@ def changes(shade, wide):
 
 @kernel
 def clear_margin(wide, height, cost, limit, source, shade):
-    """Let nothing be in the margin around an image of so many rows, `wide` pixels long; see `nearest`."""
+    """Let nothing be in the margin around an image of this many rows, `wide` pixels long; see `nearest`."""
     for v in range(height + 2):
         inside = 0 < v < height + 1
         first = v * wide

@@ -15,9 +15,9 @@ from cuboid.core.tolerances import JUMP_SIGMAS
 NONE, PLANE, SURFACE, FAR = 0, 1, 2, 3
 # Bits of the marks of a pixel: depth jumps to its right, below it; a concave crease runs through it.
 RIGHT, DOWN, CREASE = 1, 2, 4
-# Creases are judged over at most so many pixels to either side.
+# Creases are judged over at most this many pixels to either side.
 LONGEST = 10
-# A pixel in a queue is its row, shifted by so many bits, and its column: a division takes ten times as long.
+# A pixel in a queue is its row, shifted by this many bits, and its column: a division takes ten times as long.
 PLACE_BITS = 16
 COLUMN_MASK = (1 << PLACE_BITS) - 1
 
@@ -74,7 +74,7 @@ def mark(inverse, kind, focal, noise, jump, arm, bend, smooth, marks):
 
 @kernel(inline="always")
 def is_crease(smooth, here, away, w, reach, least):
-    """Whether a surface lies behind the chord over it, from so many places before to as many after it."""
+    """Whether a surface lies behind the chord over it, from this many places before to as many after it."""
     # Unsigned: no index from the end.
     p, q = smooth[np.uintp(here - away)], smooth[np.uintp(here + away)]
     near = (p > 0.0) & (q > 0.0) & (abs(p - w) <= reach) & (abs(q - w) <= reach)
@@ -153,7 +153,7 @@ def label_surfaces(kind, marks, least, most, labels, queue):
         The kind of patches below `least` pixels becomes NONE.
     least : int
     most : int
-        Patches beyond so many are left out.
+        Patches beyond this many are left out.
     labels : (H, W) int16, output
         From 1; 0 elsewhere.
     queue : (H * W,) int32, scratch
@@ -200,7 +200,7 @@ def cores(kind, marks):
 
 @kernel
 def label_cores(kind, marks, core, least, labels, queue, limit):
-    """Number the cores of surfaces, at most so many; return the last number. Patches that hold no core are left out."""
+    """Number the cores of surfaces, at most this many; return the last number. Small cores are left out."""
     height, width = kind.shape
     last = 0
     for v in range(height):

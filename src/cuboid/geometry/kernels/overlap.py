@@ -15,7 +15,7 @@ from cuboid.core.compiled import kernel
 COINCIDE_M = 1e-10
 MAX_CORNERS = 16
 
-# Boxes that came after each other stand near each other, most of them: so many of them are looked at only where the
+# Boxes that came after each other stand near each other, most of them: this many of them are looked at only where the
 # bounds of all of them are met. What rounding may cost, metres.
 BATCH = 64
 SLACK_M = 1e-6

@@ -30,14 +30,14 @@ BLOCK_ROWS = 1 << BLOCK_BITS
 # Blocks of a cube whose every voxel holds a point, and places of its table: never more than half of them are taken.
 MAX_BLOCKS = 1 << (3 * CUBE_BITS - BLOCK_BITS)
 TABLE_BITS = 3 * CUBE_BITS + 1
-# A table begins with so many places: a page of memory.
+# A table begins with this many places: a page of memory.
 MIN_BITS = 11
-# Cubes that came after each other lie near each other: so many of them are looked at only where the bounds of all of
+# Cubes that came after each other lie near each other: this many of them are looked at only where the bounds of all of
 # them are met.
 BATCH = 64
 # Numbers of anchors: see `Points.anchor`.
 ANCHORS = 1 << 16
-# Parts of a voxel's edge, of a color's level and of heat that are told apart: more than any sensor tells.
+# Parts of a voxel's edge, of a color's level and of heat that are distinguished: more than any sensor tells.
 PLACES, LEVELS, HEATS = 65536.0, 256.0, 65536.0
 
 
@@ -270,7 +270,7 @@ def add_row(cube, voxel, place, anchor, cubes, points):
 
 @kernel
 def allocate_rows(keys, voxel, anchor, cubes, points, rows):
-    """Make room for points of so many different voxels: keys of their cubes (N,), voxels in these, anchors.
+    """Make room for points of this many different voxels: keys of their cubes (N,), voxels in these, anchors.
 
     Written to `rows` (N,) int64; -1 where there is no more room.
     """
@@ -283,7 +283,7 @@ def allocate_rows(keys, voxel, anchor, cubes, points, rows):
 
 
 def empty_cubes(most: int, tables: npt.NDArray[np.uint16]) -> Cubes:
-    """Return room for so many cubes and blocks; memory is taken as they come."""
+    """Return room for this many cubes and blocks; memory is taken as they come."""
     return Cubes(
         table=np.zeros(2 * most, np.int32),
         key=np.zeros(most, np.int64),

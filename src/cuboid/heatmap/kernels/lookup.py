@@ -58,7 +58,7 @@ def seen_around(ground, axes, reach, least, voxel_m, cubes, voxels, weights, see
     reach : float
         From a place to the next one that is asked, metres.
     least : int
-        So many of the nine are enough.
+        This many of the nine are enough.
     voxel_m, cubes, voxels, weights, missing
         See `rows_at`; `missing` has room for 27 N.
     seen : (N,) bool, output

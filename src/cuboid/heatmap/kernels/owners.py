@@ -53,7 +53,7 @@ def solid_rows_of(number, blocks, size, owner, weight, confidence, hits, heat, h
     hot : float32
         Least heat, 0..1.
     votes, ratio, most : int
-        Least votes: so many, and one in so many of the frames, of which no more than `most` count.
+        Least votes: this many, and one in this many of the frames, of which no more than `most` count.
     rows : (B * size,) int64, output
 
     Returns
@@ -75,7 +75,7 @@ def solid_rows_of(number, blocks, size, owner, weight, confidence, hits, heat, h
 
 @kernel
 def has_rows(number, blocks, size, owner, weight, least):
-    """Tell whether an object has so many living rows in the blocks that may hold some; see `rows_of`."""
+    """Tell whether an object has this many living rows in the blocks that may hold some; see `rows_of`."""
     n = 0
     for block in blocks:
         for row in range(block * size, min((block + 1) * size, owner.size)):

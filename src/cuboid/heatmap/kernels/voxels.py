@@ -29,7 +29,7 @@ from cuboid.heatmap.kernels.cubes import (
 
 # Pixels with less heat than this are cold: background.
 COLD_HEAT = 0.1
-# A voxel is removed after rays have passed it so many times: fewer may be chance.
+# A voxel is removed after rays have passed it this many times: fewer may be chance.
 MIN_PASSES = 3
 # Beyond this noise passes half a voxel, metres: cold points there are walls and floors.
 FAR_M = 2.0
@@ -41,7 +41,7 @@ LAST_CUBES = 64
 
 @kernel(inline="always")
 def running_mean(part, parts, weight_of_pixel, to):
-    """Return a mean that is kept in so many parts of 1, after a sighting with a weight of `weight_of_pixel`."""
+    """Return a mean that is kept in this many parts of 1, after a sighting with a weight of `weight_of_pixel`."""
     old = part + 0.5
     return np.uint16(min(np.int64(old + weight_of_pixel * (to * parts - old)), 65535))
 

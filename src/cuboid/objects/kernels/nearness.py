@@ -10,7 +10,7 @@ from cuboid.heatmap.kernels.cubes import pack_key, scatter
 
 @kernel
 def count_near(a, b, limit, enough):
-    """Count the points of `a` that lie nearer than a limit to any of `b`, up to so many.
+    """Count the points of `a` that lie nearer than a limit to any of `b`, up to this many.
 
     Parameters
     ----------
@@ -19,7 +19,7 @@ def count_near(a, b, limit, enough):
     limit : float
         Above 0.
     enough : int
-        Where there are so many, no more are looked for.
+        Where there are this many, no more are looked for.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def cell(x, low, limit):
 
 @kernel(inline="always")
 def place_of(i, j, k, size):
-    """Return the place of a cell in a table of so many, a power of two; two cells that share one do no harm."""
+    """Return the place of a cell in a table of this many, a power of two; two cells that share one do no harm."""
     return scatter(pack_key(i, j, k)) & (size - 1)
 
 

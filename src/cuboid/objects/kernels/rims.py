@@ -54,7 +54,7 @@ def highest_rim(points, order, begins, ends, axes, gap):
 
 @kernel
 def plan_of(points, which, axes):
-    """Return where some of points lie in plan, (M, 2) float32: all, or every so many-th where these are more."""
+    """Return where some of points lie in plan, (M, 2) float32: all, or every n-th where these are more."""
     which = which[:: 1 + len(which) // SAMPLE_POINTS]
     plan = np.empty((len(which), 2), np.float32)
     for i in range(len(which)):

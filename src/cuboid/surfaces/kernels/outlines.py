@@ -12,10 +12,10 @@ FREE, SUPPORT, UNSURE, CONTACT, HIDDEN, BORDER = range(6)
 KINDS = 6
 # Sides of a segment in the picture, seen from the camera held upright: columns of `outline` too.
 TOP, BOTTOM, LEFT, RIGHT = range(4)
-# The top and the bottom of a segment are so much of its height.
+# The top and the bottom of a segment are this much of its height.
 END_FRACTION = 0.05
-# Color that differs by so many levels, over its three channels, has an edge in between: a third of that is shading and
-# the camera's noise. It is compared with that of so many pixels inside, clear of the blur at an outline.
+# Colors that differ by this many levels, over three channels, have an edge in between: a third of that is shading and
+# noise. The color inside is taken this many pixels away, clear of the blur at an outline.
 EDGE_LEVELS, INNER_PIXELS = 90, 2
 
 
@@ -103,7 +103,7 @@ def outlines(
     From each pixel of a segment whose neighbour (of four) is not of it, the first reading outwards is looked for, over
     holes up to a width of `gap_m`. It is FREE where that lies behind by more than a jump; SUPPORT where it lies on the
     plane that the segment stands on; UNSURE where another segment begins at the same depth; CONTACT where any other
-    surface goes on; HIDDEN where it lies before (what is behind it cannot be told); BORDER where the picture ends. In
+    surface goes on; HIDDEN where it lies before (what is behind it is unknown); BORDER where the picture ends. In
     a wide hole (something dark, or that shines) color tells: it is FREE beyond an edge of color, and UNSURE where the
     color of the segment goes on. A hole reaches from the last reading of the segment to the first one beyond: where it
     was filled, the segment ends within it.
