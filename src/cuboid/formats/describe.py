@@ -65,7 +65,7 @@ HEAD = """# File formats
 Made by `python docs/make_formats.py` from the descriptions that the program itself reads files by. JSON Schemas are
 made of the same: [camera](schemas/camera.schema.json), [objects](schemas/objects.schema.json),
 [run](schemas/run.schema.json), [truth](schemas/truth.schema.json), [keyframes](schemas/keyframes.schema.json),
-[visits](schemas/visits.schema.json). A file that is not as told here is refused, in one line that names the field.
+[visits](schemas/visits.schema.json). A file that differs is refused, in one line that names the field.
 
 Numbers are finite. JSON documents have at most 64 MB; fields that are not named here are left alone, but for
 `camera.json`, where they are refused. Text files are UTF-8, their lines at most 10,000 characters. `map.ply` is
