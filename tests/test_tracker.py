@@ -262,11 +262,32 @@ def test_a_frame_that_cannot_be_used_says_why() -> None:
         tracker.update(Frame(0, 0.0, good.color, good.depth_m, None))
     with pytest.raises(FrameError, match="160 x 120 pixels, expected 320 x 240"):
         tracker.update(Frame(0, 0.0, good.color[::2, ::2], good.depth_m[::2, ::2], np.eye(4)))
-    far = np.eye(4)
-    far[1, 3] = -3e5
-    with pytest.raises(FrameError, match="is 300000 m from the origin of its poses, the map reaches 167772 m"):
-        tracker.update(Frame(0, 0.0, good.color, good.depth_m, far))
     assert tracker.points_known == 0
+    assert good.T_world_camera is not None
+    tracker.update(good)
+    far = good.T_world_camera.copy()
+    far[:3, 3] += 3e5 * far[:3, 2]
+    with pytest.raises(FrameError, match="is 300000 m from the first one, the map reaches 167772 m"):
+        tracker.update(Frame(1, 0.0, good.color, good.depth_m, far))
+
+
+def test_poses_far_from_their_origin_are_taken() -> None:
+    """As those of a map of the country: the map begins at the first camera."""
+    near, far = PosedTracker(CAMERA), PosedTracker(CAMERA)
+    away = np.array([4.5e5, -9.0e5, 120.0])
+    frames = [frame_of([FLOOR, TABLE, *THINGS], T, k) for k, T in enumerate(orbit(12))]
+    follow(near, frames)
+    follow(far, [frame.at(moved_by(frame.T_world_camera, away)) for frame in frames])
+    assert len(near.objects) == len(far.objects) > 0
+    for one, other in zip(near.objects, far.objects, strict=True):
+        np.testing.assert_allclose(other.box.center - away, one.box.center, atol=1e-5)
+
+
+def moved_by(T: np.ndarray | None, away: np.ndarray) -> np.ndarray:
+    assert T is not None
+    far = T.copy()
+    far[:3, 3] += away
+    return far
 
 
 def test_the_same_frames_give_the_same_bytes() -> None:

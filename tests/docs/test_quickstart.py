@@ -7,7 +7,6 @@ import json
 from pathlib import Path
 
 import pytest
-
 from blocks import REPOSITORY
 
 NOTEBOOK = REPOSITORY / "docs" / "quickstart.ipynb"

@@ -52,6 +52,7 @@ def facing(*normal: float) -> FlatAreas:
 def with_planes_elsewhere(count: int) -> PosedTracker:
     """A tracker that has seen planes at the table's own height, 40 m away and more, each 4 m from the next."""
     tracker = PosedTracker(CAMERA)
+    tracker._T_world_map = np.eye(4)  # the planes below are those of the world
     for k in range(count):
         cells = level_cells(40.0 + 4.0 * (k % 12), 4.0 * (k // 12))
         tracker._planes.vote_up(facing(0, 0, 1), LEVEL)

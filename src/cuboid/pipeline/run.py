@@ -263,10 +263,9 @@ def _view(
 def _tracker(
     intrinsics: Intrinsics, config: TrackerConfig, proposals: str | ProposalSource | None, *, memory_mb: float
 ) -> TrackerLike:
-    from cuboid.tracking.first_camera import FirstCameraTracker
     from cuboid.tracking.posed_tracker import PosedTracker
 
-    return FirstCameraTracker(intrinsics, PosedTracker(intrinsics, config, proposals, memory_mb=memory_mb))
+    return PosedTracker(intrinsics, config, proposals, memory_mb=memory_mb)
 
 
 def _video(path: Path, intrinsics: Intrinsics, every: int) -> FrameSink:

@@ -202,23 +202,26 @@ class Changes:
             if entry.label not in known and entry.confirmed and entry.first_frame >= self._first_frame:
                 came = self._before.was_seen(tracker, entry) and not self._before.stood(tracker, entry)
                 came = came and fraction_near(entry.points, there, PIECE_M) < PIECE
-                found[entry.label] = Change(entry.label, "new" if came else "found", None, entry.box.center)
+                found[entry.label] = Change(
+                    entry.label, "new" if came else "found", None, tracker.in_world(entry.box).center
+                )
                 there = np.concatenate([there, entry.points])
         return [found[label] for label in sorted(found)]
 
     def _became(self, tracker: PosedTracker, entry: MapObject, seen: bool) -> Change:
         old = self._before.known[entry.label]
+        before, now = tracker.in_world(old.box).center, tracker.in_world(entry.box).center
         if not entry.confirmed:
             if self._standing(tracker, old).still:
-                return Change(entry.label, "unchanged", old.box.center, old.box.center)
-            return Change(entry.label, "gone", old.box.center, None)
+                return Change(entry.label, "unchanged", before, before)
+            return Change(entry.label, "gone", before, None)
         if not seen:
-            return Change(entry.label, "not looked at", old.box.center, None)
+            return Change(entry.label, "not looked at", before, None)
         metres = _distance_m(entry.box, old.box)
         near = _in_place(entry.box, old.box) or fraction_near(old.points, entry.points, STILL_M) >= STILL_FRACTION
         if near or self._standing(tracker, old).still:
-            return Change(entry.label, "unchanged", old.box.center, entry.box.center)
-        return Change(entry.label, "moved", old.box.center, entry.box.center, metres, self._similarity(entry, old))
+            return Change(entry.label, "unchanged", before, now)
+        return Change(entry.label, "moved", before, now, metres, self._similarity(entry, old))
 
     def _similarity(self, entry: MapObject, old: Known) -> float:
         """Return the similarity of an object to one that was there, 0..1: in size and in colors from foot to top."""

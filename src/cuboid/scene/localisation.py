@@ -52,6 +52,12 @@ class Joined:
     middle: Float64Array
     T_new_old: Float64Array
 
+    def in_frame(self, T_world_frame: Float64Array) -> Joined:
+        """Return the same motion in another frame than the world."""
+        T_frame_world = inverse(T_world_frame)
+        middle = transform(T_frame_world, self.middle)
+        return Joined(middle, T_frame_world @ self.T_new_old @ T_world_frame)
+
     def contains(self, points: Float64Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
         """Tell which points (N, 3) of the world were the part's."""
         return np.asarray(np.linalg.norm(points - self.middle, axis=1) < ASIDE_M / 2)

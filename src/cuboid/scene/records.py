@@ -151,6 +151,7 @@ class Records:
             if not _same(self._written.get(entry.label), now):
                 was = copy(entry)  # what its attributes hold is never changed
                 was.plane = None if plane is None else plane.identity
+                was.box = tracker.in_world(entry.box)
                 rows.objects += [(was, 0), *((was, k) for k in entry.merged_labels if k not in self._merged)]
                 rows.merged += [(k, entry.label) for k in entry.merged_labels]
                 self._merged |= {*entry.merged_labels}

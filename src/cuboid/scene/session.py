@@ -13,6 +13,7 @@ import numpy as np
 from cuboid.core.config import TrackerConfig
 from cuboid.core.frame import Float64Array, Frame, Intrinsics
 from cuboid.core.results import FrameResult, MapPoints, SupportPlane, TrackedObject
+from cuboid.geometry.se3 import inverse, transform
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.queries import MapQueries
 from cuboid.poses.sources import Posed, Poses
@@ -147,7 +148,7 @@ class SceneTracker(MapQueries):
         """Apply a pose correction; see `Tracker.apply_correction`."""
         self._tracker.apply_correction(moved)
         joined = self._poses.take_joined()
-        self._changes.apply_joins(joined)
+        self._changes.apply_joins([part.in_frame(self._tracker.T_world_map) for part in joined])
         self._joined += joined
 
     def skip(self, index: int) -> None:
@@ -315,9 +316,10 @@ class _PosesOfVisit:
 
     def _look_at_layout(self) -> None:
         """Recognise the part that the recording is in by its objects."""
-        part, up = self._poses.part, self._tracker.up
+        part, up, T_world_map = self._poses.part, self._tracker.support.up, self._tracker.T_world_map
         things = [o for o in self._tracker.ever_labelled() if o.confirmed and len(o.points)]
-        known, seen = ([o for o in things if self._poses.stands_in(k, o.box.center)] for k in (0, part))
+        place = {o.label: transform(T_world_map, o.box.center) for o in things}
+        known, seen = ([o for o in things if self._poses.stands_in(k, place[o.label])] for k in (0, part))
         if part == 0 or up is None:
             return
         T = layout.find_layout(known, seen, up)
@@ -326,7 +328,7 @@ class _PosesOfVisit:
         points, _ = self._tracker.voxels.spread(self._tracker.voxels.living())
         middle = np.mean([o.box.center for o in seen], axis=0)
         if layout.same_place(points, points[::SPARSE], T, middle):
-            self._poses.connect(part, T)
+            self._poses.connect(part, T_world_map @ T @ inverse(T_world_map))
 
     def trajectory(self) -> Mapping[int, Float64Array] | None:
         found = self._poses.trajectory(self._first)

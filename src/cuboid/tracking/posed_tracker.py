@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,7 +25,7 @@ from cuboid.core.state import Record
 from cuboid.core.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, OUTLIER_FRACTION
 from cuboid.core.working import WorkingImage, filled, thin
 from cuboid.geometry.box import Box
-from cuboid.geometry.se3 import moved_beyond
+from cuboid.geometry.se3 import inverse, moved_beyond, transform
 from cuboid.heatmap.anchors import LAST_KEYFRAME
 from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap, VoxelMapState
@@ -43,9 +44,13 @@ from cuboid.surfaces.cells import find_cells, patch_pixels, with_level_patches
 from cuboid.surfaces.frame_segments import FrameSegment, FrameSegments, PixelPlanes, points_of, segment_frame
 from cuboid.surfaces.grid import CELL_M
 from cuboid.surfaces.kernels.outlines import BOTTOM, LEFT, RIGHT, TOP
+from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.planes import PlaneTracker, PlaneTrackerState
 from cuboid.surfaces.standing import find_flat_areas
 from cuboid.tracking.rolling import Roll, farther_up
+
+# Poses in the map have this many decimals, metres: the last bits, which another world changes, are cut off.
+POSE_DECIMALS = 9
 
 
 class Stopwatch:
@@ -72,6 +77,8 @@ class PosedTrackerState(Record):
         As it is in use.
     turns : int or None
         Quarter turns by which images are rolled; None before the first frame with depth.
+    T_world_map : (4, 4) float64 or None
+        Frame of the map in the world; None before the first frame.
     count : int
         Frames so far.
     position : (3,) float64 or None
@@ -87,6 +94,7 @@ class PosedTrackerState(Record):
 
     config: TrackerConfig
     turns: int | None
+    T_world_map: Float64Array | None
     count: int
     position: Float64Array | None
     viewpoint: Float64Array | None
@@ -98,6 +106,11 @@ class PosedTrackerState(Record):
 
 class PosedTracker(MapQueries):
     """Finds the objects of a static scene in a stream of posed RGB-D frames, and keeps their labels.
+
+    The map lies in the frame of the first camera, turned as images are turned: voxels, ground plans and the order of
+    sums do not depend on the world of the poses. Poses that were multiplied by a rigid transform give the same labels
+    and boxes, and poses far from their origin lose no digits. All results are in the world; `support`, `voxels` and the
+    entries of `ever_labelled` are in the frame of the map.
 
     Parameters
     ----------
@@ -116,7 +129,7 @@ class PosedTracker(MapQueries):
         If no proposal source has that name.
     """
 
-    NOT_SAVED = frozenset({"intrinsics", "_memory_mb", "_propose"})
+    NOT_SAVED = frozenset({"intrinsics", "_memory_mb", "_propose", "_world_boxes"})
 
     def __init__(
         self,
@@ -129,6 +142,9 @@ class PosedTracker(MapQueries):
         self.intrinsics = intrinsics
         # Until depth tells in which roll images are worked on: as they come.
         self._turns: int | None = None
+        self._T_world_map: Float64Array | None = None
+        # Box of each object in the map and in the world: an unchanged box stays the same one.
+        self._world_boxes: dict[int, tuple[Box, Box]] = {}
         self.config = config or TrackerConfig()
         self._memory_mb = memory_mb
         self._propose = make_source(proposals, self.config)
@@ -147,9 +163,17 @@ class PosedTracker(MapQueries):
     def state(self) -> PosedTrackerState:
         """Return the state of now; see `ObjectStore.state`."""
         return PosedTrackerState(
-            self.config, self._turns, self._count, self._position, self._viewpoint, self._due, self._planes.state(),
-            self._voxels.state(), self._map.state(),
-        )  # fmt: skip
+            config=self.config,
+            turns=self._turns,
+            T_world_map=self._T_world_map,
+            count=self._count,
+            position=self._position,
+            viewpoint=self._viewpoint,
+            due=self._due,
+            planes=self._planes.state(),
+            voxels=self._voxels.state(),
+            map=self._map.state(),
+        )
 
     @classmethod
     def from_state(
@@ -165,7 +189,8 @@ class PosedTracker(MapQueries):
         tracker._planes = PlaneTracker.from_state(state.planes, c)
         tracker._voxels = VoxelMap.from_state(state.voxels, c.voxel_m, c.depth_noise_per_m, c.max_depth_m, memory_mb)
         tracker._map = ObjectMap.from_state(state.map, c, tracker._voxels, tracker._planes)
-        tracker._turns, tracker._count, tracker._due = state.turns, state.count, state.due
+        tracker._turns, tracker._T_world_map = state.turns, state.T_world_map
+        tracker._count, tracker._due = state.count, state.due
         tracker._position, tracker._viewpoint = state.position, state.viewpoint
         return tracker
 
@@ -185,11 +210,38 @@ class PosedTracker(MapQueries):
             If the frame has no pose, or one farther away than the map reaches, or its size is not that of the
             intrinsics.
         """
-        self._check(frame)
+        T_world_camera = self._checked_pose(frame)
         if self._turns is None:
             self._turns = farther_up(frame.depth_m)
         roll = self._roll
-        return roll.result(self._update(roll.frame(frame), frame, anchor))
+        if self._T_world_map is None:
+            self._T_world_map = roll.pose(T_world_camera)
+        T_map_camera = np.round(inverse(self._T_world_map) @ T_world_camera, POSE_DECIMALS)
+        self._check_reach(frame.index, T_map_camera)
+        result = roll.result(self._update(roll.frame(frame.at(T_map_camera)), frame, anchor))
+        return dataclasses.replace(
+            result,
+            T_world_camera=T_world_camera,
+            sightings=tuple(
+                [dataclasses.replace(one, box=self._box_in_world(one.label, one.box)) for one in result.sightings]
+            ),
+            proposals=tuple([dataclasses.replace(one, box=self.in_world(one.box)) for one in result.proposals]),
+        )
+
+    @property
+    def T_world_map(self) -> Float64Array:
+        """Frame of the map in the world, (4, 4): of the entries of `ever_labelled`, of `voxels` and `support`."""
+        return np.eye(4) if self._T_world_map is None else self._T_world_map
+
+    def in_world(self, box: Box) -> Box:
+        """Return a box of the map in the world."""
+        return box.moved(self.T_world_map)
+
+    def _box_in_world(self, label: int, box: Box) -> Box:
+        known = self._world_boxes.get(label)
+        if known is None or known[0] is not box:
+            known = self._world_boxes[label] = box, self.in_world(box)
+        return known[1]
 
     @property
     def _roll(self) -> Roll:
@@ -280,8 +332,10 @@ class PosedTracker(MapQueries):
         moved : mapping of int to (4, 4) float64
             T_new_old in the world, of each keyframe that moved.
         """
-        self._planes.apply_correction(moved)
-        self._map.apply_correction(moved)
+        T = self.T_world_map
+        in_map = {keyframe: inverse(T) @ T_new_old @ T for keyframe, T_new_old in moved.items()}
+        self._planes.apply_correction(in_map)
+        self._map.apply_correction(in_map)
 
     def _estimate_noise(self, image: WorkingImage) -> None:
         """Estimate from the first frame how much noisier the sensor is than configured."""
@@ -291,7 +345,8 @@ class PosedTracker(MapQueries):
             self.config = self.config.within_range(depth_noise_per_m=excess * nominal)
             self._begin()
 
-    def _check(self, frame: Frame) -> None:
+    def _checked_pose(self, frame: Frame) -> Float64Array:
+        """Return the pose of a frame; raises FrameError where it has none, or is of another size."""
         expected = (self.intrinsics.height, self.intrinsics.width)
         if frame.depth_m.shape != expected:
             raise FrameError(
@@ -300,11 +355,12 @@ class PosedTracker(MapQueries):
             )
         if frame.T_world_camera is None:
             raise FrameError(f"frame {frame.index} has no camera pose")
-        far_m, reach_m = np.abs(frame.T_world_camera[:3, 3]).max(), self._voxels.reach_m
+        return frame.T_world_camera
+
+    def _check_reach(self, index: int, T_map_camera: Float64Array) -> None:
+        far_m, reach_m = np.abs(T_map_camera[:3, 3]).max(), self._voxels.reach_m
         if far_m + self.config.max_depth_m >= reach_m:
-            raise FrameError(
-                f"frame {frame.index} is {far_m:.0f} m from the origin of its poses, the map reaches {reach_m:.0f} m"
-            )
+            raise FrameError(f"frame {index} is {far_m:.0f} m from the first one, the map reaches {reach_m:.0f} m")
 
     def _proposals(self, frame: Frame, given: Frame) -> Proposals:
         """Return the proposals of a turned frame; a source that knows of no turns gets the frame as it was given."""
@@ -443,7 +499,7 @@ class PosedTracker(MapQueries):
         plane = self._planes.find(entry.plane)
         return TrackedObject(
             label=entry.label,
-            box=entry.box,
+            box=self._box_in_world(entry.label, entry.box),
             score=entry.score,
             heat=entry.heat,
             first_frame=entry.first_frame,
@@ -458,11 +514,12 @@ class PosedTracker(MapQueries):
     @property
     def planes(self) -> list[SupportPlane]:
         """The supporting planes in use."""
-        return [
-            SupportPlane(*self._planes.in_world(plane), self._planes.outline_in_world(plane))
-            for plane in self._planes.planes
-            if plane.in_use
-        ]
+        return [self._plane_in_world(plane) for plane in self._planes.planes if plane.in_use]
+
+    def _plane_in_world(self, plane: Plane) -> SupportPlane:
+        T, (normal, offset) = self.T_world_map, self._planes.in_world(plane)
+        up = T[:3, :3] @ normal
+        return SupportPlane(up, offset - float(up @ T[:3, 3]), transform(T, self._planes.outline_in_world(plane)))
 
     @property
     def plane_identities(self) -> list[int]:
@@ -472,7 +529,8 @@ class PosedTracker(MapQueries):
     @property
     def up(self) -> Float64Array | None:
         """Up in the world, (3,); None while unknown."""
-        return self._planes.up
+        up = self._planes.up
+        return None if up is None else np.asarray(self.T_world_map[:3, :3] @ up)
 
     def ever_labelled(self) -> list[MapObject]:
         """Return all objects that have a label, retired ones too, by label."""
@@ -489,7 +547,7 @@ class PosedTracker(MapQueries):
     def begin_visit(self) -> None:
         """Expect the place at another time: things may have been moved, taken and brought."""
         self._map.begin_visit()
-        self._position = self._viewpoint = None
+        self._position = self._viewpoint = self._turns = None  # the camera may be held another way
         self._due = True
 
     def adopt(self, entry: MapObject, old: MapObject) -> None:
@@ -534,7 +592,7 @@ class PosedTracker(MapQueries):
         kept[whole] = False
         every = np.concatenate([rows[of][kept], fine])
         return MapPoints(
-            xyz=np.concatenate([xyz[kept], self._voxels.xyz(fine)]),
+            xyz=transform(self.T_world_map, np.concatenate([xyz[kept], self._voxels.xyz(fine)])).astype(np.float32),
             rgb=self._voxels.rgb(every),
             heat=self._voxels.heat(every),
             label=np.concatenate([label[kept], label[whole]]),

@@ -75,13 +75,11 @@ class Tracker(MapQueries):
         poses: str | None = None,
         memory_mb: float = MEMORY_MB,
     ) -> None:
-        from cuboid.tracking.first_camera import FirstCameraTracker
         from cuboid.tracking.posed_tracker import PosedTracker
 
         config, rows = config or TrackerConfig(), RowLog()
         origin = None if poses is None else checked_origin(poses)
-        posed = PosedTracker(intrinsics, config, proposals, memory_mb=memory_mb)
-        mapper = FirstCameraTracker(intrinsics, posed)
+        mapper = PosedTracker(intrinsics, config, proposals, memory_mb=memory_mb)
         self._start(intrinsics, config, mapper, None, rows.add)
         self._origin, self._proposals, self._rows = origin, proposals, rows
 
