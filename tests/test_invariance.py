@@ -129,3 +129,17 @@ def test_points_planes_and_up_lie_in_the_world_of_the_poses() -> None:
     points, points_there = here.map_points(), there.map_points()
     np.testing.assert_allclose(points_there.xyz, points.xyz @ A[:3, :3].T + A[:3, 3], atol=1e-4)
     np.testing.assert_array_equal(points_there.label, points.label)
+
+
+@pytest.mark.parametrize(("name", "every", "limit"), [("office-scan", 1, 60), ("rgbd_dataset_freiburg1_xyz", 4, 60)])
+def test_the_third_axis_of_a_box_is_the_normal_of_its_plane(data_dir: Path, name: str, every: int, limit: int) -> None:
+    recording = open_recording(data_dir / name)
+    tracker = Tracker(recording.intrinsics)
+    for frame in recording.iterate(every=every, limit=limit):
+        tracker.update(frame)
+    resting = [item for item in tracker.objects if item.plane is not None]
+    assert len(resting) >= 3
+    for item in resting:
+        assert item.plane is not None
+        # Planes are refined after the last fit of a box, by less than what a camera pose errs by.
+        assert item.box.up @ tracker.planes[item.plane].normal > np.cos(np.radians(3.0)), item
