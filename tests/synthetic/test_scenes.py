@@ -23,14 +23,17 @@ def test_objects_stand_on_their_surface_without_overlap(kind, seed):
     scene = make_scene(kind, seed, frames=30)
     assert len(scene.objects) >= 4
     plan = outlines(scene)
+    heights = {o.id: o.mesh().vertices[:, 2] for o in scene.objects}
+    least = 0.003 if kind == "bin" else 0.019
     for o in scene.objects:
         surface = scene.surfaces[o.surface]
         assert surface.contains(plan[o.id], 0.0)
         bottom = o.mesh().vertices[:, 2].min()
         assert abs(bottom - surface.height_m) < 1e-9 or o.touches
         for other in scene.objects:
-            if other.id < o.id and other.surface == o.surface and other.id not in o.touches:
-                assert gap_m(plan[o.id], plan[other.id]) >= 0.019
+            above = heights[o.id].min() > heights[other.id].max()
+            if other.id < o.id and other.surface == o.surface and other.id not in o.touches and not above:
+                assert gap_m(plan[o.id], plan[other.id]) >= least
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
@@ -62,7 +65,7 @@ def test_the_camera_moves_like_one_that_is_carried(kind, camera):
     assert max(np.linalg.norm(step[:3, 3]) for step in steps) < 0.027
     turns = [np.degrees(np.arccos(np.clip((np.trace(step[:3, :3]) - 1) / 2, -1, 1))) for step in steps]
     assert max(turns) < 2.0
-    assert np.abs(poses[:, 2, 0]).max() < 0.25
+    assert kind == "overhead" or np.abs(poses[:, 2, 0]).max() < 0.25
     assert all(se3.is_rigid(T, 1e-9) for T in poses)
     assert poses[:, 2, 3].min() > 0.8
     assert poses[:, 2, 3].max() < 2.4

@@ -58,7 +58,8 @@ class _Rule:
     def metres(self, d: Float32Array) -> Float32Array:
         """Return depth in metres, 0 where there is no reading."""
         if self.affine:
-            return np.where((d > 0) & (d <= MAX_AFFINE), self.a * d + self.b, 0).astype(np.float32)
+            # In double precision: 0.001 is no float32.
+            return np.where((d > 0) & (d <= MAX_AFFINE), self.a * d.astype(np.float64) + self.b, 0).astype(np.float32)
         away = np.where((d > 0) & (d < self.a), self.a - d, np.inf)
         return (8 * self.b * self.fx / away).astype(np.float32)
 

@@ -7,7 +7,7 @@ import numpy as np
 from cuboid.core.frame import Float64Array
 from cuboid.geometry import se3
 from cuboid.synthetic import furniture as made
-from cuboid.synthetic.kinds import Draft, finish
+from cuboid.synthetic.draft import Draft, finish
 from cuboid.synthetic.material import Material, Texture
 from cuboid.synthetic.mesh import box, shift, turn
 from cuboid.synthetic.paths import around

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
@@ -11,69 +10,21 @@ import numpy as np
 from cuboid.core.errors import InputError
 from cuboid.core.frame import Float64Array
 from cuboid.synthetic import furniture as made
+from cuboid.synthetic.draft import APART_M, SMALL, Draft, add_middle_table, add_room, circling, finish, on_floor
 from cuboid.synthetic.mesh import shift, turn
-from cuboid.synthetic.paths import CAMERAS, STEP_M, STEP_RAD, around, fly, random_motion
+from cuboid.synthetic.paths import CAMERAS, STEP_M, STEP_RAD, around, random_motion
 from cuboid.synthetic.placement import Arrangement
-from cuboid.synthetic.scene import Furniture, Scene, Surface
+from cuboid.synthetic.places import build_bin, build_counter, build_overhead, build_stacks
+from cuboid.synthetic.scene import Scene, Surface
 from cuboid.synthetic.shapes import MAKERS, Model
-
-# Gap between objects where nothing else is said, metres.
-APART_M = 0.06
-# From the middle of a room to its walls, metres.
-ROOM_HALF_M = 2.6
-# Small things for shelves and crowded tables.
-SMALL = ("can", "mug", "carton", "jar", "milk", "bowl", "bottle", "plant")
-
-
-@dataclass
-class Draft:
-    """A scene in the making.
-
-    Attributes
-    ----------
-    rng : numpy.random.Generator
-    frames : int
-    camera : str
-        Of `CAMERAS`.
-    meshes : sequence of Model
-        The user's own; they come before the made ones.
-    furniture : list of Furniture
-    objects : Arrangement
-        Set when the surfaces are known.
-    waypoints : (K, 6) float64
-    whole : bool
-        Whether the way must be flown to its end.
-    """
-
-    rng: np.random.Generator
-    frames: int
-    camera: str
-    meshes: Sequence[Model]
-    furniture: list[Furniture]
-    objects: Arrangement
-    waypoints: Float64Array
-    whole: bool = False
-
-    def add(self, model: Model, T_room_model: Float64Array, *, doubtful: bool = False) -> None:
-        """Put up furniture."""
-        self.furniture.append(Furniture(model, T_room_model, doubtful))
-
-    def models(self, count: int, names: Sequence[str] = tuple(MAKERS)) -> list[Model]:
-        """Draw models, the same kind at most as often as needed; the user's own come first."""
-        own = [self.meshes[int(k)] for k in self.rng.permutation(len(self.meshes))][:count]
-        drawn: list[str] = []
-        while len(drawn) < count - len(own):
-            drawn += [names[int(k)] for k in self.rng.permutation(len(names))]
-        return own + [MAKERS[name](self.rng) for name in drawn[: count - len(own)]]
-
 
 Builder = Callable[[Draft], None]
 
 
 def build_table(draft: Draft) -> None:
     """One table in the middle of a room; the camera goes round it."""
-    _room(draft)
-    _middle_table(draft)
+    add_room(draft)
+    add_middle_table(draft)
     for model in draft.models(int(draft.rng.integers(6, 10))):
         draft.objects.put(model, 0, APART_M, within=0.9)
     path_table(draft)
@@ -81,16 +32,16 @@ def build_table(draft: Draft) -> None:
 
 def path_table(draft: Draft) -> None:
     """Let the camera go round the table."""
-    draft.waypoints = _circling(draft, 0, radius=draft.rng.uniform(1.1, 1.45))
+    draft.waypoints = circling(draft, 0, radius=draft.rng.uniform(1.1, 1.45))
 
 
 def build_occluders(draft: Draft) -> None:
     """A table behind screens and large boxes, which the camera passes."""
-    _room(draft)
-    _middle_table(draft)
+    add_room(draft)
+    add_middle_table(draft)
     for model in draft.models(int(draft.rng.integers(6, 9))):
         draft.objects.put(model, 0, APART_M, within=0.8)
-    waypoints = _circling(draft, 0, radius=2.0, height=draft.rng.uniform(1.25, 1.4), steady=True)
+    waypoints = circling(draft, 0, radius=2.0, height=draft.rng.uniform(1.25, 1.4), steady=True)
     draft.waypoints = waypoints
     angle = np.unwrap(np.arctan2(waypoints[:, 1], waypoints[:, 0]))
     for fraction, low in ((0.4, False), (0.8, bool(draft.rng.random() < 0.5))):
@@ -106,8 +57,8 @@ def build_occluders(draft: Draft) -> None:
 
 def build_leave(draft: Draft) -> None:
     """A table that the camera turns away from for a second or more, and comes back to."""
-    _room(draft)
-    _middle_table(draft)
+    add_room(draft)
+    add_middle_table(draft)
     for model in draft.models(int(draft.rng.integers(5, 9))):
         draft.objects.put(model, 0, APART_M, within=0.85)
     path_leave(draft)
@@ -125,7 +76,7 @@ def path_leave(draft: Draft) -> None:
 def build_tables(draft: Draft) -> None:
     """Two tables of other heights and a shelf; the camera walks from one to the next and back."""
     rng = draft.rng
-    _room(draft, half=3.0)
+    add_room(draft, half=3.0)
     surfaces = [
         Surface(
             "table",
@@ -143,9 +94,9 @@ def build_tables(draft: Draft) -> None:
     ]
     draft.objects = Arrangement(tuple(surfaces), rng)
     table, low = surfaces[0], surfaces[1]
-    draft.add(made.table(rng, (1.24, 0.8, table.height_m)), _on_floor(table))
-    draft.add(made.round_table(rng, 0.5, low.height_m), _on_floor(low))
-    draft.add(made.shelf(rng, (1.1, 0.34, boards[1] + 0.02), boards), _on_floor(surfaces[2]))
+    draft.add(made.table(rng, (1.24, 0.8, table.height_m)), on_floor(table))
+    draft.add(made.round_table(rng, 0.5, low.height_m), on_floor(low))
+    draft.add(made.shelf(rng, (1.1, 0.34, boards[1] + 0.02), boards), on_floor(surfaces[2]))
     for surface, count, names in ((0, 5, tuple(MAKERS)), (1, 4, tuple(MAKERS)), (2, 2, SMALL), (3, 4, SMALL)):
         for model in draft.models(count, names):
             draft.objects.put(model, surface, APART_M, within=0.85)
@@ -162,8 +113,8 @@ def path_tables(draft: Draft) -> None:
 def build_clutter(draft: Draft) -> None:
     """A crowded table: gaps of 2 to 4 cm, two pairs that touch, one object on another."""
     rng = draft.rng
-    _room(draft)
-    _middle_table(draft)
+    add_room(draft)
+    add_middle_table(draft)
     first = draft.objects.put(draft.models(1)[0], 0, APART_M, within=0.2)
     assert first is not None, "an empty table has room"
     for number, model in enumerate(draft.models(int(rng.integers(10, 14)))):
@@ -174,13 +125,13 @@ def build_clutter(draft: Draft) -> None:
             if not (touch and other.touches) and draft.objects.put_beside(model, other, gap, 0.02):
                 break
     _stack(draft)
-    draft.waypoints = _circling(draft, 0, radius=rng.uniform(1.05, 1.3))
+    draft.waypoints = circling(draft, 0, radius=rng.uniform(1.05, 1.3))
 
 
 def build_room(draft: Draft) -> None:
     """A living room, first seen at a curtain: table, shelf, sofa, chair, and things on the floor."""
     rng = draft.rng
-    _room(draft, half=3.0)
+    add_room(draft, half=3.0)
     board = rng.uniform(0.75, 0.9)
     surfaces = (
         Surface(
@@ -194,8 +145,8 @@ def build_room(draft: Draft) -> None:
         Surface("floor", 0.0, np.array([0.75, -0.7]), np.array([0.55, 0.45])),
     )
     draft.objects = Arrangement(surfaces, rng)
-    draft.add(made.table(rng, (1.2, 0.76, surfaces[0].height_m)), _on_floor(surfaces[0]))
-    draft.add(made.shelf(rng, (1.0, 0.34, board + 0.02), (0.35, board)), _on_floor(surfaces[1]))
+    draft.add(made.table(rng, (1.2, 0.76, surfaces[0].height_m)), on_floor(surfaces[0]))
+    draft.add(made.shelf(rng, (1.0, 0.34, board + 0.02), (0.35, board)), on_floor(surfaces[1]))
     draft.add(made.sofa(rng), shift((-1.3, 0.9, 0)) @ turn(rng.uniform(-0.2, 0.2)), doubtful=True)
     draft.add(made.chair(rng), shift((0.2, 1.45, 0)) @ turn(-np.pi / 2 + rng.uniform(-0.4, 0.4)), doubtful=True)
     for surface, count, names in (
@@ -222,6 +173,10 @@ KINDS: Mapping[str, Builder] = MappingProxyType(
         "tables": build_tables,
         "clutter": build_clutter,
         "room": build_room,
+        "overhead": build_overhead,
+        "bin": build_bin,
+        "counter": build_counter,
+        "stacks": build_stacks,
     }
 )
 # How the camera goes where a place is visited again.
@@ -231,6 +186,7 @@ WAYS: Mapping[str, Builder] = MappingProxyType(
 # Frames of a recording where none are asked for: what the way of the kind takes.
 FRAMES: Mapping[str, int] = MappingProxyType(
     {"table": 160, "occluders": 200, "leave": 220, "tables": 360, "clutter": 160, "room": 460}
+    | {"overhead": 90, "bin": 120, "counter": 120, "stacks": 160}
 )
 
 
@@ -272,72 +228,6 @@ def make_scene(
     draft = Draft(rng, frames or FRAMES[kind], camera or drawn, meshes, [], Arrangement((), rng), np.empty((0, 6)))
     KINDS[kind](draft)
     return finish(draft, f"synthetic {kind} {seed}", kind, seed, T_world_room, focal)
-
-
-def finish(draft: Draft, name: str, kind: str, seed: int, T_world_room: Float64Array, focal_px: float) -> Scene:
-    """Return the scene of a draft."""
-    waypoints = fly(draft.waypoints, draft.frames, CAMERAS[draft.camera], draft.rng, whole=draft.whole)
-    return Scene(
-        name=name,
-        kind=kind,
-        seed=seed,
-        objects=tuple(draft.objects.objects),
-        furniture=tuple(draft.furniture),
-        surfaces=draft.objects.surfaces,
-        T_world_room=T_world_room,
-        T_room_camera=waypoints,
-        focal_px=focal_px,
-    )
-
-
-def _on_floor(surface: Surface) -> Float64Array:
-    return shift((*surface.center, 0)) @ turn(surface.angle_rad)
-
-
-def _room(draft: Draft, half: float = ROOM_HALF_M) -> None:
-    """Put up floor, ceiling, walls, and a curtain at -y."""
-    draft.add(made.floor(draft.rng, half + 0.1), np.eye(4))
-    draft.add(made.ceiling(half + 0.1), np.eye(4))
-    for k in range(4):
-        draft.add(made.wall(draft.rng, 2 * half), turn(k * np.pi / 2) @ shift((0, half, 0)))
-    draft.add(made.curtain(draft.rng, 2 * half), turn(np.pi) @ shift((0, half - 0.2, 0)))
-
-
-def _middle_table(draft: Draft) -> None:
-    rng = draft.rng
-    height, angle = rng.uniform(0.42, 0.85), rng.uniform(0, np.pi)
-    if rng.random() < 0.3:
-        radius = rng.uniform(0.5, 0.62)
-        surface = Surface("round table", height, np.zeros(2), np.full(2, radius), 0.0, round=True)
-        draft.add(made.round_table(rng, radius, height), np.eye(4))
-    else:
-        half = np.array([rng.uniform(0.55, 0.75), rng.uniform(0.4, 0.5)])
-        surface = Surface("table", height, np.zeros(2), half, angle)
-        draft.add(made.table(rng, (*(2 * half), height)), _on_floor(surface))
-    draft.objects = Arrangement((surface,), rng)
-
-
-def _circling(
-    draft: Draft, surface: int, radius: float, height: float | None = None, *, steady: bool = False
-) -> Float64Array:
-    """Return waypoints round a surface, as far as the frames allow."""
-    rng, top = draft.rng, draft.objects.surfaces[surface]
-    middle = (*top.center, top.height_m + 0.05)
-    level = top.height_m + rng.uniform(0.5, 0.85) if height is None else height
-    angle = draft.frames * STEP_M * 0.95 / radius
-    if draft.camera == "orbit" or steady:
-        count, radii, levels = 24, np.full(24, radius), np.full(24, level)
-        angles = np.linspace(0, angle, count)
-    else:
-        count = max(4, draft.frames // 28)
-        wide = 0.3 if draft.camera == "drone" else 0.2
-        radii = radius + rng.uniform(-0.5 * wide, wide, count)
-        levels = level + rng.uniform(-0.6 * wide, (2.2 if draft.camera == "drone" else 1.0) * wide, count)
-        angles = np.linspace(0, 0.8 * angle, count)
-    waypoints = around(middle, rng.uniform(0, 2 * np.pi) + (1 if rng.random() < 0.5 else -1) * angles, radii, levels)
-    if not steady:
-        waypoints[:, 3:] += rng.uniform(-0.06, 0.06, (len(waypoints), 3)) * (draft.camera != "orbit")
-    return waypoints
 
 
 def _leaving(draft: Draft, surface: int, angle: float, length_m: float) -> Float64Array:

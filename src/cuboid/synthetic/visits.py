@@ -20,7 +20,8 @@ from cuboid.core.errors import InputError, OutputError
 from cuboid.core.paths import PathLike, as_path
 from cuboid.outputs.pending import write_whole
 from cuboid.outputs.text import LENGTH, rounded, rounded_list
-from cuboid.synthetic.kinds import APART_M, FRAMES, WAYS, Draft, finish, make_scene
+from cuboid.synthetic.draft import APART_M, Draft, finish
+from cuboid.synthetic.kinds import FRAMES, WAYS, make_scene
 from cuboid.synthetic.mesh import shift, turn
 from cuboid.synthetic.paths import CAMERAS
 from cuboid.synthetic.placement import Arrangement
