@@ -10,16 +10,22 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.core.frame import Float64Array
+from cuboid.core.limits import SAMPLE_POINTS
 from cuboid.core.state import Record
+from cuboid.core.tolerances import DRIFT_M
 from cuboid.geometry.box import Box
 from cuboid.geometry.kernels.overlap import BATCH, bound, near
 from cuboid.geometry.overlap import overlap_min_matrix
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.affinity import Affinity, AffinityState
+from cuboid.objects.distances import points_near
 from cuboid.objects.entry import MapObject, State, summed_counts
 
 # Two objects overlap in space when their boxes share this fraction of the smaller one: no two solids do.
 SHARED_FRACTION = 0.5
+# An object may lie in the hollow of another one that is at least this high, metres, when its box has at most this
+# fraction of that one's volume: bowls and plates, parts of which may look like objects, are lower.
+HOLLOW_HEIGHT_M, HOLLOW_FRACTION = 0.1, 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +111,15 @@ class ObjectStore:
         return self.boxes[[entry.number for entry in entries]]
 
     def overlapping(self, some: Sequence[MapObject], others: Sequence[MapObject]) -> npt.NDArray[np.bool_]:
-        """Tell which living objects overlap in space by half of the smaller one or more, (N, M)."""
-        return np.asarray(overlap_min_matrix(self.boxes_of(some), self.boxes_of(others)) >= SHARED_FRACTION)
+        """Tell which living objects overlap in space, (N, M), by half of the smaller box or more.
+
+        An object within a far larger one also has to share half of its points with that: else the larger one is hollow,
+        as a tote is.
+        """
+        found = np.asarray(overlap_min_matrix(self.boxes_of(some), self.boxes_of(others)) >= SHARED_FRACTION)
+        for i, j in zip(*np.nonzero(found), strict=True):
+            found[i, j] = not _is_inside_hollow(some[i], others[j])
+        return found
 
     @property
     def bounds(self) -> Float64Array:
@@ -224,3 +237,15 @@ class ObjectStore:
         """Return those of some objects that still live, by number."""
         found = map(self._objects.get, sorted(set(numbers)))
         return [o for o in found if o is not None and o.state is not State.RETIRED]
+
+
+def _is_inside_hollow(one: MapObject, other: MapObject) -> bool:
+    """Tell whether the smaller one of two objects lies in the hollow of a far larger one."""
+    small, large = sorted((one, other), key=lambda entry: entry.box.volume)
+    if large.box.size[2] < HOLLOW_HEIGHT_M or small.box.volume > HOLLOW_FRACTION * large.box.volume:
+        return False
+    if not (len(small.points) and len(large.points)):
+        return False
+    points = small.points[:: 1 + len(small.points) // SAMPLE_POINTS]
+    enough = math.ceil(SHARED_FRACTION * len(points))
+    return points_near(points, large.points, DRIFT_M, enough) < enough
