@@ -8,12 +8,24 @@ import pytest
 from hypothesis import settings
 
 from allowed_skips import may_be_skipped
+from slow_files import SLOW_FILES
 
 # The same examples in every run; the first one of a kernel also compiles it, which no deadline allows for.
 settings.register_profile("cuboid", deadline=None, derandomize=True)
 settings.load_profile("cuboid")
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add `--fast`."""
+    parser.addoption("--fast", action="store_true", help="leave out the files of tests/slow_files.py")
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out slow files where `--fast` is given."""
+    fast = config.getoption("--fast") and collection_path.suffix == ".py"
+    return True if fast and str(collection_path.relative_to(REPOSITORY / "tests")) in SLOW_FILES else None
 
 
 @pytest.fixture(scope="session")
