@@ -87,27 +87,37 @@ class FrameLog:
 
 
 class FrameClock:
-    """Milliseconds of the stages of one frame, "frame" for the whole of it; compiling kernels is left out."""
+    """Milliseconds of the stages of one frame, in the order of work; compiling kernels is left out.
 
-    def __init__(self, before: dict[str, float]) -> None:
-        self._stages = before
+    Parameters
+    ----------
+    before : dict of str to float, optional
+        Times of stages before this clock was started.
+
+    Attributes
+    ----------
+    milliseconds : dict of str to float
+    """
+
+    def __init__(self, before: dict[str, float] | None = None) -> None:
+        self.milliseconds = before = {} if before is None else before
         self._before_ms = sum(before.values())
         self._begun_s = self._last_s = working_s()
 
     def lap(self, stage: str) -> None:
         """Give the time since the last lap to a stage."""
         now_s = working_s()
-        self._stages[stage] = (now_s - self._last_s) * 1e3
+        self.milliseconds[stage] = (now_s - self._last_s) * 1e3
         self._last_s = now_s
 
     def laps(self, milliseconds: Mapping[str, float]) -> None:
         """Take over times that were measured inside."""
-        self._stages.update(milliseconds)
+        self.milliseconds.update(milliseconds)
         self._last_s = working_s()
 
     def done(self) -> dict[str, float]:
-        """Return the times of the whole and of the stages."""
-        return {"frame": self._before_ms + (working_s() - self._begun_s) * 1e3, **self._stages}
+        """Return the times of the whole, "frame", and of the stages."""
+        return {"frame": self._before_ms + (working_s() - self._begun_s) * 1e3, **self.milliseconds}
 
 
 def peak_memory_mb() -> float:

@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from cuboid.boxes.fit import Resting, fit_boxes
 from cuboid.boxes.quantiles import quantile
-from cuboid.core.compiletime import working_s
 from cuboid.core.config import TrackerConfig
 from cuboid.core.errors import FrameError
 from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
@@ -47,24 +46,11 @@ from cuboid.surfaces.kernels.outlines import BOTTOM, LEFT, RIGHT, TOP
 from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.planes import PlaneTracker, PlaneTrackerState
 from cuboid.surfaces.standing import find_flat_areas
+from cuboid.tracking.measuring import FrameClock
 from cuboid.tracking.rolling import Roll, farther_up
 
 # Poses in the map have this many decimals, metres: the last bits, which another world changes, are cut off.
 POSE_DECIMALS = 9
-
-
-class Stopwatch:
-    """Milliseconds of each stage of one frame, in the order of work."""
-
-    def __init__(self) -> None:
-        self.milliseconds: dict[str, float] = {}
-        self._last = working_s()
-
-    def lap(self, stage: str) -> None:
-        """Charge the time since the last lap to a stage."""
-        now = working_s()
-        self.milliseconds[stage] = (now - self._last) * 1e3
-        self._last = now
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,7 +235,7 @@ class PosedTracker(MapQueries):
 
     def _update(self, frame: Frame, given: Frame, anchor: int) -> FrameResult:
         """Take in a frame turned by `_roll`; see `update`."""
-        watch, camera = Stopwatch(), self._roll.camera
+        watch, camera = FrameClock(), self._roll.camera
         seen = self._observe(frame, camera, anchor if anchor <= LAST_KEYFRAME else 0)
         image, solid, T_camera_world = seen.image, seen.solid, seen.T_camera_world
         every = self._proposals(frame, given)

@@ -150,7 +150,7 @@ class Tracker(MapQueries):
         CuboidError
             Another thread is taking in a frame.
         """
-        clock = FrameClock({})
+        clock = FrameClock()
         result = self.step(frame, clock)
         if isinstance(result, FrameResult):
             self.log.use(clock.done(), result.left_out)
