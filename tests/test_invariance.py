@@ -13,6 +13,7 @@ from cuboid.core.frame import Float64Array, Frame, Intrinsics
 from cuboid.core.results import FrameResult, Sighting
 from cuboid.geometry.box import Box
 from cuboid.readers import open_recording
+from cuboid.tracking.posed_tracker import PosedTracker
 from cuboid.tracking.rolling import Roll
 from cuboid.tracking.tracker import Tracker
 from made_scenes import CAMERA, frame_of, look_at, upright
@@ -143,3 +144,19 @@ def test_the_third_axis_of_a_box_is_the_normal_of_its_plane(data_dir: Path, name
         assert item.plane is not None
         # Planes are refined after the last fit of a box, by less than what a camera pose errs by.
         assert item.box.up @ tracker.planes[item.plane].normal > np.cos(np.radians(3.0)), item
+
+
+def test_a_later_visit_may_hold_the_camera_upside_down() -> None:
+    roll = Roll(CAMERA, 2)
+    assert roll.camera == CAMERA
+    tracker, frames = PosedTracker(CAMERA), made()
+    for frame in frames:
+        tracker.update(frame)
+    before = {item.label: item.box for item in tracker.objects}
+    tracker.begin_visit()
+    seen = set()
+    for frame in frames:
+        turned = dataclasses.replace(roll.frame(frame), index=frame.index + len(frames))
+        seen |= {one.label for one in tracker.update(turned).sightings}
+    assert seen == set(before)
+    assert_same([item.box for item in tracker.objects], list(before.values()))
