@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from cuboid.cli.filters import add_filters
 from cuboid.cli.results import add_results, give
 from cuboid.cli.threads import positive
+from cuboid.store.filter_words import length, moment, place, sizes, thing
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 EXAMPLE = "cuboid find STORE --size 8..14cm"
 
+T = TypeVar("T")
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
     parser.add_argument("store", metavar="STORE", help="what 'cuboid batch' wrote: a folder or URL")
-    add_filters(parser)
+    _add_filters(parser)
     shown = parser.add_argument_group("answer")
     shown.add_argument("--limit", type=positive, default=50, metavar="N", help="at most N objects (default: 50)")
     shown.add_argument("--html", type=Path, metavar="FILE", help="write the table with pictures as a page")
@@ -72,3 +75,37 @@ def _table(rows: list[dict[str, Any]]) -> Table:
     for row in rows:
         table.add_row(*cells_of(row), *([f"{row[last]:.3f}"] if last else []))
     return table
+
+
+def _add_filters(parser: argparse.ArgumentParser) -> None:
+    """Add the conditions on objects, in the words of people."""
+    which = parser.add_argument_group("which objects")
+    which.add_argument(
+        "--size", type=_word(sizes), metavar="A..B", help="length of the longest side, as 8..14cm or 0.5m.."
+    )
+    which.add_argument(
+        "--near", type=_word(place), metavar="X,Y,Z", help="near a place in the recordings' world, metres"
+    )
+    which.add_argument("--within", type=_word(length), default=0.5, metavar="D", help="so near (default: 0.5m)")
+    which.add_argument("--recording", metavar="GLOB", help="in recordings of this name, as 'kitchen*'")
+    which.add_argument(
+        "--since", type=_word(moment), metavar="WHEN", help="last seen since 2026-03-01, or for 7d, 12h, 30min"
+    )
+    which.add_argument("--until", type=_word(moment), metavar="WHEN", help="last seen before")
+    which.add_argument("--color", metavar="WORD", help="red, blue, grey, ...: of which a third of it is")
+    which.add_argument("--min-score", type=float, metavar="S", help="confidence that it is an object, 0 to 1")
+    which.add_argument(
+        "--like", type=_word(thing), metavar="RECORDING#LABEL", help="the most like this one, by size, shape and colors"
+    )
+
+
+def _word(read: Callable[[str], T]) -> Callable[[str], T]:
+    """Return a reader whose complaint argparse prints as it is."""
+
+    def read_word(text: str) -> T:
+        try:
+            return read(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return read_word

@@ -21,12 +21,11 @@ from cuboid.core.state import Record, snapshot
 from cuboid.core.tolerances import DRIFT_M, DRIFT_RAD, SIGMAS
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse, transform
-from cuboid.surfaces import furniture, seats
+from cuboid.surfaces import seats
 from cuboid.surfaces.cells import MIN_CELLS, Cells
-from cuboid.surfaces.discovery import largest_level
-from cuboid.surfaces.duplicates import merge_duplicates
 from cuboid.surfaces.frustum_planes import FrustumPlanes, crop_planes, frustum
 from cuboid.surfaces.plane import ON_PLANE_M, REACH_M, Plane
+from cuboid.surfaces.plane_rules import is_lid, largest_level, merge_duplicates
 from cuboid.surfaces.standing import SAME_COS, FlatAreas
 from cuboid.surfaces.up import REFRESH_FRAMES, UpVote
 from cuboid.surfaces.windows import Windows, window_of
@@ -352,7 +351,7 @@ class PlaneTracker:
                 self._stale.discard(plane)
             area = plane.plan.area_m2()
             if plane.in_use or area >= least:
-                if furniture.is_lid(plane, self._config.max_size_m**2, partial(self._at, plane.mean[None])):
+                if is_lid(plane, self._config.max_size_m**2, partial(self._at, plane.mean[None])):
                     plane.in_use = False
                 elif not plane.in_use:
                     # Seen often enough, or at once as much as would be.
