@@ -16,7 +16,7 @@ from cuboid.synthetic.scene import Scene, Surface
 from cuboid.synthetic.shapes import MAKERS, Model, turned
 
 DEMO_FRAMES = 150
-# What stands where: kind, seed of its making, place on the table (-1..1), turn in degrees.
+# The objects: kind, seed, place on the table (-1..1), turn in degrees.
 _LAID: tuple[tuple[str, int, float, float, float], ...] = (
     ("carton", 13, -0.62, 0.45, 20.0),
     ("bowl", 3, 0.05, 0.42, 0.0),

@@ -114,7 +114,7 @@ FEW_POSES_FRACTION = 0.1
 
 
 def named(words: Sequence[str], frames: int) -> tuple[str, ...]:
-    """Return the faults that words name, for a recording of so many frames; `all` is those of single frames.
+    """Return the faults that words name, for a recording of this many frames; `all` is those of single frames.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a surface looks like: two colors, a texture by position on the body, a shine."""
+"""The look of a surface: two colors, a texture by position on the body, a shine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What becomes of true camera poses on their way into a recording: nothing, drift, or jumps."""
+"""Errors of the written camera poses: none, drift, or jumps."""
 
 from __future__ import annotations
 

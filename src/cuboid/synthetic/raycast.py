@@ -17,7 +17,7 @@ SHADOW_BIAS_M = 2e-3
 
 @dataclass(frozen=True, slots=True)
 class Hits:
-    """What the pixels of an image see.
+    """The surfaces that the pixels of an image see.
 
     Attributes
     ----------

@@ -57,7 +57,7 @@ CloudPart = tuple[Float32Array, UInt8Array, npt.NDArray[np.int32]]
 
 @dataclass(frozen=True, slots=True)
 class _Done:
-    """What a rendered frame leaves besides its images: visible fractions (M,), those of ghosts, points of the cloud."""
+    """Results of a rendered frame besides its images: visible fractions (M,), those of ghosts, points of the cloud."""
 
     fractions: Float64Array
     empty: Float64Array

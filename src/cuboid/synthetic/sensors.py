@@ -1,4 +1,4 @@
-"""What a depth camera makes of the true depth: noise, steps, holes, shadows, wrong pixels at edges.
+"""Errors of depth cameras: noise, steps, holes, shadows, wrong pixels at edges.
 
 ==================  ==============================================================================
 `structured-light`  Kinect v1. Deviation and step of depth: Khoshelham and Oude Elberink, "Accuracy

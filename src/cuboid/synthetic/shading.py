@@ -38,7 +38,7 @@ _GAMMA = np.rint(np.linspace(0.0, 1.0, 4096) ** (1 / 2.2) * 255).astype(np.uint8
 
 @dataclass(frozen=True, slots=True)
 class ShadingParameters:
-    """What the shading knows of a scene's surfaces.
+    """The surfaces of a scene, as the shading needs them.
 
     Attributes
     ----------

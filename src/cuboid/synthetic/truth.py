@@ -23,7 +23,7 @@ from cuboid.synthetic.scene import FRAMES_PER_S, Scene
 
 TRUTH, TRAJECTORY, CLOUD = "truth.json", "true_trajectory.txt", "true_cloud.ply"
 
-# An object counts as shown from this fraction on, in at least so many frames; what was shown less is not judged.
+# An object is judged if at least this fraction of it is visible in at least this many frames.
 SHOWN_FRACTION, SHOWN_FRAMES = 0.3, 8
 # Points of the cloud are thinned to one in a cube of this size, metres.
 CLOUD_CELL_M = 0.008

@@ -19,7 +19,7 @@ from cuboid.synthetic.shapes import Model
 
 EXTENSIONS = (".obj", ".glb", ".ply")
 # A file whose longest side is in this range is in metres; else, if a thousandth of it is, in millimetres.
-# Whatever is neither becomes an object of 18 cm.
+# A mesh in neither unit becomes an object of 18 cm.
 LONGEST_M = (0.04, 0.6)
 OTHERWISE_M = 0.18
 # More would make the rays slow and add nothing at this distance.

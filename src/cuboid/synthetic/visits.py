@@ -30,11 +30,11 @@ from cuboid.synthetic.scene import Scene, SceneObject
 from cuboid.synthetic.shapes import Model
 
 VISITS = "visits.json"
-# Between two visits so many things move, one turns where it stands, one is taken, one comes.
+# Number of objects that move between two visits; besides, one turns in place, one is taken, one comes.
 MOVED = 2
-# What is moved stands at least so far from where it stood, metres.
+# A moved object stands at least this far from its old place, metres.
 MIN_MOVE_M = 0.15
-# What turns where it stands keeps its middle so far, metres.
+# The middle of an object that turns in place stays within this distance, metres.
 TURNED_M = 0.05
 # How far the lamp goes, metres.
 LAMP_M = (0.9, 0.9, 0.15)

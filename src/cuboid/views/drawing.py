@@ -68,7 +68,7 @@ class Scored(Labelled, Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """What the strip under the picture says.
+    """The contents of the strip under the picture.
 
     Attributes
     ----------

@@ -28,19 +28,19 @@ SHADED_FRACTION = 0.75
 DARKEST, BRIGHTEST = 0.25, 0.85
 SMOOTH_PX = 5
 
-# Map points are splatted on cells of so many pixels a side: at 1 m a cell of 4 pixels spans 8 mm, less
+# Map points are splatted on cells of this many pixels a side: at 1 m a cell of 4 pixels spans 8 mm, less
 # than the spacing of the map's points, which the blur then closes.
 CELL_PX = 4
 BLUR_CELLS = 5
 # Fraction of the blur's window that must hold points: less is a stray point.
 MIN_COVER = 0.15
-# An outline is cut where it passes the camera: its edges are projected in so many steps. Coordinates of pixels that are
-# further out are clipped.
+# An outline is cut where it passes the camera: its edges are projected in this many steps. Coordinates
+# farther out than this, pixels, are clipped.
 EDGE_STEPS, FARTHEST_PX = 16, 20_000.0
 PLANE_FRACTION = 0.35
-# Points so much behind the surface that the camera sees are hidden by it, fraction of the depth.
+# Points farther than this behind the surface that the camera sees are hidden by it, fraction of the depth.
 BEHIND = 0.04
-# A cell so much farther than one beside it is seen through a gap between points, fraction of the depth.
+# A cell farther than its neighbour by more than this is seen through a gap between points, fraction of the depth.
 THROUGH = 0.10
 
 

@@ -1,4 +1,4 @@
-"""Boxes as a camera sees them: edges and faces cut to the view, projected, and told front from back."""
+"""Boxes as a camera sees them: edges and faces cut to the view, projected, with front and back distinguished."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cuboid.geometry.se3 import inverse, transform
 # Nothing nearer than this is drawn, metres: before the shortest depth that any RGB-D camera measures.
 NEAR_M = 0.05
 
-# What is drawn reaches so far beyond the image, pixels: room for the ends of thick lines.
+# Drawings reach this far beyond the image, pixels: room for the ends of thick lines.
 MARGIN_PX = 16.0
 
 # Corners of the faces in order around them: -x, +x, -y, +y, -z, +z.

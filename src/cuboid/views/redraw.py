@@ -14,7 +14,7 @@ from cuboid.views.replay import Replay, ReplayedFrame
 
 Draw = Callable[[Frame, ReplayedFrame], UInt8Array]
 
-# What a picture of a frame can show, and how people call it.
+# The kinds of pictures of a frame, and their names on the command line.
 KINDS = {"boxes": "Picture", "heat": "Heat", "depth": "Depth", "proposals": "Proposals", "planes": "Planes"}
 
 

@@ -32,7 +32,7 @@ class Known:
 
 @dataclass(frozen=True, slots=True)
 class ReplayedFrame:
-    """What the results say of one frame.
+    """The results of one frame.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Replay:
     intrinsics : Intrinsics
         Of the recording's color image.
     every : int
-        One in so many frames was used.
+        One frame in this many was used.
     planes : sequence of SupportPlane
         Those of the whole run.
     frames_per_second : float or None

@@ -1,4 +1,4 @@
-"""What the rerun viewer is told of a run, as it goes or when it is finished, by entities in the tree of frames.
+"""A run for the rerun viewer, as it goes or when it is finished, by entities in the tree of frames.
 
     world                     up, and the color of each label
     world/map                 the global point map

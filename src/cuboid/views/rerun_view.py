@@ -23,12 +23,12 @@ SUFFIX = ".rrd"
 JPEG_QUALITY = 85
 # Depth in a fifth of a millimetre, as a PNG made at the least effort: 150 kB, 4 ms.
 UNITS_PER_METRE, FARTHEST_UNITS = 5000.0, 65535
-# The map has 5 MB: it is told anew after so many used frames, and at the end.
+# The map has 5 MB: it is sent again after this many used frames, and at the end.
 MAP_EVERY = 60
 
 
 class RerunView:
-    """What `track_recording` shows a run to; a context manager.
+    """A viewer that `track_recording` shows a run to; a context manager.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What the two servers have in common: to whom they answer, what they answer to, and for how long."""
+"""Base of the two servers: whom they answer, which requests they accept, and for how long."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LOCAL_NAMES = ("localhost", HOST)
 # Ends of names that are given within a local network only (RFC 6762, RFC 8375, and by habit).
 LOCAL_ENDINGS = (".local", ".lan", ".internal", ".home.arpa", ".localdomain")
 
-# So many connections at once: a browser opens 6.
+# Largest number of connections at once; a browser opens 6.
 MAX_CONNECTIONS = 128
 # A client that is silent for so long is cut off; so is one that takes longer to send a request, or to take an answer.
 SILENT_S = 10.0
@@ -43,14 +43,14 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
 }
 
-# What a page sends back is a document of some kilobytes; more than this is none of ours.
+# A page sends back a document of some kilobytes; a larger one is not from our page.
 MAX_BYTES = 16 << 20
 
 Answer = tuple[str, bytes]
 
 
 class Phase(Enum):
-    """What a connection is doing: its client sends a request, we work on it, its client takes the answer."""
+    """The phase of a connection: the client sends a request, the server works on it, the client takes the answer."""
 
     SENDING = "sending"
     WORKING = "working"
@@ -58,7 +58,7 @@ class Phase(Enum):
 
 
 class Refusal(Exception):  # noqa: N818 - an answer, not a fault
-    """What was asked cannot be done: a status and one line for who asked."""
+    """A request cannot be answered: a status and one line for the client."""
 
     def __init__(self, status: HTTPStatus, reason: str) -> None:
         super().__init__(reason)

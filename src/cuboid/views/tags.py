@@ -17,7 +17,7 @@ TAG_PX = 14
 # Ground of the tag of what is not seen.
 GROUND = (24, 27, 33)
 
-# Plates are drawn so many times larger and averaged: smooth corners.
+# Plates are drawn this many times larger and averaged, for smooth corners.
 FINER = 4
 
 TAGS_KEPT = 1024

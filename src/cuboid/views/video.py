@@ -15,7 +15,7 @@ from cuboid.core.results import FrameResult, TrackedObject, names_of
 from cuboid.views.drawing import Status, draw_frame
 from cuboid.views.encoding import Mp4Writer
 
-# The rate that the strip shows is that of so many frames: about the last second.
+# The rate in the strip is the mean of this many frames: about the last second.
 RATE_FRAMES = 30
 # Depth cameras of this kind run at 30 frames/s. Where only every n-th frame is used the video keeps the pace
 # of the scene, down to a rate at which motion can still be followed.

@@ -1,4 +1,4 @@
-"""What the page is told: a moment as JSON with its picture, a map as packed numbers."""
+"""Messages to the page: a moment as JSON with its picture, a map as packed numbers."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ MAX_POINTS = 150_000
 PICTURE_WIDTH_PX = 480
 PICTURE_QUALITY = 80
 
-# So many points tell how far apart the map's points lie; before that it is too small to measure.
+# The spacing of the map's points is measured from this many points on.
 MIN_POINTS = 1000
 
 PLACE_DIGITS, TURN_DIGITS = 4, 6
@@ -111,7 +111,7 @@ def map_message(number: int, points: MapPoints, spacing_m: float, most: int = MA
     spacing_m : float
         How far apart neighbours in the whole map lie.
     most : int
-        At most so many are sent.
+        At most this many are sent.
     """
     kept = thinned(points.label, most)
     xyz = points.xyz[kept]

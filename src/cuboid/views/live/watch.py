@@ -1,4 +1,4 @@
-"""What is taken from a run while it goes: as little as possible, and only while somebody looks."""
+"""Data taken from a run while it goes: as little as possible, and only while somebody looks."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MOMENT_FRACTION = 0.02
 MAP_EVERY_S = 1.0
 MAP_FRACTION = 0.015
 
-# The camera's path has a corner wherever it has moved so far; a page is told at most so many of them (16 kB).
+# The camera's path has a corner after each step of this length, metres; a page gets at most this many (16 kB).
 STRIDE_M = 0.01
 MAX_PLACES = 1000
 
@@ -36,7 +36,7 @@ LAST_WORDS_S = 0.3
 
 
 class TrackerView(Protocol):
-    """What is looked at of a tracker."""
+    """The parts of a tracker that are shown."""
 
     @property
     def objects(self) -> list[TrackedObject]:
@@ -228,7 +228,7 @@ class LiveView:
             time.sleep(LAST_WORDS_S)
 
     def farewell(self) -> None:
-        """Note that somebody has been told of the end."""
+        """Note that a client has received the end."""
         with self._changed:
             self._farewells += 1
             self._changed.notify_all()

@@ -13,7 +13,7 @@ from cuboid.core.errors import CuboidError
 from cuboid.core.frame import Float64Array, Frame, UInt8Array
 from cuboid.outputs import TrackRow
 
-# Around its rectangle a picture shows so much more, fraction of the longer side: an object in its place.
+# Margin that a picture shows around the rectangle, as a fraction of the longer side: an object in its place.
 MARGIN = 0.25
 
 # Pictures are so wide at most; a card in the page is not wider on a screen with fine pixels.

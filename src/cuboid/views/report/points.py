@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.core.results import MapPoints
 
-# A laptop without a graphics card still turns so many points smoothly; packed they are about 3 MB.
+# A laptop without a graphics card still turns this many points smoothly; packed they are about 3 MB.
 MAX_POINTS = 400_000
 
 # Points of objects are what people look at: they keep up to this fraction of the page's points.
@@ -26,10 +26,10 @@ STEP_M = 0.001
 # Coordinates are 16-bit numbers of steps; a larger scene has larger steps.
 LARGEST = 65535
 
-# Points lie a spacing apart that is measured at so many of them.
+# The spacing of points is measured at this many of them.
 MEASURED_POINTS = 2000
 
-# Of a map with one point only.
+# Spacing of a map with one point only.
 DEFAULT_SPACING_M = 0.01
 
 # zlib's own default: more saves one percent and takes twice the time.
@@ -83,7 +83,7 @@ def pack_points(points: MapPoints, most: int = MAX_POINTS) -> PackedPoints:
     points : MapPoints
         N points in the world, metres.
     most : int
-        At most so many are packed, taken evenly in the map's order, those of objects more densely.
+        At most this many are packed, taken evenly in the map's order, those of objects more densely.
 
     Returns
     -------

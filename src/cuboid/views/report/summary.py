@@ -1,4 +1,4 @@
-"""What the page tells of a run, gathered from its result folder."""
+"""The contents of the page of a run, from its result folder."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TURN_DIGITS = 6
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """All that the page tells.
+    """The contents of the page.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class Summary:
 
 
 def summarise(results: Results, read: Callable[[int], Frame] | None, changes: Sequence[SceneChange] = ()) -> Summary:
-    """Gather what the page tells of a run.
+    """Gather the contents of the page of a run.
 
     Parameters
     ----------
