@@ -17,7 +17,7 @@ def test_a_skip_that_is_not_allowed_fails_in_ci(
     pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, ci: str, failed: int, skipped: int
 ) -> None:
     monkeypatch.setenv("CI", ci)
-    for name in ("conftest.py", "allowed_skips.py"):
+    for name in ("conftest.py", "allowed_skips.py", "slow_files.py"):
         (pytester.path / name).write_text((HERE / name).read_text())
     pytester.makepyfile(
         test_one="import pytest\ndef test_skipped(): pytest.skip('no')\n"
