@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import argparse
 import json
+import os
 import shutil
+import signal
+import time
 from pathlib import Path
 
+import dask
 import pytest
 
-from batches import paint, recordings, run, states
+from batches import paint, recordings, run, states, surroundings
 from cuboid.batch import cluster
+from cuboid.batch.batch import Order, carry_out, plan
+from cuboid.batch.cluster import Workers
+from cuboid.batch.sources import Source
+from cuboid.batch.task import Ended
 from cuboid.cli import main
+from cuboid.cli.batch import add_arguments, settings_from
 from cuboid.store.query import Tables
 
 
@@ -96,6 +106,38 @@ def test_the_tables_say_what_the_folders_say(store: Path) -> None:
     assert thing["picture"].startswith(b"\xff\xd8")
     assert tables.rows("select distinct day::text as day from sightings") == [{"day": "2023-11-14"}]
     assert list(store.glob("*/day=*/part-*")) == [], "a batch gathers its parts"
+
+
+def test_a_result_that_dies_with_its_worker_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = recordings(tmp_path / "source", 2)
+    sources = [Source(path.name, str(path)) for path in sorted(folder.iterdir())]
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    store = str(tmp_path / "store")
+    order = Order(store, settings_from(parser.parse_args([str(folder), "--output", store])))
+    for name, value in surroundings().items():
+        monkeypatch.setenv(name, value)
+    ended: list[str] = []
+    with dask.config.set({"distributed.worker.preload": ["quick_workers"]}), Workers(count=1).connected() as client:
+        planned = plan(client, sources, order)
+
+        def kill_the_worker(one: Ended) -> None:
+            """Kill the worker that has the result of the other recording, and wait until the client knows."""
+            ended.append(one.state)
+            if len(ended) > 1:
+                return
+            (key,) = {f"track-{task.head.run}" for task in planned.tasks} - {f"track-{one.head.run}"}
+            other = client.futures[key]
+            while other.status != "finished":
+                time.sleep(0.01)
+            for pid in client.run(os.getpid).values():
+                os.kill(pid, signal.SIGKILL)
+            while other.status == "finished":
+                time.sleep(0.01)
+
+        carry_out(client, planned, order, kill_the_worker)
+    assert ended == ["done", "done"]
+    assert {state for state, _ in states(store).values()} == {"done"}
 
 
 @pytest.mark.parametrize(

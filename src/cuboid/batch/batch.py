@@ -143,16 +143,25 @@ def _results(client: Client, planned: Plan, place: Place) -> Iterator[Ended]:
 
 
 def _result(future: Future[Ended], head: RunHead, place: Place) -> Ended:
-    if future.status == "finished":
+    """Return the end of one recording.
+
+    A result dies with the worker that has it; Dask then does the task again, and `Future.result` waits for that.
+    """
+    try:
         ended: Ended = future.result()
-        return ended
-    if future.status != "error":
-        raise InputError("the scheduler was lost; what is done is in the store, and the same call goes on from there")
-    error = future.exception()
+    except Exception as error:
+        if future.status != "error":
+            raise InputError(
+                "the scheduler was lost; what is done is in the store, and the same call goes on from there"
+            ) from error
+        if isinstance(error, CuboidError):  # the store cannot be written: no recording's fault
+            raise
+        return give_up(head, place, *_reason(error))
+    return ended
+
+
+def _reason(error: Exception) -> tuple[str, str]:
+    """Return state and reason of a recording whose task failed."""
     if isinstance(error, KilledWorker):
-        return give_up(
-            head, place, SET_ASIDE, f"killed its worker {error.allowed_failures + 1} times: too much memory, or a crash"
-        )
-    if isinstance(error, CuboidError):  # the store cannot be written: no recording's fault
-        raise error
-    return give_up(head, place, FAILED, f"a fault of the program: {type(error).__name__}: {error}")
+        return SET_ASIDE, f"killed its worker {error.allowed_failures + 1} times: too much memory, or a crash"
+    return FAILED, f"a fault of the program: {type(error).__name__}: {error}"
