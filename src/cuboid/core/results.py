@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.geometry.box import Box
+
+# Names that results tell beside the first.
+NEXT_NAMES = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +141,11 @@ class TrackedObject:
     merged_labels : tuple of int
         Younger labels that turned out to be this object.
     name : str or None
-        Name that a user gave it; None where there is none.
+        Name that a user gave it, else that of its class by a detector; None where there is none.
+    name_score : float or None
+        Probability of the class, 0..1; None where the name is a user's, or there is none.
+    names : tuple of (str, float)
+        The next likely classes, at most three, with their probabilities.
     """
 
     label: int
@@ -152,6 +160,13 @@ class TrackedObject:
     plane: int | None
     merged_labels: tuple[int, ...] = ()
     name: str | None = None
+    name_score: float | None = None
+    names: tuple[tuple[str, float], ...] = ()
+
+    def with_given_name(self, name: str) -> Self:
+        """Return it with a name that a user gave: the class that a detector saw is then the first of the next ones."""
+        seen = () if self.name is None or self.name_score is None else ((self.name, self.name_score),)
+        return replace(self, name=name, name_score=None, names=(*seen, *self.names)[:NEXT_NAMES])
 
     def __repr__(self) -> str:
         return (

@@ -1,4 +1,4 @@
-"""CSV: a row an object of the map."""
+"""CSV: a row an object of the map; with two more columns where a detector saw classes."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ HEADER = (
     "label,length_cm,width_cm,height_cm,x_m,y_m,z_m,qw,qx,qy,qz,score,heat,"
     "first_frame,last_frame,frames_seen,points,red,green,blue,plane,merged_labels,name"
 )
+CLASS_HEADER = "name_score,names"
 # Digits after the point of sizes in centimetres (a hundredth of a millimetre) and of mean colors.
 CENTIMETRE = 3
 COLOR = 1
@@ -21,7 +22,11 @@ COLOR = 1
 
 def write(run: Results, path: Path) -> list[str]:
     """Write the file."""
-    lines = [HEADER, *(_line(item) for item in run.found.objects)]
+    objects = run.found.objects
+    lines = [HEADER, *(_line(item) for item in objects)]
+    if any(item.name_score is not None or item.names for item in objects):
+        more = [CLASS_HEADER, *(_classes(item) for item in objects)]
+        lines = [f"{line},{rest}" for line, rest in zip(lines, more, strict=True)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
     return []
 
@@ -47,6 +52,12 @@ def _line(item: TrackedObject) -> str:
         quoted(item.name or ""),
     )
     return ",".join(cells)
+
+
+def _classes(item: TrackedObject) -> str:
+    score = "" if item.name_score is None else number(item.name_score, LENGTH)
+    next_names = "; ".join(f"{name} {number(value, LENGTH)}" for name, value in item.names)
+    return f"{score},{quoted(next_names)}"
 
 
 EXPORTS.register("csv")(Export(".csv", write))

@@ -68,7 +68,13 @@ class ObjectEntry(Entry, frozen=True):
     mean_color: Annotated[tuple[Level, Level, Level], Meta(description="red, green, blue, 0 to 255")]
     plane: Annotated[Count | None, Meta(description="index into planes: what it stands on")]
     merged_labels: Annotated[list[Label], Meta(description="younger labels that turned out to be this object")]
-    name: Annotated[str, Meta(description="what people call it; not there where nobody gave it a name")] = ""
+    name: Annotated[str, Meta(description="a user's, else its class by a detector; absent where it has none")] = ""
+    name_score: Annotated[Fraction | None, Meta(description="probability of the class; absent with a user's name")] = (
+        None
+    )
+    names: Annotated[
+        list[tuple[str, Fraction]], Meta(description="the next likely classes, at most 3, with their probabilities")
+    ] = []  # noqa: RUF012  # msgspec copies it
 
     def __post_init__(self) -> None:
         refuse_no_rotation(self.rotation)

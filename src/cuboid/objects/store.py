@@ -20,6 +20,7 @@ from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.affinity import Affinity, AffinityState
 from cuboid.objects.distances import points_near
 from cuboid.objects.entry import MapObject, State, summed_counts
+from cuboid.objects.naming import merged_evidence
 
 # Two objects overlap in space when their boxes share this fraction of the smaller one: no two solids do.
 SHARED_FRACTION = 0.5
@@ -208,6 +209,8 @@ class ObjectStore:
         kept.log_odds = max(kept.log_odds, gone.log_odds)
         kept.outline = kept.outline + gone.outline
         kept.supports = summed_counts(kept.supports, gone.supports)
+        kept.name_log_odds = merged_evidence(kept.name_log_odds, gone.name_log_odds)
+        kept.views = np.vstack([kept.views, gone.views])
         kept.fitted = 0
         self._voxels.transfer(gone.number, kept.number)
         self.affinity.transfer(gone.number, kept.number)

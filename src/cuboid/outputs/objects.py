@@ -130,7 +130,16 @@ def object_to_json(item: TrackedObject) -> dict[str, Any]:
         "mean_color": rounded_list(item.mean_color, 1),
         "plane": item.plane,
         "merged_labels": list(item.merged_labels),
+        **name_to_json(item),
+    }
+
+
+def name_to_json(item: TrackedObject) -> dict[str, Any]:
+    """Return what is known of an object's name, nothing where that is nothing."""
+    return {
         **({"name": item.name} if item.name else {}),
+        **({} if item.name_score is None else {"name_score": rounded(item.name_score, LENGTH)}),
+        **({"names": [[name, rounded(score, LENGTH)] for name, score in item.names]} if item.names else {}),
     }
 
 
@@ -148,4 +157,6 @@ def _object(item: ObjectEntry) -> TrackedObject:
         plane=item.plane,
         merged_labels=tuple(item.merged_labels),
         name=item.name or None,
+        name_score=item.name_score,
+        names=tuple(item.names),
     )

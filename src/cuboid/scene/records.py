@@ -17,6 +17,7 @@ from cuboid.core.results import FrameResult, Sighting, SupportPlane
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.objects.entry import MapObject, State
+from cuboid.scene.classes import write_classes
 from cuboid.tracking.posed_tracker import PosedTracker
 
 Row = tuple[Any, ...]
@@ -74,6 +75,7 @@ class Rows:
             connection.execute("DELETE FROM planes")
             many("INSERT INTO planes VALUES (?, ?, ?, ?, ?, ?)", (_plane_row(*one) for one in self.planes))
         many(_UPSERT, (_object_row(entry, label) for entry, label in self.objects))
+        write_classes(connection, self.objects)
         many("UPDATE objects SET state = 'merged', merged_into = ? WHERE label = ?", [(b, a) for a, b in self.merged])
         many(
             "UPDATE objects SET picture_share = ?, picture = ? WHERE label = ?",
@@ -146,7 +148,7 @@ class Records:
             plane = tracker.support.find(entry.plane)
             now = (
                 entry.box, entry.points, entry.state, entry.frames_seen, entry.last_frame, len(entry.merged_labels),
-                None if plane is None else plane.identity,
+                None if plane is None else plane.identity, entry.name_log_odds,
             )  # fmt: skip
             if not _same(self._written.get(entry.label), now):
                 was = copy(entry)  # what its attributes hold is never changed

@@ -113,4 +113,6 @@ def _object(item: SceneObject, own: list[ScenePast]) -> TrackedObject:
         plane=item.plane,
         merged_labels=item.merged_labels,
         name=item.name,
+        name_score=item.name_score,
+        names=item.names,
     )

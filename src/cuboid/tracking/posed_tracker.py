@@ -18,11 +18,13 @@ from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UIn
 from cuboid.core.kernels.pixels import assign_planes
 from cuboid.core.limits import MAX_PROPOSALS, MEMORY_MB, SAMPLE_POINTS
 from cuboid.core.observation import Observation
-from cuboid.core.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
+from cuboid.core.results import FrameResult, MapPoints, Proposal3D, SupportPlane, TrackedObject
 from cuboid.core.sensor import excess_noise, resolves_m
 from cuboid.core.state import Record
-from cuboid.core.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, OUTLIER_FRACTION
+from cuboid.core.tolerances import BIAS_M, DETECT_EVERY, DRIFT_M, DRIFT_RAD, OUTLIER_FRACTION
 from cuboid.core.working import WorkingImage, filled, thin
+from cuboid.detection import make_detector
+from cuboid.detection.types import Detector
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse, moved_beyond, transform
 from cuboid.heatmap.anchors import LAST_KEYFRAME
@@ -30,10 +32,11 @@ from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap, VoxelMapState
 from cuboid.objects.association import Association
 from cuboid.objects.entry import MapObject
+from cuboid.objects.naming import chosen_name, name_objects, name_scores
 from cuboid.objects.object_map import ObjectMap, ObjectMapState
 from cuboid.objects.prior import prior_of
 from cuboid.objects.validity import too_large
-from cuboid.objects.visibility import measure_visibility, sightings_of
+from cuboid.objects.visibility import Visibility, measure_visibility, sightings_of
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.queries import MapQueries
 from cuboid.proposals import make_source
@@ -115,7 +118,9 @@ class PosedTracker(MapQueries):
         If no proposal source has that name.
     """
 
-    NOT_SAVED = frozenset({"intrinsics", "_memory_mb", "_propose", "_world_boxes"})
+    NOT_SAVED = frozenset(
+        {"intrinsics", "vocabulary", "_memory_mb", "_propose", "_detect", "_detect_every", "_world_boxes"}
+    )
 
     def __init__(
         self,
@@ -134,11 +139,36 @@ class PosedTracker(MapQueries):
         self.config = config or TrackerConfig()
         self._memory_mb = memory_mb
         self._propose = make_source(proposals, self.config)
+        self._detect: Detector | None = None
+        self._detect_every = DETECT_EVERY
+        # Classes of the detector, once it has looked at a frame.
+        self.vocabulary: tuple[str, ...] = ()
         self._begin()
         self._count = 0
         self._position: Float64Array | None = None
         self._viewpoint: Float64Array | None = None
         self._due = True
+
+    def use_detector(self, detector: str | Detector | None, every: int = DETECT_EVERY) -> None:
+        """Let a detector look at each n-th frame; objects get names from what it sees.
+
+        Parameters
+        ----------
+        detector : str or Detector or None
+            As of `make_detector`.
+        every : int
+
+        Raises
+        ------
+        InputError
+            No detector has that name, or the model cannot be used.
+        MissingExtraError
+            It needs a package that is not installed.
+        """
+        if every < 1:
+            raise ValueError(f"a detector looks at each n-th frame, n >= 1, got {every}")
+        self._detect = None if detector is None else make_detector(detector)
+        self._detect_every = every
 
     def _begin(self) -> None:
         c = self.config
@@ -267,9 +297,13 @@ class PosedTracker(MapQueries):
         if due:
             self._refine(seen, heat, slots, in_frustum)
         watch.lap("map")
-        sightings = self._frame_sightings(seen, slots, in_frustum, segments, found)
+        visible = self._visible(seen, slots, in_frustum)
+        sightings = sightings_of(visible, segments, found)
         own = self._frame_boxes(segments, boxes, found)
         watch.lap("matching")
+        if self._detect is not None and self._count % self._detect_every == 0:
+            self._name_objects(self._detect, given, visible, seen)
+            watch.lap("detector")
         self._count += 1
         return FrameResult(
             index=frame.index,
@@ -442,22 +476,26 @@ class PosedTracker(MapQueries):
             numbers[small] = True
             voxels.refine(image, heat, seen.T_world_camera, seen.frame, seen.keyframe, slots, numbers, far_m)
 
-    def _frame_sightings(
-        self,
-        seen: Observation,
-        slots: npt.NDArray[np.int32],
-        in_frustum: Sequence[MapObject],
-        frame_segments: FrameSegments,
-        found: Association,
-    ) -> tuple[Sighting, ...]:
-        """Record which objects of the map the frame shows; return the sightings of those with a label."""
+    def _visible(
+        self, seen: Observation, slots: npt.NDArray[np.int32], in_frustum: Sequence[MapObject]
+    ) -> list[tuple[MapObject, Visibility]]:
+        """Record which objects of the map the frame shows, and return them with how they are seen."""
         objects = [o for o in in_frustum if len(o.points)]
         visibilities = measure_visibility(
             objects, self._map.store.boxes_of(objects), seen, slots, self._voxels.owner, self.config.depth_noise_per_m
         )
         visible = [(entry, view) for entry, view in zip(objects, visibilities, strict=True) if view.seen]
         self._map.record_seen(seen.frame, [entry for entry, _ in visible])
-        return sightings_of(visible, frame_segments, found)
+        return visible
+
+    def _name_objects(
+        self, detect: Detector, given: Frame, visible: Sequence[tuple[MapObject, Visibility]], seen: Observation
+    ) -> None:
+        """Let a detector look at the frame as it was given, and add what it sees to the names of the objects."""
+        found = detect(given, self.intrinsics)
+        self.vocabulary = self.vocabulary or found.names
+        shown = [(entry, view.visible, view.rect_xyxy) for entry, view in visible]
+        name_objects(self._roll.detections(found), shown, seen.eye)
 
     def _frame_boxes(
         self, frame_segments: FrameSegments, boxes: Sequence[Box], found: Association
@@ -495,6 +533,7 @@ class PosedTracker(MapQueries):
             mean_color=entry.mean_color,
             plane=None if plane is None else place[plane.identity],
             merged_labels=tuple(entry.merged_labels),
+            **chosen_name(name_scores(entry.name_log_odds)),
         )
 
     @property
