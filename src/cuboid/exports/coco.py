@@ -60,7 +60,8 @@ def write(run: Results, path: Path) -> list[str]:
 
 def _image_names(run: Results) -> dict[int, str]:
     """Return the file of each frame's image, seen from the recording; none where the recording is gone."""
-    if run.recording_path is None and not is_there(run.report.recording):
+    # Frames that a program gave to the tracker have no recording.
+    if run.recording_path is None and not (run.report.recording and is_there(run.report.recording)):
         return {}
     named = ((frame, run.recording.color_name(frame)) for frame in run.poses)
     return {frame: name for frame, name in named if name is not None}
