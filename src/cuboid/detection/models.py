@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from cuboid.core.errors import InputError
@@ -48,20 +49,31 @@ class Model:
         return models_folder() / f"{self.name}.onnx"
 
 
+_YOLOX = "https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0"
+
+
+def _yolox(name: str, file: str, sha256: str, size_bytes: int, side: int) -> Model:
+    what = f"80 classes of COCO, input {side} x {side}"
+    return Model(name, f"{_YOLOX}/{file}", sha256, size_bytes, "Apache-2.0", "Megvii", what)
+
+
 MODELS = {
     model.name: model
     for model in (
-        Model(
-            name="yolox-nano",
-            url="https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0/yolox_nano.onnx",
-            sha256="c789161ed43c8269fcd4e67c67eeeb4e80c622da2eb296a20bc6007bd18a0b7d",
-            size_bytes=3_659_407,
-            license="Apache-2.0",
-            publisher="Megvii",
-            what="YOLOX-nano, 80 classes of COCO, input 416 x 416",
+        _yolox(
+            "yolox-nano", "yolox_nano.onnx",
+            "c789161ed43c8269fcd4e67c67eeeb4e80c622da2eb296a20bc6007bd18a0b7d", 3_659_407, 416,
+        ),
+        _yolox(
+            "yolox-tiny", "yolox_tiny.onnx",
+            "427cc366d34e27ff7a03e2899b5e3671425c262ea2291f88bb942bc1cc70b0f7", 20_219_662, 416,
+        ),
+        _yolox(
+            "yolox-s", "yolox_s.onnx",
+            "c5c2d13e59ae883e6af3b45daea64af4833a4951c92d116ec270d9ddbe998063", 35_858_002, 640,
         ),
     )
-}
+}  # fmt: skip
 
 
 def models_folder() -> Path:
@@ -87,7 +99,5 @@ def kept_model(name: str, options: str | None) -> Detector:
     return OnnxDetector(model.path, read_options(options or ""))
 
 
-@DETECTORS.register("yolox-nano")
-def yolox_nano(options: str | None) -> Detector:
-    """Return YOLOX-nano; see `kept_model`."""
-    return kept_model("yolox-nano", options)
+for _name in MODELS:
+    DETECTORS.register(_name)(partial(kept_model, _name))

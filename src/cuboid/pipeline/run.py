@@ -191,8 +191,10 @@ def _tracking(
     source = plan.source_of_poses(recording, camera)
     write = None if writer is None else partial(writer.add, pixels=plan.scale)
     if into is None:
-        make = make_tracker or partial(_tracker, memory_mb=memory_mb, plan=plan)
+        make = make_tracker or partial(_tracker, memory_mb=memory_mb)
         mapper = make(camera, plan.config, plan.proposals)
+        if plan.detector is not None:
+            _use_detector(mapper, plan)
         return Tracker.of_parts(camera, plan.config, mapper, source, write), source, None
     from cuboid.scene import Source
 
@@ -278,14 +280,19 @@ def _view(
 
 
 def _tracker(
-    intrinsics: Intrinsics, config: TrackerConfig, proposals: str | ProposalSource | None, *, memory_mb: float,
-    plan: Plan,
-) -> TrackerLike:  # fmt: skip
+    intrinsics: Intrinsics, config: TrackerConfig, proposals: str | ProposalSource | None, *, memory_mb: float
+) -> TrackerLike:
     from cuboid.tracking.posed_tracker import PosedTracker
 
-    tracker = PosedTracker(intrinsics, config, proposals, memory_mb=memory_mb)
-    tracker.use_detector(plan.detector, plan.detector_every)
-    return tracker
+    return PosedTracker(intrinsics, config, proposals, memory_mb=memory_mb)
+
+
+def _use_detector(mapper: TrackerLike, plan: Plan) -> None:
+    from cuboid.tracking.posed_tracker import PosedTracker
+
+    if not isinstance(mapper, PosedTracker):
+        raise ValueError(f"a detector needs the tracker of Cuboid, not a {type(mapper).__name__}")
+    mapper.use_detector(plan.detector, plan.detector_every)
 
 
 def _video(path: Path, intrinsics: Intrinsics, every: int) -> FrameSink:
