@@ -146,6 +146,8 @@ class TrackedObject:
         Probability of the class, 0..1; None where the name is a user's, or there is none.
     names : tuple of (str, float)
         The next likely classes, at most three, with their probabilities.
+    kind : str
+        "volume"; of things that depth does not read, "flat" on a plane, or else "box".
     """
 
     label: int
@@ -162,6 +164,7 @@ class TrackedObject:
     name: str | None = None
     name_score: float | None = None
     names: tuple[tuple[str, float], ...] = ()
+    kind: str = "volume"
 
     def with_given_name(self, name: str) -> Self:
         """Return it with a name that a user gave: the class that a detector saw is then the first of the next ones."""

@@ -76,6 +76,11 @@ class ObjectEntry(Entry, frozen=True):
         list[tuple[str, Fraction]], Meta(description="the next likely classes, at most 3, with their probabilities")
     ] = []  # noqa: RUF012  # msgspec copies it
 
+    kind: Annotated[
+        Literal["volume", "flat", "box", "support"],
+        Meta(description="of what depth does not read, flat on a plane or a box; absent for volumes"),
+    ] = "volume"
+
     def __post_init__(self) -> None:
         refuse_no_rotation(self.rotation)
         if self.first_frame > self.last_frame:

@@ -116,6 +116,11 @@ class MapObject(Record):
         return self.state is State.CONFIRMED
 
     @property
+    def center(self) -> Float64Array:
+        """Middle of its box, (3,) metres."""
+        return self.box.center
+
+    @property
     def mean_color(self) -> Float64Array:
         """RGB, 0..255."""
         return self.colors.mean(0) if len(self.colors) else np.zeros(3)

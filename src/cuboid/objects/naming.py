@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TypedDict
+from typing import Protocol, TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -45,6 +45,17 @@ MAX_CLASSES = 16
 MIN_NAME_SCORE = 0.5
 # Classes whose probability is 0 with so many decimals are not told.
 NAME_DIGITS = 2
+
+
+class Nameable(Protocol):
+    """Something that a detector names; attributes as of `MapObject`."""
+
+    name_log_odds: dict[str, float]
+    views: Float64Array
+
+    @property
+    def center(self) -> Float64Array:
+        """Its middle in the map, (3,) metres."""
 
 
 class Named(TypedDict):
@@ -92,8 +103,10 @@ def name_objects(found: Detections, seen: Sequence[tuple[MapObject, float, Float
             add_evidence(entry, {found.names[c]: float(scores[c]) for c in likely}, visible, eye)
 
 
-def add_evidence(entry: MapObject, scores: Mapping[str, float], visible: float, eye: Float64Array) -> None:
+def add_evidence(entry: Nameable, scores: Mapping[str, float], visible: float, eye: Float64Array) -> float:
     """Add a detector's scores for one object, none where it sees nothing there, to the evidence on its name.
+
+    Returns how much the sighting counts, 0..1.
 
     Parameters
     ----------
@@ -105,10 +118,14 @@ def add_evidence(entry: MapObject, scores: Mapping[str, float], visible: float, 
     eye : (3,) float64
         Where the camera is, in the map.
     """
-    weight, before = visible * _novelty(entry, eye), entry.name_log_odds
+    weight, before = visible * novelty(entry, eye), entry.name_log_odds
     entry.name_log_odds = _likely(
-        {name: before.get(name, 0.0) + weight * _gain(scores.get(name, 0.0)) for name in sorted({*before, *scores})}
+        {
+            name: before.get(name, 0.0) + weight * score_gain(scores.get(name, 0.0))
+            for name in sorted({*before, *scores})
+        }
     )
+    return weight
 
 
 def merged_evidence(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
@@ -139,7 +156,7 @@ def chosen_name(classes: Sequence[tuple[str, float]]) -> Named:
     return Named(name=name, name_score=score, names=tuple(rest[:NEXT_NAMES]))
 
 
-def _gain(score: float) -> float:
+def score_gain(score: float) -> float:
     """Return the log-odds that a class gains by its score in a sighting."""
     bounded = min(max(score, LEAST_SCORE), MOST_SCORE)
     return max(_logit(bounded) - _logit(NEUTRAL_SCORE), -MISSED)
@@ -155,9 +172,9 @@ def _likely(log_odds: Mapping[str, float]) -> dict[str, float]:
     return {name: log_odds[name] for name in order[:MAX_CLASSES]}
 
 
-def _novelty(entry: MapObject, eye: Float64Array) -> float:
+def novelty(entry: Nameable, eye: Float64Array) -> float:
     """Return how much a sighting from `eye` counts, 1/n for the n-th from one direction; the object remembers it."""
-    toward = eye - entry.box.center
+    toward = eye - entry.center
     direction = toward / max(float(np.linalg.norm(toward)), 1e-9)
     views = entry.views
     if len(views):

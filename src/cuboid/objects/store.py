@@ -178,6 +178,17 @@ class ObjectStore:
         self._next_label += 1
         self._confirmed[entry.number] = entry
 
+    def next_label(self) -> int:
+        """Return a new label."""
+        self._next_label += 1
+        return self._next_label - 1
+
+    def take_label(self, entry: MapObject, label: int) -> None:
+        """Let a labelled object have the label that it had as a thing that depth did not read; the older one stays."""
+        older, younger = sorted((entry.label, label))
+        entry.merged_labels = sorted({*entry.merged_labels, younger})
+        entry.label = older
+
     def retire(self, entry: MapObject) -> None:
         """End an object's life: its label is kept and never given again, its points are no one's."""
         self.retire_all([entry])

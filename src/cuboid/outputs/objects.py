@@ -131,6 +131,7 @@ def object_to_json(item: TrackedObject) -> dict[str, Any]:
         "plane": item.plane,
         "merged_labels": list(item.merged_labels),
         **name_to_json(item),
+        **({} if item.kind == "volume" else {"kind": item.kind}),
     }
 
 
@@ -159,4 +160,5 @@ def _object(item: ObjectEntry) -> TrackedObject:
         name=item.name or None,
         name_score=item.name_score,
         names=tuple(item.names),
+        kind=item.kind,
     )

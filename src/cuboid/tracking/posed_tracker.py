@@ -35,6 +35,7 @@ from cuboid.objects.entry import MapObject
 from cuboid.objects.naming import chosen_name, name_objects, name_scores
 from cuboid.objects.object_map import ObjectMap, ObjectMapState
 from cuboid.objects.prior import prior_of
+from cuboid.objects.unread import Planes, UnreadMap, UnreadObject
 from cuboid.objects.validity import too_large
 from cuboid.objects.visibility import Visibility, measure_visibility, sightings_of
 from cuboid.outputs.object_table import ObjectTable
@@ -119,7 +120,11 @@ class PosedTracker(MapQueries):
     """
 
     NOT_SAVED = frozenset(
-        {"intrinsics", "vocabulary", "_memory_mb", "_propose", "_detect", "_detect_every", "_world_boxes"}
+        {
+            *("intrinsics", "vocabulary", "_memory_mb", "_propose", "_detect", "_detect_every", "_world_boxes"),
+            # Things that depth does not read are not followed in a scene.
+            *("_follows_unread", "_unread"),
+        }
     )
 
     def __init__(
@@ -141,6 +146,7 @@ class PosedTracker(MapQueries):
         self._propose = make_source(proposals, self.config)
         self._detect: Detector | None = None
         self._detect_every = DETECT_EVERY
+        self._follows_unread = False
         # Classes of the detector, once it has looked at a frame.
         self.vocabulary: tuple[str, ...] = ()
         self._begin()
@@ -149,7 +155,7 @@ class PosedTracker(MapQueries):
         self._viewpoint: Float64Array | None = None
         self._due = True
 
-    def use_detector(self, detector: str | Detector | None, every: int = DETECT_EVERY) -> None:
+    def use_detector(self, detector: str | Detector | None, every: int = DETECT_EVERY, *, unread: bool = True) -> None:
         """Let a detector look at each n-th frame; objects get names from what it sees.
 
         Parameters
@@ -157,6 +163,8 @@ class PosedTracker(MapQueries):
         detector : str or Detector or None
             As of `make_detector`.
         every : int
+        unread : bool
+            Whether things that the detector sees and depth does not read get labels as well.
 
         Raises
         ------
@@ -169,12 +177,14 @@ class PosedTracker(MapQueries):
             raise ValueError(f"a detector looks at each n-th frame, n >= 1, got {every}")
         self._detect = None if detector is None else make_detector(detector)
         self._detect_every = every
+        self._follows_unread = unread and self._detect is not None
 
     def _begin(self) -> None:
         c = self.config
         self._planes = PlaneTracker(c)
         self._voxels = VoxelMap(c.voxel_m, c.depth_noise_per_m, c.max_depth_m, self._memory_mb)
         self._map = ObjectMap(c, self._voxels, self._planes)
+        self._unread = UnreadMap(self._map.store, c.max_depth_m)
 
     def state(self) -> PosedTrackerState:
         """Return the state of now; see `ObjectStore.state`."""
@@ -304,6 +314,9 @@ class PosedTracker(MapQueries):
         if self._detect is not None and self._count % self._detect_every == 0:
             self._name_objects(self._detect, given, visible, seen)
             watch.lap("detector")
+        if self._follows_unread:
+            sightings = self._unread.sightings(sightings, seen, self._support_planes())
+            watch.lap("unread")
         self._count += 1
         return FrameResult(
             index=frame.index,
@@ -311,7 +324,7 @@ class PosedTracker(MapQueries):
             T_world_camera=seen.T_world_camera,
             sightings=sightings,
             proposals=own,
-            objects_known=self._map.store.labelled,
+            objects_known=self._map.store.labelled + len(self._unread.confirmed()),
             heat=heat,
             milliseconds=watch.milliseconds,
             left_out={
@@ -356,6 +369,7 @@ class PosedTracker(MapQueries):
         in_map = {keyframe: inverse(T) @ T_new_old @ T for keyframe, T_new_old in moved.items()}
         self._planes.apply_correction(in_map)
         self._map.apply_correction(in_map)
+        self._unread.apply_correction(in_map)
 
     def _estimate_noise(self, image: WorkingImage) -> None:
         """Estimate from the first frame how much noisier the sensor is than configured."""
@@ -495,7 +509,10 @@ class PosedTracker(MapQueries):
         found = detect(given, self.intrinsics)
         self.vocabulary = self.vocabulary or found.names
         shown = [(entry, view.visible, view.rect_xyxy) for entry, view in visible]
-        name_objects(self._roll.detections(found), shown, seen.eye)
+        turned = self._roll.detections(found)
+        name_objects(turned, shown, seen.eye)
+        if self._follows_unread:
+            self._unread.look(turned, visible, seen)
 
     def _frame_boxes(
         self, frame_segments: FrameSegments, boxes: Sequence[Box], found: Association
@@ -517,7 +534,10 @@ class PosedTracker(MapQueries):
         """The confirmed objects of the map, by label: a list, and a table for notebooks and pandas."""
         used = [plane for plane in self._planes.planes if plane.in_use]
         place = {plane.identity: k for k, plane in enumerate(used)}
-        return ObjectTable(self._tracked(entry, place) for entry in self._map.store.confirmed())
+        known = [self._tracked(entry, place) for entry in self._map.store.confirmed()]
+        unread, planes = self._unread.confirmed(), self._support_planes()
+        known += [self._unread_object(one, planes) for one in unread]
+        return ObjectTable(sorted(known, key=lambda item: item.label) if unread else known)
 
     def _tracked(self, entry: MapObject, place: Mapping[int, int]) -> TrackedObject:
         plane = self._planes.find(entry.plane)
@@ -535,6 +555,27 @@ class PosedTracker(MapQueries):
             merged_labels=tuple(entry.merged_labels),
             **chosen_name(name_scores(entry.name_log_odds)),
         )
+
+    def _unread_object(self, one: UnreadObject, planes: Planes) -> TrackedObject:
+        box, kind = self._unread.box_of(one, planes)
+        return TrackedObject(
+            label=one.label,
+            box=self.in_world(box),
+            score=one.score,
+            heat=0.0,
+            first_frame=one.first_frame,
+            last_frame=one.last_frame,
+            frames_seen=one.frames_seen,
+            points=0,
+            mean_color=np.zeros(3),
+            plane=None,
+            kind=kind,
+            **chosen_name(name_scores(one.name_log_odds)),
+        )
+
+    def _support_planes(self) -> Planes:
+        used = [self._planes.in_world(plane) for plane in self._planes.planes if plane.in_use]
+        return Planes(self._planes.likely_up, used)
 
     @property
     def planes(self) -> list[SupportPlane]:
