@@ -6,8 +6,8 @@ through its detections meet, its size that of its rectangles at that distance. I
 the looks at its place that hit nothing, and ends when they do not. Where depth reads, depth decides: a rectangle that
 is half full of readings begins nothing and is not reported.
 
-A thing that has the rectangle of a labelled object of the map, or of which such an object is a part, is that object.
-The older label stays, and where the map's object is hardly read, its rectangle is that of the thing.
+A thing that has the rectangle of a labelled object of the map, look after look, is that object. The older label stays,
+and where the map's object is hardly read, its rectangle is that of the thing.
 """
 
 from __future__ import annotations
@@ -23,14 +23,12 @@ from cuboid.core.results import Sighting
 from cuboid.core.tolerances import NEAREST_M
 from cuboid.detection.types import Detections
 from cuboid.geometry.box import Box
-from cuboid.geometry.rectangles import areas, fractions_inside, rect_iou_matrix
+from cuboid.geometry.rectangles import rect_iou_matrix
 from cuboid.geometry.se3 import transform
 from cuboid.objects.affinity import CERTAIN_LOG_ODDS, MAX_LOG_ODDS
 from cuboid.objects.entry import MapObject
 from cuboid.objects.naming import LEAST_SCORE, MISSED, SAME_IOU, add_evidence, merged_evidence, score_gain
 from cuboid.objects.rectangles import (
-    HIDING,
-    HIDING_M,
     Predicted,
     distance_of,
     is_cut_off,
@@ -54,9 +52,6 @@ MIN_HITS = 3
 SEEN_FRACTION, LOOKED_FRACTION = 0.3, 0.5
 # Looks at which a thing and an object of the map must show the same for them to be one.
 MIN_MEETINGS = 2
-# An object of the map is what depth reads of a thing when this fraction of its rectangle lies in the thing's, of which
-# it is this fraction or more, at the same distance.
-PART_INSIDE, PART_SIZE = 0.8, 0.15
 # Log-odds below which a thing without a label is dropped.
 DROPPED = -1.0
 # Log-odds that a hit is worth beside its score: a detection of nothing seldom comes again at the same place.
@@ -190,7 +185,7 @@ class UnreadMap:
         known = np.array([view.rect_xyxy for view in views if view is not None]).reshape(-1, 4)
         for k in sorted({*range(len(boxes))} - {*partner.values()}):
             self._begin(found, k, known, seen)
-        self._meet([(entry, view) for entry, view in visible if entry.confirmed], seen.eye)
+        self._meet([(entry, view) for entry, view in visible if entry.confirmed])
         self._merge_doubles(seen)
         self._end()
         for one in self._things:
@@ -261,14 +256,15 @@ class UnreadMap:
         self._things.append(one)
         self._add_hit(one, found, k, seen)
 
-    def _meet(self, shown: Sequence[tuple[MapObject, Visibility]], eye: Float64Array) -> None:
+    def _meet(self, shown: Sequence[tuple[MapObject, Visibility]]) -> None:
         """Let things that show the same as a labelled object of the map, look after look, be that object."""
         rects = np.array([view.rect_xyxy for _, view in shown]).reshape(-1, 4)
         for one in self._things:
             if one.partner or one.number not in self._hit or not shown:
                 continue
-            k = _same_as(self._hit[one.number], float(np.linalg.norm(one.center - eye)), shown, rects, eye)
-            if k is None:
+            iou = rect_iou_matrix(self._hit[one.number][None], rects)[0]
+            k = int(iou.argmax())
+            if iou[k] < SAME_IOU:
                 continue
             entry = shown[k][0]
             one.meetings = {**one.meetings, entry.number: one.meetings.get(entry.number, 0) + 1}
@@ -372,22 +368,3 @@ class Planes:
 
     up: Float64Array
     supporting: Sequence[tuple[Float64Array, float]]
-
-
-def _same_as(
-    box: Float64Array,
-    distance_m: float,
-    shown: Sequence[tuple[MapObject, Visibility]],
-    rects: Float64Array,
-    eye: Float64Array,
-) -> int | None:
-    """Return which object of the map a detection shows: the same rectangle, or a large part of it as far away."""
-    iou = rect_iou_matrix(box[None], rects)[0]
-    if iou.max() >= SAME_IOU:
-        return int(iou.argmax())
-    inside = fractions_inside(rects, box[None])[:, 0]
-    size = areas(rects) / max(float(areas(box[None])[0]), 1e-9)
-    away_m = np.array([np.linalg.norm(entry.center - eye) for entry, _ in shown])
-    near = np.abs(away_m - distance_m) <= HIDING_M + HIDING * away_m
-    part = (inside >= PART_INSIDE) & (size >= PART_SIZE) & near
-    return int(np.where(part, size, -1.0).argmax()) if part.any() else None
