@@ -130,7 +130,8 @@ def name_quality(results: Path | None, found: Sequence[tuple[int, str, int | Non
     if results is None or not results.is_dir():
         return None
     run = Results(results)
-    vocabulary = run.report.config.get("vocabulary") or ()
+    given = run.report.config.get("vocabulary")
+    vocabulary = [name for name in given if isinstance(name, str)] if isinstance(given, list) else []
     if not vocabulary:
         return None
     outcomes = []
