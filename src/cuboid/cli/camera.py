@@ -18,7 +18,14 @@ if TYPE_CHECKING:
     from cuboid.readers import Recording
 
 # The options that say how a recording is read, with their defaults.
-OF_RECORDINGS = {"format": None, "intrinsics": None, "depth_scale": None, "topics": None, "register": "auto"}
+OF_RECORDINGS = {
+    "format": None,
+    "intrinsics": None,
+    "depth_scale": None,
+    "pose_convention": None,
+    "topics": None,
+    "register": "auto",
+}
 
 
 def add_camera(parser: argparse.ArgumentParser) -> None:

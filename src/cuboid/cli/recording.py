@@ -96,6 +96,12 @@ def add_reading_options(
         "--depth-scale", type=depth_scale, metavar="UNITS", help="depth units a metre, instead of its own"
     )
     reading.add_argument(
+        "--pose-convention",
+        metavar="NAME[,NAME]",
+        help="what its poses are, where they are not as its layout says: inverse (world to camera), opengl (y up, z "
+        "backward), mm or cm, wxyz or xyzw (order of quaternions)",
+    )
+    reading.add_argument(
         "--topics", metavar="color=TOPIC,depth=TOPIC", help="topics of a ROS bag, where they are not found by name"
     )
     if thinned:
@@ -126,6 +132,7 @@ def reading_from(args: argparse.Namespace) -> dict[str, Any]:
         "intrinsics": args.intrinsics,
         "depth_scale": args.depth_scale,
         "register": args.register,
+        "pose_convention": args.pose_convention,
     }
 
 
