@@ -55,6 +55,10 @@ class Shaken:
     def __len__(self) -> int:
         return len(self._recording)
 
+    def pose(self, index: int) -> Float64Array:
+        """Return the other pose of a frame."""
+        return np.asarray(self.poses[index], np.float64)
+
     def read(self, index: int) -> Frame:
         """Return a frame with its other pose."""
         return replace(self._recording.read(index), T_world_camera=self.poses[index])
