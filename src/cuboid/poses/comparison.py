@@ -92,10 +92,19 @@ def explained(
 
 def clearly_better(one: Explained, other: Explained) -> bool:
     """Tell whether a pose explains more points than another, and loses next to none for them."""
-    both = one.read & other.read
-    gained = np.count_nonzero(both & one.alike & ~other.alike)
-    lost = np.count_nonzero(both & other.alike & ~one.alike)
-    return bool(gained > MIN_GAIN * np.count_nonzero(both) and lost <= MAX_LOSS * gained)
+    both = np.count_nonzero(one.read & other.read)
+    gained, lost = _gained(one, other), _gained(other, one)
+    return gained > MIN_GAIN * both and lost <= MAX_LOSS * gained
+
+
+def as_good(one: Explained, other: Explained) -> bool:
+    """Tell whether a pose explains at least as many points as another."""
+    return _gained(one, other) >= _gained(other, one)
+
+
+def _gained(one: Explained, other: Explained) -> int:
+    """Return how many points a pose explains that another does not, of those that both place on a reading."""
+    return int(np.count_nonzero(one.read & other.read & one.alike & ~other.alike))
 
 
 def _of_all(part: npt.NDArray[np.bool_], seen: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:

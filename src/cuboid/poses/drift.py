@@ -4,7 +4,7 @@ Odometry (visual-inertial trackers, wheels, a phone's) is true from frame to fra
 trusts it sees a thing twice when the camera comes back. So frames are aligned to keyframes of the same places, the
 oldest first. As long as the given poses explain what frames show, they are taken as they are, to the last bit. Once
 alignments explained clearly more several times in a row, and no fault of the camera explains that, the poses have
-proved to drift. From then on each frame is aligned, and an alignment is taken where it explains clearly more than the
+proved to drift. From then on each frame is aligned, and an alignment is taken where it explains at least as much as the
 correction so far. Where the given poses explain clearly more of the places that were seen before the proof, the
 correction is taken back, for good: what misled once would mislead again.
 """
@@ -20,7 +20,7 @@ from cuboid.core.frame import Float64Array, Frame, Intrinsics
 from cuboid.core.tolerances import DRIFT_M, DRIFT_RAD, MIN_READINGS
 from cuboid.geometry.se3 import inverse, moved_beyond, tidied
 from cuboid.poses.alignment import Alignment, Prior, Reference, align, pick
-from cuboid.poses.comparison import COMPARED_LEVEL, MIN_GAIN, Explained, clearly_better, explained
+from cuboid.poses.comparison import COMPARED_LEVEL, MIN_GAIN, Explained, as_good, clearly_better, explained
 from cuboid.poses.keyframes import NEW_VIEW, OVERLAP_LEVEL, median_depth_m, overlap, view_distances
 from cuboid.poses.pyramid import Level, build_levels, shrink
 from cuboid.poses.single_cause import MotionPair, SingleCause, single_cause
@@ -155,7 +155,7 @@ class DriftCorrection:
             explained(keyframe.reference, level, T, found)
             for T in (as_given, T_camera_reference, found.T_camera_reference)
         )
-        if clearly_better(by_found, by_corrected):
+        if as_good(by_found, by_corrected):
             T_camera_reference = found.T_camera_reference
         if self.proven_at is None:
             self._pairs.append(MotionPair(as_given, found.T_camera_reference, keyframe.depth_m))
