@@ -32,7 +32,7 @@ GROUPS = {
         "report": "write the 3D page of finished results (report.html)",
         "render": "draw the results of a run into its recording, as a video",
         "scene": "list, show and change what is in a scene file",
-        "export": "write the results of a run for other programs: PLY, COCO, KITTI, MCAP, JSON, CSV, rerun",
+        "export": "write the results of a run in the form of another program",
     },
     "judge": {
         "evaluate": "judge a result by the truth: boxes, labels over time",

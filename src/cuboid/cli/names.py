@@ -26,16 +26,16 @@ def setting_names() -> list[str]:
     return [item.name for item in fields(TrackerConfig)]
 
 
-def export_names() -> list[str]:
-    """Return the names of the forms of results."""
+def export_names() -> dict[str, str]:
+    """Return the names of the forms of results, each with what it is for."""
     from cuboid.exports import EXPORTS
 
-    return EXPORTS.names()
+    return {name: form.purpose for name, form in EXPORTS.items()}
 
 
-def scene_export_names() -> list[str]:
-    """Return the forms in which results of a scene are written."""
-    return ["results", *export_names()]
+def scene_export_names() -> dict[str, str]:
+    """Return the forms in which results of a scene are written, each with what it is for."""
+    return {"results": "all commands that take results: a result folder", **export_names()}
 
 
 def camera_names() -> list[str]:

@@ -208,4 +208,4 @@ def _losses(run: Results, rows: list[KittiRow]) -> list[str]:
     ]
 
 
-EXPORTS.register("kitti")(Export(".txt", write))
+EXPORTS.register("kitti")(Export(".txt", "3D tracking tools and evaluators (AB3DMOT, TrackEval)", write))

@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from cuboid.core.errors import FrameError, InputError, shown
 from cuboid.core.frame import Float64Array
+from cuboid.core.values import LATEST_S, refuse_no_quaternion
 from cuboid.formats.table_validation import data_lines
-from cuboid.formats.values import LATEST_S, refuse_no_quaternion
 from cuboid.geometry import se3
 
 # Between two poses this far apart in time (seconds) the pose is interpolated: a hand-held camera's

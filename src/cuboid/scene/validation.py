@@ -14,8 +14,7 @@ from msgspec import Meta
 
 from cuboid.core.errors import InputError, shown
 from cuboid.core.frame import Float64Array
-from cuboid.formats.json_validation import in_words
-from cuboid.formats.values import (
+from cuboid.core.values import (
     Cosine,
     Count,
     FocalLength,
@@ -33,6 +32,7 @@ from cuboid.formats.values import (
     Side,
     refuse_no_quaternion,
 )
+from cuboid.formats.json_validation import in_words
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import rotation_from_quat_wxyz
 from cuboid.heatmap.kernels.cubes import BLOCK_ROWS
