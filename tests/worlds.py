@@ -197,28 +197,30 @@ class Watch:
 
     def _voxels(self) -> None:
         voxels, store = self._tracker._voxels, self._tracker._map.store
-        used = slice(0, voxels.blocks * BLOCK_ROWS)
-        owner, confidence = voxels.owner[used], voxels._points.confidence[used]
+        used = slice(0, voxels.stored.blocks * BLOCK_ROWS)
+        owner, confidence = voxels.stored.owner[used], voxels.stored.points.confidence[used]
         numbers = [o.number for o in store.living()]
         assert np.isin(owner, [0, *numbers]).all(), "points of an object that is no more"
         assert (confidence <= MAX_VOTES).all()
         np.testing.assert_array_equal(owner > 0, confidence > 0)
-        alive = voxels.living()
-        fine = voxels.living(fine=True)
-        assert len(alive) + len(fine) == voxels.alive
+        alive = voxels.stored.living()
+        fine = voxels.stored.living(fine=True)
+        assert len(alive) + len(fine) == voxels.stored.alive
         assert not owner[fine].any(), "whose they are is told by the voxels around them alone"
-        assert (voxels.hits[alive] > 0).all()
-        assert np.isfinite(voxels.weight(alive)).all()
+        assert (voxels.stored.hits[alive] > 0).all()
+        assert np.isfinite(voxels.stored.weight(alive)).all()
         for number in numbers:
-            assert voxels.rows_of(number).tolist() == alive[owner[alive] == number].tolist()
-        marked = np.flatnonzero(voxels._points.mark[used])
-        assert not voxels._cubes.bits[voxels._cubes.cube_of[marked >> BLOCK_BITS]].any(), "a table leads to a cell"
+            assert voxels.stored.rows_of(number).tolist() == alive[owner[alive] == number].tolist()
+        marked = np.flatnonzero(voxels.stored.points.mark[used])
+        assert not voxels.stored.cubes.bits[voxels.stored.cubes.cube_of[marked >> BLOCK_BITS]].any(), (
+            "a table leads to a cell"
+        )
         assert not owner[marked].any()
         points = self._tracker.map_points()
         assert len(points.xyz) == len(points.label)
-        every, _ = voxels.spread(alive)
+        every, _ = voxels.stored.spread(alive)
         assert len(every) <= len(points.xyz) <= len(every) + len(fine)
-        assert self._tracker.points_known == voxels.alive
+        assert self._tracker.points_known == voxels.stored.alive
         assert np.isin(points.label, [0, *(o.label for o in store.confirmed())]).all()
 
     def _planes(self) -> None:

@@ -83,10 +83,10 @@ class Before:
 
     def watch(self, voxels: VoxelMap) -> None:
         """Note what stands in each cube of a map before the visit changes it; to be called before the visit begins."""
-        voxels.before_visit = lambda rows: self._note(voxels, rows)
+        voxels.stored.before_visit = lambda rows: self._note(voxels, rows)
 
     def _note(self, voxels: VoxelMap, rows: npt.NDArray[np.int64]) -> None:
-        points, _ = voxels.spread(rows[~np.isin(voxels.owner[rows], self._numbers)])
+        points, _ = voxels.stored.spread(rows[~np.isin(voxels.stored.owner[rows], self._numbers)])
         cells = np.unique(_numbers_of(points))
         self._occupied.append(cells)
         self._noted.append(cells)
@@ -110,7 +110,7 @@ class Before:
             labels = np.repeat(np.fromiter(self.known, np.int64), [len(keys) for keys in cubes])
             self._cubes = labels, np.concatenate([np.zeros(0, np.int64), *cubes])
         labels, keys = self._cubes
-        return set(labels[voxels.viewed_since(keys, since)].tolist())
+        return set(labels[voxels.stored.viewed_since(keys, since)].tolist())
 
     def was_seen(self, tracker: PosedTracker, entry: MapObject) -> bool:
         """Tell whether the ground that an object stands on had been seen before the visit.
@@ -162,7 +162,7 @@ def begin(connection: sqlite3.Connection, tracker: PosedTracker) -> None:
         connection.execute(f"DELETE FROM {table}")
     # Objects that were lost with a damaged file have no rows in the map.
     for entry in tracker.ever_labelled():
-        if entry.confirmed and len(entry.points) and tracker.voxels.owns(entry.number):
+        if entry.confirmed and len(entry.points) and tracker.voxels.stored.owns(entry.number):
             points = np.ascontiguousarray(entry.points[:: 1 + len(entry.points) // POINTS], "<f4")
             profile = color_profile_of(entry).astype("<f8").tobytes()
             row = (entry.label, *box_numbers(entry.box), profile, points.tobytes(), entry.label, entry.number)

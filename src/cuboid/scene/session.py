@@ -231,7 +231,7 @@ class SceneTracker(MapQueries):
             if self._visit.number > 1:
                 self._changes.recognise(self._tracker, self._visit.first_frame + self._next_frame)
             if complete:
-                self._tracker.voxels.thin_all()
+                self._tracker.voxels.levels.thin_all()
             self._commit(complete=complete, ended=True)
             self.finish_commit()
         finally:
@@ -325,7 +325,7 @@ class _PosesOfVisit:
         T = layout.find_layout(known, seen, up)
         if T is None:
             return
-        points, _ = self._tracker.voxels.spread(self._tracker.voxels.living())
+        points, _ = self._tracker.voxels.stored.spread(self._tracker.voxels.stored.living())
         middle = np.mean([o.box.center for o in seen], axis=0)
         if layout.same_place(points, points[::SPARSE], T, middle):
             self._poses.connect(part, T_world_map @ T @ inverse(T_world_map))
