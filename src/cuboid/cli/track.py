@@ -29,11 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     results.add_argument("--video", action="store_true", help="also write labelled.mp4")
     add_live(results)
     add_scene(parser)
-    results.add_argument(
-        "--memory", type=megabytes, default=MEMORY_MB, metavar="MB",
-        help="beyond this much, parts of the map that are out of view are put aside, in the scene or a temporary file "
-        f"(default: {MEMORY_MB:g})",
-    )  # fmt: skip
+    memory = "beyond this much, parts of the map that are out of view are put aside, in the scene or a temporary file"
+    memory += f" (default: {MEMORY_MB:g})"
+    results.add_argument("--memory", type=megabytes, default=MEMORY_MB, metavar="MB", help=memory)
     add_camera(parser)
     add_recording(parser, default_threads=min(2, cores()), required=False)
 

@@ -95,12 +95,11 @@ def measure_visibility(
     colors = [o.colors[own] for o, own in zip(objects, some, strict=True)]
     n, c = len(objects), image.camera
     counts, corners = np.empty((n, 3), np.int64), np.empty((n, 4))
-    kernel.count_seen(
-        np.concatenate(points), np.concatenate(colors), np.cumsum([len(p) for p in points]), _feet(boxes),
-        np.array([o.number for o in objects]), image.depth_m, image.color, slots, owner,
-        np.array([c.fx, c.fy, c.cx, c.cy]), np.ascontiguousarray(observed.T_camera_world), noise_per_m, DRIFT_M, ALIKE,
-        counts, corners,
-    )  # fmt: skip
+    ends, numbers = np.cumsum([len(p) for p in points]), np.array([o.number for o in objects])
+    surfaces = kernel.Surfaces(np.concatenate(points), np.concatenate(colors), ends, _feet(boxes), numbers)
+    pinhole, T = np.array([c.fx, c.fy, c.cx, c.cy]), np.ascontiguousarray(observed.T_camera_world)
+    view = kernel.View(image.depth_m, image.color, slots, owner, pinhole, T)
+    kernel.count_seen(surfaces, view, noise_per_m, DRIFT_M, ALIKE, counts, corners)
     seen, hidden, unknown = counts.T
     visible = seen / np.maximum(1.0, seen + hidden + 0.5 * unknown)
     seen_enough = (visible >= MIN_VISIBLE_FRACTION) & (seen >= MIN_READINGS)

@@ -199,16 +199,12 @@ def _segment_planes(
     cells = np.empty((rows * columns, CELL_COLUMNS))
     fit_cells(depth_m, pinhole, size, max_depth_m, cells)
     planes, member = np.empty((PLANES, 3)), np.empty((rows, columns), np.int16)
-    count = patches.grow_planes(
-        cells, (rows, columns), pinhole, noise, PLANE_BOW_M, JUMP_SIGMAS * noise,
-        PLANE_AREA_M2, planes, member,
-    )  # fmt: skip
+    flat = JUMP_SIGMAS * noise
+    count = patches.grow_planes(cells, member.shape, pinhole, noise, PLANE_BOW_M, flat, PLANE_AREA_M2, planes, member)
     inverse, kind = np.empty(depth_m.shape, np.float32), np.empty(depth_m.shape, np.uint8)
     on = np.empty(depth_m.shape, np.int8)
-    patches.classify(
-        depth_m, cells, planes, count, member, pinhole, size, PLANE_REACH, noise, BIAS_M, MIN_BIAS_M,
-        max_depth_m, inverse, kind, on,
-    )  # fmt: skip
+    grown, limits = patches.Grown(cells, planes, count, member), (PLANE_REACH, noise, BIAS_M, MIN_BIAS_M, max_depth_m)
+    patches.classify(depth_m, grown, pinhole, size, *limits, inverse, kind, on)
     return inverse, kind, on, count
 
 

@@ -15,7 +15,7 @@ from cuboid.boxes.quantiles import quantile
 from cuboid.core.config import TrackerConfig
 from cuboid.core.errors import FrameError
 from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
-from cuboid.core.kernels.pixels import assign_planes
+from cuboid.core.kernels.pixels import PlanesInView, assign_planes
 from cuboid.core.limits import MAX_PROPOSALS, MEMORY_MB, SAMPLE_POINTS
 from cuboid.core.observation import Observation
 from cuboid.core.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
@@ -377,12 +377,11 @@ class PosedTracker(MapQueries):
             return PixelPlanes.none(image.depth_m.shape)
         k, on_plane, support = image.camera, *(np.empty(image.depth_m.shape, np.int32) for _ in range(2))
         view = planes.planes_in_frustum(k, min(c.max_depth_m, float(image.depth_m.max())), T_world_camera)
-        assign_planes(
-            seen.solid.depth_m, np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera,
-            planes.in_camera(view, T_world_camera), view.numbers, view.ground,
-            view.origin, CELL_M, patches, patch, c.depth_noise_per_m, c.min_height_m, BIAS_M,
-            c.max_depth_m, on_plane, support, view.seen,
-        )  # fmt: skip
+        in_camera = planes.in_camera(view, T_world_camera)
+        in_view = PlanesInView(in_camera, view.numbers, view.ground, view.origin, CELL_M, patches, patch)
+        place = np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera
+        limits = c.depth_noise_per_m, c.min_height_m, BIAS_M, c.max_depth_m
+        assign_planes(seen.solid.depth_m, *place, in_view, *limits, on_plane, support, view.seen)
         if renew:
             planes.add_readings(view, seen.keyframe)
         return PixelPlanes(on_plane, support, view.identities)

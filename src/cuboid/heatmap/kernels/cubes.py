@@ -69,10 +69,15 @@ class Points(NamedTuple):
 
 
 ROW = np.dtype(
-    [("weight", "<f4"), ("owner", "<i4"), ("last_frame", "<i4"), ("voxel", "<u2"), ("place", "<u2", 3),
-     ("color", "<u2", 3), ("heat", "<u2"), ("hits", "<u2"), ("passes", "<u2"), ("anchor", "<u2"), ("confidence", "u1"),
-     ("mark", "u1")]
-)  # fmt: skip
+    [
+        ("weight", "<f4"),
+        *((name, "<i4") for name in ("owner", "last_frame")),
+        ("voxel", "<u2"),
+        *((name, "<u2", 3) for name in ("place", "color")),
+        *((name, "<u2") for name in ("heat", "hits", "passes", "anchor")),
+        *((name, "u1") for name in ("confidence", "mark")),
+    ]
+)
 
 
 class Cubes(NamedTuple):
