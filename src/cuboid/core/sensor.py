@@ -4,27 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from cuboid.core.frame import Float32Array, Intrinsics
-from cuboid.core.kernels.cells import AREA, CELL_COLUMNS, RMS, fit_cells
+from cuboid.core.depth import DepthImage
+from cuboid.core.kernels.cells import AREA, RMS
 from cuboid.core.tolerances import MIN_READINGS
 
-# Edge of the cells of a picture to which planes are fitted, radians: 3 cm at 1 m.
-CELL_RAD = 0.03
 # No more than this is believed, as a multiple of the nominal noise: clutter is no noise.
 MAX_EXCESS = 1.4
 # At least this fraction of the cells of a picture lie on one flat surface each.
 FLAT_FRACTION = 0.2
-# Depths of neighbours on one surface differ by less than this times z squared (plus 1 cm): ten deviations of the first
-# Kinect's noise. A reading that does not lies on nothing: it mixes two surfaces.
-MIXED_PER_M = 0.014
 
 
-def cell_pixels(camera: Intrinsics) -> int:
-    """Return the edge of a cell in a camera's image, pixels: an even number, of no fewer readings than tell a slope."""
-    return 2 * (max(MIN_READINGS, int(CELL_RAD * camera.fx)) // 2)
-
-
-def excess_noise(depth_m: Float32Array, camera: Intrinsics, nominal_per_m: float, max_depth_m: float) -> float:
+def excess_noise(image: DepthImage, nominal_per_m: float, max_depth_m: float) -> float:
     """Return the noise that a depth image shows as a multiple of the nominal one, 1..`MAX_EXCESS`.
 
     Real sensors bow and blob beyond their nominal noise; first Kinects and RealSense cameras show 1.4 times that of
@@ -32,20 +22,14 @@ def excess_noise(depth_m: Float32Array, camera: Intrinsics, nominal_per_m: float
 
     Parameters
     ----------
-    depth_m : (H, W) float32
-    camera : Intrinsics
-        Of this image.
+    image : DepthImage
     nominal_per_m : float
         1/metre.
     max_depth_m : float
     """
     # As wide as the noise's own blobs.
-    size = 2 * cell_pixels(camera)
-    rows, columns = depth_m.shape[0] // size, depth_m.shape[1] // size
-    cells = np.empty((rows * columns, CELL_COLUMNS))
-    pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
-    fit_cells(np.ascontiguousarray(depth_m), pinhole, size, max_depth_m, cells)
-    rms = cells[cells[:, AREA] > 0, RMS]
+    cells = image.cells(max_depth_m, 2)
+    rms = cells[cells[..., AREA] > 0, RMS]
     if len(rms) < MIN_READINGS:
         return 1.0
     # They show all but that fraction of the noise.

@@ -141,7 +141,7 @@ class VoxelMap:
 
     def _cubes_in_frustum(self, image: WorkingImage, T_camera_world: Float64Array) -> Rows:
         """Return the cubes in the camera's frustum."""
-        T, pinhole, camera = np.ascontiguousarray(T_camera_world), _pinhole(image), image.camera
+        T, pinhole, camera = np.ascontiguousarray(T_camera_world), image.camera.pinhole, image.camera
         far_m, stored = float(image.depth_m.max(initial=0.0)), self.stored
         asked = T, pinhole, camera.width, camera.height, far_m, self.voxel_m, stored.cubes, stored.seen
         return np.array(stored.seen[: lookup.cubes_in_frustum(*asked)])
@@ -196,7 +196,9 @@ class VoxelMap:
         stored.pack(seen)
         self.levels.note_frame(frame)
         used, slots, turn = int(stored.cubes.used[0]), np.empty(heat.shape, np.int32), self.levels.moments
-        pixels = kernel.Pixels(image.depth_m, image.color, heat, _pinhole(image), np.ascontiguousarray(T_world_camera))
+        pixels = kernel.Pixels(
+            image.depth_m, image.color, heat, image.camera.pinhole, np.ascontiguousarray(T_world_camera)
+        )
         stored.fuse(pixels, self.voxel_m, self._max_depth_m, frame, turn if new_viewpoint else -1, anchor, slots)
         self.levels.moments += new_viewpoint
         self.levels.schedule_thinning(np.concatenate([seen, np.arange(used, stored.cubes.used[0])]))
@@ -227,7 +229,7 @@ class VoxelMap:
         now = in_turn[: 1 + int(np.searchsorted(count, MAX_CARVED_POINTS))]
         turns = max(1, -(-int(count[-1]) // MAX_CARVED_POINTS)) if len(count) else 1
         T, noise, cubes, points = np.ascontiguousarray(T_camera_world), self.noise_per_m, stored.cubes, stored.points
-        margin_m, step, seen_by = 2 * self.voxel_m, turns * self._waiting, (image.depth_m, _pinhole(image), T)
+        margin_m, step, seen_by = 2 * self.voxel_m, turns * self._waiting, (image.depth_m, image.camera.pinhole, T)
         kernel.carve_free_space(now, *seen_by, noise, margin_m, step, self.voxel_m, cubes, points)
         return int(now[-1]) + 1 if len(now) < len(in_turn) else 0
 
@@ -300,8 +302,3 @@ class VoxelMap:
         """Return the owner of what was seen more than once at places (N, 3) of the world, -1 where nothing was."""
         rows = self.rows_at(points)
         return np.where((rows >= 0) & (self.stored.hits[rows] > 1), self.stored.owner[rows], -1).astype(np.int32)
-
-
-def _pinhole(image: WorkingImage) -> Float64Array:
-    c = image.camera
-    return np.array([c.fx, c.fy, c.cx, c.cy])

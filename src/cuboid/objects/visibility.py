@@ -56,7 +56,7 @@ def boxes_in_frustum(
     A row of NaN is in no picture; `bounds` are those of batches of boxes, see `kernels.overlap.bound`.
     """
     c, found = image.camera, np.empty(len(boxes), np.int64)
-    pinhole, T = np.array([c.fx, c.fy, c.cx, c.cy]), np.ascontiguousarray(T_camera_world)
+    pinhole, T = c.pinhole, np.ascontiguousarray(T_camera_world)
     return found[: kernel.boxes_in_frustum(boxes, bounds, T, pinhole, c.width, c.height, far_m, found)]
 
 
@@ -97,7 +97,7 @@ def measure_visibility(
     counts, corners = np.empty((n, 3), np.int64), np.empty((n, 4))
     ends, numbers = np.cumsum([len(p) for p in points]), np.array([o.number for o in objects])
     surfaces = kernel.Surfaces(np.concatenate(points), np.concatenate(colors), ends, _feet(boxes), numbers)
-    pinhole, T = np.array([c.fx, c.fy, c.cx, c.cy]), np.ascontiguousarray(observed.T_camera_world)
+    pinhole, T = c.pinhole, np.ascontiguousarray(observed.T_camera_world)
     view = kernel.View(image.depth_m, image.color, slots, owner, pinhole, T)
     kernel.count_seen(surfaces, view, noise_per_m, DRIFT_M, ALIKE, counts, corners)
     seen, hidden, unknown = counts.T

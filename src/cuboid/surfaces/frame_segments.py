@@ -176,9 +176,8 @@ def segment_frame(
 
 def points_of(pixels: npt.NDArray[np.int64], image: WorkingImage, T_world_camera: Float64Array) -> Float64Array:
     """Return where in the world pixels (N,) of the flattened image are that have a reading: (N, 3) float64, metres."""
-    c, places = image.camera, np.empty((len(pixels), 3))
-    pinhole = np.array([c.fx, c.fy, c.cx, c.cy])
-    back_project(pixels, image.depth_m, pinhole, np.ascontiguousarray(T_world_camera), places)
+    places = np.empty((len(pixels), 3))
+    back_project(pixels, image.depth_m, image.camera.pinhole, np.ascontiguousarray(T_world_camera), places)
     return places
 
 

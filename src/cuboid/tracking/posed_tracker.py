@@ -326,7 +326,7 @@ class PosedTracker(MapQueries):
     def _estimate_noise(self, image: WorkingImage) -> None:
         """Estimate from the first frame how much noisier the sensor is than configured."""
         nominal = self.config.depth_noise_per_m
-        excess = excess_noise(image.depth_m, image.camera, nominal, self.config.max_depth_m)
+        excess = excess_noise(image.depth, nominal, self.config.max_depth_m)
         if excess > 1.0:
             self.config = self.config.within_range(depth_noise_per_m=excess * nominal)
             self._begin()
@@ -360,9 +360,9 @@ class PosedTracker(MapQueries):
     def _find_planes(self, seen: Observation) -> PixelPlanes:
         """Track the supporting planes; return those on and beneath which pixels lie."""
         c, planes, image, T_world_camera = self.config, self._planes, seen.image, seen.T_world_camera
-        seen_by = image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m
+        seen_by = image.depth, T_world_camera, c.depth_noise_per_m, c.max_depth_m
         if planes.vote_is_due():
-            areas = find_flat_areas(image.depth_m, image.camera, c)
+            areas = find_flat_areas(image.depth, c)
             if planes.vote_up(areas, T_world_camera, seen.up_camera):
                 self._map.reset_supports()
         patch = patch_pixels(image.camera)
@@ -379,7 +379,7 @@ class PosedTracker(MapQueries):
         view = planes.planes_in_frustum(k, min(c.max_depth_m, float(image.depth_m.max())), T_world_camera)
         in_camera = planes.in_camera(view, T_world_camera)
         in_view = PlanesInView(in_camera, view.numbers, view.ground, view.origin, CELL_M, patches, patch)
-        place = np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera
+        place = k.pinhole, planes.T_plan_world @ T_world_camera
         limits = c.depth_noise_per_m, c.min_height_m, BIAS_M, c.max_depth_m
         assign_planes(seen.solid.depth_m, *place, in_view, *limits, on_plane, support, view.seen)
         if renew:
