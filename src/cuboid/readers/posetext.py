@@ -41,6 +41,23 @@ def parse_numbers(text: str, count: int, expected: str) -> list[float]:
     return values
 
 
+def numbered_rows(path: Path, count: int | None, expected: str) -> list[tuple[int, list[float]]]:
+    """Return the lines of a file, each with its number and its numbers: this many, or any where None is given.
+
+    Raises
+    ------
+    InputError
+        If a line has another form; `expected` says in the message what it is.
+    """
+    rows = []
+    for number, line in data_lines(path):
+        try:
+            rows.append((number, parse_numbers(line, len(line.split()) if count is None else count, expected)))
+        except ValueError as error:
+            raise InputError(f"{path} line {number}: {error}") from None
+    return rows
+
+
 def parse_time(word: str) -> float:
     """Return a time in seconds.
 
