@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from cuboid.core.config import TrackerConfig
+from cuboid.core.depth import resolves_m
 from cuboid.core.observation import Observation
-from cuboid.core.sensor import resolves_m
 from cuboid.core.working import WorkingImage
 from cuboid.geometry import se3
 from cuboid.heatmap.kernels import owners

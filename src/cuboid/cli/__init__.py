@@ -15,7 +15,7 @@ from io import TextIOWrapper
 from types import ModuleType
 
 from cuboid import __version__
-from cuboid.cli.optional_words import without_guessing
+from cuboid.cli.names import without_guessing
 from cuboid.cli.parser import MISTAKE, Parser, did_you_mean
 from cuboid.core.errors import CuboidError, one_line, printable
 

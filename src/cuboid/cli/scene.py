@@ -11,7 +11,7 @@ from cuboid.cli.names import scene_export_names
 from cuboid.cli.parser import takes_names
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.scene_documents import change_document, object_document
-from cuboid.cli.threads import positive
+from cuboid.cli.workers import positive
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -13,13 +13,12 @@ import numpy.typing as npt
 from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.core.state import Record
 from cuboid.heatmap.anchors import Anchors
-from cuboid.heatmap.block_store import BlockStore, TemporaryBlockStore
 from cuboid.heatmap.kernels import cubes as kernel_cubes
 from cuboid.heatmap.kernels import lookup, owners
 from cuboid.heatmap.kernels import voxels as kernel
 from cuboid.heatmap.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, HEATS, LEVELS, MAX_BLOCKS, ROW, Points, columns_of
 from cuboid.heatmap.row_blocks import RowBlocks, RowBlocksState
-from cuboid.heatmap.row_memory import RowMemory, resident_mb
+from cuboid.heatmap.row_memory import BlockStore, RowMemory, TemporaryBlockStore, resident_mb
 
 Rows = npt.NDArray[np.int64]
 

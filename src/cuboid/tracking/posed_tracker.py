@@ -13,13 +13,13 @@ import numpy.typing as npt
 from cuboid.boxes.fit import Resting, fit_boxes
 from cuboid.boxes.quantiles import quantile
 from cuboid.core.config import TrackerConfig
+from cuboid.core.depth import excess_noise, resolves_m
 from cuboid.core.errors import FrameError
 from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.core.kernels.pixels import PlanesInView, assign_planes
 from cuboid.core.limits import MAX_PROPOSALS, MEMORY_MB, SAMPLE_POINTS
 from cuboid.core.observation import Observation
 from cuboid.core.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
-from cuboid.core.sensor import excess_noise, resolves_m
 from cuboid.core.state import Record
 from cuboid.core.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, OUTLIER_FRACTION
 from cuboid.core.working import WorkingImage, filled, thin
