@@ -16,8 +16,8 @@ from made_scene import CAMERA, Shown, record
 from cuboid.core.errors import InputError
 from cuboid.scene import Scene, before
 from cuboid.scene.checking import problems, rescue
+from cuboid.scene.editing import transform_rows
 from cuboid.scene.localisation import Joined
-from cuboid.scene.parts import transform_rows
 from cuboid.scene.schema import TABLES
 from cuboid.scene.validation import DamagedError
 

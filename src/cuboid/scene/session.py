@@ -18,7 +18,7 @@ from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.queries import MapQueries
 from cuboid.poses.sources import Posed, Poses
 from cuboid.proposals.types import Proposals, ProposalSource
-from cuboid.scene import changes, layout, parts
+from cuboid.scene import changes, editing, layout
 from cuboid.scene.before import Before, write_noted
 from cuboid.scene.database import Writing, complaining, transaction
 from cuboid.scene.localisation import ESTIMATED, SAME_WORLD, Joined, ScenePoses
@@ -260,7 +260,7 @@ class SceneTracker(MapQueries):
             with transaction(connection):
                 self._state.write(connection, state, pace, ended=ended)
                 rows.write(connection)
-                parts.transform_rows(connection, joined)
+                editing.transform_rows(connection, joined)
                 write_noted(connection, noted)
                 changes.write(connection, visit.number, found)
                 visit.write(connection, next_frame, pending, complete=complete, ended=ended)

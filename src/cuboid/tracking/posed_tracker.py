@@ -28,10 +28,9 @@ from cuboid.geometry.se3 import inverse, moved_beyond, transform
 from cuboid.heatmap.anchors import LAST_KEYFRAME
 from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap, VoxelMapState
-from cuboid.objects.association import Association
+from cuboid.objects.association import Association, prior_of
 from cuboid.objects.entry import MapObject
 from cuboid.objects.object_map import ObjectMap, ObjectMapState
-from cuboid.objects.prior import prior_of
 from cuboid.objects.validity import too_large
 from cuboid.objects.visibility import measure_visibility, sightings_of
 from cuboid.outputs.object_table import ObjectTable
