@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.core.frame import Frame, Intrinsics
 from cuboid.core.results import FrameResult
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
-from cuboid.heatmap.kernels.cubes import BLOCK_BITS, BLOCK_ROWS
+from cuboid.heatmap.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, CUBE_BITS, CUBE_SIDE, KEY_BITS, KEY_OFFSET, keys_of
 from cuboid.heatmap.voxel_map import MAX_VOTES
 from cuboid.objects.entry import State
 from cuboid.proposals.types import Proposals
@@ -260,3 +261,18 @@ class Watch:
         for s in result.sightings:
             assert 0.0 <= s.visible <= 1.0
             assert s.iou is None or 0.0 <= s.iou <= 1.0 + 1e-9
+
+
+def cubes_of(voxels: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.uint16]]:
+    """Return the keys of the cubes (N,) that voxels of the world (N, 3) lie in, and which of its voxels they are."""
+    within = voxels & (CUBE_SIDE - 1)
+    inside = (within[:, 0] << (2 * CUBE_BITS)) | (within[:, 1] << CUBE_BITS) | within[:, 2]
+    return keys_of(voxels >> CUBE_BITS), inside.astype(np.uint16)
+
+
+def voxels_of(keys: npt.NDArray[np.int64], voxel: npt.NDArray[np.uint16]) -> npt.NDArray[np.int64]:
+    """Return the voxels of the world (N, 3) that are these in cubes (N,) of these keys: the way back."""
+    mask, side = (1 << KEY_BITS) - 1, CUBE_SIDE - 1
+    cube = np.stack([(keys >> (2 * KEY_BITS)) & mask, (keys >> KEY_BITS) & mask, keys & mask], 1) - KEY_OFFSET
+    inside = np.stack([voxel >> (2 * CUBE_BITS), (voxel >> CUBE_BITS) & side, voxel & side], 1)
+    return np.asarray((cube << CUBE_BITS) + inside)

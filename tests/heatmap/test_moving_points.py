@@ -8,9 +8,10 @@ from scipy.spatial import cKDTree
 
 from cuboid.core.working import WorkingImage
 from cuboid.geometry import se3
-from cuboid.heatmap.kernels.cubes import ANCHORS, BLOCK_BITS, PLACES, ROW, cubes_of, voxels_of
+from cuboid.heatmap.kernels.cubes import ANCHORS, BLOCK_BITS, PLACES, ROW
 from cuboid.heatmap.voxel_map import VoxelMap
 from made_scenes import CAMERA, cast, look_at, upright
+from worlds import cubes_of, voxels_of
 
 SCENE = [upright((0, 0), (2, 2, 0.02), z=-0.02), upright((0.1, 0.1), (0.2, 0.3, 0.2), 0.3)]
 POSE = look_at((0.9, -0.8, 0.9), (0.1, 0.1, 0.0))
@@ -241,7 +242,7 @@ def test_a_map_that_was_doubled_by_drift_is_single_again() -> None:
     assert double.stored.count < 1.06 * single.stored.count  # what both views had averaged lies between
     # much of the second view fell onto the first, whose object is the older one
     assert np.count_nonzero(double.stored.owner[double.stored.living()] == 2) < 0.6 * younger
-    there = double.is_occupied(single.stored.xyz(single.stored.living()).astype(np.float64))
+    there = double.rows_at(single.stored.xyz(single.stored.living()).astype(np.float64)) >= 0
     assert there.mean() > 0.97
 
 

@@ -281,10 +281,6 @@ class VoxelMap:
             self.levels.load(missing[:absent])
         return rows
 
-    def is_occupied(self, points: Float64Array) -> npt.NDArray[np.bool_]:
-        """Tell which places (N, 3) of the world lie in an occupied voxel."""
-        return self.rows_at(points) >= 0
-
     def is_occupied_around(self, ground: Float64Array, axes: Float64Array, least: int) -> npt.NDArray[np.bool_]:
         """Tell at which places (N, 3) on a plane `least` of the nine voxels around, one up or down, hold a point.
 
