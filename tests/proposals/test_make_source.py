@@ -11,8 +11,8 @@ import solids
 from cuboid.core.errors import InputError
 from cuboid.core.frame import Frame, Intrinsics
 from cuboid.proposals import DEFAULT_SOURCE, SOURCES, Proposals, make_source
+from cuboid.proposals.bing import silent_stdout
 from cuboid.proposals.boxes import best_boxes, masks_as_proposals, thin_out
-from cuboid.proposals.silence import silent_stdout
 
 
 def scene() -> Frame:

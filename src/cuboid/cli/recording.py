@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.names import format_names, proposal_names, setting_names
 from cuboid.cli.parser import takes_names
-from cuboid.cli.threads import add_threads, positive
+from cuboid.cli.workers import add_threads, positive
 
 if TYPE_CHECKING:
     from cuboid.core.config import TrackerConfig

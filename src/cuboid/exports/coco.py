@@ -82,4 +82,6 @@ def _annotation(run: Results, number: int, row: TrackRow) -> dict[str, Any]:
     }
 
 
-EXPORTS.register("coco")(Export(".json", write))
+EXPORTS.register("coco")(
+    Export(".json", "detection and tracking tools: rectangles in the images, with track ids", write)
+)

@@ -183,7 +183,7 @@ class ObjectStore:
 
     def retire_all(self, entries: Sequence[MapObject]) -> None:
         """End the lives of several objects; see `retire`."""
-        self._voxels.release([entry.number for entry in entries])
+        self._voxels.stored.release([entry.number for entry in entries])
         for entry in entries:
             self._close(entry)
             if not entry.label:
@@ -209,7 +209,7 @@ class ObjectStore:
         kept.outline = kept.outline + gone.outline
         kept.supports = summed_counts(kept.supports, gone.supports)
         kept.fitted = 0
-        self._voxels.transfer(gone.number, kept.number)
+        self._voxels.stored.transfer(gone.number, kept.number)
         self.affinity.transfer(gone.number, kept.number)
         self._close(gone)
         del self._objects[gone.number]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cuboid.core.frame import Float64Array, Intrinsics
+from cuboid.core.records import columns_of, plain_fields
 from cuboid.core.results import SupportPlane, TrackedObject
 from cuboid.formats.json_validation import read_json
 from cuboid.formats.objects_file import FORMAT, VERSION, ObjectEntry, ObjectsDocument
@@ -116,36 +117,14 @@ def _plane_to_json(plane: SupportPlane) -> dict[str, Any]:
 
 def object_to_json(item: TrackedObject) -> dict[str, Any]:
     """Return an object as `objects.json` holds it."""
-    return {
-        "label": item.label,
+    box = {
         "center": rounded_list(item.box.center, LENGTH),
         "size": rounded_list(item.box.size, LENGTH),
         "rotation": [rounded_list(row, DIRECTION) for row in item.box.rotation],
-        "score": rounded(item.score, LENGTH),
-        "heat": rounded(item.heat, LENGTH),
-        "first_frame": item.first_frame,
-        "last_frame": item.last_frame,
-        "frames_seen": item.frames_seen,
-        "points": item.points,
-        "mean_color": rounded_list(item.mean_color, 1),
-        "plane": item.plane,
-        "merged_labels": list(item.merged_labels),
-        **({"name": item.name} if item.name else {}),
     }
+    return {"label": item.label, **box, **plain_fields(item, columns_of(TrackedObject)[1:])}
 
 
 def _object(item: ObjectEntry) -> TrackedObject:
-    return TrackedObject(
-        label=item.label,
-        box=Box(np.array(item.center), np.array(item.size), np.array(item.rotation)),
-        score=item.score,
-        heat=item.heat,
-        first_frame=item.first_frame,
-        last_frame=item.last_frame,
-        frames_seen=item.frames_seen,
-        points=item.points,
-        mean_color=np.array(item.mean_color),
-        plane=item.plane,
-        merged_labels=tuple(item.merged_labels),
-        name=item.name or None,
-    )
+    box = Box(np.array(item.center), np.array(item.size), np.array(item.rotation))
+    return TrackedObject(box=box, **{one.name: one.read(getattr(item, one.name)) for one in columns_of(TrackedObject)})

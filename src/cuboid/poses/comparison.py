@@ -92,9 +92,9 @@ def explained(
 
 def clearly_better(one: Explained, other: Explained) -> bool:
     """Tell whether a pose explains more points than another, and loses next to none for them."""
-    both = np.count_nonzero(one.read & other.read)
+    both = int(np.count_nonzero(one.read & other.read))
     gained, lost = _gained(one, other), _gained(other, one)
-    return gained > MIN_GAIN * both and lost <= MAX_LOSS * gained
+    return bool(gained > MIN_GAIN * both and lost <= MAX_LOSS * gained)
 
 
 def as_good(one: Explained, other: Explained) -> bool:
