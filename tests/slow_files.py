@@ -73,6 +73,7 @@ SLOW_FILES = frozenset(
         "store/test_damaged_stores.py",
         "store/test_find.py",
         "store/test_serve.py",
+        "store/test_store_page.py",
         "store/test_store_tables.py",
         "supply/test_release.py",
         "supply/test_supply.py",

@@ -47,7 +47,7 @@ def page_of(summary: Summary, live: Mapping[str, Any] | None = None) -> str:
     str
     """
     document = {**summary.to_dict(), "live": live}
-    return assembled(own("page.html"), own("page.css"), [own(name) for name in SCRIPTS], document)
+    return assembled(own("page.html"), style(own("page.css")), [own(name) for name in SCRIPTS], document)
 
 
 def own(name: str) -> str:
@@ -55,14 +55,20 @@ def own(name: str) -> str:
     return (files("cuboid.views.report") / "page" / name).read_text(encoding="utf-8")
 
 
-def assembled(html: str, style: str, scripts: Sequence[str], document: Mapping[str, Any]) -> str:
+def style(*parts: str) -> str:
+    """Return the style of a page: palette and elements that all pages share, then its own parts."""
+    return "\n".join((own("base.css"), *parts))
+
+
+def assembled(html: str, css: str, scripts: Sequence[str], document: Mapping[str, Any]) -> str:
     """Return a page put together.
 
     Parameters
     ----------
     html : str
-        With places in double braces for title, style, data and script.
-    style : str
+        With places in double braces for title, mark, style, data and script.
+    css : str
+        From `style`.
     scripts : sequence of str
         In the order in which they use each other; they see nothing of the page's own scope.
     document : mapping
@@ -71,7 +77,8 @@ def assembled(html: str, style: str, scripts: Sequence[str], document: Mapping[s
     together = "\n".join(scripts)
     parts = {
         "title": escape(f"{document['title']} - cuboid"),
-        "style": style,
+        "style": css,
+        "mark": own("mark.svg"),
         # "</script>" in a text would end the element: the JSON has no "<" at all
         "data": json.dumps(document, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
         "script": f'"use strict";\n(() => {{\n{together}\n}})();',
