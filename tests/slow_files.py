@@ -94,6 +94,7 @@ SLOW_FILES = frozenset(
         "test_tracker.py",
         "test_tracking.py",
         "test_worlds.py",
+        "views/test_crowd_page.py",
         "views/test_encoding.py",
         "views/test_live.py",
         "views/test_live_page.py",

@@ -46,7 +46,7 @@ def write_summary(store: str) -> None:
 
 
 def summary_page(summary: StoreSummary, title: str, links: Mapping[str, str] | None = None) -> str:
-    """Return how the recordings of a store went, as HTML; their pages are relative to the store, `links` as in `html`."""
+    """Return how the recordings of a store went, as HTML; their addresses are relative to it, `links` as in `html`."""
     totals = summary.totals
     shown = {
         "recordings": f"{totals['recordings']:,}",

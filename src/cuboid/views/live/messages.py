@@ -26,7 +26,17 @@ from cuboid.views.tags import TAG_PX
 from cuboid.views.text import ink
 
 # The report's scripts that the live page shares, then its own.
-SHARED = ("math.js", "elements.js", "data.js", "shaders.js", "renderer.js", "scene.js", "orbit.js", "tags.js")
+SHARED = (
+    "math.js",
+    "elements.js",
+    "data.js",
+    "rows.js",
+    "shaders.js",
+    "renderer.js",
+    "scene.js",
+    "orbit.js",
+    "tags.js",
+)
 SCRIPTS = ("follow.js", "live.js")
 
 # 1.8 MB a map: what a forwarded port in a local network carries in a fraction of a second.

@@ -18,6 +18,7 @@ SCRIPTS = (
     "math.js",
     "elements.js",
     "data.js",
+    "rows.js",
     "shaders.js",
     "renderer.js",
     "scene.js",

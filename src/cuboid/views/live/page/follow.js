@@ -79,6 +79,7 @@ class LiveScene extends Scene {
   }
 
   stateOf(object) {
+    if (!isWanted(this.state, object.label)) return "unknown";
     return object.seen ? "seen" : "hidden";
   }
 

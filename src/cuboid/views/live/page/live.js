@@ -7,6 +7,7 @@ const state = {
   selected: null,
   frame: null,
   follow: false,
+  wanted: null,
 };
 
 // After a question that met no answer, milliseconds.
@@ -45,20 +46,17 @@ function update(change) {
   redraw();
 }
 
+const search = new Search((wanted) => update({ wanted }));
 const choose = (label) => update({ selected: label === state.selected ? null : label });
 
 function listObjects() {
-  find("object-count").textContent = plural(data.objects.length, "object");
+  state.wanted = search.wanted(); // among the objects that are known by now
+  find("object-count").textContent = countOf(state.wanted);
   find("objects").replaceChildren(
-    ...data.objects.map((object) => {
-      const row = element(
-        "button",
-        { class: `object${object.seen ? "" : " hidden-now"}`, "aria-pressed": String(object.label === state.selected) },
-        chip(object),
-        element("span", {}, sizeOf(object)),
-        element("span", { class: "seen-count" }, String(object.frames_seen)),
-      );
-      row.addEventListener("click", () => choose(object.label));
+    ...data.objects.filter(({ label }) => isWanted(state, label)).map((object) => {
+      const row = objectRow(object, choose);
+      row.classList.toggle("hidden-now", !object.seen);
+      row.setAttribute("aria-pressed", String(object.label === state.selected));
       return element("li", {}, row);
     }),
   );

@@ -1,30 +1,27 @@
 // The list of objects, and the card of the one that is chosen.
 
 class Panel {
-  constructor(state, chosen, moved) {
+  constructor(state, chosen, moved, wished) {
     this.state = state;
     this.chosen = chosen;
     this.moved = moved;
-    find("object-count").textContent = plural(data.objects.length, "object");
-    this.rows = data.objects.map((object) => {
-      const row = element(
-        "button",
-        { class: "object", "data-label": object.label },
-        chip(object),
-        element("span", { class: "size" }, sizeOf(object)),
-        element("span", { class: "seen-count", title: "frames in which it is seen" }, object.frames_seen.toLocaleString("en")),
-      );
-      row.addEventListener("click", () => chosen(object.label));
-      return row;
-    });
+    this.rows = data.objects.map((object) => objectRow(object, chosen));
     find("objects").replaceChildren(...this.rows.map((row) => element("li", {}, row)));
-    if (!this.rows.length) find("list").append(element("p", { class: "empty" }, "No object was found."));
+    this.search = new Search((wanted) => wished(wanted));
+    find("search").hidden = !this.rows.length;
   }
 
   update() {
-    const { selected } = this.state;
+    const { selected, wanted } = this.state;
     const object = objectOf.get(selected);
-    for (const row of this.rows) row.setAttribute("aria-pressed", String(Number(row.dataset.label) === selected));
+    for (const row of this.rows) {
+      const label = Number(row.dataset.label);
+      row.setAttribute("aria-pressed", String(label === selected));
+      row.parentElement.hidden = !isWanted(this.state, label);
+    }
+    find("object-count").textContent = countOf(wanted);
+    find("none").textContent = this.rows.length ? "No object is like that." : "No object was found.";
+    find("none").hidden = wanted ? wanted.size > 0 : this.rows.length > 0;
     const card = find("card");
     card.hidden = !object;
     if (object && card.dataset.label !== String(selected)) card.replaceChildren(...this.card(object));

@@ -7,6 +7,7 @@ const state = {
   selected: null,
   frame: null, // place among the used frames; null is all of them at once
   follow: false,
+  wanted: null, // labels that the search leaves; null is all
 };
 
 let scene = null;
@@ -207,7 +208,10 @@ function approach(target, size) {
   update({ follow: false });
 }
 
-const panel = new Panel(state, choose, moveTo);
+const panel = new Panel(state, choose, moveTo, (wanted) => {
+  update({ wanted });
+  timeline.draw();
+});
 const changes = new Changes(state, choose, approach);
 const picture = new Picture(state);
 

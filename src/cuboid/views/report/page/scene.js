@@ -108,6 +108,7 @@ class Scene {
 
   stateOf(object) {
     const { frame } = this.state;
+    if (!isWanted(this.state, object.label)) return "unknown";
     return frame === null ? "seen" : stateIn(object, frames[frame]);
   }
 

@@ -1,0 +1,123 @@
+"""The page of many objects with names, in a real browser."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page
+
+from browser import VIEWPORT, Watched, browser
+from cuboid.outputs import Results
+from cuboid.readers import open_recording
+from cuboid.views.report import summarise, write_report
+from made_crowd import crowd, write_crowd
+
+COUNT = 40
+
+
+@pytest.fixture(scope="module")
+def launched() -> Iterator[Browser]:
+    with browser() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    results = write_crowd(tmp_path_factory.mktemp("crowd"), COUNT)
+    write_report(
+        results / "report.html", summarise(Results(results), open_recording(results.parent / "recording").read)
+    )
+    return results / "report.html"
+
+
+@pytest.fixture(scope="module")
+def opened(launched: Browser, report: Path) -> Watched:
+    watched = Watched(launched)
+    watched.open(report)
+    return watched
+
+
+@pytest.fixture
+def page(opened: Watched) -> Iterator[Page]:
+    """The page at its first size, with nothing chosen and nothing searched for; it must not complain."""
+    opened.page.set_viewport_size(VIEWPORT)
+    search(opened.page, "")
+    opened.page.evaluate("document.querySelectorAll('#card:not([hidden]) .close').forEach((button) => button.click())")
+    yield opened.page
+    assert opened.complaints == []
+
+
+def search(page: Page, text: str) -> None:
+    page.fill("#search", text)
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+def listed(page: Page) -> list[int]:
+    labels = page.locator("#objects .object:visible").evaluate_all("rows => rows.map((row) => row.dataset.label)")
+    return [int(label) for label in labels]
+
+
+def rects(page: Page, which: str) -> list[dict[str, Any]]:
+    return page.locator(which).evaluate_all(  # type: ignore[no-any-return]
+        "places => places.map((place) => { const { left, top, right, bottom } = place.getBoundingClientRect();"
+        " return { text: place.textContent, left, top, right, bottom }; })"
+    )
+
+
+def test_names_stand_beside_labels_in_list_timeline_and_scene(page: Page) -> None:
+    item = next(item for item in crowd(COUNT) if item.name == "cup")
+    tag = f"#{item.label} cup"
+    assert page.inner_text(f'#objects [data-label="{item.label}"] .chip') == tag
+    assert page.locator(f'#plot [data-row="{item.label}"] .name').evaluate("text => text.firstChild.data") == tag
+    assert tag in page.locator("#tags .tag").all_inner_texts()
+
+
+def test_a_long_name_is_cut_and_prints_over_nothing(page: Page) -> None:
+    long = next(item for item in crowd(COUNT) if item.name and len(item.name) > 20)
+    row = f'#objects [data-label="{long.label}"]'
+    chip, size, count = (rects(page, f"{row} {part}")[0] for part in (".chip", ".size", ".seen-count"))
+    assert chip["bottom"] <= size["top"] + 1
+    assert chip["right"] <= count["left"]
+    assert page.locator(f"{row} .chip").get_attribute("title") == f"#{long.label} {long.name}"
+    plate, number = (rects(page, f'#plot [data-row="{long.label}"] {part}')[0] for part in ("rect[rx]", ".count"))
+    assert plate["right"] <= number["left"]
+
+
+def test_the_list_shows_a_picture_of_each_object(page: Page) -> None:
+    pictures = page.locator("#objects .thumb")
+    assert pictures.count() == COUNT
+    assert pictures.first.evaluate("image => image.decode().then(() => image.naturalWidth)") > 20
+
+
+@pytest.mark.parametrize(
+    ("text", "which"),
+    [
+        ("cup", lambda item: item.name == "cup"),
+        ("SCREWS box", lambda item: item.name == "box of screws"),
+        ("#3", lambda item: item.label == 3),
+        ("17", lambda item: item.label == 17),
+        ("cup > 12", lambda item: item.name == "cup" and max(item.box.size) > 0.119),
+        ("<9cm", lambda item: max(item.box.size) < 0.091),
+    ],
+)
+def test_a_search_leaves_what_is_asked_for(page: Page, text: str, which: Any) -> None:
+    search(page, text)
+    wanted = [item.label for item in crowd(COUNT) if which(item)]
+    assert wanted
+    assert listed(page) == wanted
+    assert page.inner_text("#object-count") == f"{len(wanted)} of {COUNT} objects"
+    assert page.locator("#plot .row").count() == len(wanted)
+    tags = page.locator("#tags .tag:visible").evaluate_all("tags => tags.map((tag) => Number(tag.dataset.label))")
+    assert set(tags) <= set(wanted)
+
+
+def test_a_search_that_finds_nothing_says_so_and_is_left_by_escape(page: Page) -> None:
+    search(page, "elephant")
+    assert listed(page) == []
+    assert page.inner_text("#none") == "No object is like that."
+    page.focus("#search")
+    page.keyboard.press("Escape")
+    assert len(listed(page)) == COUNT
