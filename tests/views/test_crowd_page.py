@@ -10,6 +10,7 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from browser import VIEWPORT, Watched, browser
+from cuboid.core.palette import hex_of
 from cuboid.outputs import Results
 from cuboid.readers import open_recording
 from cuboid.views.report import summarise, write_report
@@ -90,6 +91,15 @@ def test_the_list_shows_a_picture_of_each_object(page: Page) -> None:
     pictures = page.locator("#objects .thumb")
     assert pictures.count() == COUNT
     assert pictures.first.evaluate("image => image.decode().then(() => image.naturalWidth)") > 20
+
+
+def test_the_card_outlines_the_object_in_its_picture(page: Page) -> None:
+    page.click('#objects [data-label="5"]')
+    image = rects(page, "#card .shot img")[0]
+    edge = rects(page, "#card .outline .edge")[0]
+    assert page.locator("#card .outline .edge").get_attribute("stroke") == hex_of(5)
+    assert image["left"] < edge["left"] < edge["right"] < image["right"]
+    assert image["top"] < edge["top"] < edge["bottom"] < image["bottom"]
 
 
 @pytest.mark.parametrize(

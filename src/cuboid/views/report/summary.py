@@ -101,7 +101,7 @@ class Summary:
             "plane": item.plane,
             "merged_labels": list(item.merged_labels),
             "spans": seen,
-            "picture": None if picture is None else {"frame": picture.frame, "address": picture.address},
+            "picture": None if picture is None else _picture(picture),
         }
 
     def _survivor(self, label: int) -> int | None:
@@ -145,7 +145,7 @@ def pictures_of(results: Results, read: Callable[[int], Frame]) -> dict[int, Pic
     """Return the best picture of each object, by label; parameters and errors are those of `summarise`."""
     lasting = {item.label for item in results.found.objects}
     best = {label: row for label, row in best_sightings(results.tracks).items() if label in lasting}
-    return cut_pictures(best, read)
+    return cut_pictures(best, read, results.poses, results.found.intrinsics)
 
 
 def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tuple[int, int]]]:
@@ -172,6 +172,15 @@ def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tup
         else:
             runs.append((row.frame, row.frame))
     return found
+
+
+def _picture(picture: Picture) -> dict[str, Any]:
+    return {
+        "frame": picture.frame,
+        "address": picture.address,
+        "size": list(picture.size),
+        "edges": [_list(edge, 1) for edge in picture.edges],
+    }
 
 
 def _change(one: SceneChange) -> dict[str, Any]:

@@ -39,7 +39,17 @@ class Panel {
     if (!object.picture) return [];
     const { frame, address } = object.picture;
     const image = element("img", { src: address, alt: `Object ${object.label} in frame ${frame}` });
-    return [element("figure", {}, image, element("figcaption", {}, "Best seen in ", this.link(frame)))];
+    const shown = element("div", { class: "shot" }, image, this.outline(object));
+    return [element("figure", {}, shown, element("figcaption", {}, "Best seen in ", this.link(frame)))];
+  }
+
+  /** The edges of the object's box over its picture. */
+  outline(object) {
+    const [width, height] = object.picture.size;
+    const d = object.picture.edges.map(([x0, y0, x1, y1]) => `M${x0} ${y0}L${x1} ${y1}`).join("");
+    const paths = [["halo", "currentColor"], ["edge", object.color]].map(([kind, stroke]) => shape("path", { class: kind, d, stroke }));
+    const view = { viewBox: `0 0 ${width} ${height}`, preserveAspectRatio: "xMidYMid slice", "aria-hidden": "true" };
+    return shape("svg", { class: "outline", ...view }, ...paths);
   }
 
   /** A frame's number that goes to that frame. */

@@ -10,13 +10,6 @@ const EDGE = 26;
 const AXIS = 20;
 const THUMB = 8;
 
-function shape(name, attributes, ...children) {
-  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  made.append(...children);
-  return made;
-}
-
 const measure = document.createElement("canvas").getContext("2d");
 
 /** A text cut to a width in pixels, and its width. */
