@@ -53,6 +53,11 @@ def page(opened: Watched) -> Iterator[Page]:
 
 def search(page: Page, text: str) -> None:
     page.fill("#search", text)
+    settle(page)
+
+
+def settle(page: Page) -> None:
+    """Wait until what was asked for is on the screen."""
     page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
 
@@ -73,7 +78,8 @@ def test_names_stand_beside_labels_in_list_timeline_and_scene(page: Page) -> Non
     tag = f"#{item.label} cup"
     assert page.inner_text(f'#objects [data-label="{item.label}"] .chip') == tag
     assert page.locator(f'#plot [data-row="{item.label}"] .name').evaluate("text => text.firstChild.data") == tag
-    assert tag in page.locator("#tags .tag").all_inner_texts()
+    search(page, f"#{item.label}")
+    assert page.locator("#tags .tag:visible").all_inner_texts() == [tag]
 
 
 def test_a_long_name_is_cut_and_prints_over_nothing(page: Page) -> None:
@@ -131,3 +137,38 @@ def test_a_search_that_finds_nothing_says_so_and_is_left_by_escape(page: Page) -
     page.focus("#search")
     page.keyboard.press("Escape")
     assert len(listed(page)) == COUNT
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (800, 900), (390, 844)])
+def test_no_tag_covers_another_or_a_toolbar(page: Page, size: tuple[int, int]) -> None:
+    page.set_viewport_size({"width": size[0], "height": size[1]})
+    for view in ("#look-home", "#look-down"):
+        page.click(view)
+        settle(page)
+        tags = rects(page, "#tags .tag:visible:not(.dot)")
+        assert len(tags) > 10
+        bars = rects(page, "#view .bar > *")
+        canvas = rects(page, "#canvas")[0]
+        for i, tag in enumerate(tags):
+            assert canvas["left"] <= tag["left"] < tag["right"] <= canvas["right"]
+            for other in [*tags[:i], *bars]:
+                apart = (
+                    tag["right"] <= other["left"] or other["right"] <= tag["left"]
+                    or tag["bottom"] <= other["top"] or other["bottom"] <= tag["top"]
+                )  # fmt: skip
+                assert apart, (tag, other)
+
+
+def test_a_tag_has_its_name_where_there_is_room_and_when_it_is_chosen(page: Page) -> None:
+    search(page, "box")
+    texts = page.locator("#tags .tag:visible:not(.dot)").all_inner_texts()
+    assert any("box of screws" in text for text in texts)
+    search(page, "")
+    short = page.locator("#tags .tag:visible").evaluate_all(
+        "tags => tags.filter((tag) => tag.title !== tag.textContent).map((tag) => tag.dataset.label)"
+    )
+    assert short  # forty names are too many
+    page.click(f'#objects [data-label="{short[0]}"]')
+    settle(page)
+    tag = page.locator(f'#tags [data-label="{short[0]}"]')
+    assert tag.inner_text() == tag.get_attribute("title")

@@ -200,7 +200,10 @@ async function main() {
     update({ follow: !state.follow });
     orbit.fly(state.follow && scene.pose ? orbit.behind(scene.pose) : orbit.home());
   });
-  new ResizeObserver(redraw).observe(canvas);
+  new ResizeObserver(() => {
+    tags.layout();
+    redraw();
+  }).observe(canvas);
   scene.renderer.fit();
   update({});
   follow("/map", (answer, number) => (answer.byteLength ? takeMap(answer) : number));

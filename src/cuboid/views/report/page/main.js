@@ -96,8 +96,9 @@ function setUpScene() {
     if (object) update({ selected: object.label });
   });
   new ResizeObserver(() => {
-    redraw();
     find("notice").hidden = canvas.clientWidth < 560;
+    tags.layout();
+    redraw();
   }).observe(canvas);
   canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
   canvas.addEventListener("webglcontextrestored", () => location.reload());
