@@ -172,3 +172,52 @@ def test_a_tag_has_its_name_where_there_is_room_and_when_it_is_chosen(page: Page
     settle(page)
     tag = page.locator(f'#tags [data-label="{short[0]}"]')
     assert tag.inner_text() == tag.get_attribute("title")
+
+
+@pytest.mark.parametrize("size", [(390, 844), (360, 640), (800, 900), (844, 390)])
+def test_on_a_small_screen_no_button_is_clipped_and_the_scene_has_the_most_room(
+    page: Page, size: tuple[int, int]
+) -> None:
+    page.set_viewport_size({"width": size[0], "height": size[1]})
+    settle(page)
+    buttons = rects(
+        page, "header button:visible, #view .bar button:visible, #below button:visible, #transport :visible"
+    )
+    assert len(buttons) > 12
+    for button in buttons:
+        assert button["left"] >= 0, button
+        assert button["right"] <= size[0], button
+        assert button["bottom"] <= size[1], button
+    view, panel = rects(page, "#view")[0], rects(page, "#panel")[0]
+
+    def area(place: dict[str, Any]) -> float:
+        return float((place["right"] - place["left"]) * (place["bottom"] - place["top"]))
+
+    assert area(view) > area(panel)
+    assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
+    slider = rects(page, "#slider")[0]
+    assert slider["right"] - slider["left"] > 0.4 * size[0]
+
+
+def test_on_a_phone_list_and_timeline_take_turns(page: Page) -> None:
+    page.set_viewport_size({"width": 390, "height": 844})
+    assert page.locator("#objects").is_visible()
+    assert not page.locator("#plot").is_visible()
+    page.click("[data-below=time]")
+    assert page.locator("#plot").is_visible()
+    assert not page.locator("#objects").is_visible()
+    last = rects(page, "#plot .seen")[0]
+    assert 300 < last["right"] <= 390
+    page.click("[data-below=list]")
+    page.click('#objects [data-label="7"]')
+    assert page.locator("#card h2").is_visible()
+    page.set_viewport_size(VIEWPORT)
+    assert page.locator("#plot").is_visible()
+    assert not page.locator("#below").is_visible()
+
+
+def test_a_list_of_figures_is_one_row_of_the_settings(page: Page) -> None:
+    page.click("#tab-run")
+    assert page.locator("#settings dt").all_inner_texts().count("distortion") == 1
+    assert page.inner_text("#settings dt:text-is('distortion') + dd") == "0.1, -0.2, 0, 0.001, 0.05"
+    page.click("#tab-scene")

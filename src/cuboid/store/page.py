@@ -29,7 +29,6 @@ td.bar { background: linear-gradient(90deg, color-mix(in srgb, var(--bad) 45%, t
 .note { color: var(--muted); padding-top: 8px; }
 h1 { max-width: none; flex: 1; }
 a { color: inherit; text-decoration-color: var(--muted); text-underline-offset: 3px; }
-@media (max-width: 640px) { .document { padding: 16px; } }
 """
 
 

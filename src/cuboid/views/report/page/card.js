@@ -24,7 +24,10 @@ class Panel {
     find("none").hidden = wanted ? wanted.size > 0 : this.rows.length > 0;
     const card = find("card");
     card.hidden = !object;
-    if (object && card.dataset.label !== String(selected)) card.replaceChildren(...this.card(object));
+    if (object && card.dataset.label !== String(selected)) {
+      card.replaceChildren(...this.card(object));
+      find("panel").scrollTop = 0;
+    }
     card.dataset.label = String(selected);
   }
 

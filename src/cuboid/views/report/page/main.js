@@ -117,6 +117,14 @@ function showTab(name) {
   redraw();
 }
 
+/** On a phone: list or timeline below the scene. */
+function showBelow(name) {
+  find("scene").dataset.below = name;
+  for (const button of document.querySelectorAll("[data-below]"))
+    button.setAttribute("aria-pressed", String(button.dataset.below === name));
+  timeline.draw();
+}
+
 function setUpSplitters() {
   for (const splitter of document.querySelectorAll(".splitter")) {
     const { size, from } = splitter.dataset;
@@ -183,6 +191,8 @@ function setUpButtons() {
     update({ follow: false });
     orbit.fly({ ...orbit.home(), yaw: orbit.place.yaw, pitch: STEEPEST });
   });
+  for (const button of document.querySelectorAll("[data-below]"))
+    button.addEventListener("click", () => showBelow(button.dataset.below));
   find("look-through").addEventListener("click", () => followCamera(!state.follow));
   for (const button of document.querySelectorAll("[data-coloring]"))
     button.addEventListener("click", () => update({ coloring: button.dataset.coloring }));
@@ -221,6 +231,7 @@ setUpHeader();
 setUpButtons();
 setUpKeys();
 setUpSplitters();
+showBelow("list");
 fillRunTab();
 timeline.draw();
 update({ frame: data.live && frames.length ? richestFrame() : null });

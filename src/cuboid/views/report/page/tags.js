@@ -58,8 +58,9 @@ class Tags {
    */
   place(eye, stateOf) {
     const room = [this.holder.clientWidth, this.holder.clientHeight];
+    const bars = this.obstacles();
     const shown = this.shown(eye, stateOf, room);
-    const taken = [...this.obstacles()];
+    const taken = [...bars];
     const wide = [room[0] - 2, room[1] - 2];
     for (const item of shown) {
       item.form = item.chosen ? item.full : item.short;
@@ -76,7 +77,7 @@ class Tags {
       taken[taken.indexOf(own)] = longer;
       Object.assign(item, { rect: longer, form: item.full });
     }
-    shown.forEach((item) => this.show(item));
+    for (const item of shown) this.show(item, bars);
   }
 
   /** The tags that are in the view, those first that choose first; the others are hidden. */
@@ -103,7 +104,9 @@ class Tags {
       .map((low) => [left, low - height, left + width + BETWEEN, low + BETWEEN]);
   }
 
-  show({ tag, at, known, chosen, rect, form, depth }) {
+  show({ tag, at, known, chosen, rect, form, depth }, bars) {
+    const dot = [at[0] - 5, at[1] - 5, at[0] + 5, at[1] + 5];
+    tag.hidden = !rect && bars.some((bar) => overlap(dot, bar));
     if (tag.textContent !== form.text) tag.textContent = form.text;
     tag.classList.toggle("dot", !rect);
     tag.classList.toggle("faint", known !== "seen");

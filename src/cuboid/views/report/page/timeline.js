@@ -70,7 +70,7 @@ class Timeline {
   }
 
   draw() {
-    this.width = find("rows").clientWidth;
+    this.width = find("rows").clientWidth || find("transport").clientWidth; // on a phone the list may be in its place
     this.gutter = this.width < NARROW ? NARROW_GUTTER : GUTTER;
     const rows = this.state.wanted
       ? data.objects.filter(({ label }) => isWanted(this.state, label))
