@@ -70,6 +70,7 @@ SLOW_FILES = frozenset(
         "scene/test_saving.py",
         "scene/test_scene.py",
         "scene/test_validation.py",
+        "scene/test_viewing.py",
         "store/test_damaged_stores.py",
         "store/test_find.py",
         "store/test_serve.py",

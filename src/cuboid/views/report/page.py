@@ -25,6 +25,7 @@ SCRIPTS = (
     "orbit.js",
     "tags.js",
     "timeline.js",
+    "naming.js",
     "card.js",
     "changes.js",
     "run.js",
@@ -80,11 +81,27 @@ def assembled(html: str, css: str, scripts: Sequence[str], document: Mapping[str
         "title": escape(f"{document['title']} - cuboid"),
         "style": css,
         "mark": own("mark.svg"),
-        # "</script>" in a text would end the element: the JSON has no "<" at all
-        "data": json.dumps(document, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
+        "data": _json(document),
         "script": f'"use strict";\n(() => {{\n{together}\n}})();',
     }
     return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], html)
+
+
+def renamed(page: str, label: int, name: str) -> str:
+    """Return a page of ours in which an object has another name; any other page is returned as it is."""
+    found = re.search(r'(<script type="application/json" id="data">)(.*?)(</script>)', page, re.DOTALL)
+    if found is None:
+        return page
+    document = json.loads(found[2])
+    for one in (*document["objects"], *document["changes"]):
+        if one["label"] == label:
+            one["name"] = name
+    return page[: found.start(2)] + _json(document) + page[found.end(2) :]
+
+
+def _json(document: Mapping[str, Any]) -> str:
+    # "</script>" in a text would end the element: the JSON has no "<" at all
+    return json.dumps(document, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def write_report(path: PathLike, summary: Summary) -> None:

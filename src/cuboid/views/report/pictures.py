@@ -33,8 +33,8 @@ class Picture:
 
     Attributes
     ----------
-    frame : int
-        Of the recording.
+    frame : int or None
+        Of the recording; None where it is of an earlier one.
     jpeg : bytes
     size : (int, int)
         Width and height, pixels.
@@ -42,7 +42,7 @@ class Picture:
         Edges of the object's box that the box itself does not hide: x0, y0, x1, y1 in pixels of the picture.
     """
 
-    frame: int
+    frame: int | None
     jpeg: bytes
     size: tuple[int, int]
     edges: Float64Array

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +81,14 @@ class Summary:
             "inferno": packed(inferno()),
             "changes": [_change(one) for one in self.changes],
         }
+
+    def named(self, label: int, name: str) -> Summary:
+        """Return the same with another name of an object; the empty one is none."""
+        objects = tuple(
+            replace(item, name=name or None) if item.label == label else item for item in self.found.objects
+        )
+        changes = tuple(replace(one, name=name or None) if one.label == label else one for one in self.changes)
+        return replace(self, found=replace(self.found, objects=objects), changes=changes)
 
     def _object(self, item: TrackedObject, seen: list[tuple[int, int]]) -> dict[str, Any]:
         picture = self.pictures.get(item.label)

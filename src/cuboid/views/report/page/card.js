@@ -1,14 +1,26 @@
 // The list of objects, and the card of the one that is chosen.
 
 class Panel {
-  constructor(state, chosen, moved, wished) {
+  constructor(state, { chosen, moved, wished, named }) {
     this.state = state;
     this.chosen = chosen;
     this.moved = moved;
-    this.rows = data.objects.map((object) => objectRow(object, chosen));
-    find("objects").replaceChildren(...this.rows.map((row) => element("li", {}, row)));
+    this.named = named;
+    this.list();
     this.search = new Search((wanted) => wished(wanted));
     find("search").hidden = !this.rows.length;
+  }
+
+  list() {
+    this.rows = data.objects.map((object) => objectRow(object, this.chosen));
+    find("objects").replaceChildren(...this.rows.map((row) => element("li", {}, row)));
+  }
+
+  /** Show the new name of an object wherever its label is; its card stays, and the field in it. */
+  renamed(object) {
+    this.list();
+    find("card").querySelector(".chip").replaceWith(chip(object));
+    this.named(object);
   }
 
   update() {
@@ -35,7 +47,8 @@ class Panel {
     const close = element("button", { class: "quiet close", title: "Close", "aria-label": "Close" }, "×");
     close.addEventListener("click", () => this.chosen(null));
     const head = element("header", {}, chip(object), element("h2", {}, "Object ", String(object.label)), close);
-    return [head, ...this.picture(object), this.facts(object)];
+    const naming = data.live ? nameField(object, (one) => this.renamed(one)) : [];
+    return [head, ...naming, ...this.picture(object), this.facts(object)];
   }
 
   picture(object) {
@@ -43,6 +56,7 @@ class Panel {
     const { frame, address } = object.picture;
     const image = element("img", { src: address, alt: `Object ${object.label} in frame ${frame}` });
     const shown = element("div", { class: "shot" }, image, this.outline(object));
+    if (!frames.includes(frame)) return [element("figure", {}, shown)]; // of an earlier recording of the scene
     return [element("figure", {}, shown, element("figcaption", {}, "Best seen in ", this.link(frame)))];
   }
 

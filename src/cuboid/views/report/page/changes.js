@@ -5,8 +5,15 @@ const CHANGE_WORDS = { moved: "moved", gone: "gone", new: "new", found: "first s
 class Changes {
   constructor(state, chosen, looked) {
     this.state = state;
+    this.chosen = chosen;
+    this.looked = looked;
     find("changes").hidden = !changed.length;
     document.querySelector('[data-layer="changes"]').hidden = !changed.length;
+    this.list();
+  }
+
+  list() {
+    const { chosen, looked } = this;
     const order = Object.keys(CHANGE_WORDS);
     const sorted = [...changed].sort((a, b) => order.indexOf(a.change) - order.indexOf(b.change) || a.label - b.label);
     this.rows = sorted.map((one) => {

@@ -20,6 +20,19 @@ function shape(name, attributes, ...children) {
   return made;
 }
 
+/** Send something to the program; null where it does not answer. */
+async function post(address, content) {
+  try {
+    return await fetch(address, {
+      method: "POST",
+      headers: { "Content-Type": "application/json" },
+      body: JSON.stringify(content),
+    });
+  } catch {
+    return null;
+  }
+}
+
 /** Show lines about what is likely to be wrong above the page, until they are hidden by a click. */
 function showWarnings(warnings) {
   const banner = find("warnings");

@@ -219,10 +219,21 @@ function approach(target, size) {
   update({ follow: false });
 }
 
-const panel = new Panel(state, choose, moveTo, (wanted) => {
+/** List and timeline show what the search leaves. */
+function wish(wanted) {
   update({ wanted });
   timeline.draw();
-});
+}
+
+function showName(object) {
+  for (const one of changed) if (one.label === object.label) one.name = object.name;
+  changes.list();
+  if (tags) tags.rename(object);
+  picture.again();
+  wish(panel.search.wanted());
+}
+
+const panel = new Panel(state, { chosen: choose, moved: moveTo, wished: wish, named: showName });
 const changes = new Changes(state, choose, approach);
 const picture = new Picture(state);
 

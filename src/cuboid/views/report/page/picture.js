@@ -7,7 +7,8 @@ class Picture {
     this.kind = "boxes";
     this.loading = false;
     this.wanted = null;
-    if (!data.live) return;
+    this.names = 0; // counts: a picture with other names has another address
+    if (!data.live || !data.live.pictures) return;
     for (const shown of [find("picture"), document.querySelector('[data-size="--picture"]')]) shown.hidden = false;
     find("scene").classList.add("with-picture");
     find("picture-kind").replaceChildren(...Object.entries(data.live.kinds).map(([kind, name]) => this.choice(kind, name)));
@@ -26,9 +27,16 @@ class Picture {
 
   /** Ask for one picture at a time, and then for the one that is wanted by then: the slider may be fast. */
   update() {
-    if (!data.live || this.state.frame === null) return;
-    this.wanted = `${data.live.pictures}/${frames[this.state.frame]}.jpg?what=${this.kind}`;
+    if (!data.live || !data.live.pictures || this.state.frame === null) return;
+    const again = this.names ? `&names=${this.names}` : "";
+    this.wanted = `${data.live.pictures}/${frames[this.state.frame]}.jpg?what=${this.kind}${again}`;
     if (!this.loading) this.load();
+  }
+
+  /** Ask anew: names in the picture have changed. */
+  again() {
+    this.names += 1;
+    this.update();
   }
 
   load() {

@@ -37,6 +37,12 @@ class Tags {
     }
   }
 
+  /** Take the name of an object anew. */
+  rename(object) {
+    this.tags.find((item) => item.object === object).tag.title = titleOf(object);
+    this.measure();
+  }
+
   /** Where the toolbars are, which no tag covers; found anew after `layout` has changed. */
   obstacles() {
     if (!this.toolbars) {
