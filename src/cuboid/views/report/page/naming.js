@@ -14,15 +14,21 @@ function nameField(object, named) {
   field.addEventListener("keydown", (event) => {
     event.stopPropagation(); // its letters are no keys of the scene
     if (event.key === "Escape") field.value = object.name;
-    if (event.key === "Enter" || event.key === "Escape") field.blur();
+    if (event.key === "Enter") keep();
+    if (event.key === "Escape") field.blur();
   });
-  field.addEventListener("change", async () => {
-    const answer = await post(data.live.names, { label: object.label, name: field.value });
+  field.addEventListener("change", () => keep());
+  let sent = object.name;
+  const keep = async () => {
+    if (field.value === sent) return undefined; // Enter has sent it already
+    sent = field.value;
+    const answer = await post(data.live.names, { label: object.label, name: sent });
+    if (answer === null || !answer.ok) sent = null; // it can be tried again
     if (answer === null) return say("The name could not be kept: is 'cuboid view' still running?");
     if (!answer.ok) return say(await answer.text());
     object.name = (await answer.json()).name;
     say("");
     return named(object);
-  });
+  };
   return [element("label", { class: "field" }, "Name", field), note];
 }
