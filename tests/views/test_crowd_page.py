@@ -6,15 +6,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page
 
-from browser import VIEWPORT, Watched, browser
-from cuboid.core.palette import hex_of
+from browser import VIEWPORT, Watched, browser, pixels
+from cuboid.core.palette import color_of, hex_of
 from cuboid.outputs import Results
 from cuboid.readers import open_recording
 from cuboid.views.report import summarise, write_report
-from made_crowd import crowd, write_crowd
+from made_crowd import box, crowd, write_crowd
 
 COUNT = 40
 
@@ -221,3 +222,38 @@ def test_a_list_of_figures_is_one_row_of_the_settings(page: Page) -> None:
     assert page.locator("#settings dt").all_inner_texts().count("distortion") == 1
     assert page.inner_text("#settings dt:text-is('distortion') + dd") == "0.1, -0.2, 0, 0.001, 0.05"
     page.click("#tab-scene")
+
+
+def test_the_ruler_measures_between_two_points_and_the_scale_fits(page: Page) -> None:
+    page.set_viewport_size({"width": 1280, "height": 800})
+    page.click("#look-down")
+    page.click('[data-layer="boxes"]')
+    page.click("#tab-scene")
+    settle(page)
+    canvas = pixels(page.locator("#canvas")).astype(int)
+    middles = []
+    for label in (1, 7):  # the two ends of the first row
+        own = np.abs(canvas - color_of(label)).max(axis=2) < 12
+        assert own.sum() > 100
+        middles.append(np.argwhere(own).mean(axis=0)[::-1])
+    page.click("#ruler")
+    for x, y in middles:
+        page.locator("#canvas").click(position={"x": x, "y": y})
+    settle(page)
+    a, b = (box(label, COUNT) for label in (1, 7))
+    apart_cm = 100 * float(np.linalg.norm((a.center + a.size * (0, 0, 0.5)) - (b.center + b.size * (0, 0, 0.5))))
+    measured = page.inner_text("#ruler-label").split()
+    assert measured[1] == "cm"
+    assert float(measured[0]) == pytest.approx(apart_cm, abs=3.0)
+    assert page.locator("#card").is_hidden()  # a click measures, and chooses nothing
+    bar = rects(page, "#scale i")[0]
+    shown = page.inner_text("#scale span").split()
+    assert shown[1] == "cm"
+    pixels_apart = float(np.linalg.norm(middles[1] - middles[0]))
+    assert (bar["right"] - bar["left"]) / float(shown[0]) == pytest.approx(pixels_apart / apart_cm, rel=0.1)
+    page.keyboard.press("Escape")
+    settle(page)
+    assert page.locator("#ruler-label").is_hidden()
+    assert page.get_attribute("#ruler", "aria-pressed") == "false"
+    page.click('[data-layer="boxes"]')
+    page.click("#look-home")

@@ -36,6 +36,7 @@ SHARED = (
     "scene.js",
     "orbit.js",
     "tags.js",
+    "measure.js",
 )
 SCRIPTS = ("follow.js", "live.js")
 

@@ -24,6 +24,7 @@ SCRIPTS = (
     "scene.js",
     "orbit.js",
     "tags.js",
+    "measure.js",
     "timeline.js",
     "naming.js",
     "card.js",

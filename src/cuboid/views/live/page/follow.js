@@ -106,6 +106,7 @@ class LiveScene extends Scene {
       if (color) own.set(color.slice(0, 3), 3 * i);
     });
     this.renderer.setPoints(points, own);
+    this.steps = points.steps;
   }
 
   depth() {

@@ -16,7 +16,7 @@ const PAUSE = 1000;
 const pause = (milliseconds) => new Promise((done) => setTimeout(done, milliseconds));
 
 const canvas = find("canvas");
-let scene, orbit, tags;
+let scene, orbit, tags, ruler;
 let drawing = 0;
 let touched = false;
 
@@ -28,6 +28,8 @@ function redraw() {
     const eye = orbit.eye();
     scene.draw(eye);
     tags.place(eye, (object) => scene.stateOf(object));
+    ruler.place(eye);
+    showScale(orbit, canvas.clientHeight);
   });
 }
 
@@ -178,6 +180,11 @@ async function main() {
     if (state.follow) update({ follow: false });
   });
   tags = new Tags(find("tags"), state, choose);
+  ruler = scene.ruler = new Ruler(state, scene, orbit, () => {
+    scene.updateRuler();
+    redraw();
+  });
+  canvas.addEventListener("click", (event) => ruler.active && ruler.click(event.offsetX, event.offsetY));
   find("theme").addEventListener("click", () => update({ theme: state.theme === "dark" ? "light" : "dark" }));
   for (const button of document.querySelectorAll("[data-coloring]"))
     button.addEventListener("click", () => update({ coloring: button.dataset.coloring }));

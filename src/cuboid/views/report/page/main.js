@@ -13,6 +13,7 @@ const state = {
 let scene = null;
 let orbit = null;
 let tags = null;
+let ruler = null;
 let pending = 0;
 
 function redraw() {
@@ -26,6 +27,8 @@ function redraw() {
     const eye = orbit.eye();
     scene.draw(eye);
     tags.place(eye, (object) => scene.stateOf(object));
+    ruler.place(eye);
+    showScale(orbit, find("canvas").clientHeight);
   });
 }
 
@@ -81,15 +84,21 @@ function setUpScene() {
   scene = new Scene(renderer, state);
   orbit = new Orbit(canvas, redraw, () => state.follow && update({ follow: false }));
   tags = new Tags(find("tags"), state, choose);
+  ruler = scene.ruler = new Ruler(state, scene, orbit, () => {
+    scene.updateRuler();
+    redraw();
+  });
   let pressed = null;
   canvas.addEventListener("pointerdown", (event) => (pressed = [event.clientX, event.clientY]));
   canvas.addEventListener("click", (event) => {
     if (pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return;
+    if (ruler.active) return ruler.click(event.offsetX, event.offsetY);
     const { origin, direction } = orbit.ray(event.offsetX, event.offsetY);
     const object = scene.pick(origin, direction);
-    if (object) choose(object.label);
+    return object && choose(object.label);
   });
   canvas.addEventListener("dblclick", (event) => {
+    if (ruler.active) return;
     const { origin, direction } = orbit.ray(event.offsetX, event.offsetY);
     const object = scene.pick(origin, direction);
     if (object) approach(object.center, object.size);
@@ -147,7 +156,8 @@ function setUpKeys() {
     " ": () => play(!playing),
     ArrowRight: () => moveTo((state.frame ?? -1) + 1),
     ArrowLeft: () => moveTo((state.frame ?? frames.length) - 1),
-    Escape: () => (state.selected !== null ? choose(null) : moveTo(null)),
+    m: () => find("ruler").click(),
+    Escape: () => (ruler && ruler.active ? ruler.use(false) : state.selected !== null ? choose(null) : moveTo(null)),
     r: () => find("look-home").click(),
     t: () => find("look-down").click(),
     c: () => find("look-through").click(),
