@@ -163,7 +163,7 @@ function setUpKeys() {
     c: () => find("look-through").click(),
   };
   document.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.altKey || event.metaKey || find("scene").hidden) return;
+    if (event.ctrlKey || event.altKey || event.metaKey || find("scene").hidden || find("compare").open) return;
     if (event.target === find("slider") && event.key.startsWith("Arrow")) return;
     if (event.target.closest("button") && event.key === " ") return;
     const action = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
@@ -255,7 +255,7 @@ setUpSplitters();
 showBelow("list");
 fillRunTab();
 timeline.draw();
-update({ frame: data.live && frames.length ? richestFrame() : null });
+update({ frame: data.live && data.live.pictures && frames.length ? richestFrame() : null });
 
 try {
   setUpScene().catch((error) => refuse(error));
