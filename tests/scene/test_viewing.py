@@ -80,7 +80,7 @@ def test_before_and_after_of_a_change_are_shown_side_by_side(path: Path, tmp_pat
         page.click("#changes .pair")
         assert page.locator("#compare-title").inner_text().split() == ["#1", "gone"]
         assert page.locator("#compare figcaption").all_inner_texts() == ["before", "after"]
-        assert page.locator("#compare img").evaluate("image => image.decode().then(() => image.naturalWidth)") > 20
+        assert page.locator("#compare img").evaluate("image => image.decode().then(() => image.naturalWidth)") > 10
         assert page.inner_text("#compare .empty") == "gone"
         before, after = (place.bounding_box() for place in page.locator("#compare figure").all())
         assert before is not None

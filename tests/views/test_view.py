@@ -180,6 +180,15 @@ def test_image_and_map_are_side_by_side_and_one_slider_moves_both(server: Thread
         middle = middle[middle.shape[0] // 2, middle.shape[1] // 2]
         assert np.abs(middle.astype(int) - (0, 100, 200)).max() < 8
         assert np.abs(pixels(canvas) - before).max() > 60  # the boxes are not known yet, the camera is elsewhere
+        page.keyboard.press("End")
+        page.click('.object[data-label="2"]')
+        outline = page.locator("#frame-outline .edge").bounding_box()
+        shown = image.bounding_box()
+        assert outline is not None
+        assert shown is not None
+        assert shown["x"] <= outline["x"] < outline["x"] + outline["width"] <= shown["x"] + shown["width"]
+        assert outline["width"] > 10
+        page.click("#card .close")
         with page.expect_response(lambda answer: "what=depth" in answer.url) as asked:
             page.click('[data-kind="depth"]')
         assert asked.value.ok

@@ -11,6 +11,7 @@ import numpy as np
 
 from cuboid.core.errors import CuboidError
 from cuboid.core.frame import Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.geometry.box import Box
 from cuboid.outputs import PoseRow, TrackRow
 from cuboid.views.projection import wireframes
 
@@ -66,7 +67,11 @@ def best_sightings(rows: Iterable[TrackRow]) -> dict[int, TrackRow]:
 
 
 def cut_pictures(
-    best: Mapping[int, TrackRow], read: Callable[[int], Frame], poses: Mapping[int, PoseRow], intrinsics: Intrinsics
+    best: Mapping[int, TrackRow],
+    read: Callable[[int], Frame],
+    boxes: Mapping[int, Box],
+    poses: Mapping[int, PoseRow],
+    intrinsics: Intrinsics,
 ) -> dict[int, Picture]:
     """Return the pictures of labels; a frame that cannot be read gives none.
 
@@ -76,6 +81,8 @@ def cut_pictures(
         From `best_sightings`.
     read : callable
         Returns a frame of the recording.
+    boxes : mapping of int to Box
+        The objects' boxes in the world, by label: those of the whole run, for outlines.
     poses : mapping of int to PoseRow
         By frame.
     intrinsics : Intrinsics
@@ -90,7 +97,7 @@ def cut_pictures(
         x0, y0, x1, y1 = window(color, row.rect_xyxy)
         if x0 < x1 and y0 < y1:
             picture = _small(color[y0:y1, x0:x1])
-            edges = wireframes([row.box], poses[row.frame].T_world_camera, intrinsics)[0].front.reshape(-1, 4)
+            edges = wireframes([boxes[label]], poses[row.frame].T_world_camera, intrinsics)[0].front.reshape(-1, 4)
             scale = picture.shape[1] / (x1 - x0)
             shown = (edges - (x0, y0, x0, y0)) * scale
             pictures[label] = Picture(row.frame, encode_jpeg(picture, QUALITY), picture.shape[1::-1], shown)

@@ -151,9 +151,9 @@ def summarise(results: Results, read: Callable[[int], Frame] | None, changes: Se
 
 def pictures_of(results: Results, read: Callable[[int], Frame]) -> dict[int, Picture]:
     """Return the best picture of each object, by label; parameters and errors are those of `summarise`."""
-    lasting = {item.label for item in results.found.objects}
-    best = {label: row for label, row in best_sightings(results.tracks).items() if label in lasting}
-    return cut_pictures(best, read, results.poses, results.found.intrinsics)
+    boxes = {item.label: item.box for item in results.found.objects}
+    best = {label: row for label, row in best_sightings(results.tracks).items() if label in boxes}
+    return cut_pictures(best, read, boxes, results.poses, results.found.intrinsics)
 
 
 def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tuple[int, int]]]:

@@ -116,7 +116,9 @@ class Timeline {
     const gone = !objectOf.has(object.label);
     const group = shape("g", { class: gone ? "row gone" : "row", ...(gone ? {} : { "data-row": object.label }) });
     const narrow = this.gutter === NARROW_GUTTER;
-    const fate = object.into === null ? (narrow ? "gone" : "no longer in the map") : `is #${object.into}`;
+    const survivor = objectOf.get(object.into);
+    const none = narrow ? "gone" : "no longer in the map";
+    const fate = survivor ? fitted(`is ${titleOf(survivor)}`, narrow ? 60 : 140)[0] : none;
     const count = gone ? fate : object.frames_seen.toLocaleString("en");
     const [text, width] = fitted(titleOf(object), this.gutter - (gone && !narrow ? 160 : 84));
     group.append(
