@@ -170,7 +170,7 @@ def _tell_of(tracker: PosedTracker, objects: int) -> None:
             store.retire(entry)
         else:
             store.confirm(entry)
-    cubes = tracker.voxels._cubes
+    cubes = tracker.voxels.stored.cubes
     for k in range(CUBES * objects):
         place, (x, y, z) = k // 216, np.unravel_index(k % 216, (6, 6, 6))
         make_cube(np.int64(pack_key(400 + 6 * (place % ROW) + x, 400 + 6 * (place // ROW) + y, z)), cubes)

@@ -22,7 +22,7 @@ from cuboid.objects.object_map import ObjectMap
 from cuboid.outputs import read_tracks
 from cuboid.outputs.folder import TRACKS
 from cuboid.pipeline.run import track_recording
-from cuboid.synthetic.poses import POSE_NOISES
+from cuboid.synthetic.paths import POSE_NOISES
 from scenes import Case, cases
 from scoring import mean, total
 from tables import cell, dump, show
@@ -54,6 +54,10 @@ class Shaken:
 
     def __len__(self) -> int:
         return len(self._recording)
+
+    def pose(self, index: int) -> Float64Array:
+        """Return the other pose of a frame."""
+        return np.asarray(self.poses[index], np.float64)
 
     def read(self, index: int) -> Frame:
         """Return a frame with its other pose."""

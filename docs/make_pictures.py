@@ -33,11 +33,13 @@ from cuboid import Frame, FrameResult, Tracker, open_recording
 from cuboid.annotation import Annotator, KeyframesFile, make_server
 from cuboid.core.palette import color_of
 from cuboid.evaluation import read_truth
+from cuboid.outputs import Results
 from cuboid.proposals import make_source
 from cuboid.surfaces.kernels.outlines import CONTACT, FREE, HIDDEN, SUPPORT, UNSURE
 from cuboid.views.drawing import DARK, WHITE, draw_frame
 from cuboid.views.overlays import heat_over
 from cuboid.views.projection import visible_rect
+from cuboid.views.report import summarise, write_report
 from cuboid.views.text import put_text
 
 DOCS = Path(__file__).resolve().parent
@@ -45,6 +47,8 @@ WIDTH, HEIGHT = 1280, 800
 # Frames of the demo that are drawn on before the picture is taken; the next suggested one is shown.
 DRAWN = (84, 108, 132)
 FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+# What the demo shows, by label.
+NAMES = {2: "cereals", 3: "ball", 4: "bowl", 5: "can", 6: "mug", 7: "book", 8: "milk carton", 9: "cap"}
 # The frame of the demo that docs/method.md shows, and the size of each of its pictures.
 SHOWN = 40
 PANEL = (456, 342)
@@ -69,10 +73,20 @@ def main() -> None:
         if demo is None:
             demo = Path(folder) / "demo"
             subprocess.run([sys.executable, "-m", "cuboid", "demo", "--output", str(demo), "--no-video"], check=True)
-        write_png(DOCS / "report.png", screenshot((demo / "results" / "report.html").resolve().as_uri(), turn))
+        write_png(DOCS / "report.png", screenshot(named_page(demo, Path(folder)).as_uri(), turn))
         with annotating(demo, Path(folder) / "keyframes.json") as address:
             write_png(DOCS / "annotate.png", screenshot(address, carry))
         write_png(DOCS / "method.png", method_picture(demo))
+
+
+def named_page(demo: Path, folder: Path) -> Path:
+    """Write the page of the demo with names, as people give them in `cuboid view`; return it."""
+    recording = open_recording(demo / "recording").without_poses()
+    summary = summarise(Results(demo / "results"), recording.read)
+    for label, name in NAMES.items():
+        summary = summary.named(label, name)
+    write_report(folder / "report.html", summary)
+    return (folder / "report.html").resolve()
 
 
 def method_picture(demo: Path) -> np.ndarray:

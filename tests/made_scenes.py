@@ -47,7 +47,8 @@ def cast(
         with np.errstate(divide="ignore"):
             inverse = 1.0 / (world @ box.rotation)
         a, b = (-box.size / 2 - origin) * inverse, (box.size / 2 - origin) * inverse
-        near, far = np.minimum(a, b).max(-1), np.maximum(a, b).min(-1)
+        near = np.maximum.reduce(np.moveaxis(np.minimum(a, b), -1, 0))
+        far = np.minimum.reduce(np.moveaxis(np.maximum(a, b), -1, 0))
         better = (near < far) & (near > 0) & (near < depth)
         depth[better], hit[better] = near[better], k
     return np.where(np.isfinite(depth), depth, 0.0), hit

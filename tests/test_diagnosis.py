@@ -1,10 +1,11 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import pytest
 
-from cuboid.calibration.pose_fit import PoseFit
+from cuboid.calibration.pose_fit import Jump, PoseFit
 from cuboid.tracking.diagnosis import RunFacts, diagnose, explains
 
 GOOD = RunFacts(
@@ -16,7 +17,18 @@ GOOD = RunFacts(
     depth_fraction=0.75,
     depth_median_m=1.1,
     depth_units_per_metre=1000.0,
-    pose_fit=PoseFit(given=0.85, inverted=0.3, still=0.2, depth_factor=2.0, scaled=0.4),
+    pose_fit=PoseFit(
+        given=0.85,
+        still=0.2,
+        moves=True,
+        convention=("inverse",),
+        converted=0.3,
+        shift=1,
+        shifted=0.5,
+        depth_factor=2.0,
+        scaled=0.4,
+        jump=None,
+    ),
     up_known=True,
     planes=2,
     proposals=400,
@@ -24,7 +36,7 @@ GOOD = RunFacts(
 )
 
 
-def _fit(**changes: float) -> PoseFit:
+def _fit(**changes: Any) -> PoseFit:
     assert GOOD.pose_fit is not None
     return dataclasses.replace(GOOD.pose_fit, **changes)
 
@@ -33,7 +45,9 @@ def test_a_good_run_has_no_warnings() -> None:
     assert diagnose(GOOD) == ()
     assert diagnose(dataclasses.replace(GOOD, pose_fit=None)) == ()  # poses estimated
     # a camera that hardly moves: every hypothesis fits
-    assert diagnose(dataclasses.replace(GOOD, pose_fit=PoseFit(0.89, 0.89, 0.89, 0.1, 0.89))) == ()
+    hardly = _fit(given=0.89, still=0.89, converted=0.89, shifted=0.89, scaled=0.89)
+    assert diagnose(dataclasses.replace(GOOD, pose_fit=hardly)) == ()
+    assert diagnose(dataclasses.replace(GOOD, pose_fit=dataclasses.replace(hardly, moves=False))) == ()
 
 
 @pytest.mark.parametrize(
@@ -45,7 +59,26 @@ def test_a_good_run_has_no_warnings() -> None:
         ({"depth_fraction": 0.06}, "depth has few readings: 6 % of the pixels (median)"),
         ({"pose_fit": _fit(given=0.1, scaled=0.9, depth_factor=0.1)}, "run again with --depth-scale 10000"),
         ({"pose_fit": _fit(given=0.1, scaled=0.9, depth_factor=10.0)}, "run again with --depth-scale 100"),
-        ({"pose_fit": _fit(given=0.3, inverted=0.9)}, "the given poses are inverted: 90 % of the depth"),
+        (
+            {"pose_fit": _fit(given=0.3, converted=0.9)},
+            "the given poses are inverted (world to camera): read so, 90 % of the depth fits other frames, 30 % "
+            "as it is; run again with --pose-convention inverse",
+        ),
+        (
+            {"pose_fit": _fit(given=None, converted=0.9, convention=("wxyz", "mm"))},
+            "quaternions with w first and in millimetres: read so, 90 % of the depth fits other frames, 0 % as it is; "
+            "run again with --pose-convention wxyz,mm",
+        ),
+        ({"pose_fit": _fit(given=0.7, shifted=0.95, shift=3)}, "the given poses come 3 frames late: moved by as many"),
+        (
+            {"pose_fit": _fit(given=0.7, shifted=0.95, shift=-2)},
+            "the given poses come 2 frames early: moved",
+        ),
+        (
+            {"pose_fit": _fit(given=0.5, moves=False)},
+            "the given poses are all the same, but the picture changes",
+        ),
+        ({"pose_fit": _fit(jump=Jump(41, 10.0))}, "the given poses jump by 10.0 m at frame 41"),
         ({"pose_fit": _fit(given=0.2)}, "the given poses do not explain the frames: only 20 % of the depth"),
         ({"depth_median_m": 13.0}, "the median depth is 13 m; at --depth-scale 10000 it is 1.3 m"),
         ({"depth_median_m": 0.11}, "the median depth is 0.11 m; at --depth-scale 100 it is 1.1 m"),
@@ -99,7 +132,8 @@ def test_a_scale_that_the_poses_prove_is_named_once() -> None:
 
 def test_poses_explain_unless_another_hypothesis_is_clearly_better() -> None:
     assert explains(_fit())
-    assert explains(_fit(inverted=0.92))  # by a few percent: no proof
-    assert not explains(_fit(given=0.3, inverted=0.9))
+    assert explains(_fit(converted=0.92, shifted=0.94))  # by a few percent: no proof
+    assert not explains(_fit(given=0.3, converted=0.9))
+    assert not explains(_fit(given=0.8, shifted=0.95))
     assert not explains(_fit(given=0.84, scaled=0.98))
     assert not explains(_fit(given=0.2))

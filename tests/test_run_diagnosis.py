@@ -6,16 +6,17 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
+from cuboid import open_recording
 from cuboid.core.errors import InputError
 from cuboid.geometry.se3 import inverse, quat_wxyz_from_rotation
 from cuboid.outputs import RunReport
 from cuboid.pipeline.run import track_recording
-from cuboid.readers import open_recording
 from cuboid.synthetic import make_scene, render_recording
 from made_scenes import CAMERA, cast, look_at, upright
 
@@ -29,7 +30,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def report_of(path: Path, output: Path, **options: float) -> RunReport:
+def report_of(path: Path, output: Path, **options: Any) -> RunReport:
     recording = open_recording(path, **options)
     outcome = track_recording(recording, output, page=False)
     assert json.loads((output / "run.json").read_text())["warnings"] == list(outcome.report.warnings)
@@ -60,20 +61,55 @@ def test_metres_taken_for_millimetres_are_refused_with_the_right_scale(good: Pat
         report_of(good, tmp_path / "out", depth_scale=units / 1000)
 
 
-def _invert(folder: Path) -> None:
-    recording = open_recording(folder)
-    lines = []
+def _as_read(names: str) -> Callable[[np.ndarray], np.ndarray]:
+    """Return how a pose reads whose file is in conventions: what `--pose-convention` undoes."""
+
+    def spoilt(T: np.ndarray) -> np.ndarray:
+        T = T.copy()
+        if "opengl" in names:
+            T = T @ np.diag([1.0, -1.0, -1.0, 1.0])
+        if "inverse" in names:
+            T = inverse(T)
+        if "mm" in names:
+            T[:3, 3] *= 1000.0
+        if "cm" in names:
+            T[:3, 3] *= 100.0
+        return T
+
+    return spoilt
+
+
+@pytest.mark.parametrize(
+    "names", ["inverse", "opengl", "mm", "cm", "wxyz", "inverse,opengl", "mm,opengl", "wxyz,inverse"]
+)
+def test_poses_in_another_convention_are_named_with_the_option_that_mends_them(
+    good: Path, tmp_path: Path, names: str
+) -> None:
+    def write(folder: Path) -> None:
+        recording, spoilt, lines = open_recording(folder), _as_read(names), []
+        for k in range(len(recording)):
+            T = spoilt(recording.pose(k))
+            w, x, y, z = quat_wxyz_from_rotation(T[:3, :3])
+            quat = [w, x, y, z] if "wxyz" in names else [x, y, z, w]
+            lines.append(" ".join(map(str, [k, *T[:3, 3], *quat])))
+        (folder / "poses.txt").write_text("\n".join(lines))
+
+    bad = changed(good, tmp_path / "bad", write)
+    warnings = report_of(bad, tmp_path / "out").warnings
+    assert warnings[0].startswith("the given poses are ")
+    assert warnings[0].endswith(f"run again with --pose-convention {names}")
+
+    recording, mended = open_recording(good), open_recording(bad, pose_convention=names)
     for k in range(len(recording)):
-        T = inverse(recording.pose(k))
-        w, x, y, z = quat_wxyz_from_rotation(T[:3, :3])
-        lines.append(" ".join(map(str, [k, *T[:3, 3], x, y, z, w])))
-    (folder / "poses.txt").write_text("\n".join(lines))
+        assert mended.pose(k) == pytest.approx(recording.pose(k), abs=1e-6)
+    assert report_of(bad, tmp_path / "mended", pose_convention=names).warnings == ()
 
 
-def test_inverted_poses_are_named(good: Path, tmp_path: Path) -> None:
-    warnings = report_of(changed(good, tmp_path / "bad", _invert), tmp_path / "out").warnings
-    assert warnings[0].startswith("the given poses are inverted: ")
-    assert "--poses estimated" in warnings[0]
+def test_a_pose_convention_that_is_none_is_refused(good: Path) -> None:
+    with pytest.raises(InputError, match=r"a pose convention is one of wxyz, xyzw, .*, got 'ros'"):
+        open_recording(good, pose_convention="ros")
+    with pytest.raises(InputError, match="poses are mm or cm, not both"):
+        open_recording(good, pose_convention="mm,cm")
 
 
 def _empty(folder: Path) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.core.frame import Frame, Intrinsics
 from cuboid.core.results import FrameResult
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import pack
-from cuboid.heatmap.kernels.cubes import BLOCK_BITS, BLOCK_ROWS
+from cuboid.heatmap.kernels.cubes import BLOCK_BITS, BLOCK_ROWS, CUBE_BITS, CUBE_SIDE, KEY_BITS, KEY_OFFSET, keys_of
 from cuboid.heatmap.voxel_map import MAX_VOTES
 from cuboid.objects.entry import State
 from cuboid.proposals.types import Proposals
@@ -197,28 +198,30 @@ class Watch:
 
     def _voxels(self) -> None:
         voxels, store = self._tracker._voxels, self._tracker._map.store
-        used = slice(0, voxels.blocks * BLOCK_ROWS)
-        owner, confidence = voxels.owner[used], voxels._points.confidence[used]
+        used = slice(0, voxels.stored.blocks * BLOCK_ROWS)
+        owner, confidence = voxels.stored.owner[used], voxels.stored.points.confidence[used]
         numbers = [o.number for o in store.living()]
         assert np.isin(owner, [0, *numbers]).all(), "points of an object that is no more"
         assert (confidence <= MAX_VOTES).all()
         np.testing.assert_array_equal(owner > 0, confidence > 0)
-        alive = voxels.living()
-        fine = voxels.living(fine=True)
-        assert len(alive) + len(fine) == voxels.alive
+        alive = voxels.stored.living()
+        fine = voxels.stored.living(fine=True)
+        assert len(alive) + len(fine) == voxels.stored.alive
         assert not owner[fine].any(), "whose they are is told by the voxels around them alone"
-        assert (voxels.hits[alive] > 0).all()
-        assert np.isfinite(voxels.weight(alive)).all()
+        assert (voxels.stored.hits[alive] > 0).all()
+        assert np.isfinite(voxels.stored.weight(alive)).all()
         for number in numbers:
-            assert voxels.rows_of(number).tolist() == alive[owner[alive] == number].tolist()
-        marked = np.flatnonzero(voxels._points.mark[used])
-        assert not voxels._cubes.bits[voxels._cubes.cube_of[marked >> BLOCK_BITS]].any(), "a table leads to a cell"
+            assert voxels.stored.rows_of(number).tolist() == alive[owner[alive] == number].tolist()
+        marked = np.flatnonzero(voxels.stored.points.mark[used])
+        assert not voxels.stored.cubes.bits[voxels.stored.cubes.cube_of[marked >> BLOCK_BITS]].any(), (
+            "a table leads to a cell"
+        )
         assert not owner[marked].any()
         points = self._tracker.map_points()
         assert len(points.xyz) == len(points.label)
-        every, _ = voxels.spread(alive)
+        every, _ = voxels.stored.spread(alive)
         assert len(every) <= len(points.xyz) <= len(every) + len(fine)
-        assert self._tracker.points_known == voxels.alive
+        assert self._tracker.points_known == voxels.stored.alive
         assert np.isin(points.label, [0, *(o.label for o in store.confirmed())]).all()
 
     def _planes(self) -> None:
@@ -258,3 +261,18 @@ class Watch:
         for s in result.sightings:
             assert 0.0 <= s.visible <= 1.0
             assert s.iou is None or 0.0 <= s.iou <= 1.0 + 1e-9
+
+
+def cubes_of(voxels: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.uint16]]:
+    """Return the keys of the cubes (N,) that voxels of the world (N, 3) lie in, and which of its voxels they are."""
+    within = voxels & (CUBE_SIDE - 1)
+    inside = (within[:, 0] << (2 * CUBE_BITS)) | (within[:, 1] << CUBE_BITS) | within[:, 2]
+    return keys_of(voxels >> CUBE_BITS), inside.astype(np.uint16)
+
+
+def voxels_of(keys: npt.NDArray[np.int64], voxel: npt.NDArray[np.uint16]) -> npt.NDArray[np.int64]:
+    """Return the voxels of the world (N, 3) that are these in cubes (N,) of these keys: the way back."""
+    mask, side = (1 << KEY_BITS) - 1, CUBE_SIDE - 1
+    cube = np.stack([(keys >> (2 * KEY_BITS)) & mask, (keys >> KEY_BITS) & mask, keys & mask], 1) - KEY_OFFSET
+    inside = np.stack([voxel >> (2 * CUBE_BITS), (voxel >> CUBE_BITS) & side, voxel & side], 1)
+    return np.asarray((cube << CUBE_BITS) + inside)

@@ -83,66 +83,40 @@ draw_with("cuboid.views.notebook")
 
 __version__ = "0.2.0"
 
-# Where each public name is found. It is imported when it is first used: `cuboid --help` answers at once, and
+# The public names of each module. One is imported when it is first used: `cuboid --help` answers at once, and
 # `--threads` can size the pools of libraries, which read their limits when they are imported.
-_PLACES = {
-    # Open
-    "open_recording": "cuboid.recordings.opening",
-    "open_camera": "cuboid.cameras",
-    "open_results": "cuboid.outputs",
-    "Recording": "cuboid.readers",
-    "LiveCamera": "cuboid.cameras",
-    "FrameSource": "cuboid.pipeline.streaming",
-    "Frame": "cuboid.core.frame",
-    "SkippedFrame": "cuboid.core.frame",
-    "Intrinsics": "cuboid.core.frame",
-    "DepthCamera": "cuboid.readers.depth_camera",
-    # Track
-    "Tracker": "cuboid.tracking.tracker",
-    "TrackerConfig": "cuboid.core.config",
-    "Proposals": "cuboid.proposals.types",
-    "ProposalSource": "cuboid.proposals.types",
-    "Detections": "cuboid.detection.types",
-    "Detector": "cuboid.detection.types",
-    "DriftCorrection": "cuboid.poses",
-    "track_recording": "cuboid.pipeline.run",
-    "RecordingLike": "cuboid.tracking.types",
-    "TrackerLike": "cuboid.tracking.types",
-    "Progress": "cuboid.tracking.types",
-    "RunOutcome": "cuboid.tracking.types",
-    "RunReport": "cuboid.outputs",
-    "Timing": "cuboid.outputs",
-    "LimitReached": "cuboid.outputs",
-    "IntoScene": "cuboid.scene.running",
-    # Results
-    "Results": "cuboid.outputs",
-    "MapQueries": "cuboid.outputs.queries",
-    "ObjectTable": "cuboid.outputs.object_table",
-    "TrackedObject": "cuboid.core.results",
-    "Box": "cuboid.geometry.box",
-    "PointCloud": "cuboid.outputs.queries",
-    "MapPoints": "cuboid.core.results",
-    "SupportPlane": "cuboid.core.results",
-    "FrameResult": "cuboid.core.results",
-    "Sighting": "cuboid.core.results",
-    "Proposal3D": "cuboid.core.results",
-    "FrameRecord": "cuboid.outputs",
-    "TrackRow": "cuboid.outputs",
-    # Scenes
-    "Scene": "cuboid.scene",
-    "SceneTracker": "cuboid.scene",
-    "SceneObject": "cuboid.scene",
-    "SceneRecording": "cuboid.scene",
-    "ScenePast": "cuboid.scene",
-    "SceneChange": "cuboid.core.results",
-    "Source": "cuboid.scene",
-    # Errors
-    "InputError": "cuboid.core.errors",
-    "ConfigError": "cuboid.core.errors",
-    "FrameError": "cuboid.core.errors",
-    "OutputError": "cuboid.core.errors",
-    "MissingExtraError": "cuboid.core.errors",
+_MODULES = {
+    "cuboid.recordings.opening": ("open_recording",),
+    "cuboid.cameras": ("open_camera", "LiveCamera"),
+    "cuboid.outputs": ("open_results", "RunReport", "Timing", "LimitReached", "Results", "FrameRecord", "TrackRow"),
+    "cuboid.readers": ("Recording",),
+    "cuboid.pipeline.streaming": ("FrameSource",),
+    "cuboid.core.frame": ("Frame", "SkippedFrame", "Intrinsics"),
+    "cuboid.readers.depth_camera": ("DepthCamera",),
+    "cuboid.tracking.tracker": ("Tracker",),
+    "cuboid.core.config": ("TrackerConfig",),
+    "cuboid.proposals.types": ("Proposals", "ProposalSource"),
+    "cuboid.detection.types": ("Detections", "Detector"),
+    "cuboid.poses": ("DriftCorrection",),
+    "cuboid.pipeline.run": ("track_recording",),
+    "cuboid.tracking.types": ("RecordingLike", "TrackerLike", "Progress", "RunOutcome"),
+    "cuboid.scene.running": ("IntoScene",),
+    "cuboid.outputs.queries": ("MapQueries", "PointCloud"),
+    "cuboid.outputs.object_table": ("ObjectTable",),
+    "cuboid.core.results": (
+        "TrackedObject",
+        "MapPoints",
+        "SupportPlane",
+        "FrameResult",
+        "Sighting",
+        "Proposal3D",
+        "SceneChange",
+    ),
+    "cuboid.geometry.box": ("Box",),
+    "cuboid.scene": ("Scene", "SceneTracker", "SceneObject", "SceneRecording", "ScenePast", "Source"),
+    "cuboid.core.errors": ("InputError", "ConfigError", "FrameError", "OutputError", "MissingExtraError"),
 }
+_PLACES = {name: module for module, names in _MODULES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:

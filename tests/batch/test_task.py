@@ -10,9 +10,8 @@ import pytest
 
 import cuboid.pipeline.run
 from batches import content, recordings
-from cuboid.batch.identity import head_of
 from cuboid.batch.sources import Source
-from cuboid.batch.task import Task, track
+from cuboid.batch.task import Task, head_of, track
 from cuboid.cli import main
 from cuboid.cli.batch import add_arguments, settings_from
 from cuboid.core.frame import Frame

@@ -14,7 +14,7 @@ from cuboid.geometry.box import Box
 from cuboid.objects.object_map import ObjectMap
 from cuboid.proposals import Proposals, make_source
 from cuboid.synthetic import make_scene, render_recording
-from cuboid.synthetic.poses import POSE_NOISES
+from cuboid.synthetic.paths import POSE_NOISES
 from experiment_poses import Shaken, merging
 from experiment_sources import write_cpmc, write_mcg
 from memories import KEPT, Features

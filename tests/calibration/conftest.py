@@ -10,7 +10,7 @@ from cuboid.calibration import spread_out
 from cuboid.core.frame import Frame
 from cuboid.readers import Recording, open_recording
 from cuboid.synthetic import make_scene, render_recording
-from cuboid.synthetic.poses import POSE_NOISES
+from cuboid.synthetic.paths import POSE_NOISES
 
 
 @pytest.fixture(scope="session")

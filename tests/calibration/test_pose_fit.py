@@ -5,18 +5,22 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cuboid.calibration.pose_fit import DEPTH_FACTORS, pose_fit
+from cuboid.calibration.pose_fit import DEPTH_FACTORS, POSE_CONVENTIONS, pose_fit
 from cuboid.core.errors import FrameError
 from cuboid.core.frame import Frame, Intrinsics
+from cuboid.geometry.se3 import exp
+from cuboid.readers.pose_convention import converted
 
 K = Intrinsics(160.0, 160.0, 79.5, 59.5, 160, 120)
 
 
+# The world of the given poses: that of the walls, turned and moved.
+WORLD = exp(np.array([0.4, -0.7, 0.3, 0.5, -0.9, 0.7]))
+
+
 def _true_pose(k: int) -> np.ndarray:
     """The camera goes sideways and turns, in front of a room's corner."""
-    angle = np.radians(1.0 * k)
-    T = np.eye(4)
-    T[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+    T = exp(np.array([0.0, 0.0, 0.0, 0.0, 0.017 * k, 0.0])) @ exp(np.array([0, 0, 0, 0.1 * np.sin(k / 7), 0, 0]))
     T[:3, 3] = [0.03 * k, 0.01 * k, 0.0]
     return T
 
@@ -37,19 +41,68 @@ def _read(k: int) -> Frame:
 
 
 def _fit(change: Callable[[np.ndarray], np.ndarray] = lambda T: T, read: Callable[[int], Frame] = _read):
-    return pose_fit(read, K, {k: change(_true_pose(k)) for k in range(40)})
+    return pose_fit(read, K, {k: change(WORLD @ _true_pose(k)) for k in range(40)})
 
 
 def test_true_poses_explain_the_depth() -> None:
     fit = _fit()
     assert fit.given > 0.95
-    assert max(fit.inverted, fit.still, fit.scaled) < fit.given - 0.1
+    assert max(fit.converted, fit.still, fit.scaled) < fit.given - 0.1
+    assert fit.moves
+    assert fit.jump is None
 
 
-def test_inverted_poses_are_better_inverted() -> None:
-    fit = _fit(np.linalg.inv)
-    assert fit.inverted > 0.95
-    assert max(fit.given, fit.scaled) < fit.inverted - 0.1
+def _read_as(names: tuple[str, ...]) -> Callable[[np.ndarray], np.ndarray]:
+    """Return what turns a pose into one that `converted` turns back."""
+    back = {"wxyz": ("xyzw",), "xyzw": ("wxyz",), "inverse": ("inverse",), "opengl": ("opengl",)}
+
+    def spoilt(T: np.ndarray) -> np.ndarray:
+        for name in reversed(names):
+            T = T.copy()
+            if name in ("mm", "cm"):
+                T[:3, 3] *= {"mm": 1000.0, "cm": 100.0}[name]
+            else:
+                T = converted(T, back[name])
+        return T
+
+    return spoilt
+
+
+@pytest.mark.parametrize("names", POSE_CONVENTIONS)
+def test_poses_in_another_convention_are_recognised(names: tuple[str, ...]) -> None:
+    spoilt = _read_as(names)
+    assert converted(spoilt(_true_pose(7)), names) == pytest.approx(_true_pose(7))
+    fit = _fit(spoilt)
+    assert fit.convention == names
+    assert fit.converted > 0.95
+    assert max(fit.given or 0.0, fit.scaled) < fit.converted - 0.1
+
+
+@pytest.mark.parametrize("frames", [-3, 3])
+def test_poses_that_come_late_or_early_are_recognised(frames: int) -> None:
+    """The camera moves forth and back, so that its motion is not the same at each time."""
+
+    def to_and_fro(k: int) -> int:
+        return round(30 + 30 * np.sin(k / 5))
+
+    fit = pose_fit(lambda k: _read(to_and_fro(k)), K, {k: _true_pose(to_and_fro(k - frames)) for k in range(40)})
+    assert fit.shift == frames
+    assert fit.shifted > 0.95
+    assert fit.given < fit.shifted - 0.1
+
+
+def test_a_jump_that_the_frames_do_not_show_is_found() -> None:
+    far = np.eye(4)
+    far[0, 3] = 10.0
+    fit = pose_fit(_read, K, {k: far @ _true_pose(k) if k >= 20 else _true_pose(k) for k in range(40)})
+    assert fit.jump.frame == 20
+    assert fit.jump.step_m == pytest.approx(10.0, abs=0.1)
+
+
+def test_poses_that_never_change_are_recognised() -> None:
+    fit = _fit(lambda _: np.eye(4))
+    assert not fit.moves
+    assert fit.given == fit.still < 0.6
 
 
 @pytest.mark.parametrize("factor", DEPTH_FACTORS)
@@ -88,5 +141,8 @@ def test_given_poses_of_real_recordings_explain_them(data_dir) -> None:
                 continue
         good = pose_fit(recording.read, recording.intrinsics, poses)
         assert explains(good), name
-        inverted = {k: np.linalg.inv(T) for k, T in poses.items()}
-        assert not explains(pose_fit(recording.read, recording.intrinsics, inverted)), name
+        for names in (("inverse",), ("opengl",), ("wxyz",), ("mm",)):
+            spoilt = _read_as(names)
+            wrong = pose_fit(recording.read, recording.intrinsics, {k: spoilt(T) for k, T in poses.items()})
+            assert not explains(wrong), name
+            assert wrong.convention == names, name

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from cuboid.cli import COMMANDS, main
-from cuboid.cli.optional_words import without_guessing
+from cuboid.cli.names import without_guessing
 from cuboid.core.config import TrackerConfig
 from cuboid.exports import EXPORTS
 from cuboid.proposals import SOURCES

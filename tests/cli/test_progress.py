@@ -10,8 +10,7 @@ import pytest
 from rich.console import Console
 
 from cuboid.cli import progress as module
-from cuboid.cli.compile_progress import COMPILING, CompileCount, about_left
-from cuboid.cli.progress import LineProgress, TerminalProgress
+from cuboid.cli.progress import COMPILING, CompileCount, LineProgress, TerminalProgress, about_left
 from cuboid.core import compiled, compiletime
 from cuboid.core.results import FrameResult
 from fakes import INTRINSICS, FakeRecording, FakeTracker

@@ -22,7 +22,7 @@ from blocks import BLOCKS, REPOSITORY, SHELL, Block, commands_of, is_synopsis
 from given import FRAMES, SIZE, Given
 
 from cuboid.cli import COMMANDS, main
-from cuboid.cli.optional_words import without_guessing
+from cuboid.cli.names import without_guessing
 from cuboid.views.serving import PageServer
 
 LANGUAGES = {SHELL, "python", "json", "toml", "text"}

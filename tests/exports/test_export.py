@@ -18,7 +18,7 @@ from cuboid.cli import main
 from cuboid.core.errors import InputError, OutputError
 from cuboid.core.palette import color_of
 from cuboid.exports import EXPORTS, export
-from cuboid.exports.kitti import in_camera, kitti_row, read_kitti
+from cuboid.exports.kitti import COLUMNS, KittiRow, in_camera, kitti_row
 from cuboid.geometry.box import Box
 from cuboid.geometry.overlap import iou
 from cuboid.geometry.se3 import rotation_from_quat_wxyz
@@ -172,6 +172,28 @@ def test_without_its_recording_coco_says_that_images_have_no_names(run: Results,
         export(Results(run.folder, tmp_path / "nowhere"), "coco", tmp_path / "c.json")
 
 
+def read_kitti(path: Path) -> list[KittiRow]:
+    return [_parsed(line.split()) for line in path.read_text().splitlines()]
+
+
+def _parsed(words: list[str]) -> KittiRow:
+    assert len(words) == COLUMNS
+    alpha_rad, *values = map(float, words[5:])
+    left, top, right, bottom, height, width, length, x, y, z, rotation_y_rad, score = values
+    return KittiRow(
+        frame=int(words[0]),
+        label=int(words[1]),
+        truncated=int(words[3]),
+        occluded=int(words[4]),
+        alpha_rad=alpha_rad,
+        rect_xyxy=np.array([left, top, right, bottom]),
+        size_lwh=np.array([length, width, height]),
+        foot=np.array([x, y, z]),
+        rotation_y_rad=rotation_y_rad,
+        score=score,
+    )
+
+
 def test_kitti_of_a_level_camera_is_exact(make_run: Callable[[float], Results], tmp_path: Path) -> None:
     run = make_run(0.0)
     (note,) = export(run, "kitti", tmp_path / "k.txt")
@@ -207,9 +229,6 @@ def test_a_kitti_line_has_the_fields_of_the_benchmark(run: Results, tmp_path: Pa
     assert len(words) == 18
     assert words[:5] == ["0", "1", "Misc", "0", "0"]
     assert [float(word) for word in words[10:13]] == [0.10, 0.12, 0.20]  # height, width, length
-    (tmp_path / "bad.txt").write_text("0 1 Misc 0 0 x" + " 1" * 12 + "\n")
-    with pytest.raises(InputError, match=r"bad\.txt:1: could not convert"):
-        read_kitti(tmp_path / "bad.txt")
 
 
 @pytest.mark.parametrize(("x", "truncated"), [(0.0, 0), (0.45, 1), (0.58, 2), (2.0, 2)])

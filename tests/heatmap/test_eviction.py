@@ -23,12 +23,12 @@ def test_what_a_later_visit_adds_comes_back_as_it_was_put_aside() -> None:
     voxels.begin_visit(3)
     for k in range(8):
         voxels.fuse(image(), np.zeros((240, 320), np.float32), POSE, k)
-    rows = voxels.living()
-    before = voxels._row_memory.rows[rows].copy()
-    assert voxels.hits[rows].max() > 3
-    voxels.memory_mb = 1.0
-    voxels.evict()
-    assert not voxels._cubes.bits.any(), "nothing was put aside"
-    np.testing.assert_array_equal(voxels._row_memory.rows[voxels.living()], before)
+    rows = voxels.stored.living()
+    before = voxels.stored.memory.rows[rows].copy()
+    assert voxels.stored.hits[rows].max() > 3
+    voxels.stored.memory_mb = 1.0
+    voxels.stored.evict()
+    assert not voxels.stored.cubes.bits.any(), "nothing was put aside"
+    np.testing.assert_array_equal(voxels.stored.memory.rows[voxels.stored.living()], before)
     voxels.begin_visit(3)
-    assert voxels.hits[voxels.living()].max() == 3
+    assert voxels.stored.hits[voxels.stored.living()].max() == 3

@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from cuboid.core.config import TrackerConfig
-from cuboid.core.sensor import resolves_m
+from cuboid.core.depth import resolves_m
+from cuboid.core.observation import Observation
 from cuboid.core.working import WorkingImage
 from cuboid.geometry import se3
 from cuboid.heatmap.kernels import owners
@@ -38,12 +39,13 @@ def fuse(voxels: VoxelMap, frame: int, shown: WorkingImage, T: np.ndarray = POSE
     hot = np.ones(shown.depth_m.shape, np.float32)
     slots = voxels.fuse(shown, hot, T, frame, anchor=1)
     voxels.carve_free_space(shown, se3.inverse(T))
-    rows = voxels.living()
-    mine = rows[(voxels.xyz(rows)[:, 2] > 0.005) & (voxels.owner[rows] == 0)]
-    voxels.owner[mine] = 3
-    voxels._blocks.add_rows(voxels.owner[mine], mine >> 10)
+    rows = voxels.stored.living()
+    mine = rows[(voxels.stored.xyz(rows)[:, 2] > 0.005) & (voxels.stored.owner[rows] == 0)]
+    voxels.stored.owner[mine] = 3
+    voxels.stored.owned_blocks.add_rows(voxels.stored.owner[mine], mine >> 10)
     if finely:
-        voxels.refine(shown, hot, T, frame, 1, slots, NUMBERS, 1.0)
+        seen_here = Observation(frame, shown, shown, T, None, 1, True, 0.0)
+        voxels.fine.refine(seen_here, hot, slots, NUMBERS, 1.0)
 
 
 def seen(frames: int = 4, *, finely: bool = True) -> VoxelMap:
@@ -55,14 +57,14 @@ def seen(frames: int = 4, *, finely: bool = True) -> VoxelMap:
 
 def fine_of(voxels: VoxelMap) -> tuple[np.ndarray, np.ndarray]:
     """Return the fine points that are the object's, and the points of the map that they are."""
-    rows = voxels.rows_of(3)
-    fine, whole = voxels.fine_replacements(voxels.xyz(rows), np.ones(len(rows), bool))
+    rows = voxels.stored.rows_of(3)
+    fine, whole = voxels.fine.fine_replacements(voxels.stored.xyz(rows), np.ones(len(rows), bool))
     return fine, rows[whole]
 
 
 def test_small_things_have_their_shape_and_colors_at_half_a_voxel() -> None:
     voxels = seen()
-    coarse, (fine, whole) = voxels.rows_of(3), fine_of(voxels)
+    coarse, (fine, whole) = voxels.stored.rows_of(3), fine_of(voxels)
     assert len(fine) > 3 * len(coarse)
     assert set(whole.tolist()) == set(coarse.tolist()), "all of it was near"
     shown = image()
@@ -70,13 +72,15 @@ def test_small_things_have_their_shape_and_colors_at_half_a_voxel() -> None:
     c, z = CAMERA, shown.depth_m[v, u].astype(np.float64)
     true = se3.transform(POSE, np.column_stack([(u - c.cx) / c.fx * z, (v - c.cy) / c.fy * z, z]))
     true = true[true[:, 2] > 0.011]
-    reach = [cKDTree(voxels.xyz(rows)).query(true)[0] for rows in (coarse, fine)]
+    reach = [cKDTree(voxels.stored.xyz(rows)).query(true)[0] for rows in (coarse, fine)]
     assert (reach[1] < 0.004).mean() > 0.99
     assert (reach[0] < 0.004).mean() < 0.7
     side = true[(true[:, 2] > 0.01) & (true[:, 2] < 0.11)]
     stripe = np.where(np.floor(side[:, 2] / 0.005) % 2 == 0, 220, 20)
     off = [
-        np.abs(voxels.rgb(rows)[cKDTree(voxels.xyz(rows)).query(side)[1]][:, 0] - stripe.astype(float)).mean()
+        np.abs(
+            voxels.stored.rgb(rows)[cKDTree(voxels.stored.xyz(rows)).query(side)[1]][:, 0] - stripe.astype(float)
+        ).mean()
         for rows in (coarse, fine)
     ]
     assert off[1] < 0.4 * off[0]
@@ -88,28 +92,34 @@ def test_no_decision_knows_of_fine_points() -> None:
     told = []
     for finely in (False, True):
         voxels = seen(finely=finely)
-        voxels.apply_correction(moved)
+        voxels.moving.apply_correction(moved)
         fuse(voxels, 4, image(T=AWAY @ POSE), AWAY @ POSE, finely=finely)
         for k in range(5, 9):
             fuse(voxels, k, image((FLOOR,)), finely=finely)
-        voxels.thin_all()
-        rows = voxels.living()
-        told.append((voxels._row_memory.rows[rows].tobytes(), voxels.xyz(rows).tobytes(), voxels.rows_of(3).size))
-        assert (voxels.alive > len(rows)) == finely
+        voxels.levels.thin_all()
+        rows = voxels.stored.living()
+        told.append(
+            (
+                voxels.stored.memory.rows[rows].tobytes(),
+                voxels.stored.xyz(rows).tobytes(),
+                voxels.stored.rows_of(3).size,
+            )
+        )
+        assert (voxels.stored.alive > len(rows)) == finely
     assert told[0] == told[1]
 
 
 def test_they_move_with_their_keyframe() -> None:
     voxels = seen()
     fine, _ = fine_of(voxels)
-    before = voxels.xyz(fine).astype(np.float64)
+    before = voxels.stored.xyz(fine).astype(np.float64)
     T = se3.exp(np.array([0.12, -0.31, 0.007, 0.02, 0.01, 0.3]))
-    voxels.apply_correction({1: T})
+    voxels.moving.apply_correction({1: T})
     expected = se3.transform(T, before)
-    np.testing.assert_allclose(voxels.xyz(fine), expected, atol=1e-6)
-    voxels._relocate_around(np.array([[-9.0, -9.0, -9.0], [9.0, 9.0, 9.0]]), 0.0)
-    fine = voxels.living(fine=True)
-    far = cKDTree(voxels.xyz(fine)).query(expected)[0]
+    np.testing.assert_allclose(voxels.stored.xyz(fine), expected, atol=1e-6)
+    voxels.moving.relocate_around(np.array([[-9.0, -9.0, -9.0], [9.0, 9.0, 9.0]]), 0.0)
+    fine = voxels.stored.living(fine=True)
+    far = cKDTree(voxels.stored.xyz(fine)).query(expected)[0]
     assert np.quantile(far, 0.9) < 0.0025, "those that meet in a voxel are one"
     assert len(fine_of(voxels)[0]) > 0.8 * len(fine), "the object's still"
 
@@ -117,27 +127,27 @@ def test_they_move_with_their_keyframe() -> None:
 def test_they_go_with_what_they_are() -> None:
     voxels = seen()
     assert len(fine_of(voxels)[0])
-    voxels.transfer(3, 2)
+    voxels.stored.transfer(3, 2)
     assert not len(fine_of(voxels)[0]), "whom they belong to is what the voxels of the map say"
-    voxels.transfer(2, 3)
+    voxels.stored.transfer(2, 3)
     for k in range(4, 12):
         fuse(voxels, k, image((FLOOR,)))
-    for rows in (voxels.rows_of(3), voxels.living(fine=True)):
-        assert not (voxels.xyz(rows)[:, 2] > 0.03).any(), "seen through: the floor lies behind"
+    for rows in (voxels.stored.rows_of(3), voxels.stored.living(fine=True)):
+        assert not (voxels.stored.xyz(rows)[:, 2] > 0.03).any(), "seen through: the floor lies behind"
 
 
 def test_they_leave_memory_and_come_back() -> None:
     voxels = seen()
     fine, whole = fine_of(voxels)
-    points, colors, size = voxels.xyz(fine), voxels.rgb(fine), voxels.nbytes
-    voxels.memory_mb = 1.0
-    voxels.evict()
-    assert voxels.nbytes < 0.2 * size
+    points, colors, size = voxels.stored.xyz(fine), voxels.stored.rgb(fine), voxels.stored.nbytes
+    voxels.stored.memory_mb = 1.0
+    voxels.stored.evict()
+    assert voxels.stored.nbytes < 0.2 * size
     again, same = fine_of(voxels)
     np.testing.assert_array_equal(again, fine)
     np.testing.assert_array_equal(same, whole)
-    np.testing.assert_array_equal(voxels.xyz(fine), points)
-    np.testing.assert_array_equal(voxels.rgb(fine), colors)
+    np.testing.assert_array_equal(voxels.stored.xyz(fine), points)
+    np.testing.assert_array_equal(voxels.stored.rgb(fine), colors)
 
 
 def test_what_is_chosen_of_a_picture() -> None:

@@ -42,25 +42,25 @@ def look_elsewhere(voxels: VoxelMap, frames: int, stays: int = 0) -> None:
 
 def here(voxels: VoxelMap) -> np.ndarray:
     """Return the points of the first place, in an order of their own."""
-    points, _ = voxels.spread(voxels.living())
+    points, _ = voxels.stored.spread(voxels.stored.living())
     points = points[points[:, 0] < 10].astype(np.float64)
     return points[np.lexsort(np.floor(points / 0.01).T)]
 
 
 def rows_here(voxels: VoxelMap) -> int:
     """Return how many rows the first place takes."""
-    rows = voxels.living()
-    return int(np.count_nonzero(voxels.xyz(rows)[:, 0] < 10))
+    rows = voxels.stored.living()
+    return int(np.count_nonzero(voxels.stored.xyz(rows)[:, 0] < 10))
 
 
 def test_structure_out_of_view_takes_fewer_rows_and_keeps_each_voxel(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(levels, "MAX_UNVIEWED_MOMENTS", 8)
     voxels = seen()
-    before, rows, size = here(voxels), voxels.alive, voxels.nbytes
+    before, rows, size = here(voxels), voxels.stored.alive, voxels.stored.nbytes
     owner = voxels.owner_at(before)
-    voxels.thin_all()
-    assert voxels.alive < 0.45 * rows
-    assert voxels.nbytes < 0.45 * size
+    voxels.levels.thin_all()
+    assert voxels.stored.alive < 0.45 * rows
+    assert voxels.stored.nbytes < 0.45 * size
     after = here(voxels)
     np.testing.assert_array_equal(np.floor(after / 0.01), np.floor(before / 0.01), "the same voxels hold a point")
     off = np.linalg.norm(after - before, axis=1)
@@ -70,23 +70,23 @@ def test_structure_out_of_view_takes_fewer_rows_and_keeps_each_voxel(monkeypatch
     assert floor.sum() > 1000
     assert np.quantile(np.abs(after[floor, 2] - before[floor, 2]), 0.98) < 1e-4, "but at the wall's foot"
     np.testing.assert_array_equal(voxels.owner_at(before), owner, "what is asked is told as before")
-    assert voxels.alive == rows, "what somebody asks for has rows of its own again"
+    assert voxels.stored.alive == rows, "what somebody asks for has rows of its own again"
 
 
 def test_voxels_of_objects_and_those_seen_once_stay_apart() -> None:
     voxels = seen(1)
-    rows = voxels.living()
-    mine = rows[voxels.xyz(rows)[:, 2] > 0.3]
-    voxels.owner[mine] = 3
-    voxels._blocks.add_rows(voxels.owner[mine], mine >> 10)
-    points = voxels.xyz(voxels.rows_of(3))
-    voxels.thin_all()
-    assert voxels.alive < 0.6 * len(rows)
-    np.testing.assert_array_equal(voxels.xyz(voxels.rows_of(3)), points)
-    own = voxels.rows_of(3)
+    rows = voxels.stored.living()
+    mine = rows[voxels.stored.xyz(rows)[:, 2] > 0.3]
+    voxels.stored.owner[mine] = 3
+    voxels.stored.owned_blocks.add_rows(voxels.stored.owner[mine], mine >> 10)
+    points = voxels.stored.xyz(voxels.stored.rows_of(3))
+    voxels.levels.thin_all()
+    assert voxels.stored.alive < 0.6 * len(rows)
+    np.testing.assert_array_equal(voxels.stored.xyz(voxels.stored.rows_of(3)), points)
+    own = voxels.stored.rows_of(3)
     voxels.fuse(image(), COLD, POSE, 9)
-    np.testing.assert_array_equal(voxels.rows_of(3), own, "their rows keep their numbers when others are parted")
-    assert np.count_nonzero(voxels.hits[voxels.living()] == 2) > 1000, "some were seen again"
+    np.testing.assert_array_equal(voxels.stored.rows_of(3), own, "their rows keep their numbers when others are parted")
+    assert np.count_nonzero(voxels.stored.hits[voxels.stored.living()] == 2) > 1000, "some were seen again"
 
 
 def test_a_place_that_is_out_of_view_for_long_is_thinned_whatever_memory_there_is(
@@ -94,7 +94,7 @@ def test_a_place_that_is_out_of_view_for_long_is_thinned_whatever_memory_there_i
 ) -> None:
     monkeypatch.setattr(levels, "MAX_UNVIEWED_MOMENTS", 8)
     rich, poor = seen(), seen()
-    poor.memory_mb = 1.0
+    poor.stored.memory_mb = 1.0
     for voxels in (rich, poor):
         rows = rows_here(voxels)
         look_elsewhere(voxels, 8)
@@ -106,7 +106,7 @@ def test_a_place_that_is_out_of_view_for_long_is_thinned_whatever_memory_there_i
         voxels.fuse(image(), COLD, POSE, 200)
         voxels.carve_free_space(image(), se3.inverse(POSE))
     np.testing.assert_array_equal(here(rich), here(poor))
-    np.testing.assert_array_equal(rich.hits[rich.living()], poor.hits[poor.living()])
+    np.testing.assert_array_equal(rich.stored.hits[rich.stored.living()], poor.stored.hits[poor.stored.living()])
 
 
 def test_how_long_is_long_does_not_depend_on_frames_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -125,10 +125,10 @@ def test_how_long_is_long_does_not_depend_on_frames_a_second(monkeypatch: pytest
 
 def test_rows_of_a_file_are_parted_as_those_of_the_map() -> None:
     voxels = seen()
-    voxels.thin_all()
-    rows = voxels.living()
-    shared = rows[voxels._cubes.cube_of[rows >> 10] == 0]
-    parted, (points, _) = levels.split_rows(voxels._row_memory.rows[shared]), voxels.spread(shared)
+    voxels.levels.thin_all()
+    rows = voxels.stored.living()
+    shared = rows[voxels.stored.cubes.cube_of[rows >> 10] == 0]
+    parted, (points, _) = levels.split_rows(voxels.stored.memory.rows[shared]), voxels.stored.spread(shared)
     assert len(parted) == len(points) > len(shared)
     corner = np.floor(points / 0.32).astype(int)[0] * 32
     voxel = np.stack([parted["voxel"] >> 10, (parted["voxel"] >> 5) & 31, parted["voxel"] & 31], 1)

@@ -23,6 +23,7 @@ from cuboid.surfaces.kernels.outlines import (
     SUPPORT,
     TOP,
     UNSURE,
+    Picture,
     outlines,
 )
 
@@ -102,12 +103,14 @@ def outlines_of(
         if len(v):
             corners[k] = u.min(), v.min(), u.max(), v.max()
     outline, contact = np.empty((count, 4, KINDS), np.int64), np.empty((count, count), np.int64)
-    outlines(
-        depth.astype(np.float32), (depth if readings is None else readings).astype(np.float32),
+    picture = Picture(
+        depth.astype(np.float32),
+        (depth if readings is None else readings).astype(np.float32),
         np.zeros((*depth.shape, 3), np.uint8) if color is None else color,
-        claim.astype(np.int32), on_plane.astype(np.int32), corners, np.array(plane_of),
-        sides, FOCAL, NOISE, JUMP_M, GAP_M, outline, contact,
-    )  # fmt: skip
+        claim.astype(np.int32),
+        on_plane.astype(np.int32),
+    )
+    outlines(picture, corners, np.array(plane_of), sides, FOCAL, NOISE, JUMP_M, GAP_M, outline, contact)
     return outline, contact
 
 

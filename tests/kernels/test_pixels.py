@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from cuboid.core.kernels.pixels import assign_planes, back_project, drop_mixed
+from cuboid.core.kernels.pixels import PlanesInView, assign_planes, back_project, drop_mixed
 from cuboid.core.tolerances import JUMP_SIGMAS
 from cuboid.surfaces.kernels.pieces import gather_regions, judge_regions, label_regions
 
@@ -152,10 +152,8 @@ def test_what_is_beneath_is_the_highest_plane() -> None:
     numbers = np.array([200, 40000], np.int32)
     patches = np.full((6, 8), 200, np.int32)
     patches[:, 4:] = 40000
-    assign_planes(
-        depth, CAMERA, T_plan_camera, planes, numbers, ground, np.array([-2.0, -2.0]), 0.05, patches, 8,
-        1.4e-3, 0.01, 0.005, 4.0, on_plane, support, seen,
-    )  # fmt: skip
+    in_view = PlanesInView(planes, numbers, ground, np.array([-2.0, -2.0]), 0.05, patches, 8)
+    assign_planes(depth, CAMERA, T_plan_camera, in_view, 1.4e-3, 0.01, 0.005, 4.0, on_plane, support, seen)
     on_floor, on_table = depth == 2.0, depth == np.float32(1.3)
     np.testing.assert_array_equal(on_plane, np.where(on_floor, 0, np.where(on_table, 1, -1)))
     np.testing.assert_array_equal(support, np.repeat([0, 1], 32)[None].repeat(48, 0))
@@ -175,10 +173,8 @@ def test_what_is_beneath_is_found_among_more_planes_than_a_word_has_bits() -> No
     patches = rng.choice(np.append(numbers, -1), (6, 8)).astype(np.int32)
     on_plane, support = np.empty(depth.shape, np.int32), np.empty(depth.shape, np.int32)
     seen = np.zeros(ground.shape, np.int32)
-    assign_planes(
-        depth, CAMERA, T_plan_camera, planes, numbers, ground, np.array([-2.0, -2.0]), 0.1, patches, 8,
-        1.4e-3, 0.01, 0.005, 4.0, on_plane, support, seen,
-    )  # fmt: skip
+    in_view = PlanesInView(planes, numbers, ground, np.array([-2.0, -2.0]), 0.1, patches, 8)
+    assign_planes(depth, CAMERA, T_plan_camera, in_view, 1.4e-3, 0.01, 0.005, 4.0, on_plane, support, seen)
     expected, told = np.zeros_like(seen), []
     for v, u in np.ndindex(depth.shape):
         z = float(depth[v, u])

@@ -56,7 +56,8 @@ def test_pixels_off_the_planes_are_surface_those_beyond_are_far() -> None:
     depth[:8, 8:16], truth[:8, 8:16] = 5.0, segments.FAR
     cells, planes, member, count = planes_of(depth, 0.1)
     inverse, kind, on = np.empty(SHAPE, np.float32), np.empty(SHAPE, np.uint8), np.empty(SHAPE, np.int8)
-    patches.classify(depth, cells, planes, count, member, PINHOLE, SIZE, 4, NOISE, 0.005, 0.002, 4.0, inverse, kind, on)
+    grown = patches.Grown(cells, planes, count, member)
+    patches.classify(depth, grown, PINHOLE, SIZE, 4, NOISE, 0.005, 0.002, 4.0, inverse, kind, on)
     assert (kind == truth).all()
     assert (on == np.where(truth == segments.PLANE, 0, -1)).all()
     np.testing.assert_allclose(inverse[depth > 0], 1.0 / depth[depth > 0], rtol=1e-6)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from cuboid.boxes.kernels.extents import BINS
 from cuboid.geometry.kernels.overlap import BATCH, bound
-from cuboid.objects.kernels.sightings import NEAREST_M, boxes_in_frustum, count_seen
+from cuboid.objects.kernels.sightings import NEAREST_M, Surfaces, View, boxes_in_frustum, count_seen
 
 CAMERA = np.array([30.0, 32.0, 19.5, 14.5])
 NOISE, AGREE_M, ALIKE = 1.4e-3, 0.03, 30
@@ -81,11 +81,10 @@ def test_points_are_counted_as_array_operations_do_it(seed: int) -> None:
     T[:3, 3] = rng.normal(0.0, 0.02, 3)
     ends = np.cumsum(sizes)
     counts, corners = np.empty((3, 3), np.int64), np.empty((3, 4))
-    count_seen(
-        points, colors, ends, feet, numbers, depth, color,
-        np.arange(owner.size, dtype=np.int32).reshape(owner.shape), owner.ravel(), CAMERA, T, NOISE, AGREE_M,
-        ALIKE, counts, corners,
-    )  # fmt: skip
+    slots = np.arange(owner.size, dtype=np.int32).reshape(owner.shape)
+    surfaces = Surfaces(points, colors, ends, feet, numbers)
+    view = View(depth, color, slots, owner.ravel(), CAMERA, T)
+    count_seen(surfaces, view, NOISE, AGREE_M, ALIKE, counts, corners)
     for k, end in enumerate(ends):
         own = slice(end - sizes[k], end)
         expected = numpy_counts(points[own], colors[own], feet[k], numbers[k], depth, color, owner, T)

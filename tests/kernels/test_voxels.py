@@ -64,10 +64,15 @@ def test_fuse_is_the_weighted_mean_of_all_sightings(voxel_m: float) -> None:
                 truth[key].append((weight, *points[v, u], *image.color[v, u], float(heat[v, u])))
                 frames[key].add(frame)
                 assert slots[v, u] >= 0
-    assert voxels.count == len(truth)
-    rows = voxels.living()
+    assert voxels.stored.count == len(truth)
+    rows = voxels.stored.living()
     for row, xyz, rgb, heat, weight in zip(
-        rows, voxels.xyz(rows), voxels.rgb(rows), voxels.heat(rows), voxels.weight(rows), strict=True
+        rows,
+        voxels.stored.xyz(rows),
+        voxels.stored.rgb(rows),
+        voxels.stored.heat(rows),
+        voxels.stored.weight(rows),
+        strict=True,
     ):
         key = tuple(np.floor(xyz.astype(np.float64) / voxel_m).astype(int))
         if key not in truth:  # the mean of points on a voxel's face may round into the next one
@@ -78,7 +83,7 @@ def test_fuse_is_the_weighted_mean_of_all_sightings(voxel_m: float) -> None:
         np.testing.assert_allclose(rgb, mean[3:6], atol=0.6)
         np.testing.assert_allclose(heat, mean[6], atol=1e-3)
         np.testing.assert_allclose(weight, samples[:, 0].sum(), rtol=1e-4)
-        assert voxels.hits[row] == len(frames[key])
+        assert voxels.stored.hits[row] == len(frames[key])
 
 
 def test_a_point_that_is_seen_through_goes_and_the_surface_behind_stays() -> None:
@@ -86,13 +91,13 @@ def test_a_point_that_is_seen_through_goes_and_the_surface_behind_stays() -> Non
     near, far = np.full((48, 64), 1.0), np.full((48, 64), 2.0)
     hot = np.ones((48, 64), np.float32)
     voxels.fuse(image_of(near), hot, np.eye(4), 0)
-    in_front = voxels.count
+    in_front = voxels.stored.count
     for frame in range(1, 5):
         image = image_of(far)
         voxels.fuse(image, hot, np.eye(4), frame)
         voxels.carve_free_space(image, np.eye(4))
-    z = voxels.xyz(voxels.living())[:, 2]
-    inner = np.abs(voxels.xyz(voxels.living())[:, :2]).max(1) < 0.35
+    z = voxels.stored.xyz(voxels.stored.living())[:, 2]
+    inner = np.abs(voxels.stored.xyz(voxels.stored.living())[:, :2]).max(1) < 0.35
     assert in_front > 100
     assert (z[inner] > 1.5).all()
     assert (z > 1.5).sum() > 100
@@ -110,10 +115,10 @@ def test_frames_from_one_place_leave_out_what_is_cold_and_look_through_once_for_
         assert (some[:, 32:] < 0).all()
     for _ in range(5):
         voxels.carve_free_space(image_of(far), np.eye(4), new_viewpoint=False)
-    assert voxels.alive == voxels.count
+    assert voxels.stored.alive == voxels.stored.count
     voxels.carve_free_space(image_of(far), np.eye(4))
-    assert voxels.alive < voxels.count / 2
-    assert voxels.carving_passes == 6
+    assert voxels.stored.alive < voxels.stored.count / 2
+    assert voxels.stored.carving_passes == 6
 
 
 def test_stray_points_go_also_while_the_map_grows(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,30 +127,30 @@ def test_stray_points_go_also_while_the_map_grows(monkeypatch: pytest.MonkeyPatc
     voxels = VoxelMap(VOXEL, 1e-3, 30.0)
     hot = np.ones((48, 64), np.float32)
     voxels.fuse(image_of(np.full((48, 64), 1.0)), hot, np.eye(4), 0)
-    stray = voxels.living()
-    inner = stray[np.abs(voxels.xyz(stray)[:, :2]).max(1) < 0.3]
+    stray = voxels.stored.living()
+    inner = stray[np.abs(voxels.stored.xyz(stray)[:, :2]).max(1) < 0.3]
     rng = np.random.default_rng(0)
     for frame in range(1, 250):
         image = image_of(rng.uniform(5, 25, (48, 64)))
         voxels.fuse(image, hot, np.eye(4), frame)
         voxels.carve_free_space(image, np.eye(4))
     assert len(inner) > 50
-    assert (voxels.xyz(voxels.living())[:, 2] > 1.5).all()
+    assert (voxels.stored.xyz(voxels.stored.living())[:, 2] > 1.5).all()
 
 
 def test_a_point_that_was_removed_and_is_seen_again_counts_as_new() -> None:
     voxels = VoxelMap(VOXEL, 1e-3, 5.0)
     near, far, hot = np.full((48, 64), 1.0), np.full((48, 64), 2.0), np.ones((48, 64), np.float32)
     voxels.fuse(image_of(near), hot, np.eye(4), 3)
-    before = voxels.living()
+    before = voxels.stored.living()
     for _ in range(4):
         voxels.carve_free_space(image_of(far), np.eye(4))
-    gone = np.setdiff1d(before, voxels.living())
+    gone = np.setdiff1d(before, voxels.stored.living())
     assert len(gone) > 50
     voxels.fuse(image_of(near), hot, np.eye(4), 3)  # the same number, as after a recording began anew
-    assert voxels.alive == len(before)
-    assert (voxels.hits[voxels.living()] == 1).all()
-    np.testing.assert_allclose(voxels.xyz(voxels.living())[:, 2], 1.0, atol=1e-6)
+    assert voxels.stored.alive == len(before)
+    assert (voxels.stored.hits[voxels.stored.living()] == 1).all()
+    np.testing.assert_allclose(voxels.stored.xyz(voxels.stored.living())[:, 2], 1.0, atol=1e-6)
 
 
 def test_a_surface_that_is_hit_as_often_stays() -> None:
@@ -154,10 +159,10 @@ def test_a_surface_that_is_hit_as_often_stays() -> None:
     for frame in range(8):
         image = image_of(np.full((48, 64), 1.0))
         voxels.fuse(image, hot, np.eye(4), frame)
-    count = len(voxels.living())
+    count = len(voxels.stored.living())
     for _ in range(4):
         voxels.carve_free_space(image_of(np.full((48, 64), 2.0)), np.eye(4))
-    assert len(voxels.living()) == count
+    assert len(voxels.stored.living()) == count
 
 
 def test_memory_follows_the_surface_and_not_the_frames() -> None:
@@ -165,10 +170,10 @@ def test_memory_follows_the_surface_and_not_the_frames() -> None:
     hot = np.ones((48, 64), np.float32)
     image = image_of(np.full((48, 64), 1.5))
     voxels.fuse(image, hot, np.eye(4), 0)
-    count, held = voxels.count, voxels.nbytes
+    count, held = voxels.stored.count, voxels.stored.nbytes
     for frame in range(1, 100):
         voxels.fuse(image, hot, np.eye(4), frame)
-    assert (voxels.count, voxels.nbytes) == (count, held)
+    assert (voxels.stored.count, voxels.stored.nbytes) == (count, held)
 
 
 def test_points_survive_the_growth_of_the_map() -> None:
@@ -181,7 +186,7 @@ def test_points_survive_the_growth_of_the_map() -> None:
         T = turned(0.1 * frame, (frame, 0, 0))
         voxels.fuse(image, hot, T, frame)
         seen |= {tuple(k) for k in np.floor(points_of(image, T).reshape(-1, 3) / 0.01).astype(int)}
-    assert voxels.count > 1 << 17
-    assert voxels.count == pytest.approx(len(seen), rel=1e-3)
-    places = np.floor(voxels.xyz(voxels.living()).astype(np.float64) / 0.01).astype(int)
-    assert len(np.unique(places, axis=0)) > 0.99 * voxels.count, "a voxel has one row"
+    assert voxels.stored.count > 1 << 17
+    assert voxels.stored.count == pytest.approx(len(seen), rel=1e-3)
+    places = np.floor(voxels.stored.xyz(voxels.stored.living()).astype(np.float64) / 0.01).astype(int)
+    assert len(np.unique(places, axis=0)) > 0.99 * voxels.stored.count, "a voxel has one row"

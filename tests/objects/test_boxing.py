@@ -27,8 +27,8 @@ def floor(hidden: np.ndarray | None = None) -> np.ndarray:
 
 
 def fitted(voxels: VoxelMap, plane: tuple[np.ndarray, float] | None, others: list[Box] | None = None) -> Box:
-    rows = voxels.rows_of(THING)
-    box = Boxing(voxels).fit(rows, voxels.xyz(rows), plane, UP, others or [])[0]
+    rows = voxels.stored.rows_of(THING)
+    box = Boxing(voxels).fit(rows, voxels.stored.xyz(rows), plane, UP, others or [])[0]
     return box if plane is None else with_foot(box, *plane, others or [], voxels)
 
 
@@ -58,10 +58,10 @@ def test_the_dwelt_on_side_is_not_all_of_it() -> None:
     thing = shell(X, Y, Z)
     voxels = map_of((floor(), 0), (thing, THING))
     once = fitted(voxels, GROUND)
-    rows = voxels.rows_of(THING)
-    near = rows[voxels.xyz(rows)[:, 1] < -0.05]
-    voxels.hits[near] *= 300
-    voxels._points.weight[near] *= 300
+    rows = voxels.stored.rows_of(THING)
+    near = rows[voxels.stored.xyz(rows)[:, 1] < -0.05]
+    voxels.stored.hits[near] *= 300
+    voxels.stored.points.weight[near] *= 300
     np.testing.assert_allclose(fitted(voxels, GROUND).size, once.size, atol=0.01)
 
 
@@ -72,7 +72,7 @@ def test_a_can_far_away_has_the_box_of_a_can_not_that_of_noise(seed: int) -> Non
     near = -np.sqrt(0.06**2 - across**2) + rng.normal(0.0, 0.013, 4000)
     voxels = map_of((floor(), 0), (np.column_stack([across, near, height]), THING), far_m=4.0)
     can = Box(np.array([0.0, 0.0, 0.06]), np.array([0.12, 0.12, 0.12]), np.eye(3))
-    rows = voxels.rows_of(THING)
-    places = voxels.xyz(rows)
+    rows = voxels.stored.rows_of(THING)
+    places = voxels.stored.xyz(rows)
     from_there = Boxing(voxels).fit(rows, places, GROUND, UP, [], np.array([0.0, -4.0, 0.06]))[0]
     assert iou(from_there, can) > max(0.75, iou(fitted(voxels, GROUND), can) + 0.2)

@@ -16,7 +16,7 @@ UP = np.array([0.0, 0.0, 1.0])
 def structure(voxels: VoxelMap, *no_structure: int) -> bool:
     owned = np.zeros(10, np.uint8)
     owned[[THING, *no_structure]] = 1
-    points = voxels.xyz(voxels.rows_of(THING))
+    points = voxels.stored.xyz(voxels.stored.rows_of(THING))
     return is_structure(box_of(points.astype(np.float64)), points, voxels, owned)
 
 
@@ -41,7 +41,7 @@ def test_the_leg_of_a_table_is_structure() -> None:
     leg, top = shell((-0.03, 0.03), (-0.03, 0.03), (0.0, 0.7)), grid((-0.4, 0.4), (-0.4, 0.4), (0.7, 0.73))
     voxels = map_of((FLOOR, 0), (leg, THING), (top, 0))
     owned = np.eye(10, dtype=np.uint8)[THING]
-    points = voxels.xyz(voxels.rows_of(THING))
+    points = voxels.stored.xyz(voxels.stored.rows_of(THING))
     assert continues(box_of(leg), points, voxels, owned) == (True, 0)
     assert structure(voxels)
 
@@ -71,12 +71,12 @@ def test_what_was_seen_but_once_proves_nothing() -> None:
 
 def test_an_object_has_as_many_rows_as_are_asked_for_or_not() -> None:
     voxels = map_of((FLOOR, 0), (shell((-0.1, 0.1), (-0.08, 0.08), (0.0, 0.2)), THING))
-    count = len(voxels.rows_of(THING))
+    count = len(voxels.stored.rows_of(THING))
     assert count > 100
-    assert voxels.has_rows(THING, count)
-    assert not voxels.has_rows(THING, count + 1)
-    assert voxels.has_rows(OTHER, 0)
-    assert not voxels.has_rows(OTHER, 1)
+    assert voxels.stored.has_rows(THING, count)
+    assert not voxels.stored.has_rows(THING, count + 1)
+    assert voxels.stored.has_rows(OTHER, 0)
+    assert not voxels.stored.has_rows(OTHER, 1)
 
 
 def test_the_side_of_a_shelf_that_is_higher_than_its_board_is_no_thing_on_the_board() -> None:

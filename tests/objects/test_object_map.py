@@ -42,7 +42,7 @@ def test_a_pair_in_one_place_is_told_once_a_frame_however_many_of_it_have_labels
     objects = ObjectMap(config, voxels, PlaneTracker(config))
     pair = [objects.store.add(Box(np.array([0.35, 0.35, 0.08]), JAR, np.eye(3)), 0) for _ in range(2)]
     for entry in pair:
-        entry.points = voxels.xyz(voxels.rows_of(entry.number))
+        entry.points = voxels.stored.xyz(voxels.stored.rows_of(entry.number))
     for entry in pair[:labelled]:
         objects.store.confirm(entry)
     objects._add_overlaps(pair, novelty=0.5)

@@ -7,8 +7,8 @@ import pytest
 
 from cuboid.geometry.box import Box
 from cuboid.heatmap.pixel_heat import WeighedProposals
+from cuboid.objects.association import prior_of
 from cuboid.objects.entry import MapObject, State
-from cuboid.objects.prior import prior_of
 
 OWNER = np.zeros((20, 30), np.int32)
 OWNER[5:15, 0:10], OWNER[5:15, 15:25], OWNER[0, 29] = 2, 6, 9  # the last one is not in view

@@ -27,7 +27,7 @@ def store_of(count: int) -> ObjectStore:
 
 
 def owners(store: ObjectStore) -> dict[int, int]:
-    return {number: len(rows) for number, rows in store._voxels.owned().items()}
+    return {number: len(rows) for number, rows in store._voxels.stored.owned().items()}
 
 
 def test_labels_count_up_in_the_order_of_confirmation() -> None:

@@ -178,7 +178,7 @@ def test_rows_come_back_as_they_were_written(tmp_path: Path) -> None:
 
 def test_no_negative_zero_is_written() -> None:
     still = Box(np.array([-1e-9, -0.0, 0.0]), np.ones(3), np.eye(3))
-    assert "-0.0" not in ProposalRow(0, -0.0, 0, still, 0.0, RECT).line()
+    assert "-0.0" not in ProposalRow(0, still, 0.0, RECT, 0, -0.0).line()
 
 
 @pytest.mark.parametrize(

@@ -6,81 +6,80 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hostile_worlds import DRIFTS, EXACT, FRAMES, TRUE, World, small_motion
 
 from cuboid import open_recording
 from cuboid.core.errors import FrameError
 from cuboid.core.frame import Frame
-from cuboid.geometry import se3
-from cuboid.geometry.box import Box
 from cuboid.poses import drift
 from cuboid.poses.alignment import pick
-from cuboid.poses.drift import DriftCorrection, explained
+from cuboid.poses.comparison import COMPARED_LEVEL, clearly_better, explained
+from cuboid.poses.drift import DriftCorrection
 from cuboid.poses.pyramid import build_levels, shrink
 from cuboid.poses.sources import CorrectedPoses
-from made_scenes import CAMERA, frame_of, look_at, upright
-
-# A table top with things of several sizes, seen from an arc of 60 degrees, there and back.
-SCENE = [
-    Box(np.array([0.0, 0.0, -0.02]), np.array([1.6, 1.2, 0.04]), np.eye(3)),
-    upright((-0.35, 0.1), (0.2, 0.12, 0.25), 0.4),
-    upright((0.1, -0.2), (0.15, 0.15, 0.1)),
-    upright((0.4, 0.2), (0.1, 0.25, 0.18), 1.1),
-    upright((-0.1, 0.35), (0.3, 0.08, 0.05), 0.2),
-]
-ANGLES = np.radians(np.concatenate([np.linspace(-30, 30, 40), np.linspace(30, -30, 40)]))
-TRUE = [look_at((1.3 * np.sin(a), -1.3 * np.cos(a), 0.8), (0.0, 0.0, 0.05)) for a in ANGLES]
+from made_scenes import CAMERA
 
 
-def small_motion(metres: np.ndarray, radians: np.ndarray) -> np.ndarray:
-    return se3.exp(np.concatenate([metres, radians]))
-
-
-def drifting(step_m: float, step_rad: float) -> list[np.ndarray]:
-    """The true poses with an error that adds up, always the same way: what a gyroscope's bias leaves."""
-    wrong, given = np.eye(4), []
-    for T in TRUE:
-        given.append(wrong @ T)
-        wrong = wrong @ small_motion(np.array([step_m, 0.0, 0.0]), np.array([0.0, 0.0, step_rad]))
-    return given
-
-
-def run(given: list[np.ndarray]) -> tuple[DriftCorrection, list[np.ndarray]]:
+def run(world: World) -> tuple[DriftCorrection, list[np.ndarray]]:
     correction = DriftCorrection(CAMERA)
-    found = [
-        correction.correct(frame_of(SCENE, true, k, T_shown=shown), shown)
-        for k, (true, shown) in enumerate(zip(TRUE, given, strict=True))
-    ]
-    return correction, found
+    return correction, [correction.correct(frame, frame.T_world_camera) for frame in world.frames()]
 
 
 def off_m(found: list[np.ndarray]) -> np.ndarray:
     return np.array([np.linalg.norm(T[:3, 3] - true[:3, 3]) for T, true in zip(found, TRUE, strict=True)])
 
 
-def test_poses_that_explain_what_is_seen_stay_as_they_are_to_the_last_bit() -> None:
-    correction, found = run(TRUE)
+@pytest.mark.parametrize("name", EXACT)
+def test_exact_poses_stay_as_they_are_to_the_last_bit(name: str) -> None:
+    """Whatever moves in the picture, and whatever the sensor has wrong."""
+    correction, found = run(EXACT[name])
     assert correction.proven_at is None
+    assert correction.taken_back_at is None
     assert correction.most_m == 0.0
     assert all(T is true for T, true in zip(found, TRUE, strict=True))
 
 
-def test_poses_that_drift_are_held_to_what_was_seen_before() -> None:
-    given = drifting(0.001, 0.001)
-    correction, found = run(given)
+@pytest.mark.parametrize("factor", [0.9, 0.95, 1.05, 1.1])
+def test_a_wrong_depth_scale_is_named(factor: float) -> None:
+    correction, _ = run(EXACT[f"depth times {factor}"])
+    assert correction.cause is not None
+    assert correction.cause.scale == pytest.approx(factor, abs=0.002)
+
+
+def test_poses_of_another_body_than_the_camera_are_named() -> None:
+    body = small_motion((0.05, 0.02, -0.03), (0.03, -0.05, 0.02))
+    correction, _ = run(World(given=[T @ body for T in TRUE]))
+    assert correction.proven_at is None
+    assert correction.cause is not None
+    assert correction.cause.offset is not None
+
+
+@pytest.mark.parametrize(
+    ("name", "proven", "end_m"),
+    [
+        ("drift 1 mm", 30, 0.01),
+        ("drift 2 mm", 20, 0.01),
+        ("drift 0.5 mm", 60, 0.01),
+        ("walk", 20, 0.01),
+        ("drift 2 mm and a mover", 20, 0.02),
+        ("drift 2 mm and a large mover", 20, 0.02),
+    ],
+)
+def test_poses_that_drift_are_held_to_what_was_seen_before(name: str, proven: int, end_m: float) -> None:
+    world = DRIFTS[name]
+    correction, found = run(world)
     assert correction.proven_at is not None
-    assert correction.proven_at < 60
-    assert off_m(given)[-10:].min() > 0.08
+    assert correction.proven_at < proven
     # Back where it began the camera is known to be there again.
-    assert off_m(found)[-10:].max() < 0.015
+    assert off_m(found)[-10:].max() < end_m
+    assert off_m(found).mean() < 0.5 * off_m(world.given).mean()
     assert correction.most_m == pytest.approx(
-        max(np.linalg.norm(a[:3, 3] - b[:3, 3]) for a, b in zip(found, given, strict=True))
+        max(np.linalg.norm(a[:3, 3] - b[:3, 3]) for a, b in zip(found, world.given, strict=True))
     )
 
 
 def test_a_jump_is_taken_back_and_so_is_its_end() -> None:
-    jump = small_motion(np.array([0.05, 0.02, 0.0]), np.array([0.0, 0.0, 0.03]))
-    given = [jump @ T if 30 <= k < 60 else T for k, T in enumerate(TRUE)]
-    correction, found = run(given)
+    correction, found = run(DRIFTS["jump"])
     assert correction.proven_at is not None
     assert 30 <= correction.proven_at < 50
     after = off_m(found)[correction.proven_at :]
@@ -89,44 +88,53 @@ def test_a_jump_is_taken_back_and_so_is_its_end() -> None:
     assert np.count_nonzero(after > 0.02) <= 3
 
 
-def test_a_run_says_that_its_poses_drift() -> None:
-    warnings = {}
-    for name, given in (("drifting", drifting(0.002, 0.001)), ("true", TRUE)):
-        poses = CorrectedPoses(CAMERA)
-        for k, (true, shown) in enumerate(zip(TRUE, given, strict=True)):
-            posed = poses.locate(frame_of(SCENE, true, k, T_shown=shown))
-        warnings[name] = poses.warnings()
-        assert np.linalg.norm(posed.T_world_camera[:3, 3] - TRUE[-1][:3, 3]) < 0.015
-    assert warnings["true"] == ()
-    (warning,) = warnings["drifting"]
+def test_a_correction_that_does_not_hold_is_taken_back() -> None:
+    """A large thing enters before plain walls, and nothing else tells that it is not the camera that moves."""
+    correction, found = run(World("enter", 0.6, contrast=0.0))
+    assert correction.taken_back_at is not None
+    assert correction.proven_at is None
+    assert off_m(found).max() > 0.1
+    assert off_m(found)[correction.taken_back_at - FRAMES :].max() == 0.0
+
+
+def test_a_run_says_why_poses_do_not_fit() -> None:
+    def warnings(world: World, *, apply: bool = True) -> tuple[str, ...]:
+        poses = CorrectedPoses(CAMERA, apply=apply)
+        for frame in world.frames():
+            posed = poses.locate(frame)
+            assert apply or np.array_equal(posed.T_world_camera, frame.T_world_camera)
+        assert poses.origin == ("corrected" if apply else "given")
+        return poses.warnings()
+
+    assert warnings(World()) == ()
+    (warning,) = warnings(DRIFTS["drift 2 mm"])
     assert re.fullmatch(
         r"the given camera poses drift: from frame \d+ on they are aligned to earlier frames, \d+ cm off at most",
         warning,
     )
-    with pytest.raises(FrameError, match="no camera pose"):
-        poses.locate(dataclasses.replace(frame_of(SCENE, TRUE[0], 0), T_world_camera=None))
-
-
-def test_poses_that_are_only_checked_stay_as_they_are() -> None:
-    poses, given = CorrectedPoses(CAMERA, apply=False), drifting(0.002, 0.001)
-    for k, (true, shown) in enumerate(zip(TRUE, given, strict=True)):
-        frame = frame_of(SCENE, true, k, T_shown=shown)
-        assert np.array_equal(poses.locate(frame).T_world_camera, frame.T_world_camera)
-    (warning,) = poses.warnings()
+    (warning,) = warnings(DRIFTS["drift 2 mm"], apply=False)
     assert re.fullmatch(
         r"the given camera poses drift: from frame \d+ on they disagree .*; --poses corrected .*", warning
     )
-    assert poses.origin == "given"
+    (warning,) = warnings(EXACT["depth times 0.9"])
+    assert "the depth is 0.90 times what the poses say; --depth-scale" in warning
+    (warning,) = warnings(World(given=[T @ small_motion((0.05, 0.02, -0.03), (0.03, -0.05, 0.02)) for T in TRUE]))
+    assert "another sensor than the camera" in warning
+
+
+def test_a_frame_without_a_pose_is_refused() -> None:
+    with pytest.raises(FrameError, match="no camera pose"):
+        CorrectedPoses(CAMERA).locate(dataclasses.replace(next(World().frames()), T_world_camera=None))
 
 
 def test_the_same_frames_give_the_same_poses() -> None:
-    given = drifting(0.002, 0.001)
-    assert all(np.array_equal(a, b) for a, b in zip(run(given)[1], run(given)[1], strict=True))
+    once, again = (run(DRIFTS["drift 2 mm"])[1] for _ in range(2))
+    assert all(np.array_equal(a, b) for a, b in zip(once, again, strict=True))
 
 
 def test_keyframes_are_no_more_than_are_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(drift, "MAX_KEYFRAMES", 3)
-    correction, _ = run(TRUE)
+    correction, _ = run(World())
     assert len(correction._keyframes) == 3
 
 
@@ -136,7 +144,7 @@ def test_a_frame_without_depth_or_of_another_size_changes_nothing() -> None:
     other = Frame(1, 0.1, np.zeros((120, 160, 3), np.uint8), np.ones((120, 160), np.float32), TRUE[1])
     assert correction.correct(empty, TRUE[0]) is TRUE[0]
     assert correction.correct(other, TRUE[1]) is TRUE[1]
-    assert correction.correct(frame_of(SCENE, TRUE[2], 2), TRUE[2]) is TRUE[2]
+    assert correction.correct(next(World().frames()), TRUE[2]) is TRUE[2]
 
 
 def test_what_a_pose_explains_by_hand() -> None:
@@ -147,12 +155,20 @@ def test_what_a_pose_explains_by_hand() -> None:
     reference = pick(levels)
     nearer, little = np.eye(4), np.eye(4)
     nearer[2, 3], little[2, 3] = -0.02, -0.005
-    assert explained(reference, levels[drift.TOLD_AT], np.eye(4)) == 1.0
-    assert explained(reference, levels[drift.TOLD_AT], little) == 1.0
-    assert explained(reference, levels[drift.TOLD_AT], nearer) == 0.0
+    level = levels[COMPARED_LEVEL]
+    same, near, far = (explained(reference, level, T) for T in (np.eye(4), little, nearer))
+    assert (same.fraction, near.fraction, far.fraction) == (1.0, 1.0, 0.0)
     away = np.eye(4)
     away[2, 3] = 1.0  # half a metre and more off: hidden by something, which tells nothing
-    assert explained(reference, levels[drift.TOLD_AT], away) == 0.0
+    assert explained(reference, level, away).fraction == 0.0
+    assert clearly_better(same, far)
+    assert not clearly_better(far, same)
+    assert not clearly_better(same, near)
+    # It gains half of the wall and loses the other half, as an alignment to a thing that moves does.
+    half = np.arange(len(same.alike)) % 2 == 0
+    assert not clearly_better(
+        dataclasses.replace(same, alike=same.alike & half), dataclasses.replace(same, alike=same.alike & ~half)
+    )
 
 
 def test_a_tracker_that_drifts_on_a_real_desk_is_told_from_exact_poses_of_a_real_office(data_dir: Path) -> None:

@@ -208,7 +208,9 @@ def test_faults_of_3rscan(tmp_path):
     (folder / "frame-000002.depth.pgm").write_bytes(b"P2\n1 1\n255\n0\n")
     (folder / "frame-000000.pose.txt").write_text("1 0\n")
     recording = open_recording(folder)
-    with pytest.raises(FrameError, match=r"no camera pose: expected the 16 numbers of a 4x4 matrix"):
+    with pytest.raises(
+        FrameError, match=r"no camera pose: frame-000000\.pose\.txt: expected the 16 numbers of a 4x4 matrix"
+    ):
         recording.read(0)
     with pytest.raises(FrameError, match=r"frame-000001\.depth\.pgm is truncated \(\d+ bytes, expected \d+\)"):
         recording.read(1)

@@ -113,7 +113,7 @@ def test_goes_on_from_any_cut(seed: int, tmp_path: Path, monkeypatch: pytest.Mon
         tracker, begun = load(file.connection, show), cut
         state = StateFile(file.connection, tracker, PLACES)
     assert ends(tracker, tmp_path) == ends(whole, tmp_path)
-    assert len(tracker.voxels.living(fine=True)) > 100
+    assert len(tracker.voxels.stored.living(fine=True)) > 100
     file.close()
 
 
@@ -151,7 +151,7 @@ def test_parts_of_the_map_leave_memory_and_come_back(
     assert least < 0.7, "what is out of view leaves"
     assert most > 0.9
     assert ends(poor, tmp_path) == ends(whole, tmp_path)
-    one, two = (tracker.voxels.hits[tracker.voxels.living()] for tracker in (whole, poor))
+    one, two = (tracker.voxels.stored.hits[tracker.voxels.stored.living()] for tracker in (whole, poor))
     np.testing.assert_array_equal(one, two, "what a visit saw first is not of before the visit")
     reader.close()
     file.close()
@@ -221,7 +221,7 @@ def test_what_points_owe_lasts_and_no_look_from_outside_settles_it(tmp_path: Pat
 
     def run(memory_mb: float, meddle: Callable[[PosedTracker, int], PosedTracker]) -> tuple[list[object], list[bytes]]:
         tracker, said = show.tracker(), []
-        tracker.voxels.memory_mb = memory_mb
+        tracker.voxels.stored.memory_mb = memory_mb
         for index, frame in enumerate(frames):
             if index in moved:
                 tracker.apply_correction(moved[index])
@@ -230,7 +230,7 @@ def test_what_points_owe_lasts_and_no_look_from_outside_settles_it(tmp_path: Pat
         return said, ends(tracker, tmp_path)
 
     def profile(tracker: PosedTracker, index: int) -> PosedTracker:
-        pending.append(len(tracker.voxels._anchors.pending_cubes[0]))
+        pending.append(len(tracker.voxels.anchors.pending_cubes[0]))
         ends(tracker, tmp_path)
         return tracker
 
@@ -239,7 +239,7 @@ def test_what_points_owe_lasts_and_no_look_from_outside_settles_it(tmp_path: Pat
             return tracker
         commit(file.connection, state(tracker))
         tracker = load(file.connection, show, SceneBlockStore(reader, path))
-        tracker.voxels.memory_mb = 1.0
+        tracker.voxels.stored.memory_mb = 1.0
         return tracker
 
     path = tmp_path / "owing.cuboid"

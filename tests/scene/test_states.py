@@ -63,8 +63,8 @@ def unsaved(item: Any) -> set[str]:
 def test_each_attribute_is_saved_or_said_not_to_be() -> None:
     found = [item for root in scene() for item in stateful(root) if not isinstance(item, Record)]
     assert {type(item).__name__ for item in found} == {
-        "PosedTracker", "PlaneTracker", "VoxelMap", "RowBlocks", "Anchors", "ObjectMap", "ObjectStore", "Affinity",
-        "ScenePoses", "PoseEstimator", "Atlas",
+        "PosedTracker", "PlaneTracker", "VoxelMap", "StoredPoints", "Levels", "RowBlocks", "Anchors",
+        "ObjectMap", "ObjectStore", "Affinity", "ScenePoses", "PoseEstimator", "Atlas",
     }  # fmt: skip
     for item in found:
         assert unsaved(item) == set(), type(item).__name__

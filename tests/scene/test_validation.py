@@ -16,9 +16,10 @@ from made_scene import CAMERA, Shown, record
 from cuboid.core.errors import InputError
 from cuboid.scene import Scene, before
 from cuboid.scene.checking import problems, rescue
+from cuboid.scene.editing import transform_rows
 from cuboid.scene.localisation import Joined
-from cuboid.scene.parts import transform_rows
-from cuboid.scene.validation import TABLES, DamagedError
+from cuboid.scene.schema import TABLES
+from cuboid.scene.validation import DamagedError
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +57,7 @@ def test_each_column_is_described(made: Path) -> None:
     assert set(TABLES) == tables
     for table in TABLES:
         columns = [row[1] for row in connection.execute(f"PRAGMA table_info({table})")]
-        assert list(TABLES[table]) == columns, table
+        assert list(TABLES[table].columns) == columns, table
     connection.close()
 
 

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 
 import pytest
 
-from cuboid.batch.identity import head_of
 from cuboid.batch.sources import Source, expand
+from cuboid.batch.task import head_of
 from cuboid.cli import main
 from cuboid.core.errors import CuboidError, InputError
 from cuboid.store.place import Place

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.core.config import TrackerConfig
+from cuboid.core.depth import DepthImage, cell_pixels
 from cuboid.core.frame import Intrinsics
-from cuboid.core.sensor import cell_pixels
 from cuboid.surfaces.cells import find_cells
 from made_scenes import CAMERA, cast, look_at, upright
 
@@ -19,7 +19,7 @@ def test_a_picture_of_twice_the_resolution_shows_as_many_cells_that_are_no_less_
     for camera in (c, fine):
         depth, _ = cast([upright((0, 0), (1.4, 1.0, 0.05), z=-0.05)], T, camera)
         depth = np.where(depth > 0, depth + rng.normal(size=depth.shape) * 1e-3 * depth**2, 0).astype(np.float32)
-        found.append(find_cells(depth, camera, T, config.depth_noise_per_m, config.max_depth_m))
+        found.append(find_cells(DepthImage(depth, camera), T, config.depth_noise_per_m, config.max_depth_m))
     coarse, full = found
     assert abs(len(full.places) / len(coarse.places) - 1.0) < 0.1
     assert abs(full.area_m2.sum() / coarse.area_m2.sum() - 1.0) < 0.1

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cuboid.core.config import TrackerConfig
+from cuboid.core.depth import DepthImage
 from cuboid.core.frame import Float32Array
 from cuboid.geometry.box import Box
 from cuboid.surfaces.standing import FlatAreas, find_flat_areas
@@ -21,7 +22,7 @@ def depth_of(*boxes: Box) -> Float32Array:
 
 
 def areas(depth_m: Float32Array) -> FlatAreas:
-    return find_flat_areas(depth_m, CAMERA, TrackerConfig())
+    return find_flat_areas(DepthImage(depth_m, CAMERA), TrackerConfig())
 
 
 def test_a_thing_on_a_table_is_evidence_for_the_table() -> None:

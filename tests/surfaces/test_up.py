@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cuboid.core.config import TrackerConfig
+from cuboid.core.depth import DepthImage
 from cuboid.core.frame import Float64Array, unit
 from cuboid.geometry.box import Box
 from cuboid.readers import open_recording
@@ -50,7 +51,7 @@ def vote(
         depth, _ = cast(scene, T)
         depth = np.where(depth > 0, depth + rng.normal(size=depth.shape) * 1e-3 * depth**2, 0).astype(np.float32)
         up_camera = None if measured is None else T[:3, :3].T @ measured
-        found = up.update(find_flat_areas(depth, CAMERA, CONFIG), T, up_camera)
+        found = up.update(find_flat_areas(DepthImage(depth, CAMERA), CONFIG), T, up_camera)
     return up, found
 
 
@@ -70,7 +71,7 @@ def test_a_table_with_things_is_level_in_any_world() -> None:
     A = np.eye(4)
     A[:3, :3] = turn * np.linalg.det(turn)
     depth, _ = cast([TABLE, *THINGS], (T := around_a_table(1)[0]))
-    found = UpVote().update(find_flat_areas(depth.astype(np.float32), CAMERA, CONFIG), A @ T)
+    found = UpVote().update(find_flat_areas(DepthImage(depth.astype(np.float32), CAMERA), CONFIG), A @ T)
     assert degrees_off(found, A[:3, :3] @ UP) < 2.0
 
 
@@ -93,7 +94,7 @@ def test_ripples_of_a_wall_are_no_things() -> None:
     depth, _ = cast([WALL], T)
     v, u = np.mgrid[: depth.shape[0], : depth.shape[1]]
     rippled = depth + 0.02 * np.sin(u / 12.0) * np.sin(v / 10.0)
-    found = find_flat_areas(rippled.astype(np.float32), CAMERA, CONFIG)
+    found = find_flat_areas(DepthImage(rippled.astype(np.float32), CAMERA), CONFIG)
     assert found.evidence.sum() < 0.01
 
 
@@ -147,7 +148,7 @@ def test_a_real_desk_is_level_however_the_camera_was_rolled(data_dir: Path, turn
     for k in range(10, 40, 10):
         frame = roll.frame(recording.read(k))
         assert frame.T_world_camera is not None
-        found = up.update(find_flat_areas(frame.depth_m, roll.camera, CONFIG), frame.T_world_camera)
+        found = up.update(find_flat_areas(DepthImage(frame.depth_m, roll.camera), CONFIG), frame.T_world_camera)
     assert degrees_off(found) < 5.0
 
 
@@ -161,5 +162,7 @@ def test_real_places_whose_tables_no_upright_camera_sees_are_level(data_dir: Pat
     for k in range(8):
         frame = recording.read(k)
         assert frame.T_world_camera is not None
-        found = vote.update(find_flat_areas(frame.depth_m, recording.intrinsics, CONFIG), frame.T_world_camera)
+        found = vote.update(
+            find_flat_areas(DepthImage(frame.depth_m, recording.intrinsics), CONFIG), frame.T_world_camera
+        )
     assert degrees_off(found, up) < 5.0

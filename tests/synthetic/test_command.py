@@ -9,8 +9,7 @@ import cuboid
 from cuboid.cli import synth
 from cuboid.core.errors import MissingExtraError
 from cuboid.synthetic import KINDS
-from cuboid.synthetic.paths import CAMERAS
-from cuboid.synthetic.poses import POSE_NOISES
+from cuboid.synthetic.paths import CAMERAS, POSE_NOISES
 from cuboid.synthetic.sensors import SENSORS
 
 

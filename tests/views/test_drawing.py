@@ -7,9 +7,10 @@ from cuboid.core.frame import Float64Array, Intrinsics, UInt8Array
 from cuboid.core.palette import UNLABELLED, color_of
 from cuboid.geometry.box import EDGES, Box
 from cuboid.views.drawing import STRIP_PX, Status, dashes, draw_frame, draw_proposals
-from cuboid.views.projection import project
+from cuboid.views.projection import project, visible_rect
 from cuboid.views.replay import Known
-from cuboid.views.tags import place_tag
+from cuboid.views.tags import place_tag, place_tags, tag_px, unit_of
+from made_crowd import camera, crowd
 
 INTRINSICS = Intrinsics(500.0, 500.0, 319.5, 239.5, 640, 480)
 LOOK = np.eye(4)
@@ -114,6 +115,37 @@ def test_tags_do_not_cover_each_other() -> None:
             assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
 
 
+@pytest.mark.parametrize("width", [640, 1280])
+@pytest.mark.parametrize("count", [5, 40, 200])
+def test_tags_of_a_crowd_cover_little_and_never_each_other(width: int, count: int) -> None:
+    K = Intrinsics(0.9 * width, 0.9 * width, width / 2, 0.375 * width, width, 3 * width // 4)
+    rects = [visible_rect(item.box, camera(0, count), K) for item in crowd(count)]
+    texts = [(f"#{item.label} {item.name}", f"#{item.label}") for item in crowd(count)]
+    boxes = [(names, rect) for names, rect in zip(texts, rects, strict=True) if rect is not None]
+    size_px = round(tag_px(len(boxes)) * unit_of(width))
+    placed = [tag for tag in place_tags(boxes, size_px, (K.height, K.width)) if tag is not None]
+    for i, (_, a) in enumerate(placed):
+        for _, b in placed[:i]:
+            assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
+    assert len(placed) >= min(count, 40)  # of 200 there are some without
+    covered = sum((x1 - x0) * (y1 - y0) for _, (x0, y0, x1, y1) in placed)
+    assert covered < 0.13 * K.width * K.height
+    assert (count > 100) or any(text in names[:1] for (text, _), (names, _) in zip(placed, boxes, strict=True))
+
+
+def test_a_tag_has_its_name_where_there_is_room() -> None:
+    texts = ("#1 box of screws", "#1")
+    rects = [np.array([x, 200.0, x + 40.0, 240.0]) for x in (100.0, 400.0, 450.0)]
+    placed = place_tags([(texts, rect) for rect in rects], 14, (480, 640))
+    assert [tag and tag[0] for tag in placed] == ["#1 box of screws", "#1", "#1"]
+
+
+def test_letters_of_a_wide_picture_are_hardly_larger() -> None:
+    assert round(tag_px(5) * unit_of(640)) == 14
+    assert round(tag_px(5) * unit_of(1280)) == 20
+    assert round(tag_px(40) * unit_of(1280)) == 14
+
+
 @pytest.mark.parametrize("corner", [(0, 0), (600, 0), (0, 440), (600, 440)])
 def test_tags_stay_in_the_image(corner: tuple[int, int]) -> None:
     rect_xyxy = np.array([corner[0], corner[1], corner[0] + 30.0, corner[1] + 30.0])
@@ -126,12 +158,10 @@ def test_tags_stay_in_the_image(corner: tuple[int, int]) -> None:
 
 def test_the_strip_changes_with_each_of_its_figures_and_only_the_strip_does() -> None:
     figures = [
-        (1, 20.0, 3, 4),
-        (2, 20.0, 3, 4),
-        (1, 21.0, 3, 4),
-        (1, 20.0, 2, 4),
-        (1, 20.0, 3, 5),
-        (1, None, 3, 4),
+        (1, 3, 4),
+        (2, 3, 4),
+        (1, 2, 4),
+        (1, 3, 5),
     ]
     pictures = [draw([], status=Status(*values)) for values in figures]
     assert len({picture.tobytes() for picture in pictures}) == len(figures)
@@ -142,7 +172,7 @@ def test_the_strip_changes_with_each_of_its_figures_and_only_the_strip_does() ->
 def test_the_frame_itself_is_not_changed_and_nothing_known_draws_nothing() -> None:
     ground = np.random.default_rng(0).integers(0, 256, (480, 640, 3)).astype(np.uint8)
     before = ground.copy()
-    draw([Known(1, CORNERED)], status=Status(0, 1.0, 1, 1), ground=ground)
+    draw([Known(1, CORNERED)], status=Status(0, 1, 1), ground=ground)
     np.testing.assert_array_equal(ground, before)
     np.testing.assert_array_equal(draw([], ground=ground), before)
 
@@ -169,7 +199,7 @@ def test_proposals_without_a_label_are_grey() -> None:
 
 
 def test_the_same_is_drawn_twice() -> None:
-    pictures = [draw([Known(1, CORNERED)], [Known(2, CORNERED)], Status(3, 9.0, 1, 2)) for _ in range(2)]
+    pictures = [draw([Known(1, CORNERED)], [Known(2, CORNERED)], Status(3, 1, 2)) for _ in range(2)]
     np.testing.assert_array_equal(*pictures)
 
 
@@ -179,7 +209,7 @@ def test_images_of_any_size_are_drawn(shape: tuple[int, int]) -> None:
     K = Intrinsics(width, width, width / 2, height / 2, width, height)
     ground = np.full((height, width, 3), 90, np.uint8)
     box = Box(np.array([0.1, 0.05, 1.0]), np.full(3, 0.2), np.eye(3))
-    picture = draw_frame(ground, LOOK, K, [Known(1, box)], [Known(2, box)], Status(1, 30.0, 1, 2))
+    picture = draw_frame(ground, LOOK, K, [Known(1, box)], [Known(2, box)], Status(1, 1, 2))
     assert picture.shape == ground.shape
     assert (picture != ground).any()
 

@@ -97,7 +97,8 @@ def test_the_page_follows_a_run_to_its_end(watched: Watched) -> None:
         assert "1 seen / 1 known" in facts
         assert "20,000 points" in facts
         assert page.locator("#tags .tag").inner_text() == "#1"
-        assert page.locator("#objects .object span").all_inner_texts()[:2] == ["#1", "10.0 × 20.0 × 30.0"]
+        row = page.locator("#objects .object .chip, #objects .object .size")
+        assert row.all_inner_texts() == ["#1", "10.0 × 20.0 × 30.0"]
         brown, green = shares_of_scene(watched)
         assert brown > 0.05  # the table
         for _ in range(20):  # the camera may have left the view, which then follows it

@@ -20,15 +20,16 @@ from hypothesis.extra.numpy import arrays
 from cuboid.cli import report as command
 from cuboid.core.errors import FrameError, InputError, OutputError
 from cuboid.core.frame import Frame
-from cuboid.core.palette import hex_of
+from cuboid.core.palette import color_of, hex_of
 from cuboid.core.results import MapPoints
 from cuboid.outputs import Results, read_tracks
 from cuboid.readers import open_recording
 from cuboid.views.report import Summary, page_of, summarise, write_report
 from cuboid.views.report.page import SCRIPTS
-from cuboid.views.report.pictures import ASPECT, cut
+from cuboid.views.report.pictures import ASPECT, window
 from cuboid.views.report.points import OBJECTS_FRACTION, PackedPoints, morton, pack_points, thinned
 from cuboid.views.report.summary import spans
+from made_crowd import write_crowd
 from made_results import BEST, FRAMES, SKIPPED, SPANS, map_points, write_results
 
 
@@ -139,14 +140,29 @@ def test_pictures_are_cut_from_the_frames_that_show_most(summary: Summary) -> No
 
 def test_a_picture_shows_the_rectangle_and_what_is_around_it() -> None:
     color = np.zeros((100, 200, 3), np.uint8)
-    color[40:60, 90:110] = 255
-    found = cut(color, np.array([90.0, 40.0, 110.0, 60.0]))
-    assert found.shape[0] == 30
-    assert abs(found.shape[1] - 45) <= 1
-    assert (found > 0).all(axis=2).sum() == 400
-    at_the_edge = cut(color, np.array([0.0, 0.0, 10.0, 10.0]))
-    assert at_the_edge.shape[0] == 15
-    assert cut(color, np.array([0.0, 0.0, 200.0, 100.0])).shape == color.shape
+    x0, y0, x1, y1 = window(color, np.array([90.0, 40.0, 110.0, 60.0]))
+    assert y1 - y0 == 30
+    assert abs(x1 - x0 - 45) <= 1
+    assert x0 < 90 < 110 < x1
+    assert y0 < 40 < 60 < y1
+    x0, y0, x1, y1 = window(color, np.array([0.0, 0.0, 10.0, 10.0]))
+    assert (x0, y0, y1) == (0, 0, 15)
+    assert window(color, np.array([0.0, 0.0, 200.0, 100.0])) == (0, 0, 200, 100)
+
+
+def test_a_picture_has_the_outline_of_its_object(tmp_path: Path) -> None:
+    folder = write_crowd(tmp_path, 2)  # side by side: none hides the other
+    summary = summarise(Results(folder), open_recording(tmp_path / "recording").read)
+    for label, picture in summary.pictures.items():
+        shown = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR)
+        assert shown is not None
+        assert picture.size == shown.shape[1::-1]
+        own = np.abs(shown[..., ::-1].astype(int) - color_of(label)).max(axis=2) < 40
+        y, x = np.nonzero(own)
+        ends = picture.edges.reshape(-1, 2)
+        assert len(picture.edges) in (7, 9)  # of two or three faces that look at the camera
+        np.testing.assert_allclose(ends.min(axis=0), (x.min(), y.min()), atol=3)
+        np.testing.assert_allclose(ends.max(axis=0), (x.max(), y.max()), atol=3)
 
 
 def test_what_cannot_be_read_is_left_without_a_picture(results: Path) -> None:

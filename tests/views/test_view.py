@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import http.client
+import json
 import os
 import re
 import shutil
@@ -23,8 +24,10 @@ from browser import Watched, browser, pixels
 from cuboid.cli import serving, view
 from cuboid.core.errors import InputError, OutputError
 from cuboid.core.frame import UInt8Array
+from cuboid.outputs import Results
 from cuboid.readers import open_recording
 from cuboid.views.replay import Replay
+from cuboid.views.report import summarise, write_report
 from cuboid.views.report.server import Viewer, make_server
 from cuboid.views.serving import HOST
 from made_results import FRAMES, HEIGHT, SKIPPED, WIDTH, write_results
@@ -121,6 +124,9 @@ def test_a_port_that_is_taken_is_one_line(server: ThreadingHTTPServer, results: 
 def test_another_recording_or_no_results_is_one_line(results: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="expected a folder with the results"):
         call(tmp_path / "nothing", "--no-browser")
+    (tmp_path / "note.cuboid").write_text("no scene")
+    with pytest.raises(InputError, match=r"note\.cuboid"):
+        call(tmp_path / "note.cuboid", "--no-browser")
     moved = tmp_path / "moved"
     shutil.copytree(results, moved)
     with pytest.raises(InputError, match="recording"):
@@ -174,6 +180,15 @@ def test_image_and_map_are_side_by_side_and_one_slider_moves_both(server: Thread
         middle = middle[middle.shape[0] // 2, middle.shape[1] // 2]
         assert np.abs(middle.astype(int) - (0, 100, 200)).max() < 8
         assert np.abs(pixels(canvas) - before).max() > 60  # the boxes are not known yet, the camera is elsewhere
+        page.keyboard.press("End")
+        page.click('.object[data-label="2"]')
+        outline = page.locator("#frame-outline .edge").bounding_box()
+        shown = image.bounding_box()
+        assert outline is not None
+        assert shown is not None
+        assert shown["x"] <= outline["x"] < outline["x"] + outline["width"] <= shown["x"] + shown["width"]
+        assert outline["width"] > 10
+        page.click("#card .close")
         with page.expect_response(lambda answer: "what=depth" in answer.url) as asked:
             page.click('[data-kind="depth"]')
         assert asked.value.ok
@@ -181,3 +196,92 @@ def test_image_and_map_are_side_by_side_and_one_slider_moves_both(server: Thread
         assert {address.split("/frame/")[0].rstrip("/") for address in watched.requests} == {
             f"http://localhost:{server.server_port}"
         }
+
+
+def post(server: ThreadingHTTPServer, path: str, content: object) -> tuple[int, str]:
+    connection = http.client.HTTPConnection(HOST, server.server_port, timeout=20)
+    head = {"Content-Type": "application/json", "Origin": f"http://{HOST}:{server.server_port}"}
+    connection.request("POST", path, json.dumps(content), head)
+    answer = connection.getresponse()
+    said = answer.read().decode()
+    connection.close()
+    return answer.status, said
+
+
+@pytest.fixture
+def own_results(results: Path, tmp_path: Path) -> Path:
+    """Results that a test may change, with their page."""
+    folder = tmp_path / "results"
+    shutil.copytree(results, folder)
+    write_report(folder / "report.html", summarise(Results(folder), None))
+    return folder
+
+
+@pytest.fixture
+def own_server(own_results: Path) -> Iterator[ThreadingHTTPServer]:
+    replay = Replay(own_results)
+    with make_server(Viewer(own_results, replay, replay.recording)) as found:
+        thread = threading.Thread(target=found.serve_forever)
+        thread.start()
+        yield found
+        found.shutdown()
+        thread.join()
+
+
+def test_a_name_is_kept_in_the_results_and_their_page(own_server: ThreadingHTTPServer, own_results: Path) -> None:
+    before = json.loads((own_results / "objects.json").read_bytes())
+    assert post(own_server, "/names", {"label": 2, "name": " milk <b>carton "}) == (200, '{"name": "milk <b>carton"}')
+    assert [item.name for item in Results(own_results).found.objects] == [None, "milk <b>carton", None]
+    page = (own_results / "report.html").read_text()
+    assert '"name":"milk \\u003cb>carton"' in page
+    assert '"name":"milk \\u003cb>carton"' in get(own_server, "/")[2].decode()
+    assert post(own_server, "/names", {"label": 2, "name": ""}) == (200, '{"name": ""}')
+    assert json.loads((own_results / "objects.json").read_bytes()) == before
+
+
+@pytest.mark.parametrize(
+    ("sent", "status", "line"),
+    [
+        ({"label": 9, "name": "a"}, 422, "no object has the label 9"),
+        ({"label": 1, "name": "a\nb"}, 422, "a name is one line of at most 100 characters"),
+        ({"label": 1, "name": "a" * 101}, 422, "a name is one line of at most 100 characters"),
+        ({"label": "x"}, 400, "this page and this program do not fit"),
+        ([], 400, "this page and this program do not fit"),
+    ],
+)
+def test_what_is_no_name_changes_nothing(
+    own_server: ThreadingHTTPServer, own_results: Path, sent: object, status: int, line: str
+) -> None:
+    before = (own_results / "objects.json").read_bytes()
+    answered, said = post(own_server, "/names", sent)
+    assert (answered, line in said, "\n" in said) == (status, True, False)
+    assert post(own_server, "/elsewhere", sent)[0] == 404
+    assert (own_results / "objects.json").read_bytes() == before
+
+
+def test_a_name_is_given_in_the_page(own_server: ThreadingHTTPServer, own_results: Path) -> None:
+    with browser() as launched:
+        watched = Watched(launched)
+        page = watched.page
+        watched.open(f"http://localhost:{own_server.server_port}/")
+        page.click('.object[data-label="2"]')
+        with page.expect_response(lambda answer: "names=1" in answer.url):  # the picture with the name in it
+            page.fill("#name", "milk carton")
+            page.keyboard.press("Enter")
+        page.wait_for_function(
+            "document.querySelector('.object[data-label=\"2\"] .chip').textContent === '#2 milk carton'"
+        )
+        for place in ("#card .chip", '#tags [data-label="2"]'):
+            assert page.locator(place).get_attribute("title") == "#2 milk carton"
+        assert page.locator('#plot [data-row="2"] .name').evaluate("text => text.textContent").startswith("#2 milk")
+        assert Results(own_results).found.objects[1].name == "milk carton"
+        assert page.input_value("#name") == "milk carton"
+        page.click('.object[data-label="1"]')
+        assert page.input_value("#name") == ""
+        page.fill("#name", "cup")
+        (own_results / "objects.json").unlink()
+        page.keyboard.press("Enter")
+        page.wait_for_selector("#card .note.bad:visible")
+        assert "objects.json" in page.inner_text("#card .note")
+        assert page.inner_text("#card .chip") == "#1"
+        page.close()

@@ -17,7 +17,7 @@ from cuboid.core.errors import CuboidError, FrameError, one_line
 from cuboid.core.frame import Float64Array
 from cuboid.core.palette import COLORS
 from cuboid.readers.recording import Recording
-from cuboid.views.report.page import assembled, own
+from cuboid.views.report.page import assembled, own, style
 from cuboid.views.report.pictures import encode_jpeg
 from cuboid.views.report.summary import label_colors
 from cuboid.views.serving import Answer, PageHandler, PageServer, Refusal, listening_at, path_and_query
@@ -109,7 +109,9 @@ class Annotator:
 
     def _page(self) -> str:
         scripts = [own(name) for name in SHARED] + [_source(name) for name in SCRIPTS]
-        return assembled(_source("annotate.html"), own("page.css") + _source("annotate.css"), scripts, self._document())
+        return assembled(
+            _source("annotate.html"), style(own("page.css"), _source("annotate.css")), scripts, self._document()
+        )
 
     def _document(self) -> dict[str, Any]:
         K = self._recording.intrinsics

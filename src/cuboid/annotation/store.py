@@ -49,10 +49,8 @@ class KeyframesFile:
         self._lock = threading.Lock()
         self._content = self._on_disk()
         if self._content is None:
-            name = recording.path.name
-            self.document: dict[str, Any] = {
-                "format": FORMAT, "version": VERSION, "name": name, "objects": [], "frames": []
-            }  # fmt: skip
+            head = {"format": FORMAT, "version": VERSION, "name": recording.path.name}
+            self.document: dict[str, Any] = {**head, "objects": [], "frames": []}
         else:
             self.document = read_any(self.path)
             self._check(self.document)

@@ -14,8 +14,7 @@ from types import TracebackType
 from typing import Self
 
 from cuboid.cameras.driver import CAMERAS, Driver, Shot, StreamEndedError
-from cuboid.cameras.keeping import FORMS, keeping
-from cuboid.cameras.latest import POLL_S, LatestQueue
+from cuboid.cameras.latest import FORMS, POLL_S, LatestQueue, keeping
 from cuboid.core.errors import CuboidError, FrameError, InputError, OutputError
 from cuboid.core.frame import Frame, Intrinsics
 from cuboid.core.paths import PathLike, as_path

@@ -55,7 +55,7 @@ class Ros2:
         refuse_unknown(NAME, options, OPTIONS)
         for module in ("cyclonedds", "rosbags"):
             library(module, NAME, "ros2")
-        from cuboid.cameras.dds import Network
+        from cuboid.cameras.ros2_messages import Network
 
         domain = options.get("domain", os.environ.get("ROS_DOMAIN_ID", "0"))
         self._network = Network(whole_number(NAME, "domain", domain))

@@ -15,7 +15,7 @@ from io import TextIOWrapper
 from types import ModuleType
 
 from cuboid import __version__
-from cuboid.cli.optional_words import without_guessing
+from cuboid.cli.names import without_guessing
 from cuboid.cli.parser import MISTAKE, Parser, did_you_mean
 from cuboid.core.errors import CuboidError, one_line, printable
 
@@ -32,7 +32,7 @@ GROUPS = {
         "report": "write the 3D page of finished results (report.html)",
         "render": "draw the results of a run into its recording, as a video",
         "scene": "list, show and change what is in a scene file",
-        "export": "write the results of a run for other programs: PLY, COCO, KITTI, MCAP, JSON, CSV, rerun",
+        "export": "write the results of a run in the form of another program",
     },
     "judge": {
         "evaluate": "judge a result by the truth: boxes, labels over time",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from cuboid.cli.recording import add_reading, open_from
 from cuboid.cli.results import add_output
 from cuboid.cli.serving import add_page, serve
-from cuboid.cli.threads import positive
+from cuboid.cli.workers import positive
 
 if TYPE_CHECKING:
     from cuboid.readers import Recording

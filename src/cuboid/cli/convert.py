@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cuboid.cli.recording import add_reading, open_from
 from cuboid.cli.results import add_output, add_results, give
-from cuboid.cli.threads import positive
+from cuboid.cli.workers import positive
 
 EXAMPLE = "cuboid convert RECORDING --to mcap --output DIR"
 FORMS = ("plain", "tum", "mcap")

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from cuboid.cli.results import add_output, add_results, give
-from cuboid.cli.threads import add_threads, positive
+from cuboid.cli.workers import add_threads, positive
 from cuboid.core.threads import cores
 
 EXAMPLE = "cuboid demo"

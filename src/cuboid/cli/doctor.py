@@ -38,6 +38,7 @@ PACKAGES = (
     ("cyclonedds", "cyclonedds", "ros2"),
     ("onnxruntime", "onnxruntime", "onnx"),
     ("rerun-sdk", "rerun", "rerun"),
+    ("matplotlib", "matplotlib", "plot"),
     ("pyliblzfse", "liblzfse", "phone"),
     ("fsspec", "fsspec", "remote"),
     ("aiohttp", "aiohttp", "remote"),

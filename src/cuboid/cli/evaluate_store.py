@@ -12,10 +12,10 @@ if TYPE_CHECKING:
     from cuboid.store.judging import Judged
 
 # Figures of the tables, with the digits of each; --json has every figure.
-SHOWN = {
-    "recall_25": 3, "precision_25": 3, "recall_50": 3, "precision_50": 3, "mean_iou": 3, "hota": 3, "idf1_25": 3,
-    "idf1_50": 3, "reid": 3, "switches": 2, "fragments": 2, "merges": 2, "false_alarms": 2, "ms_frame": 1,
-}  # fmt: skip
+_FRACTIONS = ("recall_25", "precision_25", "recall_50", "precision_50", "mean_iou")
+_TRACKING = ("hota", "idf1_25", "idf1_50", "reid")
+_COUNTS = ("switches", "fragments", "merges", "false_alarms")
+SHOWN = {**dict.fromkeys(_FRACTIONS + _TRACKING, 3), **dict.fromkeys(_COUNTS, 2), "ms_frame": 1}
 
 # A comparison names this many of the scenes that lost most.
 NAMED = 10

@@ -39,10 +39,10 @@ def run(args: argparse.Namespace) -> int:
 
     limit_threads(1)
     from cuboid.evaluation.trajectory import evaluate_trajectory
-    from cuboid.evaluation.trajectory_plot import canvas_of, plot
+    from cuboid.evaluation.trajectory_plot import plot, refuse_other_forms
 
     if args.plot is not None:
-        canvas_of(args.plot)  # a name that cannot be is said before the work
+        refuse_other_forms(args.plot)
     found = evaluate_trajectory(args.estimate, args.truth, limit_s=args.within)
     if args.plot is not None:
         plot(found, args.plot)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from cuboid.cli.results import add_results, give
-from cuboid.cli.threads import positive
+from cuboid.cli.workers import positive
 from cuboid.store.filter_words import length, moment, place, sizes, thing
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cuboid.cli.optional_words import OPTIONAL
+from cuboid.cli.names import OPTIONAL
 
 if TYPE_CHECKING:
     from cuboid.core.frame import Frame, Intrinsics

@@ -1,6 +1,26 @@
-"""Names that options take, from the tables in which they are registered; imported when they are needed."""
+"""Words that options take: names from the tables in which they are registered, and words that may be left out."""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+# The value of each option where no word follows, and the test whether a word that follows belongs to it.
+OPTIONAL: dict[str, tuple[str, Callable[[str], bool]]] = {
+    "--json": ("-", lambda word: word == "-" or word.endswith(".json")),
+    "--register": ("on", lambda word: word in ("auto", "on", "off")),
+    "--rerun": ("viewer", lambda word: word.endswith(".rrd") or "://" in word),
+}
+
+
+def without_guessing(words: Sequence[str]) -> list[str]:
+    """Return a command line in which these options take no word that is not for them, a recording's name say."""
+    words = list(words)
+    for k, word in enumerate(words):
+        if word in OPTIONAL:
+            alone, fits = OPTIONAL[word]
+            if k + 1 == len(words) or not fits(words[k + 1]):
+                words[k] = f"{word}={alone}"
+    return words
 
 
 def format_names() -> list[str]:
@@ -33,16 +53,16 @@ def setting_names() -> list[str]:
     return [item.name for item in fields(TrackerConfig)]
 
 
-def export_names() -> list[str]:
-    """Return the names of the forms of results."""
+def export_names() -> dict[str, str]:
+    """Return the names of the forms of results, each with what it is for."""
     from cuboid.exports import EXPORTS
 
-    return EXPORTS.names()
+    return {name: form.purpose for name, form in EXPORTS.items()}
 
 
-def scene_export_names() -> list[str]:
-    """Return the forms in which results of a scene are written."""
-    return ["results", *export_names()]
+def scene_export_names() -> dict[str, str]:
+    """Return the forms in which results of a scene are written, each with what it is for."""
+    return {"results": "all commands that take results: a result folder", **export_names()}
 
 
 def camera_names() -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
 from cuboid.core.errors import one_line
@@ -43,7 +43,7 @@ class Parser(argparse.ArgumentParser):
         for action in self._actions:
             names = getattr(action, "names", None)
             if names is not None and action.help:
-                action.help = f"{action.help}: {', '.join(names())}"
+                action.help = f"{action.help}: {_listed(names())}"
                 del action.names  # type: ignore[attr-defined]
         return super().format_help()
 
@@ -77,6 +77,13 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     return f"; did you mean '{near[0]}'?" if near else ""
 
 
+def _listed(names: Iterable[str]) -> str:
+    """Return names, each with its meaning where there are meanings, as a help lists them."""
+    if isinstance(names, Mapping):
+        return "; ".join(f"{name}, for {meaning}" for name, meaning in names.items()).replace("%", "%%")
+    return ", ".join(names)
+
+
 def takes_names(action: argparse.Action, names: Callable[[], Iterable[str]], *, ending: str = "") -> None:
     """Let the shell complete the names that an option takes, and its help list them.
 
@@ -84,7 +91,8 @@ def takes_names(action: argparse.Action, names: Callable[[], Iterable[str]], *, 
     ----------
     action : argparse.Action
     names : callable
-        Gives the names; called only when they are needed, since that may import much.
+        Gives the names, or a mapping from them to their meanings; called only when they are needed, since that may
+        import much.
     ending : str
         What follows a name, as "=" for NAME=VALUE.
     """

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.names import detector_names, format_names, proposal_names, setting_names
 from cuboid.cli.parser import takes_names
-from cuboid.cli.threads import add_threads, positive
+from cuboid.cli.workers import add_threads, positive
 from cuboid.core.tolerances import DETECT_EVERY
 
 if TYPE_CHECKING:
@@ -107,6 +107,12 @@ def add_reading_options(
         "--depth-scale", type=depth_scale, metavar="UNITS", help="depth units a metre, instead of its own"
     )
     reading.add_argument(
+        "--pose-convention",
+        metavar="NAME[,NAME]",
+        help="what its poses are, where they are not as its layout says: inverse (world to camera), opengl (y up, z "
+        "backward), mm or cm, wxyz or xyzw (order of quaternions)",
+    )
+    reading.add_argument(
         "--topics", metavar="color=TOPIC,depth=TOPIC", help="topics of a ROS bag, where they are not found by name"
     )
     if thinned:
@@ -137,6 +143,7 @@ def reading_from(args: argparse.Namespace) -> dict[str, Any]:
         "intrinsics": args.intrinsics,
         "depth_scale": args.depth_scale,
         "register": args.register,
+        "pose_convention": args.pose_convention,
     }
 
 

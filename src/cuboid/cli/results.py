@@ -9,7 +9,7 @@ from glob import escape, glob
 from pathlib import Path
 from typing import Any
 
-from cuboid.cli.optional_words import OPTIONAL
+from cuboid.cli.names import OPTIONAL
 from cuboid.core.errors import OutputError
 
 PRINTED = OPTIONAL["--json"][0]

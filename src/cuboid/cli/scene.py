@@ -11,7 +11,7 @@ from cuboid.cli.names import scene_export_names
 from cuboid.cli.parser import takes_names
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.scene_documents import change_document, object_document
-from cuboid.cli.threads import positive
+from cuboid.cli.workers import positive
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     checking = verb("check", "check that the file is whole")
     checking.add_argument("--rescue", type=Path, metavar="NEW", help="write what can be read into a new scene file")
     exporting = verb("export", "write a recording's results for other programs, or as a result folder")
-    form = exporting.add_argument("--to", required=True, metavar="NAME", help="the form; 'results' is a result folder")
+    form = exporting.add_argument("--to", required=True, metavar="NAME", help="the form")
     takes_names(form, scene_export_names)
     add_output(exporting, type=Path, required=True, metavar="PATH", help="the file or the folder")
     exporting.add_argument("--recording", type=positive, metavar="N", help="of the scene (default: the last one)")

@@ -10,20 +10,15 @@ if TYPE_CHECKING:
 
 def object_document(item: SceneObject) -> dict[str, Any]:
     """Return an object: its box in the scene's world as in `objects.json`, and where it was seen first and last."""
-    from cuboid.outputs.text import DIRECTION, LENGTH, rounded, rounded_list
+    from cuboid.outputs.objects import object_to_json
 
     return {
-        "label": item.label,
+        **object_to_json(item),
         "name": item.name,
         "state": item.state,
         "merged_into": item.merged_into,
-        "center": rounded_list(item.box.center, LENGTH),
-        "size": rounded_list(item.box.size, LENGTH),
-        "rotation": [rounded_list(row, DIRECTION) for row in item.box.rotation],
-        "score": rounded(item.score, LENGTH),
         "first_seen": dict(zip(("recording", "frame"), item.first_seen, strict=True)),
         "last_seen": dict(zip(("recording", "frame"), item.last_seen, strict=True)),
-        "frames_seen": item.frames_seen,
     }
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from cuboid.cli.recording import add_reading, open_from
 from cuboid.cli.results import add_output, add_results, give
-from cuboid.cli.threads import add_threads
+from cuboid.cli.workers import add_threads
 from cuboid.core.threads import cores
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from cuboid.cli.results import add_results, give
-from cuboid.cli.threads import positive
+from cuboid.cli.workers import positive
 from cuboid.core.threads import cores
 
 EXAMPLE = 'cuboid sql STORE "select count(*) from objects"'

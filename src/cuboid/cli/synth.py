@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.results import add_output, add_results, give
-from cuboid.cli.threads import positive
+from cuboid.cli.workers import positive
 from cuboid.core.threads import cores, limit_threads
 
 if TYPE_CHECKING:

@@ -4,19 +4,107 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cuboid.cli.camera import add_camera, source_of
 from cuboid.cli.live import add_live, watching
-from cuboid.cli.recording import add_recording, megabytes, tracking_from
+from cuboid.cli.names import camera_names
+from cuboid.cli.parser import takes_names
+from cuboid.cli.recording import add_recording, megabytes, open_from, seconds, tracking_from
 from cuboid.cli.results import add_output, add_results, give
-from cuboid.cli.scene_options import add_scene, scene_from
+from cuboid.core.errors import InputError
 from cuboid.core.limits import MEMORY_MB
 from cuboid.core.threads import cores
 
 if TYPE_CHECKING:
+    from cuboid.cameras import LiveCamera
+    from cuboid.cli.interrupt import Interruption
+    from cuboid.readers import Recording
+    from cuboid.scene.running import IntoScene
     from cuboid.tracking.types import RunOutcome
+
+# The options that say how a recording is read, with their defaults.
+OF_RECORDINGS = {
+    "format": None,
+    "intrinsics": None,
+    "depth_scale": None,
+    "pose_convention": None,
+    "topics": None,
+    "register": "auto",
+}
+
+
+def add_camera(parser: argparse.ArgumentParser) -> None:
+    """Add `--camera`, `--record` and `--record-as`."""
+    camera = parser.add_argument_group("live camera, instead of RECORDING; Ctrl-C ends it")
+    live = camera.add_argument("--camera", metavar="NAME[:OPTION=VALUE,...]", help="one of")
+    takes_names(live, camera_names)
+    camera.add_argument("--record", type=Path, metavar="DIR", help="also keep its frames, as a recording")
+    camera.add_argument(
+        "--record-as", choices=("plain", "mcap"), default="plain", help="what they are kept as (default: plain)"
+    )
+
+
+@contextmanager
+def source_of(args: argparse.Namespace, interruption: Interruption) -> Iterator[Recording | LiveCamera]:
+    """Open the recording or the camera that the arguments name; a signal ends the camera.
+
+    Raises
+    ------
+    InputError
+        The arguments name neither, or both, or what the other one has.
+    """
+    if args.camera is None:
+        if args.recording is None:
+            raise InputError("name a RECORDING, or a live camera with --camera")
+        if args.record is not None:
+            raise InputError("--record keeps the frames of --camera; a recording is written anew by 'cuboid convert'")
+        yield open_from(args)
+        return
+    if args.recording is not None:
+        raise InputError(f"a run has one source: the recording {args.recording}, or --camera {args.camera}")
+    for name, default in OF_RECORDINGS.items():
+        if getattr(args, name) != default:
+            raise InputError(f"--{name.replace('_', '-')} is for recordings; a camera knows that itself")
+    from cuboid.cameras import open_camera
+
+    with open_camera(args.camera, record=args.record, form=args.record_as) as camera:
+        interruption.tell = camera.close
+        yield camera
+
+
+def add_scene(parser: argparse.ArgumentParser) -> None:
+    """Add the scene and how the recording goes into it."""
+    scene = parser.add_argument_group("scene")
+    scene.add_argument("--scene", type=Path, metavar="FILE", help="scene that the recording goes into (NAME.cuboid)")
+    scene.add_argument("--same-world", action="store_true", help="the recording's poses are in the scene's world")
+    scene.add_argument("--resume", action="store_true", help="go on with the run that was broken off in the scene")
+    scene.add_argument(
+        "--commit-every", type=seconds, metavar="SECONDS", help="how often what is new is saved (default: 1)"
+    )
+
+
+def scene_from(args: argparse.Namespace) -> IntoScene | None:
+    """Return the scene that the arguments name, or None."""
+    if args.scene is None:
+        for name in ("same_world", "resume", "commit_every"):
+            if getattr(args, name):
+                raise InputError(f"--{name.replace('_', '-')} needs --scene")
+        return None
+    if args.resume and args.video:
+        raise InputError("--video cannot go on with --resume; 'cuboid render' draws it from the results afterwards")
+    if args.resume and args.camera is not None:
+        raise InputError("--resume needs a recording: what a live camera saw is gone")
+    if args.bridge:
+        raise InputError("--bridge does not go with --scene")
+    from cuboid.scene.running import IntoScene
+    from cuboid.scene.session import COMMIT_EVERY_S
+
+    every_s = COMMIT_EVERY_S if args.commit_every is None else args.commit_every
+    return IntoScene(args.scene, same_world=args.same_world, resume=args.resume, commit_every_s=every_s)
+
 
 EXAMPLE = "cuboid track RECORDING --output DIR"
 
@@ -29,11 +117,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     results.add_argument("--video", action="store_true", help="also write labelled.mp4")
     add_live(results)
     add_scene(parser)
-    results.add_argument(
-        "--memory", type=megabytes, default=MEMORY_MB, metavar="MB",
-        help="beyond this much, parts of the map that are out of view are put aside, in the scene or a temporary file "
-        f"(default: {MEMORY_MB:g})",
-    )  # fmt: skip
+    memory = "beyond this much, parts of the map that are out of view are put aside, in the scene or a temporary file"
+    memory += f" (default: {MEMORY_MB:g})"
+    results.add_argument("--memory", type=megabytes, default=MEMORY_MB, metavar="MB", help=memory)
     add_camera(parser)
     add_recording(parser, default_threads=min(2, cores()), required=False)
 

@@ -34,14 +34,12 @@ def downscale(frame: Frame, factor: int) -> Frame:
         return frame
     import cv2
 
-    from cuboid.core.kernels.blocks import halve_depth
+    from cuboid.core.depth import halved
 
     height, width = frame.depth_m.shape[0] // factor, frame.depth_m.shape[1] // factor
     color = frame.color[: height * factor, : width * factor]
     depth_m = frame.depth_m[: height * factor, : width * factor]
     small = cv2.resize(color, (width, height), interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
     for _ in range(factor.bit_length() - 1):
-        halved_m = np.empty((depth_m.shape[0] // 2, depth_m.shape[1] // 2), np.float32)
-        halve_depth(depth_m, SAME_SURFACE, halved_m)
-        depth_m = halved_m
+        depth_m = halved(depth_m)
     return Frame(frame.index, frame.timestamp_s, small, depth_m, frame.T_world_camera, frame.up_camera)

@@ -43,6 +43,11 @@ class Intrinsics:
         if self.width < 1 or self.height < 1:
             raise ValueError(f"intrinsics need a positive image size, got {self.width} x {self.height}")
 
+    @property
+    def pinhole(self) -> Float64Array:
+        """The focal lengths fx, fy and the principal point cx, cy, (4,)."""
+        return np.array([self.fx, self.fy, self.cx, self.cy])
+
     def downscaled(self, factor: int) -> Intrinsics:
         """Return the pinhole of the image whose pixels are blocks of `factor` x `factor` pixels of this one."""
         shift = (factor - 1) / 2.0

@@ -10,8 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.core.records import LEVEL, PIXEL, column
+from cuboid.core.values import Count, Fraction, FrameNumber, Label, LabelOrNone, Level, Pixel
 from cuboid.geometry.box import Box
 
+# The rectangle of a record in its frame's image.
+RECTANGLE = column("rectangle in the color image", kind=Pixel, digits=PIXEL, parts=("x0", "y0", "x1", "y1"))
 # Names that results tell beside the first.
 NEXT_NAMES = 3
 
@@ -32,10 +36,10 @@ class Proposal3D:
         Rectangle in the frame's image, pixels, end exclusive.
     """
 
-    label: int
+    label: LabelOrNone = field(metadata=column("of the object; 0: none"))
     box: Box
-    score: float
-    rect_xyxy: Float64Array
+    score: Fraction = field(metadata=column("mean heat of the points, 0 to 1"))
+    rect_xyxy: Float64Array = field(metadata=RECTANGLE)
 
     def __repr__(self) -> str:
         return (
@@ -60,11 +64,11 @@ class Sighting:
         Rectangle in the frame's image, pixels, end exclusive, clipped to the image.
     """
 
-    label: int
+    label: Label = field(metadata=column("of the object, 1 or more"))
     box: Box
-    iou: float | None
-    visible: float
-    rect_xyxy: Float64Array
+    iou: Fraction | None = field(metadata=column("of the frame's own proposal with the object's box; null without one"))
+    visible: Fraction = field(metadata=column("fraction of the object that is seen, 0 to 1"))
+    rect_xyxy: Float64Array = field(metadata=RECTANGLE)
 
     def __repr__(self) -> str:
         return f"Sighting({tag_of(self.label)}: {self.box.text()}; {self.visible:.0%} visible)"
@@ -150,18 +154,31 @@ class TrackedObject:
         "volume"; of things that depth does not read, "flat" on a plane, or else "box".
     """
 
-    label: int
+    label: Label = field(metadata=column("of the object, 1 or more"))
     box: Box
-    score: float
-    heat: float
-    first_frame: int
-    last_frame: int
-    frames_seen: int
-    points: int
-    mean_color: Float64Array
-    plane: int | None
-    merged_labels: tuple[int, ...] = ()
-    name: str | None = None
+    score: Fraction = field(metadata=column("confidence that it is an object, 0 to 1"))
+    heat: Fraction = field(metadata=column("mean heat of its points, 0 to 1"))
+    first_frame: FrameNumber = field(metadata=column("first frame that saw it, from 0"))
+    last_frame: FrameNumber = field(metadata=column("last frame that saw it, from 0"))
+    frames_seen: Count = field(metadata=column("frames that saw it"))
+    points: Count = field(metadata=column("points of the map that belong to it"))
+    mean_color: Float64Array = field(
+        metadata=column(
+            "mean color of its points: red, green, blue, 0 to 255",
+            kind=Level,
+            digits=LEVEL,
+            parts=("red", "green", "blue"),
+            stored=False,
+        )
+    )
+    plane: Count | None = field(metadata=column("index into planes: what it stands on", stored=False))
+    merged_labels: tuple[Label, ...] = field(
+        default=(), metadata=column("younger labels that turned out to be this object")
+    )
+    name: str | None = field(
+        default=None,
+        metadata=column("a user's name, else its class by a detector; left out where there is none", stored=False),
+    )
     name_score: float | None = None
     names: tuple[tuple[str, float], ...] = ()
     kind: str = "volume"

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from cuboid.core.depth import DepthImage, without_mixed
 from cuboid.core.frame import Float32Array, Frame, Intrinsics, UInt8Array
 from cuboid.core.kernels.blocks import take_one
 from cuboid.core.kernels.holes import fill_depth
-from cuboid.core.kernels.pixels import drop_mixed
-from cuboid.core.sensor import MIXED_PER_M
 
 # Offsets of the thinned grid: over four frames every pixel of a grid of step 2 is used.
 _PHASES = ((0, 0), (1, 1), (1, 0), (0, 1))
@@ -33,6 +32,8 @@ class WorkingImage:
     step : int
     phase : (int, int)
         x and y: pixel (v, u) here is pixel (y + step v, x + step u) of the frame.
+    depth : DepthImage
+        The depth with what several stages read of it.
     """
 
     depth_m: Float32Array
@@ -40,6 +41,10 @@ class WorkingImage:
     camera: Intrinsics
     step: int
     phase: tuple[int, int]
+    depth: DepthImage = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "depth", DepthImage(self.depth_m, self.camera))
 
 
 def thin(frame: Frame, intrinsics: Intrinsics, width_px: int, count: int) -> WorkingImage:
@@ -47,9 +52,7 @@ def thin(frame: Frame, intrinsics: Intrinsics, width_px: int, count: int) -> Wor
     step = max(1, max(intrinsics.width, intrinsics.height) // width_px)
     x, y = (p * step // 2 for p in _PHASES[count % len(_PHASES)])
     rows, columns = intrinsics.height // step, intrinsics.width // step
-    raw = np.ascontiguousarray(frame.depth_m[y::step, x::step][:rows, :columns])
-    depth = np.empty_like(raw)
-    drop_mixed(raw, MIXED_PER_M, depth)
+    depth = without_mixed(np.ascontiguousarray(frame.depth_m[y::step, x::step][:rows, :columns]))
     color = np.empty((rows, columns, 3), np.uint8)
     take_one(np.ascontiguousarray(frame.color), step, x, y, color)
     return WorkingImage(

@@ -227,10 +227,8 @@ def outcomes_of(objects: Sequence[DrawnObject], frames: Sequence[JudgedFrame]) -
     stages = frames[0].stages
     outcomes = []
     for item in objects:
-        places = [
-            (frame, i) for frame in frames for i, one in enumerate(frame.keyframe.drawn)
-            if one.id == item.id and frame.at[0].counts[i]
-        ]  # fmt: skip
+        drawn = [(frame, i, one.id) for frame in frames for i, one in enumerate(frame.keyframe.drawn)]
+        places = [(frame, i) for frame, i, identity in drawn if identity == item.id and frame.at[0].counts[i]]
         if places:
             had = {short: sum(int(frame.stages[short][i]) for frame, i in places) for short in stages}
             shown = tuple(dict.fromkeys(labels[item.id]))

@@ -108,4 +108,6 @@ def _annotation(run: Results, number: int, row: TrackRow, categories: Mapping[st
     }
 
 
-EXPORTS.register("coco")(Export(".json", write))
+EXPORTS.register("coco")(
+    Export(".json", "detection and tracking tools: rectangles in the images, with track ids", write)
+)

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from cuboid.core.records import columns_of, names_in
 from cuboid.core.results import TrackedObject
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.outputs import Results
 from cuboid.outputs.text import DIRECTION, LENGTH, number, numbers
 
-HEADER = (
-    "label,length_cm,width_cm,height_cm,x_m,y_m,z_m,qw,qx,qy,qz,score,heat,"
-    "first_frame,last_frame,frames_seen,points,red,green,blue,plane,merged_labels,name"
-)
+_LABEL, *_OTHERS = columns_of(TrackedObject)
+_BOX = ("length_cm", "width_cm", "height_cm", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
+HEADER = ",".join(("label", *_BOX, *names_in(_OTHERS)))
 CLASS_HEADER = "name_score,names"
-# Digits after the point of sizes in centimetres (a hundredth of a millimetre) and of mean colors.
+# Digits after the point of sizes in centimetres: a hundredth of a millimetre.
 CENTIMETRE = 3
-COLOR = 1
 
 
 def write(run: Results, path: Path) -> list[str]:
@@ -38,20 +37,12 @@ def quoted(text: str) -> str:
 
 
 def _line(item: TrackedObject) -> str:
-    cells = (
-        str(item.label),
+    box = (
         numbers(100.0 * item.box.size, CENTIMETRE),
         numbers(item.box.center, LENGTH),
         numbers(quat_wxyz_from_rotation(item.box.rotation), DIRECTION),
-        number(item.score, LENGTH),
-        number(item.heat, LENGTH),
-        f"{item.first_frame},{item.last_frame},{item.frames_seen},{item.points}",
-        numbers(item.mean_color, COLOR),
-        "" if item.plane is None else str(item.plane),
-        " ".join(map(str, item.merged_labels)),
-        quoted(item.name or ""),
     )
-    return ",".join(cells)
+    return ",".join((str(item.label), *box, *(quoted(cell) for one in _OTHERS for cell in one.cells(item))))
 
 
 def _classes(item: TrackedObject) -> str:
@@ -60,4 +51,4 @@ def _classes(item: TrackedObject) -> str:
     return f"{score},{quoted(next_names)}"
 
 
-EXPORTS.register("csv")(Export(".csv", write))
+EXPORTS.register("csv")(Export(".csv", "a spreadsheet: a row an object", write))

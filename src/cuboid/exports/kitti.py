@@ -21,7 +21,6 @@ from pathlib import Path
 
 import numpy as np
 
-from cuboid.core.errors import InputError
 from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.geometry.box import Box
@@ -126,46 +125,6 @@ def in_camera(box: Box, T_world_camera: Float64Array) -> Box:
     return box.moved(inverse(T_world_camera))
 
 
-def read_kitti(path: Path) -> list[KittiRow]:
-    """Read what `cuboid export --to kitti` wrote.
-
-    Raises
-    ------
-    InputError
-        The file is missing or a line of it is malformed; the message names file and line.
-    """
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    rows = []
-    for at, line in enumerate(lines, 1):
-        try:
-            rows.append(_parsed(line.split()))
-        except ValueError as error:
-            raise InputError(f"{path}:{at}: {error}") from error
-    return rows
-
-
-def _parsed(words: list[str]) -> KittiRow:
-    if len(words) != COLUMNS:
-        raise ValueError(f"expected {COLUMNS} values, got {len(words)}")
-    alpha_rad, *values = map(float, words[5:])
-    left, top, right, bottom, height, width, length, x, y, z, rotation_y_rad, score = values
-    return KittiRow(
-        frame=int(words[0]),
-        label=int(words[1]),
-        truncated=int(words[3]),
-        occluded=int(words[4]),
-        alpha_rad=alpha_rad,
-        rect_xyxy=np.array([left, top, right, bottom]),
-        size_lwh=np.array([length, width, height]),
-        foot=np.array([x, y, z]),
-        rotation_y_rad=rotation_y_rad,
-        score=score,
-    )
-
-
 def _upright_turn(up: Float64Array) -> Float64Array:
     """Return the smallest rotation (3, 3) that takes a direction to `UPRIGHT` (none for the opposite one)."""
     x, y, z = np.cross(up, UPRIGHT)
@@ -208,4 +167,4 @@ def _losses(run: Results, rows: list[KittiRow]) -> list[str]:
     ]
 
 
-EXPORTS.register("kitti")(Export(".txt", write))
+EXPORTS.register("kitti")(Export(".txt", "3D tracking tools and evaluators (AB3DMOT, TrackEval)", write))

@@ -227,4 +227,8 @@ def _cloud(bag: RosBag, points: MapPoints, time_ns: int) -> Any:
     )
 
 
-EXPORTS.register("mcap")(Export(".mcap", write))
+EXPORTS.register("mcap")(
+    Export(
+        ".mcap", "Foxglove, RViz, `ros2 bag play`: one bag with images, `tf`, markers, detections", write, extra="ros"
+    )
+)

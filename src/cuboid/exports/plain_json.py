@@ -14,6 +14,7 @@ import numpy as np
 
 from cuboid.core.frame import Float64Array
 from cuboid.core.palette import hex_of
+from cuboid.core.records import columns_of, plain_fields
 from cuboid.core.results import SupportPlane, TrackedObject
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
@@ -63,6 +64,7 @@ def _object(item: TrackedObject, time_s: dict[int, float]) -> dict[str, Any]:
         "first_seen_s": first_s,
         "last_seen_s": last_s,
         "frames_seen": item.frames_seen,
+        **plain_fields(item, (one for one in columns_of(TrackedObject) if one.optional)),
         **name_to_json(item),
         "mean_color_rgb": rounded_list(item.mean_color, 1),
         "merged_labels": list(item.merged_labels),
@@ -98,4 +100,4 @@ def _feature(name: str, ring: Float64Array, properties: dict[str, Any]) -> dict[
     }
 
 
-EXPORTS.register("json")(Export(".json", write))
+EXPORTS.register("json")(Export(".json", "everything else: footprints and sizes in centimetres", write))

@@ -72,4 +72,11 @@ def boxes_ply(objects: tuple[TrackedObject, ...]) -> bytes:
     return ("\n".join(header) + "\n").encode("ascii") + corners.tobytes() + faces.tobytes() + edges.tobytes()
 
 
-EXPORTS.register("ply")(Export("", write, r"object_\d{3,}\.ply|boxes\.ply"))
+EXPORTS.register("ply")(
+    Export(
+        "",
+        "MeshLab, CloudCompare, Blender: the points of each object apart, all boxes as a mesh",
+        write,
+        r"object_\d{3,}\.ply|boxes\.ply",
+    )
+)

@@ -71,4 +71,4 @@ def _picture(run: Results, frame: int) -> bytes | None:
         return None
 
 
-EXPORTS.register("rerun")(Export(".rrd", write))
+EXPORTS.register("rerun")(Export(".rrd", "the rerun viewer", write, extra="rerun"))

@@ -7,8 +7,8 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
+from cuboid.core.values import Direction, Entry, FocalLength, ImageSide, Pixel, refuse_no_unit
 from cuboid.formats.table_validation import Row
-from cuboid.formats.values import Direction, Entry, FocalLength, ImageSide, Pixel, refuse_no_unit
 from cuboid.geometry.se3 import rigid
 
 # How many coefficients there may be: none, or k1, k2, p1, p2, then k3, then k4, k5, k6.

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from cuboid.formats.values import Entry, Fraction, FrameNumber, Label, Name, Pixel, refuse_twice
+from cuboid.core.values import Entry, Fraction, FrameNumber, Label, Name, Pixel, refuse_twice
 
 FORMAT: Literal["cuboid-keyframes"] = "cuboid-keyframes"
 VERSION: Literal[1] = 1

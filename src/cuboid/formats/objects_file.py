@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
 
-from msgspec import Meta
+import msgspec
+from msgspec import UNSET, Meta, UnsetType
 
-from cuboid.formats.values import (
-    Count,
+from cuboid.core.records import columns_of
+from cuboid.core.results import TrackedObject
+from cuboid.core.values import (
     Direction,
     Entry,
     FocalLength,
     Fraction,
-    FrameNumber,
     ImageSide,
-    Label,
-    Level,
     Metres,
     Pixel,
     Point,
@@ -52,34 +52,38 @@ class PlaneEntry(Entry, frozen=True):
         refuse_no_unit("normal", self.normal)
 
 
-class ObjectEntry(Entry, frozen=True):
-    """An object of the map."""
+_Score: Any = Fraction | UnsetType
+_Names: Any = list[tuple[str, Fraction]] | UnsetType
+_Kind: Any = Literal["volume", "flat", "box", "support"] | UnsetType
 
-    label: Label
-    center: Annotated[Point, Meta(description="of its box in the world, metres")]
-    size: Annotated[Sides, Meta(description="length, width, height along the box's axes, metres")]
-    rotation: Annotated[Rotation, Meta(description="rows of a matrix whose columns are the box's axes in the world")]
-    score: Annotated[Fraction, Meta(description="confidence that it is an object")]
-    heat: Annotated[Fraction, Meta(description="mean heat of its points")]
-    first_frame: FrameNumber
-    last_frame: FrameNumber
-    frames_seen: Count
-    points: Annotated[Count, Meta(description="voxels of the map that belong to it")]
-    mean_color: Annotated[tuple[Level, Level, Level], Meta(description="red, green, blue, 0 to 255")]
-    plane: Annotated[Count | None, Meta(description="index into planes: what it stands on")]
-    merged_labels: Annotated[list[Label], Meta(description="younger labels that turned out to be this object")]
-    name: Annotated[str, Meta(description="a user's, else its class by a detector; absent where it has none")] = ""
-    name_score: Annotated[Fraction | None, Meta(description="probability of the class; absent with a user's name")] = (
-        None
+
+def _fields() -> Iterator[tuple[str, Any] | tuple[str, Any, UnsetType]]:
+    """Iterate over the fields of an object: those of `TrackedObject`, and those of its box after the label."""
+    label, *others = (
+        (one.name, Annotated[one.plain_kind, Meta(description=one.what)], one) for one in columns_of(TrackedObject)
     )
-    names: Annotated[
-        list[tuple[str, Fraction]], Meta(description="the next likely classes, at most 3, with their probabilities")
-    ] = []  # noqa: RUF012  # msgspec copies it
+    yield label[:2]
+    yield "center", Annotated[Point, Meta(description="of its box in the world, metres")]
+    yield "size", Annotated[Sides, Meta(description="length, width, height along the box's axes, metres")]
+    yield (
+        "rotation",
+        Annotated[Rotation, Meta(description="rows of a matrix whose columns are the box's axes in the world")],
+    )
+    for name, kind, one in others:
+        yield (name, kind | UnsetType, UNSET) if one.optional else (name, kind)
+    for name, kind, what in (
+        ("name_score", _Score, "probability of its class; absent with a user's name"),
+        ("names", _Names, "the next likely classes, at most 3, with their probabilities"),
+        ("kind", _Kind, "of what depth does not read, flat on a plane or a box; absent for volumes"),
+    ):
+        yield name, Annotated[kind, Meta(description=what)], UNSET
 
-    kind: Annotated[
-        Literal["volume", "flat", "box", "support"],
-        Meta(description="of what depth does not read, flat on a plane or a box; absent for volumes"),
-    ] = "volume"
+
+_Fields: Any = msgspec.defstruct("_Fields", _fields(), bases=(Entry,), frozen=True)
+
+
+class ObjectEntry(_Fields, frozen=True):  # type: ignore[misc, call-arg]
+    """An object of the map."""
 
     def __post_init__(self) -> None:
         refuse_no_rotation(self.rotation)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from cuboid.formats.table_validation import Row
-from cuboid.formats.values import (
+from typing import Any, get_type_hints
+
+import msgspec
+
+from cuboid.core.records import columns_of
+from cuboid.core.results import Proposal3D, Sighting
+from cuboid.core.values import (
     Count,
-    Fraction,
     FrameNumber,
     Label,
     LabelOrNone,
@@ -16,6 +20,7 @@ from cuboid.formats.values import (
     Side,
     refuse_no_quaternion,
 )
+from cuboid.formats.table_validation import Row
 
 
 class BoxEntry(Row, frozen=True):
@@ -61,59 +66,32 @@ class OwnRectEntry(RectEntry, frozen=True):
     label: LabelOrNone
 
 
-class TrackEntry(Row, frozen=True):
+def _line_of(record: type) -> Any:
+    """Return the kind of a line with a frame and a record that was seen in it: its label, its box, then the rest."""
+    label, *others = ((name, one.kind) for one in columns_of(record) for name in one.names)
+    box = [(name, kind) for name, kind in get_type_hints(BoxEntry, include_extras=True).items() if name not in _SEEN_IN]
+    return msgspec.defstruct(
+        "_Line", [("frame", FrameNumber), ("timestamp", Seconds), label, *box, *others], bases=(Row,), frozen=True
+    )
+
+
+_SEEN_IN = ("frame", "label")
+_Track: Any = _line_of(Sighting)
+_Proposal: Any = _line_of(Proposal3D)
+
+
+class TrackEntry(_Track, frozen=True):  # type: ignore[misc, call-arg]
     """A confirmed object seen in a frame: `tracks.csv`."""
 
-    frame: FrameNumber
-    timestamp: Seconds
-    label: Label
-    cx: Metres
-    cy: Metres
-    cz: Metres
-    length: Side
-    width: Side
-    height: Side
-    qw: QuaternionPart
-    qx: QuaternionPart
-    qy: QuaternionPart
-    qz: QuaternionPart
-    iou: Fraction | None
-    visible: Fraction
-    x0: Pixel
-    y0: Pixel
-    x1: Pixel
-    y1: Pixel
-
     def __post_init__(self) -> None:
-        refuse_no_quaternion(self.qw, self.qx, self.qy, self.qz)
-        _refuse_inverted(self.x0, self.y0, self.x1, self.y1)
+        _refuse_line(self)
 
 
-class ProposalEntry(Row, frozen=True):
+class ProposalEntry(_Proposal, frozen=True):  # type: ignore[misc, call-arg]
     """A 3D proposal of a frame, as that frame alone gave it: `proposals.csv`."""
 
-    frame: FrameNumber
-    timestamp: Seconds
-    label: LabelOrNone
-    cx: Metres
-    cy: Metres
-    cz: Metres
-    length: Side
-    width: Side
-    height: Side
-    qw: QuaternionPart
-    qx: QuaternionPart
-    qy: QuaternionPart
-    qz: QuaternionPart
-    score: Fraction
-    x0: Pixel
-    y0: Pixel
-    x1: Pixel
-    y1: Pixel
-
     def __post_init__(self) -> None:
-        refuse_no_quaternion(self.qw, self.qx, self.qy, self.qz)
-        _refuse_inverted(self.x0, self.y0, self.x1, self.y1)
+        _refuse_line(self)
 
 
 class ProposalLabel(Row, frozen=True):
@@ -154,6 +132,7 @@ class LabelEntry(Row, frozen=True):
     number: Count
 
 
-def _refuse_inverted(x0: float, y0: float, x1: float, y1: float) -> None:
-    if x1 < x0 or y1 < y0:
-        raise ValueError(f"the rectangle ends before it begins: {x0:g}, {y0:g} to {x1:g}, {y1:g}")
+def _refuse_line(line: Any) -> None:
+    refuse_no_quaternion(line.qw, line.qx, line.qy, line.qz)
+    if line.x1 < line.x0 or line.y1 < line.y0:
+        raise ValueError(f"the rectangle ends before it begins: {line.x0:g}, {line.y0:g} to {line.x1:g}, {line.y1:g}")

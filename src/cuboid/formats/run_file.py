@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+from cuboid.core.values import LAST_FRAME, Amount, Entry, FrameNumber, Name, Text, refuse_twice
 from cuboid.formats.camera_file import (
     DepthCameraEntry,
     DepthUnits,
@@ -14,7 +15,6 @@ from cuboid.formats.camera_file import (
     refuse_half_a_camera,
     refuse_no_lens,
 )
-from cuboid.formats.values import LAST_FRAME, Amount, Entry, FrameNumber, Name, Text, refuse_twice
 
 Whole = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
 Setting = bool | Whole | float | Text | None

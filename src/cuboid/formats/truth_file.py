@@ -7,8 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import Meta
 
-from cuboid.formats.run_file import MAX_FRAMES
-from cuboid.formats.values import (
+from cuboid.core.values import (
     Count,
     Entry,
     Fraction,
@@ -20,6 +19,7 @@ from cuboid.formats.values import (
     refuse_no_rotation,
     refuse_twice,
 )
+from cuboid.formats.run_file import MAX_FRAMES
 from cuboid.geometry.se3 import FARTHEST_M
 
 # Frames times objects: what is visible is held as a table of both.

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from cuboid.formats.values import Count, Entry, Label, Name, Point, Side, refuse_twice
+from cuboid.core.values import Count, Entry, Label, Name, Point, Side, refuse_twice
 
 
 class ChangeOfThing(Entry, frozen=True):

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.core.frame import Float32Array
+from cuboid.core.state import Record
 from cuboid.core.tolerances import DRIFT_M
 from cuboid.heatmap.kernels import levels as kernel
-from cuboid.heatmap.kernels import lookup
 from cuboid.heatmap.kernels.cubes import BLOCK_BITS, CUBE_BITS
 from cuboid.heatmap.stored_points import Rows, StoredPoints, rows_of_a_cube, words_of
 
 # A camera that has gone this far, metres, has left what it saw behind: an arm's length.
 LEFT_BEHIND_M = 1.2
-# Moments (see `StoredPoints`) after which what is out of view is kept in cells: the camera has gone by an arm's length,
+# Moments (see `LevelsState`) after which what is out of view is kept in cells: the camera has gone by an arm's length,
 # or turned by 46 degrees. Hands that shake, or look aside and back, part none.
 MAX_UNVIEWED_MOMENTS = round(LEFT_BEHIND_M / DRIFT_M)
 # Rows that are thinned in a frame, up to the next whole cube; more where the backlog would not be done within as many
@@ -24,70 +24,131 @@ MAX_UNVIEWED_MOMENTS = round(LEFT_BEHIND_M / DRIFT_M)
 THINNED_ROWS_PER_FRAME = 1024
 
 
-class LevelledPoints(StoredPoints):
-    """Points of which those without an owner share rows, cell by cell, in cubes that were out of view for a while.
+@dataclass(frozen=True, slots=True)
+class LevelsState(Record):
+    """State of `Levels`.
+
+    Attributes
+    ----------
+    first_frame : int or None
+        Of this visit.
+    moments : int
+        Moments at which the camera had moved since the one before.
+    parted : (N, 2) int64
+        Cubes of which each voxel has a row of its own since it was accessed, and that moment; those out of view for
+        longest first.
+    """
+
+    first_frame: int | None
+    moments: int
+    parted: npt.NDArray[np.int64]
+
+
+class Levels:
+    """Levels of detail: points without an owner share rows, cell by cell, in cubes that were out of view for a while.
 
     Which voxels hold a point, whether more than one frame saw it, and whether it is hot, is known of each voxel still;
     place (of each layer of the cell), color and numbers of frames are means. Voxels have rows of their own again as
     soon as their cube is accessed. All of that follows from the frames alone, not from what is in memory.
+
+    Parameters
+    ----------
+    stored : StoredPoints
+
+    Attributes
+    ----------
+    first_frame, moments, parted
+        As of `LevelsState`.
     """
 
-    def __init__(self, voxel_m: float, memory_mb: float) -> None:
-        super().__init__(voxel_m, memory_mb)
-        # First frame of this visit.
-        self._first_frame: int | None = None
+    NOT_SAVED = frozenset({"_stored"})
 
-    def begin_visit(self, most_hits: int) -> None:
-        """Let what was seen so far count as no more than this many sightings; see `StoredPoints.begin_visit`."""
-        self._first_frame = None
-        self._parted = self._parted[:0]
-        super().begin_visit(most_hits)
+    def __init__(self, stored: StoredPoints) -> None:
+        self._stored = stored
+        self.first_frame: int | None = None
+        self.moments, self.parted = 0, np.zeros((0, 2), np.int64)
+
+    def state(self) -> LevelsState:
+        """Return the state of now; nothing in it changes any more."""
+        return LevelsState(self.first_frame, self.moments, self.parted.copy())
+
+    @classmethod
+    def from_state(cls, state: LevelsState, stored: StoredPoints) -> Levels:
+        """Return levels that go on from a state."""
+        levels = cls(stored)
+        levels.first_frame, levels.moments, levels.parted = state.first_frame, state.moments, state.parted
+        return levels
+
+    def begin_visit(self) -> None:
+        """Note that a visit begins: none of its frames was seen yet."""
+        self.first_frame = None
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget which cubes were accessed: the map begins anew."""
+        self.parted = self.parted[:0]
+
+    def note_frame(self, frame: int) -> None:
+        """Note that a frame is seen: the first is that of the visit."""
+        if self.first_frame is None:
+            self.first_frame = frame
+
+    def load(self, cubes: Rows) -> None:
+        """Load cubes (N,), with a row of its own for each voxel, and an index of these."""
+        stored = self._stored
+        if stored.cubes.bits[cubes].all():
+            return
+        bare = np.unique(cubes[stored.cubes.bits[cubes] == 0])
+        stored.load(bare)
+        begun, parted = stored.blocks, np.empty(len(bare), bool)
+        words = words_of(stored.memory.rows)
+        kernel.split_cells(bare, stored.cubes, words, stored.points, *rows_of_a_cube(), parted)
+        stored.note_new_blocks(begun)
+        stored.unindexed[bare] = False
+        self.mark_viewed(bare[parted])
+
+    def mark_viewed(self, cubes: Rows) -> None:
+        """Note that cubes (N,), each named once, are accessed now."""
+        stored = self._stored
+        cubes = cubes[~stored.is_fine(cubes)]
+        stored.marks[cubes] = True
+        others = self.parted[~stored.marks[self.parted[:, 0]]]
+        stored.marks[cubes] = False
+        now = np.empty((len(cubes), 2), np.int64)
+        now[:, 0], now[:, 1] = cubes, self.moments
+        self.parted = np.concatenate([others, now])
 
     def thin_all(self) -> None:
         """Thin all cubes: the visit has ended."""
-        self._thin(self._parted[:, 0])
-        self._parted = self._parted[:0]
+        self._thin(self.parted[:, 0])
+        self.forget()
 
-    def _schedule_thinning(self, seen: Rows) -> None:
+    def schedule_thinning(self, seen: Rows) -> None:
         """Mark cubes (N,) as viewed by a frame, and thin those that have been out of view for long enough."""
-        self._mark_viewed(seen)
-        due = int(np.searchsorted(self._parted[:, 1], self._moments - MAX_UNVIEWED_MOMENTS))
+        self.mark_viewed(seen)
+        due = int(np.searchsorted(self.parted[:, 1], self.moments - MAX_UNVIEWED_MOMENTS))
         if due:
-            cubes = self._parted[:due, 0]
-            rows = np.cumsum(self._cubes.rows[cubes])
+            cubes = self.parted[:due, 0]
+            rows = np.cumsum(self._stored.cubes.rows[cubes])
             some = 1 + int(np.searchsorted(rows, max(THINNED_ROWS_PER_FRAME, rows[-1] // MAX_UNVIEWED_MOMENTS)))
-            self._parted = self._parted[some:] if some < due else self._parted[due:]
+            self.parted = self.parted[some:] if some < due else self.parted[due:]
             self._thin(cubes[:some])
 
     def _thin(self, cubes: Rows) -> None:
         if not len(cubes):
             return
-        self._load_rows(cubes)
-        before = self._cubes.rows[cubes]
+        self._stored.load(cubes)
+        before = self._stored.cubes.rows[cubes]
         moved = np.empty(int(before.sum()), np.int64)
-        words, cell_rows = words_of(self._row_memory.rows), rows_of_a_cube()
-        count = kernel.thin(cubes, self._first_frame or 0, self._cubes, words, self._points, *cell_rows, moved)
+        words, cell_rows = words_of(self._stored.memory.rows), rows_of_a_cube()
+        count = kernel.thin(
+            cubes, self.first_frame or 0, self._stored.cubes, words, self._stored.points, *cell_rows, moved
+        )
         for cube, rows in zip(cubes.tolist(), before.tolist(), strict=True):
-            self._row_memory.shrink(cube, rows)
-        self._unindexed[cubes] = True
+            self._stored.memory.shrink(cube, rows)
+        self._stored.unindexed[cubes] = True
         if count:
-            self._blocks.add_rows(self.owner[moved[:count]], moved[:count] >> BLOCK_BITS)
-
-    def spread(self, rows: Rows) -> tuple[Float32Array, Rows]:
-        """Return the world points (M, 3) of all voxels that rows (N,) stand for, and which of the rows each is of."""
-        marks = self._points.mark[rows]
-        bits = np.unpackbits(np.where(marks > 0, marks, 1)[:, None], axis=1, bitorder="little")
-        of, eighth = np.nonzero(bits)
-        return self._places(rows[of], eighth.astype(np.uint8)), of
-
-    def xyz(self, rows: Rows) -> Float32Array:
-        """Return world points (N, 3) of these rows, which stand for one voxel each."""
-        return self._places(rows, np.zeros(len(rows), np.uint8))
-
-    def _places(self, rows: Rows, eighths: npt.NDArray[np.uint8]) -> Float32Array:
-        xyz = np.empty((len(rows), 3), np.float32)
-        lookup.places(rows, eighths, self.voxel_m, self._cubes, self._points, self._anchors.motions, xyz)
-        return xyz
+            self._stored.owned_blocks.add_rows(self._stored.owner[moved[:count]], moved[:count] >> BLOCK_BITS)
 
 
 def split_rows(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:

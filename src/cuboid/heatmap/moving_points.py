@@ -14,15 +14,25 @@ from cuboid.heatmap.kernels import corrections as kernel
 from cuboid.heatmap.kernels import cubes as kernel_cubes
 from cuboid.heatmap.kernels import lookup
 from cuboid.heatmap.kernels.cubes import BLOCK_BITS, columns_of
-from cuboid.heatmap.levels import LevelledPoints
-from cuboid.heatmap.stored_points import Rows
+from cuboid.heatmap.levels import Levels
+from cuboid.heatmap.stored_points import Rows, StoredPoints
 
 # Fewer empty cubes than this are no burden.
 MIN_EMPTY_CUBES = 64
 
 
-class MovingPoints(LevelledPoints):
-    """Points that move with the keyframes that they are anchored to; see `Anchors`."""
+class MovingPoints:
+    """Moves points with the keyframes that they are anchored to; see `Anchors`.
+
+    Parameters
+    ----------
+    stored : StoredPoints
+    levels : Levels
+    """
+
+    def __init__(self, stored: StoredPoints, levels: Levels) -> None:
+        self._stored, self._levels = stored, levels
+        self._anchors = stored.anchors
 
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
         """Move points with the keyframes that they are anchored to, lazily: when their region is accessed.
@@ -36,75 +46,84 @@ class MovingPoints(LevelledPoints):
             T_new_old of each keyframe whose surroundings move.
         """
         # Past motions may have left many empty cubes: then the map is rebuilt without these.
-        cubes = np.flatnonzero(~self._fine(np.arange(self._cubes.used[0])))
+        cubes = np.flatnonzero(~self._stored.is_fine(np.arange(self._stored.cubes.used[0])))
         if self._anchors.crowded or 2 * self._count_empty(cubes) > max(MIN_EMPTY_CUBES, len(cubes)):
             self.relocate_all()
-        self._cubes.index_stale[self._anchors.add_pending(moved)] = True
+        self._stored.cubes.index_stale[self._anchors.add_pending(moved)] = True
 
     def _count_empty(self, cubes: Rows) -> int:
         """Return how many of some cubes (N,) have no living row."""
-        return int(np.count_nonzero(self._cubes.rows[cubes] == self._cubes.dead[cubes]))
+        return int(np.count_nonzero(self._stored.cubes.rows[cubes] == self._stored.cubes.dead[cubes]))
 
-    def _relocate_in(self, spaces: Float64Array) -> None:
+    def relocate_in(self, spaces: Float64Array) -> None:
         """Apply all pending motions of points that lie, or come to lie, in a region; see `lookup.cubes_meeting`."""
         cube, anchor = self._anchors.pending_cubes
         if not len(cube):
             return
         meets = np.empty(len(cube), bool)
-        lookup.cubes_meeting(spaces, cube, anchor, self._anchors.motions, self.voxel_m, self._cubes, meets)
+        lookup.cubes_meeting(
+            spaces, cube, anchor, self._anchors.motions, self._stored.voxel_m, self._stored.cubes, meets
+        )
         if meets.any():
             self._relocate(np.unique(cube[meets]).astype(np.int64))
 
-    def _relocate_around(self, points: Float64Array, beside_m: float) -> None:
+    def relocate_around(self, points: Float64Array, beside_m: float) -> None:
         """Apply all pending motions around points (N, 3) of the world, up to a distance."""
         if len(points) and len(self._anchors.pending_cubes[0]):
             low, high = points.min(0) - beside_m, points.max(0) + beside_m
-            self._relocate_in(np.column_stack([np.concatenate([np.eye(3), -np.eye(3)]), np.concatenate([-low, high])]))
+            self.relocate_in(np.column_stack([np.concatenate([np.eye(3), -np.eye(3)]), np.concatenate([-low, high])]))
 
     def _relocate(self, cubes: Rows) -> None:
         """Apply the pending motions in cubes (N,), ascending; insert the points into the cubes they come to lie in."""
-        self._load(cubes)
-        rows = np.empty(int(self._cubes.rows[cubes].sum()), np.int64)
-        rows = rows[: kernel.pending_rows(cubes, self._cubes, self._points, rows)]
-        taken, keys = self._row_memory.rows[rows], self._cubes.key[self._cubes.cube_of[rows >> BLOCK_BITS]]
-        kernel.remove_pending(cubes, self._cubes, self._points)
-        self._pack_all(cubes)
+        self._levels.load(cubes)
+        rows = np.empty(int(self._stored.cubes.rows[cubes].sum()), np.int64)
+        rows = rows[: kernel.pending_rows(cubes, self._stored.cubes, self._stored.points, rows)]
+        taken, keys = (
+            self._stored.memory.rows[rows],
+            self._stored.cubes.key[self._stored.cubes.cube_of[rows >> BLOCK_BITS]],
+        )
+        kernel.remove_pending(cubes, self._stored.cubes, self._stored.points)
+        self._stored.pack_all(cubes)
         to = np.empty(len(keys), np.int64)
         count = kernel.apply_motions(
-            keys, columns_of(taken), self._anchors.pending, self._anchors.motions, self.voxel_m, to
+            keys, columns_of(taken), self._anchors.pending, self._anchors.motions, self._stored.voxel_m, to
         )
         found = np.empty(count, np.int64)
-        kernel_cubes.cubes_at(to[:count], self._cubes, found)
+        kernel_cubes.cubes_at(to[:count], self._stored.cubes, found)
         found = np.unique(found[found >= 0])
-        self._load(found)
-        for cube in found[self._cubes.index_stale[found]]:
-            kernel_cubes.fill_index(cube, self._cubes, self._points)
+        self._levels.load(found)
+        for cube in found[self._stored.cubes.index_stale[found]]:
+            kernel_cubes.fill_index(cube, self._stored.cubes, self._stored.points)
         self._enter(keys, taken)
         self._anchors.clear_pending(cubes)
 
     def _enter(self, keys: npt.NDArray[np.int64], taken: npt.NDArray[Any]) -> None:
         """Let points that have moved enter the cubes of these keys."""
         columns = columns_of(taken)
-        now, begun, rows = self._anchors.now(columns.anchor), self.blocks, np.empty(len(keys), np.int64)
-        kernel.insert_points(keys, columns, now, self._cubes, self._points, rows)
-        self._ready[begun : self.blocks] = self._visit
+        now, begun, rows = self._anchors.now(columns.anchor), self._stored.blocks, np.empty(len(keys), np.int64)
+        kernel.insert_points(keys, columns, now, self._stored.cubes, self._stored.points, rows)
+        self._stored.note_new_blocks(begun)
         rows = rows[rows >= 0]
-        cubes = self._cubes.cube_of[rows >> BLOCK_BITS]
-        self._blocks.add_rows(self.owner[rows], rows >> BLOCK_BITS)
-        for number, some in of_each(self._points.anchor[rows], cubes):
+        cubes = self._stored.cubes.cube_of[rows >> BLOCK_BITS]
+        self._stored.owned_blocks.add_rows(self._stored.owner[rows], rows >> BLOCK_BITS)
+        for number, some in of_each(self._stored.points.anchor[rows], cubes):
             self._anchors.has_points_in(number, some)
-        self._mark_viewed(np.unique(cubes).astype(np.int64))
+        self._levels.mark_viewed(np.unique(cubes).astype(np.int64))
 
     def relocate_all(self) -> None:
         """Apply all pending motions, and rebuild the map without empty cubes."""
-        self._load_all()
-        rows = self._all_living()
-        taken, keys = self._row_memory.rows[rows], self._cubes.key[self._cubes.cube_of[rows >> BLOCK_BITS]]
+        self._levels.load(np.arange(self._stored.cubes.used[0]))
+        rows = self._stored.all_living()
+        taken, keys = (
+            self._stored.memory.rows[rows],
+            self._stored.cubes.key[self._stored.cubes.cube_of[rows >> BLOCK_BITS]],
+        )
         columns, to = columns_of(taken), np.empty(len(keys), np.int64)
-        kernel.apply_motions(keys, columns, self._anchors.pending, self._anchors.motions, self.voxel_m, to)
+        kernel.apply_motions(keys, columns, self._anchors.pending, self._anchors.motions, self._stored.voxel_m, to)
         columns.anchor[:] = self._anchors.keyframes(columns.anchor)
         self._anchors.begin_anew(columns.anchor[:0], rows[:0])
-        self._begin_anew()
+        self._levels.forget()
+        self._stored.begin_anew()
         for keyframe in np.unique(columns.anchor).tolist():
             self._anchors.current_anchor(keyframe)
         self._enter(keys, taken)

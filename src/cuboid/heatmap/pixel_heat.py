@@ -68,10 +68,9 @@ def weigh(image: WorkingImage, candidate: UInt8Array, proposals: Proposals, conf
     scores = np.ascontiguousarray(proposals.scores, dtype=np.float32)
     starts = np.concatenate([[0], np.cumsum((rectangles[:, 2:] - rectangles[:, :2]).prod(1))])
     covered, weights = np.empty(starts[-1], np.uint8), np.empty(len(proposals), np.float32)
-    kernel.weigh(
-        image.depth_m, candidate, grid.astype(np.int32), scores, flat, rectangles, starts, step, phase,
-        image.camera.fx, config.min_size_m, config.max_size_m, covered, weights,
-    )  # fmt: skip
+    masked = kernel.Masks(grid.astype(np.int32), flat, step, phase, rectangles, starts)
+    sizes_m = config.min_size_m, config.max_size_m
+    kernel.weigh(image.depth_m, candidate, masked, scores, image.camera.fx, *sizes_m, covered, weights)
     return WeighedProposals(rectangles, starts, covered, weights)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,9 +18,10 @@ from cuboid.heatmap.fine_points import FinePoints
 from cuboid.heatmap.kernels import claims as kernel_claims
 from cuboid.heatmap.kernels import lookup, owners
 from cuboid.heatmap.kernels import voxels as kernel
-from cuboid.heatmap.kernels.cubes import BLOCK_ROWS, HEATS, LEVELS
-from cuboid.heatmap.row_blocks import RowBlocks, RowBlocksState
-from cuboid.heatmap.stored_points import Rows
+from cuboid.heatmap.kernels.cubes import BLOCK_ROWS
+from cuboid.heatmap.levels import Levels, LevelsState
+from cuboid.heatmap.moving_points import MovingPoints
+from cuboid.heatmap.stored_points import Rows, StoredPoints, StoredPointsState
 
 # Points that a frame carves: all in view where these are few, else a part of them in turn.
 MAX_CARVED_POINTS = 40_000
@@ -54,46 +56,27 @@ class VoxelMapState(Record):
 
     Attributes
     ----------
-    visit : int
-        Visits of the place before this one.
-    most_hits : int
-        As how many sightings those of earlier visits count, at most.
-    first_frame : int or None
-        Of this visit.
-    looks : int
-        Carving passes.
+    stored : StoredPointsState
+    anchors : AnchorsState
+    levels : LevelsState
     waiting : int
-        Frames since the last one.
+        Frames since the last carving pass.
     next_look : int
         The cube that the next one begins with.
     next_fine_look : int
         The fine cube that it begins with.
-    moments : int
-        Moments at which the camera had moved since the one before.
-    parted : (N, 2) int64
-        Cubes of which each voxel has a row of its own, and the moment since when; out of view for longest first.
-    blocks : RowBlocksState
-    anchors : AnchorsState
     """
 
-    visit: int
-    most_hits: int
-    first_frame: int | None
-    looks: int
+    stored: StoredPointsState
+    anchors: AnchorsState
+    levels: LevelsState
     waiting: int
     next_look: int
     next_fine_look: int
-    moments: int
-    parted: npt.NDArray[np.int64]
-    blocks: RowBlocksState
-    anchors: AnchorsState
 
 
-class VoxelMap(FinePoints):
+class VoxelMap:
     """Points of the scene with color, heat, and the object that each belongs to, in cubes of voxels.
-
-    How they lie in memory, and where else: `StoredPoints`; how they follow corrections of poses: `MovingPoints`; which
-    of them are there finer as well: `FinePoints`.
 
     Parameters
     ----------
@@ -106,64 +89,66 @@ class VoxelMap(FinePoints):
 
     Attributes
     ----------
-    before_visit : callable or None
-        Called with rows of points that are as they were before the visit, when these are to be made ready for it.
+    stored : StoredPoints
+        The points: how they lie in memory, and where else; whose they are.
+    levels : Levels
+        Which of them share a row.
+    moving : MovingPoints
+        How they follow corrections of poses.
+    fine : FinePoints
+        Which of them are there finer as well.
     """
 
-    # Rows are saved in blocks; what finds them follows from these.
-    NOT_SAVED = frozenset(
-        {
-            *("voxel_m", "noise_per_m", "_max_depth_m", "memory_mb", "before_visit"),
-            *("_row_memory", "_block_store", "_points", "_cubes", "_seen", "_marks", "_unindexed", "_last_viewed"),
-            "_ready",
-        }
-    )
+    NOT_SAVED = frozenset({"voxel_m", "noise_per_m", "_max_depth_m", "moving", "fine"})
 
     def __init__(self, voxel_m: float, noise_per_m: float, max_depth_m: float, memory_mb: float = float("inf")) -> None:
-        super().__init__(voxel_m, memory_mb)
-        self.noise_per_m = noise_per_m
-        self._max_depth_m = max_depth_m
-        # The cube that the next carving pass begins with; the fine one.
-        self._next_look = self._next_fine_look = 0
-        # Frames since the last one.
-        self._waiting = 0
+        stored = StoredPoints(voxel_m, Anchors(), memory_mb)
+        self._assemble(stored, Levels(stored), noise_per_m, max_depth_m)
+
+    def _assemble(self, stored: StoredPoints, levels: Levels, noise_per_m: float, max_depth_m: float) -> None:
+        self.voxel_m, self.noise_per_m, self._max_depth_m = stored.voxel_m, noise_per_m, max_depth_m
+        self.stored, self.anchors, self.levels = stored, stored.anchors, levels
+        self.moving, self.fine = MovingPoints(stored, levels), FinePoints(stored)
+        # The cube that the next carving pass begins with; the fine one; frames since the last pass.
+        self._next_look = self._next_fine_look = self._waiting = 0
 
     def state(self) -> VoxelMapState:
         """Return the state of now; nothing in it changes any more."""
-        return VoxelMapState(
-            self._visit, self._most_hits, self._first_frame, self._looks, self._waiting, self._next_look,
-            self._next_fine_look, self._moments, self._parted.copy(), self._blocks.state(), self._anchors.state(),
-        )  # fmt: skip
+        parts = self.stored.state(), self.anchors.state(), self.levels.state()
+        return VoxelMapState(*parts, self._waiting, self._next_look, self._next_fine_look)
 
     @classmethod
     def from_state(
         cls, state: VoxelMapState, voxel_m: float, noise_per_m: float, max_depth_m: float, memory_mb: float
     ) -> VoxelMap:
         """Return a map that goes on from a state, without its rows: `restore` or `refill` must follow."""
-        voxels = cls(voxel_m, noise_per_m, max_depth_m, memory_mb)
-        voxels._visit, voxels._most_hits, voxels._first_frame = state.visit, state.most_hits, state.first_frame
-        voxels._looks, voxels._waiting, voxels._moments = state.looks, state.waiting, state.moments
-        voxels._next_look, voxels._next_fine_look = state.next_look, state.next_fine_look
-        voxels._parted = state.parted
-        voxels._blocks, voxels._anchors = RowBlocks.from_state(state.blocks), Anchors.from_state(state.anchors)
+        voxels = cls.__new__(cls)
+        stored = StoredPoints.from_state(state.stored, voxel_m, Anchors.from_state(state.anchors), memory_mb)
+        voxels._assemble(stored, Levels.from_state(state.levels, stored), noise_per_m, max_depth_m)
+        voxels._waiting, voxels._next_look = state.waiting, state.next_look
+        voxels._next_fine_look = state.next_fine_look
         return voxels
 
-    @property
-    def carving_passes(self) -> int:
-        """How many frames have carved free space."""
-        return self._looks
+    def refill(self, keys: npt.NDArray[np.int64], rows: npt.NDArray[Any]) -> None:
+        """Have these points and no others; see `StoredPoints.refill`."""
+        self.levels.forget()
+        self.stored.refill(keys, rows)
+
+    def begin_visit(self, most_hits: int) -> None:
+        """Let what was seen so far count as no more than this many sightings; see `StoredPoints.begin_visit`."""
+        self.levels.begin_visit()
+        self.stored.begin_visit(most_hits)
 
     def _cubes_in_frustum(self, image: WorkingImage, T_camera_world: Float64Array) -> Rows:
         """Return the cubes in the camera's frustum."""
-        count = lookup.cubes_in_frustum(
-            np.ascontiguousarray(T_camera_world), _pinhole(image), image.camera.width, image.camera.height,
-            float(image.depth_m.max(initial=0.0)), self.voxel_m, self._cubes, self._seen,
-        )  # fmt: skip
-        return np.array(self._seen[:count])
+        T, pinhole, camera = np.ascontiguousarray(T_camera_world), image.camera.pinhole, image.camera
+        far_m, stored = float(image.depth_m.max(initial=0.0)), self.stored
+        asked = T, pinhole, camera.width, camera.height, far_m, self.voxel_m, stored.cubes, stored.seen
+        return np.array(stored.seen[: lookup.cubes_in_frustum(*asked)])
 
     def relocate_in_frustum(self, image: WorkingImage, T_camera_world: Float64Array) -> None:
         """Apply the pending motions of points that lie, or come to lie, in the camera's frustum."""
-        if not len(self._anchors.pending_cubes[0]):
+        if not len(self.anchors.pending_cubes[0]):
             return
         c, R, t = image.camera, T_camera_world[:3, :3], T_camera_world[:3, 3]
         # A pixel more on each side than there is.
@@ -171,7 +156,7 @@ class VoxelMap(FinePoints):
         normals = np.array([*sides, (0, 0, 1), (0, 0, -1)], np.float64)
         normals /= np.linalg.norm(normals, axis=1)[:, None]
         beyond = np.array([0, 0, 0, 0, 0, float(image.depth_m.max(initial=0.0))])
-        self._relocate_in(np.column_stack([normals @ R, normals @ t + beyond]))
+        self.moving.relocate_in(np.column_stack([normals @ R, normals @ t + beyond]))
 
     def fuse(
         self,
@@ -201,28 +186,22 @@ class VoxelMap(FinePoints):
         (h, w) int32
             Row of each working pixel, -1 where it was not fused; valid until the next call.
         """
-        T_camera_world = inverse(T_world_camera)
+        T_camera_world, stored = inverse(T_world_camera), self.stored
         self.relocate_in_frustum(image, T_camera_world)
         seen = self._cubes_in_frustum(image, T_camera_world)
-        self._last_viewed[seen] = self._looks
+        stored.last_viewed[seen] = stored.carving_passes
         if new_viewpoint:
-            self.evict(seen)
-        self._load(seen)
-        self._pack(seen)
-        used = int(self._cubes.used[0])
-        begun, slots, current_anchor = self.blocks, np.empty(heat.shape, np.int32), self._anchors.current_anchor(anchor)
-        if self._first_frame is None:
-            self._first_frame = frame
-        kernel.fuse(
-            image.depth_m, image.color, heat, _pinhole(image), np.ascontiguousarray(T_world_camera), self.voxel_m,
-            self._max_depth_m, frame, self._moments if new_viewpoint else -1, current_anchor, 0, self._cubes,
-            self._points, slots,
-        )  # fmt: skip
-        self._moments += new_viewpoint
-        self._ready[begun : self.blocks] = self._visit
-        count = lookup.touched(slots, self._cubes.cube_of, self._marks, self._seen)
-        self._anchors.has_points_in(current_anchor, self._seen[:count])
-        self._schedule_thinning(np.concatenate([seen, np.arange(used, self._cubes.used[0])]))
+            stored.evict(seen)
+        self.levels.load(seen)
+        stored.pack(seen)
+        self.levels.note_frame(frame)
+        used, slots, turn = int(stored.cubes.used[0]), np.empty(heat.shape, np.int32), self.levels.moments
+        pixels = kernel.Pixels(
+            image.depth_m, image.color, heat, image.camera.pinhole, np.ascontiguousarray(T_world_camera)
+        )
+        stored.fuse(pixels, self.voxel_m, self._max_depth_m, frame, turn if new_viewpoint else -1, anchor, slots)
+        self.levels.moments += new_viewpoint
+        self.levels.schedule_thinning(np.concatenate([seen, np.arange(used, stored.cubes.used[0])]))
         return slots
 
     def carve_free_space(self, image: WorkingImage, T_camera_world: Float64Array, new_viewpoint: bool = True) -> None:
@@ -231,13 +210,13 @@ class VoxelMap(FinePoints):
         From the viewpoint of the last pass (not `new_viewpoint`) a frame carves the same: the next pass counts for it
         too.
         """
-        self._looks += 1
+        self.stored.carving_passes += 1
         self._waiting += 1
         if not new_viewpoint:
             return
         seen = self._cubes_in_frustum(image, T_camera_world)
-        self._load(seen)
-        fine = self._fine(seen)
+        self.levels.load(seen)
+        fine = self.stored.is_fine(seen)
         self._next_look = self._carve_in_turn(seen[~fine], self._next_look, image, T_camera_world)
         self._next_fine_look = self._carve_in_turn(seen[fine], self._next_fine_look, image, T_camera_world)
         self._waiting = 0
@@ -245,14 +224,13 @@ class VoxelMap(FinePoints):
     def _carve_in_turn(self, seen: Rows, first: int, image: WorkingImage, T_camera_world: Float64Array) -> int:
         """Carve the points of some cubes (N,), as many as a pass may, from one on; return the next one."""
         in_turn = np.concatenate([seen[seen >= first], seen[seen < first]])
-        points = np.cumsum(self._cubes.rows[in_turn])
-        now = in_turn[: 1 + int(np.searchsorted(points, MAX_CARVED_POINTS))]
-        turns = max(1, -(-int(points[-1]) // MAX_CARVED_POINTS)) if len(points) else 1
-        kernel.carve_free_space(
-            now, image.depth_m, _pinhole(image),
-            np.ascontiguousarray(T_camera_world), self.noise_per_m, 2 * self.voxel_m, turns * self._waiting,
-            self.voxel_m, self._cubes, self._points,
-        )  # fmt: skip
+        stored = self.stored
+        count = np.cumsum(stored.cubes.rows[in_turn])
+        now = in_turn[: 1 + int(np.searchsorted(count, MAX_CARVED_POINTS))]
+        turns = max(1, -(-int(count[-1]) // MAX_CARVED_POINTS)) if len(count) else 1
+        T, noise, cubes, points = np.ascontiguousarray(T_camera_world), self.noise_per_m, stored.cubes, stored.points
+        margin_m, step, seen_by = 2 * self.voxel_m, turns * self._waiting, (image.depth_m, image.camera.pinhole, T)
+        kernel.carve_free_space(now, *seen_by, noise, margin_m, step, self.voxel_m, cubes, points)
         return int(now[-1]) + 1 if len(now) < len(in_turn) else 0
 
     def solid_rows_of(self, number: int, hot: float, votes: int) -> Rows:
@@ -266,13 +244,11 @@ class VoxelMap(FinePoints):
         votes : int
             Least votes.
         """
-        blocks = self._blocks_of(number)
+        blocks, p, warm = self.stored.blocks_of(number), self.stored.points, np.float32(hot)
         rows = np.empty(len(blocks) * BLOCK_ROWS, np.int64)
-        p = self._points
-        return rows[: owners.solid_rows_of(
-            number, blocks, BLOCK_ROWS, p.owner, p.weight, p.confidence, p.hits, p.heat, np.float32(hot), votes,
-            VOTES_RATIO, MAX_VOTES, rows,
-        )]  # fmt: skip
+        columns = p.owner, p.weight, p.confidence, p.hits, p.heat
+        limits = warm, votes, VOTES_RATIO, MAX_VOTES
+        return rows[: owners.solid_rows_of(number, blocks, BLOCK_ROWS, *columns, *limits, rows)]
 
     def vote_owners(
         self,
@@ -284,35 +260,26 @@ class VoxelMap(FinePoints):
         slots: npt.NDArray[np.int32],
     ) -> None:
         """Let a frame's segments vote for the owners of their voxels; see `kernels.claims.vote_owners`."""
-        pairs = np.unique(kernel_claims.vote_owners(
-            claim, number_of, place, allowed, candidate, slots, self.hits, MAX_VOTES, self.owner,
-            self._points.confidence, self._points.mark,
-        ))  # fmt: skip
-        self._blocks.add(pairs >> 32, pairs & 0xFFFFFFFF)
+        p, frame = self.stored.points, (claim, number_of, place, allowed, candidate, slots)
+        pairs = kernel_claims.vote_owners(*frame, p.hits, MAX_VOTES, p.owner, p.confidence, p.mark)
+        pairs = np.unique(pairs)
+        self.stored.owned_blocks.add(pairs >> 32, pairs & 0xFFFFFFFF)
 
     def look_up(self, slots: npt.NDArray[np.int32]) -> PixelVoxels:
         """Return what the map knows of the voxel (h, w) of each pixel, -1 none."""
         owner, known = np.empty(slots.shape, np.int32), np.empty(slots.shape, np.bool_)
-        owners.owner_of(slots, self.owner, self.hits, owner, known)
+        owners.owner_of(slots, self.stored.owner, self.stored.hits, owner, known)
         return PixelVoxels(slots, owner, known)
-
-    def seen_since(self, rows: Rows, frame: int) -> npt.NDArray[np.bool_]:
-        """Tell of which rows (N,) a frame from some number on saw the point."""
-        return np.asarray(self._points.last_frame[rows] >= frame)
 
     def rows_at(self, points: Float64Array) -> Rows:
         """Return the rows (N,) of the voxels at places (N, 3) of the world, -1 where there is no point."""
         points = np.ascontiguousarray(points)
-        self._relocate_around(points, self.voxel_m)
+        self.moving.relocate_around(points, self.voxel_m)
         rows, missing = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
-        asked = self.voxel_m, self._cubes, self._points.voxel, self._points.weight, rows, missing
+        asked = self.voxel_m, self.stored.cubes, self.stored.points.voxel, self.stored.points.weight, rows, missing
         while absent := lookup.rows_at(points, *asked):
-            self._load(missing[:absent])
+            self.levels.load(missing[:absent])
         return rows
-
-    def is_occupied(self, points: Float64Array) -> npt.NDArray[np.bool_]:
-        """Tell which places (N, 3) of the world lie in an occupied voxel."""
-        return self.rows_at(points) >= 0
 
     def is_occupied_around(self, ground: Float64Array, axes: Float64Array, least: int) -> npt.NDArray[np.bool_]:
         """Tell at which places (N, 3) on a plane `least` of the nine voxels around, one up or down, hold a point.
@@ -320,31 +287,14 @@ class VoxelMap(FinePoints):
         `axes` (3, 3) are, row by row, two axes of the plane and its normal.
         """
         ground, missing = np.ascontiguousarray(ground), np.empty(27 * len(ground), np.int64)
-        self._relocate_around(ground, 2 * self.voxel_m)
+        self.moving.relocate_around(ground, 2 * self.voxel_m)
         seen = np.empty(len(ground), np.bool_)
-        asked = self.voxel_m, self._cubes, self._points.voxel, self._points.weight, seen, missing
+        asked = self.voxel_m, self.stored.cubes, self.stored.points.voxel, self.stored.points.weight, seen, missing
         while absent := lookup.seen_around(ground, axes, self.voxel_m, least, *asked):
-            self._load(missing[:absent])
+            self.levels.load(missing[:absent])
         return seen
 
     def owner_at(self, points: Float64Array) -> npt.NDArray[np.int32]:
         """Return the owner of what was seen more than once at places (N, 3) of the world, -1 where nothing was."""
         rows = self.rows_at(points)
-        return np.where((rows >= 0) & (self.hits[rows] > 1), self.owner[rows], -1).astype(np.int32)
-
-    def rgb(self, rows: Rows) -> UInt8Array:
-        """Return colors (N, 3) of these rows."""
-        return np.minimum(np.rint(self._points.color[rows] / LEVELS), 255).astype(np.uint8)
-
-    def weight(self, rows: Rows) -> Float64Array:
-        """Return the summed weight (N,) of the sightings of these rows: the larger, the nearer and the more."""
-        return np.asarray(self._points.weight[rows], dtype=np.float64)
-
-    def heat(self, rows: Rows) -> Float32Array:
-        """Return the heat (N,) of these rows, 0..1."""
-        return np.asarray(self._points.heat[rows] / np.float32(HEATS - 1), dtype=np.float32)
-
-
-def _pinhole(image: WorkingImage) -> Float64Array:
-    c = image.camera
-    return np.array([c.fx, c.fy, c.cx, c.cy])
+        return np.where((rows >= 0) & (self.stored.hits[rows] > 1), self.stored.owner[rows], -1).astype(np.int32)

@@ -99,8 +99,8 @@ class Boxing:
 
     def _trust(self, rows: Rows) -> tuple[Float64Array, float]:
         """Return how far voxels (N,) are to be believed, and the usual noise of their places, metres."""
-        hits = self._voxels.hits[rows].astype(np.float64)
-        precision = self._voxels.weight(rows) / hits
+        hits = self._voxels.stored.hits[rows].astype(np.float64)
+        precision = self._voxels.stored.weight(rows) / hits
         usual = _middle(precision)
         trust = np.minimum(hits, _middle(hits)) * np.minimum(precision, usual)
         return trust, MAP_NOISE * self._voxels.noise_per_m / float(np.sqrt(usual))

@@ -85,7 +85,7 @@ class Fitting:
             return
         identity = max(entry.supports.items(), key=lambda s: (s[1], -s[0]), default=(None, 0))[0]
         plane = self._planes.find(identity)
-        points = voxels.xyz(rows)
+        points = voxels.stored.xyz(rows)
         plane = (
             None if plane is None else self._planes.supporting_plane(points[:: 1 + len(points) // SAMPLE_POINTS], plane)
         )
@@ -101,8 +101,8 @@ class Fitting:
                 foot_m = float((points @ rests[0]).min()) - 2.0 * voxels.voxel_m
                 entry.supports, entry.plane = {} if plane is None else {plane.identity: 1}, None
                 rests, plane = (rests[0], -foot_m), None
-        entry.points, entry.colors = points, voxels.rgb(rows)
-        entry.heat, entry.keyframe = float(voxels.heat(rows).mean()), voxels.keyframe_of(rows)
+        entry.points, entry.colors = points, voxels.stored.rgb(rows)
+        entry.heat, entry.keyframe = float(voxels.stored.heat(rows).mean()), voxels.stored.keyframe_of(rows)
         others = [o.box for o in self._store.neighbours(entry) if o.confirmed]
         bare, noise_m = self._boxing.fit(rows, points, rests, self._planes.likely_up, others, eye)
         box = bare if rests is None else with_foot(bare, *rests, others, voxels)

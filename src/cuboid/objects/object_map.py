@@ -275,7 +275,7 @@ class ObjectMap:
                 continue
             # A rim at its foot stays: a ray that passes so near to a table looks like one that hits what lies
             # on it.
-            if not self._voxels.has_rows(entry.number, ceil(LEFT_FRACTION * len(entry.points))):
+            if not self._voxels.stored.has_rows(entry.number, ceil(LEFT_FRACTION * len(entry.points))):
                 self.store.retire(entry)
 
     def reset_supports(self) -> None:
@@ -298,14 +298,14 @@ class ObjectMap:
         """
         for entry in self.store.living():
             if entry.keyframe < 0:
-                entry.keyframe = self._voxels.keyframe_of(self._voxels.rows_of(entry.number))
+                entry.keyframe = self._voxels.stored.keyframe_of(self._voxels.stored.rows_of(entry.number))
             T = moved.get(entry.keyframe)
             if T is not None:
                 R, t = T[:3, :3], T[:3, 3]
                 self.store.place(entry, Box(R @ entry.box.center + t, entry.box.size, R @ entry.box.rotation))
                 entry.points = transform(T, entry.points).astype(np.float32)
                 entry.views = np.hstack([entry.views[:, :3] @ R.T, entry.views[:, 3:]])
-        self._voxels.apply_correction(moved)
+        self._voxels.moving.apply_correction(moved)
 
     def begin_visit(self) -> None:
         """Begin a later visit: earlier sightings count as few, and boxes are soon refitted."""

@@ -195,7 +195,7 @@ class ObjectStore:
 
     def retire_all(self, entries: Sequence[MapObject]) -> None:
         """End the lives of several objects; see `retire`."""
-        self._voxels.release([entry.number for entry in entries])
+        self._voxels.stored.release([entry.number for entry in entries])
         for entry in entries:
             self._close(entry)
             if not entry.label:
@@ -223,7 +223,7 @@ class ObjectStore:
         kept.name_log_odds = merged_evidence(kept.name_log_odds, gone.name_log_odds)
         kept.views = np.vstack([kept.views, gone.views])
         kept.fitted = 0
-        self._voxels.transfer(gone.number, kept.number)
+        self._voxels.stored.transfer(gone.number, kept.number)
         self.affinity.transfer(gone.number, kept.number)
         self._close(gone)
         del self._objects[gone.number]

@@ -56,7 +56,7 @@ def boxes_in_frustum(
     A row of NaN is in no picture; `bounds` are those of batches of boxes, see `kernels.overlap.bound`.
     """
     c, found = image.camera, np.empty(len(boxes), np.int64)
-    pinhole, T = np.array([c.fx, c.fy, c.cx, c.cy]), np.ascontiguousarray(T_camera_world)
+    pinhole, T = c.pinhole, np.ascontiguousarray(T_camera_world)
     return found[: kernel.boxes_in_frustum(boxes, bounds, T, pinhole, c.width, c.height, far_m, found)]
 
 
@@ -95,12 +95,11 @@ def measure_visibility(
     colors = [o.colors[own] for o, own in zip(objects, some, strict=True)]
     n, c = len(objects), image.camera
     counts, corners = np.empty((n, 3), np.int64), np.empty((n, 4))
-    kernel.count_seen(
-        np.concatenate(points), np.concatenate(colors), np.cumsum([len(p) for p in points]), _feet(boxes),
-        np.array([o.number for o in objects]), image.depth_m, image.color, slots, owner,
-        np.array([c.fx, c.fy, c.cx, c.cy]), np.ascontiguousarray(observed.T_camera_world), noise_per_m, DRIFT_M, ALIKE,
-        counts, corners,
-    )  # fmt: skip
+    ends, numbers = np.cumsum([len(p) for p in points]), np.array([o.number for o in objects])
+    surfaces = kernel.Surfaces(np.concatenate(points), np.concatenate(colors), ends, _feet(boxes), numbers)
+    pinhole, T = c.pinhole, np.ascontiguousarray(observed.T_camera_world)
+    view = kernel.View(image.depth_m, image.color, slots, owner, pinhole, T)
+    kernel.count_seen(surfaces, view, noise_per_m, DRIFT_M, ALIKE, counts, corners)
     seen, hidden, unknown = counts.T
     visible = seen / np.maximum(1.0, seen + hidden + 0.5 * unknown)
     seen_enough = (visible >= MIN_VISIBLE_FRACTION) & (seen >= MIN_READINGS)

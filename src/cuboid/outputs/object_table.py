@@ -9,8 +9,8 @@ import numpy as np
 
 from cuboid.core.errors import InputError, shown
 from cuboid.core.extras import require
+from cuboid.core.records import box_numbers, columns_of, names_in
 from cuboid.core.results import TrackedObject
-from cuboid.geometry.se3 import quat_wxyz_from_rotation
 
 # Width of the plan in a notebook, pixels, and what is left free around the objects, fraction of it.
 PLAN_PX, MARGIN = 320, 0.08
@@ -103,18 +103,12 @@ def _cells(item: TrackedObject) -> tuple[str, ...]:
     return swatch, size, place, str(item.frames_seen), f"{item.score:.2f}"
 
 
+_NAMED = tuple(one for one in columns_of(TrackedObject) if one.name in ("label", "name"))
+_OTHERS = tuple(one for one in columns_of(TrackedObject) if one not in _NAMED)
+_BOX = ("x_m", "y_m", "z_m", "length_m", "width_m", "height_m", "qw", "qx", "qy", "qz")
+COLUMNS = (*names_in(_NAMED), *_BOX, *names_in(_OTHERS))
+
+
 def _row(item: TrackedObject) -> dict[str, Any]:
-    (x, y, z), (length, width, height) = item.box.center.tolist(), item.box.size.tolist()
-    qw, qx, qy, qz = (float(value) for value in quat_wxyz_from_rotation(item.box.rotation))
-    red, green, blue = (float(value) for value in item.mean_color)
-    values = (
-        item.label, item.name, x, y, z, length, width, height, qw, qx, qy, qz, item.score, item.heat, item.first_frame,
-        item.last_frame, item.frames_seen, item.points, red, green, blue, item.plane, list(item.merged_labels),
-    )  # fmt: skip
-    return dict(zip(COLUMNS, values, strict=True))
-
-
-COLUMNS = (
-    "label", "name", "x_m", "y_m", "z_m", "length_m", "width_m", "height_m", "qw", "qx", "qy", "qz", "score", "heat",
-    "first_frame", "last_frame", "frames_seen", "points", "red", "green", "blue", "plane", "merged_labels",
-)  # fmt: skip
+    named, others = ([value for one in part for value in one.values(item)] for part in (_NAMED, _OTHERS))
+    return dict(zip(COLUMNS, (*named, *box_numbers(item.box), *others), strict=True))

@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import UNSET
 
 from cuboid.core.frame import Float64Array, Intrinsics
+from cuboid.core.records import columns_of, plain_fields
 from cuboid.core.results import SupportPlane, TrackedObject
 from cuboid.formats.json_validation import read_json
 from cuboid.formats.objects_file import FORMAT, VERSION, ObjectEntry, ObjectsDocument
@@ -116,49 +118,36 @@ def _plane_to_json(plane: SupportPlane) -> dict[str, Any]:
 
 def object_to_json(item: TrackedObject) -> dict[str, Any]:
     """Return an object as `objects.json` holds it."""
-    return {
-        "label": item.label,
+    box = {
         "center": rounded_list(item.box.center, LENGTH),
         "size": rounded_list(item.box.size, LENGTH),
         "rotation": [rounded_list(row, DIRECTION) for row in item.box.rotation],
-        "score": rounded(item.score, LENGTH),
-        "heat": rounded(item.heat, LENGTH),
-        "first_frame": item.first_frame,
-        "last_frame": item.last_frame,
-        "frames_seen": item.frames_seen,
-        "points": item.points,
-        "mean_color": rounded_list(item.mean_color, 1),
-        "plane": item.plane,
-        "merged_labels": list(item.merged_labels),
+    }
+    kind = {} if item.kind == "volume" else {"kind": item.kind}
+    return {
+        "label": item.label,
+        **box,
+        **plain_fields(item, columns_of(TrackedObject)[1:]),
         **name_to_json(item),
-        **({} if item.kind == "volume" else {"kind": item.kind}),
+        **kind,
     }
 
 
 def name_to_json(item: TrackedObject) -> dict[str, Any]:
-    """Return what is known of an object's name, nothing where that is nothing."""
+    """Return what a detector says of an object's name, nothing where that is nothing."""
     return {
-        **({"name": item.name} if item.name else {}),
         **({} if item.name_score is None else {"name_score": rounded(item.name_score, LENGTH)}),
         **({"names": [[name, rounded(score, LENGTH)] for name, score in item.names]} if item.names else {}),
     }
 
 
 def _object(item: ObjectEntry) -> TrackedObject:
+    box = Box(np.array(item.center), np.array(item.size), np.array(item.rotation))
+    described = {one.name: one.read(getattr(item, one.name)) for one in columns_of(TrackedObject)}
     return TrackedObject(
-        label=item.label,
-        box=Box(np.array(item.center), np.array(item.size), np.array(item.rotation)),
-        score=item.score,
-        heat=item.heat,
-        first_frame=item.first_frame,
-        last_frame=item.last_frame,
-        frames_seen=item.frames_seen,
-        points=item.points,
-        mean_color=np.array(item.mean_color),
-        plane=item.plane,
-        merged_labels=tuple(item.merged_labels),
-        name=item.name or None,
-        name_score=item.name_score,
-        names=tuple(item.names),
-        kind=item.kind,
+        box=box,
+        **described,
+        name_score=None if item.name_score is UNSET else item.name_score,
+        names=() if item.names is UNSET else tuple(item.names),
+        kind="volume" if item.kind is UNSET else item.kind,
     )

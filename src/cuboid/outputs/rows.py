@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from cuboid.core.frame import Float64Array
-from cuboid.core.results import Sighting, tag_of
+from cuboid.core.records import box_numbers, columns_of
+from cuboid.core.results import Proposal3D, Sighting, tag_of
 from cuboid.formats.rows_files import PoseEntry, ProposalEntry, ProposalLabel, TrackEntry
 from cuboid.formats.table_validation import header_of, read_lines, read_table
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import compose, quat_wxyz_from_rotation, rotation_from_quat_wxyz
-from cuboid.outputs.text import DIRECTION, LENGTH, PIXEL, number, numbers
+from cuboid.outputs.text import DIRECTION, LENGTH, number, numbers
+
+R = TypeVar("R", "TrackRow", "ProposalRow")
 
 TRACKS_HEADER = header_of(TrackEntry)
 PROPOSALS_HEADER = header_of(ProposalEntry)
@@ -41,37 +45,25 @@ class TrackRow(Sighting):
 
     def line(self) -> str:
         """Return the line without its end."""
-        iou = "" if self.iou is None else number(self.iou, LENGTH)
-        return (
-            f"{_start(self.frame, self.timestamp_s, self.label, self.box)},{iou},"
-            f"{number(self.visible, LENGTH)},{numbers(self.rect_xyxy, PIXEL)}"
-        )
+        return _line(self)
 
 
-@dataclass(frozen=True, slots=True)
-class ProposalRow:
-    """A line of `proposals.csv`: a 3D proposal of a frame as that frame alone gave it.
+@dataclass(frozen=True, slots=True, repr=False)
+class ProposalRow(Proposal3D):
+    """A 3D proposal with its frame: a line of `proposals.csv`.
+
+    The other attributes are those of `Proposal3D`; the rectangle is in pixels of the recording's color image.
 
     Attributes
     ----------
     frame : int
+        Number of the frame in the recording.
     timestamp_s : float
-    label : int
-        0 while what it belongs to is not confirmed.
-    box : Box
-        In the world.
-    score : float
-        0..1.
-    rect_xyxy : (4,) float64
-        Pixels of the recording's color image.
+        Seconds.
     """
 
     frame: int
     timestamp_s: float
-    label: int
-    box: Box
-    score: float
-    rect_xyxy: Float64Array
 
     def __repr__(self) -> str:
         label = tag_of(self.label) if self.label else "no label"
@@ -79,10 +71,7 @@ class ProposalRow:
 
     def line(self) -> str:
         """Return the line without its end."""
-        return (
-            f"{_start(self.frame, self.timestamp_s, self.label, self.box)},"
-            f"{number(self.score, LENGTH)},{numbers(self.rect_xyxy, PIXEL)}"
-        )
+        return _line(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,18 +116,12 @@ def read_tracks(path: Path) -> list[TrackRow]:
     InputError
         The file is missing or a line of it is malformed; the message names file and line.
     """
-    return [
-        TrackRow(row.label, _box(row), row.iou, row.visible, _rect(row), row.frame, row.timestamp)
-        for _, row in read_table(path, TrackEntry)
-    ]
+    return [_row(TrackRow, row) for _, row in read_table(path, TrackEntry)]
 
 
 def read_proposals(path: Path) -> list[ProposalRow]:
     """Read `proposals.csv`; parameters and errors are those of `read_tracks`."""
-    return [
-        ProposalRow(row.frame, row.timestamp, row.label, _box(row), row.score, _rect(row))
-        for _, row in read_table(path, ProposalEntry)
-    ]
+    return [_row(ProposalRow, row) for _, row in read_table(path, ProposalEntry)]
 
 
 def read_proposal_labels(path: Path) -> list[int]:
@@ -154,16 +137,23 @@ def read_trajectory(path: Path) -> list[PoseRow]:
     ]
 
 
-def _start(frame: int, timestamp_s: float, label: int, box: Box) -> str:
-    place = numbers((*box.center, *box.size), LENGTH)
-    turn = numbers(quat_wxyz_from_rotation(box.rotation), DIRECTION)
-    return f"{frame},{number(timestamp_s, LENGTH)},{label},{place},{turn}"
+def _line(row: TrackRow | ProposalRow) -> str:
+    label, *others = (cell for column in columns_of(type(row)) for cell in column.cells(row))
+    box = box_numbers(row.box)
+    place, turn = numbers(box[:6], LENGTH), numbers(box[6:], DIRECTION)
+    return ",".join((str(row.frame), number(row.timestamp_s, LENGTH), label, place, turn, *others))
 
 
-def _box(row: TrackEntry | ProposalEntry) -> Box:
-    center, size = np.array((row.cx, row.cy, row.cz)), np.array((row.length, row.width, row.height))
-    return Box(center, size, rotation_from_quat_wxyz((row.qw, row.qx, row.qy, row.qz)))
-
-
-def _rect(row: TrackEntry | ProposalEntry) -> Float64Array:
-    return np.array((row.x0, row.y0, row.x1, row.y1))
+def _row(kind: type[R], line: TrackEntry | ProposalEntry) -> R:
+    box = Box(
+        np.array((line.cx, line.cy, line.cz)),
+        np.array((line.length, line.width, line.height)),
+        rotation_from_quat_wxyz((line.qw, line.qx, line.qy, line.qz)),
+    )
+    values = {
+        column.name: column.read(
+            [getattr(line, name) for name in column.names] if column.parts else getattr(line, column.name)
+        )
+        for column in columns_of(kind)
+    }
+    return kind(box=box, frame=line.frame, timestamp_s=line.timestamp, **values)

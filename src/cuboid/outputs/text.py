@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import SupportsFloat
 
-# Digits after the point. Metres and seconds to a millionth; quaternions, rotations and normals to a
-# billionth, so that a rotation that is read again is still one; pixels to a hundredth.
-LENGTH = 6
-DIRECTION = 9
-PIXEL = 2
+from cuboid.core.records import DIRECTION as DIRECTION
+from cuboid.core.records import LENGTH as LENGTH
+from cuboid.core.records import PIXEL as PIXEL
 
 
 def number(value: SupportsFloat, digits: int) -> str:

@@ -216,7 +216,7 @@ def lines_of(result: FrameResult, pixels: int = 1) -> tuple[list[str], list[str]
         for seen in result.sightings
     ]
     proposals = [
-        ProposalRow(frame, time_s, own.label, own.box, own.score, own.rect_xyxy * pixels).line()
+        ProposalRow(own.label, own.box, own.score, own.rect_xyxy * pixels, frame, time_s).line()
         for own in result.proposals
     ]
     return tracks, proposals, [PoseRow(time_s, result.T_world_camera).line()]

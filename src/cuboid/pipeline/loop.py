@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
+from cuboid.core.compiletime import working_s
 from cuboid.core.downscaling import downscale
 from cuboid.core.errors import FrameError, InputError
-from cuboid.core.frame import SkippedFrame
-from cuboid.pipeline.decoding import Decoded
+from cuboid.core.frame import Frame, SkippedFrame
 from cuboid.poses.sources import LOST
+from cuboid.readers.prefetch import run_ahead
 from cuboid.tracking.measuring import FrameClock
 from cuboid.tracking.tracker import Tracker
 from cuboid.tracking.types import Progress, Watch
@@ -19,6 +20,62 @@ from cuboid.tracking.types import Progress, Watch
 if TYPE_CHECKING:
     from cuboid.scene.running import SceneRun
     from cuboid.views.video import FrameSink
+
+
+# How many frames are decoded ahead: enough to keep two cores busy, few enough to bound memory.
+FRAMES_AHEAD = 2
+
+
+class Readable(Protocol):
+    """Gives frames by number."""
+
+    def read(self, index: int) -> Frame:
+        """Return a frame; raises FrameError for a bad one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Decoded:
+    """A frame, or why there is none.
+
+    Attributes
+    ----------
+    index : int
+        Frame of the recording.
+    frame : Frame or None
+    reason : str
+        Why there is no frame; empty where there is one.
+    milliseconds : float
+        What decoding took, in whichever thread.
+    """
+
+    index: int
+    frame: Frame | None
+    reason: str
+    milliseconds: float
+
+
+def decode(recording: Readable, indices: range, *, ahead: bool) -> Generator[Decoded, None, None]:
+    """Iterate over frames in order; close the iterator to end the thread behind it.
+
+    Parameters
+    ----------
+    recording : Readable
+    indices : range
+        Frames of the recording.
+    ahead : bool
+        Decode the next frames in a thread while the caller works on this one.
+    """
+
+    def read(index: int) -> Decoded:
+        start_s = working_s()
+        try:
+            frame, reason = recording.read(index), ""
+        except FrameError as error:
+            frame, reason = None, str(error)
+        return Decoded(index, frame, reason, (working_s() - start_s) * 1e3)
+
+    decoded = (read(index) for index in indices)
+    return run_ahead(decoded, FRAMES_AHEAD) if ahead else decoded
 
 
 @dataclass(frozen=True, slots=True)

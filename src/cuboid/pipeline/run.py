@@ -18,8 +18,7 @@ from cuboid.core.paths import PathLike, as_path
 from cuboid.formats.reading import real_path
 from cuboid.outputs import ObjectsFile, Results, ResultWriter, RunReport
 from cuboid.outputs.folder import VIDEO
-from cuboid.pipeline.decoding import Decoded, decode
-from cuboid.pipeline.loop import Pipeline
+from cuboid.pipeline.loop import Decoded, Pipeline, decode
 from cuboid.pipeline.plan import Plan, plan_for
 from cuboid.pipeline.streaming import FrameSource, Stream
 from cuboid.poses.sources import AUTO, CORRECTED, ESTIMATED, GIVEN, Poses

@@ -14,7 +14,7 @@ from cuboid.core.frame import Float64Array
 from cuboid.core.paths import PathLike, as_path
 from cuboid.outputs import PoseRow, ResultFolder, RunReport, write_run
 from cuboid.outputs.folder import RUN, TRAJECTORY, TRAJECTORY_ONLINE, writing
-from cuboid.pipeline.decoding import decode
+from cuboid.pipeline.loop import decode
 from cuboid.poses import PoseEstimator
 from cuboid.poses.sources import LOST
 from cuboid.readers import Recording

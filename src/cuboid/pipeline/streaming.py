@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from cuboid.core.errors import FrameError
 from cuboid.core.frame import Float64Array, Frame, Intrinsics
-from cuboid.pipeline.decoding import FRAMES_AHEAD, Decoded
+from cuboid.pipeline.loop import FRAMES_AHEAD, Decoded
 from cuboid.readers.prefetch import run_ahead
 
 if TYPE_CHECKING:

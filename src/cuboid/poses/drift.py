@@ -3,28 +3,34 @@
 Odometry (visual-inertial trackers, wheels, a phone's) is true from frame to frame and errs over a long way. Whoever
 trusts it sees a thing twice when the camera comes back. So frames are aligned to keyframes of the same places, the
 oldest first. As long as the given poses explain what frames show, they are taken as they are, to the last bit. Once
-alignment has explained far more of it several times in a row, the poses have proved to drift, and from then on each
-frame is aligned.
+alignments explained clearly more several times in a row, and no fault of the camera explains that, the poses have
+proved to drift. From then on each frame is aligned, and an alignment is taken where it explains at least as much as the
+correction so far. Where the given poses explain clearly more of the places that were seen before the proof, the
+correction is taken back, for good: what misled once would mislead again.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
 from cuboid.core.frame import Float64Array, Frame, Intrinsics
-from cuboid.core.tolerances import DRIFT_M, DRIFT_RAD, MIN_READINGS, SIGMAS
+from cuboid.core.tolerances import DRIFT_M, DRIFT_RAD, MIN_READINGS
 from cuboid.geometry.se3 import inverse, moved_beyond, tidied
-from cuboid.poses.alignment import NOISE, Prior, Reference, align, pick
-from cuboid.poses.kernels import align as kernel
-from cuboid.poses.keyframes import NEW_VIEW, OVERLAP_LEVEL, median_depth_m, overlap, pixels_of, view_distances
+from cuboid.poses.alignment import Alignment, Prior, Reference, align, pick
+from cuboid.poses.comparison import COMPARED_LEVEL, MIN_GAIN, Explained, as_good, clearly_better, explained
+from cuboid.poses.keyframes import NEW_VIEW, OVERLAP_LEVEL, median_depth_m, overlap, view_distances
 from cuboid.poses.pyramid import Level, build_levels, shrink
+from cuboid.poses.single_cause import MotionPair, SingleCause, single_cause
 
 # Given poses misfit where an alignment leaves at most this fraction unexplained of what they do.
 UNEXPLAINED_FRACTION = 0.5
-# This many misfits in turn prove that poses drift: fewer may be chance.
+# This many misfits in turn prove that poses drift, or that corrected ones are wrong: fewer may be chance.
 MISFITS_THAT_PROVE = 3
+# Motions that a fault of the camera must explain, the latest.
+MAX_PAIRS = 64
 # A frame is compared with a keyframe of whose points it shows more than this fraction.
 MIN_OVERLAP = 0.5
 # Keyframes that are remembered: 100 kB each. The one that was used longest ago goes.
@@ -34,12 +40,6 @@ FAR_VIEW = 0.7
 # The search starts at this level, of 80 pixels: between two comparisons poses err by less than one of them. While the
 # poses have not proved to drift it ends at 160 pixels, which takes a third of the time: that is true to millimetres.
 COARSEST, ENOUGH = 2, 1
-# An alignment explains more than the given poses do where it explains most of what they do not, and of all points this
-# fraction: the edges of things alone have fewer.
-MIN_GAIN = 0.03
-# The part that a pose explains is measured at this level, of 160 pixels: a reading there is the mean of several. A
-# reading that differs by more than this, metres, is hidden or lies on another surface, and is ignored.
-TOLD_AT, OTHER_SURFACE_M = 1, 0.1
 
 
 @dataclass(slots=True)
@@ -51,6 +51,7 @@ class _Keyframe:
     reference: Reference
     depth_m: float
     used: int
+    proven: bool  # it was remembered after the proof
 
 
 class DriftCorrection:
@@ -66,7 +67,11 @@ class DriftCorrection:
     Attributes
     ----------
     proven_at : int or None
-        Index of the frame at which the poses proved to drift.
+        Index of the frame at which the poses proved to drift; None again once the correction is taken back.
+    taken_back_at : int or None
+        Index of the frame at which the correction was taken back.
+    cause : SingleCause or None
+        The fault of the camera that explains why the given poses misfit, where they do and have not proved to drift.
     most_m : float
         Largest distance of a corrected camera from where the given poses had it, metres.
     """
@@ -77,7 +82,10 @@ class DriftCorrection:
         self._T_corrected_given: Float64Array = np.eye(4)
         self._compared: Float64Array | None = None
         self._comparisons = self._misfits = 0
+        self._pairs: deque[MotionPair] = deque(maxlen=MAX_PAIRS)
         self.proven_at: int | None = None
+        self.taken_back_at: int | None = None
+        self.cause: SingleCause | None = None
         self.most_m = 0.0
 
     def correct(self, frame: Frame, given: Float64Array) -> Float64Array:
@@ -117,40 +125,84 @@ class DriftCorrection:
         self._comparisons += 1
         levels = build_levels(*shrink(frame, self._intrinsics))
         corrected = tidied(self._T_corrected_given @ given)
-        views = view_distances(
-            corrected,
-            np.array([k.corrected for k in self._keyframes]).reshape(-1, 4, 4),
-            np.array([k.depth_m for k in self._keyframes]),
-        )
-        keyframe = self._oldest(np.flatnonzero(views < FAR_VIEW).tolist(), corrected, levels[OVERLAP_LEVEL])
+        is_new_view = self._views([k.corrected for k in self._keyframes], corrected).min(initial=np.inf) > NEW_VIEW
+        keyframe = self._oldest([k.corrected for k in self._keyframes], corrected, levels[OVERLAP_LEVEL])
         if keyframe is not None:
             expected = inverse(corrected) @ keyframe.corrected
             prior = Prior(expected, np.diag([DRIFT_M**-2.0] * 3 + [DRIFT_RAD**-2.0] * 3))
             finest = ENOUGH if self.proven_at is None else 0
             found = align(keyframe.reference, levels, expected, prior, coarsest=COARSEST, finest=finest)
             if found.reliable:
-                if self.proven_at is None:
-                    as_given = inverse(given) @ keyframe.given
-                    self._judge(frame.index, keyframe.reference, levels, as_given, found.T_camera_reference)
-                corrected = tidied(keyframe.corrected @ inverse(found.T_camera_reference))
+                corrected = self._judged(frame.index, keyframe, levels[COMPARED_LEVEL], (given, corrected), found)
                 self._T_corrected_given = tidied(corrected @ inverse(given))
-        if views.min(initial=np.inf) > NEW_VIEW:
+        if self.proven_at is not None:
+            self._doubt(frame.index, levels, given, corrected)
+        if is_new_view:
             self._remember(levels, given, corrected)
 
-    def _judge(
-        self, index: int, reference: Reference, levels: tuple[Level, ...], as_given: Float64Array, found: Float64Array
-    ) -> None:
-        """Take in whether an alignment explains most of what the given poses leave unexplained."""
-        left, before = (1.0 - explained(reference, levels[TOLD_AT], T) for T in (found, as_given))
-        misfit = left <= UNEXPLAINED_FRACTION * before and before - left >= MIN_GAIN
-        self._misfits = self._misfits + 1 if misfit else 0
-        if self._misfits >= MISFITS_THAT_PROVE:
-            self.proven_at = index
+    def _judged(
+        self,
+        index: int,
+        keyframe: _Keyframe,
+        level: Level,
+        T_world_cameras: tuple[Float64Array, Float64Array],
+        found: Alignment,
+    ) -> Float64Array:
+        """Return the corrected pose of a frame, by what the given, the corrected and the found one explain of it."""
+        given, corrected = T_world_cameras
+        as_given, T_camera_reference = inverse(given) @ keyframe.given, inverse(corrected) @ keyframe.corrected
+        by_given, by_corrected, by_found = (
+            explained(keyframe.reference, level, T, found)
+            for T in (as_given, T_camera_reference, found.T_camera_reference)
+        )
+        if as_good(by_found, by_corrected):
+            T_camera_reference = found.T_camera_reference
+        if self.proven_at is None:
+            self._pairs.append(MotionPair(as_given, found.T_camera_reference, keyframe.depth_m))
+            self._count_misfit(_is_misfit(by_given, by_found))
+            self._prove(index)
+        return tidied(keyframe.corrected @ inverse(T_camera_reference))
 
-    def _oldest(self, near: list[int], T_world_camera: Float64Array, level: Level) -> _Keyframe | None:
-        """Return the oldest of some keyframes of whose points an image from a pose shows most."""
-        for keyframe in [self._keyframes[k] for k in near]:
-            if overlap(keyframe.reference, keyframe.corrected, T_world_camera, level) > MIN_OVERLAP:
+    def _count_misfit(self, misfit: bool) -> None:
+        self._misfits = self._misfits + 1 if misfit else 0
+
+    def _prove(self, index: int) -> None:
+        """Begin to correct, where misfits prove that poses drift and no fault of the camera explains them."""
+        if self._misfits < MISFITS_THAT_PROVE or self.taken_back_at is not None:
+            return
+        self.cause = single_cause(self._pairs)
+        if self.cause is None:
+            self.proven_at, self._misfits = index, 0
+
+    def _doubt(self, index: int, levels: tuple[Level, ...], given: Float64Array, corrected: Float64Array) -> None:
+        """Take the correction back, where the given poses explain more of the places that were seen before it."""
+        keyframe = self._oldest([k.given for k in self._keyframes], given, levels[OVERLAP_LEVEL])
+        if keyframe is None or keyframe.proven:
+            return
+        by_given, by_corrected = (
+            explained(keyframe.reference, levels[COMPARED_LEVEL], T)
+            for T in (inverse(given) @ keyframe.given, inverse(corrected) @ keyframe.corrected)
+        )
+        self._count_misfit(clearly_better(by_given, by_corrected))
+        if self._misfits < MISFITS_THAT_PROVE:
+            return
+        self.proven_at, self.taken_back_at, self._misfits, self.most_m = None, index, 0, 0.0
+        self._pairs.clear()
+        for keyframe in self._keyframes:
+            keyframe.corrected = keyframe.given
+
+    def _views(self, T_world_keyframes: list[Float64Array], T_world_camera: Float64Array) -> Float64Array:
+        """Return the distance of a view to that of each keyframe, as an angle."""
+        depth_m = np.array([keyframe.depth_m for keyframe in self._keyframes])
+        return view_distances(T_world_camera, np.array(T_world_keyframes).reshape(-1, 4, 4), depth_m)
+
+    def _oldest(
+        self, T_world_keyframes: list[Float64Array], T_world_camera: Float64Array, level: Level
+    ) -> _Keyframe | None:
+        """Return the oldest keyframe, by poses of all, of whose points an image from a pose shows most."""
+        for k in np.flatnonzero(self._views(T_world_keyframes, T_world_camera) < FAR_VIEW).tolist():
+            keyframe = self._keyframes[k]
+            if overlap(keyframe.reference, T_world_keyframes[k], T_world_camera, level) > MIN_OVERLAP:
                 keyframe.used = self._comparisons
                 return keyframe
         return None
@@ -162,30 +214,12 @@ class DriftCorrection:
             return
         if len(self._keyframes) == MAX_KEYFRAMES:
             self._keyframes.pop(min(range(MAX_KEYFRAMES), key=lambda k: self._keyframes[k].used))
-        self._keyframes.append(_Keyframe(given, corrected, reference, median_depth_m(reference), self._comparisons))
+        depth_m, proven = median_depth_m(reference), self.proven_at is not None
+        self._keyframes.append(_Keyframe(given, corrected, reference, depth_m, self._comparisons, proven))
 
 
-def explained(reference: Reference, level: Level, T_camera_reference: Float64Array) -> float:
-    """Return the fraction of a reference's points on whose surface an image has its reading there, 0..1.
-
-    A reading lies on it within three deviations of the depth's noise.
-
-    Parameters
-    ----------
-    reference : Reference
-    level : Level
-        The image in the size of `TOLD_AT`.
-    T_camera_reference : (4, 4) float64
-    """
-    T, picked = T_camera_reference.astype(np.float32), reference.levels[TOLD_AT]
-    points, normals = picked.points @ T[:3, :3].T + T[:3, 3], picked.normals @ T[:3, :3].T
-    seen, u, v = pixels_of(points, level)
-    depth_m = level.image[v, u, kernel.DEPTH]
-    read, (fx, fy, cx, cy) = depth_m > 0, level.camera
-    u, v, depth_m, points, normals = u[read], v[read], depth_m[read], points[seen][read], normals[seen][read]
-    places = np.column_stack([(u - cx) / fx * depth_m, (v - cy) / fy * depth_m, depth_m])
-    off_m = np.abs(((places - points) * normals).sum(1))
-    here = off_m < OTHER_SURFACE_M
-    if np.count_nonzero(here) < MIN_READINGS:
-        return 0.0
-    return float((off_m < SIGMAS * (NOISE[0] + NOISE[1] * depth_m**2))[here].mean())
+def _is_misfit(by_given: Explained, by_found: Explained) -> bool:
+    """Tell whether an alignment explains most of what the given pose leaves unexplained, and loses next to nothing."""
+    before, left = 1.0 - by_given.fraction, 1.0 - by_found.fraction
+    better = left <= UNEXPLAINED_FRACTION * before and before - left >= MIN_GAIN
+    return better and clearly_better(by_found, by_given)

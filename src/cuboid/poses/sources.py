@@ -14,9 +14,11 @@ from cuboid.geometry.se3 import inverse, tidied, transform
 
 if TYPE_CHECKING:
     from cuboid.poses import PoseEstimator
+    from cuboid.poses.single_cause import SingleCause
 
 LOST = "the camera is lost: the frame shows no place that is known"
 NO_POSE = "the frame has no camera pose"
+TAKEN_BACK = "the correction of the given camera poses did not hold: from frame {} on they are as given"
 # Corrections of estimated poses are applied from this fraction of a voxel on: smaller ones stay within a voxel.
 POSES_MOVE = 0.5
 GIVEN, AUTO, CORRECTED, ESTIMATED = "given", "auto", "corrected", "estimated"
@@ -126,13 +128,28 @@ class CorrectedPoses:
         return
 
     def warnings(self) -> tuple[str, ...]:
-        """Return that the poses drift, where they do."""
-        if self._drift.proven_at is None:
-            return ()
-        drift = f"the given camera poses drift: from frame {self._drift.proven_at} on "
-        if not self._apply:
-            return (f"{drift}they disagree with earlier frames; --poses corrected aligns them",)
-        return (f"{drift}they are aligned to earlier frames, {100.0 * self._drift.most_m:.0f} cm off at most",)
+        """Return why the poses do not fit the frames, and what was done about it."""
+        drift = self._drift
+        if drift.proven_at is not None:
+            since = f"the given camera poses drift: from frame {drift.proven_at} on "
+            if not self._apply:
+                return (f"{since}they disagree with earlier frames; --poses corrected aligns them",)
+            return (f"{since}they are aligned to earlier frames, {100.0 * drift.most_m:.0f} cm off at most",)
+        taken_back = () if drift.taken_back_at is None else (TAKEN_BACK.format(drift.taken_back_at),)
+        return (*taken_back, *(() if drift.cause is None else (_other_cause(drift.cause),)))
+
+
+def _other_cause(cause: SingleCause) -> str:
+    """Return why given poses misfit, where it is not drift."""
+    if cause.scale is None:
+        return (
+            "the given camera poses do not fit the frames, everywhere alike: they may be those of another sensor than "
+            "the camera, or the depth is not registered to the color (--register)"
+        )
+    return (
+        f"depth and given camera poses differ in scale: the depth is {cause.scale:.2f} times what the poses say; "
+        f"--depth-scale with {cause.scale:.2f} times its value, if the depth is wrong"
+    )
 
 
 class EstimatedPoses:

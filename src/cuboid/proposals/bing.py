@@ -10,7 +10,12 @@ The model is a folder of the user's: the nine files that OpenCV's samples have, 
 
 from __future__ import annotations
 
+import ctypes
+import os
 import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +26,45 @@ from cuboid.core.frame import Frame, Intrinsics
 from cuboid.detection.boxes import thin_out
 from cuboid.proposals.boxes import boxes_as_proposals
 from cuboid.proposals.registry import SOURCES
-from cuboid.proposals.silence import silent_stdout
 from cuboid.proposals.types import Proposals, ProposalSource
+
+_STDOUT = 1
+_turn = threading.Lock()
+
+
+@contextmanager
+def silent_stdout() -> Iterator[None]:
+    """Send what any code of this process writes to standard output nowhere, native code included.
+
+    Python's and C's buffers are emptied before and after, so that no line of either side goes the wrong way.
+    """
+    import sys
+
+    with _turn:
+        _flush(sys.stdout)
+        try:
+            kept = os.dup(_STDOUT)
+        except OSError:  # standard output is closed: there is nothing to keep clean
+            yield
+            return
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        try:
+            os.dup2(nowhere, _STDOUT)
+            yield
+        finally:
+            _flush(None)
+            os.dup2(kept, _STDOUT)
+            os.close(kept)
+            os.close(nowhere)
+
+
+def _flush(stream: object) -> None:
+    flush = getattr(stream, "flush", None)
+    if flush is not None:
+        flush()
+    # A null pointer: all of C's streams.
+    ctypes.CDLL(None).fflush(None)
+
 
 FILES = tuple(f"ObjNessB2W8{space}.{part}.yml.gz" for space in ("MAXBGR", "HSV", "I") for part in ("idx", "wS1", "wS2"))
 # OpenCV gives each box a rank, some 300 for the best and 20,000 for the last, not a score; that of a half score.

@@ -15,14 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.core.config import TrackerConfig
+from cuboid.core.depth import DepthImage, cell_pixels, shrunk
 from cuboid.core.errors import InputError
 from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
 from cuboid.core.kernels import patches, regions, segments
-from cuboid.core.kernels.blocks import halve_depth
-from cuboid.core.kernels.cells import CELL_COLUMNS, fit_cells
+from cuboid.core.kernels.cells import CELL_COLUMNS
 from cuboid.core.kernels.holes import fill_holes
-from cuboid.core.kernels.pixels import drop_mixed
-from cuboid.core.sensor import MIXED_PER_M, cell_pixels
 from cuboid.core.tolerances import BIAS_M, JUMP_SIGMAS, MIN_SIGMA_M
 from cuboid.core.working import COLOR_LEVELS, HOLE_M
 from cuboid.proposals.kernels import unions
@@ -33,8 +31,6 @@ from cuboid.proposals.types import JoinedMasks, Proposals, ProposalSource
 # is then 6 mm.
 WIDEST = 480
 MIN_WIDE = 120
-# Readings of a block of pixels belong to one surface within this fraction of their depth.
-SAME_SURFACE = 0.01
 # Neighbouring readings err together: over a region the noise is this times the nominal one. At distance z that is the
 # deviation of depth over z squared; it is that of 1/z itself, wherever a pixel looks.
 REGION_NOISE = 2.2 / 1.425
@@ -107,32 +103,19 @@ class DepthSegmentation:
 
     def __call__(self, frame: Frame, intrinsics: Intrinsics) -> Proposals:
         """Return the proposals of `frame`, the best first."""
-        depth_m, camera, step = _shrink(frame.depth_m, intrinsics, self._widest)
-        found = _regions(depth_m, frame.color, camera, step, self._config)
-        scores = _scores(found.measures, camera.fx, self._config)
+        depth, step = shrunk(frame, intrinsics, self._widest)
+        found = _regions(depth, frame.color, step, self._config)
+        scores = _scores(found.measures, depth.camera.fx, self._config)
         return _as_proposals(found, scores, _best(scores, found), step)
 
 
-def _shrink(depth_m: Float32Array, intrinsics: Intrinsics, widest: int) -> tuple[Float32Array, Intrinsics, int]:
-    step = 1
-    while max(depth_m.shape) > widest:
-        halved = np.empty((depth_m.shape[0] // 2, depth_m.shape[1] // 2), np.float32)
-        halve_depth(np.ascontiguousarray(depth_m), SAME_SURFACE, halved)
-        depth_m, step = halved, step * 2
-    clean = np.empty(depth_m.shape, np.float32)
-    drop_mixed(depth_m, MIXED_PER_M, clean)
-    return clean, intrinsics.downscaled(step), step
-
-
-def _regions(
-    depth_m: Float32Array, color: UInt8Array, camera: Intrinsics, step: int, config: TrackerConfig
-) -> _Regions:
-    shape, noise = depth_m.shape, REGION_NOISE * config.depth_noise_per_m
+def _regions(depth: DepthImage, color: UInt8Array, step: int, config: TrackerConfig) -> _Regions:
+    shape, noise, camera = depth.depth_m.shape, REGION_NOISE * config.depth_noise_per_m, depth.camera
     # An object at the end of the range is bounded by surfaces behind it, up to the length of an object.
-    inverse, kind, on, planes = _segment_planes(depth_m, camera, noise, config.max_depth_m + config.max_size_m)
+    inverse, kind, on, planes = _segment_planes(depth, noise, config.max_depth_m + config.max_size_m)
     # A deviation of 1/z after halving is half of what one reading has; the first Kinect's is kept for both.
     smooth, marks = np.empty(shape, np.float32), np.empty(shape, np.uint8)
-    labels, queue = np.empty(shape, np.int16), np.empty(depth_m.size, np.int32)
+    labels, queue = np.empty(shape, np.int16), np.empty(depth.depth_m.size, np.int32)
     # Creases are judged over less surface to either side than the smallest object's half; a step of twice its size is
     # surely another object's outline.
     segments.mark(inverse, kind, camera.fx, noise, JUMP_M, config.min_size_m / 2.0, BEND, smooth, marks)
@@ -190,25 +173,19 @@ def _weaken(
 
 
 def _segment_planes(
-    depth_m: Float32Array, camera: Intrinsics, noise: float, max_depth_m: float
+    depth: DepthImage, noise: float, max_depth_m: float
 ) -> tuple[Float32Array, UInt8Array, npt.NDArray[np.int8], int]:
     """Return 1/z, each pixel's kind (none, on a large plane, on another surface, far) and plane, and their number."""
-    size = cell_pixels(camera)
-    rows, columns = depth_m.shape[0] // size, depth_m.shape[1] // size
-    pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
-    cells = np.empty((rows * columns, CELL_COLUMNS))
-    fit_cells(depth_m, pinhole, size, max_depth_m, cells)
-    planes, member = np.empty((PLANES, 3)), np.empty((rows, columns), np.int16)
-    count = patches.grow_planes(
-        cells, (rows, columns), pinhole, noise, PLANE_BOW_M, JUMP_SIGMAS * noise,
-        PLANE_AREA_M2, planes, member,
-    )  # fmt: skip
+    depth_m, pinhole, size = depth.depth_m, depth.camera.pinhole, cell_pixels(depth.camera)
+    cells = depth.cells(max_depth_m)
+    shape, cells = cells.shape[:2], cells.reshape(-1, CELL_COLUMNS)
+    planes, member = np.empty((PLANES, 3)), np.empty(shape, np.int16)
+    flat = JUMP_SIGMAS * noise
+    count = patches.grow_planes(cells, shape, pinhole, noise, PLANE_BOW_M, flat, PLANE_AREA_M2, planes, member)
     inverse, kind = np.empty(depth_m.shape, np.float32), np.empty(depth_m.shape, np.uint8)
     on = np.empty(depth_m.shape, np.int8)
-    patches.classify(
-        depth_m, cells, planes, count, member, pinhole, size, PLANE_REACH, noise, BIAS_M, MIN_BIAS_M,
-        max_depth_m, inverse, kind, on,
-    )  # fmt: skip
+    grown, limits = patches.Grown(cells, planes, count, member), (PLANE_REACH, noise, BIAS_M, MIN_BIAS_M, max_depth_m)
+    patches.classify(depth_m, grown, pinhole, size, *limits, inverse, kind, on)
     return inverse, kind, on, count
 
 

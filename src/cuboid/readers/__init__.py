@@ -2,31 +2,8 @@
 
 from __future__ import annotations
 
-from cuboid.readers import (
-    arkitscenes,
-    azure_kinect,
-    bonn,
-    bop,
-    icl_nuim,
-    infinitam,
-    nerfstudio,
-    open3d,
-    plain,
-    polycam,
-    realsense_bag,
-    record3d,
-    record3d_file,
-    replica,
-    ros_bag,
-    scannet,
-    scannet_sens,
-    seven_scenes,
-    stray_scanner,
-    sun3d,
-    three_rscan,
-    tum,
-    uw_rgbd_scenes_v2,
-)
+from importlib import import_module
+
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.locate import open_recording
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, ImageSource, Listing, Reader
@@ -41,28 +18,14 @@ __all__ = [
     "Listing",
     "Reader",
     "Recording",
-    "arkitscenes",
-    "azure_kinect",
-    "bonn",
-    "bop",
-    "icl_nuim",
-    "infinitam",
-    "nerfstudio",
-    "open3d",
     "open_recording",
-    "plain",
-    "polycam",
-    "realsense_bag",
-    "record3d",
-    "record3d_file",
-    "replica",
-    "ros_bag",
-    "scannet",
-    "scannet_sens",
-    "seven_scenes",
-    "stray_scanner",
-    "sun3d",
-    "three_rscan",
-    "tum",
-    "uw_rgbd_scenes_v2",
 ]
+
+# The modules of the formats: each registers its own.
+_FORMATS = (
+    *("arkitscenes", "azure_kinect", "bonn", "bop", "datasets", "icl_nuim", "infinitam", "nerfstudio", "open3d"),
+    *("plain", "polycam", "realsense_bag", "record3d", "record3d_file", "ros_bag", "scannet_sens", "stray_scanner"),
+    *("sun3d", "tum"),
+)
+for _name in _FORMATS:
+    import_module(f"cuboid.readers.{_name}")

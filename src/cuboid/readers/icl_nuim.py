@@ -25,7 +25,7 @@ from cuboid.core.errors import FrameError, InputError, shown
 from cuboid.core.frame import Float64Array
 from cuboid.formats.reading import names_in
 from cuboid.formats.table_validation import data_lines
-from cuboid.readers.posetext import parse_numbers, pose_from_quaternion
+from cuboid.readers.posetext import numbered_rows, pose_from_quaternion
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader
 
 DEPTH_UNITS_PER_METRE = 5000.0
@@ -70,12 +70,10 @@ def read(path: Path) -> Listing:
 
 def _poses(path: Path) -> dict[int, PoseLine]:
     poses: dict[int, PoseLine] = {}
-    for number, line in data_lines(path):
-        try:
-            frame, *pose = parse_numbers(line, 8, "number tx ty tz qx qy qz qw")
-            poses[int(frame)] = (number, pose)
-        except (ValueError, OverflowError) as error:
-            raise InputError(f"{path} line {number}: {error}") from None
+    for number, (frame, *pose) in numbered_rows(path, 8, "number tx ty tz qx qy qz qw"):
+        if not frame.is_integer():
+            raise InputError(f"{path} line {number}: expected the number of a frame, got {frame:g}")
+        poses[int(frame)] = (number, pose)
     return poses
 
 

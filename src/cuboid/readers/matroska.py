@@ -146,9 +146,8 @@ class _State:
         found.blocks.setdefault(track, []).append(Block(time_ns, offset + size + 3, length - size - 3))
 
 
-_FIELDS = {
-    TIMESTAMP_SCALE, CLUSTER_TIME, FILE_NAME, TRACK_NUMBER, TRACK_NAME, CODEC, CODEC_PRIVATE, WIDTH, HEIGHT,
-}  # fmt: skip
+_OF_TRACK = (TRACK_NUMBER, TRACK_NAME, CODEC, CODEC_PRIVATE, WIDTH, HEIGHT)
+_FIELDS = {TIMESTAMP_SCALE, CLUSTER_TIME, FILE_NAME, *_OF_TRACK}
 
 
 def _elements(file: BinaryIO, start: int, end: int) -> Iterator[tuple[int, int, int]]:

@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from cuboid.core.errors import FrameError, InputError, shown
 from cuboid.core.frame import Float64Array
+from cuboid.core.values import LATEST_S, refuse_no_quaternion
 from cuboid.formats.table_validation import data_lines
-from cuboid.formats.values import LATEST_S, refuse_no_quaternion
 from cuboid.geometry import se3
 
 # Between two poses this far apart in time (seconds) the pose is interpolated: a hand-held camera's
@@ -39,6 +39,23 @@ def parse_numbers(text: str, count: int, expected: str) -> list[float]:
     if len(values) != count:
         raise ValueError(f"expected {expected}, got {shown(' '.join(words))}")
     return values
+
+
+def numbered_rows(path: Path, count: int | None, expected: str) -> list[tuple[int, list[float]]]:
+    """Return the lines of a file, each with its number and its numbers: this many, or any where None is given.
+
+    Raises
+    ------
+    InputError
+        If a line has another form; `expected` says in the message what it is.
+    """
+    rows = []
+    for number, line in data_lines(path):
+        try:
+            rows.append((number, parse_numbers(line, len(line.split()) if count is None else count, expected)))
+        except ValueError as error:
+            raise InputError(f"{path} line {number}: {error}") from None
+    return rows
 
 
 def parse_time(word: str) -> float:

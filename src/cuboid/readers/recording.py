@@ -16,6 +16,7 @@ from cuboid.geometry import se3
 from cuboid.readers import calibration as calibrations
 from cuboid.readers.depth_camera import DepthCamera
 from cuboid.readers.images import decode_color, decode_depth, depth_in_metres
+from cuboid.readers.pose_convention import converted
 from cuboid.readers.prefetch import run_ahead
 from cuboid.readers.reader import Calibration, FrameEntry, ImageSource, Listing
 from cuboid.readers.undistortion import DepthArray
@@ -78,6 +79,7 @@ class Recording:
         self.intrinsics: Intrinsics = calibrations.for_size(calibration, width, height, path)
         self._undistort = calibrations.undistortion(calibration, (width, height), path)
         self._poses_of_depth = listing.poses_of_depth
+        self._pose_convention: tuple[str, ...] = ()
         self._set_camera(calibration)
         self.up_world: Float64Array | None = None
         if self.has_poses and listing.up_world is not None:
@@ -149,6 +151,13 @@ class Recording:
         other._set_camera(dataclasses.replace(self.calibration, depth_camera=depth_camera))
         return other
 
+    def with_pose_convention(self, names: tuple[str, ...]) -> Recording:
+        """Return the same recording with its poses in these conventions, see `pose_convention.CONVENTIONS`."""
+        other = object.__new__(Recording)
+        other.__dict__.update(self.__dict__)
+        other._pose_convention = names
+        return other
+
     def with_warning(self, warning: str) -> Recording:
         """Return the same recording with one more line in `warnings`."""
         other = object.__new__(Recording)
@@ -175,7 +184,7 @@ class Recording:
         if load is None:
             raise FrameError("the frame has no camera pose")
         try:
-            T = se3.rigid(load())
+            T = converted(se3.rigid(load()), self._pose_convention)
         except ValueError as error:  # of a reader that does not look at its poses
             raise FrameError(str(error)) from None
         return T if self._T_depth_color is None else T @ self._T_depth_color

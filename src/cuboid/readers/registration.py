@@ -39,7 +39,7 @@ class Registration:
         if not min(depth.fx, depth.fy, color.fx, color.fy) >= MIN_FOCAL_PX:
             raise ValueError(f"a focal length is {min(depth.fx, depth.fy, color.fx, color.fy):.3g} pixels")
         self._T_color_depth = np.ascontiguousarray(depth.T_color_depth)
-        self._K_color = np.array([color.fx, color.fy, color.cx, color.cy])
+        self._K_color = color.pinhole
         self._shape = (color.height, color.width)
         self._pixel = 1.0 / min(depth.fx, depth.fy)
         rays = _rays(depth)

@@ -24,10 +24,9 @@ import numpy.typing as npt
 from cuboid.core.errors import FrameError, InputError
 from cuboid.core.frame import Float64Array
 from cuboid.formats.reading import names_in
-from cuboid.formats.table_validation import data_lines
 from cuboid.readers.image_folder import images_in
 from cuboid.readers.images import decode_depth
-from cuboid.readers.posetext import parse_numbers, pose_from_matrix
+from cuboid.readers.posetext import numbered_rows, pose_from_matrix
 from cuboid.readers.reader import READERS, Calibration, FrameEntry, Listing, Reader, has_file
 from cuboid.readers.tum import associate
 
@@ -49,7 +48,7 @@ def read(path: Path) -> Listing:
     colors, depths = _by_time(path / "image"), _by_time(path / "depth")
     pairs = associate([time_s for time_s, _ in colors], [time_s for time_s, _ in depths], WITHIN_S)
     file = _extrinsics(path)
-    rows = None if file is None else _rows(file, 4)
+    rows = None if file is None else numbered_rows(file, 4, "4 numbers a row")
     frames = []
     for k, (time_s, color) in enumerate(colors):
         fault = None if k in pairs else f"color without depth: none within {1000 * WITHIN_S:g} ms of image/{color.name}"
@@ -84,17 +83,6 @@ def _extrinsics(path: Path) -> Path | None:
     return folder / names[-1] if names else None
 
 
-def _rows(path: Path, columns: int) -> list[tuple[int, list[float]]]:
-    """Read rows of numbers: the number of the line, and what it holds."""
-    rows = []
-    for number, line in data_lines(path):
-        try:
-            rows.append((number, parse_numbers(line, columns, f"{columns} numbers a row")))
-        except ValueError as error:
-            raise InputError(f"{path} line {number}: {error}") from None
-    return rows
-
-
 def _pose(rows: list[tuple[int, list[float]]], k: int, name: str) -> Float64Array:
     own = rows[3 * k : 3 * k + 3]
     if len(own) < 3:
@@ -103,7 +91,7 @@ def _pose(rows: list[tuple[int, list[float]]], k: int, name: str) -> Float64Arra
 
 
 def _calibration(path: Path) -> Calibration:
-    rows = [row for _, row in _rows(path, 3)]
+    rows = [row for _, row in numbered_rows(path, 3, "3 numbers a row")]
     if len(rows) != 3 or not np.isfinite(rows).all() or min(rows[0][0], rows[1][1]) <= 0:
         raise InputError(f"{path}: expected the matrix fx 0 cx, 0 fy cy, 0 0 1 with fx, fy > 0")
     return Calibration(rows[0][0], rows[1][1], rows[0][2], rows[1][2], None, path.name)

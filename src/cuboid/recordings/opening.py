@@ -8,6 +8,7 @@ from os import PathLike
 from cuboid.calibration.registering import Misregistration, is_off, register_recording
 from cuboid.readers import Recording
 from cuboid.readers import open_recording as read_recording
+from cuboid.readers.pose_convention import convention_names
 
 AUTO, ON, OFF = "auto", "on", "off"
 # Values of `--register` and `open_recording(register=...)`.
@@ -21,6 +22,7 @@ def open_recording(
     intrinsics: Sequence[float] | str | PathLike[str] | None = None,
     depth_scale: float | None = None,
     register: str = AUTO,
+    pose_convention: str | None = None,
 ) -> Recording:
     """Open an RGB-D recording; its layout is recognised from what is in it.
 
@@ -40,6 +42,10 @@ def open_recording(
         Whether depth is registered to color: "auto" where the frames clearly show that depth lies beside color and the
         recording names no depth camera, "on" also where it lies only a little beside, "off" never. Frames are read to
         find out; this takes a second.
+    pose_convention : str, optional
+        What the poses of the recording are, where its format says otherwise: "inverse" (world to camera), "opengl" (the
+        camera's y up, z backward), "mm" or "cm" (translations), "wxyz" or "xyzw" (quaternions), or several, as in
+        "inverse,mm".
 
     Returns
     -------
@@ -62,6 +68,8 @@ def open_recording(
     if register not in REGISTER:
         raise ValueError(f"register must be one of {', '.join(REGISTER)}, got '{register}'")
     recording = read_recording(path, format=format, intrinsics=intrinsics, depth_scale=depth_scale)
+    if pose_convention is not None:
+        recording = recording.with_pose_convention(convention_names(pose_convention))
     if register == OFF or (register == AUTO and recording.depth_camera is not None):
         return recording
     found, registered = register_recording(recording)

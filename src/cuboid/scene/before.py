@@ -14,16 +14,18 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.core.frame import Float32Array, Float64Array
+from cuboid.core.records import box_numbers
 from cuboid.core.tolerances import MIN_READINGS
 from cuboid.geometry.box import Box
-from cuboid.geometry.se3 import quat_wxyz_from_rotation, transform
+from cuboid.geometry.se3 import transform
 from cuboid.heatmap.kernels.cubes import CUBE_BITS, keys_of
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.entry import MapObject
 from cuboid.scene.localisation import Joined
 from cuboid.scene.packing import check_sum, deflated, inflated
+from cuboid.scene.schema import BOX
 from cuboid.scene.similarity import LAYERS, ColorProfile, color_profile_of
-from cuboid.scene.validation import BOX, DamagedError, box_of, columns_of, floats_of, read_rows
+from cuboid.scene.validation import DamagedError, box_of, columns_of, floats_of, read_rows
 from cuboid.surfaces.grid import CELL_M as GROUND_CELL_M
 from cuboid.surfaces.grid import cells_of
 from cuboid.tracking.posed_tracker import PosedTracker
@@ -81,10 +83,10 @@ class Before:
 
     def watch(self, voxels: VoxelMap) -> None:
         """Note what stands in each cube of a map before the visit changes it; to be called before the visit begins."""
-        voxels.before_visit = lambda rows: self._note(voxels, rows)
+        voxels.stored.before_visit = lambda rows: self._note(voxels, rows)
 
     def _note(self, voxels: VoxelMap, rows: npt.NDArray[np.int64]) -> None:
-        points, _ = voxels.spread(rows[~np.isin(voxels.owner[rows], self._numbers)])
+        points, _ = voxels.stored.spread(rows[~np.isin(voxels.stored.owner[rows], self._numbers)])
         cells = np.unique(_numbers_of(points))
         self._occupied.append(cells)
         self._noted.append(cells)
@@ -108,7 +110,7 @@ class Before:
             labels = np.repeat(np.fromiter(self.known, np.int64), [len(keys) for keys in cubes])
             self._cubes = labels, np.concatenate([np.zeros(0, np.int64), *cubes])
         labels, keys = self._cubes
-        return set(labels[voxels.viewed_since(keys, since)].tolist())
+        return set(labels[voxels.stored.viewed_since(keys, since)].tolist())
 
     def was_seen(self, tracker: PosedTracker, entry: MapObject) -> bool:
         """Tell whether the ground that an object stands on had been seen before the visit.
@@ -160,12 +162,10 @@ def begin(connection: sqlite3.Connection, tracker: PosedTracker) -> None:
         connection.execute(f"DELETE FROM {table}")
     # Objects that were lost with a damaged file have no rows in the map.
     for entry in tracker.ever_labelled():
-        if entry.confirmed and len(entry.points) and tracker.voxels.owns(entry.number):
+        if entry.confirmed and len(entry.points) and tracker.voxels.stored.owns(entry.number):
             points = np.ascontiguousarray(entry.points[:: 1 + len(entry.points) // POINTS], "<f4")
-            box = entry.box
-            nine = (*box.center.tolist(), *box.size.tolist(), *quat_wxyz_from_rotation(box.rotation).tolist())
             profile = color_profile_of(entry).astype("<f8").tobytes()
-            row = (entry.label, *nine, profile, points.tobytes(), entry.label, entry.number)
+            row = (entry.label, *box_numbers(entry.box), profile, points.tobytes(), entry.label, entry.number)
             places = f"{', '.join('?' * 13)}, (SELECT picture FROM objects WHERE label = ?), ?"
             connection.execute(f"INSERT INTO known VALUES ({places})", row)
     connection.execute("UPDATE objects SET picture_share = 0")  # each visit takes pictures of its own

@@ -97,7 +97,7 @@ class Changes:
         self._find_again(tracker)
         while self._join_what_went_together(tracker):
             pass
-        self._since, self._since_frame = tracker.voxels.carving_passes, frame + 1
+        self._since, self._since_frame = tracker.voxels.stored.carving_passes, frame + 1
 
     def apply_joins(self, joined: Sequence[Joined]) -> None:
         """Note that the map was moved, and apply the transforms of parts that were connected to the scene."""
@@ -113,8 +113,8 @@ class Changes:
         replaced = fitted_anew and in_place and self._similarity(entry, old) < UNLIKE
         if carved < CARVED and not replaced:
             return
-        rows = voxels.rows_of(entry.number)
-        again = voxels.xyz(rows[voxels.seen_since(rows, self._first_frame)])
+        rows = voxels.stored.rows_of(entry.number)
+        again = voxels.stored.xyz(rows[voxels.stored.seen_since(rows, self._first_frame)])
         seen_again = fraction_near(old.points, again, STILL_M)
         gone = seen_again < SEEN_AGAIN and carved >= CARVED and len(again) < LEFT * len(entry.points)
         if gone or (replaced and len(again) and not self._standing(tracker, old).still):

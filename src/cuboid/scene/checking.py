@@ -16,7 +16,8 @@ from cuboid.scene import before
 from cuboid.scene.database import complaining, open_damaged, open_to_read, open_to_write, transaction
 from cuboid.scene.packing import BlockRow, unpacked_block
 from cuboid.scene.saving import StateFile, load_blocks, load_state, load_state_without_map
-from cuboid.scene.validation import TABLES, DamagedError, Row, columns_of, refuse_no_row
+from cuboid.scene.schema import TABLES
+from cuboid.scene.validation import DamagedError, Row, columns_of, refuse_no_row
 from cuboid.scene.visit import ANY_CAMERA
 
 Rows = npt.NDArray[np.void]

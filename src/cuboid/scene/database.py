@@ -231,7 +231,7 @@ def _make(path: Path) -> None:
         connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
         connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
         connection.execute(f"PRAGMA user_version = {VERSION}")
-        connection.executescript(TABLES)
+        connection.executescript("\n".join(table.sql(name) for name, table in TABLES.items()))
         connection.close()
         file.show()
 

@@ -327,7 +327,7 @@ class ScenePoses:
         """Return up in a part's world as a frame shows it; raises FrameError while none does."""
         c, vote = self._config, UpVote()
         image = thin(frame, self.intrinsics, c.working_width_px, 0)
-        up = vote.update(find_flat_areas(image.depth_m, image.camera, c), T_part_camera, frame.up_camera)
+        up = vote.update(find_flat_areas(image.depth, c), T_part_camera, frame.up_camera)
         self._waited += 1
         if up is None and self._waited < MAX_FRAMES_WITHOUT_UP:
             raise FrameError(LOST)

@@ -21,24 +21,28 @@ from cuboid.outputs.queries import MapQueries
 from cuboid.scene.answers import SceneObject, ScenePast, SceneRecording
 from cuboid.scene.classes import KEY, read_classes
 from cuboid.scene.database import complaining, open_to_read
-from cuboid.scene.validation import BOX, Outline, Row, box_of, columns_of, document, read_rows, rotation_of
+from cuboid.scene.schema import BOX, TABLES
+from cuboid.scene.validation import Outline, Row, box_of, columns_of, document, read_rows, rotation_of
 
 if TYPE_CHECKING:
     from cuboid.tracking.posed_tracker import PosedTracker
 
-_COLUMNS = (
-    "label", "name", "state", "merged_into", "plane", *BOX, "score", "heat", "points", "red", "green", "blue",
-    "first_frame", "last_frame", "frames_seen",
-)  # fmt: skip
+_COLUMNS = tuple(name for name in TABLES["objects"].columns if not name.endswith("_spread") and "picture" not in name)
+# Fields of an object whose columns have the same names.
+_SAME = ("label", "state", "merged_into", "score", "heat", "points", "first_frame", "last_frame", "frames_seen")
 _PAST = (
-    *columns_of("sightings", ("label", "iou", "recording", "frame")), "frames.time_s", *columns_of("boxes", BOX),
-    *columns_of("sightings", ("visible", "x0", "y0", "x1", "y1")),
-)  # fmt: skip
+    *columns_of("sightings", ("label", "recording", "frame")),
+    "frames.time_s",
+    *columns_of("boxes", BOX),
+    *columns_of("sightings", ("iou", "visible", "x0", "y0", "x1", "y1")),
+)
 _CHANGE = (
-    "changes.recording", "changes.label", "objects.name", "changes.change",
-    *columns_of("changes", ("from_x", "from_y", "from_z", "to_x", "to_y", "to_z", "metres", "sure", "before", "after")),
+    *columns_of("changes", ("recording", "label")),
+    "objects.name",
+    "changes.change",
     *columns_of("objects", BOX),
-)  # fmt: skip
+    *columns_of("changes", ("from_x", "from_y", "from_z", "to_x", "to_y", "to_z", "metres", "sure", "before", "after")),
+)
 
 
 class SceneReader(MapQueries):
@@ -159,12 +163,7 @@ class SceneReader(MapQueries):
             f"WHERE sightings.label IN ({', '.join('?' * len(labels))}) ORDER BY sightings.recording, sightings.frame"
         )
         with complaining(self.path):
-            return [
-                ScenePast(
-                    label, recording, frame, time_s, box_of(rest[:10], "boxes"), iou, rest[10], np.array(rest[11:])
-                )
-                for label, iou, recording, frame, time_s, *rest in self._rows(_PAST, rest, labels)
-            ]
+            return [_past_of(row) for row in self._rows(_PAST, rest, labels)]
 
     def changes(self, since: str | int | None = None) -> list[SceneChange]:
         """Return what each recording found changed, by recording and label.
@@ -220,25 +219,17 @@ class SceneReader(MapQueries):
     def _object(
         self, row: Row, merged: Iterable[int], place: Mapping[int, int], classes: list[tuple[str, float]]
     ) -> SceneObject:
-        label, name, state, merged_into, plane, *rest = row
-        score, heat, points, red, green, blue, first_frame, last_frame, frames_seen = rest[10:]
+        of = dict(zip(_COLUMNS, row, strict=True))
+        name = of["name"]
         found = SceneObject(
-            label=label,
+            **{name: of[name] for name in _SAME},
             **chosen_name(classes),
-            state=state,
-            merged_into=merged_into,
             merged_labels=tuple(merged),
-            box=box_of(rest[:10], "objects"),
-            plane=None if plane is None else place.get(plane),
-            score=score,
-            heat=heat,
-            points=points,
-            mean_color=np.array((red, green, blue)),
-            first_frame=first_frame,
-            last_frame=last_frame,
-            frames_seen=frames_seen,
-            first_seen=self._place(first_frame),
-            last_seen=self._place(last_frame),
+            box=box_of([of[name] for name in BOX], "objects"),
+            plane=None if of["plane"] is None else place.get(of["plane"]),
+            mean_color=np.array((of["red"], of["green"], of["blue"])),
+            first_seen=self._place(of["first_frame"]),
+            last_seen=self._place(of["last_frame"]),
         )
         return found if name is None else found.with_given_name(name)
 
@@ -279,10 +270,16 @@ def _place_of(numbers: Sequence[float | None]) -> Float64Array | None:
 
 def _change_of(row: Row) -> SceneChange:
     """Return what a row of `_CHANGE` says; DamagedError where its box is none."""
-    recording, label, name, change, *rest = row
-    (metres, sure, before, after), box = rest[6:10], box_of(rest[10:], "objects")
-    places = _place_of(rest[:3]), _place_of(rest[3:6])
-    return SceneChange(recording, label, name, change, box, *places, metres, sure, before, after)
+    recording, label, name, change = row[:4]
+    places = _place_of(row[14:17]), _place_of(row[17:20])
+    return SceneChange(recording, label, name, change, box_of(row[4:14], "objects"), *places, *row[20:])
+
+
+def _past_of(row: Row) -> ScenePast:
+    """Return the sighting of a row of `_PAST`; DamagedError where its box is none."""
+    label, recording, frame, time_s = row[:4]
+    iou, visible, *rect = row[14:]
+    return ScenePast(label, recording, frame, time_s, box_of(row[4:14], "boxes"), iou, visible, np.array(rect))
 
 
 def _pose(numbers: Sequence[float]) -> Float64Array:

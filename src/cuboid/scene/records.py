@@ -13,11 +13,13 @@ import cv2
 import numpy as np
 
 from cuboid.core.frame import Float64Array, Frame
+from cuboid.core.records import box_numbers
 from cuboid.core.results import FrameResult, Sighting, SupportPlane
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.objects.entry import MapObject, State
 from cuboid.scene.classes import write_classes
+from cuboid.scene.schema import BOX, TABLES
 from cuboid.tracking.posed_tracker import PosedTracker
 
 Row = tuple[Any, ...]
@@ -27,14 +29,13 @@ BETTER = 1.5
 # Longest side of a picture, pixels, how much of what is around it shows, and its quality as JPEG.
 PICTURE_PX, AROUND, JPEG_QUALITY = 160, 0.15, 85
 
-OBJECT_COLUMNS = (
-    "label", "state", "merged_into", "plane", "cx", "cy", "cz", "length", "width", "height", "qw", "qx", "qy", "qz",
-    "score", "heat", "points", "red", "green", "blue", "red_spread", "green_spread", "blue_spread", "first_frame",
-    "last_frame", "frames_seen",
-)  # fmt: skip
+OBJECT_COLUMNS = tuple(name for name in TABLES["objects"].columns if name not in ("name", "picture", "picture_share"))
+# Columns that are attributes of an object of the map.
+_SAME = ("plane", "score", "heat", "first_frame", "last_frame", "frames_seen")
+_KEPT = ("label", "state")
 _UPSERT = (
-    f"INSERT INTO objects ({', '.join(OBJECT_COLUMNS)}) VALUES ({', '.join('?' * len(OBJECT_COLUMNS))}) "
-    f"ON CONFLICT (label) DO UPDATE SET {', '.join(f'{c} = excluded.{c}' for c in OBJECT_COLUMNS[2:])}, "
+    f"INSERT INTO objects ({', '.join(OBJECT_COLUMNS)}) VALUES ({', '.join(f':{c}' for c in OBJECT_COLUMNS)}) "
+    f"ON CONFLICT (label) DO UPDATE SET {', '.join(f'{c} = excluded.{c}' for c in OBJECT_COLUMNS if c not in _KEPT)}, "
     "state = CASE objects.state WHEN 'forgotten' THEN 'forgotten' ELSE excluded.state END"
 )
 
@@ -139,20 +140,19 @@ class Records:
             return known[1]
         number = self._next_box
         self._box_of[label] = box, number
-        self._rows.boxes.append((number, label, *_nine(box)))
+        self._rows.boxes.append((number, label, *box_numbers(box)))
         self._next_box += 1
         return number
 
     def _objects(self, tracker: PosedTracker, rows: Rows) -> None:
         for entry in tracker.ever_labelled():
             plane = tracker.support.find(entry.plane)
-            now = (
-                entry.box, entry.points, entry.state, entry.frames_seen, entry.last_frame, len(entry.merged_labels),
-                None if plane is None else plane.identity, entry.name_log_odds,
-            )  # fmt: skip
+            identity = None if plane is None else plane.identity
+            counts = entry.frames_seen, entry.last_frame, len(entry.merged_labels)
+            now = (entry.box, entry.points, entry.state, *counts, identity, entry.name_log_odds)
             if not _same(self._written.get(entry.label), now):
                 was = copy(entry)  # what its attributes hold is never changed
-                was.plane = None if plane is None else plane.identity
+                was.plane = identity
                 was.box = tracker.in_world(entry.box)
                 rows.objects += [(was, 0), *((was, k) for k in entry.merged_labels if k not in self._merged)]
                 rows.merged += [(k, entry.label) for k in entry.merged_labels]
@@ -201,21 +201,21 @@ def _same(before: tuple[object, ...] | None, now: tuple[object, ...]) -> bool:
     return all(a is b or (isinstance(a, int) and a == b) for a, b in zip(before, now, strict=True))
 
 
-def _object_row(entry: MapObject, label: int = 0) -> Row:
+def _object_row(entry: MapObject, label: int = 0) -> dict[str, Any]:
     """Return an object's row; with a label, that of one that it took in."""
     colors = entry.colors if len(entry.colors) else np.zeros((1, 3))
-    return (
-        label or entry.label, "gone" if entry.state is State.RETIRED else "present", None, entry.plane,
-        *_nine(entry.box), entry.score, entry.heat, len(entry.points), *colors.mean(0).tolist(),
-        *colors.std(0).tolist(), entry.first_frame, entry.last_frame, entry.frames_seen,
-    )  # fmt: skip
+    return {
+        "label": label or entry.label,
+        "state": "gone" if entry.state is State.RETIRED else "present",
+        "merged_into": None,
+        "points": len(entry.points),
+        **dict(zip(BOX, box_numbers(entry.box), strict=True)),
+        **dict(zip(("red", "green", "blue"), colors.mean(0).tolist(), strict=True)),
+        **dict(zip(("red_spread", "green_spread", "blue_spread"), colors.std(0).tolist(), strict=True)),
+        **{name: getattr(entry, name) for name in _SAME},
+    }
 
 
 def _plane_row(identity: int, plane: SupportPlane) -> Row:
     """Return a plane's row."""
     return identity, *plane.normal.tolist(), plane.offset, json.dumps(np.round(plane.extent, 4).tolist())
-
-
-def _nine(box: Box) -> tuple[float, ...]:
-    """Return centre, size and quaternion (w first) of a box."""
-    return (*box.center.tolist(), *box.size.tolist(), *quat_wxyz_from_rotation(box.rotation).tolist())

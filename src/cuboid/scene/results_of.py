@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections import defaultdict
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -100,19 +101,8 @@ def _seen(scene: Scene, number: int) -> tuple[dict[int, list[Sighting]], list[Tr
 
 
 def _object(item: SceneObject, own: list[ScenePast]) -> TrackedObject:
+    values = {one.name: getattr(item, one.name) for one in fields(TrackedObject)}
+    seen = {past.frame for past in own}
     return TrackedObject(
-        label=item.label,
-        box=own[-1].box,
-        score=item.score,
-        heat=item.heat,
-        first_frame=own[0].frame,
-        last_frame=own[-1].frame,
-        frames_seen=len({past.frame for past in own}),
-        points=item.points,
-        mean_color=item.mean_color,
-        plane=item.plane,
-        merged_labels=item.merged_labels,
-        name=item.name,
-        name_score=item.name_score,
-        names=item.names,
+        **{**values, "box": own[-1].box, "first_frame": min(seen), "last_frame": max(seen), "frames_seen": len(seen)}
     )

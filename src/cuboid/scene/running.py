@@ -99,9 +99,15 @@ class IntoScene:
         """
         with Scene.open(self.path) as scene:
             tracker = scene.tracker(
-                camera, config, proposals, source=source, same_world=self.same_world, resume=self.resume,
-                commit_every_s=self.commit_every_s, memory_mb=memory_mb,
-            )  # fmt: skip
+                camera,
+                config,
+                proposals,
+                source=source,
+                same_world=self.same_world,
+                resume=self.resume,
+                commit_every_s=self.commit_every_s,
+                memory_mb=memory_mb,
+            )
             try:
                 yield SceneRun(scene, tracker)
             finally:

@@ -86,7 +86,7 @@ class SceneBlockStore:
         """Tell which blocks (N,) are in the file as they are now."""
         if self.voxels is None:
             return np.zeros(len(blocks), bool)
-        return ~self.voxels.has_changed(blocks) & ~np.isin(blocks, self.awaited)
+        return ~self.voxels.stored.has_changed(blocks) & ~np.isin(blocks, self.awaited)
 
     def put(self, block: int, rows: npt.NDArray[Any]) -> None:
         """Do nothing: it is there."""
@@ -147,16 +147,16 @@ class StateFile:
         """Take the state of now."""
         taken = take(SceneState(self._tracker.state(), self._poses.state()))
         voxels = self._tracker.voxels
-        blocks = voxels.take_changed()
+        blocks = voxels.stored.take_changed()
         if self._begin:
-            blocks, self._begin = np.arange(1, voxels.blocks), False
-        changed = dict(zip(blocks.tolist(), voxels.copies(blocks), strict=True))
+            blocks, self._begin = np.arange(1, voxels.stored.blocks), False
+        changed = dict(zip(blocks.tolist(), voxels.stored.copies(blocks), strict=True))
         if self._block_store is not None:  # only now: what was put aside before is on another one
             self._block_store.awaited = blocks
             if self._block_store.voxels is not voxels:
-                voxels.use_store(self._block_store)
+                voxels.stored.use_store(self._block_store)
                 self._block_store.voxels = voxels
-        return Snapshot(taken, voxels.blocks, changed)
+        return Snapshot(taken, voxels.stored.blocks, changed)
 
     def write(
         self, connection: sqlite3.Connection, state: Snapshot, pace: Pace | None = None, *, ended: bool = True
@@ -264,7 +264,7 @@ def load_state(
     tracker, poses = load_state_without_map(connection, intrinsics, proposals, memory_mb=memory_mb)
     blocks = block_rows(connection)
     with refusing_nonsense():
-        tracker.voxels.restore([(b.number, b.cube, b.rows, b.living, b.visit) for b in blocks], block_store)
+        tracker.voxels.stored.restore([(b.number, b.cube, b.rows, b.living, b.visit) for b in blocks], block_store)
     block_store.voxels = tracker.voxels
     return tracker, poses
 

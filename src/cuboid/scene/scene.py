@@ -15,6 +15,7 @@ from cuboid.core.errors import InputError
 from cuboid.core.frame import Intrinsics
 from cuboid.core.limits import MEMORY_MB
 from cuboid.core.paths import PathLike, as_path
+from cuboid.outputs.naming import checked_name
 from cuboid.proposals import make_source
 from cuboid.proposals.types import ProposalSource
 from cuboid.scene import before, editing
@@ -27,9 +28,6 @@ from cuboid.scene.session import COMMIT_EVERY_S, OwnFrames, SceneTracker
 from cuboid.scene.validation import columns_of, read_rows
 from cuboid.scene.visit import Source
 from cuboid.tracking.posed_tracker import PosedTracker
-
-# A name that people give has at most this many characters.
-LONGEST_NAME = 100
 
 
 class Scene(SceneReader):
@@ -194,9 +192,7 @@ class Scene(SceneReader):
         InputError
             No object has the label, or the name is no single line of at most 100 characters.
         """
-        name = name.strip()
-        if not name.isprintable() or len(name) > LONGEST_NAME:
-            raise InputError(f"{self.path}: a name is one line of at most {LONGEST_NAME} characters, got '{name}'")
+        name = checked_name(self.path, name)
         self._labels_of(label)
         self._change("UPDATE objects SET name = ? WHERE label = ?", (name or None, label))
 

@@ -1,161 +1,220 @@
-"""The tables of a scene file.
+"""The tables of a scene file: each column with its values; the file is made, and every row is checked, by them.
 
 ``docs/scene.md`` describes each of them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import NoneType
+from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
+
+from msgspec import Meta
+
+from cuboid.core.values import (
+    Amount,
+    Cosine,
+    Count,
+    Fraction,
+    FrameNumber,
+    Label,
+    Level,
+    Metres,
+    Name,
+    Pixel,
+    QuaternionPart,
+    Seconds,
+    Side,
+)
+from cuboid.heatmap.kernels.cubes import BLOCK_ROWS
+
 # "CUBD": what the header of the file says that it is.
 APPLICATION_ID = 0x43554244
 # Version of the tables and of the states in them.
 VERSION = 1
 
-TABLES = """
-CREATE TABLE scene (
-    key TEXT PRIMARY KEY,
-    value TEXT NOT NULL
-) STRICT, WITHOUT ROWID;
+Whole: TypeAlias = Annotated[int, Meta(ge=-(2**62), le=2**62)]
+Key: TypeAlias = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
+Long: TypeAlias = Annotated[str, Meta(max_length=10_000)]
+Moment: TypeAlias = Annotated[str, Meta(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00$")]
+CheckSum: TypeAlias = Annotated[int, Meta(ge=0, lt=2**32)]
+BlockRows: TypeAlias = Annotated[int, Meta(ge=0, le=BLOCK_ROWS)]
+Motion: TypeAlias = Annotated[bytes, Meta(min_length=128, max_length=128)]
+# An overlap may be rounded to a little more than all.
+Overlap: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.0 + 1e-6)]
+State = Literal["present", "gone", "merged", "forgotten"]
+Change = Literal["unchanged", "moved", "gone", "new", "found", "not looked at"]
 
-CREATE TABLE recordings (
-    id INTEGER PRIMARY KEY,
-    path TEXT NOT NULL,
-    format TEXT NOT NULL,
-    poses TEXT NOT NULL,
-    begun TEXT NOT NULL,
-    ended TEXT,
-    complete INTEGER NOT NULL DEFAULT 0,
-    first_frame INTEGER NOT NULL,
-    frames INTEGER NOT NULL,
-    next_frame INTEGER NOT NULL DEFAULT 0,
-    camera TEXT NOT NULL,
-    settings TEXT NOT NULL,
-    T_world_recording BLOB NOT NULL
-) STRICT;
 
-CREATE TABLE frames (
-    recording INTEGER NOT NULL REFERENCES recordings (id) ON DELETE CASCADE,
-    frame INTEGER NOT NULL,
-    time_s REAL NOT NULL,
-    tx REAL NOT NULL, ty REAL NOT NULL, tz REAL NOT NULL,
-    qx REAL NOT NULL, qy REAL NOT NULL, qz REAL NOT NULL, qw REAL NOT NULL,
-    PRIMARY KEY (recording, frame)
-) STRICT, WITHOUT ROWID;
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table of a scene file.
 
-CREATE TABLE planes (
-    identity INTEGER PRIMARY KEY,
-    nx REAL NOT NULL, ny REAL NOT NULL, nz REAL NOT NULL,
-    offset REAL NOT NULL,
-    outline TEXT NOT NULL
-) STRICT;
+    Attributes
+    ----------
+    columns : dict of str to type
+        The values of each column, in order.
+    key : str
+        The columns that tell its rows apart, as in SQL; empty for none.
+    rules : tuple of str
+        Further constraints, in SQL.
+    rows_by_key : bool
+        Whether the rows lie in the order of the key in the file.
+    """
 
-CREATE TABLE objects (
-    label INTEGER PRIMARY KEY CHECK (label > 0),
-    name TEXT,
-    state TEXT NOT NULL CHECK (state IN ('present', 'gone', 'merged', 'forgotten')),
-    merged_into INTEGER REFERENCES objects (label),
-    plane INTEGER,
-    cx REAL NOT NULL, cy REAL NOT NULL, cz REAL NOT NULL,
-    length REAL NOT NULL, width REAL NOT NULL, height REAL NOT NULL,
-    qw REAL NOT NULL, qx REAL NOT NULL, qy REAL NOT NULL, qz REAL NOT NULL,
-    score REAL NOT NULL,
-    heat REAL NOT NULL,
-    points INTEGER NOT NULL,
-    red REAL NOT NULL, green REAL NOT NULL, blue REAL NOT NULL,
-    red_spread REAL NOT NULL, green_spread REAL NOT NULL, blue_spread REAL NOT NULL,
-    first_frame INTEGER NOT NULL,
-    last_frame INTEGER NOT NULL,
-    frames_seen INTEGER NOT NULL,
-    picture BLOB,
-    picture_share REAL NOT NULL DEFAULT 0
-) STRICT;
+    columns: dict[str, Any]
+    key: str = ""
+    rules: tuple[str, ...] = ()
+    rows_by_key: bool = False
 
-CREATE TABLE boxes (
-    id INTEGER PRIMARY KEY,
-    label INTEGER NOT NULL,
-    cx REAL NOT NULL, cy REAL NOT NULL, cz REAL NOT NULL,
-    length REAL NOT NULL, width REAL NOT NULL, height REAL NOT NULL,
-    qw REAL NOT NULL, qx REAL NOT NULL, qy REAL NOT NULL, qz REAL NOT NULL
-) STRICT;
+    def sql(self, name: str) -> str:
+        """Return the statement that makes the table."""
+        lines = [*(_column(*one) for one in self.columns.items()), *self.rules]
+        lines += [f"PRIMARY KEY ({self.key})"] if self.key else []
+        kind = "STRICT, WITHOUT ROWID" if self.rows_by_key else "STRICT"
+        return f"CREATE TABLE {name} ({', '.join(lines)}) {kind};"
 
-CREATE TABLE sightings (
-    recording INTEGER NOT NULL,
-    frame INTEGER NOT NULL,
-    label INTEGER NOT NULL,
-    box INTEGER NOT NULL REFERENCES boxes (id),
-    iou REAL,
-    visible REAL NOT NULL,
-    x0 REAL NOT NULL, y0 REAL NOT NULL, x1 REAL NOT NULL, y1 REAL NOT NULL,
-    PRIMARY KEY (label, recording, frame),
-    FOREIGN KEY (recording, frame) REFERENCES frames (recording, frame) ON DELETE CASCADE
-) STRICT, WITHOUT ROWID;
 
-CREATE TABLE blocks (
-    number INTEGER PRIMARY KEY,
-    cube INTEGER NOT NULL,
-    visit INTEGER NOT NULL,
-    rows INTEGER NOT NULL,
-    living INTEGER NOT NULL,
-    check_sum INTEGER NOT NULL,
-    data BLOB NOT NULL
-) STRICT;
+def _column(name: str, kind: Any) -> str:
+    """Return the definition of a column in SQL."""
+    types, allowed = {*_plain_types(kind)}, get_args(kind) if get_origin(kind) is Literal else ()
+    sql = next(sql for one, sql in ((int, "INTEGER"), (float, "REAL"), (str, "TEXT"), (bytes, "BLOB")) if one in types)
+    check = f" CHECK ({name} IN ({', '.join(map(repr, allowed))}))" if allowed else ""
+    default = " DEFAULT 0" if name in WITH_DEFAULT else ""
+    return f"{name} {sql}{'' if NoneType in types else ' NOT NULL'}{default}{check}"
 
-CREATE TABLE parts (
-    key TEXT PRIMARY KEY,
-    check_sum INTEGER NOT NULL,
-    fields BLOB NOT NULL
-) STRICT, WITHOUT ROWID;
 
-CREATE TABLE arrays (
-    part TEXT NOT NULL,
-    path TEXT NOT NULL,
-    form TEXT NOT NULL,
-    check_sum INTEGER NOT NULL,
-    data BLOB NOT NULL,
-    PRIMARY KEY (part, path)
-) STRICT;
+def _plain_types(kind: Any) -> Iterator[Any]:
+    """Iterate over the types of a column's values."""
+    if isinstance(kind, type):
+        yield kind
+    elif get_origin(kind) is Literal:
+        yield str
+    elif get_origin(kind) is Annotated:
+        yield from _plain_types(get_args(kind)[0])
+    else:
+        for one in get_args(kind):
+            yield from _plain_types(one)
 
-CREATE TABLE pending (
-    id INTEGER PRIMARY KEY,
-    recording INTEGER NOT NULL REFERENCES recordings (id) ON DELETE CASCADE,
-    file TEXT NOT NULL,
-    text TEXT NOT NULL
-) STRICT;
 
-CREATE TABLE known (
-    label INTEGER PRIMARY KEY,
-    cx REAL NOT NULL, cy REAL NOT NULL, cz REAL NOT NULL,
-    length REAL NOT NULL, width REAL NOT NULL, height REAL NOT NULL,
-    qw REAL NOT NULL, qx REAL NOT NULL, qy REAL NOT NULL, qz REAL NOT NULL,
-    look BLOB NOT NULL,
-    points BLOB NOT NULL,
-    picture BLOB,
-    number INTEGER NOT NULL
-) STRICT;
+# Columns that are zero in a new row.
+WITH_DEFAULT = ("complete", "next_frame", "picture_share")
+QUATERNION = ("qw", "qx", "qy", "qz")
+BOX = ("cx", "cy", "cz", "length", "width", "height", *QUATERNION)
+_BOX: dict[str, Any] = dict(zip(BOX, (*[Metres] * 3, *[Side] * 3, *[QuaternionPart] * 4), strict=True))
+_OF_RECORDING = "FOREIGN KEY (recording) REFERENCES recordings (id) ON DELETE CASCADE"
 
-CREATE TABLE ground (
-    plane INTEGER PRIMARY KEY,
-    first_row INTEGER NOT NULL,
-    first_column INTEGER NOT NULL,
-    rows INTEGER NOT NULL,
-    columns INTEGER NOT NULL,
-    seen BLOB NOT NULL
-) STRICT;
-
-CREATE TABLE changes (
-    recording INTEGER NOT NULL REFERENCES recordings (id) ON DELETE CASCADE,
-    label INTEGER NOT NULL,
-    change TEXT NOT NULL CHECK (change IN ('unchanged', 'moved', 'gone', 'new', 'found', 'not looked at')),
-    from_x REAL, from_y REAL, from_z REAL,
-    to_x REAL, to_y REAL, to_z REAL,
-    metres REAL,
-    sure REAL NOT NULL,
-    before BLOB,
-    after BLOB,
-    PRIMARY KEY (recording, label)
-) STRICT;
-
-CREATE TABLE occupied (
-    check_sum INTEGER NOT NULL,
-    cells BLOB NOT NULL
-) STRICT;
-"""
+TABLES = {
+    "scene": Table({"key": Name, "value": Name}, "key", rows_by_key=True),
+    "recordings": Table(
+        {
+            "id": Label,
+            "path": Long,
+            "format": Name,
+            "poses": Name,
+            "begun": Moment,
+            "ended": Moment | None,
+            "complete": Annotated[int, Meta(ge=0, le=1)],
+            **dict.fromkeys(("first_frame", "frames", "next_frame"), FrameNumber),
+            **dict.fromkeys(("camera", "settings"), Long),
+            "T_world_recording": Motion,
+        },
+        "id",
+    ),
+    "frames": Table(
+        {
+            "recording": Label,
+            "frame": FrameNumber,
+            "time_s": Seconds,
+            **dict.fromkeys(("tx", "ty", "tz"), Metres),
+            **dict.fromkeys(("qx", "qy", "qz", "qw"), QuaternionPart),
+        },
+        "recording, frame",
+        (_OF_RECORDING,),
+        rows_by_key=True,
+    ),
+    "planes": Table(
+        {"identity": Whole, **dict.fromkeys(("nx", "ny", "nz"), Cosine), "offset": Metres, "outline": str}, "identity"
+    ),
+    "objects": Table(
+        {
+            "label": Label,
+            "name": Name | None,
+            "state": State,
+            "merged_into": Label | None,
+            "plane": Whole | None,
+            **_BOX,
+            "score": Fraction,
+            "heat": Fraction,
+            "points": Count,
+            **dict.fromkeys(("red", "green", "blue"), Level),
+            **dict.fromkeys(("red_spread", "green_spread", "blue_spread"), Amount),
+            **dict.fromkeys(("first_frame", "last_frame"), FrameNumber),
+            "frames_seen": Count,
+            "picture": bytes | None,
+            "picture_share": Amount,
+        },
+        "label",
+        ("CHECK (label > 0)", "FOREIGN KEY (merged_into) REFERENCES objects (label)"),
+    ),
+    "boxes": Table({"id": Label, "label": Label, **_BOX}, "id"),
+    "sightings": Table(
+        {
+            "recording": Label,
+            "frame": FrameNumber,
+            "label": Label,
+            "box": Label,
+            "iou": Overlap | None,
+            "visible": Fraction,
+            **dict.fromkeys(("x0", "y0", "x1", "y1"), Pixel),
+        },
+        "label, recording, frame",
+        (
+            "FOREIGN KEY (box) REFERENCES boxes (id)",
+            "FOREIGN KEY (recording, frame) REFERENCES frames (recording, frame) ON DELETE CASCADE",
+        ),
+        rows_by_key=True,
+    ),
+    "blocks": Table(
+        {
+            "number": Annotated[int, Meta(ge=1, le=2**31 - 1)],
+            "cube": Key,
+            "visit": Annotated[int, Meta(ge=0, le=2**16 - 1)],
+            **dict.fromkeys(("rows", "living"), BlockRows),
+            "check_sum": CheckSum,
+            "data": bytes,
+        },
+        "number",
+    ),
+    "parts": Table({"key": Name, "check_sum": CheckSum, "fields": bytes}, "key", rows_by_key=True),
+    "arrays": Table(
+        {**dict.fromkeys(("part", "path", "form"), Name), "check_sum": CheckSum, "data": bytes}, "part, path"
+    ),
+    "pending": Table({"id": Label, "recording": Label, "file": Name, "text": str}, "id", (_OF_RECORDING,)),
+    "known": Table(
+        {"label": Label, **_BOX, "look": bytes, "points": bytes, "picture": bytes | None, "number": Count}, "label"
+    ),
+    "ground": Table(
+        {
+            **dict.fromkeys(("plane", "first_row", "first_column"), Whole),
+            **dict.fromkeys(("rows", "columns"), Count),
+            "seen": bytes,
+        },
+        "plane",
+    ),
+    "changes": Table(
+        {
+            "recording": Label,
+            "label": Label,
+            "change": Change,
+            **dict.fromkeys(("from_x", "from_y", "from_z", "to_x", "to_y", "to_z"), Metres | None),
+            "metres": Side | None,
+            "sure": Fraction,
+            **dict.fromkeys(("before", "after"), bytes | None),
+        },
+        "recording, label",
+        (_OF_RECORDING,),
+    ),
+    "occupied": Table({"check_sum": CheckSum, "cells": bytes}),
+}

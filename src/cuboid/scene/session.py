@@ -21,7 +21,7 @@ from cuboid.geometry.se3 import inverse, transform
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.queries import MapQueries
 from cuboid.poses.sources import Posed, Poses
-from cuboid.scene import changes, layout, parts
+from cuboid.scene import changes, editing, layout
 from cuboid.scene.before import Before, write_noted
 from cuboid.scene.database import Writing, complaining, transaction
 from cuboid.scene.localisation import ESTIMATED, SAME_WORLD, Joined, ScenePoses
@@ -252,7 +252,7 @@ class SceneTracker(MapQueries):
             if self._visit.number > 1:
                 self._changes.recognise(self._tracker, self._visit.first_frame + self._next_frame)
             if complete:
-                self._tracker.voxels.thin_all()
+                self._tracker.voxels.levels.thin_all()
             self._commit(complete=complete, ended=True)
             self.finish_commit()
         finally:
@@ -281,7 +281,7 @@ class SceneTracker(MapQueries):
             with transaction(connection):
                 self._state.write(connection, state, pace, ended=ended)
                 rows.write(connection)
-                parts.transform_rows(connection, joined)
+                editing.transform_rows(connection, joined)
                 write_noted(connection, noted)
                 changes.write(connection, visit.number, found)
                 visit.write(connection, next_frame, pending, complete=complete, ended=ended)
@@ -346,7 +346,7 @@ class _PosesOfVisit:
         T = layout.find_layout(known, seen, up)
         if T is None:
             return
-        points, _ = self._tracker.voxels.spread(self._tracker.voxels.living())
+        points, _ = self._tracker.voxels.stored.spread(self._tracker.voxels.stored.living())
         middle = np.mean([o.box.center for o in seen], axis=0)
         if layout.same_place(points, points[::SPARSE], T, middle):
             self._poses.connect(part, T_world_map @ T @ inverse(T_world_map))

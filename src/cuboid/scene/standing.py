@@ -47,8 +47,8 @@ def standing(voxels: VoxelMap, old: Known, first_frame: int) -> Standing:
     """
     places = old.points.astype(np.float64) + voxels.voxel_m * AROUND[:, None]
     rows = voxels.rows_at(places.reshape(-1, 3)).reshape(len(AROUND), -1)
-    again = (rows >= 0) & voxels.seen_since(rows, first_frame)
-    owner = np.where(again, voxels.owner[rows], 0)
+    again = (rows >= 0) & voxels.stored.seen_since(rows, first_frame)
+    owner = np.where(again, voxels.stored.owner[rows], 0)
     first = np.argmax(owner > 0, axis=0)
     carved = float((rows[0] < 0).mean())
     still = float(again.any(0).mean()) >= SAME_PLACE and carved < CHANGED

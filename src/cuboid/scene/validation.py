@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
-from typing import Annotated, Any, Literal, TypeAlias, TypeVar
+from typing import Annotated, Any, TypeAlias, TypeVar
 
 import msgspec
 import numpy as np
@@ -14,95 +14,15 @@ from msgspec import Meta
 
 from cuboid.core.errors import InputError, shown
 from cuboid.core.frame import Float64Array
+from cuboid.core.values import FocalLength, ImageSide, Pixel, Point, refuse_no_quaternion
 from cuboid.formats.json_validation import in_words
-from cuboid.formats.values import (
-    Cosine,
-    Count,
-    FocalLength,
-    Fraction,
-    FrameNumber,
-    ImageSide,
-    Label,
-    Level,
-    Metres,
-    Name,
-    Pixel,
-    Point,
-    QuaternionPart,
-    Seconds,
-    Side,
-    refuse_no_quaternion,
-)
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import rotation_from_quat_wxyz
-from cuboid.heatmap.kernels.cubes import BLOCK_ROWS
+from cuboid.scene.schema import QUATERNION, TABLES
 
 T = TypeVar("T")
 Row = tuple[Any, ...]
 
-Whole: TypeAlias = Annotated[int, Meta(ge=-(2**62), le=2**62)]
-Long: TypeAlias = Annotated[str, Meta(max_length=10_000)]
-Moment: TypeAlias = Annotated[str, Meta(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00$")]
-CheckSum: TypeAlias = Annotated[int, Meta(ge=0, lt=2**32)]
-BlockRows: TypeAlias = Annotated[int, Meta(ge=0, le=BLOCK_ROWS)]
-Amount: TypeAlias = Annotated[float, Meta(ge=0.0, le=1e15)]
-# An overlap may be rounded to a little more than all.
-Overlap: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.0 + 1e-6)]
-
-_QUATERNION = {"qw": QuaternionPart, "qx": QuaternionPart, "qy": QuaternionPart, "qz": QuaternionPart}
-_BOX: dict[str, Any] = {
-    **dict.fromkeys(("cx", "cy", "cz"), Metres), **dict.fromkeys(("length", "width", "height"), Side), **_QUATERNION
-}  # fmt: skip
-
-# The columns of each table, in order: see `schema`.
-TABLES: dict[str, dict[str, Any]] = {
-    "scene": {"key": Name, "value": Name},
-    "recordings": {
-        "id": Label, "path": Long, "format": Name, "poses": Name, "begun": Moment, "ended": Moment | None,
-        "complete": Annotated[int, Meta(ge=0, le=1)], "first_frame": FrameNumber, "frames": FrameNumber,
-        "next_frame": FrameNumber, "camera": Long, "settings": Long,
-        "T_world_recording": Annotated[bytes, Meta(min_length=128, max_length=128)],
-    },
-    "frames": {
-        "recording": Label, "frame": FrameNumber, "time_s": Seconds, **dict.fromkeys(("tx", "ty", "tz"), Metres),
-        "qx": QuaternionPart, "qy": QuaternionPart, "qz": QuaternionPart, "qw": QuaternionPart,
-    },
-    "planes": {"identity": Whole, **dict.fromkeys(("nx", "ny", "nz"), Cosine), "offset": Metres, "outline": str},
-    "objects": {
-        "label": Label, "name": Name | None, "state": Literal["present", "gone", "merged", "forgotten"],
-        "merged_into": Label | None, "plane": Whole | None, **_BOX, "score": Fraction, "heat": Fraction,
-        "points": Count, **dict.fromkeys(("red", "green", "blue"), Level),
-        **dict.fromkeys(("red_spread", "green_spread", "blue_spread"), Amount),
-        "first_frame": FrameNumber, "last_frame": FrameNumber, "frames_seen": Count, "picture": bytes | None,
-        "picture_share": Amount,
-    },
-    "boxes": {"id": Label, "label": Label, **_BOX},
-    "sightings": {
-        "recording": Label, "frame": FrameNumber, "label": Label, "box": Label, "iou": Overlap | None,
-        "visible": Fraction, **dict.fromkeys(("x0", "y0", "x1", "y1"), Pixel),
-    },
-    "blocks": {
-        "number": Annotated[int, Meta(ge=1, le=2**31 - 1)], "cube": Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)],
-        "visit": Annotated[int, Meta(ge=0, le=2**16 - 1)], **dict.fromkeys(("rows", "living"), BlockRows),
-        "check_sum": CheckSum, "data": bytes,
-    },
-    "parts": {"key": Name, "check_sum": CheckSum, "fields": bytes},
-    "arrays": {"part": Name, "path": Name, "form": Name, "check_sum": CheckSum, "data": bytes},
-    "pending": {"id": Label, "recording": Label, "file": Name, "text": str},
-    "known": {"label": Label, **_BOX, "look": bytes, "points": bytes, "picture": bytes | None, "number": Count},
-    "ground": {
-        "plane": Whole, **dict.fromkeys(("first_row", "first_column"), Whole), "rows": Count, "columns": Count,
-        "seen": bytes,
-    },
-    "occupied": {"check_sum": CheckSum, "cells": bytes},
-    "changes": {
-        "recording": Label, "label": Label,
-        "change": Literal["unchanged", "moved", "gone", "new", "found", "not looked at"],
-        **dict.fromkeys(("from_x", "from_y", "from_z", "to_x", "to_y", "to_z"), Metres | None),
-        "metres": Side | None, "sure": Fraction, "before": bytes | None, "after": bytes | None,
-    },
-}  # fmt: skip
-BOX = tuple(_BOX)
 # Rows of a large table that are read and checked at a time.
 ROWS_A_TIME = 64
 
@@ -179,21 +99,21 @@ def checked(rows: list[Row], columns: Sequence[str]) -> list[Row]:
 
 @cache
 def _kind(columns: tuple[str, ...]) -> Any:
-    kinds = [TABLES[table][name] for table, name in (column.split(".") for column in columns)]
+    kinds = [TABLES[table].columns[name] for table, name in (column.split(".") for column in columns)]
     return list[tuple[tuple(kinds)]]  # type: ignore[misc]
 
 
 def columns_of(table: str, names: Iterable[str] | None = None) -> tuple[str, ...]:
     """Return the columns of a table, all or these, each with the table."""
-    return tuple(f"{table}.{name}" for name in names or TABLES[table])
+    return tuple(f"{table}.{name}" for name in names or TABLES[table].columns)
 
 
 def refuse_no_row(table: str, row: Row) -> None:
     """Raise DamagedError unless a row of a whole table makes sense."""
     checked([row], columns_of(table))
-    names = list(TABLES[table])
+    names = list(TABLES[table].columns)
     if "qw" in names:
-        rotation_of([row[names.index(name)] for name in _QUATERNION], table)
+        rotation_of([row[names.index(name)] for name in QUATERNION], table)
 
 
 def document(text: str, kind: type[T], what: str) -> T:

@@ -20,6 +20,8 @@ from cuboid.scene.saving import SceneBlockStore, load_state
 from cuboid.scene.validation import columns_of, document, read_rows
 from cuboid.tracking.posed_tracker import PosedTracker
 
+# Columns of `recordings` that say how one was tracked.
+_HOW = ("camera", "settings", "T_world_recording")
 # A state that is loaded to be read or edited takes no frames: any camera will do.
 ANY_CAMERA = Intrinsics(1.0, 1.0, 0.0, 0.0, 1, 1)
 
@@ -110,15 +112,19 @@ def begin(
     with transaction(connection):
         connection.execute("DELETE FROM pending")
         before.begin(connection, tracker)
-        cursor = connection.execute(
-            "INSERT INTO recordings "
-            "(path, format, poses, begun, first_frame, frames, camera, settings, T_world_recording) "
-            "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
-            (
-                source.path, source.format, source.poses, now(), first, source.frames, _camera(source.intrinsics),
-                json.dumps(source.settings, sort_keys=True), T_world_recording.astype("<f8").tobytes(),
-            ),
-        )  # fmt: skip
+        row = {
+            "path": source.path,
+            "format": source.format,
+            "poses": source.poses,
+            "begun": now(),
+            "first_frame": first,
+            "frames": source.frames,
+            "camera": _camera(source.intrinsics),
+            "settings": json.dumps(source.settings, sort_keys=True),
+            "T_world_recording": T_world_recording.astype("<f8").tobytes(),
+        }
+        places = ", ".join(f":{name}" for name in row)
+        cursor = connection.execute(f"INSERT INTO recordings ({', '.join(row)}) VALUES ({places})", row)
     assert cursor.lastrowid is not None
     return Visit(cursor.lastrowid, first, 0, T_world_recording, source.settings.get("scale", 1))
 
@@ -131,9 +137,7 @@ def resume(connection: sqlite3.Connection, source: Source, path: str) -> Visit:
     InputError
         It was not broken off, is another one, or was tracked with other settings.
     """
-    columns = (
-        "id", "path", "poses", "complete", "first_frame", "next_frame", "camera", "settings", "T_world_recording"
-    )  # fmt: skip
+    columns = ("id", "path", "poses", "complete", "first_frame", "next_frame", *_HOW)
     rows = read_rows(connection, columns_of("recordings", columns), "recordings ORDER BY id DESC LIMIT 1")
     if not rows or rows[0][3]:
         raise InputError(f"{path}: --resume: no recording was broken off; without it, one is added")

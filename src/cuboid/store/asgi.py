@@ -98,15 +98,20 @@ def application(url: str, *, token: str | None, hosts: tuple[str, ...] = LOCAL_N
     store = Store(url)
 
     async def summary(request: Request) -> Response:
-        return await store.ask(
-            lambda tables: HTMLResponse(summary_page(summarise_store(tables, WORST + MORE), "the store"))
-        )
+        def answer(tables: Tables) -> Response:
+            links = {"Recordings": "", "Objects": "objects"}
+            return HTMLResponse(summary_page(summarise_store(tables, WORST + MORE), "the store", links))
+
+        return await store.ask(answer)
 
     async def search(request: Request) -> Response:
         filters = _filters(request)
-        return await store.ask(
-            lambda tables: HTMLResponse(found_page(find(tables, filters, pictures=True), "Objects of the store"))
-        )
+
+        def answer(tables: Tables) -> Response:
+            links = {"Recordings": ".", "Objects": ""}
+            return HTMLResponse(found_page(find(tables, filters, pictures=True), "Objects of the store", links))
+
+        return await store.ask(answer)
 
     async def objects(request: Request) -> Response:
         filters = _filters(request)

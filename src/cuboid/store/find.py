@@ -11,16 +11,10 @@ from cuboid.store.likeness import COLOR_WORDS
 from cuboid.store.query import SUPERSEDED, Tables
 from cuboid.store.schema import OBJECTS, RUNS
 
-SHOWN = (
-    "recording", "label", "name", "longest_m", "middle_m", "shortest_m", "center_x_m", "center_y_m", "center_z_m",
-    "color", "score", "frames_seen", "first_frame", "last_frame", "last_seen", "run",
-)  # fmt: skip
-
-# Columns that every answer has.
-NEVER_NULL = (
-    "recording", "label", "longest_m", "middle_m", "shortest_m", "center_x_m", "center_y_m", "center_z_m",
-    "frames_seen",
-)  # fmt: skip
+SIDES, CENTER = ("longest_m", "middle_m", "shortest_m"), ("center_x_m", "center_y_m", "center_z_m")
+# Columns that every answer has; and all that are shown.
+NEVER_NULL = ("recording", "label", *SIDES, *CENTER, "frames_seen")
+SHOWN = (*NEVER_NULL[:-1], "name", "color", "score", "frames_seen", "first_frame", "last_frame", "last_seen", "run")
 
 NEWEST = f"run not in (select run from {SUPERSEDED})"
 
@@ -32,9 +26,7 @@ LIKELY = 0.2
 
 # Sizes that differ by e in every side, colors that have nothing in common, or shapes that have nothing in common, make
 # two objects equally unlike.
-_SIZE = " + ".join(
-    f"abs(ln(greatest({side}, 1e-3) / greatest(?, 1e-3)))" for side in ("longest_m", "middle_m", "shortest_m")
-)
+_SIZE = " + ".join(f"abs(ln(greatest({side}, 1e-3) / greatest(?, 1e-3)))" for side in SIDES)
 UNLIKE = f"({_SIZE}) / 3 + list_distance(colors, ?::FLOAT[]) / sqrt(2) + list_distance(shape, ?::FLOAT[]) / sqrt(2)"
 
 
@@ -109,7 +101,7 @@ def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[di
     front: list[Any] = []
     if filters.like is not None:
         one = _the_one(tables, *filters.like)
-        front = [one["longest_m"], one["middle_m"], one["shortest_m"], one["colors"], one["shape"]]
+        front = [one[name] for name in (*SIDES, "colors", "shape")]
         extra, order = [*extra, f"{UNLIKE} as unlike"], ["unlike"]
         where.append("not (run = ? and label = ?)")
         values += [one["run"], one["label"]]
@@ -164,7 +156,7 @@ def _distance(near: tuple[float, float, float]) -> str:
 
 def _the_one(tables: Tables, recording: str, label: int) -> dict[str, Any]:
     """Return the object that others are to be like."""
-    columns = "run, label, longest_m, middle_m, shortest_m, colors, shape"
+    columns = ", ".join(("run", "label", *SIDES, "colors", "shape"))
     found = tables.rows(
         f"select {columns} from {OBJECTS} where recording = ? and label = ? and {NEWEST}", [recording, label]
     )

@@ -11,26 +11,24 @@ from urllib.parse import quote
 from cuboid.store.place import Place
 from cuboid.store.query import Tables
 from cuboid.store.summary import INDICATORS, StoreSummary, summarise_store
+from cuboid.views.report.page import own, style
 
 NAME = "index.html"
 
 # This many recordings are on the page: the worst of them; `cuboid sql` has all.
 WORST, MORE = 10, 490
 
+# Beside the style that all pages share.
 STYLE = """
-:root { color-scheme: light dark; --line: #8884; --soft: #8882; --bad: #d55e00; }
-body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 76rem; padding: 0 1rem; }
-h1 { font-size: 1.5rem; } h2 { font-size: 1.1rem; margin-top: 2rem; }
-.totals { display: flex; flex-wrap: wrap; gap: 2.5rem; }
-.totals div { display: flex; flex-direction: column; } .totals b { font-size: 1.6rem; font-weight: 600; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
-th, td { text-align: right; padding: .3rem .6rem; border-bottom: 1px solid var(--line); vertical-align: middle; }
-th { font-weight: 600; vertical-align: bottom; } th:first-child, td:first-child, .left { text-align: left; }
-td:first-child, td:nth-child(2) { white-space: nowrap; }
-tr:hover td { background: var(--soft); } td img { display: block; height: 3.5rem; }
-.bar { background: linear-gradient(90deg, color-mix(in srgb, var(--bad) 45%, transparent) var(--of), transparent 0); }
-.note { opacity: .75; }
+.document > * + h2 { padding-top: 28px; }
+.scrolls { overflow-x: auto; }
+tbody tr:hover > td { background: var(--hover); }
+td img { display: block; height: 52px; border-radius: 4px; }
+td.bar { background: linear-gradient(90deg, color-mix(in srgb, var(--bad) 45%, transparent) var(--of), transparent 0); }
+.figure, .figures { min-width: 0; }
+.note { color: var(--muted); padding-top: 8px; }
+h1 { max-width: none; flex: 1; }
+a { color: inherit; text-decoration-color: var(--muted); text-underline-offset: 3px; }
 """
 
 
@@ -46,8 +44,8 @@ def write_summary(store: str) -> None:
     place.put(NAME, summary_page(summarise_store(Tables(store), WORST + MORE), store).encode("utf-8", "replace"))
 
 
-def summary_page(summary: StoreSummary, title: str) -> str:
-    """Return how the recordings of a store went, as HTML; links are relative to the store."""
+def summary_page(summary: StoreSummary, title: str, links: Mapping[str, str] | None = None) -> str:
+    """Return how the recordings of a store went, as HTML; their addresses are relative to it, `links` as in `html`."""
     totals = summary.totals
     shown = {
         "recordings": f"{totals['recordings']:,}",
@@ -56,8 +54,11 @@ def summary_page(summary: StoreSummary, title: str) -> str:
         "hours of one core": f"{totals['hours']:,.1f}",
         "not done": f"{sum(row['count'] for row in summary.failed):,}",
     }
-    head = "".join(f"<div><b>{escape(value)}</b>{escape(name)}</div>" for name, value in shown.items())
-    parts = [f'<div class="totals">{head}</div>']
+    head = "".join(
+        f'<div class="figure"><strong>{escape(value)}</strong><span>{escape(name)}</span></div>'
+        for name, value in shown.items()
+    )
+    parts = [f'<div class="figures">{head}</div>']
     if summary.failed:
         rows = [
             (str(row["count"]), row["state"], row["recording"], row["reason"] or "")
@@ -73,7 +74,7 @@ def summary_page(summary: StoreSummary, title: str) -> str:
     )
     if more:
         parts.append(f"<h2>The next {len(more)}</h2>{_recordings(more)}")
-    return html(f"Recordings of {title}", "".join(parts))
+    return html(f"Recordings of {title}", "".join(parts), links)
 
 
 def _recordings(rows: Iterable[Mapping[str, Any]]) -> str:
@@ -87,7 +88,7 @@ def _recordings(rows: Iterable[Mapping[str, Any]]) -> str:
             f"{row['frames_used']} of {row['frames_read']}", row["proposals"], row["proposals_labelled"],
             row["sightings"], row["labels"], row["objects"],
         )  # fmt: skip
-        cells = "".join(f"<td>{escape('' if count is None else str(count))}</td>" for count in counts)
+        cells = "".join(f'<td class="number">{escape("" if count is None else str(count))}</td>' for count in counts)
         bars = "".join(_bar(row[indicator]) for indicator in INDICATORS)
         lines.append(f"<tr><td>{name}</td>{cells}{bars}</tr>")
     return _lines(names, lines)
@@ -95,11 +96,11 @@ def _recordings(rows: Iterable[Mapping[str, Any]]) -> str:
 
 def _bar(fraction: float | None) -> str:
     value = fraction or 0.0
-    return f'<td class="bar" style="--of: {100 * value:.0f}%">{f"{value:.2f}" if value else ""}</td>'
+    return f'<td class="number bar" style="--of: {100 * value:.0f}%">{f"{value:.2f}" if value else ""}</td>'
 
 
-def found_page(rows: Sequence[Mapping[str, Any]], title: str) -> str:
-    """Return objects that were found, with their pictures, as HTML."""
+def found_page(rows: Sequence[Mapping[str, Any]], title: str, links: Mapping[str, str] | None = None) -> str:
+    """Return objects that were found, with their pictures, as HTML; `links` as in `html`."""
     last = next((name for name in ("unlike", "distance_m") if rows and name in rows[0]), None)
     names = ("object", "", "size, cm", "position, m", "color", "frames", "last seen", *([last] if last else []))
     lines = []
@@ -107,9 +108,9 @@ def found_page(rows: Sequence[Mapping[str, Any]], title: str) -> str:
         picture = base64.b64encode(row["picture"]).decode("ascii") if row.get("picture") else None
         shown = f'<img alt="" src="data:image/jpeg;base64,{picture}">' if picture else ""
         cells = [*cells_of(row)[1:], *([f"{row[last]:.3f}"] if last else [])]
-        tail = "".join(f"<td>{escape(cell)}</td>" for cell in cells)
+        tail = "".join(f'<td class="number">{escape(cell)}</td>' for cell in cells)
         lines.append(f"<tr><td>{escape(cells_of(row)[0])}</td><td>{shown}</td>{tail}</tr>")
-    return html(title, f"<p>{len(rows)} objects</p>{_lines(names, lines)}")
+    return html(title, f"<h2>{len(rows):,} objects</h2>{_lines(names, lines, left=2)}", links)
 
 
 def cells_of(row: Mapping[str, Any]) -> list[str]:
@@ -125,20 +126,27 @@ def cells_of(row: Mapping[str, Any]) -> list[str]:
 def _table(names: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> str:
     lines = []
     for row in rows:
-        cells = [f"<td{' class=left' if i < left else ''}>{escape(cell)}</td>" for i, cell in enumerate(row)]
+        cells = [f"<td{'' if i < left else ' class=number'}>{escape(cell)}</td>" for i, cell in enumerate(row)]
         lines.append(f"<tr>{''.join(cells)}</tr>")
     return _lines(names, lines, left)
 
 
 def _lines(names: Sequence[str], lines: Sequence[str], left: int = 1) -> str:
-    head = "".join(f"<th{' class=left' if i < left else ''}>{escape(name)}</th>" for i, name in enumerate(names))
-    return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
+    head = "".join(f"<th{'' if i < left else ' class=number'}>{escape(name)}</th>" for i, name in enumerate(names))
+    return f'<div class="scrolls"><table><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
 
 
-def html(title: str, body: str) -> str:
-    """Return a page."""
+def html(title: str, body: str, links: Mapping[str, str] | None = None) -> str:
+    """Return a page; `links` are addresses by their names, the empty one is the page's own."""
+    leads = "".join(
+        f'<a href="{quote(address)}">{escape(name)}</a>' if address else f'<a aria-current="page">{escape(name)}</a>'
+        for name, address in (links or {}).items()
+    )
     return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)} - cuboid</title>'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<style>{STYLE}</style></head><body><h1>{escape(title)}</h1>{body}</body></html>\n"
+        '<link rel="icon" href="data:,">'  # else browsers ask for /favicon.ico
+        f"<style>{style(STYLE)}</style></head><body><header>{own('mark.svg')}<h1>{escape(title)}</h1>"
+        f"{f'<nav>{leads}</nav>' if leads else ''}</header>"
+        f'<main class="document">{body}</main></body></html>\n'
     )

@@ -20,7 +20,7 @@ from cuboid.outputs import Results, RunReport
 from cuboid.poses.sources import LOST
 from cuboid.store.indicators import indicators
 from cuboid.store.likeness import color_fractions, color_word, shape_distribution
-from cuboid.store.schema import DONE, OBJECTS, RECORDINGS, RUNS, SIGHTINGS, TABLES
+from cuboid.store.schema import DONE, OBJECTS, RECORDINGS, RUNS, SIGHTINGS, TABLES, values_of
 from cuboid.views.report.pictures import Picture, encode_jpeg
 
 # Times from here on (2001) are those of a calendar; cameras that start at zero stay below for thirty years.
@@ -215,23 +215,16 @@ def _objects(results: Results, pictures: Mapping[int, Picture], begin: datetime)
         longest, middle, shortest = sorted(map(float, item.box.size), reverse=True)
         rows.append(
             {
-                "label": item.label,
                 **box,
                 "longest_m": longest,
                 "middle_m": middle,
                 "shortest_m": shortest,
-                "score": item.score,
                 "name": item.name,
                 "name_score": item.name_score,
                 "names": [{"name": name, "score": score} for name, score in item.names],
-                "heat": item.heat,
-                "first_frame": item.first_frame,
-                "last_frame": item.last_frame,
-                "frames_seen": item.frames_seen,
+                **values_of(item),
                 "first_seen": moment(item.first_frame),
                 "last_seen": moment(item.last_frame),
-                "points": item.points,
-                "merged_labels": list(item.merged_labels),
                 **_look(item, results),
                 **_picture(pictures.get(item.label)),
             }
@@ -273,11 +266,8 @@ def _sightings(results: Results) -> list[dict[str, Any]]:
         {
             "frame": row.frame,
             "timestamp_s": row.timestamp_s,
-            "label": row.label,
             **box,
-            "iou": row.iou,
-            "visible": row.visible,
-            **dict(zip(("x0_px", "y0_px", "x1_px", "y1_px"), row.rect_xyxy.tolist(), strict=True)),
+            **values_of(row),
         }
         for row, box in zip(results.tracks, _boxes([row.box for row in results.tracks]), strict=True)
     ]

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Any
 
 import pyarrow as pa
+
+from cuboid.core.records import Column as RecordColumn
+from cuboid.core.records import columns_of
+from cuboid.core.results import Sighting, TrackedObject
 
 # The table of runs tells which recordings are done: its file is written last.
 RUNS, RECORDINGS, OBJECTS, SIGHTINGS = "runs", "recordings", "objects", "sightings"
@@ -80,6 +85,32 @@ _SKIPPED = pa.list_(pa.struct([("frame", COUNT), ("reason", TEXT)]))
 _CLASSES = pa.list_(pa.struct([("name", TEXT), ("score", SMALL)]))
 _STAGES = pa.list_(pa.struct([("stage", TEXT), ("median_ms", REAL), ("p95_ms", REAL)]))
 
+
+_TYPES = {float: SMALL, int: COUNT, str: TEXT, tuple: pa.list_(COUNT)}
+
+
+def _described(record: type) -> Iterator[Column]:
+    """Iterate over the columns of a record's fields; that of its label is the first, and its box is not among them."""
+    for one in columns_of(record):
+        if one.stored:
+            for name, what in zip_longest(_stored_names(one), (one.what,), fillvalue=""):
+                yield Column(name, _TYPES[one.type], what)
+
+
+def _stored_names(column: RecordColumn) -> tuple[str, ...]:
+    """Return the columns of a field: the parts of an array are pixels."""
+    return tuple(f"{name}_px" for name in column.parts) or (column.name,)
+
+
+def values_of(record: Any) -> dict[str, Any]:
+    """Return the values of a record's fields by column."""
+    stored = [one for one in columns_of(type(record)) if one.stored]
+    return {name: value for one in stored for name, value in zip(_stored_names(one), one.values(record), strict=True)}
+
+
+_LABEL, *_OBJECT = _described(TrackedObject)
+_, *_SIGHTING = _described(Sighting)
+
 TABLES = {
     kind.name: kind
     for kind in (
@@ -145,29 +176,23 @@ TABLES = {
             "an object of the map at the end of a run",
             (
                 *_WHOSE,
-                Column("label", COUNT, "of the object, 1 and more"),
+                _LABEL,
                 *_BOX,
                 Column("longest_m", SMALL, "longest side of its box"),
                 Column("middle_m", SMALL, ""),
                 Column("shortest_m", SMALL, ""),
-                Column("score", SMALL, "confidence that it is an object, 0 to 1"),
+                *_OBJECT,
                 Column("name", TEXT, "of its class by a detector; null where it has none", added=True),
                 Column("name_score", SMALL, "probability of the class, 0 to 1", added=True),
                 Column("names", _CLASSES, "the next likely classes", added=True),
-                Column("heat", SMALL, "mean heat of its points, 0 to 1"),
-                Column("first_frame", COUNT, "frame that saw it first"),
-                Column("last_frame", COUNT, "frame that saw it last"),
-                Column("frames_seen", COUNT, "frames that saw it"),
                 Column("first_seen", TIME, "time of its first frame"),
                 Column("last_seen", TIME, "time of its last frame"),
-                Column("points", COUNT, "points of the map that are its own"),
                 Column("red", pa.uint8(), "mean color of its points, 0 to 255"),
                 Column("green", pa.uint8(), ""),
                 Column("blue", pa.uint8(), ""),
                 Column("color", TEXT, "the color word that most of its points have"),
                 Column("colors", pa.list_(SMALL), "fraction of its points of each color word"),
                 Column("shape", pa.list_(SMALL), "distances between its points, 16 bins of the box's diagonal"),
-                Column("merged_labels", pa.list_(COUNT), "younger labels that turned out to be this object"),
                 Column("picture_frame", COUNT, "frame of its picture"),
                 Column("picture", pa.binary(), "its best picture, a small JPEG; null where the recording has none"),
             ),
@@ -181,14 +206,9 @@ TABLES = {
                 *_WHOSE,
                 Column("frame", COUNT, "of the recording, from 0"),
                 Column("timestamp_s", REAL, "of the frame"),
-                Column("label", COUNT, "of the object"),
+                _LABEL,
                 *_BOX,
-                Column("iou", SMALL, "of the frame's own proposal with the object's box; null without one"),
-                Column("visible", SMALL, "fraction of the object that is seen, 0 to 1"),
-                Column("x0_px", SMALL, "rectangle in the color image"),
-                Column("y0_px", SMALL, ""),
-                Column("x1_px", SMALL, ""),
-                Column("y1_px", SMALL, ""),
+                *_SIGHTING,
             ),
             ("run", "frame", "label"),
         ),

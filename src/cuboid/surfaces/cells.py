@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.core.frame import Float32Array, Float64Array, Intrinsics
+from cuboid.core.depth import DepthImage, cell_pixels
+from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.core.kernels import cells as kernel
-from cuboid.core.sensor import cell_pixels
 from cuboid.core.tolerances import JUMP_SIGMAS, MIN_SIGMA_M
 
 # Nearer than this, metres, cells show what level patches would: an arm's length.
@@ -56,34 +56,23 @@ def patch_pixels(camera: Intrinsics) -> int:
     return cell_pixels(camera) // 2
 
 
-def find_cells(
-    depth_m: Float32Array,
-    camera: Intrinsics,
-    T_world_camera: Float64Array,
-    noise_per_m: float,
-    max_depth_m: float,
-) -> Cells:
+def find_cells(image: DepthImage, T_world_camera: Float64Array, noise_per_m: float, max_depth_m: float) -> Cells:
     """Find the flat cells of a depth image.
 
     Parameters
     ----------
-    depth_m : (H, W) float32
-        Metres, 0 none.
-    camera : Intrinsics
-        Those of this image.
+    image : DepthImage
     T_world_camera : (4, 4) float64
     noise_per_m : float
         Standard deviation of depth is this times z squared.
     max_depth_m : float
     """
-    patch, size = patch_pixels(camera), cell_pixels(camera)
-    rows, columns = depth_m.shape[0] // size, depth_m.shape[1] // size
-    raw = np.empty((rows * columns, kernel.CELL_COLUMNS))
-    kernel.fit_cells(depth_m, _pinhole(camera), size, max_depth_m, raw)
+    patch, cells = patch_pixels(image.camera), image.cells(max_depth_m)
+    columns, raw = cells.shape[1], cells.reshape(-1, kernel.CELL_COLUMNS)
     flat = np.flatnonzero((raw[:, kernel.AREA] > 0) & (raw[:, kernel.RMS] < JUMP_SIGMAS * noise_per_m))
     found = raw[flat]
     R, t = T_world_camera[:3, :3], T_world_camera[:3, 3]
-    shape = depth_m.shape[0] // patch, depth_m.shape[1] // patch
+    shape = image.depth_m.shape[0] // patch, image.depth_m.shape[1] // patch
     r, c = np.divmod(flat, columns)
     return Cells(
         places=(2 * r * shape[1] + 2 * c)[:, None] + np.array([0, 1, shape[1], shape[1] + 1]),
@@ -98,8 +87,7 @@ def find_cells(
 def with_level_patches(
     cells: Cells,
     up: Float64Array,
-    depth_m: Float32Array,
-    camera: Intrinsics,
+    image: DepthImage,
     T_world_camera: Float64Array,
     noise_per_m: float,
     max_depth_m: float,
@@ -111,7 +99,7 @@ def with_level_patches(
     cells : Cells
     up : (3,) float64
         In the world, unit.
-    depth_m, camera, T_world_camera, noise_per_m, max_depth_m
+    image, T_world_camera, noise_per_m, max_depth_m
         As for `find_cells`.
     """
     rows, columns = cells.image_shape
@@ -119,9 +107,8 @@ def with_level_patches(
     skip.ravel()[cells.places] = 1
     patches = np.empty((rows * columns, 5))
     R, t = T_world_camera[:3, :3], T_world_camera[:3, 3]
-    number = kernel.level_patches(
-        depth_m, _pinhole(camera), up @ R, patch_pixels(camera), noise_per_m, NEAR_M, max_depth_m, skip, patches
-    )
+    seen_by, patch = (image.depth_m, image.camera.pinhole, up @ R), patch_pixels(image.camera)
+    number = kernel.level_patches(*seen_by, patch, noise_per_m, NEAR_M, max_depth_m, skip, patches)
     level = patches[:number]
     return Cells(
         places=np.concatenate([cells.places, np.repeat(level[:, 4:].astype(np.int64), 4, axis=1)]),
@@ -131,7 +118,3 @@ def with_level_patches(
         sigma_m=np.concatenate([cells.sigma_m, np.maximum(MIN_SIGMA_M, noise_per_m * level[:, 2] ** 2)]),
         image_shape=cells.image_shape,
     )
-
-
-def _pinhole(camera: Intrinsics) -> Float64Array:
-    return np.array([camera.fx, camera.fy, camera.cx, camera.cy])

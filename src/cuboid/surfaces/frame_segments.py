@@ -16,7 +16,7 @@ from cuboid.core.tolerances import JUMP_M, MIN_READINGS
 from cuboid.core.working import WorkingImage
 from cuboid.heatmap.kernels.claims import assign_pixels
 from cuboid.heatmap.pixel_heat import WeighedProposals
-from cuboid.surfaces.kernels.outlines import KINDS, outlines
+from cuboid.surfaces.kernels.outlines import KINDS, Picture, outlines
 from cuboid.surfaces.kernels.pieces import gather_regions, judge_regions, label_regions
 
 # A segment of fewer working pixels is noise: a 3 cm object at 2 m covers about this many.
@@ -144,32 +144,25 @@ def segment_frame(
     labels, parent = np.empty(claim.shape, np.int32), np.empty(claim.size, np.int32)
     number = label_regions(solid.depth_m, claim, config.depth_noise_per_m, JUMP_M, parent, labels)
     become, sizes, owner = (np.empty(number + 1, kind) for kind in (np.int32, np.int64, np.int64))
-    judge_regions(
-        labels, claim, solid.depth_m, image.depth_m, MIN_READINGS, image.camera.fx, MAJOR_FRACTION, DEEP_FRACTION,
-        become,
-        sizes, owner,
-    )  # fmt: skip
+    judged_by = MIN_READINGS, image.camera.fx, MAJOR_FRACTION, DEEP_FRACTION
+    judge_regions(labels, claim, solid.depth_m, image.depth_m, *judged_by, become, sizes, owner)
     left_out = _leave_out(sizes, owner)
-    first, pixels, segment_of = (
-        np.empty((number + 1, 2), np.int64),
-        np.empty(claim.size, np.int64),
-        np.empty_like(claim),
-    )
+    first, pixels = np.empty((number + 1, 2), np.int64), np.empty(claim.size, np.int64)
+    segment_of = np.empty_like(claim)
     corners, warmth = np.empty((number, 4), np.int64), np.empty(number)
     beneath = np.empty((number, len(identities)), np.int64)
-    kept = gather_regions(
-        labels, become, sizes, MIN_PIXELS, image.depth_m, heat, planes.support, first, pixels, corners, segment_of,
-        warmth, beneath,
-    )  # fmt: skip
+    gathered = first, pixels, corners, segment_of, warmth, beneath
+    kept = gather_regions(labels, become, sizes, MIN_PIXELS, image.depth_m, heat, planes.support, *gathered)
     corners, beneath, large = corners[:kept], beneath[:kept], sizes >= MIN_PIXELS
     proposal_of, sizes, c = owner[large], sizes[large], image.camera
     # Of planes that are beneath as much the oldest.
     plane_of = np.where(beneath.any(1), beneath.argmax(1), -1) if len(identities) else np.full(kept, -1)
     outline, contact = np.empty((kept, 4, KINDS), np.int64), np.empty((kept, kept), np.int64)
-    outlines(
-        solid.depth_m, image.depth_m, image.color, segment_of, planes.on_plane, corners,
-        plane_of, side_of, c.fx, config.depth_noise_per_m, JUMP_M, GAP_M, outline, contact,
-    )  # fmt: skip
+    picture, noise = (
+        Picture(solid.depth_m, image.depth_m, image.color, segment_of, planes.on_plane),
+        config.depth_noise_per_m,
+    )
+    outlines(picture, corners, plane_of, side_of, c.fx, noise, JUMP_M, GAP_M, outline, contact)
     rects = (corners + np.array([0, 0, 1, 1])) * float(image.step) + np.array([*image.phase, *image.phase])
     rects = np.minimum(rects, np.array([c.width, c.height] * 2) * image.step)
     scores, warm = weighed.weights[order[proposal_of]].tolist(), (warmth[:kept] / sizes).tolist()
@@ -183,9 +176,8 @@ def segment_frame(
 
 def points_of(pixels: npt.NDArray[np.int64], image: WorkingImage, T_world_camera: Float64Array) -> Float64Array:
     """Return where in the world pixels (N,) of the flattened image are that have a reading: (N, 3) float64, metres."""
-    c, places = image.camera, np.empty((len(pixels), 3))
-    pinhole = np.array([c.fx, c.fy, c.cx, c.cy])
-    back_project(pixels, image.depth_m, pinhole, np.ascontiguousarray(T_world_camera), places)
+    places = np.empty((len(pixels), 3))
+    back_project(pixels, image.depth_m, image.camera.pinhole, np.ascontiguousarray(T_world_camera), places)
     return places
 
 

@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.core.config import TrackerConfig
+from cuboid.core.depth import MIXED_PER_M, DepthImage
 from cuboid.core.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.core.kernels import cells as cell_kernel
 from cuboid.core.kernels import patches
-from cuboid.core.sensor import MIXED_PER_M, cell_pixels
 from cuboid.core.tolerances import BIAS_M, DRIFT_M, JUMP_M, JUMP_SIGMAS, OUTLIER_FRACTION
 from cuboid.proposals.depth import PLANE_BOW_M, PLANES
 from cuboid.surfaces.frame_segments import GAP_M, MIN_PIXELS
@@ -52,7 +52,7 @@ class FlatAreas:
     evidence: Float64Array
 
 
-def find_flat_areas(depth_m: Float32Array, camera: Intrinsics, config: TrackerConfig) -> FlatAreas:
+def find_flat_areas(image: DepthImage, config: TrackerConfig) -> FlatAreas:
     """Find the flat areas of a depth image, and how much evidence there is that things stand on each.
 
     A thing that stands on an area is a piece of surface between depth jumps that has the size of an object, rises from
@@ -61,20 +61,17 @@ def find_flat_areas(depth_m: Float32Array, camera: Intrinsics, config: TrackerCo
 
     Parameters
     ----------
-    depth_m : (H, W) float32
-        Metres, 0 none.
-    camera : Intrinsics
-        Of this image.
+    image : DepthImage
     config : TrackerConfig
         Noise of the sensor, and sizes of objects.
     """
-    noise, pinhole = config.depth_noise_per_m, np.array([camera.fx, camera.fy, camera.cx, camera.cy])
-    planes, normal, area_m2 = _grow(depth_m, camera, pinhole, config)
+    noise, depth_m, camera = config.depth_noise_per_m, image.depth_m, image.camera
+    planes, normal, area_m2 = _grow(image, config)
     evidence = np.zeros(len(planes))
     if not len(planes):
         return FlatAreas(normal, area_m2, evidence)
     on = np.empty(depth_m.shape, np.int8)
-    kernel.lie_on(depth_m, pinhole, planes, noise, config.min_height_m, BIAS_M, config.max_depth_m, on)
+    kernel.lie_on(depth_m, camera.pinhole, planes, noise, config.min_height_m, BIAS_M, config.max_depth_m, on)
     # A far smaller area may be the face of an object that stands on this one.
     faces = area_m2 <= FACE_FRACTION * area_m2[:, None]
     for small in np.unique(faces, axis=0):
@@ -122,18 +119,14 @@ def _things(
     return found
 
 
-def _grow(
-    depth_m: Float32Array, camera: Intrinsics, pinhole: Float64Array, config: TrackerConfig
-) -> tuple[Float64Array, Float64Array, Float64Array]:
+def _grow(image: DepthImage, config: TrackerConfig) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Return the flat areas of a depth image: normal and offset (P, 4), mean normal of its cells (P, 3), area (P,)."""
-    size, noise = cell_pixels(camera), config.depth_noise_per_m
-    shape = depth_m.shape[0] // size, depth_m.shape[1] // size
-    cells = np.empty((shape[0] * shape[1], cell_kernel.CELL_COLUMNS))
-    cell_kernel.fit_cells(depth_m, pinhole, size, config.max_depth_m, cells)
+    camera, limit = image.camera, JUMP_SIGMAS * config.depth_noise_per_m
+    cells = image.cells(config.max_depth_m)
+    shape, cells = cells.shape[:2], cells.reshape(-1, cell_kernel.CELL_COLUMNS)
     inverse, member = np.empty((PLANES, 3)), np.empty(shape, np.int16)
-    count = patches.grow_planes(
-        cells, shape, pinhole, noise, PLANE_BOW_M, JUMP_SIGMAS * noise, config.min_plane_area_m2 / 2.0, inverse, member
-    )
+    bounds = config.depth_noise_per_m, PLANE_BOW_M, limit, config.min_plane_area_m2 / 2.0
+    count = patches.grow_planes(cells, shape, camera.pinhole, *bounds, inverse, member)
     # 1 = z (a u + b v + c) on an area, with u = fx x / z + cx and v = fy y / z + cy.
     a, b, c = inverse[:count].T
     planes = np.column_stack([a * camera.fx, b * camera.fy, a * camera.cx + b * camera.cy + c, -np.ones(count)])
@@ -141,9 +134,8 @@ def _grow(
     own = member.ravel()
     area_m2 = np.bincount(own[own >= 0], cells[own >= 0, cell_kernel.AREA], count).astype(np.float64)
     # Cells of twice the edge face four times as truly; those at the edges of an area may lie on what it meets there.
-    wide = np.empty(((shape[0] // 2) * (shape[1] // 2), cell_kernel.CELL_COLUMNS))
-    cell_kernel.fit_cells(depth_m, pinhole, 2 * size, config.max_depth_m, wide)
-    flat = (wide[:, cell_kernel.AREA] > 0) & (wide[:, cell_kernel.RMS] < JUMP_SIGMAS * noise)
+    wide = image.cells(config.max_depth_m, 2).reshape(-1, cell_kernel.CELL_COLUMNS)
+    flat = (wide[:, cell_kernel.AREA] > 0) & (wide[:, cell_kernel.RMS] < limit)
     facing = wide[:, cell_kernel.NX : cell_kernel.NZ + 1]
     on = member[: shape[0] // 2 * 2 : 2, : shape[1] // 2 * 2 : 2].ravel()
     normal = planes[:, :3].copy()

@@ -35,7 +35,7 @@ from cuboid.geometry import se3
 from cuboid.outputs.folder import ResultFolder, writing
 from cuboid.synthetic import truth
 from cuboid.synthetic.faults import named, spoil
-from cuboid.synthetic.poses import POSE_NOISES
+from cuboid.synthetic.paths import POSE_NOISES
 from cuboid.synthetic.raycast import EXTRA, MODULES
 from cuboid.synthetic.scene import Scene
 from cuboid.synthetic.sensors import SENSORS

@@ -24,10 +24,21 @@ NEAR_M, FAR_M = 0.2, 8.0
 # Objects are found up to here, metres.
 REACH_M = 4.0
 # The poses of real recordings at hand explain 79 to 98 % of the depth of other frames, wrong ones up to 35 % unless
-# the camera hardly moves; inverted ones or another scale must explain clearly more than the given ones, and enough.
+# the camera hardly moves; another reading of them, or another scale, must explain clearly more than
+# the given ones, and enough.
 UNEXPLAINED, CLEARLY_MORE, EXPLAINED = 0.35, 0.1, 0.6
 # An object is confirmed after some three clear sightings: with fewer frames than this there may be no chance.
 FEW_FRAMES = 10
+
+# What each convention of poses is called in a line for the user.
+MEANT = {
+    "inverse": "inverted (world to camera)",
+    "opengl": "those of a camera with y up and z backward",
+    "mm": "in millimetres",
+    "cm": "in centimetres",
+    "wxyz": "quaternions with w first",
+    "xyzw": "quaternions with w last",
+}
 
 HELP = "docs/finds-nothing.md says where to look"
 
@@ -139,8 +150,9 @@ def _few_readings(facts: RunFacts) -> str | None:
 
 
 def explains(fit: PoseFit) -> bool:
-    """Tell whether given poses explain the depth as well as their inverses, or another depth scale, would."""
-    return max(fit.inverted, fit.scaled) < _enough(fit) and (fit.given is None or fit.given >= UNEXPLAINED)
+    """Tell whether given poses explain the depth as well as another reading of them, or another depth scale, would."""
+    other = max(fit.converted, fit.shifted, fit.scaled)
+    return other < _enough(fit) and (fit.given is None or fit.given >= UNEXPLAINED)
 
 
 def _enough(fit: PoseFit) -> float:
@@ -152,18 +164,9 @@ def _scale_or_poses(facts: RunFacts) -> str | None:
     """Return that the depth scale is wrong, or the poses are; the first of them that the frames prove."""
     fit, units = facts.pose_fit, facts.depth_units_per_metre
     if fit is not None:
-        if fit.scaled >= max(_enough(fit), fit.inverted):
-            return (
-                f"the depth scale of {units:g} units per metre is wrong: with the given poses, "
-                f"{_percent(fit.scaled)} of the depth fits other frames at {units / fit.depth_factor:g}, "
-                f"{_percent(fit.given or 0.0)} as it is; run again with --depth-scale {units / fit.depth_factor:g}"
-            )
-        if fit.inverted >= _enough(fit):
-            return (
-                f"the given poses are inverted: {_percent(fit.inverted)} of the depth fits other frames by their "
-                f"inverses, {_percent(fit.given or 0.0)} as they are; write them camera to world, or run again with "
-                "--poses estimated"
-            )
+        better = _better_hypothesis(fit, units)
+        if better is not None:
+            return better
     median_m = facts.depth_median_m
     if median_m is not None and not NEAR_M <= median_m <= FAR_M:
         likely = units * (10 if median_m > FAR_M else 0.1)
@@ -171,10 +174,46 @@ def _scale_or_poses(facts: RunFacts) -> str | None:
             f"the depth scale of {units:g} units per metre is probably wrong: the median depth is {median_m:.2g} m; "
             f"at --depth-scale {likely:g} it is {median_m * units / likely:.2g} m"
         )
-    if fit is not None and fit.given is not None and fit.given < UNEXPLAINED:
+    return None if fit is None else _unexplained(fit)
+
+
+def _better_hypothesis(fit: PoseFit, units: float) -> str | None:
+    """Return the line about the reading of poses or depth that explains clearly more than the given poses do."""
+    best = max(fit.scaled, fit.converted, fit.shifted)
+    if best < _enough(fit):
+        return None
+    fits = f"{_percent(best)} of the depth fits other frames, {_percent(fit.given or 0.0)} as it is"
+    if fit.scaled == best:
+        return (
+            f"the depth scale of {units:g} units per metre is wrong: at {units / fit.depth_factor:g} "
+            f"{fits}; run again with --depth-scale {units / fit.depth_factor:g}"
+        )
+    if fit.converted == best:
+        meant, names = " and ".join(MEANT[name] for name in fit.convention), ",".join(fit.convention)
+        return f"the given poses are {meant}: read so, {fits}; run again with --pose-convention {names}"
+    late = "late" if fit.shift > 0 else "early"
+    return (
+        f"the given poses come {abs(fit.shift)} frames {late}: moved by as many, {fits}; correct their times, or run "
+        "again with --poses estimated"
+    )
+
+
+def _unexplained(fit: PoseFit) -> str | None:
+    """Return the line about given poses that do not explain the frames, where no other reading of them does."""
+    if not fit.moves and (fit.given or 0.0) < EXPLAINED:
+        return (
+            "the given poses are all the same, but the picture changes: "
+            f"only {_percent(fit.given or 0.0)} of the depth fits other frames; run again with --poses estimated"
+        )
+    if fit.given is not None and fit.given < UNEXPLAINED:
         return (
             f"the given poses do not explain the frames: only {_percent(fit.given)} of the depth fits other frames; "
-            "are they of another recording, or in other axes? run again with --poses estimated"
+            "are they of another recording? run again with --poses estimated"
+        )
+    if fit.jump is not None:
+        return (
+            f"the given poses jump by {fit.jump.step_m:.1f} m at frame {fit.jump.frame}, which the frames do not show; "
+            "track the parts one by one, or run again with --poses estimated"
         )
     return None
 

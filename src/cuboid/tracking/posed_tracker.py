@@ -13,13 +13,13 @@ import numpy.typing as npt
 from cuboid.boxes.fit import Resting, fit_boxes
 from cuboid.boxes.quantiles import quantile
 from cuboid.core.config import TrackerConfig
+from cuboid.core.depth import excess_noise, resolves_m
 from cuboid.core.errors import FrameError
 from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UInt8Array
-from cuboid.core.kernels.pixels import assign_planes
+from cuboid.core.kernels.pixels import PlanesInView, assign_planes
 from cuboid.core.limits import MAX_PROPOSALS, MEMORY_MB, SAMPLE_POINTS
 from cuboid.core.observation import Observation
 from cuboid.core.results import FrameResult, MapPoints, Proposal3D, SupportPlane, TrackedObject
-from cuboid.core.sensor import excess_noise, resolves_m
 from cuboid.core.state import Record
 from cuboid.core.tolerances import BIAS_M, DETECT_EVERY, DRIFT_M, DRIFT_RAD, OUTLIER_FRACTION
 from cuboid.core.working import WorkingImage, filled, thin
@@ -30,11 +30,10 @@ from cuboid.geometry.se3 import inverse, moved_beyond, transform
 from cuboid.heatmap.anchors import LAST_KEYFRAME
 from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap, VoxelMapState
-from cuboid.objects.association import Association
+from cuboid.objects.association import Association, prior_of
 from cuboid.objects.entry import MapObject
 from cuboid.objects.naming import chosen_name, name_objects, name_scores
 from cuboid.objects.object_map import ObjectMap, ObjectMapState
-from cuboid.objects.prior import prior_of
 from cuboid.objects.unread import Planes, UnreadMap, UnreadObject
 from cuboid.objects.validity import too_large
 from cuboid.objects.visibility import Visibility, measure_visibility, sightings_of
@@ -290,7 +289,7 @@ class PosedTracker(MapQueries):
         # Deferred to the next frame: a frame from a new viewpoint has planes and boxes to update already.
         due, self._due = self._due, seen.new_viewpoint
         # On a later visit every frame may show a change: nothing is deferred.
-        refresh_map = due or self._voxels.revisited
+        refresh_map = due or self._voxels.stored.revisited
         slots = self._voxels.fuse(image, heat, seen.T_world_camera, seen.frame, seen.keyframe, refresh_map)
         self._voxels.carve_free_space(image, T_camera_world, refresh_map)
         voxels = self._voxels.look_up(slots)
@@ -374,7 +373,7 @@ class PosedTracker(MapQueries):
     def _estimate_noise(self, image: WorkingImage) -> None:
         """Estimate from the first frame how much noisier the sensor is than configured."""
         nominal = self.config.depth_noise_per_m
-        excess = excess_noise(image.depth_m, image.camera, nominal, self.config.max_depth_m)
+        excess = excess_noise(image.depth, nominal, self.config.max_depth_m)
         if excess > 1.0:
             self.config = self.config.within_range(depth_noise_per_m=excess * nominal)
             self._begin()
@@ -392,7 +391,7 @@ class PosedTracker(MapQueries):
         return frame.T_world_camera
 
     def _check_reach(self, index: int, T_map_camera: Float64Array) -> None:
-        far_m, reach_m = np.abs(T_map_camera[:3, 3]).max(), self._voxels.reach_m
+        far_m, reach_m = np.abs(T_map_camera[:3, 3]).max(), self._voxels.fine.reach_m
         if far_m + self.config.max_depth_m >= reach_m:
             raise FrameError(f"frame {index} is {far_m:.0f} m from the first one, the map reaches {reach_m:.0f} m")
 
@@ -408,9 +407,9 @@ class PosedTracker(MapQueries):
     def _find_planes(self, seen: Observation) -> PixelPlanes:
         """Track the supporting planes; return those on and beneath which pixels lie."""
         c, planes, image, T_world_camera = self.config, self._planes, seen.image, seen.T_world_camera
-        seen_by = image.depth_m, image.camera, T_world_camera, c.depth_noise_per_m, c.max_depth_m
+        seen_by = image.depth, T_world_camera, c.depth_noise_per_m, c.max_depth_m
         if planes.vote_is_due():
-            areas = find_flat_areas(image.depth_m, image.camera, c)
+            areas = find_flat_areas(image.depth, c)
             if planes.vote_up(areas, T_world_camera, seen.up_camera):
                 self._map.reset_supports()
         patch = patch_pixels(image.camera)
@@ -425,12 +424,11 @@ class PosedTracker(MapQueries):
             return PixelPlanes.none(image.depth_m.shape)
         k, on_plane, support = image.camera, *(np.empty(image.depth_m.shape, np.int32) for _ in range(2))
         view = planes.planes_in_frustum(k, min(c.max_depth_m, float(image.depth_m.max())), T_world_camera)
-        assign_planes(
-            seen.solid.depth_m, np.array([k.fx, k.fy, k.cx, k.cy]), planes.T_plan_world @ T_world_camera,
-            planes.in_camera(view, T_world_camera), view.numbers, view.ground,
-            view.origin, CELL_M, patches, patch, c.depth_noise_per_m, c.min_height_m, BIAS_M,
-            c.max_depth_m, on_plane, support, view.seen,
-        )  # fmt: skip
+        in_camera = planes.in_camera(view, T_world_camera)
+        in_view = PlanesInView(in_camera, view.numbers, view.ground, view.origin, CELL_M, patches, patch)
+        place = k.pinhole, planes.T_plan_world @ T_world_camera
+        limits = c.depth_noise_per_m, c.min_height_m, BIAS_M, c.max_depth_m
+        assign_planes(seen.solid.depth_m, *place, in_view, *limits, on_plane, support, view.seen)
         if renew:
             planes.add_readings(view, seen.keyframe)
         return PixelPlanes(on_plane, support, view.identities)
@@ -480,24 +478,22 @@ class PosedTracker(MapQueries):
         self, seen: Observation, heat: Float32Array, slots: npt.NDArray[np.int32], in_frustum: Sequence[MapObject]
     ) -> None:
         """Fuse small labelled objects at the fine resolution as well, as far as the sensor resolves it."""
-        image = seen.image
-        voxels, c = self._voxels, image.camera
-        small = [o.number for o in in_frustum if o.confirmed and max(o.box.size.tolist()) <= voxels.small_m]
+        voxels, step, fx = self._voxels, seen.image.step, seen.image.camera.fx
+        small = [o.number for o in in_frustum if o.confirmed and max(o.box.size.tolist()) <= voxels.fine.small_m]
         if small:
             # The phases of thinned frames make up for a step of two.
-            far_m = resolves_m(voxels.fine_m, self.config.depth_noise_per_m, min(image.step, 2) * c.fx)
+            far_m = resolves_m(voxels.fine.fine_m, self.config.depth_noise_per_m, min(step, 2) * fx)
             numbers = np.zeros(max(small) + 1, bool)
             numbers[small] = True
-            voxels.refine(image, heat, seen.T_world_camera, seen.frame, seen.keyframe, slots, numbers, far_m)
+            voxels.fine.refine(seen, heat, slots, numbers, far_m)
 
     def _visible(
         self, seen: Observation, slots: npt.NDArray[np.int32], in_frustum: Sequence[MapObject]
     ) -> list[tuple[MapObject, Visibility]]:
         """Record which objects of the map the frame shows, and return them with how they are seen."""
         objects = [o for o in in_frustum if len(o.points)]
-        visibilities = measure_visibility(
-            objects, self._map.store.boxes_of(objects), seen, slots, self._voxels.owner, self.config.depth_noise_per_m
-        )
+        boxes, owner = self._map.store.boxes_of(objects), self._voxels.stored.owner
+        visibilities = measure_visibility(objects, boxes, seen, slots, owner, self.config.depth_noise_per_m)
         visible = [(entry, view) for entry, view in zip(objects, visibilities, strict=True) if view.seen]
         self._map.record_seen(seen.frame, [entry for entry, _ in visible])
         return visible
@@ -549,7 +545,7 @@ class PosedTracker(MapQueries):
             first_frame=entry.first_frame,
             last_frame=entry.last_frame,
             frames_seen=entry.frames_seen,
-            points=len(self._voxels.rows_of(entry.number)),
+            points=len(self._voxels.stored.rows_of(entry.number)),
             mean_color=entry.mean_color,
             plane=None if plane is None else place[plane.identity],
             merged_labels=tuple(entry.merged_labels),
@@ -637,32 +633,30 @@ class PosedTracker(MapQueries):
     @property
     def points_known(self) -> int:
         """How many points the global point map holds."""
-        return self._voxels.alive
+        return self._voxels.stored.alive
 
     @property
     def map_bytes(self) -> int:
         """Memory of the global point map, room for more points included, bytes."""
-        return self._voxels.nbytes
+        return self._voxels.stored.nbytes
 
     def map_points(self) -> MapPoints:
         """Return the global point map; of small objects its fine points, where there are such."""
-        rows = self._voxels.living()
+        stored = self._voxels.stored
+        rows = stored.living()
         label_of = np.zeros(max((o.number for o in self._map.store.living()), default=0) + 1, np.int32)
         for entry in self._map.store.confirmed():
             label_of[entry.number] = entry.label
-        xyz, of = self._voxels.spread(rows)
-        owner = self._voxels.owner[rows[of]]
+        xyz, of = stored.spread(rows)
+        owner = stored.owner[rows[of]]
         label = label_of[np.where(owner < len(label_of), owner, 0)]
-        fine, whole = self._voxels.fine_replacements(xyz, label > 0)
+        fine, whole = self._voxels.fine.fine_replacements(xyz, label > 0)
         kept = np.ones(len(xyz), bool)
         kept[whole] = False
-        every = np.concatenate([rows[of][kept], fine])
-        return MapPoints(
-            xyz=transform(self.T_world_map, np.concatenate([xyz[kept], self._voxels.xyz(fine)])).astype(np.float32),
-            rgb=self._voxels.rgb(every),
-            heat=self._voxels.heat(every),
-            label=np.concatenate([label[kept], label[whole]]),
-        )
+        every, places = np.concatenate([rows[of][kept], fine]), np.concatenate([xyz[kept], stored.xyz(fine)])
+        in_world = transform(self.T_world_map, places).astype(np.float32)
+        labels = np.concatenate([label[kept], label[whole]])
+        return MapPoints(in_world, stored.rgb(every), stored.heat(every), labels)
 
 
 def _median_depth_m(depth_m: Float32Array) -> float:

@@ -15,10 +15,10 @@ from cuboid.core.palette import color_of
 from cuboid.core.results import tag_of
 from cuboid.geometry.box import Box
 from cuboid.views.projection import TOP, Wireframe, may_be_in_view, wireframes
-from cuboid.views.tags import TAG_PX, place_tag, put_tag
+from cuboid.views.tags import place_tags, put_tag, tag_px, unit_of
 from cuboid.views.text import Color, put_text
 
-# Sizes in pixels of an image 640 wide; larger images have them in proportion.
+# Sizes in pixels of an image 640 wide; larger images have them by `unit_of`.
 FRONT_PX = 2
 THIN_PX = 1
 HALO_PX = 2
@@ -36,7 +36,6 @@ STRIP_FRACTION = 0.70
 
 DARK = (14, 16, 20)
 WHITE = (245, 246, 248)
-MUTED = (170, 176, 186)
 
 # Fixed-point digits of coordinates that cv2 draws: a sixteenth of a pixel.
 SHIFT = 4
@@ -74,14 +73,11 @@ class Status:
     ----------
     frame : int
         Of the recording.
-    frames_per_second : float or None
-        Of the tracker; None where it is not known.
     seen, known : int
         Objects in this frame and in the map.
     """
 
     frame: int
-    frames_per_second: float | None
     seen: int
     known: int
 
@@ -91,7 +87,7 @@ class _Drawn:
     """One box on its way into the picture."""
 
     color: Color
-    text: str
+    texts: tuple[str, ...]  # its tag's, the longest first
     wire: Wireframe
     rect_xyxy: Float64Array
     dashed: bool
@@ -134,16 +130,17 @@ def draw_frame(
     -------
     (H, W, 3) uint8
     """
-    items = [(item, _tag(item.label, names or {}), True) for item in hidden_objects]
-    items += [(item, _tag(item.label, names or {}), False) for item in sightings]
+    items = [(item, _texts(item.label, names or {}), True) for item in hidden_objects]
+    items += [(item, _texts(item.label, names or {}), False) for item in sightings]
     drawn = _in_view(items, T_world_camera, intrinsics)
     return _draw(color, intrinsics, drawn, status, tinted)
 
 
-def _tag(label: int, names: Mapping[int, str]) -> str:
-    """Return the text of a tag; a long name is cut."""
-    text = tag_of(label, names.get(label, ""))
-    return text if len(text) <= LONGEST_TAG else f"{text[: LONGEST_TAG - 1]}…"
+def _texts(label: int, names: Mapping[int, str]) -> tuple[str, ...]:
+    """Return the texts that a tag may have, the longest first: with the name, cut where it is long, and without."""
+    text = tag_of(label, names.get(label))
+    full = text if len(text) <= LONGEST_TAG else f"{text[: LONGEST_TAG - 1]}…"
+    return (full, tag_of(label)) if label in names else (full,)
 
 
 def draw_proposals(
@@ -157,30 +154,30 @@ def draw_proposals(
 
     Those of objects that have no label are grey and dashed. Parameters and result are those of `draw_frame`.
     """
-    items = [(own, f"{own.score:.2f}", own.label == 0) for own in proposals]
+    items = [(own, (f"{own.score:.2f}",), own.label == 0) for own in proposals]
     drawn = _in_view(items, T_world_camera, intrinsics)
     return _draw(color, intrinsics, drawn, status, tinted=True)
 
 
 def _in_view(
-    items: Sequence[tuple[Labelled, str, bool]], T_world_camera: Float64Array, intrinsics: Intrinsics
+    items: Sequence[tuple[Labelled, tuple[str, ...], bool]], T_world_camera: Float64Array, intrinsics: Intrinsics
 ) -> list[_Drawn]:
-    """Return what is in the image of things with a text for their tag and whether they are dashed."""
+    """Return what is in the image of things with the texts of their tags and whether they are dashed."""
     near = may_be_in_view([item.box for item, _, _ in items], T_world_camera, intrinsics)
     chosen = [item for item, possible in zip(items, near, strict=True) if possible]
     wires = wireframes([item.box for item, _, _ in chosen], T_world_camera, intrinsics)
     drawn = []
-    for (item, text, dashed), wire in zip(chosen, wires, strict=True):
+    for (item, texts, dashed), wire in zip(chosen, wires, strict=True):
         rect_xyxy = wire.rect_xyxy(intrinsics)
         if rect_xyxy is not None:
-            drawn.append(_Drawn(color_of(item.label), text, wire, rect_xyxy, dashed))
+            drawn.append(_Drawn(color_of(item.label), texts, wire, rect_xyxy, dashed))
     return sorted(drawn, key=lambda one: -one.wire.depth_m)
 
 
 def _draw(
     color: UInt8Array, intrinsics: Intrinsics, drawn: list[_Drawn], status: Status | None, tinted: bool
 ) -> UInt8Array:
-    unit = max(1.0, intrinsics.width / 640.0)
+    unit = unit_of(intrinsics.width)
     picture = color.copy()
     layer = np.empty_like(color)  # one for all steps: fresh memory costs more than drawing
     if tinted:
@@ -238,27 +235,24 @@ def dashes(segments: Float64Array, dash_px: float, gap_px: float) -> Float64Arra
 
 def _put_tags(picture: UInt8Array, drawn: list[_Drawn], unit: float, strip_px: int) -> None:
     """Give each box a tag above it; the nearest chooses its place first, and none covers another."""
-    size_px = _px(TAG_PX, unit)
+    size_px = _px(tag_px(len(drawn)), unit)
     free = (picture.shape[0] - strip_px, picture.shape[1])
-    taken: list[tuple[int, int, int, int]] = []
-    for item in sorted(drawn, key=lambda item: (item.dashed, item.wire.depth_m)):
-        place = place_tag(item.text, size_px, item.rect_xyxy, taken, free)
-        taken.append(place)
-        put_tag(picture, item.text, size_px, item.color, item.dashed, place)
+    first = sorted(drawn, key=lambda item: (item.dashed, item.wire.depth_m))
+    placed = place_tags([(item.texts, item.rect_xyxy) for item in first], size_px, free)
+    for item, tag in zip(first, placed, strict=True):
+        if tag is not None:
+            put_tag(picture, tag[0], size_px, item.color, item.dashed, tag[1])
 
 
 def put_strip(picture: UInt8Array, status: Status, unit: float) -> None:
-    """Write frame, frames a second and objects into a dark strip at the bottom of a picture (H, W, 3)."""
+    """Write the frame and how many objects there are into a dark strip at the bottom of a picture (H, W, 3)."""
     height, size_px = _px(STRIP_PX, unit), _px(STRIP_TEXT_PX, unit)
     strip = picture[-height:]
     _blend(strip, np.full_like(strip, DARK), STRIP_FRACTION)
     top = picture.shape[0] - height + (height - round(1.25 * size_px)) // 2
     left = _px(10, unit)
-    rate = "" if status.frames_per_second is None else f"{status.frames_per_second:.0f} frames/s"
-    counts = f"{status.seen} seen / {status.known} known"
-    for text, at_px, tint in ((f"frame {status.frame}", 0, WHITE), (rate, 110, MUTED), (counts, 220, WHITE)):
-        if text:
-            put_text(picture, text, left + round(at_px * unit), top, size_px, tint)
+    put_text(picture, f"frame {status.frame}", left, top, size_px, WHITE)
+    put_text(picture, f"{status.seen} seen / {status.known} known", left + round(110 * unit), top, size_px, WHITE)
 
 
 def _blend(picture: UInt8Array, layer: UInt8Array, fraction: float) -> None:

@@ -41,7 +41,7 @@ def drawer(what: str, results: Path, replay: Replay) -> Draw:
         return depth_picture(frame.depth_m, K) if what == "depth" else frame.color
 
     def draw(frame: Frame, found: ReplayedFrame) -> UInt8Array:
-        status = Status(found.index, replay.frames_per_second, len(found.sightings), found.known)
+        status = Status(found.index, len(found.sightings), found.known)
         if what == "proposals":
             return draw_proposals(frame.color, found.T_world_camera, K, found.proposals, status)
         picture = ground(frame, found)

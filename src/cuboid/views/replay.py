@@ -75,8 +75,6 @@ class Replay:
         One frame in this many was used.
     planes : sequence of SupportPlane
         Those of the whole run.
-    frames_per_second : float or None
-        Of the tracker: one over its median time of a frame.
     last_frame : int
         The last frame of the recording that was used; -1 where none was.
     names : dict of int to str
@@ -95,8 +93,6 @@ class Replay:
         self.intrinsics: Intrinsics = results.found.intrinsics
         self.every = report.every
         self.planes = results.found.planes
-        median_ms = report.milliseconds["frame"].median_ms if "frame" in report.milliseconds else 0.0
-        self.frames_per_second = 1e3 / median_ms if median_ms > 0 else None
         self.last_frame = results.last_frame
         self.names = names_of(results.found.objects)
         self._lasting = {item.label for item in results.found.objects}

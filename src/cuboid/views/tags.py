@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import cv2
@@ -11,8 +13,13 @@ from cuboid.core.frame import Float64Array, UInt8Array
 from cuboid.core.palette import ink_on
 from cuboid.views.text import Color, ink, mixed
 
-# Height of a tag's letters, in an image 640 wide.
+# Height of a tag's letters, in an image 640 wide. Where there are more tags than `MANY_TAGS` letters are smaller,
+# so that tags cover no more of the picture; below the least height they cannot be read.
 TAG_PX = 14
+MANY_TAGS = 12
+MIN_TAG_PX = 10
+# Tags may cover this fraction of a picture; the farthest objects have none then: it is the picture that counts.
+MAX_COVERED = 0.12
 
 # Ground of the tag of what is not seen.
 GROUND = (24, 27, 33)
@@ -23,6 +30,57 @@ FINER = 4
 TAGS_KEPT = 1024
 
 Rect = tuple[int, int, int, int]
+
+
+def unit_of(width_px: int) -> float:
+    """Return by what the sizes of a drawing in an image 640 wide are multiplied for another width.
+
+    By the root, not in proportion: a larger image is looked at on a larger screen, but not on one that much larger.
+    """
+    return max(1.0, math.sqrt(width_px / 640.0))
+
+
+def tag_px(count: int) -> float:
+    """Return the height of the letters of so many tags, in an image 640 wide."""
+    return max(MIN_TAG_PX, TAG_PX * math.sqrt(MANY_TAGS / max(count, MANY_TAGS)))
+
+
+def place_tags(
+    boxes: Sequence[tuple[tuple[str, ...], Float64Array]], size_px: int, free: tuple[int, int]
+) -> list[tuple[str, Rect] | None]:
+    """Return text and place of the tag of each box; none covers another, and one that finds no place is None.
+
+    All boxes first get the shortest of their texts; then longer ones are taken where there is room at the same height.
+
+    Parameters
+    ----------
+    boxes : sequence of (tuple of str, (4,) float64)
+        The texts that a tag may have, the longest first, and the box in the image, pixels. Earlier boxes choose first.
+    size_px : int
+        Height of the letters.
+    free : (int, int)
+        Height and width of what may be covered.
+    """
+    placed: dict[int, tuple[str, Rect]] = {}
+    room = MAX_COVERED * free[0] * free[1]
+    for i, (texts, rect_xyxy) in [*enumerate(boxes), *enumerate(boxes)]:
+        own = placed.get(i)
+        others = [place for k, (_, place) in placed.items() if k != i]
+        for text in texts[-1:] if own is None else texts[:-1]:
+            place = _free_place(text, size_px, rect_xyxy, others, free)
+            wanted = 0 if place is None else _area(place) - (0 if own is None else _area(own[1]))
+            moved = (
+                place is not None and own is not None and place[1] != own[1][1]
+            )  # farther from its box: a worse place
+            if place is not None and wanted <= room and not moved:
+                placed[i] = text, place
+                room -= wanted
+                break
+    return [placed.get(i) for i in range(len(boxes))]
+
+
+def _area(rect: Rect) -> int:
+    return (rect[2] - rect[0]) * (rect[3] - rect[1])
 
 
 def place_tag(text: str, size_px: int, rect_xyxy: Float64Array, taken: list[Rect], free: tuple[int, int]) -> Rect:
@@ -42,17 +100,8 @@ def place_tag(text: str, size_px: int, rect_xyxy: Float64Array, taken: list[Rect
     free : (int, int)
         Height and width of what may be covered.
     """
-    height, width = _size(text, size_px)
-    x0, y0, x1, y1 = rect_xyxy
-    left = round(min(max((x0 + x1 - width) / 2, 1), max(free[1] - width - 1, 1)))
-    gap, step = size_px // 3, height + 1
-    above = [y0 - gap - height - i * step for i in range(3)]
-    other = [y0 + gap + i * step for i in range(3)] + [y1 + gap]
-    tops = [round(top) for top in above + other if 1 <= top <= free[0] - height - 1]
-    places = [(left, top, left + width, top + height) for top in tops]
-    fallback = (left, 1, left + width, 1 + height)  # an image hardly higher than the tag
-    alone = (place for place in places if not any(_overlap(place, other) for other in taken))
-    return next(alone, (places or [fallback])[0])
+    place = _free_place(text, size_px, rect_xyxy, taken, free)
+    return place if place is not None else _places(text, size_px, rect_xyxy, free)[0]
 
 
 def put_tag(picture: UInt8Array, text: str, size_px: int, color: Color, outlined: bool, place: Rect) -> None:
@@ -62,6 +111,27 @@ def put_tag(picture: UInt8Array, text: str, size_px: int, color: Color, outlined
     under = picture[top : top + plate.shape[0], left : left + plate.shape[1]]
     height, width = under.shape[:2]
     under[:] = mixed(under, cover[:height, :width], plate[:height, :width])
+
+
+def _free_place(
+    text: str, size_px: int, rect_xyxy: Float64Array, taken: list[Rect], free: tuple[int, int]
+) -> Rect | None:
+    """Return the best place of a tag that covers none of those that are taken; None where each does."""
+    places = _places(text, size_px, rect_xyxy, free)
+    return next((place for place in places if not any(_overlap(place, other) for other in taken)), None)
+
+
+def _places(text: str, size_px: int, rect_xyxy: Float64Array, free: tuple[int, int]) -> list[Rect]:
+    """Return where a tag may stand, the best place first."""
+    height, width = _size(text, size_px)
+    x0, y0, x1, y1 = rect_xyxy
+    left = round(min(max((x0 + x1 - width) / 2, 1), max(free[1] - width - 1, 1)))
+    gap, step = size_px // 3, height + 1
+    above = [y0 - gap - height - i * step for i in range(3)]
+    other = [y0 + gap + i * step for i in range(3)] + [y1 + gap]
+    tops = [round(top) for top in above + other if 1 <= top <= free[0] - height - 1]
+    # an image hardly higher than the tag has its upper edge alone
+    return [(left, top, left + width, top + height) for top in tops or [1]]
 
 
 def _overlap(a: Rect, b: Rect) -> bool:

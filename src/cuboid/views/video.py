@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import statistics
-from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
@@ -15,8 +13,6 @@ from cuboid.core.results import FrameResult, TrackedObject, names_of
 from cuboid.views.drawing import Status, draw_frame
 from cuboid.views.encoding import Mp4Writer
 
-# The rate in the strip is the mean of this many frames: about the last second.
-RATE_FRAMES = 30
 # Depth cameras of this kind run at 30 frames/s. Where only every n-th frame is used the video keeps the pace
 # of the scene, down to a rate at which motion can still be followed.
 FRAMES_PER_SECOND = 30.0
@@ -54,7 +50,6 @@ class VideoView:
     def __init__(self, path: Path, intrinsics: Intrinsics, fps: float) -> None:
         self._intrinsics = intrinsics
         self._writer = Mp4Writer(path, fps)
-        self._rate = RecentRate()
 
     def show(self, frame: Frame, result: FrameResult, objects: Sequence[TrackedObject]) -> None:
         """Append a frame.
@@ -67,7 +62,6 @@ class VideoView:
         hidden = hidden_objects(result, objects)
         status = Status(
             frame=frame.index,
-            frames_per_second=self._rate.after(sum(result.milliseconds.values())),
             seen=len(result.sightings),
             known=result.objects_known,
         )
@@ -93,19 +87,6 @@ class VideoView:
         """
         with contextlib.nullcontext() if complete else contextlib.suppress(OutputError):
             self._writer.close()
-
-
-class RecentRate:
-    """Frames a second, by the median of about the last second: one frame that compiles says little."""
-
-    def __init__(self) -> None:
-        self._last_ms: deque[float] = deque(maxlen=RATE_FRAMES)
-
-    def after(self, frame_ms: float) -> float | None:
-        """Take in the time of a frame and return the rate; None where no time was measured."""
-        if frame_ms > 0:
-            self._last_ms.append(frame_ms)
-        return 1e3 / statistics.median(self._last_ms) if self._last_ms else None
 
 
 def hidden_objects(result: FrameResult, objects: Sequence[TrackedObject]) -> list[TrackedObject]:

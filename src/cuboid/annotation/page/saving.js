@@ -2,19 +2,6 @@
 
 const RETRY = 2000; // milliseconds
 
-/** Send something to the program; null where it does not answer. */
-async function post(address, content) {
-  try {
-    return await fetch(address, {
-      method: "POST",
-      headers: { "Content-Type": "application/json" },
-      body: JSON.stringify(content),
-    });
-  } catch {
-    return null;
-  }
-}
-
 class Saving {
   constructor(place) {
     this.place = place;

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.core.compiled import kernel
 from cuboid.core.kernels.cells import AREA, CX, CY, CZ, NX, NY, NZ, RMS
@@ -168,10 +171,27 @@ def solve3(m, a, b, c):
     return a, b, mw - a * mu - b * mv
 
 
+class Grown(NamedTuple):
+    """The planes that `grow_planes` found.
+
+    Attributes
+    ----------
+    cells : (R * C, CELL_COLUMNS) float64
+    planes : (P, 3) float64
+    found : int
+        How many of these there are.
+    member : (R, C) int16
+        The plane of each cell, -1 none.
+    """
+
+    cells: npt.NDArray[np.float64]
+    planes: npt.NDArray[np.float64]
+    found: int
+    member: npt.NDArray[np.int16]
+
+
 @kernel(error_model="numpy")
-def classify(
-    depth, cells, planes, count, member, camera, size, reach, noise, floor, bias, max_depth, inverse, kind, on
-):  # fmt: skip
+def classify(depth, grown, camera, size, reach, noise, floor, bias, max_depth, inverse, kind, on):
     """Tell pixels on a large plane from those on any other surface.
 
     A plane reaches `reach` cells beyond its own; there and within it a reading belongs to it that is no farther
@@ -182,7 +202,8 @@ def classify(
     ----------
     depth : (H, W) float32
         Metres, 0 none.
-    cells, planes, count, member, camera, size
+    grown : Grown
+    camera, size
         See `grow_planes`.
     reach : int
         Cells.
@@ -197,6 +218,7 @@ def classify(
     on : (H, W) int8, output
         The plane of each pixel, -1 none.
     """
+    cells, planes, count, member = grown
     height, width = depth.shape
     rows, columns = member.shape
     normals = np.empty((count, 3))

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.core.compiled import kernel
 from cuboid.core.tolerances import JUMP_M, SIGMAS
@@ -35,21 +38,12 @@ def is_mixed(before, z, after, limit):
     return known & (near * far > 0.0) & (min(abs(near), abs(far)) > limit)
 
 
-@kernel(error_model="numpy")
-def assign_planes(
-    depth, camera, T_grid_camera, planes_camera, numbers, ground, origin, cell, patches, patch, noise, floor, bias,
-    max_depth, on_plane, support, seen,
-):  # fmt: skip
-    """Find for each pixel the supporting plane that it lies on, and the one beneath it.
+class PlanesInView(NamedTuple):
+    """Supporting planes as a frame sees them.
 
-    Parameters
+    Attributes
     ----------
-    depth : (H, W) float32
-    camera : (4,) float64
-        fx, fy, cx, cy.
-    T_grid_camera : (4, 4) float64
-        Transform from the camera to the grid frame, whose third axis is up.
-    planes_camera : (P, 4) float64
+    in_camera : (P, 4) float64
         Each plane in the camera frame, as this frame sees it: normal (up) and offset, n.p + d = height.
     numbers : (P,) int32
         What each plane is called in `patches`.
@@ -63,6 +57,29 @@ def assign_planes(
         Plane that each patch of the image lies on, -1 none.
     patch : int
         Edge of a patch, pixels.
+    """
+
+    in_camera: npt.NDArray[np.float64]
+    numbers: npt.NDArray[np.int32]
+    ground: npt.NDArray[np.uint8]
+    origin: npt.NDArray[np.float64]
+    cell: float
+    patches: npt.NDArray[np.int32]
+    patch: int
+
+
+@kernel(error_model="numpy")
+def assign_planes(depth, camera, T_grid_camera, planes, noise, floor, bias, max_depth, on_plane, support, seen):
+    """Find for each pixel the supporting plane that it lies on, and the one beneath it.
+
+    Parameters
+    ----------
+    depth : (H, W) float32
+    camera : (4,) float64
+        fx, fy, cx, cy.
+    T_grid_camera : (4, 4) float64
+        Transform from the camera to the grid frame, whose third axis is up.
+    planes : PlanesInView
     noise : float
         Standard deviation of depth is noise * z * z.
     floor, bias : float
@@ -75,6 +92,7 @@ def assign_planes(
     seen : (P, N, M) int32, in and out
         Readings that lie on each plane, by cell; only those of patches that lie on it as a whole.
     """
+    planes_camera, numbers, ground, origin, cell, patches, patch = planes
     rows, columns = depth.shape
     count, wide, high = ground.shape
     across, patch_of = (np.arange(columns) - camera[2]) / camera[0], np.arange(columns) // patch

@@ -69,10 +69,15 @@ class Points(NamedTuple):
 
 
 ROW = np.dtype(
-    [("weight", "<f4"), ("owner", "<i4"), ("last_frame", "<i4"), ("voxel", "<u2"), ("place", "<u2", 3),
-     ("color", "<u2", 3), ("heat", "<u2"), ("hits", "<u2"), ("passes", "<u2"), ("anchor", "<u2"), ("confidence", "u1"),
-     ("mark", "u1")]
-)  # fmt: skip
+    [
+        ("weight", "<f4"),
+        *((name, "<i4") for name in ("owner", "last_frame")),
+        ("voxel", "<u2"),
+        *((name, "<u2", 3) for name in ("place", "color")),
+        *((name, "<u2") for name in ("heat", "hits", "passes", "anchor")),
+        *((name, "u1") for name in ("confidence", "mark")),
+    ]
+)
 
 
 class Cubes(NamedTuple):
@@ -311,18 +316,3 @@ def keys_of(cubes: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """Return numbers (N,), different for different cubes or cells (N, 3)."""
     x, y, z = (cubes + KEY_OFFSET).T
     return np.asarray((x << (2 * KEY_BITS)) | (y << KEY_BITS) | z)
-
-
-def cubes_of(voxels: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.uint16]]:
-    """Return the keys of the cubes (N,) that voxels of the world (N, 3) lie in, and which of its voxels they are."""
-    within = voxels & (CUBE_SIDE - 1)
-    inside = (within[:, 0] << (2 * CUBE_BITS)) | (within[:, 1] << CUBE_BITS) | within[:, 2]
-    return keys_of(voxels >> CUBE_BITS), inside.astype(np.uint16)
-
-
-def voxels_of(keys: npt.NDArray[np.int64], voxel: npt.NDArray[np.uint16]) -> npt.NDArray[np.int64]:
-    """Return the voxels of the world (N, 3) that are these in cubes (N,) of these keys: the way back."""
-    mask, side = (1 << KEY_BITS) - 1, CUBE_SIDE - 1
-    cube = np.stack([(keys >> (2 * KEY_BITS)) & mask, (keys >> KEY_BITS) & mask, keys & mask], 1) - KEY_OFFSET
-    inside = np.stack([voxel >> (2 * CUBE_BITS), (voxel >> CUBE_BITS) & side, voxel & side], 1)
-    return np.asarray((cube << CUBE_BITS) + inside)

@@ -2,16 +2,44 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.core.compiled import kernel
 from cuboid.core.tolerances import MIN_READINGS
 
 
+class Masks(NamedTuple):
+    """The masks of proposals.
+
+    Attributes
+    ----------
+    boxes : (N, 4) int32
+        x0, y0, x1, y1 in pixels of the masks' image, end exclusive.
+    flat : (L,) uint8
+        The masks of all boxes, row by row, one after the other.
+    step : int
+        Pixel (v, u) of the working image is pixel (phase[1] + step v, phase[0] + step u) of the masks' image.
+    phase : (2,) int64
+        x and y.
+    rectangles : (N, 4) int64
+        x0, y0, x1, y1 of the working pixels in each box, end exclusive.
+    starts : (N + 1,) int64
+        Where these begin when they are laid out row by row, one box after the other.
+    """
+
+    boxes: npt.NDArray[np.int32]
+    flat: npt.NDArray[np.uint8]
+    step: int
+    phase: npt.NDArray[np.int64]
+    rectangles: npt.NDArray[np.int64]
+    starts: npt.NDArray[np.int64]
+
+
 @kernel(error_model="numpy")
-def weigh(
-    depth, candidate, boxes, scores, masks, rectangles, starts, step, phase, focal, low_m, high_m, covered, weights
-):  # fmt: skip
+def weigh(depth, candidate, proposals, scores, focal, low_m, high_m, covered, weights):
     """Weigh each proposal by what depth says of it, and tell which candidates it covers.
 
     The weight is the score times the fraction of the proposal's readings that are candidates. It is 0 where the
@@ -21,21 +49,11 @@ def weigh(
     Parameters
     ----------
     depth : (h, w) float32
-        The working image: pixel (v, u) is pixel (phase[1] + step v, phase[0] + step u) of the masks' image.
+        The working image.
     candidate : (h, w) uint8
         1 where a reading may belong to an object.
-    boxes : (N, 4) int32
-        x0, y0, x1, y1 in pixels of the masks' image, end exclusive.
+    proposals : Masks
     scores : (N,) float32
-    masks : (L,) uint8
-        The masks of all boxes, row by row, one after the other.
-    rectangles : (N, 4) int64
-        x0, y0, x1, y1 of the working pixels in each box, end exclusive.
-    starts : (N + 1,) int64
-        Where these begin when they are laid out row by row, one box after the other.
-    step : int
-    phase : (2,) int64
-        x and y.
     focal : float
         Focal length of the working image, pixels.
     low_m, high_m : float
@@ -44,6 +62,7 @@ def weigh(
         1 for each working pixel in a box that is a candidate and that the proposal covers.
     weights : (N,) float32, output
     """
+    boxes, masks, step, phase, rectangles, starts = proposals
     height, width = depth.shape
     mask = 0
     for k in range(boxes.shape[0]):

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.core.compiled import kernel
 from cuboid.core.tolerances import JUMP_SIGMAS, NEAREST_M
@@ -37,6 +40,27 @@ FAR_M = 2.0
 MAX_HITS = 65535
 # Cubes that are remembered while a frame is fused: those of four by four by four never take each other's place.
 LAST_CUBES = 64
+
+
+class Pixels(NamedTuple):
+    """The pixels of a frame that are fused.
+
+    Attributes
+    ----------
+    depth : (H, W) float32
+        Metres, 0 none.
+    color : (H, W, 3) uint8
+    heat : (H, W) float32
+    camera : (4,) float64
+        fx, fy, cx, cy of these images.
+    T_world_camera : (4, 4) float64
+    """
+
+    depth: npt.NDArray[np.float32]
+    color: npt.NDArray[np.uint8]
+    heat: npt.NDArray[np.float32]
+    camera: npt.NDArray[np.float64]
+    T_world_camera: npt.NDArray[np.float64]
 
 
 @kernel(inline="always")
@@ -78,19 +102,12 @@ def likely_rows(count, cube_in, voxel_of, cubes, voxels, likely):
 
 
 @kernel
-def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, turn, anchor, level, cubes, points, slots):
+def fuse(pixels, voxel_m, max_depth, frame, turn, anchor, level, cubes, points, slots):
     """Fuse a frame's points into the map: a weighted running mean of place, color and heat a voxel.
 
     Parameters
     ----------
-    depth : (H, W) float32
-        Metres, 0 none.
-    color : (H, W, 3) uint8
-    heat : (H, W) float32
-    camera : (4,) float64
-        fx, fy, cx, cy of these images.
-    T : (4, 4) float64
-        T_world_camera.
+    pixels : Pixels
     voxel_m, max_depth : float
         Metres.
     frame : int
@@ -107,6 +124,7 @@ def fuse(depth, color, heat, camera, T, voxel_m, max_depth, frame, turn, anchor,
     slots : (H, W) int32, output
         Row of each pixel, -1 where there is no reading and where another cold pixel represents it.
     """
+    depth, color, heat, camera, T = pixels
     height, width = depth.shape
     inverse = 1.0 / voxel_m
     # Local copies: what is written below could lie in these arrays, for all the compiler knows.

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.boxes.kernels.extents import ends_at
 from cuboid.core.compiled import kernel
@@ -10,10 +13,56 @@ from cuboid.core.tolerances import NEAREST_M, SIGMAS
 from cuboid.geometry.kernels.overlap import BATCH, SLACK_M
 
 
+class Surfaces(NamedTuple):
+    """The points of objects, those of one after those of the other.
+
+    Attributes
+    ----------
+    points : (N, 3) float32
+        World, metres.
+    colors : (N, 3) uint8
+    ends : (n,) int64
+        Where each object's points end.
+    feet : (n, 4) float64
+        The plane that each stands on: its unit normal, and normal.p of all that lies on it.
+    numbers : (n,) int64
+        The objects.
+    """
+
+    points: npt.NDArray[np.float32]
+    colors: npt.NDArray[np.uint8]
+    ends: npt.NDArray[np.int64]
+    feet: npt.NDArray[np.float64]
+    numbers: npt.NDArray[np.int64]
+
+
+class View(NamedTuple):
+    """What a frame shows, and of which object that is.
+
+    Attributes
+    ----------
+    depth : (h, w) float32
+        Metres, 0 none.
+    color : (h, w, 3) uint8
+    slots : (h, w) int32
+        Voxel of each pixel, -1 none.
+    owner : (N,) int32
+        Number of the object that each voxel belongs to.
+    camera : (4,) float64
+        fx, fy, cx, cy.
+    T_camera_world : (4, 4) float64
+    """
+
+    depth: npt.NDArray[np.float32]
+    color: npt.NDArray[np.uint8]
+    slots: npt.NDArray[np.int32]
+    owner: npt.NDArray[np.int32]
+    camera: npt.NDArray[np.float64]
+    T_camera_world: npt.NDArray[np.float64]
+
+
 @kernel
-def count_seen(
-    points, colors, ends, feet, numbers, depth, color, slots, owner, camera, T, noise, agree, alike, counts, corners
-):  # fmt: skip
+def count_seen(surfaces, view, noise, agree, alike, counts, corners):
     """Count, for each object, its points that a frame sees, those that it hides, and those it says nothing of.
 
     A point is seen when the reading at its pixel agrees with it; where there is none, when the color does. One behind
@@ -25,26 +74,8 @@ def count_seen(
 
     Parameters
     ----------
-    points : (N, 3) float32
-        World, metres; those of the objects one after the other.
-    colors : (N, 3) uint8
-    ends : (n,) int64
-        Where each object's points end.
-    feet : (n, 4) float64
-        The plane that each stands on: its unit normal, and normal.p of all that lies on it.
-    numbers : (n,) int64
-        The objects.
-    depth : (h, w) float32
-        Metres, 0 none.
-    color : (h, w, 3) uint8
-    slots : (h, w) int32
-        Voxel of each pixel, -1 none.
-    owner : (N,) int32
-        Number of the object that each voxel belongs to.
-    camera : (4,) float64
-        fx, fy, cx, cy.
-    T : (4, 4) float64
-        T_camera_world.
+    surfaces : Surfaces
+    view : View
     noise : float
         Standard deviation of depth is this times z squared.
     agree : float
@@ -57,6 +88,8 @@ def count_seen(
         Rectangle around the points ahead that nothing nearer hides, see `ends_at`, in pixels, within the picture or
         not: left, top, right, bottom; infinite, the left beyond the right, where there are none.
     """
+    points, colors, ends, feet, numbers = surfaces
+    depth, color, slots, owner, camera, T = view
     height, width = depth.shape
     begin = 0
     across, down = np.empty(2 * points.shape[0]), np.empty(2 * points.shape[0])

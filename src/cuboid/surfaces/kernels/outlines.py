@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.core.compiled import kernel
 from cuboid.core.tolerances import JUMP_SIGMAS
@@ -40,12 +43,36 @@ def inwards(readings, claim, v, u, dv, du, reach):
     return reach
 
 
+class Picture(NamedTuple):
+    """A frame and its segments.
+
+    Attributes
+    ----------
+    depth : (h, w) float32
+        Holes filled.
+    readings : (h, w) float32
+        With its holes.
+    color : (h, w, 3) uint8
+    claim : (h, w) int32
+        Segment of each pixel, -1 none.
+    on_plane : (h, w) int32
+        Supporting plane that a pixel lies on, -1 none.
+    """
+
+    depth: npt.NDArray[np.float32]
+    readings: npt.NDArray[np.float32]
+    color: npt.NDArray[np.uint8]
+    claim: npt.NDArray[np.int32]
+    on_plane: npt.NDArray[np.int32]
+
+
 @kernel
-def across(depth, readings, color, claim, on_plane, plane, v, u, dv, du, limit, reach):
+def across(picture, plane, v, u, dv, du, limit, reach):
     """Tell what lies across one pixel of a segment's outline: the first reading outwards, over holes.
 
     Parameters
     ----------
+    picture : Picture
     plane : int
         What the segment stands on, -1 none.
     v, u, dv, du : int
@@ -59,11 +86,8 @@ def across(depth, readings, color, claim, on_plane, plane, v, u, dv, du, limit, 
     -------
     (int, int)
         The kind, -1 where the segment itself goes on behind a hole; and the segment that begins there, -1 none.
-
-    Notes
-    -----
-    The other parameters are those of `outlines`.
     """
+    depth, readings, color, claim, on_plane = picture
     height, width = depth.shape
     a, z = claim[v, u], depth[v, u]
     vi, ui = v - INNER_PIXELS * dv, u - INNER_PIXELS * du
@@ -94,10 +118,7 @@ def across(depth, readings, color, claim, on_plane, plane, v, u, dv, du, limit, 
 
 
 @kernel
-def outlines(
-    depth, readings, color, claim, on_plane, corners, plane_of, side_of, focal, noise, jump, gap_m, outline,
-    contact,
-):  # fmt: skip
+def outlines(picture, corners, plane_of, side_of, focal, noise, jump, gap_m, outline, contact):
     """Tell what bounds each segment of a frame: free space, its support, another segment, another surface, or unknown.
 
     From each pixel of a segment whose neighbour (of four) is not of it, the first reading outwards is looked for, over
@@ -110,15 +131,7 @@ def outlines(
 
     Parameters
     ----------
-    depth : (h, w) float32
-        Holes filled.
-    readings : (h, w) float32
-        With its holes.
-    color : (h, w, 3) uint8
-    claim : (h, w) int32
-        Segment of each pixel, -1 none.
-    on_plane : (h, w) int32
-        Supporting plane that a pixel lies on, -1 none.
+    picture : Picture
     corners : (count, 4) int64
         The least and the largest column and row of each segment: left, top, right, bottom.
     plane_of : (count,) int64
@@ -136,6 +149,7 @@ def outlines(
     contact : (count, count) int64, output
         [i, j]: pixels of i's outline that lie at j, jump or none.
     """
+    depth, claim = picture.depth, picture.claim
     height, width = depth.shape
     outline[:] = 0
     contact[:] = 0
@@ -158,9 +172,7 @@ def outlines(
                 z = depth[v, u]
                 limit = jump + JUMP_SIGMAS * noise * z * z
                 reach = max(2, int(gap_m * focal / z))
-                kind, b = across(
-                    depth, readings, color, claim, on_plane, plane_of[a], v, u, dv, du, limit, reach
-                )  # fmt: skip
+                kind, b = across(picture, plane_of[a], v, u, dv, du, limit, reach)
                 if b >= 0:
                     contact[a, b] += 1
                 if kind >= 0:

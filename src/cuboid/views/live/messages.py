@@ -18,7 +18,7 @@ from cuboid.core.results import MapPoints, TrackedObject, names_of
 from cuboid.outputs.text import rounded, rounded_list
 from cuboid.views.drawing import draw_frame
 from cuboid.views.live.watch import Moment
-from cuboid.views.report.page import assembled, own
+from cuboid.views.report.page import assembled, own, style
 from cuboid.views.report.pictures import encode_jpeg
 from cuboid.views.report.points import LARGEST, STEP_M, spacing, thinned
 from cuboid.views.report.summary import camera_document, inferno, label_colors, packed
@@ -26,7 +26,18 @@ from cuboid.views.tags import TAG_PX
 from cuboid.views.text import ink
 
 # The report's scripts that the live page shares, then its own.
-SHARED = ("math.js", "elements.js", "data.js", "shaders.js", "renderer.js", "scene.js", "orbit.js", "tags.js")
+SHARED = (
+    "math.js",
+    "elements.js",
+    "data.js",
+    "rows.js",
+    "shaders.js",
+    "renderer.js",
+    "scene.js",
+    "orbit.js",
+    "tags.js",
+    "measure.js",
+)
 SCRIPTS = ("follow.js", "live.js")
 
 # 1.8 MB a map: what a forwarded port in a local network carries in a fraction of a second.
@@ -66,7 +77,7 @@ def page_of(title: str, intrinsics: Intrinsics, moment: Moment | None, first_pos
         **(_scene(moment) if moment is not None else {"up": None, "objects": [], "planes": []}),
     }
     scripts = [own(name) for name in SHARED] + [_source(name) for name in SCRIPTS]
-    return assembled(_source("live.html"), own("page.css") + _source("live.css"), scripts, document)
+    return assembled(_source("live.html"), style(own("page.css"), _source("live.css")), scripts, document)
 
 
 def moment_message(moment: Moment, intrinsics: Intrinsics) -> bytes:

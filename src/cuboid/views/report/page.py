@@ -18,12 +18,15 @@ SCRIPTS = (
     "math.js",
     "elements.js",
     "data.js",
+    "rows.js",
     "shaders.js",
     "renderer.js",
     "scene.js",
     "orbit.js",
     "tags.js",
+    "measure.js",
     "timeline.js",
+    "naming.js",
     "card.js",
     "changes.js",
     "run.js",
@@ -47,7 +50,7 @@ def page_of(summary: Summary, live: Mapping[str, Any] | None = None) -> str:
     str
     """
     document = {**summary.to_dict(), "live": live}
-    return assembled(own("page.html"), own("page.css"), [own(name) for name in SCRIPTS], document)
+    return assembled(own("page.html"), style(own("page.css")), [own(name) for name in SCRIPTS], document)
 
 
 def own(name: str) -> str:
@@ -55,14 +58,20 @@ def own(name: str) -> str:
     return (files("cuboid.views.report") / "page" / name).read_text(encoding="utf-8")
 
 
-def assembled(html: str, style: str, scripts: Sequence[str], document: Mapping[str, Any]) -> str:
+def style(*parts: str) -> str:
+    """Return the style of a page: palette and elements that all pages share, then its own parts."""
+    return "\n".join((own("base.css"), *parts))
+
+
+def assembled(html: str, css: str, scripts: Sequence[str], document: Mapping[str, Any]) -> str:
     """Return a page put together.
 
     Parameters
     ----------
     html : str
-        With places in double braces for title, style, data and script.
-    style : str
+        With places in double braces for title, mark, style, data and script.
+    css : str
+        From `style`.
     scripts : sequence of str
         In the order in which they use each other; they see nothing of the page's own scope.
     document : mapping
@@ -71,12 +80,29 @@ def assembled(html: str, style: str, scripts: Sequence[str], document: Mapping[s
     together = "\n".join(scripts)
     parts = {
         "title": escape(f"{document['title']} - cuboid"),
-        "style": style,
-        # "</script>" in a text would end the element: the JSON has no "<" at all
-        "data": json.dumps(document, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
+        "style": css,
+        "mark": own("mark.svg"),
+        "data": _json(document),
         "script": f'"use strict";\n(() => {{\n{together}\n}})();',
     }
     return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], html)
+
+
+def renamed(page: str, label: int, name: str) -> str:
+    """Return a page of ours in which an object has another name; any other page is returned as it is."""
+    found = re.search(r'(<script type="application/json" id="data">)(.*?)(</script>)', page, re.DOTALL)
+    if found is None:
+        return page
+    document = json.loads(found[2])
+    for one in (*document["objects"], *document["changes"]):
+        if one["label"] == label:
+            one["name"] = name
+    return page[: found.start(2)] + _json(document) + page[found.end(2) :]
+
+
+def _json(document: Mapping[str, Any]) -> str:
+    # "</script>" in a text would end the element: the JSON has no "<" at all
+    return json.dumps(document, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def write_report(path: PathLike, summary: Summary) -> None:

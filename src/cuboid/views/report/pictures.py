@@ -10,8 +10,10 @@ import cv2
 import numpy as np
 
 from cuboid.core.errors import CuboidError
-from cuboid.core.frame import Float64Array, Frame, UInt8Array
-from cuboid.outputs import TrackRow
+from cuboid.core.frame import Float64Array, Frame, Intrinsics, UInt8Array
+from cuboid.geometry.box import Box
+from cuboid.outputs import PoseRow, TrackRow
+from cuboid.views.projection import wireframes
 
 # Margin that a picture shows around the rectangle, as a fraction of the longer side: an object in its place.
 MARGIN = 0.25
@@ -26,19 +28,25 @@ QUALITY = 82
 ASPECT = 1.5
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Picture:
     """The best picture of an object.
 
     Attributes
     ----------
-    frame : int
-        Of the recording.
+    frame : int or None
+        Of the recording; None where it is of an earlier one.
     jpeg : bytes
+    size : (int, int)
+        Width and height, pixels.
+    edges : (N, 4) float64
+        Edges of the object's box that the box itself does not hide: x0, y0, x1, y1 in pixels of the picture.
     """
 
-    frame: int
+    frame: int | None
     jpeg: bytes
+    size: tuple[int, int]
+    edges: Float64Array
 
     @property
     def address(self) -> str:
@@ -58,7 +66,13 @@ def best_sightings(rows: Iterable[TrackRow]) -> dict[int, TrackRow]:
     return best
 
 
-def cut_pictures(best: Mapping[int, TrackRow], read: Callable[[int], Frame]) -> dict[int, Picture]:
+def cut_pictures(
+    best: Mapping[int, TrackRow],
+    read: Callable[[int], Frame],
+    boxes: Mapping[int, Box],
+    poses: Mapping[int, PoseRow],
+    intrinsics: Intrinsics,
+) -> dict[int, Picture]:
     """Return the pictures of labels; a frame that cannot be read gives none.
 
     Parameters
@@ -67,6 +81,12 @@ def cut_pictures(best: Mapping[int, TrackRow], read: Callable[[int], Frame]) -> 
         From `best_sightings`.
     read : callable
         Returns a frame of the recording.
+    boxes : mapping of int to Box
+        The objects' boxes in the world, by label: those of the whole run, for outlines.
+    poses : mapping of int to PoseRow
+        By frame.
+    intrinsics : Intrinsics
+        Of the frames' color images.
     """
     pictures: dict[int, Picture] = {}
     for label, row in sorted(best.items(), key=lambda item: item[1].frame):
@@ -74,14 +94,18 @@ def cut_pictures(best: Mapping[int, TrackRow], read: Callable[[int], Frame]) -> 
             color = read(row.frame).color
         except CuboidError:
             continue
-        found = cut(color, row.rect_xyxy)
-        if found.size:
-            pictures[label] = Picture(row.frame, _jpeg(found))
+        x0, y0, x1, y1 = window(color, row.rect_xyxy)
+        if x0 < x1 and y0 < y1:
+            picture = _small(color[y0:y1, x0:x1])
+            edges = wireframes([boxes[label]], poses[row.frame].T_world_camera, intrinsics)[0].front.reshape(-1, 4)
+            scale = picture.shape[1] / (x1 - x0)
+            shown = (edges - (x0, y0, x0, y0)) * scale
+            pictures[label] = Picture(row.frame, encode_jpeg(picture, QUALITY), picture.shape[1::-1], shown)
     return pictures
 
 
-def cut(color: UInt8Array, rect_xyxy: Float64Array) -> UInt8Array:
-    """Return the part of a picture (H, W, 3) around a rectangle in pixels, as wide as a card wants it."""
+def window(color: UInt8Array, rect_xyxy: Float64Array) -> tuple[int, int, int, int]:
+    """Return the part of a picture (H, W, 3) around a rectangle, as wide as a card wants it: x0, y0, x1, y1."""
     low, high = rect_xyxy[:2], rect_xyxy[2:]
     half = (high - low) / 2.0 + MARGIN * float((high - low).max())
     half = np.maximum(half, (half[1] * ASPECT, half[0] / ASPECT))
@@ -89,7 +113,7 @@ def cut(color: UInt8Array, rect_xyxy: Float64Array) -> UInt8Array:
     half = np.minimum(half, limit / 2.0)
     middle = np.clip((low + high) / 2.0, half, limit - half)
     (x0, y0), (x1, y1) = np.round(middle - half).astype(int), np.round(middle + half).astype(int)
-    return color[max(y0, 0) : y1, max(x0, 0) : x1]
+    return max(int(x0), 0), max(int(y0), 0), int(x1), int(y1)
 
 
 def _shown_px(row: TrackRow) -> float:
@@ -97,12 +121,13 @@ def _shown_px(row: TrackRow) -> float:
     return float((x1 - x0) * (y1 - y0) * row.visible)
 
 
-def _jpeg(picture: UInt8Array) -> bytes:
+def _small(picture: UInt8Array) -> UInt8Array:
+    """Return a picture (H, W, 3) at most `WIDTH_PX` wide."""
     height, width = picture.shape[:2]
     if width > WIDTH_PX:
         size = (WIDTH_PX, max(1, round(height * WIDTH_PX / width)))
         picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
-    return encode_jpeg(picture, QUALITY)
+    return picture
 
 
 def encode_jpeg(picture: UInt8Array, quality: int) -> bytes:

@@ -2,28 +2,39 @@
 
 from __future__ import annotations
 
+import json
 import re
 import threading
-from functools import cached_property
+from collections.abc import Callable
+from functools import partial
+from http import HTTPStatus
 from pathlib import Path
 from urllib.parse import parse_qs
 
-from cuboid.core.errors import FrameError, InputError
+from cuboid.core.errors import CuboidError, FrameError, InputError, one_line
 from cuboid.core.frame import Frame
+from cuboid.core.results import names_of
 from cuboid.outputs import Results
+from cuboid.outputs.folder import REPORT
+from cuboid.outputs.naming import name_object
+from cuboid.outputs.pending import write_whole
 from cuboid.readers import Recording
 from cuboid.views.redraw import KINDS, Draw, drawer
 from cuboid.views.replay import Replay, ReplayedFrame
-from cuboid.views.report.page import page_of
+from cuboid.views.report.page import page_of, renamed
 from cuboid.views.report.pictures import encode_jpeg
-from cuboid.views.report.summary import summarise
-from cuboid.views.serving import Answer, PageHandler, PageServer, listening_at, path_and_query
+from cuboid.views.report.summary import Summary, summarise
+from cuboid.views.serving import Answer, PageHandler, PageServer, Refusal, listening_at, path_and_query
 
 PICTURES = "/frame"
+NAMES = "/names"
 PICTURE = re.compile(rf"{PICTURES}/(\d{{1,9}})\.jpg")
 
 # Encoded in 3 ms at 640x480; no block shows.
 QUALITY = 90
+
+
+Rename = Callable[[int, str], str]
 
 
 class Viewer:
@@ -35,8 +46,12 @@ class Viewer:
         What `cuboid track` left behind.
     replay : Replay
         Of that folder.
-    recording : Recording
-        That it is of.
+    recording : Recording or None
+        That it is of; without one there are no pictures of frames.
+    rename : callable, optional
+        Keeps the name of a label, and returns it as it is kept; in the folder unless given.
+    summary : Summary, optional
+        The contents of the page; those of the folder unless given.
 
     Raises
     ------
@@ -44,23 +59,48 @@ class Viewer:
         The results have no frame of this recording.
     """
 
-    def __init__(self, folder: Path, replay: Replay, recording: Recording) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        replay: Replay,
+        recording: Recording | None,
+        rename: Rename | None = None,
+        summary: Summary | None = None,
+    ) -> None:
         self._folder = folder
         self._replay = replay
-        self._recording = recording.without_poses()  # those of the results count
+        self._rename = rename or partial(_rename_in, folder)
+        self._recording = None if recording is None else recording.without_poses()  # those of the results count
         self._drawers: dict[str, Draw] = {}
         self._lock = threading.Lock()  # a browser asks for several things at once
-        self._frames: dict[int, ReplayedFrame] = {
-            found.index: found for found in replay.frames(self._recording.timestamp_s)
-        }
-        if not self._frames:
+        self._frames: dict[int, ReplayedFrame] = {}
+        if self._recording is not None:
+            self._frames = {found.index: found for found in replay.frames(self._recording.timestamp_s)}
+        if recording is not None and not self._frames:
             raise InputError(f"{folder}: no frame of {recording.path} is in its trajectory")
+        self._summary = summary or summarise(Results(folder), None if self._recording is None else self._recording.read)
 
-    @cached_property
+    @property
     def page(self) -> bytes:
         """The page, UTF-8."""
-        summary = summarise(Results(self._folder), self._recording.read)
-        return page_of(summary, {"pictures": PICTURES, "kinds": KINDS}).encode("utf-8")
+        pictures = {} if self._recording is None else {"pictures": PICTURES, "kinds": KINDS}
+        return page_of(self._summary, {"names": NAMES, **pictures}).encode("utf-8")
+
+    def rename(self, label: int, name: str) -> str:
+        """Give an object a name, or take it away with an empty one; return the name as it is kept.
+
+        Raises
+        ------
+        InputError
+            No object has the label, or the name cannot be one.
+        OutputError
+            It cannot be written.
+        """
+        with self._lock:
+            name = self._rename(label, name)
+            self._summary = self._summary.named(label, name)
+            self._replay.names = names_of(self._summary.found.objects)
+            return name
 
     def picture(self, index: int, what: str) -> bytes | None:
         """Return a frame with its objects drawn into it, as JPEG; None where there is no such picture.
@@ -74,7 +114,7 @@ class Viewer:
         """
         with self._lock:
             found = self._frames.get(index)
-            if found is None or what not in KINDS:
+            if found is None or self._recording is None or what not in KINDS:
                 return None
             if what not in self._drawers:
                 self._drawers[what] = drawer(what, self._folder, self._replay)
@@ -103,6 +143,7 @@ def make_server(viewer: Viewer, port: int = 0) -> PageServer:
 
     class Handler(PageHandler):
         show = staticmethod(lambda address: _answer(viewer, address))
+        take = staticmethod(lambda address, content: _take(viewer, address, content))
 
     return listening_at(port, Handler)
 
@@ -116,3 +157,27 @@ def _answer(viewer: Viewer, address: str) -> Answer | None:
     what = parse_qs(query).get("what", ["boxes"])[0]
     picture = viewer.picture(int(asked[1]), what) if asked else None
     return None if picture is None else ("image/jpeg", picture)
+
+
+def _take(viewer: Viewer, address: str, content: bytes) -> Answer | None:
+    """Keep the name that the page sends, and answer with it in JSON; None where nothing is taken."""
+    if path_and_query(address)[0] != NAMES:
+        return None
+    try:
+        sent = json.loads(content)
+        name = viewer.rename(int(sent["label"]), str(sent["name"]))
+    except CuboidError as error:
+        raise Refusal(HTTPStatus.UNPROCESSABLE_ENTITY, str(error)) from error
+    except (ValueError, TypeError, LookupError, OverflowError, RecursionError) as error:
+        line = one_line(f"this page and this program do not fit: {error!r}")
+        raise Refusal(HTTPStatus.BAD_REQUEST, line) from error
+    return "application/json", json.dumps({"name": name}).encode("ascii")
+
+
+def _rename_in(folder: Path, label: int, name: str) -> str:
+    """Keep the name of an object in a result folder, and in the page that lies there."""
+    name = name_object(folder, label, name)
+    report = folder / REPORT
+    if report.is_file():
+        write_whole(report, renamed(report.read_text(encoding="utf-8"), label, name))
+    return name

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +82,14 @@ class Summary:
             "changes": [_change(one) for one in self.changes],
         }
 
+    def named(self, label: int, name: str) -> Summary:
+        """Return the same with another name of an object; the empty one is none."""
+        objects = tuple(
+            replace(item, name=name or None) if item.label == label else item for item in self.found.objects
+        )
+        changes = tuple(replace(one, name=name or None) if one.label == label else one for one in self.changes)
+        return replace(self, found=replace(self.found, objects=objects), changes=changes)
+
     def _object(self, item: TrackedObject, seen: list[tuple[int, int]]) -> dict[str, Any]:
         picture = self.pictures.get(item.label)
         return {
@@ -101,7 +109,7 @@ class Summary:
             "plane": item.plane,
             "merged_labels": list(item.merged_labels),
             "spans": seen,
-            "picture": None if picture is None else {"frame": picture.frame, "address": picture.address},
+            "picture": None if picture is None else _picture(picture),
         }
 
     def _survivor(self, label: int) -> int | None:
@@ -143,9 +151,9 @@ def summarise(results: Results, read: Callable[[int], Frame] | None, changes: Se
 
 def pictures_of(results: Results, read: Callable[[int], Frame]) -> dict[int, Picture]:
     """Return the best picture of each object, by label; parameters and errors are those of `summarise`."""
-    lasting = {item.label for item in results.found.objects}
-    best = {label: row for label, row in best_sightings(results.tracks).items() if label in lasting}
-    return cut_pictures(best, read)
+    boxes = {item.label: item.box for item in results.found.objects}
+    best = {label: row for label, row in best_sightings(results.tracks).items() if label in boxes}
+    return cut_pictures(best, read, boxes, results.poses, results.found.intrinsics)
 
 
 def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tuple[int, int]]]:
@@ -172,6 +180,15 @@ def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tup
         else:
             runs.append((row.frame, row.frame))
     return found
+
+
+def _picture(picture: Picture) -> dict[str, Any]:
+    return {
+        "frame": picture.frame,
+        "address": picture.address,
+        "size": list(picture.size),
+        "edges": [_list(edge, 1) for edge in picture.edges],
+    }
 
 
 def _change(one: SceneChange) -> dict[str, Any]:

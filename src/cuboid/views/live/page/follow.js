@@ -79,6 +79,7 @@ class LiveScene extends Scene {
   }
 
   stateOf(object) {
+    if (!isWanted(this.state, object.label)) return "unknown";
     return object.seen ? "seen" : "hidden";
   }
 
@@ -105,6 +106,7 @@ class LiveScene extends Scene {
       if (color) own.set(color.slice(0, 3), 3 * i);
     });
     this.renderer.setPoints(points, own);
+    this.steps = points.steps;
   }
 
   depth() {

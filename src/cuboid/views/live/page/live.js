@@ -7,6 +7,7 @@ const state = {
   selected: null,
   frame: null,
   follow: false,
+  wanted: null,
 };
 
 // After a question that met no answer, milliseconds.
@@ -15,7 +16,7 @@ const PAUSE = 1000;
 const pause = (milliseconds) => new Promise((done) => setTimeout(done, milliseconds));
 
 const canvas = find("canvas");
-let scene, orbit, tags;
+let scene, orbit, tags, ruler;
 let drawing = 0;
 let touched = false;
 
@@ -27,6 +28,8 @@ function redraw() {
     const eye = orbit.eye();
     scene.draw(eye);
     tags.place(eye, (object) => scene.stateOf(object));
+    ruler.place(eye);
+    showScale(orbit, canvas.clientHeight);
   });
 }
 
@@ -45,20 +48,17 @@ function update(change) {
   redraw();
 }
 
+const search = new Search((wanted) => update({ wanted }));
 const choose = (label) => update({ selected: label === state.selected ? null : label });
 
 function listObjects() {
-  find("object-count").textContent = plural(data.objects.length, "object");
+  state.wanted = search.wanted(); // among the objects that are known by now
+  find("object-count").textContent = countOf(state.wanted);
   find("objects").replaceChildren(
-    ...data.objects.map((object) => {
-      const row = element(
-        "button",
-        { class: `object${object.seen ? "" : " hidden-now"}`, "aria-pressed": String(object.label === state.selected) },
-        chip(object),
-        element("span", {}, sizeOf(object)),
-        element("span", { class: "seen-count" }, String(object.frames_seen)),
-      );
-      row.addEventListener("click", () => choose(object.label));
+    ...data.objects.filter(({ label }) => isWanted(state, label)).map((object) => {
+      const row = objectRow(object, choose);
+      row.classList.toggle("hidden-now", !object.seen);
+      row.setAttribute("aria-pressed", String(object.label === state.selected));
       return element("li", {}, row);
     }),
   );
@@ -180,6 +180,11 @@ async function main() {
     if (state.follow) update({ follow: false });
   });
   tags = new Tags(find("tags"), state, choose);
+  ruler = scene.ruler = new Ruler(state, scene, orbit, () => {
+    scene.updateRuler();
+    redraw();
+  });
+  canvas.addEventListener("click", (event) => ruler.active && ruler.click(event.offsetX, event.offsetY));
   find("theme").addEventListener("click", () => update({ theme: state.theme === "dark" ? "light" : "dark" }));
   for (const button of document.querySelectorAll("[data-coloring]"))
     button.addEventListener("click", () => update({ coloring: button.dataset.coloring }));
@@ -202,7 +207,10 @@ async function main() {
     update({ follow: !state.follow });
     orbit.fly(state.follow && scene.pose ? orbit.behind(scene.pose) : orbit.home());
   });
-  new ResizeObserver(redraw).observe(canvas);
+  new ResizeObserver(() => {
+    tags.layout();
+    redraw();
+  }).observe(canvas);
   scene.renderer.fit();
   update({});
   follow("/map", (answer, number) => (answer.byteLength ? takeMap(answer) : number));

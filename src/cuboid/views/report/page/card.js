@@ -1,33 +1,45 @@
 // The list of objects, and the card of the one that is chosen.
 
 class Panel {
-  constructor(state, chosen, moved) {
+  constructor(state, { chosen, moved, wished, named }) {
     this.state = state;
     this.chosen = chosen;
     this.moved = moved;
-    find("object-count").textContent = plural(data.objects.length, "object");
-    this.rows = data.objects.map((object) => {
-      const row = element(
-        "button",
-        { class: "object", "data-label": object.label },
-        chip(object),
-        element("span", { class: "size" }, sizeOf(object)),
-        element("span", { class: "seen-count", title: "frames in which it is seen" }, object.frames_seen.toLocaleString("en")),
-      );
-      row.addEventListener("click", () => chosen(object.label));
-      return row;
-    });
+    this.named = named;
+    this.list();
+    this.search = new Search((wanted) => wished(wanted));
+    find("search").hidden = !this.rows.length;
+  }
+
+  list() {
+    this.rows = data.objects.map((object) => objectRow(object, this.chosen));
     find("objects").replaceChildren(...this.rows.map((row) => element("li", {}, row)));
-    if (!this.rows.length) find("list").append(element("p", { class: "empty" }, "No object was found."));
+  }
+
+  /** Show the new name of an object wherever its label is; its card stays, and the field in it. */
+  renamed(object) {
+    this.list();
+    find("card").querySelector(".chip").replaceWith(chip(object));
+    this.named(object);
   }
 
   update() {
-    const { selected } = this.state;
+    const { selected, wanted } = this.state;
     const object = objectOf.get(selected);
-    for (const row of this.rows) row.setAttribute("aria-pressed", String(Number(row.dataset.label) === selected));
+    for (const row of this.rows) {
+      const label = Number(row.dataset.label);
+      row.setAttribute("aria-pressed", String(label === selected));
+      row.parentElement.hidden = !isWanted(this.state, label);
+    }
+    find("object-count").textContent = countOf(wanted);
+    find("none").textContent = this.rows.length ? "No object is like that." : "No object was found.";
+    find("none").hidden = wanted ? wanted.size > 0 : this.rows.length > 0;
     const card = find("card");
     card.hidden = !object;
-    if (object && card.dataset.label !== String(selected)) card.replaceChildren(...this.card(object));
+    if (object && card.dataset.label !== String(selected)) {
+      card.replaceChildren(...this.card(object));
+      find("panel").scrollTop = 0;
+    }
     card.dataset.label = String(selected);
   }
 
@@ -35,14 +47,26 @@ class Panel {
     const close = element("button", { class: "quiet close", title: "Close", "aria-label": "Close" }, "×");
     close.addEventListener("click", () => this.chosen(null));
     const head = element("header", {}, chip(object), element("h2", {}, "Object ", String(object.label)), close);
-    return [head, ...this.picture(object), this.facts(object)];
+    const naming = data.live ? nameField(object, (one) => this.renamed(one)) : [];
+    return [head, ...naming, ...this.picture(object), this.facts(object)];
   }
 
   picture(object) {
     if (!object.picture) return [];
     const { frame, address } = object.picture;
     const image = element("img", { src: address, alt: `Object ${object.label} in frame ${frame}` });
-    return [element("figure", {}, image, element("figcaption", {}, "Best seen in ", this.link(frame)))];
+    const shown = element("div", { class: "shot" }, image, this.outline(object));
+    if (!frames.includes(frame)) return [element("figure", {}, shown)]; // of an earlier recording of the scene
+    return [element("figure", {}, shown, element("figcaption", {}, "Best seen in ", this.link(frame)))];
+  }
+
+  /** The edges of the object's box over its picture. */
+  outline(object) {
+    const [width, height] = object.picture.size;
+    const d = object.picture.edges.map(([x0, y0, x1, y1]) => `M${x0} ${y0}L${x1} ${y1}`).join("");
+    const paths = [["halo", "currentColor"], ["edge", object.color]].map(([kind, stroke]) => shape("path", { class: kind, d, stroke }));
+    const view = { viewBox: `0 0 ${width} ${height}`, preserveAspectRatio: "xMidYMid slice", "aria-hidden": "true" };
+    return shape("svg", { class: "outline", ...view }, ...paths);
   }
 
   /** A frame's number that goes to that frame. */

@@ -81,5 +81,5 @@ function titleOf(object) {
 /** The label in its color, as it looks everywhere. */
 function chip(object, ...rest) {
   const style = `background:${object.color};color:${object.ink}`;
-  return element("span", { class: "chip", style }, titleOf(object), ...rest);
+  return element("span", { class: "chip", style, title: titleOf(object) }, titleOf(object), ...rest);
 }

@@ -12,6 +12,27 @@ function element(name, attributes = {}, ...children) {
   return made;
 }
 
+/** The same of an SVG. */
+function shape(name, attributes, ...children) {
+  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  made.append(...children);
+  return made;
+}
+
+/** Send something to the program; null where it does not answer. */
+async function post(address, content) {
+  try {
+    return await fetch(address, {
+      method: "POST",
+      headers: { "Content-Type": "application/json" },
+      body: JSON.stringify(content),
+    });
+  } catch {
+    return null;
+  }
+}
+
 /** Show lines about what is likely to be wrong above the page, until they are hidden by a click. */
 function showWarnings(warnings) {
   const banner = find("warnings");

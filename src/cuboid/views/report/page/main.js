@@ -7,11 +7,13 @@ const state = {
   selected: null,
   frame: null, // place among the used frames; null is all of them at once
   follow: false,
+  wanted: null, // labels that the search leaves; null is all
 };
 
 let scene = null;
 let orbit = null;
 let tags = null;
+let ruler = null;
 let pending = 0;
 
 function redraw() {
@@ -25,6 +27,8 @@ function redraw() {
     const eye = orbit.eye();
     scene.draw(eye);
     tags.place(eye, (object) => scene.stateOf(object));
+    ruler.place(eye);
+    showScale(orbit, find("canvas").clientHeight);
   });
 }
 
@@ -80,23 +84,30 @@ function setUpScene() {
   scene = new Scene(renderer, state);
   orbit = new Orbit(canvas, redraw, () => state.follow && update({ follow: false }));
   tags = new Tags(find("tags"), state, choose);
+  ruler = scene.ruler = new Ruler(state, scene, orbit, () => {
+    scene.updateRuler();
+    redraw();
+  });
   let pressed = null;
   canvas.addEventListener("pointerdown", (event) => (pressed = [event.clientX, event.clientY]));
   canvas.addEventListener("click", (event) => {
     if (pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return;
+    if (ruler.active) return ruler.click(event.offsetX, event.offsetY);
     const { origin, direction } = orbit.ray(event.offsetX, event.offsetY);
     const object = scene.pick(origin, direction);
-    if (object) choose(object.label);
+    return object && choose(object.label);
   });
   canvas.addEventListener("dblclick", (event) => {
+    if (ruler.active) return;
     const { origin, direction } = orbit.ray(event.offsetX, event.offsetY);
     const object = scene.pick(origin, direction);
     if (object) approach(object.center, object.size);
     if (object) update({ selected: object.label });
   });
   new ResizeObserver(() => {
-    redraw();
     find("notice").hidden = canvas.clientWidth < 560;
+    tags.layout();
+    redraw();
   }).observe(canvas);
   canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
   canvas.addEventListener("webglcontextrestored", () => location.reload());
@@ -113,6 +124,14 @@ function showTab(name) {
     find(`tab-${tab}`).setAttribute("aria-selected", String(tab === name));
   }
   redraw();
+}
+
+/** On a phone: list or timeline below the scene. */
+function showBelow(name) {
+  find("scene").dataset.below = name;
+  for (const button of document.querySelectorAll("[data-below]"))
+    button.setAttribute("aria-pressed", String(button.dataset.below === name));
+  timeline.draw();
 }
 
 function setUpSplitters() {
@@ -137,13 +156,14 @@ function setUpKeys() {
     " ": () => play(!playing),
     ArrowRight: () => moveTo((state.frame ?? -1) + 1),
     ArrowLeft: () => moveTo((state.frame ?? frames.length) - 1),
-    Escape: () => (state.selected !== null ? choose(null) : moveTo(null)),
+    m: () => find("ruler").click(),
+    Escape: () => (ruler && ruler.active ? ruler.use(false) : state.selected !== null ? choose(null) : moveTo(null)),
     r: () => find("look-home").click(),
     t: () => find("look-down").click(),
     c: () => find("look-through").click(),
   };
   document.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.altKey || event.metaKey || find("scene").hidden) return;
+    if (event.ctrlKey || event.altKey || event.metaKey || find("scene").hidden || find("compare").open) return;
     if (event.target === find("slider") && event.key.startsWith("Arrow")) return;
     if (event.target.closest("button") && event.key === " ") return;
     const action = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
@@ -181,6 +201,8 @@ function setUpButtons() {
     update({ follow: false });
     orbit.fly({ ...orbit.home(), yaw: orbit.place.yaw, pitch: STEEPEST });
   });
+  for (const button of document.querySelectorAll("[data-below]"))
+    button.addEventListener("click", () => showBelow(button.dataset.below));
   find("look-through").addEventListener("click", () => followCamera(!state.follow));
   for (const button of document.querySelectorAll("[data-coloring]"))
     button.addEventListener("click", () => update({ coloring: button.dataset.coloring }));
@@ -207,7 +229,21 @@ function approach(target, size) {
   update({ follow: false });
 }
 
-const panel = new Panel(state, choose, moveTo);
+/** List and timeline show what the search leaves. */
+function wish(wanted) {
+  update({ wanted });
+  timeline.draw();
+}
+
+function showName(object) {
+  for (const one of changed) if (one.label === object.label) one.name = object.name;
+  changes.list();
+  if (tags) tags.rename(object);
+  picture.again();
+  wish(panel.search.wanted());
+}
+
+const panel = new Panel(state, { chosen: choose, moved: moveTo, wished: wish, named: showName });
 const changes = new Changes(state, choose, approach);
 const picture = new Picture(state);
 
@@ -216,9 +252,10 @@ setUpHeader();
 setUpButtons();
 setUpKeys();
 setUpSplitters();
+showBelow("list");
 fillRunTab();
 timeline.draw();
-update({ frame: data.live && frames.length ? richestFrame() : null });
+update({ frame: data.live && data.live.pictures && frames.length ? richestFrame() : null });
 
 try {
   setUpScene().catch((error) => refuse(error));

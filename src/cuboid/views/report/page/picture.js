@@ -7,10 +7,13 @@ class Picture {
     this.kind = "boxes";
     this.loading = false;
     this.wanted = null;
-    if (!data.live) return;
+    this.names = 0; // counts: a picture with other names has another address
+    if (!data.live || !data.live.pictures) return;
     for (const shown of [find("picture"), document.querySelector('[data-size="--picture"]')]) shown.hidden = false;
     find("scene").classList.add("with-picture");
     find("picture-kind").replaceChildren(...Object.entries(data.live.kinds).map(([kind, name]) => this.choice(kind, name)));
+    this.outline = find("frame-outline");
+    this.outline.setAttribute("viewBox", `0 0 ${data.camera.width} ${data.camera.height}`);
     for (const name of ["load", "error"]) this.image.addEventListener(name, () => this.loaded(name));
   }
 
@@ -26,9 +29,33 @@ class Picture {
 
   /** Ask for one picture at a time, and then for the one that is wanted by then: the slider may be fast. */
   update() {
-    if (!data.live || this.state.frame === null) return;
-    this.wanted = `${data.live.pictures}/${frames[this.state.frame]}.jpg?what=${this.kind}`;
+    if (!data.live || !data.live.pictures || this.state.frame === null) return;
+    const again = this.names ? `&names=${this.names}` : "";
+    this.wanted = `${data.live.pictures}/${frames[this.state.frame]}.jpg?what=${this.kind}${again}`;
     if (!this.loading) this.load();
+    this.outlineChosen();
+  }
+
+  /** The box of the chosen object, over the picture. */
+  outlineChosen() {
+    const object = objectOf.get(this.state.selected);
+    const pose = poseOf(this.state.frame);
+    const { fx, fy, cx, cy } = data.camera;
+    const seen = object ? corners(object).map((corner) => {
+      const way = sub(corner, pose.place);
+      const depth = dot(way, pose.ahead);
+      return [cx + (fx * dot(way, pose.right)) / depth, cy + (fy * dot(way, pose.down)) / depth, depth];
+    }) : [];
+    const inFront = seen.length && seen.every(([, , depth]) => depth > 0.05);
+    const d = inFront ? EDGES.map(([a, b]) => `M${seen[a].slice(0, 2)}L${seen[b].slice(0, 2)}`).join("") : "";
+    const looks = [["halo", "currentColor"], ["edge", "#fff"]];
+    this.outline.replaceChildren(...looks.map(([kind, stroke]) => shape("path", { class: kind, d, stroke })));
+  }
+
+  /** Ask anew: names in the picture have changed. */
+  again() {
+    this.names += 1;
+    this.update();
   }
 
   load() {

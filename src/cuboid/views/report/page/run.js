@@ -72,8 +72,11 @@ function skippedFrames() {
 
 function settings() {
   const { run } = data;
-  const flat = ([name, value]) =>
-    value !== null && typeof value === "object" ? Object.entries(value).flatMap(flat) : [[name, value === null ? "-" : String(value)]];
+  const flat = ([name, value]) => {
+    if (Array.isArray(value)) return [[name, value.join(", ") || "-"]];
+    if (value !== null && typeof value === "object") return Object.entries(value).flatMap(flat);
+    return [[name, value === null ? "-" : String(value)]];
+  };
   const about = [
     ["recording", run.recording],
     ["layout", run.format],

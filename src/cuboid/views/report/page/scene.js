@@ -71,6 +71,8 @@ class Scene {
     this.state = state;
     this.size = pyramidSize();
     this.milestones = milestones(this.size);
+    this.steps = null;
+    this.ruler = null;
     this.boxes = new Map(data.objects.map((object) => [object.label, corners(object)]));
   }
 
@@ -83,6 +85,7 @@ class Scene {
       if (color) own.set(color.slice(0, 3), 3 * i);
     });
     this.renderer.setPoints(points, own);
+    this.steps = points.steps;
   }
 
   /** Take all lines and faces anew. */
@@ -104,10 +107,16 @@ class Scene {
     this.renderer.setLines("changes", this.changeLines(ground, ratio), true);
     this.renderer.setLines("camera", this.cameraLines(ground, ratio));
     this.renderer.setFaces("image", this.cameraFaces(ground));
+    this.updateRuler();
+  }
+
+  updateRuler() {
+    if (this.ruler) this.renderer.setLines("ruler", this.ruler.lines(colorOf(GROUNDS[this.state.theme].path, 1), this.renderer.ratio), true);
   }
 
   stateOf(object) {
     const { frame } = this.state;
+    if (!isWanted(this.state, object.label)) return "unknown";
     return frame === null ? "seen" : stateIn(object, frames[frame]);
   }
 
@@ -196,6 +205,7 @@ class Scene {
     if (layers.camera && !follow) shown.push("image", "path", "camera");
     if (layers.boxes) shown.push("sides", "boxes");
     if (layers.changes) shown.push("changes");
+    if (this.ruler) shown.push("ruler");
     this.renderer.draw(eye, coloring, GROUNDS[theme], shown);
   }
 

@@ -1,46 +1,124 @@
-// The labels over the boxes: each in its color, none over another.
+// The labels over the boxes: each in its color, none over another, none over a toolbar.
+
+// A tag stands so far above the top of its box, pixels; where that is taken, higher.
+const RISES = [8, 28, 48];
+// Room between two tags, pixels.
+const BETWEEN = 2;
+
+const overlap = (a, b) => a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3];
 
 class Tags {
   constructor(holder, state, chosen) {
     this.holder = holder;
     this.state = state;
+    this.toolbars = null;
     this.tags = data.objects.map((object) => {
-      const tag = element("button", { class: "chip tag", "data-label": object.label, tabindex: "-1" }, titleOf(object));
+      const tag = element("button", { class: "chip tag", "data-label": object.label, tabindex: "-1", title: titleOf(object) });
       tag.style.background = object.color;
       tag.style.color = object.ink;
-      tag.style.setProperty("--own", object.color);
       tag.addEventListener("click", () => chosen(object.label));
       holder.append(tag);
       return { tag, object, top: add(object.center, scale(axis(object.rotation, 2), object.size[2] / 2)) };
     });
+    this.measure();
   }
 
-  /** Put each tag above its box; the nearest chooses first, and one that finds no place becomes a dot. */
-  place(eye, stateOf) {
-    const width = this.holder.clientWidth;
-    const height = this.holder.clientHeight;
-    const taken = [];
-    const seen = this.tags.map((item) => ({ ...item, clip: toClip(eye.clip_world, item.top) }));
-    const behind = 1e6; // those that are hidden choose after those that are seen
-    const first = ({ object, clip }) =>
-      object.label === this.state.selected ? -behind : clip[3] + (stateOf(object) === "seen" ? 0 : behind);
-    for (const { tag, object, clip } of seen.sort((a, b) => first(a) - first(b))) {
-      const [x, y] = [(clip[0] / clip[3] + 1) * 0.5 * width, (1 - clip[1] / clip[3]) * 0.5 * height];
-      const known = stateOf(object);
-      const chosen = object.label === this.state.selected;
-      const hidden = !this.state.layers.boxes || (known === "unknown" && !chosen);
-      tag.hidden = hidden || clip[3] < eye.near || x < 0 || y < 0 || x > width || y > height;
-      if (tag.hidden) continue;
-      const half = 9 + 4 * String(object.label).length;
-      const box = [-8, -26, -44].map((rise) => [x - half, y + rise - 18, x + half, y + rise]).find((wanted) =>
-        taken.every(([x0, y0, x1, y1]) => wanted[0] > x1 || wanted[2] < x0 || wanted[1] > y1 || wanted[3] < y0),
-      );
-      if (box) taken.push(box);
-      tag.classList.toggle("dot", !box);
-      tag.classList.toggle("faint", known !== "seen");
-      tag.classList.toggle("chosen", chosen);
-      tag.style.zIndex = String(chosen ? 9999 : Math.max(1, 5000 - Math.round(100 * clip[3])));
-      tag.style.transform = `translate(${x.toFixed(1)}px, ${(box ? box[3] : y).toFixed(1)}px) translate(-50%, ${box ? "-100%" : "-50%"})`;
+  /** Take the sizes of all tags, with the name and without: once, since it lays out the page. */
+  measure() {
+    const write = (text) => this.tags.forEach((item) => (item.tag.textContent = text(item.object)));
+    for (const { tag } of this.tags) {
+      tag.hidden = false;
+      tag.classList.remove("dot");
     }
+    for (const [name, text] of [["short", ({ label }) => `#${label}`], ["full", titleOf]]) {
+      write(text);
+      const sizes = this.tags.map(({ tag }) => [tag.offsetWidth, tag.offsetHeight]);
+      this.tags.forEach((item, i) => (item[name] = { text: text(item.object), size: sizes[i] }));
+    }
+  }
+
+  /** Take the name of an object anew. */
+  rename(object) {
+    this.tags.find((item) => item.object === object).tag.title = titleOf(object);
+    this.measure();
+  }
+
+  /** Where the toolbars are, which no tag covers; found anew after `layout` has changed. */
+  obstacles() {
+    if (!this.toolbars) {
+      const { left, top } = this.holder.getBoundingClientRect();
+      const bars = this.holder.parentElement.querySelectorAll(".float.bar > *, .float:not(.bar)");
+      this.toolbars = [...bars].map((bar) => bar.getBoundingClientRect()).filter(({ width }) => width);
+      this.toolbars = this.toolbars.map((bar) => [bar.left - left, bar.top - top, bar.right - left, bar.bottom - top]);
+    }
+    return this.toolbars;
+  }
+
+  layout() {
+    this.toolbars = null;
+  }
+
+  /**
+   * Put each tag above its box. The nearest chooses first, all without their names; then names are added where there
+   * is room. A tag that finds no place becomes a dot.
+   */
+  place(eye, stateOf) {
+    const room = [this.holder.clientWidth, this.holder.clientHeight];
+    const bars = this.obstacles();
+    const shown = this.shown(eye, stateOf, room);
+    const taken = [...bars];
+    const wide = [room[0] - 2, room[1] - 2];
+    for (const item of shown) {
+      item.form = item.chosen ? item.full : item.short;
+      item.rect = this.places(item, item.form, wide).find((rect) => !taken.some((other) => overlap(rect, other)));
+      if (!item.rect && item.chosen) [item.rect] = this.places(item, item.form, wide);
+      if (item.rect) taken.push(item.rect);
+    }
+    for (const item of shown.filter(({ rect, form, full }) => rect && form !== full)) {
+      const own = item.rect;
+      const longer = this.places(item, item.full, wide).find((rect) =>
+        rect[3] === own[3] && !taken.some((other) => other !== own && overlap(rect, other)),
+      );
+      if (!longer) continue;
+      taken[taken.indexOf(own)] = longer;
+      Object.assign(item, { rect: longer, form: item.full });
+    }
+    for (const item of shown) this.show(item, bars);
+  }
+
+  /** The tags that are in the view, those first that choose first; the others are hidden. */
+  shown(eye, stateOf, [width, height]) {
+    const behind = 1e6; // those that are hidden choose after those that are seen
+    const found = this.tags.map((item) => {
+      const clip = toClip(eye.clip_world, item.top);
+      const known = stateOf(item.object);
+      const chosen = item.object.label === this.state.selected;
+      const at = [(clip[0] / clip[3] + 1) * 0.5 * width, (1 - clip[1] / clip[3]) * 0.5 * height];
+      const outside = clip[3] < eye.near || at[0] < 0 || at[1] < 0 || at[0] > width || at[1] > height;
+      item.tag.hidden = outside || !this.state.layers.boxes || (known === "unknown" && !chosen);
+      const first = chosen ? -behind : clip[3] + (known === "seen" ? 0 : behind);
+      return { ...item, at, known, chosen, first, depth: clip[3] };
+    });
+    return found.filter(({ tag }) => !tag.hidden).sort((a, b) => a.first - b.first);
+  }
+
+  /** Where a tag may stand, the best first: left, top, right, bottom. */
+  places({ at: [x, y] }, { size: [width, height] }, [right, bottom]) {
+    const left = clamp(x - width / 2, 2, Math.max(2, right - width));
+    return RISES.map((rise) => y - rise)
+      .filter((low) => low - height >= 0 && low <= bottom)
+      .map((low) => [left, low - height, left + width + BETWEEN, low + BETWEEN]);
+  }
+
+  show({ tag, at, known, chosen, rect, form, depth }, bars) {
+    const dot = [at[0] - 5, at[1] - 5, at[0] + 5, at[1] + 5];
+    tag.hidden = !rect && bars.some((bar) => overlap(dot, bar));
+    if (tag.textContent !== form.text) tag.textContent = form.text;
+    tag.classList.toggle("dot", !rect);
+    tag.classList.toggle("faint", known !== "seen");
+    tag.classList.toggle("chosen", chosen);
+    tag.style.zIndex = String(chosen ? 9999 : Math.max(1, 5000 - Math.round(100 * depth)));
+    const [x, y] = rect || [at[0] - 4.5, at[1] - 4.5];
+    tag.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
   }
 }

@@ -1,16 +1,27 @@
 // When each object is seen (thick), and hidden but known (thin): the paper's figure as a plot.
 
 const ROW = 18;
-const GUTTER = 180;
+// Room for labels with names; less on a phone.
+const GUTTER = 236;
+const NARROW_GUTTER = 168;
+const NARROW = 560;
+const CHIP_FONT = "700 11px Inter, system-ui, sans-serif";
 const EDGE = 26;
 const AXIS = 20;
 const THUMB = 8;
 
-function shape(name, attributes, ...children) {
-  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  made.append(...children);
-  return made;
+const measure = document.createElement("canvas").getContext("2d");
+
+/** A text cut to a width in pixels, and its width. */
+function fitted(text, room) {
+  if (!measure) return [text, room];
+  measure.font = CHIP_FONT;
+  const wide = (part) => measure.measureText(part).width;
+  if (wide(text) <= room) return [text, wide(text)];
+  let length = text.length - 1;
+  while (length > 1 && wide(`${text.slice(0, length)}…`) > room) length--;
+  const cut = `${text.slice(0, length).trimEnd()}…`;
+  return [cut, wide(cut)];
 }
 
 /** A round step (1, 2, 5 times a power of ten) that gives at most so many ticks. */
@@ -41,7 +52,7 @@ class Timeline {
   /** Let a pointer on the axis move through the frames, as on the slider. */
   scrub(moved) {
     const move = (event) => {
-      const share = (event.offsetX - GUTTER) / (this.width - GUTTER - EDGE);
+      const share = (event.offsetX - this.gutter) / (this.width - this.gutter - EDGE);
       const frame = this.first + share * (this.last - this.first);
       const later = frames.findIndex((used) => used >= frame);
       moved(later < 0 ? frames.length - 1 : later);
@@ -55,17 +66,20 @@ class Timeline {
 
   /** Place of a frame on the plot, pixels. */
   x(frame) {
-    return GUTTER + ((frame - this.first) / (this.last - this.first)) * (this.width - GUTTER - EDGE);
+    return this.gutter + ((frame - this.first) / (this.last - this.first)) * (this.width - this.gutter - EDGE);
   }
 
   draw() {
-    this.width = find("rows").clientWidth;
-    const rows = [...data.objects, ...data.gone];
+    this.width = find("rows").clientWidth || find("transport").clientWidth; // on a phone the list may be in its place
+    this.gutter = this.width < NARROW ? NARROW_GUTTER : GUTTER;
+    const rows = this.state.wanted
+      ? data.objects.filter(({ label }) => isWanted(this.state, label))
+      : [...data.objects, ...data.gone];
     const height = ROW * rows.length + 6;
     for (const [plot, high] of [[this.plot, height], [this.axis, AXIS]])
       for (const [name, value] of [["width", this.width], ["height", high]]) plot.setAttribute(name, value);
     const room = find("transport").clientWidth - this.width;
-    find("gutter").style.width = `${GUTTER - THUMB}px`;
+    find("gutter").style.width = `${this.gutter - THUMB}px`;
     this.slider.style.marginRight = `${room + EDGE - THUMB}px`;
     this.heads = [[0, height], [AXIS - 5, AXIS]].map(([y1, y2]) => shape("line", { class: "head", y1, y2 }));
     const ticks = this.ticks();
@@ -76,7 +90,7 @@ class Timeline {
   }
 
   ticks() {
-    const step = tickStep(this.last - this.first, (this.width - GUTTER) / 80);
+    const step = tickStep(this.last - this.first, (this.width - this.gutter) / 80);
     this.tickFrames = [];
     for (let frame = Math.ceil(this.first / step) * step; frame <= this.last; frame += step) this.tickFrames.push(frame);
     return this.tickFrames.map((frame) => this.x(frame));
@@ -88,7 +102,7 @@ class Timeline {
       group.append(shape("text", { x, y: 12, "text-anchor": "middle" }, String(this.tickFrames[i])));
     });
     group.append(shape("text", { x: 14, y: 12 }, "label"));
-    group.append(shape("text", { x: GUTTER - 26, y: 12, "text-anchor": "end" }, "frames seen"));
+    group.append(shape("text", { x: this.gutter - 12, y: 12, "text-anchor": "end" }, "frames seen"));
     for (const { frame, reason } of data.run.frames.skipped) {
       const mark = shape("rect", { class: "skipped", x: this.x(frame) - 1, y: AXIS - 5, width: 2, height: 5 });
       mark.append(shape("title", {}, `frame ${frame}: ${reason}`));
@@ -101,12 +115,17 @@ class Timeline {
     const y = i * ROW;
     const gone = !objectOf.has(object.label);
     const group = shape("g", { class: gone ? "row gone" : "row", ...(gone ? {} : { "data-row": object.label }) });
-    const fate = object.into === null ? "no longer in the map" : `is #${object.into}`;
+    const narrow = this.gutter === NARROW_GUTTER;
+    const survivor = objectOf.get(object.into);
+    const none = narrow ? "gone" : "no longer in the map";
+    const fate = survivor ? fitted(`is ${titleOf(survivor)}`, narrow ? 60 : 140)[0] : none;
+    const count = gone ? fate : object.frames_seen.toLocaleString("en");
+    const [text, width] = fitted(titleOf(object), this.gutter - (gone && !narrow ? 160 : 84));
     group.append(
       shape("rect", { class: "ground", x: 0, y, width: this.width, height: ROW }),
-      shape("rect", { x: 12, y: y + 2, width: 40, height: ROW - 4, rx: 4, fill: object.color }),
-      shape("text", { class: "name", x: 32, y: y + 13, fill: object.ink, "text-anchor": "middle" }, `#${object.label}`),
-      shape("text", { class: "count", x: GUTTER - 26, y: y + 13, "text-anchor": "end" }, gone ? fate : object.frames_seen.toLocaleString("en")),
+      shape("rect", { x: 12, y: y + 2, width: width + 12, height: ROW - 4, rx: 4, fill: object.color }),
+      shape("text", { class: "name", x: 18, y: y + 13, fill: object.ink }, text, shape("title", {}, titleOf(object))),
+      shape("text", { class: "count", x: this.gutter - 12, y: y + 13, "text-anchor": "end" }, count),
       ...this.bars(object, y, gone),
     );
     return group;

@@ -1,0 +1,68 @@
+"""Names that people give to objects of finished results."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+from cuboid.core.errors import InputError, shown
+from cuboid.core.results import TrackedObject
+from cuboid.objects.naming import chosen_name
+from cuboid.outputs.folder import OBJECTS
+from cuboid.outputs.objects import read_objects, write_objects
+from cuboid.outputs.pending import PendingFile
+
+# Characters: a name is shown beside its label.
+LONGEST_NAME = 100
+
+
+def checked_name(where: object, name: str) -> str:
+    """Return a name without space around it; the empty one is none.
+
+    Raises
+    ------
+    InputError
+        It is no single line of at most `LONGEST_NAME` characters; the message begins with `where`.
+    """
+    name = name.strip()
+    if not name.isprintable() or len(name) > LONGEST_NAME:
+        raise InputError(f"{where}: a name is one line of at most {LONGEST_NAME} characters, got {shown(name)}")
+    return name
+
+
+def _renamed(item: TrackedObject, name: str) -> TrackedObject:
+    """Return an object with a user's name; without one, the class that a detector saw is its name again."""
+    if name:
+        return item.with_given_name(name)
+    seen = () if item.name_score is None else ((item.name or "", item.name_score),)
+    return dataclasses.replace(item, **chosen_name((*seen, *item.names)))
+
+
+def name_object(folder: Path, label: int, name: str) -> str:
+    """Give an object of a result folder a name, or take it away with an empty one; return the name.
+
+    Parameters
+    ----------
+    folder : Path
+        What `cuboid track` left behind; its `objects.json` is replaced.
+    label : int
+    name : str
+
+    Raises
+    ------
+    InputError
+        No object has the label, or the name cannot be one.
+    OutputError
+        The file cannot be written; what was there is there.
+    """
+    path = folder / OBJECTS
+    name = checked_name(path, name)
+    found = read_objects(path)
+    if all(item.label != label for item in found.objects):
+        raise InputError(f"{path}: no object has the label {label}")
+    named = (_renamed(item, name) if item.label == label else item for item in found.objects)
+    file = PendingFile(path)
+    with file.writing():
+        write_objects(file.partial, dataclasses.replace(found, objects=tuple(named)))
+        file.show()
+    return name

@@ -1,0 +1,74 @@
+"""A scene as the page shows it: the map, what changed in the last recording, and names that are kept."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from cuboid.core.errors import InputError
+from cuboid.core.paths import PathLike, as_path
+from cuboid.outputs import Results
+from cuboid.outputs.naming import name_object
+from cuboid.readers import Recording
+from cuboid.scene.scene import Scene
+from cuboid.views.replay import Replay
+from cuboid.views.report import summarise
+from cuboid.views.report.pictures import Picture
+from cuboid.views.report.server import Viewer
+
+
+def scene_viewer(path: PathLike, work: Path, recording_path: Path | None = None) -> Viewer:
+    """Return what shows a scene after its last recording.
+
+    Parameters
+    ----------
+    path : path
+        The scene.
+    work : Path
+        A folder that is not there yet; results are written into it, and must stay while the page is shown.
+    recording_path : Path, optional
+        Where the last recording is now. Where it is nowhere the page has no pictures of frames.
+
+    Raises
+    ------
+    InputError
+        The scene is missing or damaged, holds no recording, or the recording that is given is not the last one.
+    """
+    file = as_path(path)
+    with Scene.open(file) as scene:
+        if not scene.recordings:
+            raise InputError(f"{file}: the scene holds no recording yet")
+        number = len(scene.recordings)
+        scene.write_results(work, number)
+        changes = scene.shown_changes(number)
+        kept = {item.label: scene.picture(item.label) for item in scene.objects}
+
+    def rename(label: int, name: str) -> str:
+        with Scene.open(file) as scene:  # for a moment only: a recording may be added meanwhile
+            scene.name(label, name)
+        return name_object(work, label, name)
+
+    recording = _recording(work, recording_path)
+    summary = summarise(Results(work), None if recording is None else recording.without_poses().read, changes)
+    pictures = {label: _picture(jpeg) for label, jpeg in kept.items() if jpeg is not None} | summary.pictures
+    summary = dataclasses.replace(summary, pictures=pictures)
+    return Viewer(work, Replay(work, recording_path), recording, rename, summary)
+
+
+def _recording(folder: Path, path: Path | None) -> Recording | None:
+    """Return the recording of results; None where it is not there and nobody said that it is."""
+    try:
+        return Results(folder, path).recording
+    except InputError:
+        if path is not None:
+            raise
+        return None
+
+
+def _picture(jpeg: bytes) -> Picture:
+    """Return a picture that the scene kept: of which frame, and where the object is in it, is not known."""
+    height, width = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)).shape[:2]
+    return Picture(None, jpeg, (width, height), np.zeros((0, 4)))

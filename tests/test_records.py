@@ -1,0 +1,70 @@
+"""One description of a record: a field of it is in each file and table, and is read as it was written."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cuboid.core.frame import Float64Array
+from cuboid.core.records import column, columns_of, names_in, plain_fields
+from cuboid.core.results import Proposal3D, Sighting, TrackedObject
+from cuboid.core.values import Count, Fraction, Level
+from cuboid.exports import csv_table
+from cuboid.formats.objects_file import ObjectEntry
+from cuboid.formats.rows_files import ProposalEntry, TrackEntry
+from cuboid.outputs.object_table import COLUMNS
+from cuboid.store.schema import OBJECTS, TABLES
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+
+
+@dataclass(frozen=True)
+class Thing:
+    """A record with a field of each kind."""
+
+    count: Count = field(metadata=column("how many"))
+    where: Count | None = field(metadata=column("index; null without one"))
+    color: Float64Array = field(metadata=column("mean", kind=Level, digits=1, parts=("red", "green")))
+    parts: tuple[int, ...] = field(default=(), metadata=column("numbers"))
+    score: Fraction | None = field(default=None, metadata=column("how sure", digits=3))
+
+
+def test_a_record_is_written_as_its_fields_say() -> None:
+    thing = Thing(3, None, np.array([1.25, 250.0]), (4, 5))
+    assert plain_fields(thing) == {"count": 3, "where": None, "color": [1.2, 250.0], "parts": [4, 5]}
+    assert plain_fields(Thing(0, 1, np.zeros(2), (), 0.12349))["score"] == 0.123
+    columns = columns_of(Thing)
+    assert names_in(columns) == ("count", "where", "red", "green", "parts", "score")
+    assert [cell for one in columns for cell in one.cells(thing)] == ["3", "", "1.2", "250.0", "4 5", ""]
+    assert [one.type for one in columns] == [int, int, float, tuple, float]
+    assert [one.optional for one in columns] == [False, False, False, False, True]
+
+
+def test_each_field_of_an_object_is_in_every_file_and_table() -> None:
+    described = columns_of(TrackedObject)
+    assert {one.name for one in described} | {"center", "size", "rotation"} == {*ObjectEntry.__struct_fields__}
+    assert {*names_in(described)} < {*COLUMNS}
+    assert {*names_in(described)} < {*next(csv.reader([csv_table.HEADER]))}
+    assert {one.name for one in described if one.stored} < {one.name for one in TABLES[OBJECTS].columns}
+
+
+@pytest.mark.parametrize(("record", "line"), [(Sighting, TrackEntry), (Proposal3D, ProposalEntry)])
+def test_each_field_of_a_sighting_or_proposal_is_in_its_line(record: type, line: type) -> None:
+    names = line.__struct_fields__  # type: ignore[attr-defined]
+    assert names[:3] == ("frame", "timestamp", "label")
+    assert names[13:] == names_in(columns_of(record))[1:]
+
+
+def test_the_pages_have_the_tables_as_they_are() -> None:
+    spec = importlib.util.spec_from_file_location("make_tables", DOCS / "make_tables.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    for path, text in module.files().items():
+        assert path.read_text(encoding="utf-8") == text, f"{path} is old: run docs/make_tables.py"
