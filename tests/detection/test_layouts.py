@@ -178,6 +178,15 @@ def test_a_last_slot_without_a_name_is_the_background(tmp_path: Path) -> None:
     assert len(found) == 1
 
 
+def test_numbers_that_are_none_are_left_out(tmp_path: Path) -> None:
+    table = np.full((1, 4 + 3, 2100), np.nan, np.float32)
+    table[0, :, 5] = [60, 90, 20, 40, np.nan, 0.8, np.inf]
+    assert_book(look(made_model(tmp_path / "m.onnx", table, metadata=THREE)))
+    boxes, logits = np.zeros((1, 300, 4), np.float32), np.full((1, 300, 3), -1e30, np.float32)
+    boxes[0, 7], logits[0, 7, 1] = stretched(), 1e30
+    assert_book(look(made_model(tmp_path / "q.onnx", boxes, logits, names=["dets", "labels"], metadata=THREE)), 1.0)
+
+
 def test_options_of_a_model(tmp_path: Path) -> None:
     table = np.zeros((1, 4 + 3, 2100), np.float32)
     table[0, :, 5] = [60, 90, 20, 40, 0.1, 0.8, 0.0]

@@ -87,6 +87,14 @@ def test_every_frame_or_each_nth() -> None:
         Tracker(CAMERA, detector=detector_of(shown), detector_every=0)
 
 
+def test_detectors_that_answer_nonsense_are_told() -> None:
+    shown = Shown(frames=1)
+    far = Detections(np.array([[0, 0, 999, 9]], np.int32), np.ones((1, 1), np.float32), ("cup",))
+    for answer, error in (([], TypeError), (far, ValueError)):
+        with pytest.raises(error, match=r"a detector must return cuboid\.Detections|lie outside its 160 x 120 pixels"):
+            tracked(shown, detector=lambda frame, intrinsics, answer=answer: answer)
+
+
 def test_images_that_are_turned_give_the_same_names() -> None:
     shown = Shown()
     detect = detector_of(shown)

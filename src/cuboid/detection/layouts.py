@@ -27,6 +27,8 @@ STRIDES = (8, 16, 32)
 FOUR_STRIDES = (*STRIDES, 64)
 # Sizes above this many cells are none: the logarithm of 1,000.
 MAX_LOG = 7.0
+# Logits beyond are as sure: the exponential would overflow.
+MAX_LOGIT = 60.0
 # NanoDet and PicoDet tell the distance to each of 4 sides as a distribution over 0 to 7 cells.
 BINS = 8
 SIDES = 4 * BINS
@@ -210,7 +212,8 @@ class Queries:
 
     def read(self, outputs: Sequence[Any], size: tuple[int, int], least: float) -> Raw | None:
         """See `Layout`."""
-        scores = 1.0 / (1.0 + np.exp(-outputs[self.logits][0].astype(np.float64)))
+        logits = np.clip(outputs[self.logits][0].astype(np.float64), -MAX_LOGIT, MAX_LOGIT)
+        scores = 1.0 / (1.0 + np.exp(-logits))
         likely = scores.max(axis=1, initial=0.0) >= least
         rows = np.hstack([outputs[self.boxes][0].astype(np.float64), scores])[likely]
         found = _of_rows(_scaled(rows, size), 0, first_score=4)

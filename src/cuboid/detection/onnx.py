@@ -96,7 +96,7 @@ class OnnxDetector:
             raise InputError(f"{self._session.path}: outputs {shapes} are of no known kind")
         names = names_for(raw.scores.shape[1], self._known, self._session.path)
         used = [k for k, name in enumerate(names) if name]
-        scores = raw.scores[:, used]
+        scores = np.nan_to_num(raw.scores[:, used], nan=0.0, posinf=0.0, neginf=0.0)  # what is no number says nothing
         best = scores.max(axis=1, initial=0.0)
         kept = np.flatnonzero(best >= least)
         kept = kept[thin_out(raw.boxes_xyxy[kept], best[kept], OVERLAP)][:MAX_BOXES]

@@ -24,7 +24,7 @@ from cuboid.core.state import Record
 from cuboid.core.tolerances import BIAS_M, DETECT_EVERY, DRIFT_M, DRIFT_RAD, OUTLIER_FRACTION
 from cuboid.core.working import WorkingImage, filled, thin
 from cuboid.detection import make_detector
-from cuboid.detection.types import Detector
+from cuboid.detection.types import Detections, Detector
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse, moved_beyond, transform
 from cuboid.heatmap.anchors import LAST_KEYFRAME
@@ -502,7 +502,11 @@ class PosedTracker(MapQueries):
         self, detect: Detector, given: Frame, visible: Sequence[tuple[MapObject, Visibility]], seen: Observation
     ) -> None:
         """Let a detector look at the frame as it was given, and add what it sees to the names of the objects."""
-        found = detect(given, self.intrinsics)
+        found, c = detect(given, self.intrinsics), self.intrinsics
+        if not isinstance(found, Detections):
+            raise TypeError(f"a detector must return cuboid.Detections, got {type(found).__name__}")
+        if len(found) and (found.boxes_xyxy[:, 2:] > (c.width, c.height)).any():
+            raise ValueError(f"detections of frame {given.index} lie outside its {c.width} x {c.height} pixels")
         self.vocabulary = self.vocabulary or found.names
         shown = [(entry, view.visible, view.rect_xyxy) for entry, view in visible]
         turned = self._roll.detections(found)
