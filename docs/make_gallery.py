@@ -5,8 +5,8 @@
 
 Each RESULTS is a folder of `cuboid track` whose recording still lies where it was. Without one, recordings with known
 truth are made and tracked, which takes some minutes; two of them are spoiled, for the pictures of docs/faq.md. With
---data, the real recordings in DATA are tracked. Pictures of those whose licence allows it go to docs/gallery, all others
-to docs/gallery/real, which is no part of the repository; `docs/real_pictures.py` shows them in the pages.
+--data, the real recordings in DATA are tracked. Pictures of those whose licence allows it go to docs/gallery, others to
+docs/gallery/real, which is no part of the repository; `docs/real_pictures.py` shows them in the pages.
 """
 
 from __future__ import annotations
