@@ -21,6 +21,7 @@ PACKAGES = (
         "formats",
         "readers",
         "poses",
+        "detection",
         "proposals",
         "heatmap",
         "surfaces",

@@ -2,8 +2,8 @@
 
 Open      open_recording, open_camera, open_results; Recording, LiveCamera, FrameSource, Frame, SkippedFrame,
           Intrinsics, DepthCamera
-Track     Tracker, TrackerConfig, Proposals, ProposalSource, DriftCorrection; track_recording, RecordingLike,
-          TrackerLike, Progress, RunOutcome, RunReport, Timing, LimitReached, IntoScene
+Track     Tracker, TrackerConfig, Proposals, ProposalSource, Detections, Detector, DriftCorrection; track_recording,
+          RecordingLike, TrackerLike, Progress, RunOutcome, RunReport, Timing, LimitReached, IntoScene
 Results   Results, MapQueries, ObjectTable, TrackedObject, Box, PointCloud, MapPoints, SupportPlane, FrameResult,
           Sighting, Proposal3D, FrameRecord, TrackRow
 Scenes    Scene, SceneTracker, SceneObject, SceneRecording, ScenePast, SceneChange, Source
@@ -45,6 +45,8 @@ if TYPE_CHECKING:
     from cuboid.core.results import Sighting as Sighting
     from cuboid.core.results import SupportPlane as SupportPlane
     from cuboid.core.results import TrackedObject as TrackedObject
+    from cuboid.detection.types import Detections as Detections
+    from cuboid.detection.types import Detector as Detector
     from cuboid.geometry.box import Box as Box
     from cuboid.outputs import FrameRecord as FrameRecord
     from cuboid.outputs import LimitReached as LimitReached
@@ -94,6 +96,7 @@ _MODULES = {
     "cuboid.tracking.tracker": ("Tracker",),
     "cuboid.core.config": ("TrackerConfig",),
     "cuboid.proposals.types": ("Proposals", "ProposalSource"),
+    "cuboid.detection.types": ("Detections", "Detector"),
     "cuboid.poses": ("DriftCorrection",),
     "cuboid.pipeline.run": ("track_recording",),
     "cuboid.tracking.types": ("RecordingLike", "TrackerLike", "Progress", "RunOutcome"),

@@ -9,7 +9,10 @@ import tarfile
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
 from cuboid.cli import main
+from made_models import made_model
 
 # Length and size of all that is made here, and of what `cuboid synth` and `cuboid demo` make when a page runs them.
 FRAMES, SIZE = "24", "160x120"
@@ -58,6 +61,7 @@ class Given:
         self._makers: dict[str, Callable[[Path], None]] = {
             **dict.fromkeys(RECORDINGS, self._recording),
             **dict.fromkeys(("DIR", "RESULT", "results"), self._results),
+            "MODEL.onnx": self._model,
             "TRUTH": self._truth,
             "truth.json": self._truth,
             "RECORDING/keyframes.json": self._keyframes,
@@ -101,6 +105,9 @@ class Given:
 
     def _recording(self, path: Path) -> None:
         call("synth", "--frames", FRAMES, "--size", SIZE, "--sensor", "clean", "--workers", 1, "--output", path)
+
+    def _model(self, path: Path) -> None:
+        made_model(path, np.zeros((1, 84, 2100), np.float32))
 
     def _results(self, path: Path) -> None:
         call("track", self.made("RECORDING"), "--output", path)

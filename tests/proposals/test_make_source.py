@@ -10,9 +10,10 @@ import solids
 
 from cuboid.core.errors import InputError
 from cuboid.core.frame import Frame, Intrinsics
+from cuboid.detection.boxes import best_boxes, thin_out
 from cuboid.proposals import DEFAULT_SOURCE, SOURCES, Proposals, make_source
 from cuboid.proposals.bing import silent_stdout
-from cuboid.proposals.boxes import best_boxes, masks_as_proposals, thin_out
+from cuboid.proposals.boxes import masks_as_proposals
 
 
 def scene() -> Frame:

@@ -4,16 +4,16 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import onnx
 import pytest
 from numpy.typing import NDArray
-from onnx import TensorProto, helper, numpy_helper
+from onnx import TensorProto
 
 from cuboid.core.errors import InputError, MissingExtraError
 from cuboid.core.frame import Frame, Intrinsics
 from cuboid.geometry.rectangles import rect_iou_matrix
 from cuboid.proposals import Proposals, make_source
 from cuboid.readers import open_recording
+from made_models import made_model
 
 CAMERA = Intrinsics(600.0, 600.0, 319.5, 239.5, 640, 480)
 # Input 320 x 320: an image of 640 x 480 lies in it at half size, 40 rows from the top.
@@ -21,22 +21,7 @@ SIDE = 320
 
 
 def model(path: Path, *outputs: NDArray[np.float32], side: int | str = SIDE, kind: int = TensorProto.FLOAT) -> str:
-    """Write a model whose outputs are given, whatever it sees, plus the same tiny share of its input."""
-    image = helper.make_tensor_value_info("images", kind, [1, 3, side, side])
-    zero = numpy_helper.from_array(np.zeros((), np.float32), "zero")
-    nodes = [
-        helper.make_node("Cast", ["images"], ["real"], to=TensorProto.FLOAT),
-        helper.make_node("ReduceMax", ["real"], ["most"], keepdims=0),
-        helper.make_node("Mul", ["most", "zero"], ["nothing"]),
-    ]
-    values, infos = [zero], []
-    for k, output in enumerate(outputs):
-        values.append(numpy_helper.from_array(output, f"known{k}"))
-        nodes.append(helper.make_node("Add", [f"known{k}", "nothing"], [f"output{k}"]))
-        infos.append(helper.make_tensor_value_info(f"output{k}", TensorProto.FLOAT, list(output.shape)))
-    graph = helper.make_graph(nodes, "known", [image], infos, values)
-    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8), str(path))
-    return f"onnx:{path}"
+    return f"onnx:{made_model(path, *outputs, side=side, kind=kind)}"
 
 
 def propose(spec: str) -> Proposals:
@@ -138,7 +123,7 @@ def test_what_is_no_model_of_a_known_kind_is_told(tmp_path: Path) -> None:
     (tmp_path / "text.onnx").write_text("not a model")
     with pytest.raises(InputError, match="is no ONNX model that can be run"):
         make_source(f"onnx:{tmp_path / 'text.onnx'}")
-    with pytest.raises(InputError, match=r"outputs \(1, 1000\) are of no known kind"):
+    with pytest.raises(InputError, match=r"outputs output0 \(1, 1000\) are of no known kind"):
         propose(model(tmp_path / "classes.onnx", np.zeros((1, 1000), np.float32)))
 
 

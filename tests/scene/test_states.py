@@ -7,6 +7,7 @@ import runpy
 from pathlib import Path
 from typing import Any, get_type_hints
 
+import msgspec
 import pytest
 from made_scene import CAMERA, Shown
 
@@ -112,3 +113,17 @@ def test_what_cannot_be_saved_is_refused() -> None:
     plane = Plane(0, 7, offset=object())  # type: ignore[arg-type]
     with pytest.raises(TypeError, match=r"Plane\.offset cannot be saved: it holds a object"):
         Encoder().parts(take(snapshot(plane)))
+
+
+def test_a_state_from_before_there_were_names_is_read() -> None:
+    tracker, _ = scene()
+    entry = next(iter(tracker._map.store._objects.values()))
+    (part,) = Encoder().parts(take(entry)).values()
+    fields = msgspec.msgpack.decode(part.fields)
+    for name in ("name_log_odds", "views"):
+        del fields[name]
+    old = dataclasses.replace(part, fields=msgspec.msgpack.encode(fields))
+    read = decode(type(entry), {"": old})
+    assert read.name_log_odds == {}
+    assert read.views.shape == (0, 4)
+    assert read.box.center.tolist() == entry.box.center.tolist()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from datetime import timedelta
 from pathlib import Path
@@ -13,6 +14,7 @@ from made_stores import BEGIN, colors_of, put_run, run_of, thing
 from cuboid.cli import main
 from cuboid.store.compact import compact
 from cuboid.store.place import Place
+from cuboid.store.schema import OBJECTS, TABLES
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +57,29 @@ def found(capsys: pytest.CaptureFixture[str], store: str, *words: str) -> list[s
 )
 def test_filters(capsys: pytest.CaptureFixture[str], store: str, words: tuple[str, ...], which: set[str]) -> None:
     assert set(found(capsys, store, *words)) == which
+
+
+def test_by_the_name_of_a_class(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also in files of before there were names, alone and beside newer ones, gathered or not."""
+    place = Place(str(tmp_path / "named"))
+    old = dataclasses.replace(TABLES[OBJECTS], columns=tuple(c for c in TABLES[OBJECTS].columns if not c.added))
+    with monkeypatch.context() as earlier:
+        earlier.setitem(TABLES, OBJECTS, old)
+        put_run(place, 1, [thing(1)], recording="old")
+    assert found(capsys, place.url, "--name", "cup") == []
+    guess = [{"name": "bowl", "score": 0.3}, {"name": "vase", "score": 0.01}]
+    things = [thing(1, name="cup", name_score=0.9), thing(2, names=guess), thing(3, name="Cup", name_score=0.6)]
+    put_run(place, 2, things, recording="new")
+    for _ in range(2):
+        assert set(found(capsys, place.url, "--name", "cup")) == {"new#1", "new#3"}
+        assert found(capsys, place.url, "--name", "bowl") == ["new#2"]
+        assert found(capsys, place.url, "--name", "vase") == []
+        assert set(found(capsys, place.url)) == {"old#1", "new#1", "new#2", "new#3"}
+        compact(place)
+    assert main(["find", place.url, "--name", "cup"]) == 0
+    assert "new#1 cup" in capsys.readouterr().out
 
 
 def test_the_nearest_and_the_most_alike_come_first(capsys: pytest.CaptureFixture[str], store: str) -> None:

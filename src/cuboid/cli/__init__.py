@@ -53,6 +53,7 @@ GROUPS = {
         "synth": "make a recording whose truth is known exactly",
         "convert": "write a recording in another form: a plain folder, TUM's, or a bag of ROS 2",
         "calibrate": "find focal length, optical centre and depth scale of a recording",
+        "models": "list detectors that have a name, and fetch them from their publishers",
         "completion": "print the script that lets a shell complete commands and options",
     },
 }

@@ -206,6 +206,9 @@ def settings_from(args: argparse.Namespace) -> dict[str, Any]:
         "every": args.every,
         "limit": args.limit,
         "scale": args.scale,
+        # only where asked for: the settings are part of what a run in the store is known by
+        **({"detector": args.detector} if args.detector else {}),
+        **({"detector_every": args.detector_every} if args.detector_every else {}),
     }
 
 

@@ -110,6 +110,10 @@ def print_evaluation(found: Evaluation) -> None:
         out.print(_identity_lines(found.identity), markup=False)
         out.print(_reidentification_table(found.identity))
     out.print(_objects_table(found))
+    if found.names is not None:
+        from cuboid.cli.keyframes import print_names
+
+        print_names(found.names)
     if found.heat is not None:
         out.print(_heat_line(found.heat), markup=False)
 

@@ -48,6 +48,7 @@ def run(args: argparse.Namespace) -> int:
         since=args.since,
         until=args.until,
         color=args.color,
+        name=args.name,
         min_score=args.min_score,
         like=args.like,
         limit=args.limit,
@@ -93,6 +94,7 @@ def _add_filters(parser: argparse.ArgumentParser) -> None:
     )
     which.add_argument("--until", type=_word(moment), metavar="WHEN", help="last seen before")
     which.add_argument("--color", metavar="WORD", help="red, blue, grey, ...: of which a third of it is")
+    which.add_argument("--name", metavar="NAME", help="of this class, as a detector saw it")
     which.add_argument("--min-score", type=float, metavar="S", help="confidence that it is an object, 0 to 1")
     which.add_argument(
         "--like", type=_word(thing), metavar="RECORDING#LABEL", help="the most like this one, by size, shape and colors"

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from cuboid.evaluation.evaluate_keyframes import KeyframeEvaluation
+    from cuboid.evaluation.names import NameQuality
 
 # This many frames of a list are named.
 NAMED = 8
@@ -68,6 +69,25 @@ def print_evaluation(found: KeyframeEvaluation) -> None:
         if stage.reason:
             out.print(f"no {stage.name}: {stage.reason}", markup=False)
     out.print(_objects_table(found))
+    if found.names is not None:
+        print_names(found.names)
+
+
+def print_names(names: NameQuality) -> None:
+    """Print how right the names are that a detector gave, and what was taken for what."""
+    from cuboid.cli.tables import console, new_table
+
+    out = console()
+    out.print(
+        f"names: {names.right} of {names.judged} objects of known classes right (accuracy {_score(names.accuracy)}, "
+        f"top 3 {_score(names.top3)}), {names.named} named (precision {_score(names.precision)})",
+        markup=False,
+    )
+    if names.confusion:
+        table = new_table("true class", "found as", "objects", left=2)
+        for one in names.confusion:
+            table.add_row(one.true_class, one.found_class or "-", str(one.count))
+        out.print(table)
 
 
 def _count(number: int, what: str) -> str:

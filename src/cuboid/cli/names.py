@@ -30,6 +30,13 @@ def format_names() -> list[str]:
     return READERS.names()
 
 
+def detector_names() -> list[str]:
+    """Return the names of the detectors that have one."""
+    from cuboid.detection import DETECTORS
+
+    return DETECTORS.names()
+
+
 def proposal_names() -> list[str]:
     """Return the names of the sources of 2D proposals."""
     from cuboid.proposals import SOURCES

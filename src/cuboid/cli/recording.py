@@ -6,9 +6,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cuboid.cli.names import format_names, proposal_names, setting_names
+from cuboid.cli.names import detector_names, format_names, proposal_names, setting_names
 from cuboid.cli.parser import takes_names
 from cuboid.cli.workers import add_threads, positive
+from cuboid.core.tolerances import DETECT_EVERY
 
 if TYPE_CHECKING:
     from cuboid.core.config import TrackerConfig
@@ -42,6 +43,16 @@ def add_tracking(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     )
     source = tracking.add_argument("--proposals", metavar="NAME[:OPTIONS]", help="source of the 2D proposals")
     takes_names(source, proposal_names)
+    detector = tracking.add_argument(
+        "--detector",
+        metavar="FILE.onnx[:OPTIONS]|NAME",
+        help="names the objects: a detector's ONNX file (options: score=0.05, labels=FILE, threads=1, provider=NAME), "
+        "or a model that 'cuboid models' fetched",
+    )
+    takes_names(detector, detector_names)
+    tracking.add_argument(
+        "--detector-every", type=positive, metavar="N", help=f"it looks at each N-th frame (default: {DETECT_EVERY})"
+    )
     field = tracking.add_argument(
         "--set",
         type=setting,
@@ -147,6 +158,8 @@ def tracking_from(args: argparse.Namespace) -> dict[str, Any]:
         "limit": args.limit,
         "scale": args.scale,
         "threads": args.threads,
+        "detector": args.detector,
+        "detector_every": args.detector_every,
     }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,8 @@ from cuboid.geometry.box import Box
 
 # The rectangle of a record in its frame's image.
 RECTANGLE = column("rectangle in the color image", kind=Pixel, digits=PIXEL, parts=("x0", "y0", "x1", "y1"))
+# Names that results tell beside the first.
+NEXT_NAMES = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +145,13 @@ class TrackedObject:
     merged_labels : tuple of int
         Younger labels that turned out to be this object.
     name : str or None
-        Name that a user gave it; None where there is none.
+        Name that a user gave it, else that of its class by a detector; None where there is none.
+    name_score : float or None
+        Probability of the class, 0..1; None where the name is a user's, or there is none.
+    names : tuple of (str, float)
+        The next likely classes, at most three, with their probabilities.
+    kind : str
+        "volume"; of things that depth does not read, "flat" on a plane, or else "box".
     """
 
     label: Label = field(metadata=column("of the object, 1 or more"))
@@ -167,8 +176,17 @@ class TrackedObject:
         default=(), metadata=column("younger labels that turned out to be this object")
     )
     name: str | None = field(
-        default=None, metadata=column("name that a user gave it; left out where there is none", stored=False)
+        default=None,
+        metadata=column("a user's name, else its class by a detector; left out where there is none", stored=False),
     )
+    name_score: float | None = None
+    names: tuple[tuple[str, float], ...] = ()
+    kind: str = "volume"
+
+    def with_given_name(self, name: str) -> Self:
+        """Return it with a name that a user gave: the class that a detector saw is then the first of the next ones."""
+        seen = () if self.name is None or self.name_score is None else ((self.name, self.name_score),)
+        return replace(self, name=name, name_score=None, names=(*seen, *self.names)[:NEXT_NAMES])
 
     def __repr__(self) -> str:
         return (

@@ -10,6 +10,7 @@ Classes that do more than hold data have a state of their own, `state()` to take
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields
 from functools import cache
 from typing import Any, TypeVar
@@ -20,6 +21,9 @@ R = TypeVar("R", bound="Record")
 
 # Metadata of a field of a record that is not saved: it follows from the others; it needs a default.
 TRANSIENT = {"transient": True}
+
+# Metadata of a field of a record that states of earlier versions lack: what its factory makes holds there.
+ADDED = {"added": True}
 
 
 class Record:
@@ -51,6 +55,13 @@ class WatchedRecord(Record):
 def saved_fields(cls: Any) -> tuple[str, ...]:
     """Return the names of the fields of a record that are saved, in order."""
     return tuple(one.name for one in fields(cls) if not one.metadata.get("transient"))
+
+
+@cache
+def added_fields(cls: Any) -> dict[str, Callable[[], Any]]:
+    """Return the factories of the fields of a record that states of earlier versions lack, by name."""
+    found: dict[str, Any] = {one.name: one.default_factory for one in fields(cls) if one.metadata.get("added")}
+    return found
 
 
 def snapshot(record: R) -> R:

@@ -29,6 +29,7 @@ from cuboid.evaluation.labels import (
     reidentification,
     timelines,
 )
+from cuboid.evaluation.names import NameQuality, name_quality
 from cuboid.evaluation.points import HeatQuality, heat_quality, read_labelled_cloud
 from cuboid.evaluation.result import BoxRows, IntArray, Result, read_result
 from cuboid.evaluation.scope import FOUND_IOU, Scope
@@ -107,6 +108,8 @@ class Evaluation:
         The judged ones, by id.
     heat : HeatQuality or None
         None without a labelled cloud.
+    names : NameQuality or None
+        None where no detector named objects.
     """
 
     result: str
@@ -118,10 +121,14 @@ class Evaluation:
     proposals: ProposalQuality | None
     objects: tuple[ObjectOutcome, ...]
     heat: HeatQuality | None
+    names: NameQuality | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything, ready for JSON: numbers have six decimals, what is undefined is None."""
-        return {"format": FORMAT, "version": VERSION, **plain(asdict(self))}
+        document = asdict(self)
+        if self.names is None:
+            del document["names"]
+        return {"format": FORMAT, "version": VERSION, **plain(document)}
 
 
 def evaluate(
@@ -174,6 +181,13 @@ def evaluate(
             for item, box, had in zip(scope.objects, boxes, labels, strict=True)
         ),
         heat=None if cloud is None else _heat(result, cloud, truth),
+        names=name_quality(
+            result.path,
+            [
+                (item.id, item.name, None if box is None else box.label)
+                for item, box in zip(scope.objects, boxes, strict=True)
+            ],
+        ),
     )
 
 

@@ -21,6 +21,7 @@ from cuboid.evaluation.keyframe_scores import (
     scores_at,
 )
 from cuboid.evaluation.keyframes import COUNTING, Keyframe, Keyframes, check_frames, read_keyframes
+from cuboid.evaluation.names import NameQuality, name_quality
 from cuboid.evaluation.result import read_rects
 from cuboid.outputs import Results, RunReport
 from cuboid.outputs.folder import TRACKS
@@ -48,6 +49,8 @@ class KeyframeEvaluation:
     objects : tuple of DrawnOutcome
     recording : Recording or str
         Opened again, or why there is none.
+    names : NameQuality or None
+        None where no detector named objects.
     """
 
     result: str
@@ -59,6 +62,7 @@ class KeyframeEvaluation:
     funnel: tuple[StageRecall, ...]
     objects: tuple[DrawnOutcome, ...]
     recording: Recording | str
+    names: NameQuality | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything, ready for JSON: numbers have six decimals, what is undefined is None."""
@@ -73,6 +77,7 @@ class KeyframeEvaluation:
                 "funnel": [asdict(stage) for stage in self.funnel],
                 "objects": [asdict(item) for item in self.objects],
                 "frames": [_frame_to_dict(frame) for frame in self.frames],
+                **({} if self.names is None else {"names": asdict(self.names)}),
             }
         )
         return {"format": FORMAT, "version": VERSION, **document}
@@ -112,6 +117,7 @@ def evaluate_keyframes(
             check_frames(truth, opened)
         stages = [*early_stages(run, opened, [item.frame for item in judged if item.frame not in skipped]), *stages]
     frames, funnel = judge(judged, sightings, stages)
+    objects = outcomes_of(truth.objects, frames)
     return KeyframeEvaluation(
         result=str(result),
         keyframes=str(truth.path),
@@ -120,8 +126,9 @@ def evaluate_keyframes(
         skipped=skipped,
         at=tuple(scores_at(frames, k) for k in range(len(THRESHOLDS))),
         funnel=funnel,
-        objects=outcomes_of(truth.objects, frames),
+        objects=objects,
         recording=opened,
+        names=name_quality(result, [(item.id, item.name, next(iter(item.labels), None)) for item in objects]),
     )
 
 

@@ -1,4 +1,4 @@
-"""CSV: a row an object of the map."""
+"""CSV: a row an object of the map; with two more columns where a detector saw classes."""
 
 from __future__ import annotations
 
@@ -9,18 +9,23 @@ from cuboid.core.results import TrackedObject
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.outputs import Results
-from cuboid.outputs.text import DIRECTION, LENGTH, numbers
+from cuboid.outputs.text import DIRECTION, LENGTH, number, numbers
 
 _LABEL, *_OTHERS = columns_of(TrackedObject)
 _BOX = ("length_cm", "width_cm", "height_cm", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 HEADER = ",".join(("label", *_BOX, *names_in(_OTHERS)))
+CLASS_HEADER = "name_score,names"
 # Digits after the point of sizes in centimetres: a hundredth of a millimetre.
 CENTIMETRE = 3
 
 
 def write(run: Results, path: Path) -> list[str]:
     """Write the file."""
-    lines = [HEADER, *(_line(item) for item in run.found.objects)]
+    objects = run.found.objects
+    lines = [HEADER, *(_line(item) for item in objects)]
+    if any(item.name_score is not None or item.names for item in objects):
+        more = [CLASS_HEADER, *(_classes(item) for item in objects)]
+        lines = [f"{line},{rest}" for line, rest in zip(lines, more, strict=True)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
     return []
 
@@ -38,6 +43,12 @@ def _line(item: TrackedObject) -> str:
         numbers(quat_wxyz_from_rotation(item.box.rotation), DIRECTION),
     )
     return ",".join((str(item.label), *box, *(quoted(cell) for one in _OTHERS for cell in one.cells(item))))
+
+
+def _classes(item: TrackedObject) -> str:
+    score = "" if item.name_score is None else number(item.name_score, LENGTH)
+    next_names = "; ".join(f"{name} {number(value, LENGTH)}" for name, value in item.names)
+    return f"{score},{quoted(next_names)}"
 
 
 EXPORTS.register("csv")(Export(".csv", "a spreadsheet: a row an object", write))

@@ -19,7 +19,7 @@ from cuboid.core.results import SupportPlane, TrackedObject
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.outputs import Results
-from cuboid.outputs.objects import write_json
+from cuboid.outputs.objects import name_to_json, write_json
 from cuboid.outputs.text import DIRECTION, LENGTH, rounded, rounded_list
 
 # Digits after the point of centimetres: a hundredth of a millimetre.
@@ -65,6 +65,7 @@ def _object(item: TrackedObject, time_s: dict[int, float]) -> dict[str, Any]:
         "last_seen_s": last_s,
         "frames_seen": item.frames_seen,
         **plain_fields(item, (one for one in columns_of(TrackedObject) if one.optional)),
+        **name_to_json(item),
         "mean_color_rgb": rounded_list(item.mean_color, 1),
         "merged_labels": list(item.merged_labels),
     }

@@ -14,6 +14,7 @@ from cuboid.core.values import (
     Direction,
     Entry,
     FocalLength,
+    Fraction,
     ImageSide,
     Metres,
     Pixel,
@@ -51,6 +52,11 @@ class PlaneEntry(Entry, frozen=True):
         refuse_no_unit("normal", self.normal)
 
 
+_Score: Any = Fraction | UnsetType
+_Names: Any = list[tuple[str, Fraction]] | UnsetType
+_Kind: Any = Literal["volume", "flat", "box", "support"] | UnsetType
+
+
 def _fields() -> Iterator[tuple[str, Any] | tuple[str, Any, UnsetType]]:
     """Iterate over the fields of an object: those of `TrackedObject`, and those of its box after the label."""
     label, *others = (
@@ -65,6 +71,12 @@ def _fields() -> Iterator[tuple[str, Any] | tuple[str, Any, UnsetType]]:
     )
     for name, kind, one in others:
         yield (name, kind | UnsetType, UNSET) if one.optional else (name, kind)
+    for name, kind, what in (
+        ("name_score", _Score, "probability of its class; absent with a user's name"),
+        ("names", _Names, "the next likely classes, at most 3, with their probabilities"),
+        ("kind", _Kind, "of what depth does not read, flat on a plane or a box; absent for volumes"),
+    ):
+        yield name, Annotated[kind, Meta(description=what)], UNSET
 
 
 _Fields: Any = msgspec.defstruct("_Fields", _fields(), bases=(Entry,), frozen=True)

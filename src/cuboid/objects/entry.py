@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.core.frame import Float64Array
-from cuboid.core.state import TRANSIENT, Record
+from cuboid.core.state import ADDED, TRANSIENT, Record
 from cuboid.geometry.box import Box
 from cuboid.surfaces.kernels.outlines import KINDS
 
@@ -70,6 +70,10 @@ class MapObject(Record):
         Whether it was found to support its plane, as furniture does, at the last fit.
     holder : int
         Number of the object that it is attached to, since nothing supported it from below at the last fit; 0 none.
+    name_log_odds : dict of str to float
+        Evidence of a detector on its class, by name; see `naming`. Empty without a detector.
+    views : (V, 4) float64
+        Directions from which a detector looked at it, unit vectors, and how often from each.
     taken_by : MapObject or None
         The one that it turned out to be a part of.
     """
@@ -94,6 +98,8 @@ class MapObject(Record):
     fitted: int = 0
     supports_plane: bool = False
     holder: int = 0
+    name_log_odds: dict[str, float] = field(default_factory=dict, metadata=ADDED)
+    views: Float64Array = field(default_factory=lambda: np.zeros((0, 4)), metadata=ADDED)
     taken_by: MapObject | None = field(default=None, metadata=TRANSIENT)
 
     @property
@@ -108,6 +114,11 @@ class MapObject(Record):
     def confirmed(self) -> bool:
         """Whether it has a label and is not retired."""
         return self.state is State.CONFIRMED
+
+    @property
+    def center(self) -> Float64Array:
+        """Middle of its box, (3,) metres."""
+        return self.box.center
 
     @property
     def mean_color(self) -> Float64Array:

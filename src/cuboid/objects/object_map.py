@@ -304,6 +304,7 @@ class ObjectMap:
                 R, t = T[:3, :3], T[:3, 3]
                 self.store.place(entry, Box(R @ entry.box.center + t, entry.box.size, R @ entry.box.rotation))
                 entry.points = transform(T, entry.points).astype(np.float32)
+                entry.views = np.hstack([entry.views[:, :3] @ R.T, entry.views[:, 3:]])
         self._voxels.moving.apply_correction(moved)
 
     def begin_visit(self) -> None:

@@ -20,6 +20,7 @@ from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.affinity import Affinity, AffinityState
 from cuboid.objects.distances import points_near
 from cuboid.objects.entry import MapObject, State, summed_counts
+from cuboid.objects.naming import merged_evidence
 
 # Two objects overlap in space when their boxes share this fraction of the smaller one: no two solids do.
 SHARED_FRACTION = 0.5
@@ -177,6 +178,17 @@ class ObjectStore:
         self._next_label += 1
         self._confirmed[entry.number] = entry
 
+    def next_label(self) -> int:
+        """Return a new label."""
+        self._next_label += 1
+        return self._next_label - 1
+
+    def take_label(self, entry: MapObject, label: int) -> None:
+        """Let a labelled object have the label that it had as a thing that depth did not read; the older one stays."""
+        older, younger = sorted((entry.label, label))
+        entry.merged_labels = sorted({*entry.merged_labels, younger})
+        entry.label = older
+
     def retire(self, entry: MapObject) -> None:
         """End an object's life: its label is kept and never given again, its points are no one's."""
         self.retire_all([entry])
@@ -208,6 +220,8 @@ class ObjectStore:
         kept.log_odds = max(kept.log_odds, gone.log_odds)
         kept.outline = kept.outline + gone.outline
         kept.supports = summed_counts(kept.supports, gone.supports)
+        kept.name_log_odds = merged_evidence(kept.name_log_odds, gone.name_log_odds)
+        kept.views = np.vstack([kept.views, gone.views])
         kept.fitted = 0
         self._voxels.stored.transfer(gone.number, kept.number)
         self.affinity.transfer(gone.number, kept.number)

@@ -6,6 +6,8 @@ import dataclasses
 from pathlib import Path
 
 from cuboid.core.errors import InputError, shown
+from cuboid.core.results import TrackedObject
+from cuboid.objects.naming import chosen_name
 from cuboid.outputs.folder import OBJECTS
 from cuboid.outputs.objects import read_objects, write_objects
 from cuboid.outputs.pending import PendingFile
@@ -26,6 +28,14 @@ def checked_name(where: object, name: str) -> str:
     if not name.isprintable() or len(name) > LONGEST_NAME:
         raise InputError(f"{where}: a name is one line of at most {LONGEST_NAME} characters, got {shown(name)}")
     return name
+
+
+def _renamed(item: TrackedObject, name: str) -> TrackedObject:
+    """Return an object with a user's name; without one, the class that a detector saw is its name again."""
+    if name:
+        return item.with_given_name(name)
+    seen = () if item.name_score is None else ((item.name or "", item.name_score),)
+    return dataclasses.replace(item, **chosen_name((*seen, *item.names)))
 
 
 def name_object(folder: Path, label: int, name: str) -> str:
@@ -50,7 +60,7 @@ def name_object(folder: Path, label: int, name: str) -> str:
     found = read_objects(path)
     if all(item.label != label for item in found.objects):
         raise InputError(f"{path}: no object has the label {label}")
-    named = (dataclasses.replace(item, name=name or None) if item.label == label else item for item in found.objects)
+    named = (_renamed(item, name) if item.label == label else item for item in found.objects)
     file = PendingFile(path)
     with file.writing():
         write_objects(file.partial, dataclasses.replace(found, objects=tuple(named)))

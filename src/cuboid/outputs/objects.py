@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import UNSET
 
 from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.core.records import columns_of, plain_fields
@@ -122,9 +123,31 @@ def object_to_json(item: TrackedObject) -> dict[str, Any]:
         "size": rounded_list(item.box.size, LENGTH),
         "rotation": [rounded_list(row, DIRECTION) for row in item.box.rotation],
     }
-    return {"label": item.label, **box, **plain_fields(item, columns_of(TrackedObject)[1:])}
+    kind = {} if item.kind == "volume" else {"kind": item.kind}
+    return {
+        "label": item.label,
+        **box,
+        **plain_fields(item, columns_of(TrackedObject)[1:]),
+        **name_to_json(item),
+        **kind,
+    }
+
+
+def name_to_json(item: TrackedObject) -> dict[str, Any]:
+    """Return what a detector says of an object's name, nothing where that is nothing."""
+    return {
+        **({} if item.name_score is None else {"name_score": rounded(item.name_score, LENGTH)}),
+        **({"names": [[name, rounded(score, LENGTH)] for name, score in item.names]} if item.names else {}),
+    }
 
 
 def _object(item: ObjectEntry) -> TrackedObject:
     box = Box(np.array(item.center), np.array(item.size), np.array(item.rotation))
-    return TrackedObject(box=box, **{one.name: one.read(getattr(item, one.name)) for one in columns_of(TrackedObject)})
+    described = {one.name: one.read(getattr(item, one.name)) for one in columns_of(TrackedObject)}
+    return TrackedObject(
+        box=box,
+        **described,
+        name_score=None if item.name_score is UNSET else item.name_score,
+        names=() if item.names is UNSET else tuple(item.names),
+        kind="volume" if item.kind is UNSET else item.kind,
+    )

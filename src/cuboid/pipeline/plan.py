@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 from cuboid.core.config import TrackerConfig
 from cuboid.core.errors import InputError
 from cuboid.core.frame import Intrinsics
+from cuboid.core.tolerances import DETECT_EVERY
 from cuboid.poses.sources import ESTIMATED, GIVEN, BridgedPoses, Poses, checked_origin, source_of_poses
 from cuboid.tracking.types import RecordingLike, lens_settings
 
 if TYPE_CHECKING:
+    from cuboid.detection.types import Detector
     from cuboid.proposals.types import ProposalSource
 
 # The work inside shrinks with the scale to no less than this width, pixels: fewer show no objects.
@@ -39,6 +41,10 @@ class Plan:
         At most this many frames are read.
     scale : {1, 2, 4}
         Side in pixels of the block that becomes one pixel before tracking.
+    detector : str or Detector or None
+        Names the objects; see `make_detector`.
+    detector_every : int
+        It looks at each n-th used frame.
     """
 
     config: TrackerConfig
@@ -48,6 +54,8 @@ class Plan:
     every: int
     limit: int | None
     scale: int
+    detector: str | Detector | None = None
+    detector_every: int = DETECT_EVERY
 
     def source_of_poses(self, recording: RecordingLike, camera: Intrinsics) -> Poses:
         """Return where poses come from.
@@ -64,8 +72,11 @@ class Plan:
 
     def settings(self, recording: RecordingLike) -> dict[str, Any]:
         """Return all that results depend on beside the recording's files, ready for JSON."""
+        from cuboid.detection import detector_name
         from cuboid.proposals import source_name
 
+        detector = self.detector
+        named = {"detector": detector_name(detector), "detector_every": self.detector_every} if detector else {}
         return {
             "every": self.every,
             "limit": self.limit,
@@ -73,6 +84,7 @@ class Plan:
             "bridge": self.bridge,
             **lens_settings(recording),
             "proposals": source_name(self.proposals),
+            **named,
             "tracker": self.config.to_dict(),
         }
 
@@ -87,6 +99,8 @@ def plan_for(
     every: int,
     limit: int | None,
     scale: int,
+    detector: str | Detector | None = None,
+    detector_every: int | None = None,
 ) -> Plan:
     """Return how a recording is tracked; parameters as of `cuboid.track_recording`.
 
@@ -97,6 +111,11 @@ def plan_for(
     InputError
         The poses are to be the recording's, and it has none.
     """
+    look_every = DETECT_EVERY if detector_every is None else detector_every
+    if look_every < 1:
+        raise ValueError(f"detector_every must be >= 1, got {look_every}")
+    if detector_every is not None and detector is None:
+        raise InputError(f"{recording.path}: --detector-every needs --detector")
     if scale not in SCALES or every < 1 or (limit is not None and limit < 1):
         raise ValueError(f"scale must be one of {SCALES}, every and limit >= 1, got {scale}, {every}, {limit}")
     origin = checked_origin(poses or (GIVEN if recording.has_poses else ESTIMATED))
@@ -104,7 +123,8 @@ def plan_for(
         raise InputError(f"{recording.path}: has no camera poses; --poses estimated takes them from the video")
     if bridge and origin != GIVEN:
         raise InputError(f"{recording.path}: --bridge fills gaps between given poses, and there are none in use")
-    return Plan(*_at_scale(config, proposals, scale), origin, bridge, every, limit, scale)
+    at_scale = _at_scale(config, proposals, scale)
+    return Plan(*at_scale, origin, bridge, every, limit, scale, detector, look_every)
 
 
 def _at_scale(

@@ -29,6 +29,7 @@ from cuboid.tracking.tracker import Tracker
 from cuboid.tracking.types import MakeFrameSink, MakeTracker, Progress, RecordingLike, RunOutcome, TrackerLike, Watch
 
 if TYPE_CHECKING:
+    from cuboid.detection.types import Detector
     from cuboid.proposals.types import ProposalSource
     from cuboid.scene.running import IntoScene, SceneRun
     from cuboid.views.video import FrameSink
@@ -56,6 +57,8 @@ def track_recording(
     watch: Watch | None = None,
     into: IntoScene | None = None,
     memory_mb: float = MEMORY_MB,
+    detector: str | Detector | None = None,
+    detector_every: int | None = None,
 ) -> RunOutcome:
     """Track the objects of a recording and write the results.
 
@@ -100,6 +103,11 @@ def track_recording(
     memory_mb : float
         Memory of the process, in units of 2**20 bytes, beyond which parts of the map that are out of view are put
         aside.
+    detector : str or Detector, optional
+        File of an ONNX model, or name of a detector, with its options; or any callable from (frame, intrinsics) to
+        `Detections`. Objects get names from it.
+    detector_every : int, optional
+        It looks at each n-th used frame; 3 unless given.
 
     Returns
     -------
@@ -117,7 +125,10 @@ def track_recording(
     output = None if output is None else as_path(output)
     taken: RecordingLike = Stream(recording) if isinstance(recording, FrameSource) else recording
     config = config or TrackerConfig()
-    plan = plan_for(taken, config, proposals, poses=poses, bridge=bridge, every=every, limit=limit, scale=scale)
+    plan = plan_for(
+        taken, config, proposals, poses=poses, bridge=bridge, every=every, limit=limit, scale=scale,
+        detector=detector, detector_every=detector_every,
+    )  # fmt: skip
     if into is not None and plan.poses in (AUTO, CORRECTED):
         raise InputError(f"{taken.path}: --poses {plan.poses} cannot go into a scene; use given or estimated")
     settings, frames, progress = plan.settings(taken), _frames(taken, plan), progress or Progress()
@@ -181,6 +192,8 @@ def _tracking(
     if into is None:
         make = make_tracker or partial(_tracker, memory_mb=memory_mb)
         mapper = make(camera, plan.config, plan.proposals)
+        if plan.detector is not None:
+            _use_detector(mapper, plan)
         return Tracker.of_parts(camera, plan.config, mapper, source, write), source, None
     from cuboid.scene import Source
 
@@ -188,6 +201,7 @@ def _tracking(
     path, frames = (recording.path, 0) if live else (Path(recording.path).resolve(), len(recording))
     visit = Source(str(path), recording.format, plan.poses, frames, recording.intrinsics, settings)
     session = results.enter_context(into.session(visit, camera, plan.config, plan.proposals, memory_mb))
+    session.tracker.use_detector(plan.detector, plan.detector_every)
     source = session.poses(source)
     tracker = Tracker.of_parts(camera, plan.config, session.tracker, source, write)
     tracker.resume(session.begun.T_world_camera, session.begun.times_s, session.begun.skipped)
@@ -219,7 +233,7 @@ def _report(
         format=recording.format,
         poses=tracker.poses or GIVEN,
         threads=threads,
-        config={**settings, "tracker": tracker.config.to_dict()},
+        config={**settings, **_vocabulary(tracker), "tracker": tracker.config.to_dict()},
         frames_read=used + len(skipped),
         frames_used=used,
         skipped=skipped,
@@ -230,6 +244,11 @@ def _report(
         frames_dropped=live.dropped if live else 0,
         limits=tracker.log.limits(),
     )
+
+
+def _vocabulary(tracker: Tracker) -> dict[str, Any]:
+    """Return the classes of the detector, where one was used."""
+    return {"vocabulary": list(tracker.vocabulary)} if tracker.vocabulary else {}
 
 
 def _writer(
@@ -265,6 +284,14 @@ def _tracker(
     from cuboid.tracking.posed_tracker import PosedTracker
 
     return PosedTracker(intrinsics, config, proposals, memory_mb=memory_mb)
+
+
+def _use_detector(mapper: TrackerLike, plan: Plan) -> None:
+    from cuboid.tracking.posed_tracker import PosedTracker
+
+    if not isinstance(mapper, PosedTracker):
+        raise ValueError(f"a detector needs the tracker of Cuboid, not a {type(mapper).__name__}")
+    mapper.use_detector(plan.detector, plan.detector_every)
 
 
 def _video(path: Path, intrinsics: Intrinsics, every: int) -> FrameSink:

@@ -23,7 +23,8 @@ import numpy as np
 from cuboid.core.config import TrackerConfig
 from cuboid.core.errors import InputError
 from cuboid.core.frame import Frame, Intrinsics
-from cuboid.proposals.boxes import boxes_as_proposals, thin_out
+from cuboid.detection.boxes import thin_out
+from cuboid.proposals.boxes import boxes_as_proposals
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource
 

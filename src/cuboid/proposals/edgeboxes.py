@@ -6,7 +6,8 @@ import numpy as np
 
 from cuboid.core.config import TrackerConfig
 from cuboid.core.frame import Float32Array, Frame, Intrinsics
-from cuboid.proposals.boxes import MAX_BOXES, boxes_as_proposals, refuse_options
+from cuboid.detection.boxes import MAX_BOXES
+from cuboid.proposals.boxes import boxes_as_proposals, refuse_options
 from cuboid.proposals.edges import find_edges
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource

@@ -6,7 +6,8 @@ import numpy as np
 
 from cuboid.core.config import TrackerConfig
 from cuboid.core.frame import Float64Array, Frame, Intrinsics
-from cuboid.proposals.boxes import boxes_as_proposals, refuse_options, thin_out
+from cuboid.detection.boxes import thin_out
+from cuboid.proposals.boxes import boxes_as_proposals, refuse_options
 from cuboid.proposals.edges import Edges, find_edges
 from cuboid.proposals.registry import SOURCES
 from cuboid.proposals.types import Proposals, ProposalSource

@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.core.state import Record, saved_fields
+from cuboid.core.state import Record, added_fields, saved_fields
 from cuboid.scene.packing import form_of, from_bytes, from_form
 from cuboid.scene.validation import DamagedError
 
@@ -65,7 +65,14 @@ def layout_of(cls: Any) -> Layout:
         for name in names
         if get_origin(hints[name]) is dict and _is_record(get_args(hints[name])[1])
     }
-    columns = [(name, tuple[int, ...] if name in many else hints[name]) for name in names if name not in one]
+    added = added_fields(cls)
+    columns = [
+        (name, tuple[int, ...] if name in many else hints[name])
+        if name not in added
+        else (name, hints[name], msgspec.field(default_factory=added[name]))
+        for name in names
+        if name not in one
+    ]
     values = attrgetter(*names) if len(names) > 1 else lambda record: (getattr(record, names[0]),)
     return Layout(names, values, one, many, msgspec.defstruct(cls.__name__, columns, forbid_unknown_fields=True))
 

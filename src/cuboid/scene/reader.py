@@ -15,9 +15,11 @@ from cuboid.core.errors import InputError, shown
 from cuboid.core.frame import Float64Array
 from cuboid.core.paths import PathLike, as_path
 from cuboid.core.results import MapPoints, SceneChange, SupportPlane
+from cuboid.objects.naming import chosen_name
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.queries import MapQueries
 from cuboid.scene.answers import SceneObject, ScenePast, SceneRecording
+from cuboid.scene.classes import KEY, read_classes
 from cuboid.scene.database import complaining, open_to_read
 from cuboid.scene.schema import BOX, TABLES
 from cuboid.scene.validation import Outline, Row, box_of, columns_of, document, read_rows, rotation_of
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
 
 _COLUMNS = tuple(name for name in TABLES["objects"].columns if not name.endswith("_spread") and "picture" not in name)
 # Fields of an object whose columns have the same names.
-_SAME = ("label", "name", "state", "merged_into", "score", "heat", "points", "first_frame", "last_frame", "frames_seen")
+_SAME = ("label", "state", "merged_into", "score", "heat", "points", "first_frame", "last_frame", "frames_seen")
 _PAST = (
     *columns_of("sightings", ("label", "recording", "frame")),
     "frames.time_s",
@@ -90,7 +92,9 @@ class SceneReader(MapQueries):
             merged: dict[int | None, list[int]] = defaultdict(list)
             for label, _, _, merged_into, *_ in rows:
                 merged[merged_into].append(label)
-            return [self._object(row, merged.get(row[0], ()), place) for row in rows]
+            of_class = "scene WHERE key GLOB ? ORDER BY key"
+            classes = read_classes(self._rows(("scene.key", "scene.value"), of_class, (f"{KEY}/*",)))
+            return [self._object(row, merged.get(row[0], ()), place, classes.get(row[0], [])) for row in rows]
 
     @property
     def planes(self) -> tuple[SupportPlane, ...]:
@@ -212,10 +216,14 @@ class SceneReader(MapQueries):
             found += [k for k, into in known.items() if into == one and k not in found]
         return found
 
-    def _object(self, row: Row, merged: Iterable[int], place: Mapping[int, int]) -> SceneObject:
+    def _object(
+        self, row: Row, merged: Iterable[int], place: Mapping[int, int], classes: list[tuple[str, float]]
+    ) -> SceneObject:
         of = dict(zip(_COLUMNS, row, strict=True))
-        return SceneObject(
+        name = of["name"]
+        found = SceneObject(
             **{name: of[name] for name in _SAME},
+            **chosen_name(classes),
             merged_labels=tuple(merged),
             box=box_of([of[name] for name in BOX], "objects"),
             plane=None if of["plane"] is None else place.get(of["plane"]),
@@ -223,6 +231,7 @@ class SceneReader(MapQueries):
             first_seen=self._place(of["first_frame"]),
             last_seen=self._place(of["last_frame"]),
         )
+        return found if name is None else found.with_given_name(name)
 
     def _place(self, frame: int) -> tuple[int, int]:
         """Return recording and frame of a frame by the scene's count."""

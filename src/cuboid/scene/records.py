@@ -18,6 +18,7 @@ from cuboid.core.results import FrameResult, Sighting, SupportPlane
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.objects.entry import MapObject, State
+from cuboid.scene.classes import write_classes
 from cuboid.scene.schema import BOX, TABLES
 from cuboid.tracking.posed_tracker import PosedTracker
 
@@ -75,6 +76,7 @@ class Rows:
             connection.execute("DELETE FROM planes")
             many("INSERT INTO planes VALUES (?, ?, ?, ?, ?, ?)", (_plane_row(*one) for one in self.planes))
         many(_UPSERT, (_object_row(entry, label) for entry, label in self.objects))
+        write_classes(connection, self.objects)
         many("UPDATE objects SET state = 'merged', merged_into = ? WHERE label = ?", [(b, a) for a, b in self.merged])
         many(
             "UPDATE objects SET picture_share = ?, picture = ? WHERE label = ?",
@@ -147,7 +149,7 @@ class Records:
             plane = tracker.support.find(entry.plane)
             identity = None if plane is None else plane.identity
             counts = entry.frames_seen, entry.last_frame, len(entry.merged_labels)
-            now = (entry.box, entry.points, entry.state, *counts, identity)
+            now = (entry.box, entry.points, entry.state, *counts, identity, entry.name_log_odds)
             if not _same(self._written.get(entry.label), now):
                 was = copy(entry)  # what its attributes hold is never changed
                 was.plane = identity

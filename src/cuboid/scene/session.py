@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from cuboid.core.config import TrackerConfig
 from cuboid.core.frame import Float64Array, Frame, Intrinsics
 from cuboid.core.results import FrameResult, MapPoints, SupportPlane, TrackedObject
+from cuboid.core.tolerances import DETECT_EVERY
+from cuboid.detection import make_detector
+from cuboid.detection.types import Detector
 from cuboid.geometry.se3 import inverse, transform
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.queries import MapQueries
 from cuboid.poses.sources import Posed, Poses
-from cuboid.proposals.types import Proposals, ProposalSource
 from cuboid.scene import changes, editing, layout
 from cuboid.scene.before import Before, write_noted
 from cuboid.scene.database import Writing, complaining, transaction
@@ -28,6 +31,7 @@ from cuboid.scene.saving import SceneBlockStore, StateFile
 from cuboid.scene.visit import Visit
 from cuboid.tracking.posed_tracker import PosedTracker
 
+T = TypeVar("T")
 # How often what is new is written, seconds.
 COMMIT_EVERY_S = 1.0
 # A commit is written in small steps beside the frames that follow, with this fraction of their work; where the
@@ -109,6 +113,22 @@ class SceneTracker(MapQueries):
         """The tracker itself, which counts the frames of all recordings."""
         return self._tracker
 
+    def use_detector(self, detector: str | Detector | None, every: int = DETECT_EVERY) -> None:
+        """Let a detector look at each n-th frame; see `Tracker`. It is asked about frames by their own numbers.
+
+        Things that depth does not read get no labels in a scene.
+        """
+        if detector is None:
+            return self._tracker.use_detector(None, every)
+        detect = OwnFrames(make_detector(detector))
+        detect.first_frame = self._visit.first_frame
+        return self._tracker.use_detector(detect, every, unread=False)
+
+    @property
+    def vocabulary(self) -> tuple[str, ...]:
+        """Classes of the detector, once it has looked at a frame."""
+        return self._tracker.vocabulary
+
     def update(self, frame: Frame, anchor: int = 0) -> FrameResult:
         """Take in a frame; see `Tracker.update`."""
         if self.commits_itself:
@@ -172,7 +192,8 @@ class SceneTracker(MapQueries):
             seen_as = [self._records.seen[k] for k in (item.label, *item.merged_labels) if k in self._records.seen]
             begun = min((frame for frame, _ in seen_as), default=ended)
             seen = max((count for _, count in seen_as), default=0)
-        return dataclasses.replace(item, first_frame=begun, last_frame=ended, frames_seen=seen, name=name)
+        found = dataclasses.replace(item, first_frame=begun, last_frame=ended, frames_seen=seen)
+        return found if name is None else found.with_given_name(name)
 
     @property
     def config(self) -> TrackerConfig:
@@ -281,8 +302,8 @@ class SceneTracker(MapQueries):
             self._state.mark_committed()
 
 
-class OwnFrames:
-    """A source of proposals that is asked about frames by their numbers in the recording.
+class OwnFrames(Generic[T]):
+    """A source of proposals, or a detector, that is asked about frames by their numbers in the recording.
 
     Attributes
     ----------
@@ -290,12 +311,12 @@ class OwnFrames:
         The scene's number of the recording's first frame.
     """
 
-    def __init__(self, source: ProposalSource) -> None:
+    def __init__(self, source: Callable[[Frame, Intrinsics], T]) -> None:
         self._source = source
         self.first_frame = 0
 
-    def __call__(self, frame: Frame, intrinsics: Intrinsics) -> Proposals:
-        """Return the proposals of a frame that the scene has counted."""
+    def __call__(self, frame: Frame, intrinsics: Intrinsics) -> T:
+        """Return what the source finds in a frame that the scene has counted."""
         if self.first_frame:
             frame = dataclasses.replace(frame, index=frame.index - self.first_frame)
         return self._source(frame, intrinsics)

@@ -16,7 +16,7 @@ import pyarrow as pa
 from cuboid.core.errors import InputError, one_line
 from cuboid.formats.reading import UnreadableError
 from cuboid.store.place import RESULTS, Place
-from cuboid.store.query import connected, listed
+from cuboid.store.query import connected, read
 from cuboid.store.schema import TABLES
 from cuboid.store.snapshot import Manifest, Part, Snapshot, manifest_name, manifests, name_of, snapshot
 
@@ -96,7 +96,7 @@ def _gather(place: Place, before: Snapshot) -> tuple[dict[str, list[str]], list[
             else:
                 kept.append(name)
         for day, names in sorted(days.items()):
-            rows = _rows(place, names, kind.schema)
+            rows = _rows(place, names, table)
             digest = hashlib.sha256("\n".join(sorted(names)).encode()).hexdigest()[:20]
             name = name_of(table, day, f"gathered-{digest}")
             place.put_table(name, kind.sorted(rows), kind.group_rows)
@@ -106,11 +106,12 @@ def _gather(place: Place, before: Snapshot) -> tuple[dict[str, list[str]], list[
     return files, written
 
 
-def _rows(place: Place, names: list[str], schema: pa.Schema) -> pa.Table:
+def _rows(place: Place, names: list[str], table: str) -> pa.Table:
     """Return the rows of all files, small ones, which DuckDB opens quickly; FileNotFoundError where one is gone."""
     with connected(place, {"threads": 1}) as connection:
         try:
-            rows = connection.sql(f"select * from read_parquet({listed(place, names)}, hive_partitioning = false)")
+            rows = connection.sql(read(connection, place, table, names, partitioned=False))
+            schema = TABLES[table].schema
             return rows.to_arrow_table().select(schema.names).cast(schema)
         except (duckdb.Error, UnreadableError, pa.ArrowException, KeyError, ValueError) as error:
             gone = next((name for name in names if not place.fs.exists(place.path(name))), None)

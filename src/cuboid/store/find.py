@@ -14,12 +14,15 @@ from cuboid.store.schema import OBJECTS, RUNS
 SIDES, CENTER = ("longest_m", "middle_m", "shortest_m"), ("center_x_m", "center_y_m", "center_z_m")
 # Columns that every answer has; and all that are shown.
 NEVER_NULL = ("recording", "label", *SIDES, *CENTER, "frames_seen")
-SHOWN = (*NEVER_NULL[:-1], "color", "score", "frames_seen", "first_frame", "last_frame", "last_seen", "run")
+SHOWN = (*NEVER_NULL[:-1], "name", "color", "score", "frames_seen", "first_frame", "last_frame", "last_seen", "run")
 
 NEWEST = f"run not in (select run from {SUPERSEDED})"
 
 # An object is of a color where this many of its points are: of two colors, both find it.
 COLORED = 0.3
+
+# An object is found by a class that is not its name where the class is likely by this.
+LIKELY = 0.2
 
 # Sizes that differ by e in every side, colors that have nothing in common, or shapes that have nothing in common, make
 # two objects equally unlike.
@@ -45,6 +48,8 @@ class Filters:
         When it was last seen.
     color : str or None
         One of `COLOR_WORDS`.
+    name : str or None
+        Name of its class, or one of the next likely ones with a probability of `LIKELY` and more; in any case.
     min_score : float or None
     like : (str, int) or None
         Recording and label of an object: those most like it come first.
@@ -59,6 +64,7 @@ class Filters:
     since: datetime | None = None
     until: datetime | None = None
     color: str | None = None
+    name: str | None = None
     min_score: float | None = None
     like: tuple[str, int] | None = None
     limit: int = 50
@@ -135,6 +141,9 @@ def _conditions(filters: Filters) -> tuple[list[str], list[Any]]:
         add("last_seen < ?", filters.until)
     if filters.color is not None:
         add("colors[?] >= ?", COLOR_WORDS.index(filters.color) + 1, COLORED)
+    if filters.name is not None:
+        also = "exists (select 1 from unnest(names) as next(one) where lower(one.name) = lower(?) and one.score >= ?)"
+        add(f"(lower(name) = lower(?) or {also})", filters.name, filters.name, LIKELY)
     if filters.min_score is not None:
         add("score >= ?", filters.min_score)
     return where, values

@@ -119,7 +119,8 @@ def cells_of(row: Mapping[str, Any]) -> list[str]:
     place = ", ".join(f"{row[f'center_{axis}_m']:z.2f}" for axis in "xyz")
     seen = row["last_seen"]
     when = "" if seen is None else f"{seen:%Y-%m-%d %H:%M:%S}"
-    return [f"{row['recording']}#{row['label']}", size, place, row["color"] or "", str(row["frames_seen"]), when]
+    name = f" {row['name']}" if row.get("name") else ""
+    return [f"{row['recording']}#{row['label']}{name}", size, place, row["color"] or "", str(row["frames_seen"]), when]
 
 
 def _table(names: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> str:

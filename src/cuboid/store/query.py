@@ -78,9 +78,8 @@ class Tables:
     def _select(self, table: str, files: Snapshot) -> str:
         names = files.files(table)
         if not names:  # every recording failed
-            self._connection.register(f"_{table}", pa.Table.from_pylist([], schema=TABLES[table].schema))
-            return f"select *, null::date as day from _{table}"
-        return f"select * from read_parquet({listed(self._place, names)}, hive_partitioning = true)"
+            return f"select *, null::date as day from {empty(self._connection, table)}"
+        return read(self._connection, self._place, table, names, partitioned=True)
 
     def refresh(self) -> None:
         """Take the tables as they are now."""
@@ -123,6 +122,23 @@ def connected(place: Place, config: dict[str, Any]) -> duckdb.DuckDBPyConnection
     if place.local is None:
         connection.register_filesystem(place.fs)
     return connection
+
+
+def empty(connection: duckdb.DuckDBPyConnection, table: str) -> str:
+    """Return the name of a relation with the columns of a table and no row."""
+    connection.register(f"_{table}", pa.Table.from_pylist([], schema=TABLES[table].schema))
+    return f"_{table}"
+
+
+def read(
+    connection: duckdb.DuckDBPyConnection, place: Place, table: str, names: Iterable[str], *, partitioned: bool
+) -> str:
+    """Return the query for the rows of a table in files; columns that a file lacks, being older, are null."""
+    options = f"hive_partitioning = {str(partitioned).lower()}"
+    if not TABLES[table].has_added:
+        return f"select * from read_parquet({listed(place, names)}, {options})"
+    files = f"select * from read_parquet({listed(place, names)}, {options}, union_by_name = true)"
+    return f"{files} union all by name select * from {empty(connection, table)}"
 
 
 def listed(place: Place, names: Iterable[str]) -> str:

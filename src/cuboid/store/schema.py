@@ -30,6 +30,7 @@ class Column:
     name: str
     type: pa.DataType
     what: str
+    added: bool = False  # files of earlier versions lack it: it is null there
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +50,11 @@ class TableKind:
     def schema(self) -> pa.Schema:
         """The Arrow schema; what each column says is in its metadata."""
         return pa.schema([pa.field(c.name, c.type, metadata={"what": c.what}) for c in self.columns])
+
+    @property
+    def has_added(self) -> bool:
+        """Whether files of earlier versions lack columns."""
+        return any(column.added for column in self.columns)
 
     def table(self, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
         """Return rows as a table; a column that a row does not have is null."""
@@ -76,6 +82,7 @@ _BOX = (
     Column("qz", SMALL, ""),
 )
 _SKIPPED = pa.list_(pa.struct([("frame", COUNT), ("reason", TEXT)]))
+_CLASSES = pa.list_(pa.struct([("name", TEXT), ("score", SMALL)]))
 _STAGES = pa.list_(pa.struct([("stage", TEXT), ("median_ms", REAL), ("p95_ms", REAL)]))
 
 
@@ -175,6 +182,9 @@ TABLES = {
                 Column("middle_m", SMALL, ""),
                 Column("shortest_m", SMALL, ""),
                 *_OBJECT,
+                Column("name", TEXT, "of its class by a detector; null where it has none", added=True),
+                Column("name_score", SMALL, "probability of the class, 0 to 1", added=True),
+                Column("names", _CLASSES, "the next likely classes", added=True),
                 Column("first_seen", TIME, "time of its first frame"),
                 Column("last_seen", TIME, "time of its last frame"),
                 Column("red", pa.uint8(), "mean color of its points, 0 to 255"),

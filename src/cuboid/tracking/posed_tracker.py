@@ -19,10 +19,12 @@ from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics, UIn
 from cuboid.core.kernels.pixels import PlanesInView, assign_planes
 from cuboid.core.limits import MAX_PROPOSALS, MEMORY_MB, SAMPLE_POINTS
 from cuboid.core.observation import Observation
-from cuboid.core.results import FrameResult, MapPoints, Proposal3D, Sighting, SupportPlane, TrackedObject
+from cuboid.core.results import FrameResult, MapPoints, Proposal3D, SupportPlane, TrackedObject
 from cuboid.core.state import Record
-from cuboid.core.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, OUTLIER_FRACTION
+from cuboid.core.tolerances import BIAS_M, DETECT_EVERY, DRIFT_M, DRIFT_RAD, OUTLIER_FRACTION
 from cuboid.core.working import WorkingImage, filled, thin
+from cuboid.detection import make_detector
+from cuboid.detection.types import Detector
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse, moved_beyond, transform
 from cuboid.heatmap.anchors import LAST_KEYFRAME
@@ -30,9 +32,11 @@ from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap, VoxelMapState
 from cuboid.objects.association import Association, prior_of
 from cuboid.objects.entry import MapObject
+from cuboid.objects.naming import chosen_name, name_objects, name_scores
 from cuboid.objects.object_map import ObjectMap, ObjectMapState
+from cuboid.objects.unread import Planes, UnreadMap, UnreadObject
 from cuboid.objects.validity import too_large
-from cuboid.objects.visibility import measure_visibility, sightings_of
+from cuboid.objects.visibility import Visibility, measure_visibility, sightings_of
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.queries import MapQueries
 from cuboid.proposals import make_source
@@ -114,7 +118,13 @@ class PosedTracker(MapQueries):
         If no proposal source has that name.
     """
 
-    NOT_SAVED = frozenset({"intrinsics", "_memory_mb", "_propose", "_world_boxes"})
+    NOT_SAVED = frozenset(
+        {
+            *("intrinsics", "vocabulary", "_memory_mb", "_propose", "_detect", "_detect_every", "_world_boxes"),
+            # Things that depth does not read are not followed in a scene.
+            *("_follows_unread", "_unread"),
+        }
+    )
 
     def __init__(
         self,
@@ -133,17 +143,47 @@ class PosedTracker(MapQueries):
         self.config = config or TrackerConfig()
         self._memory_mb = memory_mb
         self._propose = make_source(proposals, self.config)
+        self._detect: Detector | None = None
+        self._detect_every = DETECT_EVERY
+        self._follows_unread = False
+        # Classes of the detector, once it has looked at a frame.
+        self.vocabulary: tuple[str, ...] = ()
         self._begin()
         self._count = 0
         self._position: Float64Array | None = None
         self._viewpoint: Float64Array | None = None
         self._due = True
 
+    def use_detector(self, detector: str | Detector | None, every: int = DETECT_EVERY, *, unread: bool = True) -> None:
+        """Let a detector look at each n-th frame; objects get names from what it sees.
+
+        Parameters
+        ----------
+        detector : str or Detector or None
+            As of `make_detector`.
+        every : int
+        unread : bool
+            Whether things that the detector sees and depth does not read get labels as well.
+
+        Raises
+        ------
+        InputError
+            No detector has that name, or the model cannot be used.
+        MissingExtraError
+            It needs a package that is not installed.
+        """
+        if every < 1:
+            raise ValueError(f"a detector looks at each n-th frame, n >= 1, got {every}")
+        self._detect = None if detector is None else make_detector(detector)
+        self._detect_every = every
+        self._follows_unread = unread and self._detect is not None
+
     def _begin(self) -> None:
         c = self.config
         self._planes = PlaneTracker(c)
         self._voxels = VoxelMap(c.voxel_m, c.depth_noise_per_m, c.max_depth_m, self._memory_mb)
         self._map = ObjectMap(c, self._voxels, self._planes)
+        self._unread = UnreadMap(self._map.store, c.max_depth_m)
 
     def state(self) -> PosedTrackerState:
         """Return the state of now; see `ObjectStore.state`."""
@@ -266,9 +306,16 @@ class PosedTracker(MapQueries):
         if due:
             self._refine(seen, heat, slots, in_frustum)
         watch.lap("map")
-        sightings = self._frame_sightings(seen, slots, in_frustum, segments, found)
+        visible = self._visible(seen, slots, in_frustum)
+        sightings = sightings_of(visible, segments, found)
         own = self._frame_boxes(segments, boxes, found)
         watch.lap("matching")
+        if self._detect is not None and self._count % self._detect_every == 0:
+            self._name_objects(self._detect, given, visible, seen)
+            watch.lap("detector")
+        if self._follows_unread:
+            sightings = self._unread.sightings(sightings, seen, self._support_planes())
+            watch.lap("unread")
         self._count += 1
         return FrameResult(
             index=frame.index,
@@ -276,7 +323,7 @@ class PosedTracker(MapQueries):
             T_world_camera=seen.T_world_camera,
             sightings=sightings,
             proposals=own,
-            objects_known=self._map.store.labelled,
+            objects_known=self._map.store.labelled + len(self._unread.confirmed()),
             heat=heat,
             milliseconds=watch.milliseconds,
             left_out={
@@ -321,6 +368,7 @@ class PosedTracker(MapQueries):
         in_map = {keyframe: inverse(T) @ T_new_old @ T for keyframe, T_new_old in moved.items()}
         self._planes.apply_correction(in_map)
         self._map.apply_correction(in_map)
+        self._unread.apply_correction(in_map)
 
     def _estimate_noise(self, image: WorkingImage) -> None:
         """Estimate from the first frame how much noisier the sensor is than configured."""
@@ -439,21 +487,28 @@ class PosedTracker(MapQueries):
             numbers[small] = True
             voxels.fine.refine(seen, heat, slots, numbers, far_m)
 
-    def _frame_sightings(
-        self,
-        seen: Observation,
-        slots: npt.NDArray[np.int32],
-        in_frustum: Sequence[MapObject],
-        frame_segments: FrameSegments,
-        found: Association,
-    ) -> tuple[Sighting, ...]:
-        """Record which objects of the map the frame shows; return the sightings of those with a label."""
+    def _visible(
+        self, seen: Observation, slots: npt.NDArray[np.int32], in_frustum: Sequence[MapObject]
+    ) -> list[tuple[MapObject, Visibility]]:
+        """Record which objects of the map the frame shows, and return them with how they are seen."""
         objects = [o for o in in_frustum if len(o.points)]
         boxes, owner = self._map.store.boxes_of(objects), self._voxels.stored.owner
         visibilities = measure_visibility(objects, boxes, seen, slots, owner, self.config.depth_noise_per_m)
         visible = [(entry, view) for entry, view in zip(objects, visibilities, strict=True) if view.seen]
         self._map.record_seen(seen.frame, [entry for entry, _ in visible])
-        return sightings_of(visible, frame_segments, found)
+        return visible
+
+    def _name_objects(
+        self, detect: Detector, given: Frame, visible: Sequence[tuple[MapObject, Visibility]], seen: Observation
+    ) -> None:
+        """Let a detector look at the frame as it was given, and add what it sees to the names of the objects."""
+        found = detect(given, self.intrinsics)
+        self.vocabulary = self.vocabulary or found.names
+        shown = [(entry, view.visible, view.rect_xyxy) for entry, view in visible]
+        turned = self._roll.detections(found)
+        name_objects(turned, shown, seen.eye)
+        if self._follows_unread:
+            self._unread.look(turned, visible, seen)
 
     def _frame_boxes(
         self, frame_segments: FrameSegments, boxes: Sequence[Box], found: Association
@@ -475,7 +530,10 @@ class PosedTracker(MapQueries):
         """The confirmed objects of the map, by label: a list, and a table for notebooks and pandas."""
         used = [plane for plane in self._planes.planes if plane.in_use]
         place = {plane.identity: k for k, plane in enumerate(used)}
-        return ObjectTable(self._tracked(entry, place) for entry in self._map.store.confirmed())
+        known = [self._tracked(entry, place) for entry in self._map.store.confirmed()]
+        unread, planes = self._unread.confirmed(), self._support_planes()
+        known += [self._unread_object(one, planes) for one in unread]
+        return ObjectTable(sorted(known, key=lambda item: item.label) if unread else known)
 
     def _tracked(self, entry: MapObject, place: Mapping[int, int]) -> TrackedObject:
         plane = self._planes.find(entry.plane)
@@ -491,7 +549,29 @@ class PosedTracker(MapQueries):
             mean_color=entry.mean_color,
             plane=None if plane is None else place[plane.identity],
             merged_labels=tuple(entry.merged_labels),
+            **chosen_name(name_scores(entry.name_log_odds)),
         )
+
+    def _unread_object(self, one: UnreadObject, planes: Planes) -> TrackedObject:
+        box, kind = self._unread.box_of(one, planes)
+        return TrackedObject(
+            label=one.label,
+            box=self.in_world(box),
+            score=one.score,
+            heat=0.0,
+            first_frame=one.first_frame,
+            last_frame=one.last_frame,
+            frames_seen=one.frames_seen,
+            points=0,
+            mean_color=np.zeros(3),
+            plane=None,
+            kind=kind,
+            **chosen_name(name_scores(one.name_log_odds)),
+        )
+
+    def _support_planes(self) -> Planes:
+        used = [self._planes.in_world(plane) for plane in self._planes.planes if plane.in_use]
+        return Planes(self._planes.likely_up, used)
 
     @property
     def planes(self) -> list[SupportPlane]:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from cuboid.core.frame import Float32Array, Float64Array, Frame, Intrinsics
 from cuboid.core.results import FrameResult
 from cuboid.core.tolerances import MIN_READINGS
+from cuboid.detection.types import Detections
 from cuboid.proposals.types import Proposals
 
 # R_camera_turned of a camera whose image is turned clockwise by a quarter.
@@ -94,6 +95,11 @@ class Roll:
             found.scores,
             None if masks is None else tuple(np.ascontiguousarray(np.rot90(mask, -self.turns)) for mask in masks),
         )
+
+    def detections(self, found: Detections) -> Detections:
+        """Return the detections of an image as those of the turned one, without masks."""
+        boxes = self._rectangles(found.boxes_xyxy, self.intrinsics, self.turns).astype(np.int32)
+        return Detections(boxes, found.scores, found.names)
 
     def result(self, result: FrameResult) -> FrameResult:
         """Return what was found in a turned frame as of the frame as it came."""

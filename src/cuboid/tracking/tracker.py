@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from cuboid.core.frame import Float64Array, Frame, Intrinsics, SkippedFrame
 from cuboid.core.limits import MEMORY_MB
 from cuboid.core.paths import PathLike, as_path
 from cuboid.core.results import FrameResult, MapPoints, SupportPlane
+from cuboid.core.tolerances import DETECT_EVERY
 from cuboid.outputs import PoseRow
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.queries import MapQueries
@@ -26,6 +27,7 @@ from cuboid.tracking.measuring import FrameClock, FrameLog
 from cuboid.tracking.types import RecordingLike, TrackerLike
 
 if TYPE_CHECKING:
+    from cuboid.detection.types import Detector
     from cuboid.proposals.types import ProposalSource
 
 # Half of the readings of a frame lie beyond this only where depth is not in metres: no RGB-D camera sees so far.
@@ -49,13 +51,18 @@ class Tracker(MapQueries):
     memory_mb : float
         Memory of the process, in units of 2**20 bytes, beyond which parts of the map that are out of view are evicted,
         and loaded again when they are accessed.
+    detector : str or Detector, optional
+        File of an ONNX model, or name of a detector, with its options; or any callable from (frame, intrinsics) to
+        `Detections`. Objects get names from it.
+    detector_every : int
+        It looks at each n-th frame.
 
     Raises
     ------
     InputError
-        No proposal source has that name.
+        No proposal source or detector has that name.
     ValueError
-        `poses` is none of these words.
+        `poses` is none of these words, or `detector_every` is less than 1.
 
     Examples
     --------
@@ -74,18 +81,24 @@ class Tracker(MapQueries):
         *,
         poses: str | None = None,
         memory_mb: float = MEMORY_MB,
+        detector: str | Detector | None = None,
+        detector_every: int = DETECT_EVERY,
     ) -> None:
         from cuboid.tracking.posed_tracker import PosedTracker
 
         config, rows = config or TrackerConfig(), RowLog()
         origin = None if poses is None else checked_origin(poses)
         mapper = PosedTracker(intrinsics, config, proposals, memory_mb=memory_mb)
+        mapper.use_detector(detector, detector_every)
         self._start(intrinsics, config, mapper, None, rows.add)
         self._origin, self._proposals, self._rows = origin, proposals, rows
+        self._detector, self._detector_every = detector, detector_every
 
     _origin: str | None = None
     _proposals: str | ProposalSource | None = None
     _rows: RowLog | None = None
+    _detector: str | Detector | None = None
+    _detector_every = DETECT_EVERY
 
     @classmethod
     def of_parts(
@@ -244,6 +257,12 @@ class Tracker(MapQueries):
         return self._mapper.config
 
     @property
+    def vocabulary(self) -> tuple[str, ...]:
+        """Classes of the detector, once it has looked at a frame; none without a detector."""
+        found: tuple[str, ...] = getattr(self._mapper, "vocabulary", ())
+        return found
+
+    @property
     def objects(self) -> ObjectTable:
         """The confirmed objects of the map, by label: a list, and a table for notebooks and pandas."""
         return ObjectTable(self._mapper.objects)
@@ -315,12 +334,17 @@ class Tracker(MapQueries):
         OutputError
             The folder exists and `force` is not given, or it cannot be written.
         """
+        from cuboid.detection import detector_name
         from cuboid.proposals import source_name
         from cuboid.tracking.saving import save_results
 
         if self._rows is None:
             raise CuboidError("Tracker.save: the rows of this tracker are written by the loop that made it")
-        settings = {"proposals": source_name(self._proposals), "tracker": self.config.to_dict()}
+        settings: dict[str, Any] = {"proposals": source_name(self._proposals)}
+        if self._detector is not None:
+            settings |= {"detector": detector_name(self._detector), "detector_every": self._detector_every}
+            settings["vocabulary"] = list(self.vocabulary)
+        settings["tracker"] = self.config.to_dict()
         seconds = working_s() - self._begun_s
         save_results(self, self._rows, as_path(output), recording, settings, seconds, force=force)
 

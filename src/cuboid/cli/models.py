@@ -1,0 +1,68 @@
+"""`cuboid models`: detectors that have a name, and fetching them."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from cuboid.cli.results import add_results, give
+
+EXAMPLE = "cuboid models fetch yolox-nano"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("verb", nargs="?", choices=("list", "fetch"), default="list", help="(default: list)")
+    parser.add_argument("names", nargs="*", default=[], metavar="NAME", help="models to fetch")
+    add_results(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """List, or fetch and then list what was fetched."""
+    from cuboid.cli.progress import counting
+    from cuboid.core.errors import InputError
+    from cuboid.detection.fetching import fetch
+    from cuboid.detection.models import MODELS
+
+    unknown = next((name for name in args.names if name not in MODELS), None)
+    if unknown is not None:
+        raise InputError(f"unknown model '{unknown}'; there are: {', '.join(MODELS)}")
+    if (args.verb == "fetch") != bool(args.names):
+        raise InputError("cuboid models: expected 'list' alone, or 'fetch' and names")
+    if args.verb == "fetch":
+        for name in args.names:
+            with counting(f"{name}, bytes") as told:
+                fetch(MODELS[name], told)
+    rows = [_row(name) for name in args.names or MODELS]
+    give(args, {"models": rows}, lambda: _show(rows))
+    return 0
+
+
+def _row(name: str) -> dict[str, Any]:
+    from cuboid.detection.models import MODELS
+
+    model = MODELS[name]
+    return {
+        "name": name,
+        "what": model.what,
+        "license": model.license,
+        "publisher": model.publisher,
+        "size_bytes": model.size_bytes,
+        "sha256": model.sha256,
+        "url": model.url,
+        "path": str(model.path) if model.path.is_file() else None,
+    }
+
+
+def _show(rows: list[dict[str, Any]]) -> None:
+    from cuboid.cli.tables import console, new_table
+
+    out = console()
+    table = new_table("model", "what", "license", "publisher", "MB", "kept", left=4)
+    for row in rows:
+        kept = "yes" if row["path"] else "no"
+        size_mb = f"{row['size_bytes'] / 1e6:.1f}"
+        table.add_row(row["name"], row["what"], row["license"], row["publisher"], size_mb, kept)
+    out.print(table)
+    for row in rows:
+        out.print(f"{row['name']}: {row['path'] or row['url']}", markup=False, soft_wrap=True)

@@ -1,0 +1,44 @@
+"""Detections: from a frame to boxes with class scores over a vocabulary; the tracker takes names from them."""
+
+from __future__ import annotations
+
+from cuboid.detection import models as _models  # noqa: F401  registers those that have a name
+from cuboid.detection.onnx import ENDING, onnx_detector
+from cuboid.detection.registry import DETECTORS, DetectorFactory
+from cuboid.detection.types import Detections, Detector
+
+__all__ = ["DETECTORS", "Detections", "Detector", "DetectorFactory", "detector_name", "make_detector"]
+
+
+def make_detector(spec: str | Detector) -> Detector:
+    """Return the detector that `spec` names.
+
+    Parameters
+    ----------
+    spec : str or Detector
+        ``FILE.onnx[:OPTIONS]`` or ``NAME[:OPTIONS]``; any callable from (frame, intrinsics) to `Detections` is
+        returned as it is.
+
+    Raises
+    ------
+    InputError
+        If no detector has that name, or the model cannot be used.
+    MissingExtraError
+        If it needs a package that is not installed.
+    """
+    if not isinstance(spec, str):
+        return spec
+    if is_file(spec):
+        return onnx_detector(spec)
+    name, colon, options = spec.partition(":")
+    return DETECTORS.get(name)(options if colon else None)
+
+
+def is_file(spec: str) -> bool:
+    """Tell whether a detector is named by a file."""
+    return spec.lower().endswith(ENDING) or f"{ENDING}:" in spec.lower()
+
+
+def detector_name(spec: str | Detector) -> str:
+    """Return what reports call the detector that `make_detector` makes of `spec`."""
+    return spec if isinstance(spec, str) else type(spec).__qualname__

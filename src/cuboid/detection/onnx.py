@@ -1,0 +1,179 @@
+"""A detector that the user names: an ONNX file, run by ONNX Runtime on the CPU unless another provider is asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cuboid.core.errors import InputError
+from cuboid.core.frame import Float32Array, Frame, Intrinsics, UInt8Array
+from cuboid.detection.boxes import MAX_BOXES, best_boxes, thin_out
+from cuboid.detection.images import Fit
+from cuboid.detection.layouts import Raw
+from cuboid.detection.recognition import recognise
+from cuboid.detection.session import Session
+from cuboid.detection.types import Detections
+from cuboid.detection.vocabulary import known_names, names_for
+
+# Detections below this are left out: detectors list hundreds of boxes that they do not believe in. YOLOX-nano has two
+# thirds of its recall on stills between here and 0.3; evidence over frames does the rest.
+MIN_SCORE = 0.05
+# Boxes that overlap more say the same: what the YOLO family's own code uses.
+OVERLAP = 0.7
+ENDING = ".onnx"
+HOW = "FILE.onnx[:score=S,labels=FILE,threads=N,provider=NAME]"
+
+
+@dataclass(frozen=True, slots=True)
+class OnnxOptions:
+    """Options of a model.
+
+    Attributes
+    ----------
+    score : float
+        Detections below this are left out, 0..1.
+    labels : Path or None
+        File with the names of its classes.
+    threads : int
+        Of ONNX Runtime.
+    provider : str
+        Of ONNX Runtime.
+    """
+
+    score: float = MIN_SCORE
+    labels: Path | None = None
+    threads: int = 1
+    provider: str = "CPUExecutionProvider"
+
+
+class OnnxDetector:
+    """Detects with a model in an ONNX file; its layout is recognised from the model itself.
+
+    Parameters
+    ----------
+    path : Path
+        The ONNX file.
+    options : OnnxOptions, optional
+    feature : str
+        What needs it, as the user asked for it.
+
+    Raises
+    ------
+    MissingExtraError
+        If ONNX Runtime is not installed.
+    InputError
+        If the file is not there or is no model of a known layout.
+    """
+
+    def __init__(self, path: Path, options: OnnxOptions | None = None, feature: str = "--detector") -> None:
+        self._options = options or OnnxOptions()
+        self._session = Session(path, feature, self._options.threads, self._options.provider)
+        self._known = known_names(path, self._session.metadata, self._options.labels)
+        self._layout = recognise(self._session, len(self._known or ()))
+
+    @property
+    def layout(self) -> str:
+        """What people call the layout that was recognised."""
+        return self._layout.name
+
+    def __call__(self, frame: Frame, intrinsics: Intrinsics) -> Detections:
+        """Return the detections of `frame`, the best first.
+
+        Raises
+        ------
+        InputError
+            If the model's outputs are of no known layout, or there are not as many names as classes.
+        """
+        least = self._options.score
+        size = self._session.size_for(*frame.color.shape[:2])
+        pixels, fit = self._layout.form.prepare(frame.color, *size, self._session.dtype)
+        outputs = self._session.run(pixels)
+        raw = self._layout.read(outputs, size, least)
+        if raw is None:
+            shapes = ", ".join(str(np.shape(output)) for output in outputs)
+            raise InputError(f"{self._session.path}: outputs {shapes} are of no known kind")
+        names = names_for(raw.scores.shape[1], self._known, self._session.path)
+        used = [k for k, name in enumerate(names) if name]
+        scores = raw.scores[:, used]
+        best = scores.max(axis=1, initial=0.0)
+        kept = np.flatnonzero(best >= least)
+        kept = kept[thin_out(raw.boxes_xyxy[kept], best[kept], OVERLAP)][:MAX_BOXES]
+        boxes, _, rows = best_boxes(fit.to_image(raw.boxes_xyxy[kept]), best[kept], intrinsics.width, intrinsics.height)
+        kept = kept[rows]
+        values = np.clip(scores[kept].astype(np.float32), 0.0, 1.0)
+        masks = _masks(raw, kept, boxes, fit, size)
+        return Detections(boxes, values, tuple(names[k] for k in used), masks)
+
+
+def onnx_detector(spec: str, feature: str = "--detector") -> OnnxDetector:
+    """Return the model that ``FILE.onnx[:OPTIONS]`` names.
+
+    Raises
+    ------
+    InputError
+        An option is unknown or not in its range, or the model cannot be used.
+    MissingExtraError
+        ONNX Runtime is not installed.
+    """
+    end = spec.lower().find(ENDING + ":")
+    path, options = (spec, "") if end < 0 else (spec[: end + len(ENDING)], spec[end + len(ENDING) + 1 :])
+    return OnnxDetector(Path(path), read_options(options), feature)
+
+
+def read_options(text: str) -> OnnxOptions:
+    """Read ``NAME=VALUE,...``.
+
+    Raises
+    ------
+    InputError
+        An option is unknown or not in its range.
+    """
+    given: dict[str, str] = {}
+    for word in text.split(",") if text else []:
+        name, equals, value = word.partition("=")
+        if name not in ("score", "labels", "threads", "provider") or not equals or not value or name in given:
+            raise InputError(f"unknown option '{word}' of a detector; expected {HOW}")
+        given[name] = value
+    try:
+        score, threads = float(given.get("score", MIN_SCORE)), int(given.get("threads", "1"))
+    except ValueError:
+        score, threads = -1.0, 0
+    if not (0.0 < score <= 1.0) or threads < 1:
+        raise InputError(f"score must lie in 0..1 and threads be 1 or more, got '{text}'")
+    labels = Path(given["labels"]) if "labels" in given else None
+    return OnnxOptions(score, labels, threads, given.get("provider", OnnxOptions().provider))
+
+
+def _masks(
+    raw: Raw, kept: np.ndarray[tuple[int], np.dtype[np.intp]], boxes: np.ndarray[tuple[int, int], np.dtype[np.int32]],
+    fit: Fit, size: tuple[int, int],
+) -> tuple[UInt8Array, ...] | None:  # fmt: skip
+    """Return the masks of the boxes that are kept; None where the model has none."""
+    if raw.logits is not None:
+        heats = list(raw.logits[kept])
+    elif raw.prototypes is not None:
+        k, height, width = raw.prototypes.shape
+        flat = raw.prototypes.reshape(k, -1)
+        heats = [(weights @ flat).reshape(height, width) for weights in raw.coefficients[kept]]
+    else:
+        return None
+    return tuple(_mask(box, heat, fit, size) for box, heat in zip(boxes, heats, strict=True))
+
+
+def _mask(
+    box: np.ndarray[tuple[int], np.dtype[np.int32]], heat: Float32Array, fit: Fit, size: tuple[int, int]
+) -> UInt8Array:
+    """Return where the heat over the input is above 0, in the box's own pixels."""
+    import cv2
+
+    x0, y0, x1, y1 = (int(x) for x in box)
+    height, width = heat.shape
+    # Heat pixel of the centre of image pixel x: ((x + 1/2) * scale + offset) * (width / input width) - 1/2.
+    sx, sy = width / size[1], height / size[0]
+    columns = ((np.arange(x0, x1) + 0.5) * fit.scale_x + fit.left) * sx - 0.5
+    rows = ((np.arange(y0, y1) + 0.5) * fit.scale_y + fit.top) * sy - 0.5
+    at_x, at_y = np.meshgrid(columns.astype(np.float32), rows.astype(np.float32))
+    logits = cv2.remap(heat, at_x, at_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(logits > 0, dtype=np.uint8)

@@ -1,0 +1,122 @@
+"""Which layout a model has: from its inputs and outputs, their names, and what it answers to a grey image."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from cuboid.core.errors import InputError
+from cuboid.detection.images import GREY, IMAGENET_FORM, NANODET_FORM, STRETCHED_FORM, YOLO_FORM
+from cuboid.detection.layouts import (
+    FOUR_STRIDES,
+    SIDES,
+    STRIDES,
+    Distances,
+    Final,
+    Layout,
+    PicoDetFinal,
+    Queries,
+    Yolo,
+    Yolox,
+    count_cells,
+)
+from cuboid.detection.session import SCALE_FACTOR, STRIDE, TARGET_SIZE, Session
+
+# A model that takes images of any size is tried with one of this size, pixels.
+TRIED_PX = 640
+# Names of the outputs of models that have a box and logits per query.
+RF_DETR = ("dets", "labels")
+TRANSFORMERS = ("pred_boxes", "logits")
+# What is understood, for messages.
+KNOWN = (
+    "(1, 4 + classes, N), (1, N, 5 + classes) or (1, N, 6), with masks also (1, k, h, w); "
+    "(1, N, classes + 32); labels, boxes, scores; dets, labels; pred_boxes, logits"
+)
+
+
+def recognise(session: Session, classes: int) -> Layout:
+    """Return the layout of a model.
+
+    Parameters
+    ----------
+    session : Session
+    classes : int
+        How many names of classes are known; 0 where none are.
+
+    Raises
+    ------
+    InputError
+        It is of no known layout; the message says what was seen.
+    """
+    size = session.fixed_size or (TRIED_PX, TRIED_PX)
+    grey = np.full((*size, 3), GREY, np.uint8)
+    outputs = session.run(YOLO_FORM.prepare(grey, *size, session.dtype)[0])
+    found = _by_names(session, outputs, classes) or _by_grids(session, outputs, size, classes)
+    if found is None and Yolo(classes).read(outputs, size, 1.0) is not None:
+        found = Yolo(classes)
+    if found is None:
+        seen = ", ".join(f"{name} {np.shape(out)}" for name, out in zip(session.outputs, outputs, strict=True))
+        raise InputError(f"{session.path}: outputs {seen} are of no known kind; expected are {KNOWN}")
+    return found
+
+
+def _by_names(session: Session, outputs: Sequence[Any], classes: int) -> Layout | None:
+    """Recognise the models that say what their outputs are."""
+    place = {name: k for k, name in enumerate(session.outputs)}
+    shapes = [output.shape for output in outputs]
+    if SCALE_FACTOR in session.input_names and any(len(s) >= 2 and s[-1] == 6 for s in shapes):
+        return PicoDetFinal(classes)
+    if TARGET_SIZE in session.input_names and {"labels", "boxes", "scores"} <= {*place}:
+        return Final(place["labels"], place["boxes"], place["scores"], classes)
+    for names, name, form in ((RF_DETR, "RF-DETR", IMAGENET_FORM), (TRANSFORMERS, "RT-DETR", STRETCHED_FORM)):
+        if not {*names} <= {*place}:
+            continue
+        boxes, logits = (place[one] for one in names)
+        if len(shapes[boxes]) == 3 == len(shapes[logits]) and shapes[boxes][2] == 4:
+            n = shapes[boxes][1]
+            masks = next((k for k, shape in enumerate(shapes) if len(shape) == 4 and shape[1] == n), None)
+            return Queries(name, form, boxes, logits, masks)
+    return None
+
+
+def _by_grids(session: Session, outputs: Sequence[Any], size: tuple[int, int], classes: int) -> Layout | None:
+    """Recognise the models that have a row for each cell of their grids."""
+    if not outputs or any(output.ndim != 3 or output.shape[0] != 1 for output in outputs):
+        return None
+    rows = [output.shape[1] for output in outputs]
+    of_strides = {count_cells(size, strides): strides for strides in (STRIDES, FOUR_STRIDES)}
+    if len(outputs) == 1:
+        strides, table = of_strides.get(rows[0]), outputs[0][0].astype(np.float64)
+        if strides is None:
+            return None
+        if _has_distances(table, classes):
+            # The older NanoDet, of three grids, counts from the middle of a cell, NanoDet-Plus from its corner.
+            return Distances("NanoDet", NANODET_FORM, strides, 0.5 if strides == STRIDES else 0.0)
+        return Yolox() if strides == STRIDES and _is_within_cells(table) else None
+    widths = [output.shape[2] for output in outputs]
+    sides = [n for n, width in zip(rows, widths, strict=True) if width == SIDES]
+    scores = [n for n, width in zip(rows, widths, strict=True) if width != SIDES]
+    strides = of_strides.get(sum(sides))
+    if strides is None or sides != scores or sides != [count_cells(size, (stride,)) for stride in strides]:
+        return None
+    return Distances("PicoDet", IMAGENET_FORM, strides, 0.5)
+
+
+def _has_distances(table: Any, classes: int) -> bool:
+    """Tell whether the last columns of a table are distributions over distances: other numbers than scores."""
+    columns = table.shape[1]
+    if classes:
+        return bool(columns == classes + SIDES)
+    last = table[:, -SIDES:]
+    return bool(columns > SIDES and ((last < 0) | (last > 1)).any() and (table[:, :-SIDES] >= 0).all())
+
+
+def _is_within_cells(table: Any) -> bool:
+    """Tell whether a table (N, 5 + classes) tells centres within cells.
+
+    Others that have a row a cell (YOLOv6, YOLOX exported with its boxes decoded) tell centres in pixels of the input,
+    which they fill; within a cell, centres are no farther than a few cells from 0.
+    """
+    return bool(table.shape[1] > 5 and np.abs(table[:, :2]).max() < STRIDE)

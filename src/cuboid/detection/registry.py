@@ -1,0 +1,13 @@
+"""The table of detectors that have a name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from cuboid.core.registry import Registry
+from cuboid.detection.types import Detector
+
+# A factory takes what follows the colon in NAME:OPTIONS, or None without a colon.
+DetectorFactory = Callable[[str | None], Detector]
+
+DETECTORS: Registry[DetectorFactory] = Registry("detector", "cuboid.detectors")

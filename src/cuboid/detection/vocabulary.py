@@ -1,0 +1,151 @@
+"""The names of a model's classes: from the model's metadata, a file beside it, or COCO's where it has as many."""
+
+from __future__ import annotations
+
+import ast
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from cuboid.core.errors import InputError, shown
+
+# Keys of a model's metadata under which exporters keep the names.
+METADATA_KEYS = ("names", "labels", "classes", "id2label")
+# Files of names beside a model MODEL.onnx, in this order.
+BESIDE = ("{stem}.txt", "{stem}.names", "{stem}.json", "labels.txt", "classes.txt")
+# A larger file is no list of names, bytes.
+MAX_BYTES = 1 << 20
+
+COCO = (
+    "person", "bicycle", "car", "motorcycle", "airplane", "bus", "train", "truck", "boat", "traffic light",
+    "fire hydrant", "stop sign", "parking meter", "bench", "bird", "cat", "dog", "horse", "sheep", "cow", "elephant",
+    "bear", "zebra", "giraffe", "backpack", "umbrella", "handbag", "tie", "suitcase", "frisbee", "skis", "snowboard",
+    "sports ball", "kite", "baseball bat", "baseball glove", "skateboard", "surfboard", "tennis racket", "bottle",
+    "wine glass", "cup", "fork", "knife", "spoon", "bowl", "banana", "apple", "sandwich", "orange", "broccoli",
+    "carrot", "hot dog", "pizza", "donut", "cake", "chair", "couch", "potted plant", "bed", "dining table", "toilet",
+    "tv", "laptop", "mouse", "remote", "keyboard", "cell phone", "microwave", "oven", "toaster", "sink",
+    "refrigerator", "book", "clock", "vase", "scissors", "teddy bear", "hair drier", "toothbrush",
+)  # fmt: skip
+# COCO numbers its 80 classes 1 to 90; these numbers are not in use.
+COCO_UNUSED = frozenset({12, 26, 29, 30, 45, 66, 68, 69, 71, 83})
+COCO_SLOTS = 91
+
+
+def coco_by_id() -> tuple[str, ...]:
+    """Return the names of the slots of a model that has one for each number of COCO, 0 to 90; empty if not in use."""
+    left = iter(COCO)
+    return tuple("" if k == 0 or k in COCO_UNUSED else next(left) for k in range(COCO_SLOTS))
+
+
+def known_names(model: Path, metadata: Mapping[str, str], file: Path | None) -> tuple[str, ...] | None:
+    """Return the names that the user, the model or a file beside it gives; None where there are none.
+
+    Parameters
+    ----------
+    model : Path
+    metadata : mapping of str to str
+        Of the model.
+    file : Path or None
+        The user's own file of names.
+
+    Raises
+    ------
+    InputError
+        A file holds no list of names.
+    """
+    if file is not None:
+        return read_names(file)
+    for key in METADATA_KEYS:
+        if key in metadata:
+            names = parse_names(metadata[key])
+            if names:
+                return names
+    for pattern in BESIDE:
+        beside = model.with_name(pattern.format(stem=model.stem))
+        if beside.is_file():
+            return read_names(beside)
+    return None
+
+
+def names_for(count: int, known: tuple[str, ...] | None, model: Path) -> tuple[str, ...]:
+    """Return a name for each of `count` classes.
+
+    Where no names are known, 80 classes and 91 slots are those of COCO. A model may have one slot more than names, for
+    the background, which is its last: that has the empty name.
+
+    Raises
+    ------
+    InputError
+        There are more or fewer names than classes.
+    """
+    if known is None:
+        if count == COCO_SLOTS:
+            return coco_by_id()
+        named = COCO if count >= len(COCO) else ()
+        return (*named, *(f"class {k}" for k in range(len(named), count)))
+    if len(known) == count:
+        return known
+    if len(known) == count - 1:
+        return (*known, "")
+    raise InputError(f"{model}: has {count} classes, but there are {len(known)} names; name a file with labels=FILE")
+
+
+def read_names(path: Path) -> tuple[str, ...]:
+    """Return the names in a file: one a line, or JSON.
+
+    Raises
+    ------
+    InputError
+        It cannot be read or holds no names.
+    """
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{path}: is no list of class names: larger than {MAX_BYTES >> 20} MB")
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as a list of class names: {error}") from None
+    names = parse_names(text)
+    if not names:
+        raise InputError(f"{path}: holds no class names; one a line, or JSON, expected")
+    return names
+
+
+def parse_names(text: str) -> tuple[str, ...]:
+    """Return the names in a text: one a line, a list, or a mapping from number to name (JSON or as Python writes it).
+
+    Raises
+    ------
+    InputError
+        A mapping does not number its names from 0.
+    """
+    text = text.strip()
+    if text[:1] in ("{", "["):
+        return _of_document(_document(text))
+    return tuple(line.strip() for line in text.splitlines() if line.strip())
+
+
+def _document(text: str) -> object:
+    try:
+        return json.loads(text)
+    except ValueError:
+        pass
+    try:
+        return ast.literal_eval(text)
+    except (ValueError, SyntaxError, MemoryError, RecursionError):
+        return None
+
+
+def _of_document(document: object) -> tuple[str, ...]:
+    if isinstance(document, dict) and isinstance(document.get("id2label"), dict):
+        document = document["id2label"]
+    if isinstance(document, list):
+        return tuple(str(name) for name in document)
+    if not isinstance(document, dict):
+        return ()
+    try:
+        numbered = {int(number): str(name) for number, name in document.items()}
+    except (TypeError, ValueError):
+        return ()
+    if not numbered or min(numbered) < 0 or max(numbered) > 10 * len(numbered):
+        raise InputError(f"class names must be numbered from 0, got {shown(sorted(numbered))}")
+    return tuple(numbered.get(k, "") for k in range(max(numbered) + 1))

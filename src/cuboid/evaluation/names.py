@@ -1,0 +1,161 @@
+"""Names that a detector gave to objects, against the names in a truth.
+
+People write "mug, white" where a detector says "cup". The kind of thing is the end of what comes first in a truth's
+name ("keyboard" in "keyboard, black (below the screen)"); it is a class of the detector's vocabulary by itself or by
+one of `SYNONYMS`. Things whose kind the vocabulary lacks are not judged.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cuboid.core.results import TrackedObject
+from cuboid.evaluation.matching import ratio
+from cuboid.outputs import Results
+
+# Words of people for classes of COCO.
+SYNONYMS = {
+    "monitor": "tv", "screen": "tv", "display": "tv", "television": "tv",
+    "mug": "cup", "teacup": "cup", "coffee cup": "cup",
+    "mobile phone": "cell phone", "smartphone": "cell phone",
+    "sofa": "couch", "fridge": "refrigerator", "plant": "potted plant", "teddy": "teddy bear",
+    "ball": "sports ball", "motorbike": "motorcycle", "plane": "airplane", "bike": "bicycle",
+    "remote control": "remote",
+}  # fmt: skip
+# What follows one of these says more about a thing, not what it is.
+_REST = re.compile(r"[,:;(\"']|\b(?:with|on|of|at|near|behind|beside|before|in|for)\b")
+# Names below the first that count as found.
+TOP = 3
+
+
+@dataclass(frozen=True, slots=True)
+class NameOutcome:
+    """The name of one object.
+
+    Attributes
+    ----------
+    id : int
+        Of the truth.
+    name : str
+        In the truth.
+    true_class : str
+        Of the vocabulary.
+    label : int
+        Of the object that was found.
+    found_class : str or None
+        None where the detector gave none.
+    in_top : bool
+        Whether the true class is the name or one of the next two.
+    """
+
+    id: int
+    name: str
+    true_class: str
+    label: int
+    found_class: str | None
+    in_top: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Confusion:
+    """How often a true class was found as a class; None for no name."""
+
+    true_class: str
+    found_class: str | None
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class NameQuality:
+    """How right the names are.
+
+    Attributes
+    ----------
+    judged : int
+        Objects of the truth that were found and whose class the detector knows.
+    named, right, in_top : int
+        Of these, those with a name, with the true one, and with the true one among the first three.
+    accuracy, top3, precision : float or None
+        right / judged, in_top / judged, right / named.
+    confusion : tuple of Confusion
+        By true class, the most frequent first.
+    objects : tuple of NameOutcome
+    """
+
+    judged: int
+    named: int
+    right: int
+    in_top: int
+    accuracy: float | None
+    top3: float | None
+    precision: float | None
+    confusion: tuple[Confusion, ...]
+    objects: tuple[NameOutcome, ...]
+
+
+def class_of(name: str, vocabulary: Iterable[str]) -> str | None:
+    """Return the class of a vocabulary that a name in a truth is of; None where it has none.
+
+    >>> class_of("mug, white (far corner)", ["cup", "bowl"])
+    'cup'
+    >>> class_of("glass bowl with pens", ["cup", "bowl"])
+    'bowl'
+    >>> class_of("bowling pin", ["cup", "bowl"]) is None
+    True
+    """
+    known = {one.lower(): one for one in vocabulary}
+    words = _REST.split(name.lower(), maxsplit=1)[0].split()
+    for begin in range(len(words)):
+        end = " ".join(words[begin:])
+        for kind in (end, SYNONYMS.get(end, ""), end.removesuffix("s")):
+            if kind in known:
+                return known[kind]
+    return None
+
+
+def name_quality(results: Path | None, found: Sequence[tuple[int, str, int | None]]) -> NameQuality | None:
+    """Judge the names of the objects that were found; None where no detector gave any.
+
+    Parameters
+    ----------
+    results : Path or None
+        Result folder; None where there is none.
+    found : sequence of (int, str, int or None)
+        Of each object of the truth its id and name, and the label that found it.
+    """
+    if results is None or not results.is_dir():
+        return None
+    run = Results(results)
+    given = run.report.config.get("vocabulary")
+    vocabulary = [name for name in given if isinstance(name, str)] if isinstance(given, list) else []
+    if not vocabulary:
+        return None
+    outcomes = []
+    for number, name, label in found:
+        item = None if label is None else run.survivor.get(label)
+        true_class = class_of(name, vocabulary)
+        if item is not None and true_class is not None:
+            outcomes.append(_outcome(number, name, true_class, item))
+    return _quality(outcomes)
+
+
+def _outcome(number: int, name: str, true_class: str, item: TrackedObject) -> NameOutcome:
+    own = item.name if item.name_score is not None else None
+    likely = [*([own] if own else []), *(name for name, _ in item.names)][:TOP]
+    return NameOutcome(number, name, true_class, item.label, own, true_class in likely)
+
+
+def _quality(outcomes: Sequence[NameOutcome]) -> NameQuality:
+    judged, named = len(outcomes), sum(one.found_class is not None for one in outcomes)
+    right = sum(one.found_class == one.true_class for one in outcomes)
+    in_top = sum(one.in_top for one in outcomes)
+    pairs = Counter((one.true_class, one.found_class) for one in outcomes)
+    order = sorted(pairs.items(), key=lambda pair: (pair[0][0], -pair[1], pair[0][1] or ""))
+    return NameQuality(
+        judged, named, right, in_top, ratio(right, judged), ratio(in_top, judged), ratio(right, named),
+        tuple(Confusion(true, found, count) for (true, found), count in order), tuple(outcomes),
+    )  # fmt: skip

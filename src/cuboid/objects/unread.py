@@ -1,0 +1,370 @@
+"""Things that depth does not read: rectangles of a detector, followed with the poses, their places triangulated.
+
+A screen, a keyboard or a black box may have few readings, and so no voxels and no label. A detector sees it all the
+same. A detection whose rectangle has few readings begins a thing, or is a sighting of one: its place is where the rays
+through its detections meet, its size that of its rectangles at that distance. It is confirmed when its hits outweigh
+the looks at its place that hit nothing, and ends when they do not. Where depth reads, depth decides: a rectangle that
+is half full of readings begins nothing and is not reported.
+
+A thing that has the rectangle of a labelled object of the map, look after look, is that object. The older label stays,
+and where the map's object is hardly read, its rectangle is that of the thing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cuboid.core.frame import Float64Array
+from cuboid.core.observation import Observation
+from cuboid.core.results import Sighting
+from cuboid.core.tolerances import NEAREST_M
+from cuboid.detection.types import Detections
+from cuboid.geometry.box import Box
+from cuboid.geometry.rectangles import rect_iou_matrix
+from cuboid.geometry.se3 import transform
+from cuboid.objects.affinity import CERTAIN_LOG_ODDS, MAX_LOG_ODDS
+from cuboid.objects.entry import MapObject
+from cuboid.objects.naming import LEAST_SCORE, MISSED, SAME_IOU, add_evidence, merged_evidence, score_gain
+from cuboid.objects.rectangles import (
+    Predicted,
+    distance_of,
+    is_cut_off,
+    predict,
+    ray_through,
+    read_fraction,
+    shifted_iou,
+    size_at,
+)
+from cuboid.objects.store import ObjectStore
+from cuboid.objects.visibility import Visibility
+
+# With this fraction of its rectangle read, depth sees a thing.
+READ_FRACTION = 0.5
+# A detection is a sighting of a thing when its rectangle overlaps the predicted one by this IoU: places along the line
+# of sight are known badly at first, and so are sizes.
+FOLLOW_IOU = 0.3
+# Hits that a label needs: what flits through a picture twice may be a reflection.
+MIN_HITS = 3
+# A thing is seen where this fraction of it is in the picture and not hidden; a look counts as missed from the other on.
+SEEN_FRACTION, LOOKED_FRACTION = 0.3, 0.5
+# Looks at which a thing and an object of the map must show the same for them to be one.
+MIN_MEETINGS = 2
+# Log-odds below which a thing without a label is dropped.
+DROPPED = -1.0
+# Log-odds that a hit is worth beside its score: a detection of nothing seldom comes again at the same place.
+HIT = 0.7
+# Things of which no more are followed at a time, the most likely ones.
+MAX_THINGS = 64
+# Standard deviations of the direction to a thing, radians, and as a fraction of its angular size; and of its distance
+# by readings in its rectangle or around it, as a fraction of it.
+DIRECTION_RAD, DIRECTION_SIZE, DISTANCE = 0.01, 0.1, 0.2
+# What earlier hits say of the place fades by this with each new one: poses drift, and the place with them.
+FADING = 0.9
+# A thing lies flat on a plane when its middle is no higher above it, metres; such things are so thin, metres.
+FLAT_M, THIN_M = 0.05, 0.02
+# The least sine of the angle by which what lies flat is looked down on: nearer to 0 its rectangle says nothing of how
+# far it reaches.
+MIN_SINE = 0.2
+# A side is no shorter than this, metres.
+MIN_SIDE_M = 0.01
+
+
+@dataclass(slots=True, eq=False)
+class UnreadObject:
+    """A thing that a detector sees and depth does not, with a label or not yet.
+
+    Attributes
+    ----------
+    number : int
+        From 1; never reused.
+    first_frame, last_frame, frames_seen : int
+    information : (3, 3) float64
+        Inverse covariance of its place.
+    vector : (3,) float64
+        The information times the place.
+    size_m : (2,) float64
+        Width and height across the line of sight.
+    weight : float
+        Of the sightings in `size_m`.
+    label : int
+        0 until confirmed.
+    hits : int
+        Detections of it.
+    log_odds : float
+        That it is there.
+    read : float
+        Mean fraction of its rectangles that has readings.
+    keyframe : int
+        That the last hit is anchored to.
+    meetings : dict of int to int
+        How often it showed the same as an object of the map, by the object's number.
+    partner : int
+        Number of the object of the map that it is; 0 none.
+    name_log_odds, views :
+        As of `MapObject`.
+    """
+
+    number: int
+    first_frame: int
+    last_frame: int
+    information: Float64Array
+    vector: Float64Array
+    size_m: Float64Array = field(default_factory=lambda: np.zeros(2))
+    weight: float = 0.0
+    frames_seen: int = 0
+    label: int = 0
+    hits: int = 0
+    log_odds: float = 0.0
+    read: float = 0.0
+    keyframe: int = 0
+    meetings: dict[int, int] = field(default_factory=dict)
+    partner: int = 0
+    name_log_odds: dict[str, float] = field(default_factory=dict)
+    views: Float64Array = field(default_factory=lambda: np.zeros((0, 4)))
+
+    @property
+    def center(self) -> Float64Array:
+        """Its middle in the map, (3,) metres."""
+        return np.asarray(np.linalg.solve(self.information, self.vector))
+
+    @property
+    def score(self) -> float:
+        """Confidence that it is there, 0..1."""
+        return float(1.0 / (1.0 + np.exp(-self.log_odds)))
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether it is there, and depth does not read it."""
+        return self.log_odds >= CERTAIN_LOG_ODDS and self.hits >= MIN_HITS and self.read < READ_FRACTION
+
+
+class UnreadMap:
+    """All things that depth does not read.
+
+    Parameters
+    ----------
+    store : ObjectStore
+        Gives labels, and has the objects of the map.
+    far_m : float
+        Things begin no farther away.
+    """
+
+    def __init__(self, store: ObjectStore, far_m: float) -> None:
+        self._store, self._far_m = store, far_m
+        self._things: list[UnreadObject] = []
+        self._next_number = 1
+        # The rectangle of each thing that the last look hit, by its number, until the frame's sightings are told.
+        self._hit: dict[int, Float64Array] = {}
+
+    def confirmed(self) -> list[UnreadObject]:
+        """Return the things that have a label of their own and are there, by label."""
+        return sorted((o for o in self._things if o.label and not o.partner and o.is_sure), key=lambda o: o.label)
+
+    def look(self, found: Detections, visible: Sequence[tuple[MapObject, Visibility]], seen: Observation) -> None:
+        """Take in what a detector sees in a frame.
+
+        Parameters
+        ----------
+        found : Detections
+        visible : sequence of (MapObject, Visibility)
+            The objects of the map that the frame shows.
+        seen : Observation
+        """
+        boxes = found.boxes_xyxy.astype(np.float64)
+        views = [predict(one.center, one.size_m, seen) for one in self._things]
+        partner = self._assigned(boxes, views)
+        self._hit = {}
+        for k, (one, view) in enumerate(zip(self._things, views, strict=True)):
+            if k in partner:
+                self._add_hit(one, found, partner[k], seen)
+            elif view is not None and view.visible >= LOOKED_FRACTION and view.read < READ_FRACTION:
+                one.log_odds -= MISSED * view.visible
+        known = np.array([view.rect_xyxy for view in views if view is not None]).reshape(-1, 4)
+        for k in sorted({*range(len(boxes))} - {*partner.values()}):
+            self._begin(found, k, known, seen)
+        self._meet([(entry, view) for entry, view in visible if entry.confirmed])
+        self._merge_doubles(seen)
+        self._end()
+        for one in self._things:
+            if not one.label and not one.partner and one.is_sure:
+                one.label = self._store.next_label()
+
+    @staticmethod
+    def _assigned(boxes: Float64Array, views: Sequence[Predicted | None]) -> dict[int, int]:
+        """Return the detection of each thing, by its place in the list: the pairs that overlap most first."""
+        iou = np.array([shifted_iou(view, boxes) for view in views]).reshape(len(views), len(boxes))
+        found: dict[int, int] = {}
+        taken: set[int] = set()
+        for flat in np.argsort(-iou, axis=None, kind="stable").tolist():
+            i, k = divmod(flat, len(boxes))
+            if iou[i, k] < FOLLOW_IOU:
+                break
+            if i not in found and k not in taken:
+                found[i] = k
+                taken.add(k)
+        return found
+
+    def _add_hit(self, one: UnreadObject, found: Detections, k: int, seen: Observation) -> None:
+        box, scores = found.boxes_xyxy[k].astype(np.float64), found.scores[k]
+        likely = {found.names[c]: float(scores[c]) for c in np.flatnonzero(scores >= LEAST_SCORE).tolist()}
+        weight = add_evidence(one, likely, 1.0, seen.eye)
+        one.log_odds = min(MAX_LOG_ODDS, one.log_odds + weight * (HIT + score_gain(float(scores.max()))))
+        one.hits, one.keyframe = one.hits + 1, seen.keyframe
+        one.read += (read_fraction(box, seen) - one.read) / one.hits
+        self._add_ray(one, box, seen, weight)
+        z = float(transform(seen.T_camera_world, one.center)[2])
+        if z > NEAREST_M and not is_cut_off(box, seen):
+            one.weight += weight
+            one.size_m = one.size_m + (size_at(box, z, seen) - one.size_m) * weight / one.weight
+        self._hit[one.number] = box
+
+    @staticmethod
+    def _add_ray(one: UnreadObject, box: Float64Array, seen: Observation, weight: float) -> None:
+        """Let the place of a thing lie on the ray through a detection, as far away as readings in or around it tell."""
+        direction, size_rad = ray_through(box, seen)
+        distance_m = max(float(np.linalg.norm(one.center - seen.eye)), NEAREST_M)
+        along = np.outer(direction, direction)
+        across = np.eye(3) - along
+        sure = weight / (distance_m * max(DIRECTION_RAD, DIRECTION_SIZE * size_rad)) ** 2
+        information, vector = sure * across, sure * (across @ seen.eye)
+        read_m = distance_of(box, seen)
+        if read_m is not None:
+            near = weight / (DISTANCE * read_m) ** 2
+            information, vector = information + near * along, vector + near * (along @ (seen.eye + read_m * direction))
+        one.information = FADING * one.information + information
+        one.vector = FADING * one.vector + vector
+
+    def _begin(self, found: Detections, k: int, known: Float64Array, seen: Observation) -> None:
+        """Begin a thing where a detection is whole, depth reads little of it, and nothing known is there."""
+        box = found.boxes_xyxy[k].astype(np.float64)
+        if read_fraction(box, seen) >= READ_FRACTION or is_cut_off(box, seen):
+            return
+        if len(known) and rect_iou_matrix(box[None], known).max() >= SAME_IOU:
+            return
+        read_m = distance_of(box, seen)
+        if read_m is None or read_m > self._far_m:
+            return
+        direction, _ = ray_through(box, seen)
+        guess = 1e-6 * np.eye(3)  # so that the place is known before the first ray; the rays outweigh it
+        one = UnreadObject(
+            self._next_number, seen.frame, seen.frame, guess, guess @ (seen.eye + read_m * direction)
+        )  # fmt: skip
+        self._next_number += 1
+        self._things.append(one)
+        self._add_hit(one, found, k, seen)
+
+    def _meet(self, shown: Sequence[tuple[MapObject, Visibility]]) -> None:
+        """Let things that show the same as a labelled object of the map, look after look, be that object."""
+        rects = np.array([view.rect_xyxy for _, view in shown]).reshape(-1, 4)
+        for one in self._things:
+            if one.partner or one.number not in self._hit or not shown:
+                continue
+            iou = rect_iou_matrix(self._hit[one.number][None], rects)[0]
+            k = int(iou.argmax())
+            if iou[k] < SAME_IOU:
+                continue
+            entry = shown[k][0]
+            one.meetings = {**one.meetings, entry.number: one.meetings.get(entry.number, 0) + 1}
+            if one.meetings[entry.number] >= MIN_MEETINGS:
+                one.partner = entry.number
+                if one.label:
+                    self._store.take_label(entry, one.label)
+                    one.label = entry.label
+
+    def _merge_doubles(self, seen: Observation) -> None:
+        """Make one thing of two that have the same rectangle; the older label, or else the older thing, stays."""
+        kept: list[tuple[UnreadObject, Predicted | None]] = []
+        for one in sorted(self._things, key=lambda o: (o.label or np.inf, o.number)):
+            view = predict(one.center, one.size_m, seen)
+            known = [(other, theirs) for other, theirs in kept if theirs is not None]
+            if view is not None and known:
+                iou = rect_iou_matrix(view.rect_xyxy[None], np.array([theirs.rect_xyxy for _, theirs in known]))[0]
+                if iou.max() >= SAME_IOU:
+                    other = known[int(iou.argmax())][0]
+                    other.name_log_odds = merged_evidence(other.name_log_odds, one.name_log_odds)
+                    other.log_odds, other.hits = max(other.log_odds, one.log_odds), max(other.hits, one.hits)
+                    continue
+            kept.append((one, view))
+        self._things = sorted((one for one, _ in kept), key=lambda o: o.number)
+
+    def _end(self) -> None:
+        """End things that are not there, and the least likely of too many."""
+        alive = [o for o in self._things if o.log_odds > (-CERTAIN_LOG_ODDS if o.label else DROPPED)]
+        best = sorted(alive, key=lambda o: (-bool(o.label), -o.log_odds, o.number))[:MAX_THINGS]
+        self._things = sorted(best, key=lambda o: o.number)
+
+    def sightings(self, shown: Sequence[Sighting], seen: Observation, planes: Planes) -> tuple[Sighting, ...]:
+        """Return the sightings of a frame with those of things that depth does not read, by label."""
+        found = {one.label: one for one in shown}
+        others = np.array([one.rect_xyxy for one in shown]).reshape(-1, 4)
+        for one in self._things:
+            partner = self._partner_of(one)
+            view = predict(one.center, one.size_m, seen) if one.is_sure and (one.label or partner) else None
+            if view is None or view.visible < SEEN_FRACTION or view.read >= READ_FRACTION:
+                continue
+            rect = self._hit.get(one.number, view.rect_xyxy)
+            if partner is not None:
+                old = found.get(partner.label, Sighting(partner.label, partner.box, None, view.visible, rect))
+                found[partner.label] = Sighting(partner.label, old.box, old.iou, old.visible, rect)
+            elif not len(others) or rect_iou_matrix(rect[None], others).max() < SAME_IOU:
+                one.frames_seen, one.last_frame = one.frames_seen + 1, seen.frame
+                found[one.label] = Sighting(one.label, self.box_of(one, planes)[0], None, view.visible, rect)
+        self._hit = {}
+        return tuple(found[label] for label in sorted(found))
+
+    def _partner_of(self, one: UnreadObject) -> MapObject | None:
+        """Return the object of the map that a thing is; it is on its own again where that one ended."""
+        if one.partner and (one.partner not in self._store or not self._store[one.partner].confirmed):
+            one.partner, one.meetings = 0, {}
+        return self._store[one.partner] if one.partner else None
+
+    def box_of(self, one: UnreadObject, planes: Planes) -> tuple[Box, str]:
+        """Return the box of a thing, and its kind: "flat" on a plane, or else a "box" that faces who looks at it.
+
+        Parameters
+        ----------
+        one : UnreadObject
+        planes : Planes
+        """
+        center, (width, height) = one.center, np.maximum(one.size_m, MIN_SIDE_M).tolist()
+        toward = one.views[:, :3].sum(axis=0) if len(one.views) else planes.up
+        toward = toward / max(float(np.linalg.norm(toward)), 1e-9)
+        across = np.cross(planes.up, toward)
+        if np.linalg.norm(across) < 1e-3:  # seen from above: any direction will do
+            across = np.cross(planes.up, np.eye(3)[int(np.abs(planes.up).argmin())])
+        across = across / np.linalg.norm(across)
+        rotation = np.column_stack([across, np.cross(planes.up, across), planes.up])
+        above_m = [float(normal @ center + offset) for normal, offset in planes.supporting]
+        if any(0.0 <= away <= FLAT_M for away in above_m):
+            sine = max(float(toward @ planes.up), MIN_SINE)
+            reach = max((height - THIN_M * (1.0 - sine)) / sine, MIN_SIDE_M)
+            return Box(center, np.array([width, reach, THIN_M]), rotation), "flat"
+        return Box(center, np.array([width, min(width, height), height]), rotation), "box"
+
+    def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
+        """Move each thing with the keyframe that its last hit is anchored to; see `ObjectMap.apply_correction`."""
+        for one in self._things:
+            T = moved.get(one.keyframe)
+            if T is not None:
+                R, center = T[:3, :3], transform(T, one.center)
+                one.information = R @ one.information @ R.T
+                one.vector = one.information @ center
+                one.views = np.hstack([one.views[:, :3] @ R.T, one.views[:, 3:]])
+
+
+@dataclass(frozen=True, slots=True)
+class Planes:
+    """Up, and the supporting planes, in the map.
+
+    Attributes
+    ----------
+    up : (3,) float64
+    supporting : sequence of ((3,) float64, float)
+        Normal and offset of each: normal.p + offset = 0.
+    """
+
+    up: Float64Array
+    supporting: Sequence[tuple[Float64Array, float]]
