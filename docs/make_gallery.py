@@ -4,14 +4,16 @@
     python docs/make_gallery.py --data DATA
 
 Each RESULTS is a folder of `cuboid track` whose recording still lies where it was. Without one, recordings with known
-truth are made and tracked, which takes some minutes. With --data, so are the real recordings in DATA: their pictures go
-to docs/gallery/real, which is no part of the repository, and `docs/real_pictures.py` shows them in the pages.
+truth are made and tracked, which takes some minutes; two of them are spoiled, for the pictures of docs/faq.md. With
+--data, the real recordings in DATA are tracked. Pictures of those whose licence allows it go to docs/gallery, others to
+docs/gallery/real, which is no part of the repository; `docs/real_pictures.py` shows them in the pages.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -35,16 +37,22 @@ QUALITY = 82
 PAPER, INK, BAR = (250, 250, 251), (30, 34, 40), (52, 116, 196)
 # Frames over which the funnel counts.
 COUNTED = 12
+# The faults of the pictures of symptoms: depth beside color, pixels, and the drift of a frame, metres.
+SHIFT_PX, DRIFT_M = 30, 0.002
 
 
 @dataclass(frozen=True)
 class Real:
-    """A real recording: its folder in DATA, options of `cuboid track`, and what the gallery says of it."""
+    """A real recording: its folder in DATA, options of `cuboid track`, and what the gallery says of it.
+
+    `free`: its licence allows pictures of it in the repository.
+    """
 
     folder: str
     options: tuple[str, ...]
     title: str
     source: str
+    free: bool = False
 
 
 REAL = {
@@ -54,6 +62,7 @@ REAL = {
         (),
         "A cluttered desk, first Kinect",
         "fr1/xyz of TUM RGB-D (Sturm et al., IROS 2012), CC BY 4.0",
+        free=True,
     ),
     "coffee-table": Real(
         "rgbd-scenes-v2",
@@ -79,6 +88,8 @@ def main() -> None:
         if args.data is not None:
             draw_real(args.data, Path(folder))
             return
+        if not args.results:
+            symptoms(Path(folder))
         folders = args.results or [made(Path(folder), kind) for kind in MADE]
         for results in folders:
             draw(results, GALLERY)
@@ -95,9 +106,11 @@ def draw_real(data: Path, folder: Path) -> None:
         results = folder / name
         words = ("track", data / real.folder, "--output", results, *real.options)
         subprocess.run([sys.executable, "-m", "cuboid", *map(str, words)], check=True)
-        draw(results, GALLERY / "real")
+        draw(results, GALLERY if real.free else GALLERY / "real")
         if name == TROUBLED:
             troubles(results, GALLERY / "real")
+        if real.free:
+            continue  # docs/gallery.md shows it
         sheets.append({"name": name, "title": real.title, "source": f"Recording: {real.source}."})
     (GALLERY / "real" / "index.json").write_text(json.dumps(sheets, indent=1), encoding="utf-8")
 
@@ -113,10 +126,50 @@ def made(folder: Path, kind: str) -> Path:
     return results
 
 
+def symptoms(folder: Path) -> None:
+    """Draw what depth beside color and drifting poses look like, each beside the same frame as it should be."""
+    good = folder / "made-symptoms"
+    words = ("synth", "--kind", "table", "--seed", SEED, "--frames", FRAMES, "--output", good)
+    subprocess.run([sys.executable, "-m", "cuboid", *map(str, words)], check=True)
+    for name, spoil in {"depth-beside-color": shift_depth, "poses-that-drift": drift}.items():
+        bad = folder / f"made-{name}"
+        shutil.copytree(good, bad)
+        spoil(bad)
+        replays = []
+        for recording, results in ((bad, folder / f"bad-{name}"), (good, folder / f"good-{name}")):
+            words = ("track", recording, "--output", results, "--register", "off", "--poses", "given")
+            subprocess.run([sys.executable, "-m", "cuboid", *map(str, words)], check=True)
+            replays.append((results, Replay(results)))
+        shown = fullest(replays[0][1], replays[0][1].recording).index
+        panels = []
+        for results, replay in replays:
+            recording = replay.recording
+            found = next(frame for frame in replay.frames(recording.timestamp_s) if frame.index == shown)
+            panels.append(panel(results, replay, recording, found, "boxes"))
+        write(GALLERY / f"symptom-{name}", np.hstack(panels))
+
+
+def shift_depth(recording: Path) -> None:
+    """Move each depth image, as it lies where it is not registered to color."""
+    for file in (recording / "depth").iterdir():
+        depth = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(str(file), np.roll(depth, SHIFT_PX, axis=1))
+
+
+def drift(recording: Path) -> None:
+    """Add to each pose what a tracker that drifts adds."""
+    poses = recording / "poses.txt"
+    head, *rows = poses.read_text(encoding="utf-8").splitlines()
+    for k, row in enumerate(rows):
+        number, x, *rest = row.split()
+        rows[k] = " ".join((number, str(float(x) + DRIFT_M * k), *rest))
+    poses.write_text("\n".join((head, *rows)), encoding="utf-8")
+
+
 def draw(results: Path, gallery: Path) -> None:
     """Draw the frame that sees most: labels, heat, own proposals, planes."""
     replay = Replay(results)
-    recording = replay.reopen(None)
+    recording = replay.recording
     found = fullest(replay, recording)
     panels = [panel(results, replay, recording, found, what) for what in ("boxes", "heat", "proposals", "planes")]
     write(gallery / results.name, np.vstack([np.hstack(panels[:2]), np.hstack(panels[2:])]))
@@ -125,7 +178,7 @@ def draw(results: Path, gallery: Path) -> None:
 def troubles(results: Path, gallery: Path) -> None:
     """Draw what one looks at where nothing is found: heat, planes, and how many pass each stage."""
     replay = Replay(results)
-    recording = replay.reopen(None)
+    recording = replay.recording
     found = fullest(replay, recording)
     for what in ("heat", "planes"):
         write(gallery / f"look-at-{what}", panel(results, replay, recording, found, what))

@@ -18,6 +18,7 @@ from cuboid.exports import csv_table
 from cuboid.formats.objects_file import ObjectEntry
 from cuboid.formats.rows_files import ProposalEntry, TrackEntry
 from cuboid.outputs.object_table import COLUMNS
+from cuboid.scene import schema
 from cuboid.store.schema import OBJECTS, TABLES
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -54,6 +55,7 @@ def test_each_field_of_an_object_is_in_every_file_and_table() -> None:
     assert {*names_in(described)} < {*COLUMNS}
     assert {*names_in(described)} < {*next(csv.reader([csv_table.HEADER]))}
     assert {one.name for one in described if one.stored} < {one.name for one in TABLES[OBJECTS].columns}
+    assert {*names_in(described)} - {"merged_labels"} < {*schema.TABLES["objects"].columns}
 
 
 @pytest.mark.parametrize(("record", "line"), [(Sighting, TrackEntry), (Proposal3D, ProposalEntry)])

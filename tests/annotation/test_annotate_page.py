@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page
 
-from browser import Watched, browser, pixels
+from browser import VIEWPORT, Watched, browser, pixels
 from cuboid import open_recording
 from cuboid.annotation import Annotator, KeyframesFile, make_server
 from cuboid.evaluation import evaluate_keyframes, read_keyframes
@@ -292,3 +292,19 @@ def test_the_help_names_every_key(desk: Desk) -> None:
     desk.press("Escape")
     assert not desk.page.is_visible("#help")
     assert not desk.file.exists()
+
+
+def test_on_a_phone_the_picture_has_the_width_and_no_button_is_clipped(desk: Desk) -> None:
+    desk.page.set_viewport_size({"width": 390, "height": 780})
+    try:
+        board = desk.page.locator("#board").bounding_box()
+        assert board is not None
+        assert (board["x"], board["width"]) == (0, 390)
+        assert board["height"] > 780 / 3
+        for button in desk.page.locator("button:visible").all():
+            place = button.bounding_box()
+            assert place is not None
+            assert place["x"] >= 0
+            assert place["x"] + place["width"] <= 390
+    finally:
+        desk.page.set_viewport_size(VIEWPORT)

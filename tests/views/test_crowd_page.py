@@ -257,3 +257,9 @@ def test_the_ruler_measures_between_two_points_and_the_scale_fits(page: Page) ->
     assert page.get_attribute("#ruler", "aria-pressed") == "false"
     page.click('[data-layer="boxes"]')
     page.click("#look-home")
+
+
+def test_without_warnings_there_is_no_banner(page: Page) -> None:
+    assert page.locator("#warnings").is_hidden()
+    view, header = rects(page, "#view")[0], rects(page, "body > header")[0]
+    assert view["top"] == pytest.approx(header["bottom"], abs=1)

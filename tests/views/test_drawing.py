@@ -9,7 +9,7 @@ from cuboid.geometry.box import EDGES, Box
 from cuboid.views.drawing import STRIP_PX, Status, dashes, draw_frame, draw_proposals
 from cuboid.views.projection import project, visible_rect
 from cuboid.views.replay import Known
-from cuboid.views.tags import place_tag, place_tags, tag_px, unit_of
+from cuboid.views.tags import SteadyNames, place_tag, place_tags, tag_px, unit_of
 from made_crowd import camera, crowd
 
 INTRINSICS = Intrinsics(500.0, 500.0, 319.5, 239.5, 640, 480)
@@ -138,6 +138,25 @@ def test_a_tag_has_its_name_where_there_is_room() -> None:
     rects = [np.array([x, 200.0, x + 40.0, 240.0]) for x in (100.0, 400.0, 450.0)]
     placed = place_tags([(texts, rect) for rect in rects], 14, (480, 640))
     assert [tag and tag[0] for tag in placed] == ["#1 box of screws", "#1", "#1"]
+
+
+def test_a_name_in_a_video_does_not_flicker() -> None:
+    names, other = ("#1 box of screws", "#1"), ("#2",)
+    alone = np.array([200.0, 200.0, 240.0, 240.0])
+    steady, shown = SteadyNames(), []
+    for k in range(60):  # every other frame, for a while, something stands in the way
+        boxes = [(names, alone)]
+        if k in range(20, 30, 2):
+            boxes.append((other, np.add(alone, [60.0, 0.0, 60.0, 0.0])))
+        placed = place_tags(boxes, 14, (480, 640), steady)
+        assert placed[0] is not None
+        shown.append(placed[0][0] != "#1")
+        for i, tag in enumerate(placed):
+            for before in placed[:i]:
+                assert tag is not None
+                assert before is not None
+                assert tag[1][0] >= before[1][2] or before[1][0] >= tag[1][2] or tag[1][1] != before[1][1]
+    assert shown == [True] * 20 + [False] * 19 + [True] * 21
 
 
 def test_letters_of_a_wide_picture_are_hardly_larger() -> None:

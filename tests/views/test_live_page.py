@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from browser import Watched, browser, pixels
+from browser import VIEWPORT, Watched, browser, pixels
 from cuboid.cli import main
 from cuboid.core.frame import Frame, Intrinsics
 from cuboid.core.results import FrameResult, MapPoints
@@ -112,6 +112,13 @@ def test_the_page_follows_a_run_to_its_end(watched: Watched) -> None:
         page.click("[data-coloring=label]")
         page.click("#look-through")
         page.wait_for_function("document.getElementById('look-through').getAttribute('aria-pressed') === 'true'")
+        page.set_viewport_size({"width": 390, "height": 780})  # a phone
+        for button in page.locator("button:visible").all():
+            place = button.bounding_box()
+            assert place is not None
+            assert 0 <= place["x"] < place["x"] + place["width"] <= 390
+        assert page.locator("#objects .object").is_visible()
+        page.set_viewport_size(VIEWPORT)
         run.end()
         page.wait_for_selector("body[data-ended]")
         assert "the run is complete" in page.locator("#facts").inner_text()

@@ -44,12 +44,13 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.core.threads import limit_threads
     from cuboid.views.redraw import drawer
     from cuboid.views.replay import Replay
+    from cuboid.views.tags import SteadyNames
 
     limit_threads(1)
     path = _path(args)
     replay = Replay(args.results, args.recording)
     recording = replay.recording
-    draw, drawn = drawer(args.show, args.results, replay), 0
+    draw, drawn = drawer(args.show, args.results, replay, steady=SteadyNames()), 0
     seen = replay.frames(recording.timestamp_s)
     shown = Console(stderr=True)
     with _writer(path, replay) as video:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import msgspec
+import numpy as np
 from msgspec import Meta
 
 from cuboid.core.values import LAST_FRAME, Amount, Entry, FrameNumber, Name, Text, refuse_twice
@@ -46,14 +48,20 @@ class FramesEntry(Entry, frozen=True):
         refuse_twice("skipped frame", [item.frame for item in self.skipped])
 
 
-class TimingEntry(Entry, frozen=True):
+class Timing(Entry, frozen=True):
     """Milliseconds over the used frames."""
 
-    median: Amount
-    p95: Amount
+    median_ms: Amount = msgspec.field(name="median")
+    p95_ms: Amount = msgspec.field(name="p95")
+
+    @classmethod
+    def of(cls, milliseconds: Sequence[float]) -> Timing:
+        """Return the timing of at least one measurement."""
+        median, p95 = np.percentile(milliseconds, (50, 95))
+        return cls(float(median), float(p95))
 
 
-class LimitEntry(Entry, frozen=True):
+class LimitReached(Entry, frozen=True):
     """Counts of items beyond the limits of a frame, which were left out, the least likely first."""
 
     most: Annotated[int, Meta(ge=1, le=1_000_000, description="a frame, at most")]
@@ -92,13 +100,13 @@ class RunDocument(Entry, frozen=True):
     ]
     frames: FramesEntry
     milliseconds: Annotated[
-        dict[Name, TimingEntry], Meta(description="'frame' is a whole used frame, then the stages in the order of work")
+        dict[Name, Timing], Meta(description="'frame' is a whole used frame, then the stages in the order of work")
     ]
     seconds: Annotated[Amount, Meta(description="the whole run")]
     peak_memory_mb: Amount
     warnings: Annotated[tuple[Text, ...], Meta(description="what is likely to be wrong with the input")] = ()
     limits: Annotated[
-        dict[Name, LimitEntry],
+        dict[Name, LimitReached],
         Meta(description="'proposals', 'clusters', 'candidates': those of which a frame had too many; mostly empty"),
     ] = {}  # noqa: RUF012  # msgspec copies it
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from cuboid.formats.run_file import LimitReached, Timing
 from cuboid.outputs.folder import OUTPUT_NAMES, ResultFolder
 from cuboid.outputs.objects import ObjectsFile, read_objects, write_objects
 from cuboid.outputs.opened import FrameRecord, Results, open_results
 from cuboid.outputs.ply import read_map, write_map
-from cuboid.outputs.report import LimitReached, RunReport, Timing, read_run, write_run
+from cuboid.outputs.report import RunReport, read_run, write_run
 from cuboid.outputs.rows import (
     PoseRow,
     ProposalRow,

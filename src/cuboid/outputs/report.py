@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cuboid.formats.json_validation import read_json
-from cuboid.formats.run_file import ConfigEntry, RunDocument
+from cuboid.formats.run_file import ConfigEntry, LimitReached, RunDocument, Timing
 from cuboid.outputs.objects import write_json
 from cuboid.outputs.text import rounded
 from cuboid.readers.depth_camera import DepthCamera, depth_camera_of
@@ -23,25 +22,6 @@ IntArray = npt.NDArray[np.int64]
 
 # Digits after the point: what the clocks can tell.
 MILLISECOND = 3
-
-
-@dataclass(frozen=True, slots=True)
-class Timing:
-    """Milliseconds that one stage took over the used frames.
-
-    Attributes
-    ----------
-    median_ms, p95_ms : float
-    """
-
-    median_ms: float
-    p95_ms: float
-
-    @classmethod
-    def of(cls, milliseconds: Sequence[float]) -> Timing:
-        """Return the timing of at least one measurement."""
-        median, p95 = np.percentile(milliseconds, (50, 95))
-        return cls(float(median), float(p95))
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,25 +41,6 @@ class SkippedKind:
     frame: int
     reason: str
     count: int
-
-
-@dataclass(frozen=True, slots=True)
-class LimitReached:
-    """Counts of items beyond the limits of a frame, see `cuboid.core.limits`.
-
-    Attributes
-    ----------
-    most : int
-        A frame, at most.
-    frames : int
-        Frames that had more.
-    left_out : int
-        In all of them.
-    """
-
-    most: int
-    frames: int
-    left_out: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,16 +155,13 @@ class RunReport:
                 **({"dropped": self.frames_dropped} if self.frames_dropped else {}),
             },
             "milliseconds": {
-                stage: {
-                    "median": rounded(timing.median_ms, MILLISECOND),
-                    "p95": rounded(timing.p95_ms, MILLISECOND),
-                }
+                stage: {name: rounded(value, MILLISECOND) for name, value in msgspec.to_builtins(timing).items()}
                 for stage, timing in self.milliseconds.items()
             },
             "seconds": rounded(self.seconds, 3),
             "peak_memory_mb": rounded(self.peak_memory_mb, 1),
             "warnings": list(self.warnings),
-            "limits": {what: dataclasses.asdict(limit) for what, limit in self.limits.items()},
+            "limits": msgspec.to_builtins(dict(self.limits)),
         }
 
 
@@ -238,10 +196,10 @@ def read_run(path: Path) -> RunReport:
         frames_read=document.frames.read,
         frames_used=document.frames.used,
         skipped=tuple((item.frame, item.reason) for item in document.frames.skipped),
-        milliseconds={stage: Timing(timing.median, timing.p95) for stage, timing in document.milliseconds.items()},
+        milliseconds=document.milliseconds,
         seconds=document.seconds,
         peak_memory_mb=document.peak_memory_mb,
         warnings=tuple(document.warnings),
-        limits={what: LimitReached(one.most, one.frames, one.left_out) for what, one in document.limits.items()},
+        limits=document.limits,
         frames_dropped=document.frames.dropped,
     )

@@ -21,7 +21,7 @@ from cuboid.outputs.queries import MapQueries
 from cuboid.scene.answers import SceneObject, ScenePast, SceneRecording
 from cuboid.scene.classes import KEY, read_classes
 from cuboid.scene.database import complaining, open_to_read
-from cuboid.scene.schema import BOX, TABLES
+from cuboid.scene.schema import BOX, DESCRIBED, TABLES
 from cuboid.scene.validation import Outline, Row, box_of, columns_of, document, read_rows, rotation_of
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _COLUMNS = tuple(name for name in TABLES["objects"].columns if not name.endswith("_spread") and "picture" not in name)
 # Fields of an object whose columns have the same names.
-_SAME = ("label", "state", "merged_into", "score", "heat", "points", "first_frame", "last_frame", "frames_seen")
+_SAME = ("label", "state", "merged_into", *(one.name for one in DESCRIBED if not one.parts))
 _PAST = (
     *columns_of("sightings", ("label", "recording", "frame")),
     "frames.time_s",

@@ -19,7 +19,7 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import quat_wxyz_from_rotation
 from cuboid.objects.entry import MapObject, State
 from cuboid.scene.classes import write_classes
-from cuboid.scene.schema import BOX, TABLES
+from cuboid.scene.schema import BOX, DESCRIBED, TABLES
 from cuboid.tracking.posed_tracker import PosedTracker
 
 Row = tuple[Any, ...]
@@ -30,8 +30,6 @@ BETTER = 1.5
 PICTURE_PX, AROUND, JPEG_QUALITY = 160, 0.15, 85
 
 OBJECT_COLUMNS = tuple(name for name in TABLES["objects"].columns if name not in ("name", "picture", "picture_share"))
-# Columns that are attributes of an object of the map.
-_SAME = ("plane", "score", "heat", "first_frame", "last_frame", "frames_seen")
 _KEPT = ("label", "state")
 _UPSERT = (
     f"INSERT INTO objects ({', '.join(OBJECT_COLUMNS)}) VALUES ({', '.join(f':{c}' for c in OBJECT_COLUMNS)}) "
@@ -208,11 +206,12 @@ def _object_row(entry: MapObject, label: int = 0) -> dict[str, Any]:
         "label": label or entry.label,
         "state": "gone" if entry.state is State.RETIRED else "present",
         "merged_into": None,
+        "plane": entry.plane,
+        **{one.name: getattr(entry, one.name, None) for one in DESCRIBED if not one.parts},
         "points": len(entry.points),
         **dict(zip(BOX, box_numbers(entry.box), strict=True)),
         **dict(zip(("red", "green", "blue"), colors.mean(0).tolist(), strict=True)),
         **dict(zip(("red_spread", "green_spread", "blue_spread"), colors.std(0).tolist(), strict=True)),
-        **{name: getattr(entry, name) for name in _SAME},
     }
 
 

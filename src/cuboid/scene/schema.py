@@ -12,6 +12,8 @@ from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 
 from msgspec import Meta
 
+from cuboid.core.records import columns_of
+from cuboid.core.results import TrackedObject
 from cuboid.core.values import (
     Amount,
     Cosine,
@@ -19,7 +21,6 @@ from cuboid.core.values import (
     Fraction,
     FrameNumber,
     Label,
-    Level,
     Metres,
     Name,
     Pixel,
@@ -103,6 +104,10 @@ WITH_DEFAULT = ("complete", "next_frame", "picture_share")
 QUATERNION = ("qw", "qx", "qy", "qz")
 BOX = ("cx", "cy", "cz", "length", "width", "height", *QUATERNION)
 _BOX: dict[str, Any] = dict(zip(BOX, (*[Metres] * 3, *[Side] * 3, *[QuaternionPart] * 4), strict=True))
+# Fields of an object that have columns as they are: labels, names and planes are kept in ways of their own.
+DESCRIBED = tuple(
+    one for one in columns_of(TrackedObject) if one.name not in ("label", "name", "plane", "merged_labels")
+)
 _OF_RECORDING = "FOREIGN KEY (recording) REFERENCES recordings (id) ON DELETE CASCADE"
 
 TABLES = {
@@ -145,13 +150,8 @@ TABLES = {
             "merged_into": Label | None,
             "plane": Whole | None,
             **_BOX,
-            "score": Fraction,
-            "heat": Fraction,
-            "points": Count,
-            **dict.fromkeys(("red", "green", "blue"), Level),
+            **{name: one.kind | None if one.optional else one.kind for one in DESCRIBED for name in one.names},
             **dict.fromkeys(("red_spread", "green_spread", "blue_spread"), Amount),
-            **dict.fromkeys(("first_frame", "last_frame"), FrameNumber),
-            "frames_seen": Count,
             "picture": bytes | None,
             "picture_share": Amount,
         },

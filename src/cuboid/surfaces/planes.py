@@ -44,6 +44,32 @@ BEYOND_FRACTION = 0.5
 
 
 @dataclass(frozen=True, slots=True)
+class LevelCells:
+    """The flat cells of a frame that lie level.
+
+    Attributes
+    ----------
+    frame, keyframe : int
+        That show them, and that their poses are anchored to.
+    centers : (N, 3) float64
+        In the plan frame, metres.
+    area_m2, sigma_m : (N,) float64
+        As of `Cells`.
+    """
+
+    frame: int
+    keyframe: int
+    centers: Float64Array
+    area_m2: Float64Array
+    sigma_m: Float64Array
+
+    @property
+    def weights(self) -> Float64Array:
+        """How much each counts in the fit of a plane, (N,)."""
+        return self.area_m2 / self.sigma_m**2
+
+
+@dataclass(frozen=True, slots=True)
 class PlaneTrackerState(Record):
     """State of a `PlaneTracker`; planes are named by their identities.
 
@@ -138,11 +164,8 @@ class PlaneTracker:
     def from_state(cls, state: PlaneTrackerState, config: TrackerConfig) -> PlaneTracker:
         """Return a tracker of planes that goes on from a state."""
         tracker, planes = cls(config), state.planes
-        tracker._vote, tracker._next_identity, tracker.T_plan_world = (
-            state.vote,
-            state.next_identity,
-            state.T_plan_world,
-        )
+        tracker._vote, tracker._next_identity = state.vote, state.next_identity
+        tracker.T_plan_world = state.T_plan_world
         tracker.planes = list(planes.values())
         tracker._of = {identity: planes[heir] for identity, heir in state.of.items()}
         tracker._windows, tracker._last_update, tracker._as_seen = state.windows, state.last_update, state.as_seen
@@ -186,26 +209,24 @@ class PlaneTracker:
         self._level()
         R = self.T_plan_world[:3, :3]
         flat = np.flatnonzero(cells.normal @ R[2] > SAME_COS)
-        centers, sigma_m = cells.center[flat] @ R.T, cells.sigma_m[flat]
-        matched = self._match(centers, sigma_m)
+        level = LevelCells(frame, keyframe, cells.center[flat] @ R.T, cells.area_m2[flat], cells.sigma_m[flat])
+        matched = self._match(level)
         before = len(self.planes)
-        self._refit(frame, keyframe, centers, cells.area_m2[flat], sigma_m, matched)
-        self._discover(frame, keyframe, centers, cells.area_m2[flat], sigma_m, matched)
-        removed = self._maintain(frame, centers)
+        self._refit(level, matched)
+        self._discover(level, matched)
+        removed = self._maintain(frame, level.centers)
         if removed or len(self.planes) > before:
-            matched = self._match(centers, sigma_m)
+            matched = self._match(level)
         owner[cells.places[flat]] = matched[:, None]
         self._last_update = frame
-        self._as_seen = self._adapted(centers, sigma_m, matched)
+        self._as_seen = self._adapted(level, matched)
         return owner.reshape(rows, columns)
 
-    def _adapted(
-        self, centers: Float64Array, sigma_m: Float64Array, matched: npt.NDArray[np.int32]
-    ) -> dict[int, Float64Array]:
+    def _adapted(self, cells: LevelCells, matched: npt.NDArray[np.int32]) -> dict[int, Float64Array]:
         """Return as what the frame sees each plane of which it shows enough, by identity; see `Plane.adapted`."""
         enough = np.flatnonzero(np.bincount(matched[matched >= 0]) >= MIN_CELLS).tolist()
         return {
-            self.planes[k].identity: self.planes[k].adapted(centers[matched == k], sigma_m[matched == k])
+            self.planes[k].identity: self.planes[k].adapted(cells.centers[matched == k], cells.sigma_m[matched == k])
             for k in enough
         }
 
@@ -284,7 +305,9 @@ class PlaneTracker:
         self._move({k: T_new_old for plane in self.planes for k in plane.keyframes.tolist()})
         self.T_plan_world = T_new_old @ self.T_plan_world
 
-    def _match(self, centers: Float64Array, sigma_m: Float64Array) -> npt.NDArray[np.int32]:
+    def _match(self, cells: LevelCells) -> npt.NDArray[np.int32]:
+        """Return the plane that each cell (N,) lies on, -1 none."""
+        centers, sigma_m = cells.centers, cells.sigma_m
         best = np.full(len(centers), np.inf)
         owner = np.full(len(centers), -1, np.int32)
         for k in self._windows.at(centers):
@@ -297,32 +320,18 @@ class PlaneTracker:
             owner[fits], best[fits] = k, off[fits]
         return owner
 
-    def _refit(
-        self,
-        frame: int,
-        keyframe: int,
-        centers: Float64Array,
-        area_m2: Float64Array,
-        sigma_m: Float64Array,
-        matched: npt.NDArray[np.int32],
-    ) -> None:
+    def _refit(self, cells: LevelCells, matched: npt.NDArray[np.int32]) -> None:
+        """Fit the planes of which the frame shows enough again."""
         for k in np.flatnonzero(np.bincount(matched[matched >= 0]) >= 3).tolist():
             plane, mine = self.planes[k], matched == k
-            plane.add(centers[mine], area_m2[mine] / sigma_m[mine] ** 2, keyframe)
+            plane.add(cells.centers[mine], cells.weights[mine], cells.keyframe)
             plane.fit()
             plane.frames += 1
-            plane.last_frame = frame
+            plane.last_frame = cells.frame
 
-    def _discover(
-        self,
-        frame: int,
-        keyframe: int,
-        centers: Float64Array,
-        area_m2: Float64Array,
-        sigma_m: Float64Array,
-        matched: npt.NDArray[np.int32],
-    ) -> None:
+    def _discover(self, cells: LevelCells, matched: npt.NDArray[np.int32]) -> None:
         """Start planes from connected level areas that are large enough, the largest first."""
+        centers, area_m2 = cells.centers, cells.area_m2
         for _ in range(3):
             free = np.flatnonzero(matched < 0)
             if len(free) < MIN_CELLS:
@@ -330,12 +339,12 @@ class PlaneTracker:
             members = largest_level(centers, area_m2, free, self._config.max_size_m)
             if len(members) < MIN_CELLS or area_m2[members].sum() < 0.5 * self._config.min_plane_area_m2:
                 return
-            plane = Plane(len(self.planes), self._next_identity, frames=1, last_frame=frame)
+            plane = Plane(len(self.planes), self._next_identity, frames=1, last_frame=cells.frame)
             self._of[plane.identity] = plane
             self._next_identity += 1
-            plane.add(centers[members], area_m2[members] / sigma_m[members] ** 2, keyframe)
+            plane.add(centers[members], cells.weights[members], cells.keyframe)
             plane.fit()
-            plane.plan.begin(centers[members], area_m2[members], keyframe)
+            plane.plan.begin(centers[members], area_m2[members], cells.keyframe)
             self.planes.append(plane)
             self._windows.update(plane)
             matched[members] = plane.index

@@ -15,7 +15,7 @@ from cuboid.core.palette import color_of
 from cuboid.core.results import tag_of
 from cuboid.geometry.box import Box
 from cuboid.views.projection import TOP, Wireframe, may_be_in_view, wireframes
-from cuboid.views.tags import place_tags, put_tag, tag_px, unit_of
+from cuboid.views.tags import SteadyNames, place_tags, put_tag, tag_px, unit_of
 from cuboid.views.text import Color, put_text
 
 # Sizes in pixels of an image 640 wide; larger images have them by `unit_of`.
@@ -102,6 +102,7 @@ def draw_frame(
     status: Status | None,
     tinted: bool = True,
     names: Mapping[int, str] | None = None,
+    steady: SteadyNames | None = None,
 ) -> UInt8Array:
     """Return a picture with the boxes of its objects.
 
@@ -125,6 +126,8 @@ def draw_frame(
         Whether the sides of boxes have a hint of their color; False where the picture's colors are figures.
     names : mapping of int to str, optional
         What people call the objects, by label.
+    steady : SteadyNames, optional
+        Of the video that the picture is the next frame of.
 
     Returns
     -------
@@ -133,7 +136,7 @@ def draw_frame(
     items = [(item, _texts(item.label, names or {}), True) for item in hidden_objects]
     items += [(item, _texts(item.label, names or {}), False) for item in sightings]
     drawn = _in_view(items, T_world_camera, intrinsics)
-    return _draw(color, intrinsics, drawn, status, tinted)
+    return _draw(color, intrinsics, drawn, status, tinted, steady)
 
 
 def _texts(label: int, names: Mapping[int, str]) -> tuple[str, ...]:
@@ -175,7 +178,12 @@ def _in_view(
 
 
 def _draw(
-    color: UInt8Array, intrinsics: Intrinsics, drawn: list[_Drawn], status: Status | None, tinted: bool
+    color: UInt8Array,
+    intrinsics: Intrinsics,
+    drawn: list[_Drawn],
+    status: Status | None,
+    tinted: bool,
+    steady: SteadyNames | None = None,
 ) -> UInt8Array:
     unit = unit_of(intrinsics.width)
     picture = color.copy()
@@ -187,7 +195,7 @@ def _draw(
         if not item.dashed:
             _lines(picture, _fixed(item.wire.front), item.color, _px(FRONT_PX, unit))
     strip_px = _px(STRIP_PX, unit) if status is not None else 0
-    _put_tags(picture, drawn, unit, strip_px)
+    _put_tags(picture, drawn, unit, strip_px, steady)
     if status is not None:
         put_strip(picture, status, unit)
     return picture
@@ -233,12 +241,12 @@ def dashes(segments: Float64Array, dash_px: float, gap_px: float) -> Float64Arra
     return np.concatenate(parts)
 
 
-def _put_tags(picture: UInt8Array, drawn: list[_Drawn], unit: float, strip_px: int) -> None:
+def _put_tags(picture: UInt8Array, drawn: list[_Drawn], unit: float, strip_px: int, steady: SteadyNames | None) -> None:
     """Give each box a tag above it; the nearest chooses its place first, and none covers another."""
     size_px = _px(tag_px(len(drawn)), unit)
     free = (picture.shape[0] - strip_px, picture.shape[1])
     first = sorted(drawn, key=lambda item: (item.dashed, item.wire.depth_m))
-    placed = place_tags([(item.texts, item.rect_xyxy) for item in first], size_px, free)
+    placed = place_tags([(item.texts, item.rect_xyxy) for item in first], size_px, free, steady)
     for item, tag in zip(first, placed, strict=True):
         if tag is not None:
             put_tag(picture, tag[0], size_px, item.color, item.dashed, tag[1])

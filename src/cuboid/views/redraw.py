@@ -11,6 +11,7 @@ from cuboid.outputs.folder import MAP
 from cuboid.views.drawing import Status, draw_frame, draw_proposals
 from cuboid.views.overlays import depth_picture, heat_over, map_heat, planes_over
 from cuboid.views.replay import Replay, ReplayedFrame
+from cuboid.views.tags import SteadyNames
 
 Draw = Callable[[Frame, ReplayedFrame], UInt8Array]
 
@@ -18,7 +19,7 @@ Draw = Callable[[Frame, ReplayedFrame], UInt8Array]
 KINDS = {"boxes": "Picture", "heat": "Heat", "depth": "Depth", "proposals": "Proposals", "planes": "Planes"}
 
 
-def drawer(what: str, results: Path, replay: Replay) -> Draw:
+def drawer(what: str, results: Path, replay: Replay, *, steady: SteadyNames | None = None) -> Draw:
     """Return what makes a picture of a frame.
 
     Parameters
@@ -29,6 +30,8 @@ def drawer(what: str, results: Path, replay: Replay) -> Draw:
         The result folder.
     replay : Replay
         Of that folder.
+    steady : SteadyNames, optional
+        Of the video whose frames are drawn, one after the other.
     """
     K = replay.intrinsics
     points = read_map(results / MAP) if what == "heat" else None
@@ -54,6 +57,7 @@ def drawer(what: str, results: Path, replay: Replay) -> Draw:
             status,
             tinted=what not in ("heat", "planes"),
             names=replay.names,
+            steady=steady,
         )
 
     return draw

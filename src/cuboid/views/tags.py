@@ -29,6 +29,9 @@ FINER = 4
 
 TAGS_KEPT = 1024
 
+# In a video a name that had no room is shown again when it has had room for so many frames, a third of a second.
+STEADY_FRAMES = 10
+
 Rect = tuple[int, int, int, int]
 
 
@@ -45,8 +48,32 @@ def tag_px(count: int) -> float:
     return max(MIN_TAG_PX, TAG_PX * math.sqrt(MANY_TAGS / max(count, MANY_TAGS)))
 
 
+class SteadyNames:
+    """Names in the frames of a video, which do not come and go with each change of the room for them."""
+
+    def __init__(self) -> None:
+        self._frames_with_room: dict[str, int] = {}
+
+    def may_show(self, short: str, has_room: bool) -> bool:
+        """Tell whether a tag may have its name in the next frame.
+
+        Parameters
+        ----------
+        short : str
+            The tag's text without the name.
+        has_room : bool
+            Whether there is room for the name in that frame.
+        """
+        before = self._frames_with_room.get(short, STEADY_FRAMES)
+        self._frames_with_room[short] = before + 1 if has_room else 0
+        return before >= STEADY_FRAMES
+
+
 def place_tags(
-    boxes: Sequence[tuple[tuple[str, ...], Float64Array]], size_px: int, free: tuple[int, int]
+    boxes: Sequence[tuple[tuple[str, ...], Float64Array]],
+    size_px: int,
+    free: tuple[int, int],
+    steady: SteadyNames | None = None,
 ) -> list[tuple[str, Rect] | None]:
     """Return text and place of the tag of each box; none covers another, and one that finds no place is None.
 
@@ -60,6 +87,8 @@ def place_tags(
         Height of the letters.
     free : (int, int)
         Height and width of what may be covered.
+    steady : SteadyNames, optional
+        Of the video that the picture is a frame of.
     """
     placed: dict[int, tuple[str, Rect]] = {}
     room = MAX_COVERED * free[0] * free[1]
@@ -76,7 +105,19 @@ def place_tags(
                 placed[i] = text, place
                 room -= wanted
                 break
+    if steady is not None:
+        for i, (text, place) in placed.items():
+            short = boxes[i][0][-1]
+            if not steady.may_show(short, text != short or len(boxes[i][0]) == 1):
+                placed[i] = short, _centred(short, size_px, place)
     return [placed.get(i) for i in range(len(boxes))]
+
+
+def _centred(text: str, size_px: int, rect: Rect) -> Rect:
+    """Return the place of a shorter text in the middle of a tag's place."""
+    width = _size(text, size_px)[1]
+    left = (rect[0] + rect[2] - width) // 2
+    return left, rect[1], left + width, rect[3]
 
 
 def _area(rect: Rect) -> int:

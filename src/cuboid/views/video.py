@@ -12,6 +12,7 @@ from cuboid.core.frame import Frame, Intrinsics
 from cuboid.core.results import FrameResult, TrackedObject, names_of
 from cuboid.views.drawing import Status, draw_frame
 from cuboid.views.encoding import Mp4Writer
+from cuboid.views.tags import SteadyNames
 
 # Depth cameras of this kind run at 30 frames/s. Where only every n-th frame is used the video keeps the pace
 # of the scene, down to a rate at which motion can still be followed.
@@ -50,6 +51,7 @@ class VideoView:
     def __init__(self, path: Path, intrinsics: Intrinsics, fps: float) -> None:
         self._intrinsics = intrinsics
         self._writer = Mp4Writer(path, fps)
+        self._steady = SteadyNames()
 
     def show(self, frame: Frame, result: FrameResult, objects: Sequence[TrackedObject]) -> None:
         """Append a frame.
@@ -67,7 +69,7 @@ class VideoView:
         )
         picture = draw_frame(
             frame.color, result.T_world_camera, self._intrinsics, result.sightings, hidden, status,
-            names=names_of(objects),
+            names=names_of(objects), steady=self._steady,
         )  # fmt: skip
         self._writer.add(picture)
 

@@ -24,12 +24,13 @@ class Panel {
   }
 
   update() {
-    const { selected, wanted } = this.state;
+    const { selected, wanted, frame } = this.state;
     const object = objectOf.get(selected);
     for (const row of this.rows) {
       const label = Number(row.dataset.label);
       row.setAttribute("aria-pressed", String(label === selected));
       row.parentElement.hidden = !isWanted(this.state, label);
+      row.classList.toggle("hidden-now", frame !== null && stateIn(objectOf.get(label), frames[frame]) !== "seen");
     }
     find("object-count").textContent = countOf(wanted);
     find("none").textContent = this.rows.length ? "No object is like that." : "No object was found.";

@@ -182,7 +182,7 @@ function setUpHeader() {
   if (data.points.count) facts.push(`${plural(data.points.total, "point")}`);
   find("facts").textContent = facts.join("  ·  ");
   if (!run.complete) find("facts").prepend(element("span", { class: "warning" }, "interrupted, not complete"));
-  showWarnings(run.warnings);
+  showWarnings([...(run.complete ? [] : ["The run was interrupted: these results are not complete."]), ...run.warnings]);
 }
 
 function setUpButtons() {
