@@ -34,6 +34,7 @@ SLOW_FILES = frozenset(
         "cli/test_threads.py",
         "detection/test_layouts.py",
         "detection/test_models.py",
+        "detection/test_real_desk.py",
         "docs/test_quickstart.py",
         "docs/test_site.py",
         "docs/test_snippets.py",
