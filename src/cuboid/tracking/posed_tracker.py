@@ -34,7 +34,8 @@ from cuboid.objects.association import Association, prior_of
 from cuboid.objects.entry import MapObject
 from cuboid.objects.naming import chosen_name, name_objects, name_scores
 from cuboid.objects.object_map import ObjectMap, ObjectMapState
-from cuboid.objects.unread import Planes, UnreadMap, UnreadObject
+from cuboid.objects.unread import UnreadMap
+from cuboid.objects.unread_object import Planes, UnreadObject, box_of
 from cuboid.objects.validity import too_large
 from cuboid.objects.visibility import Visibility, measure_visibility, sightings_of
 from cuboid.outputs.object_table import ObjectTable
@@ -557,7 +558,7 @@ class PosedTracker(MapQueries):
         )
 
     def _unread_object(self, one: UnreadObject, planes: Planes) -> TrackedObject:
-        box, kind = self._unread.box_of(one, planes)
+        box, kind = box_of(one, planes)
         return TrackedObject(
             label=one.label,
             box=self.in_world(box),

@@ -1,0 +1,132 @@
+"""A thing that depth does not read, and its box; see `unread`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cuboid.core.frame import Float64Array
+from cuboid.geometry.box import Box
+from cuboid.objects.affinity import CERTAIN_LOG_ODDS
+
+# With this fraction of its rectangle read, depth sees a thing.
+READ_FRACTION = 0.5
+# Hits that a label needs: what flits through a picture twice may be a reflection.
+MIN_HITS = 3
+# A thing lies flat on a plane when its middle is no higher above it, metres; such things are so thin, metres.
+FLAT_M, THIN_M = 0.05, 0.02
+# The least sine of the angle by which what lies flat is looked down on: nearer to 0 its rectangle says nothing of how
+# far it reaches.
+MIN_SINE = 0.2
+# A side is no shorter than this, metres.
+MIN_SIDE_M = 0.01
+
+
+@dataclass(slots=True, eq=False)
+class UnreadObject:
+    """A thing that a detector sees and depth does not, with a label or not yet.
+
+    Attributes
+    ----------
+    number : int
+        From 1; never reused.
+    first_frame, last_frame, frames_seen : int
+    information : (3, 3) float64
+        Inverse covariance of its place.
+    vector : (3,) float64
+        The information times the place.
+    size_m : (2,) float64
+        Width and height across the line of sight.
+    weight : float
+        Of the sightings in `size_m`.
+    label : int
+        0 until confirmed.
+    hits : int
+        Detections of it.
+    log_odds : float
+        That it is there.
+    read : float
+        Mean fraction of its rectangles that has readings.
+    keyframe : int
+        That the last hit is anchored to.
+    meetings : dict of int to int
+        How often it showed the same as an object of the map, by the object's number.
+    partner : int
+        Number of the object of the map that it is; 0 none.
+    name_log_odds, views :
+        As of `MapObject`.
+    """
+
+    number: int
+    first_frame: int
+    last_frame: int
+    information: Float64Array
+    vector: Float64Array
+    size_m: Float64Array = field(default_factory=lambda: np.zeros(2))
+    weight: float = 0.0
+    frames_seen: int = 0
+    label: int = 0
+    hits: int = 0
+    log_odds: float = 0.0
+    read: float = 0.0
+    keyframe: int = 0
+    meetings: dict[int, int] = field(default_factory=dict)
+    partner: int = 0
+    name_log_odds: dict[str, float] = field(default_factory=dict)
+    views: Float64Array = field(default_factory=lambda: np.zeros((0, 4)))
+
+    @property
+    def center(self) -> Float64Array:
+        """Its middle in the map, (3,) metres."""
+        return np.asarray(np.linalg.solve(self.information, self.vector))
+
+    @property
+    def score(self) -> float:
+        """Confidence that it is there, 0..1."""
+        return float(1.0 / (1.0 + np.exp(-self.log_odds)))
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether it is there, and depth does not read it."""
+        return self.log_odds >= CERTAIN_LOG_ODDS and self.hits >= MIN_HITS and self.read < READ_FRACTION
+
+
+@dataclass(frozen=True, slots=True)
+class Planes:
+    """Up, and the supporting planes, in the map.
+
+    Attributes
+    ----------
+    up : (3,) float64
+    supporting : sequence of ((3,) float64, float)
+        Normal and offset of each: normal.p + offset = 0.
+    """
+
+    up: Float64Array
+    supporting: Sequence[tuple[Float64Array, float]]
+
+
+def box_of(one: UnreadObject, planes: Planes) -> tuple[Box, str]:
+    """Return the box of a thing, and its kind: "flat" on a plane, or else a "box" that faces who looks at it.
+
+    Parameters
+    ----------
+    one : UnreadObject
+    planes : Planes
+    """
+    center, (width, height) = one.center, np.maximum(one.size_m, MIN_SIDE_M).tolist()
+    toward = one.views[:, :3].sum(axis=0) if len(one.views) else planes.up
+    toward = toward / max(float(np.linalg.norm(toward)), 1e-9)
+    across = np.cross(planes.up, toward)
+    if np.linalg.norm(across) < 1e-3:  # seen from above: any direction will do
+        across = np.cross(planes.up, np.eye(3)[int(np.abs(planes.up).argmin())])
+    across = across / np.linalg.norm(across)
+    rotation = np.column_stack([across, np.cross(planes.up, across), planes.up])
+    above_m = [float(normal @ center + offset) for normal, offset in planes.supporting]
+    if any(0.0 <= away <= FLAT_M for away in above_m):
+        sine = max(float(toward @ planes.up), MIN_SINE)
+        reach = max((height - THIN_M * (1.0 - sine)) / sine, MIN_SIDE_M)
+        return Box(center, np.array([width, reach, THIN_M]), rotation), "flat"
+    return Box(center, np.array([width, min(width, height), height]), rotation), "box"
