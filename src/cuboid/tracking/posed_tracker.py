@@ -23,8 +23,7 @@ from cuboid.core.results import FrameResult, MapPoints, Proposal3D, SupportPlane
 from cuboid.core.state import Record
 from cuboid.core.tolerances import BIAS_M, DETECT_EVERY, DRIFT_M, DRIFT_RAD, OUTLIER_FRACTION
 from cuboid.core.working import WorkingImage, filled, thin
-from cuboid.detection import make_detector
-from cuboid.detection.types import Detections, Detector
+from cuboid.detection.types import Detector
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse, moved_beyond, transform
 from cuboid.heatmap.anchors import LAST_KEYFRAME
@@ -32,10 +31,9 @@ from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap, VoxelMapState
 from cuboid.objects.association import Association, prior_of
 from cuboid.objects.entry import MapObject
-from cuboid.objects.naming import chosen_name, name_objects, name_scores
+from cuboid.objects.naming import chosen_name, name_scores
 from cuboid.objects.object_map import ObjectMap, ObjectMapState
-from cuboid.objects.unread import UnreadMap
-from cuboid.objects.unread_object import Planes, UnreadObject, box_of
+from cuboid.objects.unread_object import Planes
 from cuboid.objects.validity import too_large
 from cuboid.objects.visibility import Visibility, measure_visibility, sightings_of
 from cuboid.outputs.object_table import ObjectTable
@@ -50,6 +48,7 @@ from cuboid.surfaces.kernels.outlines import BOTTOM, LEFT, RIGHT, TOP
 from cuboid.surfaces.plane import Plane
 from cuboid.surfaces.planes import PlaneTracker, PlaneTrackerState
 from cuboid.surfaces.standing import find_flat_areas
+from cuboid.tracking.detecting import Detecting
 from cuboid.tracking.measuring import FrameClock
 from cuboid.tracking.rolling import Roll, farther_up
 
@@ -121,9 +120,9 @@ class PosedTracker(MapQueries):
 
     NOT_SAVED = frozenset(
         {
-            *("intrinsics", "vocabulary", "_memory_mb", "_propose", "_detect", "_detect_every", "_world_boxes"),
+            *("intrinsics", "_memory_mb", "_propose", "_world_boxes"),
             # Things that depth does not read are not followed in a scene.
-            *("_follows_unread", "_unread"),
+            "_detecting",
         }
     )
 
@@ -144,11 +143,7 @@ class PosedTracker(MapQueries):
         self.config = config or TrackerConfig()
         self._memory_mb = memory_mb
         self._propose = make_source(proposals, self.config)
-        self._detect: Detector | None = None
-        self._detect_every = DETECT_EVERY
-        self._follows_unread = False
-        # Classes of the detector, once it has looked at a frame.
-        self.vocabulary: tuple[str, ...] = ()
+        self._detecting = Detecting()
         self._begin()
         self._count = 0
         self._position: Float64Array | None = None
@@ -173,18 +168,19 @@ class PosedTracker(MapQueries):
         MissingExtraError
             It needs a package that is not installed.
         """
-        if every < 1:
-            raise ValueError(f"a detector looks at each n-th frame, n >= 1, got {every}")
-        self._detect = None if detector is None else make_detector(detector)
-        self._detect_every = every
-        self._follows_unread = unread and self._detect is not None
+        self._detecting.use(detector, every, unread=unread)
+
+    @property
+    def vocabulary(self) -> tuple[str, ...]:
+        """Classes of the detector, once it has looked at a frame."""
+        return self._detecting.vocabulary
 
     def _begin(self) -> None:
         c = self.config
         self._planes = PlaneTracker(c)
         self._voxels = VoxelMap(c.voxel_m, c.depth_noise_per_m, c.max_depth_m, self._memory_mb)
         self._map = ObjectMap(c, self._voxels, self._planes)
-        self._unread = UnreadMap(self._map.store, c.max_depth_m)
+        self._detecting.begin(self._map.store, c.max_depth_m)
 
     def state(self) -> PosedTrackerState:
         """Return the state of now; see `ObjectStore.state`."""
@@ -311,11 +307,11 @@ class PosedTracker(MapQueries):
         sightings = sightings_of(visible, segments, found)
         own = self._frame_boxes(segments, boxes, found)
         watch.lap("matching")
-        if self._detect is not None and self._count % self._detect_every == 0:
-            self._name_objects(self._detect, given, visible, seen)
+        if self._detecting.is_due(self._count):
+            self._detecting.look(given, self._roll, visible, seen)
             watch.lap("detector")
-        if self._follows_unread:
-            sightings = self._unread.sightings(sightings, seen, self._support_planes())
+        if self._detecting.follows_unread:
+            sightings = self._detecting.sightings(sightings, seen, self._support_planes())
             watch.lap("unread")
         self._count += 1
         return FrameResult(
@@ -324,7 +320,7 @@ class PosedTracker(MapQueries):
             T_world_camera=seen.T_world_camera,
             sightings=sightings,
             proposals=own,
-            objects_known=self._map.store.labelled + len(self._unread.confirmed()),
+            objects_known=self._map.store.labelled + self._detecting.labelled,
             heat=heat,
             milliseconds=watch.milliseconds,
             left_out={
@@ -369,7 +365,7 @@ class PosedTracker(MapQueries):
         in_map = {keyframe: inverse(T) @ T_new_old @ T for keyframe, T_new_old in moved.items()}
         self._planes.apply_correction(in_map)
         self._map.apply_correction(in_map)
-        self._unread.apply_correction(in_map)
+        self._detecting.apply_correction(in_map)
 
     def _estimate_noise(self, image: WorkingImage) -> None:
         """Estimate from the first frame how much noisier the sensor is than configured."""
@@ -499,22 +495,6 @@ class PosedTracker(MapQueries):
         self._map.record_seen(seen.frame, [entry for entry, _ in visible])
         return visible
 
-    def _name_objects(
-        self, detect: Detector, given: Frame, visible: Sequence[tuple[MapObject, Visibility]], seen: Observation
-    ) -> None:
-        """Let a detector look at the frame as it was given, and add what it sees to the names of the objects."""
-        found, c = detect(given, self.intrinsics), self.intrinsics
-        if not isinstance(found, Detections):
-            raise TypeError(f"a detector must return cuboid.Detections, got {type(found).__name__}")
-        if len(found) and (found.boxes_xyxy[:, 2:] > (c.width, c.height)).any():
-            raise ValueError(f"detections of frame {given.index} lie outside its {c.width} x {c.height} pixels")
-        self.vocabulary = self.vocabulary or found.names
-        shown = [(entry, view.visible, view.rect_xyxy) for entry, view in visible]
-        turned = self._roll.detections(found)
-        name_objects(turned, shown, seen.eye)
-        if self._follows_unread:
-            self._unread.look(turned, visible, seen)
-
     def _frame_boxes(
         self, frame_segments: FrameSegments, boxes: Sequence[Box], found: Association
     ) -> tuple[Proposal3D, ...]:
@@ -536,8 +516,8 @@ class PosedTracker(MapQueries):
         used = [plane for plane in self._planes.planes if plane.in_use]
         place = {plane.identity: k for k, plane in enumerate(used)}
         known = [self._tracked(entry, place) for entry in self._map.store.confirmed()]
-        unread, planes = self._unread.confirmed(), self._support_planes()
-        known += [self._unread_object(one, planes) for one in unread]
+        unread = self._detecting.objects(self._support_planes(), self.T_world_map)
+        known += unread
         return ObjectTable(sorted(known, key=lambda item: item.label) if unread else known)
 
     def _tracked(self, entry: MapObject, place: Mapping[int, int]) -> TrackedObject:
@@ -555,23 +535,6 @@ class PosedTracker(MapQueries):
             plane=None if plane is None else place[plane.identity],
             merged_labels=tuple(entry.merged_labels),
             **chosen_name(name_scores(entry.name_log_odds)),
-        )
-
-    def _unread_object(self, one: UnreadObject, planes: Planes) -> TrackedObject:
-        box, kind = box_of(one, planes)
-        return TrackedObject(
-            label=one.label,
-            box=self.in_world(box),
-            score=one.score,
-            heat=0.0,
-            first_frame=one.first_frame,
-            last_frame=one.last_frame,
-            frames_seen=one.frames_seen,
-            points=0,
-            mean_color=np.zeros(3),
-            plane=None,
-            kind=kind,
-            **chosen_name(name_scores(one.name_log_odds)),
         )
 
     def _support_planes(self) -> Planes:
