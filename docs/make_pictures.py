@@ -34,6 +34,7 @@ from cuboid.annotation import Annotator, KeyframesFile, make_server
 from cuboid.core.palette import color_of
 from cuboid.evaluation import read_truth
 from cuboid.outputs import Results
+from cuboid.outputs.naming import renamed_object
 from cuboid.proposals import make_source
 from cuboid.surfaces.kernels.outlines import CONTACT, FREE, HIDDEN, SUPPORT, UNSURE
 from cuboid.views.drawing import DARK, WHITE, draw_frame
@@ -83,8 +84,9 @@ def named_page(demo: Path, folder: Path) -> Path:
     """Write the page of the demo with names, as people give them in `cuboid view`; return it."""
     recording = open_recording(demo / "recording").without_poses()
     summary = summarise(Results(demo / "results"), recording.read)
-    for label, name in NAMES.items():
-        summary = summary.named(label, name)
+    for item in summary.found.objects:
+        if item.label in NAMES:
+            summary = summary.named(renamed_object(item, NAMES[item.label]))
     write_report(folder / "report.html", summary)
     return (folder / "report.html").resolve()
 

@@ -51,7 +51,7 @@ def test_the_page_of_a_scene_shows_its_objects_and_what_changed(path: Path, tmp_
 def test_names_given_in_the_page_are_kept_by_the_scene(path: Path, tmp_path: Path) -> None:
     viewer = scene_viewer(path, tmp_path / "work")
     label = document(viewer.page)["objects"][0]["label"]
-    assert viewer.rename(label, " big box ") == "big box"
+    assert viewer.rename(label, " big box ").name == "big box"
     with Scene.open(path) as scene:
         assert {item.label: item.name for item in scene.objects}[label] == "big box"
     assert document(viewer.page)["objects"][0]["name"] == "big box"

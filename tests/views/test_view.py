@@ -198,6 +198,10 @@ def test_image_and_map_are_side_by_side_and_one_slider_moves_both(server: Thread
         }
 
 
+NAMED = (200, '{"name": "milk <b>carton", "name_score": null, "names": []}')
+UNNAMED = (200, '{"name": "", "name_score": null, "names": []}')
+
+
 def post(server: ThreadingHTTPServer, path: str, content: object) -> tuple[int, str]:
     connection = http.client.HTTPConnection(HOST, server.server_port, timeout=20)
     head = {"Content-Type": "application/json", "Origin": f"http://{HOST}:{server.server_port}"}
@@ -230,12 +234,12 @@ def own_server(own_results: Path) -> Iterator[ThreadingHTTPServer]:
 
 def test_a_name_is_kept_in_the_results_and_their_page(own_server: ThreadingHTTPServer, own_results: Path) -> None:
     before = json.loads((own_results / "objects.json").read_bytes())
-    assert post(own_server, "/names", {"label": 2, "name": " milk <b>carton "}) == (200, '{"name": "milk <b>carton"}')
+    assert post(own_server, "/names", {"label": 2, "name": " milk <b>carton "}) == NAMED
     assert [item.name for item in Results(own_results).found.objects] == [None, "milk <b>carton", None]
     page = (own_results / "report.html").read_text()
     assert '"name":"milk \\u003cb>carton"' in page
     assert '"name":"milk \\u003cb>carton"' in get(own_server, "/")[2].decode()
-    assert post(own_server, "/names", {"label": 2, "name": ""}) == (200, '{"name": ""}')
+    assert post(own_server, "/names", {"label": 2, "name": ""}) == UNNAMED
     assert json.loads((own_results / "objects.json").read_bytes()) == before
 
 
@@ -285,3 +289,33 @@ def test_a_name_is_given_in_the_page(own_server: ThreadingHTTPServer, own_result
         assert "objects.json" in page.inner_text("#card .note")
         assert page.inner_text("#card .chip") == "#1"
         page.close()
+
+
+def test_without_its_given_name_an_object_has_its_class_again(own_results: Path) -> None:
+    document = json.loads((own_results / "objects.json").read_text())
+    document["objects"][1] |= {"name": "bottle", "name_score": 0.87, "names": [["can", 0.1]]}
+    (own_results / "objects.json").write_text(json.dumps(document))
+    replay = Replay(own_results)
+    viewer = Viewer(own_results, replay, replay.recording)
+    with make_server(viewer) as server, browser() as launched:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        watched = Watched(launched)
+        page = watched.page
+        watched.open(f"http://localhost:{server.server_port}/")
+        page.click('.object[data-label="2"]')
+        assert page.inner_text("#card .chip") == "#2 bottle"
+        card = page.inner_text("#card dl")
+        assert "bottle, 87 %" in card
+        assert "can, 10 %" in card
+        for name, shown in (("my mug", "#2 my mug"), ("", "#2 bottle")):
+            page.fill("#name", name)
+            page.keyboard.press("Enter")
+            page.wait_for_function(f"document.querySelector('#card .chip').textContent === '{shown}'")
+        assert page.input_value("#name") == "bottle"
+        assert "bottle, 87 %" in page.inner_text("#card dl")
+        page.close()
+        server.shutdown()
+        thread.join()
+    found = Results(own_results).found.objects[1]
+    assert (found.name, found.name_score) == ("bottle", 0.87)

@@ -30,7 +30,7 @@ def checked_name(where: object, name: str) -> str:
     return name
 
 
-def _renamed(item: TrackedObject, name: str) -> TrackedObject:
+def renamed_object(item: TrackedObject, name: str) -> TrackedObject:
     """Return an object with a user's name; without one, the class that a detector saw is its name again."""
     if name:
         return item.with_given_name(name)
@@ -38,8 +38,8 @@ def _renamed(item: TrackedObject, name: str) -> TrackedObject:
     return dataclasses.replace(item, **chosen_name((*seen, *item.names)))
 
 
-def name_object(folder: Path, label: int, name: str) -> str:
-    """Give an object of a result folder a name, or take it away with an empty one; return the name.
+def name_object(folder: Path, label: int, name: str) -> TrackedObject:
+    """Give an object of a result folder a name, or take it away with an empty one; return the object as it is then.
 
     Parameters
     ----------
@@ -58,11 +58,13 @@ def name_object(folder: Path, label: int, name: str) -> str:
     path = folder / OBJECTS
     name = checked_name(path, name)
     found = read_objects(path)
-    if all(item.label != label for item in found.objects):
+    item = next((item for item in found.objects if item.label == label), None)
+    if item is None:
         raise InputError(f"{path}: no object has the label {label}")
-    named = (_renamed(item, name) if item.label == label else item for item in found.objects)
+    named = renamed_object(item, name)
+    objects = tuple(named if other is item else other for other in found.objects)
     file = PendingFile(path)
     with file.writing():
-        write_objects(file.partial, dataclasses.replace(found, objects=tuple(named)))
+        write_objects(file.partial, dataclasses.replace(found, objects=objects))
         file.show()
-    return name
+    return named

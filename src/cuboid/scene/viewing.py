@@ -10,6 +10,7 @@ import numpy as np
 
 from cuboid.core.errors import InputError
 from cuboid.core.paths import PathLike, as_path
+from cuboid.core.results import TrackedObject
 from cuboid.outputs import Results
 from cuboid.outputs.naming import name_object
 from cuboid.readers import Recording
@@ -46,7 +47,7 @@ def scene_viewer(path: PathLike, work: Path, recording_path: Path | None = None)
         changes = scene.shown_changes(number)
         kept = {item.label: scene.picture(item.label) for item in scene.objects}
 
-    def rename(label: int, name: str) -> str:
+    def rename(label: int, name: str) -> TrackedObject:
         with Scene.open(file) as scene:  # for a moment only: a recording may be added meanwhile
             scene.name(label, name)
         return name_object(work, label, name)

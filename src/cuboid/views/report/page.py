@@ -88,15 +88,18 @@ def assembled(html: str, css: str, scripts: Sequence[str], document: Mapping[str
     return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], html)
 
 
-def renamed(page: str, label: int, name: str) -> str:
-    """Return a page of ours in which an object has another name; any other page is returned as it is."""
+def renamed(page: str, label: int, names: Mapping[str, Any]) -> str:
+    """Return a page of ours in which an object has other names, fields of its; any other page is returned as it is."""
     found = re.search(r'(<script type="application/json" id="data">)(.*?)(</script>)', page, re.DOTALL)
     if found is None:
         return page
     document = json.loads(found[2])
-    for one in (*document["objects"], *document["changes"]):
+    for one in document["objects"]:
         if one["label"] == label:
-            one["name"] = name
+            one.update(names)
+    for one in document["changes"]:
+        if one["label"] == label:
+            one["name"] = names["name"]
     return page[: found.start(2)] + _json(document) + page[found.end(2) :]
 
 

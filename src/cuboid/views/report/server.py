@@ -13,7 +13,7 @@ from urllib.parse import parse_qs
 
 from cuboid.core.errors import CuboidError, FrameError, InputError, one_line
 from cuboid.core.frame import Frame
-from cuboid.core.results import names_of
+from cuboid.core.results import TrackedObject, names_of
 from cuboid.outputs import Results
 from cuboid.outputs.folder import REPORT
 from cuboid.outputs.naming import name_object
@@ -23,7 +23,7 @@ from cuboid.views.redraw import KINDS, Draw, drawer
 from cuboid.views.replay import Replay, ReplayedFrame
 from cuboid.views.report.page import page_of, renamed
 from cuboid.views.report.pictures import encode_jpeg
-from cuboid.views.report.summary import Summary, summarise
+from cuboid.views.report.summary import Summary, name_document, summarise
 from cuboid.views.serving import Answer, PageHandler, PageServer, Refusal, listening_at, path_and_query
 
 PICTURES = "/frame"
@@ -34,7 +34,7 @@ PICTURE = re.compile(rf"{PICTURES}/(\d{{1,9}})\.jpg")
 QUALITY = 90
 
 
-Rename = Callable[[int, str], str]
+Rename = Callable[[int, str], TrackedObject]
 
 
 class Viewer:
@@ -49,7 +49,7 @@ class Viewer:
     recording : Recording or None
         That it is of; without one there are no pictures of frames.
     rename : callable, optional
-        Keeps the name of a label, and returns it as it is kept; in the folder unless given.
+        Keeps the name of a label, and returns the object with it; in the folder unless given.
     summary : Summary, optional
         The contents of the page; those of the folder unless given.
 
@@ -86,8 +86,8 @@ class Viewer:
         pictures = {} if self._recording is None else {"pictures": PICTURES, "kinds": KINDS}
         return page_of(self._summary, {"names": NAMES, **pictures}).encode("utf-8")
 
-    def rename(self, label: int, name: str) -> str:
-        """Give an object a name, or take it away with an empty one; return the name as it is kept.
+    def rename(self, label: int, name: str) -> TrackedObject:
+        """Give an object a name, or take it away with an empty one; return the object with it.
 
         Raises
         ------
@@ -97,10 +97,10 @@ class Viewer:
             It cannot be written.
         """
         with self._lock:
-            name = self._rename(label, name)
-            self._summary = self._summary.named(label, name)
+            named = self._rename(label, name)
+            self._summary = self._summary.named(named)
             self._replay.names = names_of(self._summary.found.objects)
-            return name
+            return named
 
     def picture(self, index: int, what: str) -> bytes | None:
         """Return a frame with its objects drawn into it, as JPEG; None where there is no such picture.
@@ -165,19 +165,19 @@ def _take(viewer: Viewer, address: str, content: bytes) -> Answer | None:
         return None
     try:
         sent = json.loads(content)
-        name = viewer.rename(int(sent["label"]), str(sent["name"]))
+        named = viewer.rename(int(sent["label"]), str(sent["name"]))
     except CuboidError as error:
         raise Refusal(HTTPStatus.UNPROCESSABLE_ENTITY, str(error)) from error
     except (ValueError, TypeError, LookupError, OverflowError, RecursionError) as error:
         line = one_line(f"this page and this program do not fit: {error!r}")
         raise Refusal(HTTPStatus.BAD_REQUEST, line) from error
-    return "application/json", json.dumps({"name": name}).encode("ascii")
+    return "application/json", json.dumps(name_document(named)).encode("ascii")
 
 
-def _rename_in(folder: Path, label: int, name: str) -> str:
+def _rename_in(folder: Path, label: int, name: str) -> TrackedObject:
     """Keep the name of an object in a result folder, and in the page that lies there."""
-    name = name_object(folder, label, name)
+    named = name_object(folder, label, name)
     report = folder / REPORT
     if report.is_file():
-        write_whole(report, renamed(report.read_text(encoding="utf-8"), label, name))
-    return name
+        write_whole(report, renamed(report.read_text(encoding="utf-8"), label, name_document(named)))
+    return named

@@ -82,12 +82,10 @@ class Summary:
             "changes": [_change(one) for one in self.changes],
         }
 
-    def named(self, label: int, name: str) -> Summary:
-        """Return the same with another name of an object; the empty one is none."""
-        objects = tuple(
-            replace(item, name=name or None) if item.label == label else item for item in self.found.objects
-        )
-        changes = tuple(replace(one, name=name or None) if one.label == label else one for one in self.changes)
+    def named(self, named: TrackedObject) -> Summary:
+        """Return the same with an object that has another name."""
+        objects = tuple(named if item.label == named.label else item for item in self.found.objects)
+        changes = tuple(replace(one, name=named.name) if one.label == named.label else one for one in self.changes)
         return replace(self, found=replace(self.found, objects=objects), changes=changes)
 
     def _object(self, item: TrackedObject, seen: list[tuple[int, int]]) -> dict[str, Any]:
@@ -95,7 +93,7 @@ class Summary:
         return {
             **label_colors(item.label),
             "label": item.label,
-            "name": item.name or "",
+            **name_document(item),
             "center": _list(item.box.center, PLACE_DIGITS),
             "size": _list(item.box.size, PLACE_DIGITS),
             "rotation": [_list(row, TURN_DIGITS) for row in item.box.rotation],
@@ -180,6 +178,15 @@ def spans(rows: Iterable[TrackRow], frames: Sequence[int]) -> dict[int, list[tup
         else:
             runs.append((row.frame, row.frame))
     return found
+
+
+def name_document(item: TrackedObject) -> dict[str, Any]:
+    """Return what the page says of an object's name."""
+    return {
+        "name": item.name or "",
+        "name_score": None if item.name_score is None else round(item.name_score, 2),
+        "names": [[name, round(score, 2)] for name, score in item.names],
+    }
 
 
 def _picture(picture: Picture) -> dict[str, Any]:

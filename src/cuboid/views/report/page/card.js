@@ -20,6 +20,7 @@ class Panel {
   renamed(object) {
     this.list();
     find("card").querySelector(".chip").replaceWith(chip(object));
+    find("card").querySelector("dl").replaceWith(this.facts(object));
     this.named(object);
   }
 
@@ -93,8 +94,17 @@ class Panel {
       ["Points", object.points.toLocaleString("en"), " ", swatch],
       ["Stands on plane", plane],
     ];
+    lines.unshift(...this.classes(object));
     if (object.merged_labels.length) lines.push(["Also was", object.merged_labels.map((label) => `#${label}`).join(", ")]);
     return element("dl", {}, ...lines.flatMap(([name, ...values]) => [element("dt", {}, name), element("dd", {}, ...values)]));
+  }
+
+  /** What a detector took it for, and what else it may be. */
+  classes({ name, name_score, names }) {
+    const percent = (score) => `${Math.round(100 * score)} %`;
+    const others = names.map(([other, score]) => `${other}, ${percent(score)}`).join("; ");
+    if (name_score === null) return others ? [["The detector says", others]] : []; // the name is a user's
+    return [["The detector says", `${name}, ${percent(name_score)}`], ...(others ? [["or", others]] : [])];
   }
 
   meter(value, color) {

@@ -26,7 +26,8 @@ function nameField(object, named) {
     if (answer === null || !answer.ok) sent = null; // it can be tried again
     if (answer === null) return say("The name could not be kept: is 'cuboid view' still running?");
     if (!answer.ok) return say(await answer.text());
-    object.name = (await answer.json()).name;
+    Object.assign(object, await answer.json());
+    field.value = sent = object.name; // without a name of the user's, the class that a detector saw
     say("");
     return named(object);
   };
