@@ -11,15 +11,13 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from cuboid.core.config import TrackerConfig
 from cuboid.core.frame import Float64Array, Frame, Intrinsics
-from cuboid.core.results import FrameResult, MapPoints, SupportPlane, TrackedObject
+from cuboid.core.results import FrameResult, TrackedObject
 from cuboid.core.tolerances import DETECT_EVERY
 from cuboid.detection import make_detector
 from cuboid.detection.types import Detector
 from cuboid.geometry.se3 import inverse, transform
 from cuboid.outputs.object_table import ObjectTable
-from cuboid.outputs.queries import MapQueries
 from cuboid.poses.sources import Posed, Poses
 from cuboid.scene import changes, editing, layout
 from cuboid.scene.before import Before, write_noted
@@ -30,6 +28,7 @@ from cuboid.scene.records import Records
 from cuboid.scene.saving import SceneBlockStore, StateFile
 from cuboid.scene.visit import Visit
 from cuboid.tracking.posed_tracker import PosedTracker
+from cuboid.tracking.types import KeptMap
 
 T = TypeVar("T")
 # How often what is new is written, seconds.
@@ -41,7 +40,7 @@ WRITING_FRACTION = 0.06
 SPARSE = 7
 
 
-class SceneTracker(MapQueries):
+class SceneTracker(KeptMap):
     """A tracker whose map, objects and labels are those of a scene; made by `Scene.tracker`.
 
     Frames are numbered within the recording; results are those of a `Tracker`, in the scene's world.
@@ -82,7 +81,8 @@ class SceneTracker(MapQueries):
         block_store: SceneBlockStore,
         before: Before,
     ) -> None:
-        self._path, self._file, self._tracker, self._visit = path, file, tracker, visit
+        self._path, self._file, self._visit = path, file, visit
+        self._mapper = self._tracker = tracker
         self._names, self._poses = names, poses
         self._records = Records(file.connection, visit.number, visit.pixels)
         self._state = StateFile(file.connection, tracker, poses, block_store)
@@ -194,35 +194,6 @@ class SceneTracker(MapQueries):
             seen = max((count for _, count in seen_as), default=0)
         found = dataclasses.replace(item, first_frame=begun, last_frame=ended, frames_seen=seen)
         return found if name is None else found.with_given_name(name)
-
-    @property
-    def config(self) -> TrackerConfig:
-        """The configuration in use."""
-        return self._tracker.config
-
-    @property
-    def planes(self) -> list[SupportPlane]:
-        """The supporting planes."""
-        return self._tracker.planes
-
-    @property
-    def up(self) -> Float64Array | None:
-        """Up in the world."""
-        return self._tracker.up
-
-    @property
-    def points_known(self) -> int:
-        """How many points the global point map holds."""
-        return self._tracker.points_known
-
-    @property
-    def map_bytes(self) -> int:
-        """Memory of the global point map, bytes."""
-        return self._tracker.map_bytes
-
-    def map_points(self) -> MapPoints:
-        """Return the global point map."""
-        return self._tracker.map_points()
 
     def commit_if_due(self) -> None:
         """Write what is new, where the last time is long enough ago; between two frames."""

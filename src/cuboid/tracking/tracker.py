@@ -14,17 +14,16 @@ from cuboid.core.errors import CuboidError, FrameError, shown
 from cuboid.core.frame import Float64Array, Frame, Intrinsics, SkippedFrame
 from cuboid.core.limits import MEMORY_MB
 from cuboid.core.paths import PathLike, as_path
-from cuboid.core.results import FrameResult, MapPoints, SupportPlane
+from cuboid.core.results import FrameResult
 from cuboid.core.tolerances import DETECT_EVERY
 from cuboid.outputs import PoseRow
 from cuboid.outputs.object_table import ObjectTable
-from cuboid.outputs.queries import MapQueries
 from cuboid.outputs.writer import RowLog
 from cuboid.poses.sources import ESTIMATED, GIVEN, Poses, checked_origin, source_of_poses
 from cuboid.tracking.checks import run_facts
 from cuboid.tracking.diagnosis import Counts, diagnose
 from cuboid.tracking.measuring import FrameClock, FrameLog
-from cuboid.tracking.types import RecordingLike, TrackerLike
+from cuboid.tracking.types import KeptMap, RecordingLike, TrackerLike
 
 if TYPE_CHECKING:
     from cuboid.detection.types import Detector
@@ -34,7 +33,7 @@ if TYPE_CHECKING:
 MAX_MEDIAN_DEPTH_M = 100.0
 
 
-class Tracker(MapQueries):
+class Tracker(KeptMap):
     """Finds the objects of a static scene in RGB-D frames and keeps their labels; `cuboid track` is built on it.
 
     Parameters
@@ -72,6 +71,8 @@ class Tracker(MapQueries):
     ...     print([seen.label for seen in tracker.update(frame).sightings])
     >>> tracker.save("results", recording=recording)  # doctest: +SKIP
     """
+
+    _mapper: TrackerLike
 
     def __init__(
         self,
@@ -252,11 +253,6 @@ class Tracker(MapQueries):
         return None if self._source is None else self._source.origin
 
     @property
-    def config(self) -> TrackerConfig:
-        """The configuration in use; its noise of depth is that of the first frame, where this shows more."""
-        return self._mapper.config
-
-    @property
     def vocabulary(self) -> tuple[str, ...]:
         """Classes of the detector, once it has looked at a frame; none without a detector."""
         found: tuple[str, ...] = getattr(self._mapper, "vocabulary", ())
@@ -268,16 +264,6 @@ class Tracker(MapQueries):
         return ObjectTable(self._mapper.objects)
 
     @property
-    def planes(self) -> list[SupportPlane]:
-        """The supporting planes."""
-        return self._mapper.planes
-
-    @property
-    def up(self) -> Float64Array | None:
-        """Up in the world, (3,); None while unknown."""
-        return self._mapper.up
-
-    @property
     def warnings(self) -> tuple[str, ...]:
         """Likely faults of the frames, one line each."""
         return (*diagnose(run_facts(self)), *self.pose_warnings)
@@ -286,20 +272,6 @@ class Tracker(MapQueries):
     def pose_warnings(self) -> tuple[str, ...]:
         """Likely faults of the camera poses, one line each."""
         return () if self._source is None else self._source.warnings()
-
-    @property
-    def points_known(self) -> int:
-        """How many points the global point map holds."""
-        return self._mapper.points_known
-
-    @property
-    def map_bytes(self) -> int:
-        """Memory of the global point map, bytes."""
-        return self._mapper.map_bytes
-
-    def map_points(self) -> MapPoints:
-        """Return the global point map."""
-        return self._mapper.map_points()
 
     def corrected_trajectory(self) -> list[PoseRow] | None:
         """Return the poses of the used frames as corrected since they came; None where none was corrected.

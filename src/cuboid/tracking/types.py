@@ -12,6 +12,7 @@ from cuboid.core.frame import Float64Array, Frame, Intrinsics
 from cuboid.core.results import FrameResult, MapPoints, SupportPlane, TrackedObject
 from cuboid.outputs import RunReport
 from cuboid.outputs.object_table import ObjectTable
+from cuboid.outputs.queries import MapQueries
 
 if TYPE_CHECKING:
     from cuboid.proposals.types import ProposalSource
@@ -106,6 +107,41 @@ class MapLike(Protocol):
 
     def map_points(self) -> MapPoints:
         """Return the global point map."""
+
+
+class KeptMap(MapQueries):
+    """Queries of a map that another tracker keeps."""
+
+    _mapper: MapLike
+
+    @property
+    def config(self) -> TrackerConfig:
+        """The configuration in use; its noise of depth is that of the first frame, where this shows more."""
+        return self._mapper.config
+
+    @property
+    def planes(self) -> list[SupportPlane]:
+        """The supporting planes."""
+        return self._mapper.planes
+
+    @property
+    def up(self) -> Float64Array | None:
+        """Up in the world, (3,); None while unknown."""
+        return self._mapper.up
+
+    @property
+    def points_known(self) -> int:
+        """How many points the global point map holds."""
+        return self._mapper.points_known
+
+    @property
+    def map_bytes(self) -> int:
+        """Memory of the global point map, bytes."""
+        return self._mapper.map_bytes
+
+    def map_points(self) -> MapPoints:
+        """Return the global point map."""
+        return self._mapper.map_points()
 
 
 class TrackerLike(MapLike, Protocol):
