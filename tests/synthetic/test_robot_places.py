@@ -1,13 +1,14 @@
-"""Made scenes that robots see: a table from above, a tote, a counter, flush stacks."""
+"""Made scenes that robots see: a table from above, a tote, a shelf, a counter, flush stacks."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from cuboid.core.frame import Float64Array
+from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.geometry.se3 import inverse, transform
 from cuboid.synthetic import Scene, make_scene
+from cuboid.synthetic.view import SceneView
 
 SEEDS = (0, 1, 2, 3)
 
@@ -74,3 +75,56 @@ def test_stacked_blocks_are_flush_and_books_lie_on_books(seed: int) -> None:
         assert below.model.parts[0][1].color != above.model.parts[0][1].color
         assert above.id in below.touches
     assert sum(o.model.name == "book" for o in scene.objects) >= 4
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_each_compartment_of_a_shelf_has_things_that_fit(seed: int) -> None:
+    scene = make_scene("shelf", seed, frames=20)
+    assert len({o.surface for o in scene.objects}) >= 3
+    gap_m = scene.surfaces[2].height_m - scene.surfaces[0].height_m
+    for item in scene.objects:
+        vertices = item.mesh().vertices
+        assert np.ptp(vertices[:, 2]) < gap_m - 0.03
+        far = np.linalg.norm(scene.T_room_camera[:, :3, 3] - vertices.mean(0), axis=1)
+        assert (far < 1.6).all()
+
+
+def test_boards_mirror_what_stands_on_them() -> None:
+    """In two of five patches of a board the depth is that of the mirror image of what stands on it."""
+    scene = make_scene("shelf", 1, frames=2)
+    K = Intrinsics(250.0, 250.0, 159.5, 119.5, 320, 240)
+    view = SceneView(scene, K)
+    frame = view.render(0, "clean")
+    true_m = frame.hits.depth_m
+    deeper = (frame.depth_m > true_m + 1e-3) & (true_m > 0)
+    points = frame.hits.eye + frame.depth_m[..., None] * frame.hits.rays
+    board_m = np.array([surface.height_m for surface in scene.surfaces])
+    assert 0.01 < deeper.mean() < 0.2
+    on_board = np.abs(frame.hits.eye[2] + true_m * frame.hits.rays[..., 2] - board_m[0]) < 2e-3
+    assert 0.25 < deeper[on_board].mean() < 0.5
+    # A mirror image lies below its board, no deeper than a thing or a back wall is high.
+    assert (points[deeper][:, 2] < board_m.max()).all()
+    assert np.abs(frame.depth_m - true_m)[~deeper & (frame.depth_m > 0)].max() < 1e-3
+
+
+def test_a_mirror_image_is_where_the_thing_is_turned_over() -> None:
+    scene = make_scene("shelf", 1, frames=2)
+    K = Intrinsics(250.0, 250.0, 159.5, 119.5, 320, 240)
+    frame = SceneView(scene, K).render(0, "clean")
+    true_m = frame.hits.depth_m
+    rows, columns = np.nonzero(frame.depth_m > true_m + 1e-3)
+    points = frame.hits.eye + frame.depth_m[rows, columns, None] * frame.hits.rays[rows, columns]
+    boards = np.unique([surface.height_m for surface in scene.surfaces])
+    floor_m = frame.hits.eye[2] + true_m[rows, columns] * frame.hits.rays[rows, columns, 2]
+    board_m = boards[np.abs(floor_m[:, None] - boards).argmin(1)]
+    turned = points * (1, 1, -1) + np.stack([0 * board_m, 0 * board_m, 2 * board_m], axis=-1)
+    low = np.min([part.mesh().vertices.min(0) for part in (*scene.objects, *scene.furniture)], axis=0)
+    assert (turned[:, 2] > board_m - 1e-3).all()
+    assert (turned > low).all()
+    item = max(scene.objects, key=lambda o: sum(inside(o.mesh().vertices, turned)))
+    assert inside(item.mesh().vertices, turned).sum() > 20, "some of it is a thing's"
+
+
+def inside(vertices: Float64Array, points: Float64Array) -> np.ndarray:
+    """Tell which points lie in the bounds of vertices, to 2 mm."""
+    return np.asarray(((points > vertices.min(0) - 0.002) & (points < vertices.max(0) + 0.002)).all(1))

@@ -46,6 +46,15 @@ def shelf(rng: np.random.Generator, size: Sequence[float], boards: Sequence[floa
     return Model("shelf", ((tops, wood(rng, 0.07)), (merged([*side, back]), wood(rng, 0.08))))
 
 
+def bay(rng: np.random.Generator, size: Sequence[float], boards: Sequence[float]) -> Model:
+    """Return a shelf of two compartments side by side: as `shelf`, a wall between, mirroring boards."""
+    _, y, height = size
+    body = shelf(rng, size, boards)
+    lacquer = Material((0.88, 0.87, 0.84), (0.84, 0.83, 0.8), Texture.MARBLE, 0.3, 0.3, mirror=0.4)
+    between = box((0.02, y, height), (0, 0, 0))
+    return Model("bay", ((body.parts[0][0], lacquer), body.parts[1], (between, body.parts[1][1])))
+
+
 def floor(rng: np.random.Generator, half_m: float) -> Model:
     """Return a floor: planks, tiles or a carpet."""
     looks = (

@@ -38,6 +38,8 @@ class Material:
         Size of the texture's features, metres.
     shine : float
         Strength of the highlight, 0..1.
+    mirror : float
+        Fraction of the light, and of the depth readings, that comes from what a level face mirrors, 0..1.
     """
 
     color: Color
@@ -45,6 +47,7 @@ class Material:
     texture: Texture = Texture.PLAIN
     scale_m: float = 0.03
     shine: float = 0.0
+    mirror: float = 0.0
 
 
 WOODS: tuple[tuple[Color, Color], ...] = (

@@ -78,6 +78,30 @@ def build_counter(draft: Draft) -> None:
     draft.waypoints = np.column_stack([eyes, aims])
 
 
+def build_shelf(draft: Draft) -> None:
+    """Compartments of a shelf whose lacquered boards mirror what stands on them; the camera looks in from near by."""
+    rng = draft.rng
+    half_m, deep, wide = 2.6, 0.36, 0.9
+    add_room(draft, half=half_m)
+    low, high = rng.uniform(0.7, 0.85), rng.uniform(0.36, 0.42)
+    boards = (low, low + high)
+    y = half_m - deep / 2 - 0.02
+    draft.add(made.bay(rng, (wide, deep, low + 2 * high), boards), shift((0, y, 0)))
+    surfaces = tuple(
+        Surface(f"compartment {k + 1}", board, np.array([side * wide / 4, y]), np.array([wide / 4 - 0.02, deep / 2]))
+        for k, (board, side) in enumerate((board, side) for board in boards for side in (-1, 1))
+    )
+    draft.objects = Arrangement(surfaces, rng)
+    for surface in range(len(surfaces)):
+        for model in draft.models(int(rng.integers(2, 4)), (*SMALL, "book", "parcel")):
+            draft.objects.put(model, surface, 0.02, within=0.9)
+    middle = np.array([0.0, y, low + high / 2])
+    along = np.linspace(-0.4, 0.4, 9) * (1 if rng.random() < 0.5 else -1)
+    eyes = middle + np.column_stack([along, np.full(9, -rng.uniform(0.8, 1.0)), rng.uniform(0.1, 0.35, 9)])
+    aims = middle + np.column_stack([0.6 * along, np.zeros(9), np.zeros(9)])
+    draft.waypoints = np.column_stack([eyes, aims])
+
+
 def build_stacks(draft: Draft) -> None:
     """Books on books, and blocks that are flush and equally deep and differ in color alone."""
     rng = draft.rng

@@ -59,7 +59,7 @@ class RayCaster:
         self._scene = scenes.EmbreeScene()
         meshes.TriangleMesh(self._scene, np.ascontiguousarray(corners, np.float32))
 
-    def first_hits(self, eye: Float32Array, rays: Float32Array) -> Hits:
+    def first_hits(self, eye: Float32Array, rays: Float32Array, start_m: Float32Array | None = None) -> Hits:
         """Cast a ray through each pixel.
 
         Parameters
@@ -67,12 +67,15 @@ class RayCaster:
         eye : (3,) float32
         rays : (H, W, 3) float32
             Of unit depth (`pixel_rays`), so that the parameter of a hit is its depth.
+        start_m : (H, W) float32, optional
+            Depth at which each ray begins; at the eye unless given.
         """
         shape, directions = rays.shape[:2], rays.reshape(-1, 3)
-        origins = np.ascontiguousarray(np.broadcast_to(eye, directions.shape))
+        begin = np.zeros(shape, np.float32) if start_m is None else start_m
+        origins = np.ascontiguousarray(eye + begin.reshape(-1, 1) * directions)
         hit = self._scene.run(origins, directions, output=True)
         face = hit["primID"].reshape(shape)
-        depth = np.where(face >= 0, hit["tfar"].reshape(shape), np.float32(0))
+        depth = np.where(face >= 0, begin + hit["tfar"].reshape(shape), np.float32(0))
         return Hits(depth, face, hit["u"].reshape(shape), hit["v"].reshape(shape), eye, rays)
 
     def reaches(self, points: Float32Array, target: Float32Array | Float64Array) -> npt.NDArray[np.uint8]:

@@ -6,7 +6,7 @@ the rays three times as fast as in a world that is turned.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +31,11 @@ _VIEWS = np.array(
 FAR_M = 3.0
 # A point is seen where true depth agrees with its own, metres.
 AGREES_M = 0.02
+# A face mirrors where its normal is within 8 degrees of up, and its height is told apart to this, metres.
+LEVEL_COSINE, LEVEL_M = 0.99, 2e-3
+# A patch of a mirroring face reads the face or its mirror image: the side of a patch, metres, and how many differ.
+PATCH_M, PATCHES = 0.03, 64
+UPSIDE_DOWN = np.array([1, 1, -1], np.float32)
 # Steps of the visible fraction.
 FRACTION_STEPS = 20
 
@@ -85,6 +90,8 @@ class SceneView:
             parts=part_rows(materials, T_body_room),
             lamp=scene.lamp,
         )
+        self._mirrors = np.array([material.mirror for material in materials], np.float32)
+        self._patches = np.random.default_rng([scene.seed, 3]).random((PATCHES, PATCHES), np.float32)
         self._surfaces = [_surface(scene, body) for body in scene.objects]
         self._ghosts = [_surface(scene, body) for body in scene.ghosts]
 
@@ -95,8 +102,31 @@ class SceneView:
         hits = self._caster.first_hits(T[:3, 3].astype(np.float32), rays)
         color_rng, depth_rng = (np.random.default_rng([self._seed, frame, k]) for k in range(2))
         color, cosine = shade(self._caster, self._look, hits, color_rng)
-        depth = SENSORS[sensor](hits.depth_m, cosine, self._intrinsics, depth_rng)
+        color, true_m = self._mirrored(hits, color, np.random.default_rng([self._seed, frame, 2]))
+        depth = SENSORS[sensor](true_m, cosine, self._intrinsics, depth_rng)
         return Rendered(color, depth, hits)
+
+    def _mirrored(self, hits: Hits, color: UInt8Array, rng: np.random.Generator) -> tuple[UInt8Array, Float32Array]:
+        """Return color and depth with what level faces mirror: its depth is that of the mirror image below the face."""
+        part = np.where(hits.face >= 0, self._look.face_part[hits.face], 0)
+        mirror = np.where(hits.face >= 0, self._mirrors[part], np.float32(0))
+        mirror = np.where(self._look.normals[hits.face, 0, 2] > LEVEL_COSINE, mirror, np.float32(0))
+        depth_m = hits.depth_m
+        if not mirror.any():
+            return color, depth_m
+        points = hits.eye + depth_m[..., None] * hits.rays
+        cell = np.floor(points / PATCH_M).astype(np.int64) % len(self._patches)
+        read = self._patches[cell[..., 0], cell[..., 1]] < mirror
+        for height_m in np.unique(np.round(points[..., 2][mirror > 0], 3)):
+            eye, rays = hits.eye * UPSIDE_DOWN + np.array([0, 0, 2 * height_m], np.float32), hits.rays * UPSIDE_DOWN
+            image = self._caster.first_hits(eye, rays, depth_m + np.float32(SHADOW_BIAS_M))
+            there = (mirror > 0) & (np.abs(points[..., 2] - height_m) < LEVEL_M) & (image.face >= 0)
+            image = replace(image, face=np.where(there, image.face, np.int32(-1)))
+            shown, _ = shade(self._caster, self._look, image, rng)
+            share = np.where(there, mirror, np.float32(0))[..., None]
+            color = np.rint(color * (1 - share) + shown * share).astype(np.uint8)
+            depth_m = np.where(there & read, image.depth_m, depth_m)
+        return color, depth_m
 
     def labels(self, hits: Hits) -> npt.NDArray[np.int32]:
         """Return the object that each pixel sees, (H, W) int32, 0 for none."""
