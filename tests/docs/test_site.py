@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -12,6 +13,8 @@ from urllib.parse import unquote, urlsplit
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+# Of the repository, as the workflow gives it to the build.
+ADDRESS = "https://example.org/cuboid/cuboid"
 
 
 class Links(HTMLParser):
@@ -35,7 +38,8 @@ class Links(HTMLParser):
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("site")
     words = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
-    done = subprocess.run(words, cwd=REPOSITORY, capture_output=True, text=True, timeout=300, check=False)
+    env = os.environ | {"CUBOID_REPOSITORY": ADDRESS}
+    done = subprocess.run(words, cwd=REPOSITORY, capture_output=True, text=True, timeout=300, check=False, env=env)
     assert done.returncode == 0, done.stdout + done.stderr
     return folder
 
@@ -61,6 +65,11 @@ def test_no_link_within_it_is_dead(site: Path) -> None:
 def test_a_page_asks_nobody_else(site: Path) -> None:
     text = (site / "index.html").read_text(encoding="utf-8")
     assert not re.search(r'(?:src|href)="https?://(?!(?:squidfunk|www\.mkdocs))[^"]*\.(?:js|css|woff2?)"', text)
+
+
+def test_each_page_links_to_the_repository(site: Path) -> None:
+    for name in ("index.html", "faq/index.html"):
+        assert ADDRESS in Links((site / name).read_text(encoding="utf-8")).links
 
 
 def test_the_python_page_has_signatures_with_types(site: Path) -> None:
