@@ -35,6 +35,8 @@ AGREES_M = 0.02
 LEVEL_COSINE, LEVEL_M = 0.99, 2e-3
 # A patch of a mirroring face reads the face or its mirror image: the side of a patch, metres, and how many differ.
 PATCH_M, PATCHES = 0.03, 64
+# The depth of a mirror image is read up to this far from the face, metres: a farther one is too faint for the sensor.
+MIRRORED_M = 0.15
 UPSIDE_DOWN = np.array([1, 1, -1], np.float32)
 # Steps of the visible fraction.
 FRACTION_STEPS = 20
@@ -125,7 +127,8 @@ class SceneView:
             shown, _ = shade(self._caster, self._look, image, rng)
             share = np.where(there, mirror, np.float32(0))[..., None]
             color = np.rint(color * (1 - share) + shown * share).astype(np.uint8)
-            depth_m = np.where(there & read, image.depth_m, depth_m)
+            near = (image.depth_m - depth_m) * np.linalg.norm(hits.rays, axis=-1) < MIRRORED_M
+            depth_m = np.where(there & read & near, image.depth_m, depth_m)
         return color, depth_m
 
     def labels(self, hits: Hits) -> npt.NDArray[np.int32]:
