@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +13,13 @@ from made_stores import put_run, run_of, thing
 
 from cuboid.cli import main
 from cuboid.core.errors import InputError
+from cuboid.outputs import Results
 from cuboid.store.compact import compact
 from cuboid.store.place import Place
 from cuboid.store.query import Tables
+from cuboid.store.rows import ReadAs, RunHead, tables_of
 from cuboid.store.schema import FAILED, TABLES, markdown
+from made_results import FRAMES, INTRINSICS, write_results
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "store.md"
 
@@ -131,3 +136,16 @@ def test_no_store_and_a_broken_one_are_one_line(tmp_path: Path, capsys: pytest.C
 
 def test_the_documentation_has_every_column() -> None:
     assert markdown() in DOCS.read_text(encoding="utf-8")
+
+
+def test_things_that_depth_does_not_read_are_told_from_volumes(tmp_path: Path) -> None:
+    folder = write_results(tmp_path / "results")
+    file = folder / "objects.json"
+    document = json.loads(file.read_text())
+    flat = document["objects"][1]
+    flat["kind"] = "flat"
+    file.write_text(json.dumps(document))
+    head = RunHead("run", "recording", "source", "0.2.0", "{}", datetime(2026, 1, 1, tzinfo=UTC), 1)
+    tables = tables_of(head, Results(folder), ReadAs("plain", FRAMES, INTRINSICS, has_poses=True), {}, None)
+    kinds = {row["label"]: row["kind"] for row in tables["objects"].to_pylist()}
+    assert kinds == {label: "flat" if label == flat["label"] else "volume" for label in (1, 2, 3)}

@@ -222,6 +222,7 @@ def _objects(results: Results, pictures: Mapping[int, Picture], begin: datetime)
                 "name": item.name,
                 "name_score": item.name_score,
                 "names": [{"name": name, "score": score} for name, score in item.names],
+                "kind": item.kind,
                 **values_of(item),
                 "first_seen": moment(item.first_frame),
                 "last_seen": moment(item.last_frame),

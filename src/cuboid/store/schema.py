@@ -185,6 +185,7 @@ TABLES = {
                 Column("name", TEXT, "of its class by a detector; null where it has none", added=True),
                 Column("name_score", SMALL, "probability of the class, 0 to 1", added=True),
                 Column("names", _CLASSES, "the next likely classes", added=True),
+                Column("kind", TEXT, "volume; flat or box of what depth does not read", added=True),
                 Column("first_seen", TIME, "time of its first frame"),
                 Column("last_seen", TIME, "time of its last frame"),
                 Column("red", pa.uint8(), "mean color of its points, 0 to 255"),
