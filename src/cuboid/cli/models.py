@@ -31,8 +31,8 @@ def run(args: argparse.Namespace) -> int:
         raise InputError("cuboid models: expected 'list' alone, or 'fetch' and names")
     if args.verb == "fetch":
         for name in args.names:
-            with counting(f"{name}, bytes") as told:
-                fetch(MODELS[name], told)
+            with counting(f"{name}, bytes") as on_progress:
+                fetch(MODELS[name], on_progress)
     rows = [_row(name) for name in args.names or MODELS]
     give(args, {"models": rows}, lambda: _show(rows))
     return 0

@@ -17,13 +17,13 @@ ANSWER_S = 30.0
 PART_BYTES = 1 << 18
 
 
-def fetch(model: Model, told: Callable[[int, int], None] = lambda done, total: None) -> Path:
+def fetch(model: Model, on_progress: Callable[[int, int], None] = lambda done, total: None) -> Path:
     """Fetch a model, or the rest of it, into the folder of models; return where it is.
 
     Parameters
     ----------
     model : Model
-    told : callable
+    on_progress : callable
         Told how many bytes are there, and of how many, now and then.
 
     Raises
@@ -39,7 +39,7 @@ def fetch(model: Model, told: Callable[[int, int], None] = lambda done, total: N
     partial = path.with_name(f"{path.name}.partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        _download(model, partial, told)
+        _download(model, partial, on_progress)
         found = _digest(partial)
         if found != model.sha256:
             partial.unlink()
@@ -55,7 +55,7 @@ def fetch(model: Model, told: Callable[[int, int], None] = lambda done, total: N
     return path
 
 
-def _download(model: Model, partial: Path, told: Callable[[int, int], None]) -> None:
+def _download(model: Model, partial: Path, on_progress: Callable[[int, int], None]) -> None:
     done = partial.stat().st_size if partial.is_file() else 0
     if done > model.size_bytes:
         done = 0
@@ -71,7 +71,7 @@ def _download(model: Model, partial: Path, told: Callable[[int, int], None]) -> 
                 if done > model.size_bytes:
                     break  # another file: its checksum tells
                 file.write(part)
-                told(done, model.size_bytes)
+                on_progress(done, model.size_bytes)
     if done < model.size_bytes:
         raise ConnectionError(f"{done} of {model.size_bytes} bytes came")
 

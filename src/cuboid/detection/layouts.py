@@ -3,7 +3,7 @@
 Each layout reads the outputs of one family of models:
 
 - `Yolo`: tables of the YOLO family, with and without masks (YOLOv5 to YOLO11, FastSAM), and those that are final;
-- `Yolox`: the same, boxes told within the cells of three grids (Ge et al., "YOLOX: Exceeding YOLO Series in 2021");
+- `Yolox`: the same, boxes given within the cells of three grids (Ge et al., "YOLOX: Exceeding YOLO Series in 2021");
 - `Distances`: NanoDet and PicoDet: distances to the sides as distributions, per cell of three or four grids;
 - `PicoDetFinal`: PicoDet with its own last steps in the model;
 - `Queries`: RF-DETR, and RT-DETR and D-FINE as Transformers exports them: a box and logits per query;
@@ -258,7 +258,7 @@ def count_cells(size: tuple[int, int], strides: Sequence[int]) -> int:
 
 
 def _decoded(within: Float64Array, at: Float64Array) -> Float64Array:
-    """Return centre and size (N, 4) in pixels of boxes told within cells: offsets in cells, logarithms of sizes."""
+    """Return centre and size (N, 4) in pixels of boxes given within cells: offsets in cells, logarithms of sizes."""
     # No box is larger than any input; beyond, the exponential of what is no box would overflow.
     sizes = np.exp(np.minimum(within[:, 2:], MAX_LOG))
     return np.hstack([within[:, :2] + at[:, :2], sizes]) * at[:, 2:]

@@ -13,7 +13,7 @@ from cuboid.core.extras import require
 
 # Where a model takes any size, the image's own rounded up to this: the largest stride of the YOLO family.
 STRIDE = 32
-# Inputs beside the image that detectors have: the size that boxes are to be told in, and how the image was scaled.
+# Inputs beside the image that detectors have: the image size of the boxes, and how the image was scaled.
 TARGET_SIZE, SCALE_FACTOR, IMAGE_SHAPE = "orig_target_sizes", "scale_factor", "im_shape"
 KINDS = {
     "tensor(float)": np.float32,
@@ -105,7 +105,7 @@ class Session:
         )  # type: ignore[return-value]
 
     def run(self, pixels: Any) -> list[Any]:
-        """Return the outputs for an image (1, 3, rows, columns); boxes are told in its pixels.
+        """Return the outputs for an image (1, 3, rows, columns); boxes are in its pixels.
 
         Raises
         ------

@@ -18,26 +18,14 @@ from cuboid.core.results import MapPoints, TrackedObject, names_of
 from cuboid.outputs.text import rounded, rounded_list
 from cuboid.views.drawing import draw_frame
 from cuboid.views.live.watch import Moment
-from cuboid.views.report.page import assembled, own, style
+from cuboid.views.report.page import SHARED, assembled, own, style
 from cuboid.views.report.pictures import encode_jpeg
 from cuboid.views.report.points import LARGEST, STEP_M, spacing, thinned
 from cuboid.views.report.summary import camera_document, inferno, label_colors, packed
 from cuboid.views.tags import TAG_PX
 from cuboid.views.text import ink
 
-# The report's scripts that the live page shares, then its own.
-SHARED = (
-    "math.js",
-    "elements.js",
-    "data.js",
-    "rows.js",
-    "shaders.js",
-    "renderer.js",
-    "scene.js",
-    "orbit.js",
-    "tags.js",
-    "measure.js",
-)
+# The scripts of this page, beside those that it shares with the report.
 SCRIPTS = ("follow.js", "live.js")
 
 # 1.8 MB a map: what a forwarded port in a local network carries in a fraction of a second.

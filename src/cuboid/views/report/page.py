@@ -13,8 +13,8 @@ from cuboid.core.paths import PathLike, as_path
 from cuboid.outputs.pending import write_whole
 from cuboid.views.report.summary import Summary
 
-# In the order in which they use each other.
-SCRIPTS = (
+# Scripts in the order in which they use each other; the live page has the shared ones too.
+SHARED = (
     "math.js",
     "elements.js",
     "data.js",
@@ -25,6 +25,9 @@ SCRIPTS = (
     "orbit.js",
     "tags.js",
     "measure.js",
+)
+SCRIPTS = (
+    *SHARED,
     "timeline.js",
     "naming.js",
     "card.js",
