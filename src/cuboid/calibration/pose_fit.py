@@ -31,6 +31,7 @@ POSE_CONVENTIONS = (
 )  # fmt: skip
 # Poses are tried this many used frames earlier and later.
 MAX_SHIFT = 5
+_SHIFTS = tuple(shift for shift in range(-MAX_SHIFT, MAX_SHIFT + 1) if shift)
 # A convention explains as much as one that comes before it where it explains no more than this fraction more.
 AS_MUCH = 0.02
 # A step between two frames that follow each other is a jump where it is this many times the median step, and longer
@@ -131,7 +132,7 @@ def pose_fit(
     if medians[0] is None and not any(medians[2:]):
         return None
     given, still, fractions = medians[0], medians[1] or 0.0, [fraction or 0.0 for fraction in medians[2:]]
-    conventions, shifts = len(POSE_CONVENTIONS), 2 * MAX_SHIFT
+    conventions, shifts = len(POSE_CONVENTIONS), len(_SHIFTS)
     converted_by, shifted_by = fractions[:conventions], fractions[conventions : conventions + shifts]
     scaled_by = fractions[conventions + shifts :]
     best = next(k for k in range(conventions) if converted_by[k] >= max(converted_by) - AS_MUCH)
@@ -148,9 +149,6 @@ def pose_fit(
         scaled_by[factor],
         _jump(read, intrinsics, frames, poses),
     )
-
-
-_SHIFTS = tuple(shift for shift in range(-MAX_SHIFT, MAX_SHIFT + 1) if shift)
 
 
 def _hypotheses(poses: list[Float64Array], a: int, b: int) -> list[Float64Array | None]:

@@ -107,7 +107,7 @@ def excess_noise(image: DepthImage, nominal_per_m: float, max_depth_m: float) ->
 
 
 def resolves_m(edge_m: float, noise_per_m: float, focal_px: float) -> float:
-    """Return up to which depth a surface is told in voxels of an edge, metres.
+    """Return the depth up to which voxels of an edge length resolve a surface, metres.
 
     There the deviation of a reading, or the width of a pixel, is as large as that: means of several are truer.
     """

@@ -69,7 +69,7 @@ class Layout(Protocol):
 
     @property
     def name(self) -> str:
-        """What people call it."""
+        """Name of the layout in messages."""
 
     @property
     def form(self) -> ImageForm:

@@ -75,7 +75,7 @@ class OnnxDetector:
 
     @property
     def layout(self) -> str:
-        """What people call the layout that was recognised."""
+        """Name of the recognised layout in messages."""
         return self._layout.name
 
     def __call__(self, frame: Frame, intrinsics: Intrinsics) -> Detections:

@@ -29,7 +29,7 @@ TRIED_PX = 640
 # Names of the outputs of models that have a box and logits per query.
 RF_DETR = ("dets", "labels")
 TRANSFORMERS = ("pred_boxes", "logits")
-# What is understood, for messages.
+# The layouts that are recognised, for messages.
 KNOWN = (
     "(1, 4 + classes, N), (1, N, 5 + classes) or (1, N, 6), with masks also (1, k, h, w); "
     "(1, N, classes + 32); labels, boxes, scores; dets, labels; pred_boxes, logits"

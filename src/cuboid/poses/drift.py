@@ -98,6 +98,8 @@ class DriftCorrection:
             T_world_camera as the recording has it.
         """
         camera = self._intrinsics
+        if self.taken_back_at is not None:
+            return given
         if frame.depth_m.shape == (camera.height, camera.width) and self._is_new_viewpoint(given):
             self._compare(frame, given)
         if self.proven_at is None:
@@ -150,16 +152,16 @@ class DriftCorrection:
     ) -> Float64Array:
         """Return the corrected pose of a frame, by what the given, the corrected and the found one explain of it."""
         given, corrected = T_world_cameras
-        as_given, T_camera_reference = inverse(given) @ keyframe.given, inverse(corrected) @ keyframe.corrected
-        by_given, by_corrected, by_found = (
-            explained(keyframe.reference, level, T, found)
-            for T in (as_given, T_camera_reference, found.T_camera_reference)
+        T_camera_reference = inverse(corrected) @ keyframe.corrected
+        by_corrected, by_found = (
+            explained(keyframe.reference, level, T, found) for T in (T_camera_reference, found.T_camera_reference)
         )
         if as_good(by_found, by_corrected):
             T_camera_reference = found.T_camera_reference
         if self.proven_at is None:
+            as_given = inverse(given) @ keyframe.given
             self._pairs.append(MotionPair(as_given, found.T_camera_reference, keyframe.depth_m))
-            self._count_misfit(_is_misfit(by_given, by_found))
+            self._count_misfit(_is_misfit(explained(keyframe.reference, level, as_given, found), by_found))
             self._prove(index)
         return tidied(keyframe.corrected @ inverse(T_camera_reference))
 
@@ -168,7 +170,7 @@ class DriftCorrection:
 
     def _prove(self, index: int) -> None:
         """Begin to correct, where misfits prove that poses drift and no fault of the camera explains them."""
-        if self._misfits < MISFITS_THAT_PROVE or self.taken_back_at is not None:
+        if self._misfits < MISFITS_THAT_PROVE:
             return
         self.cause = single_cause(self._pairs)
         if self.cause is None:
@@ -184,12 +186,8 @@ class DriftCorrection:
             for T in (inverse(given) @ keyframe.given, inverse(corrected) @ keyframe.corrected)
         )
         self._count_misfit(clearly_better(by_given, by_corrected))
-        if self._misfits < MISFITS_THAT_PROVE:
-            return
-        self.proven_at, self.taken_back_at, self._misfits, self.most_m = None, index, 0, 0.0
-        self._pairs.clear()
-        for keyframe in self._keyframes:
-            keyframe.corrected = keyframe.given
+        if self._misfits >= MISFITS_THAT_PROVE:
+            self.proven_at, self.taken_back_at, self.most_m = None, index, 0.0
 
     def _views(self, T_world_keyframes: list[Float64Array], T_world_camera: Float64Array) -> Float64Array:
         """Return the distance of a view to that of each keyframe, as an angle."""
