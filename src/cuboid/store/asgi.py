@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hmac
 from collections.abc import Awaitable, Callable
-from datetime import datetime
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -22,37 +21,23 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from cuboid import __version__
 from cuboid.core.errors import InputError
 from cuboid.outputs.folder import OUTPUT_NAMES
-from cuboid.store.filter_words import place, thing
-from cuboid.store.find import Filters, find, plain
-from cuboid.store.likeness import COLOR_WORDS
+from cuboid.store.find import find, plain
 from cuboid.store.page import MORE, WORST, found_page, summary_page
+from cuboid.store.parameters import PARAMETERS, filters_of, given
 from cuboid.store.place import RESULTS, Place
 from cuboid.store.query import Tables
 from cuboid.store.summary import summarise_store
-from cuboid.views.serving import HEADERS, LOCAL_NAMES
+from cuboid.views.serving import LOCAL_NAMES, headers
 
 COOKIE = "cuboid-token"
-MAX_ROWS = 1000
 TYPES = {".html": "text/html", ".json": "application/json", ".csv": "text/csv", ".txt": "text/plain"}
 
-# Parameters of the API, with their OpenAPI types; the names are those of the command line.
-PARAMETERS: dict[str, tuple[dict[str, Any], str]] = {
-    "min_size": ({"type": "number"}, "least length of the longest side, metres"),
-    "max_size": ({"type": "number"}, "greatest length of the longest side, metres"),
-    "near": ({"type": "string", "example": "1.5,0,0.8"}, "X,Y,Z: a place in the recordings' world, metres"),
-    "within": ({"type": "number", "default": 0.5}, "greatest distance from it, metres"),
-    "recording": ({"type": "string"}, "glob of names of recordings"),
-    "since": ({"type": "string", "format": "date-time"}, "last seen since"),
-    "until": ({"type": "string", "format": "date-time"}, "last seen before"),
-    "color": ({"type": "string", "enum": list(COLOR_WORDS)}, "color of a third of its points"),
-    "name": ({"type": "string"}, "class, as a detector saw it"),
-    "min_score": ({"type": "number"}, "confidence that it is an object, 0 to 1"),
-    "like": ({"type": "string", "example": "kitchen-3#7"}, "RECORDING#LABEL: the most like this one first"),
-    "limit": ({"type": "integer", "default": 50, "maximum": MAX_ROWS}, "at most this many"),
-}
 PATHS = {
     "/api/objects": ("Objects, as `cuboid find` finds them", tuple(PARAMETERS)),
-    "/api/recordings": ("Recordings that are done, the worst first, with their quality indicators", ("limit",)),
+    "/api/recordings": (
+        "Recordings that are done, the worst first, with their quality indicators",
+        ("recording", "limit"),
+    ),
     "/api/failures": ("Recordings that are not done, by reason", ()),
 }
 
@@ -98,28 +83,39 @@ def application(url: str, *, token: str | None, hosts: tuple[str, ...] = LOCAL_N
     store = Store(url)
 
     async def summary(request: Request) -> Response:
+        asked = dict(request.query_params)
+
         def answer(tables: Tables) -> Response:
-            links = {"Recordings": "", "Objects": "objects"}
-            return HTMLResponse(summary_page(summarise_store(tables, WORST + MORE), "the store", links))
+            found = summarise_store(tables, WORST + MORE, given(asked).get("recording"))
+            return HTMLResponse(summary_page(found, "the store", {"Recordings": "", "Objects": "objects"}, asked))
 
         return await store.ask(answer)
 
     async def search(request: Request) -> Response:
-        filters = _filters(request)
+        asked = dict(request.query_params)
 
         def answer(tables: Tables) -> Response:
+            rows: list[dict[str, Any]] = []
+            fault = ""
+            try:
+                rows = find(tables, filters_of(given(asked)), pictures=True)
+            except InputError as error:  # the form shows it, with the values to correct
+                fault = str(error)
             links = {"Recordings": ".", "Objects": ""}
-            return HTMLResponse(found_page(find(tables, filters, pictures=True), "Objects of the store", links))
+            page = found_page(rows, "Objects of the store", links, asked, fault)
+            return HTMLResponse(page, 400 if fault else 200)
 
         return await store.ask(answer)
 
     async def objects(request: Request) -> Response:
-        filters = _filters(request)
+        filters = filters_of(given(request.query_params))
         return await store.ask(lambda tables: _rows("objects", find(tables, filters)))
 
     async def recordings(request: Request) -> Response:
-        limit = _filters(request).limit
-        return await store.ask(lambda tables: _rows("recordings", summarise_store(tables, limit).worst))
+        filters = filters_of(given(request.query_params))
+        return await store.ask(
+            lambda tables: _rows("recordings", summarise_store(tables, filters.limit, filters.recording).worst)
+        )
 
     async def failures(request: Request) -> Response:
         return await store.ask(lambda tables: _rows("failures", summarise_store(tables, 1).failed))
@@ -160,7 +156,12 @@ def openapi(*, secured: bool) -> dict[str, Any]:
                 "get": {
                     "summary": what,
                     "parameters": [
-                        {"name": name, "in": "query", "schema": PARAMETERS[name][0], "description": PARAMETERS[name][1]}
+                        {
+                            "name": name,
+                            "in": "query",
+                            "schema": PARAMETERS[name].schema,
+                            "description": PARAMETERS[name].meaning,
+                        }
                         for name in names
                     ],
                     "responses": answer | wrong,
@@ -214,50 +215,12 @@ class _Guard:
 def _with_headers(send: Send) -> Send:
     async def sending(message: Any) -> None:
         if message["type"] == "http.response.start":
-            message["headers"] += [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
+            message["headers"] += [
+                (name.lower().encode(), value.encode()) for name, value in headers(forms=True).items()
+            ]
         await send(message)
 
     return sending
-
-
-def _filters(request: Request) -> Filters:
-    """Return what is asked for; raises InputError where it cannot be understood."""
-    asked = request.query_params
-    unknown = sorted(set(asked) - set(PARAMETERS))
-    if unknown:
-        raise InputError(f"unknown parameter '{unknown[0]}'; there are {', '.join(PARAMETERS)}")
-
-    def number(name: str, otherwise: float) -> float:
-        try:
-            return float(asked[name]) if name in asked else otherwise
-        except ValueError:
-            raise InputError(f"{name}: expected a number, got '{asked[name]}'") from None
-
-    def moment(name: str) -> datetime | None:
-        try:
-            return datetime.fromisoformat(asked[name]).astimezone() if name in asked else None
-        except (ValueError, OverflowError):
-            raise InputError(f"{name}: expected a date and time, got '{asked[name]}'") from None
-
-    try:
-        near = place(asked["near"]) if "near" in asked else None
-        like = thing(asked["like"]) if "like" in asked else None
-    except ValueError as error:
-        raise InputError(str(error)) from None
-    sized = "min_size" in asked or "max_size" in asked
-    return Filters(
-        size_m=(number("min_size", 0.0), number("max_size", 1e9)) if sized else None,
-        near=near,
-        within_m=number("within", 0.5),
-        recording=asked.get("recording"),
-        since=moment("since"),
-        until=moment("until"),
-        color=asked.get("color"),
-        name=asked.get("name"),
-        min_score=number("min_score", 0.0) if "min_score" in asked else None,
-        like=like,
-        limit=int(min(MAX_ROWS, max(1.0, number("limit", 50)))),
-    )
 
 
 def _rows(name: str, rows: list[dict[str, Any]]) -> Response:

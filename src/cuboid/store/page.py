@@ -6,10 +6,13 @@ import base64
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
-from urllib.parse import quote
+from urllib.parse import quote, urlencode
 
+from cuboid.store.parameters import PARAMETERS
 from cuboid.store.place import Place
 from cuboid.store.query import Tables
+from cuboid.store.search_form import STYLE as FORM_STYLE
+from cuboid.store.search_form import search_form
 from cuboid.store.summary import INDICATORS, StoreSummary, summarise_store
 from cuboid.views.report.page import own, style
 
@@ -44,8 +47,23 @@ def write_summary(store: str) -> None:
     place.put(NAME, summary_page(summarise_store(Tables(store), WORST + MORE), store).encode("utf-8", "replace"))
 
 
-def summary_page(summary: StoreSummary, title: str, links: Mapping[str, str] | None = None) -> str:
-    """Return how the recordings of a store went, as HTML; their addresses are relative to it, `links` as in `html`."""
+def summary_page(
+    summary: StoreSummary,
+    title: str,
+    links: Mapping[str, str] | None = None,
+    asked: Mapping[str, str] | None = None,
+) -> str:
+    """Return how the recordings of a store went, as HTML; their addresses are relative to it.
+
+    Parameters
+    ----------
+    summary : StoreSummary
+    title : str
+    links : mapping, optional
+        As in `html`.
+    asked : mapping, optional
+        Parameters of the request, which the search form begins with; a page that is a file has no form.
+    """
     totals = summary.totals
     shown = {
         "recordings": f"{totals['recordings']:,}",
@@ -58,7 +76,8 @@ def summary_page(summary: StoreSummary, title: str, links: Mapping[str, str] | N
         f'<div class="figure"><strong>{escape(value)}</strong><span>{escape(name)}</span></div>'
         for name, value in shown.items()
     )
-    parts = [f'<div class="figures">{head}</div>']
+    form = search_form(".", ("recording",), asked) if asked is not None else ""
+    parts = [form, f'<div class="figures">{head}</div>']
     if summary.failed:
         rows = [
             (str(row["count"]), row["state"], row["recording"], row["reason"] or "")
@@ -99,18 +118,52 @@ def _bar(fraction: float | None) -> str:
     return f'<td class="number bar" style="--of: {100 * value:.0f}%">{f"{value:.2f}" if value else ""}</td>'
 
 
-def found_page(rows: Sequence[Mapping[str, Any]], title: str, links: Mapping[str, str] | None = None) -> str:
-    """Return objects that were found, with their pictures, as HTML; `links` as in `html`."""
+def found_page(
+    rows: Sequence[Mapping[str, Any]],
+    title: str,
+    links: Mapping[str, str] | None = None,
+    asked: Mapping[str, str] | None = None,
+    fault: str = "",
+) -> str:
+    """Return objects that were found, with their pictures, as HTML.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        From `find`, with pictures.
+    title : str
+    links : mapping, optional
+        As in `html`.
+    asked : mapping, optional
+        Parameters of the request, which the search form begins with; a page that is a file has no form.
+    fault : str
+        Why the request was refused.
+    """
     last = next((name for name in ("unlike", "distance_m") if rows and name in rows[0]), None)
-    names = ("object", "", "size, cm", "position, m", "color", "frames", "last seen", *([last] if last else []))
+    names = ["object", "", "size, cm", "position, m", "color", "frames", "last seen", *([last] if last else [])]
     lines = []
     for row in rows:
         picture = base64.b64encode(row["picture"]).decode("ascii") if row.get("picture") else None
         shown = f'<img alt="" src="data:image/jpeg;base64,{picture}">' if picture else ""
         cells = [*cells_of(row)[1:], *([f"{row[last]:.3f}"] if last else [])]
         tail = "".join(f'<td class="number">{escape(cell)}</td>' for cell in cells)
-        lines.append(f"<tr><td>{escape(cells_of(row)[0])}</td><td>{shown}</td>{tail}</tr>")
-    return html(title, f"<h2>{len(rows):,} objects</h2>{_lines(names, lines, left=2)}", links)
+        similar = f"<td class=number>{_similar(row)}</td>" if asked is not None else ""
+        lines.append(f"<tr><td>{escape(cells_of(row)[0])}</td><td>{shown}</td>{tail}{similar}</tr>")
+    if asked is not None:
+        names.append("")
+    form = search_form("objects", tuple(PARAMETERS), asked, fault) if asked is not None else ""
+    table = _lines(names, lines, left=2) if rows else '<p class="empty">No object matches.</p>'
+    return html(title, form if fault else f"{form}<h2>{_counted(len(rows))}</h2>{table}", links)
+
+
+def _counted(count: int) -> str:
+    return "1 object" if count == 1 else f"{count:,} objects"
+
+
+def _similar(row: Mapping[str, Any]) -> str:
+    """Return a link to the objects most similar to one."""
+    question = urlencode({"like": f"{row['recording']}#{row['label']}"})
+    return f'<a href="objects?{escape(question)}">similar</a>'
 
 
 def cells_of(row: Mapping[str, Any]) -> list[str]:
@@ -146,7 +199,7 @@ def html(title: str, body: str, links: Mapping[str, str] | None = None) -> str:
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)} - cuboid</title>'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         '<link rel="icon" href="data:,">'  # else browsers ask for /favicon.ico
-        f"<style>{style(STYLE)}</style></head><body><header>{own('mark.svg')}<h1>{escape(title)}</h1>"
+        f"<style>{style(STYLE, FORM_STYLE)}</style></head><body><header>{own('mark.svg')}<h1>{escape(title)}</h1>"
         f"{f'<nav>{leads}</nav>' if leads else ''}</header>"
         f'<main class="document">{body}</main></body></html>\n'
     )

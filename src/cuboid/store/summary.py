@@ -38,27 +38,31 @@ class StoreSummary:
     failed: list[dict[str, Any]]
 
 
-def summarise_store(tables: Tables, limit: int) -> StoreSummary:
-    """Return how recordings went, at most `limit` of them."""
-    newest = f"{RUNS} where state = '{DONE}' and run not in (select run from {SUPERSEDED})"
+def summarise_store(tables: Tables, limit: int, recording: str | None = None) -> StoreSummary:
+    """Return how recordings went, at most `limit` of them; `recording` is a glob of their names."""
+    named, values = ("recording glob ?", [recording]) if recording is not None else ("true", [])
+    newest = f"{RUNS} where state = '{DONE}' and {named} and run not in (select run from {SUPERSEDED})"
     totals = tables.rows(
         "select count(*) as recordings, coalesce(sum(frames_used), 0)::bigint as frames, "
         "coalesce(sum(objects), 0)::bigint as objects, coalesce(sum(seconds), 0) / 3600 as hours, "
-        f"max(finished) as finished from {newest}"
+        f"max(finished) as finished from {newest}",
+        values,
     )[0]
     fractions = ", ".join(f'{sql} as "{name}"' for name, sql in INDICATORS.items())
     together = " + ".join(f"({sql})" for sql in INDICATORS.values())
     worst = tables.rows(
         "select recording, run, results, frames_read, frames_used, frames_lost, proposals, proposals_labelled, "
         f"sightings, labels, objects, len(warnings) as warnings, {fractions}, {together} as badness "
-        f"from {newest} order by badness desc, recording limit {limit}"
+        f"from {newest} order by badness desc, recording limit {limit}",
+        values,
     )
     failed = tables.rows(
         # names, numbers and sizes apart, the same reason is one kind
         "select state, any_value(reason order by recording) as reason, count(*) as count, "
-        f"min(recording) as recording from {RUNS} as r where state <> '{DONE}' and not exists "
+        f"min(recording) as recording from {RUNS} as r where state <> '{DONE}' and {named} and not exists "
         f"(select 1 from {RUNS} as later where later.source = r.source and later.state = '{DONE}' "
         "and later.finished > r.finished) group by state, regexp_replace(reason, '\\S*\\d\\S*', '#', 'g') "
-        "order by count desc, recording"
+        "order by count desc, recording",
+        values,
     )
     return StoreSummary(totals, worst, failed)

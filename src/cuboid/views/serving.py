@@ -33,20 +33,24 @@ TAKING_S = 60.0
 LONGEST_ADDRESS = 2_000
 LARGEST_HEAD = 16_000
 
-# The pages hold their own scripts and style, and need nothing from elsewhere.
-HEADERS = {
-    "Cache-Control": "no-store",  # the next run's pictures have the same addresses
-    "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
-    "img-src 'self' data: blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-}
-
 # A page sends back a document of some kilobytes; a larger one is not from our page.
 MAX_BYTES = 16 << 20
 
 Answer = tuple[str, bytes]
+
+
+def headers(*, forms: bool = False) -> dict[str, str]:
+    """Return the headers of a page, which tell the browser what the page may do; `forms` may ask its own server."""
+    return {
+        "Cache-Control": "no-store",  # the next run's pictures have the same addresses
+        # the pages hold their own scripts and style, and need nothing from elsewhere
+        "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+        "img-src 'self' data: blob:; connect-src 'self'; base-uri 'none'; "
+        f"form-action '{'self' if forms else 'none'}'; frame-ancestors 'none'",
+        "Cross-Origin-Resource-Policy": "same-origin",
+        "X-Content-Type-Options": "nosniff",
+        "Referrer-Policy": "no-referrer",
+    }
 
 
 class Phase(Enum):
@@ -146,7 +150,7 @@ class PageHandler(BaseHTTPRequestHandler):
         self.send_response(status)
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(content)))
-        for name, value in HEADERS.items():
+        for name, value in headers().items():
             self.send_header(name, value)
         self.end_headers()
         self.wfile.write(content)

@@ -1,0 +1,119 @@
+"""The parameters of a store's pages and API: their meaning, and a request's values read into filters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from cuboid.core.errors import InputError
+from cuboid.store.filter_words import length, moment, place, thing
+from cuboid.store.find import Filters
+from cuboid.store.likeness import COLOR_WORDS
+
+T = TypeVar("T")
+
+MAX_ROWS = 1000
+MAX_SIZE_M = 1e9
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter of a request.
+
+    Attributes
+    ----------
+    schema : dict
+        Its OpenAPI type.
+    meaning : str
+    field : str
+        Name of its field in the search form.
+    """
+
+    schema: dict[str, Any]
+    meaning: str
+    field: str
+
+
+# The names are those of the command line, the order is that of the form.
+PARAMETERS: dict[str, Parameter] = {
+    "name": Parameter({"type": "string", "example": "cup"}, "name of the object, or a likely class of it", "name"),
+    "color": Parameter({"type": "string", "enum": list(COLOR_WORDS)}, "color of 30 % of its points or more", "color"),
+    "min_size": Parameter(
+        {"type": "string", "example": "8cm"}, "minimum length of the longest side", "longest side from"
+    ),
+    "max_size": Parameter(
+        {"type": "string", "example": "0.5m"}, "maximum length of the longest side", "longest side to"
+    ),
+    "recording": Parameter({"type": "string", "example": "kitchen*"}, "glob of names of recordings", "recording"),
+    "like": Parameter(
+        {"type": "string", "example": "kitchen-3#7"},
+        "RECORDING#LABEL: the objects most similar to it first",
+        "similar to",
+    ),
+    "since": Parameter(
+        {"type": "string", "example": "2026-03-01"}, "last seen since a date, a time, or for 7d, 12h, 30min", "since"
+    ),
+    "until": Parameter({"type": "string", "example": "2026-04-01"}, "last seen before, written as since", "until"),
+    "near": Parameter(
+        {"type": "string", "example": "1.5,0,0.8"}, "X,Y,Z: a place in the recordings' world, metres", "near, m"
+    ),
+    "within": Parameter({"type": "string", "default": "0.5m"}, "maximum distance from that place", "within"),
+    "min_score": Parameter({"type": "number", "example": 0.5}, "minimum confidence, 0 to 1", "score from"),
+    "limit": Parameter({"type": "integer", "default": 50, "maximum": MAX_ROWS}, "maximum number of rows", "rows"),
+}
+
+# The search form hides the fields of these until they are wanted.
+SELDOM = ("since", "until", "near", "within", "min_score", "limit")
+
+
+def given(asked: Mapping[str, str]) -> dict[str, str]:
+    """Return the parameters of a request that have a value: a form sends its empty fields as well.
+
+    Raises
+    ------
+    InputError
+        A parameter is unknown.
+    """
+    unknown = sorted(set(asked) - set(PARAMETERS))
+    if unknown:
+        raise InputError(f"unknown parameter '{unknown[0]}'; there are {', '.join(PARAMETERS)}")
+    return {name: value.strip() for name, value in asked.items() if value.strip()}
+
+
+def filters_of(asked: Mapping[str, str]) -> Filters:
+    """Return a request's parameters, from `given`, as filters.
+
+    Raises
+    ------
+    InputError
+        A value cannot be understood.
+    """
+
+    def read(name: str, reader: Callable[[str], T], otherwise: T) -> T:
+        try:
+            return reader(asked[name]) if name in asked else otherwise
+        except ValueError as error:
+            raise InputError(f"{name}: {error}") from None
+
+    sized = "min_size" in asked or "max_size" in asked
+    return Filters(
+        size_m=(read("min_size", length, 0.0), read("max_size", length, MAX_SIZE_M)) if sized else None,
+        near=read("near", place, None),
+        within_m=read("within", length, 0.5),
+        recording=asked.get("recording"),
+        since=read("since", moment, None),
+        until=read("until", moment, None),
+        color=asked.get("color"),
+        name=asked.get("name"),
+        min_score=read("min_score", _number, None),
+        like=read("like", thing, None),
+        limit=int(min(MAX_ROWS, max(1.0, read("limit", _number, 50.0)))),
+    )
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"expected a number, got '{text}'") from None
