@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from cuboid.evaluation import Evaluation
     from cuboid.evaluation.evaluate import Identity
+    from cuboid.evaluation.events import EventQuality
     from cuboid.evaluation.points import HeatQuality
     from cuboid.evaluation.visits import VisitsQuality
 
@@ -109,6 +110,8 @@ def print_evaluation(found: Evaluation) -> None:
         out.print(_identity_table(found.identity))
         out.print(_identity_lines(found.identity), markup=False)
         out.print(_reidentification_table(found.identity))
+    if found.events is not None:
+        out.print(_event_lines(found.events), markup=False)
     out.print(_objects_table(found))
     if found.names is not None:
         from cuboid.cli.keyframes import print_names
@@ -219,6 +222,20 @@ def _reidentification_table(identity: Identity) -> Table:
     table.add_row("with the old label", *(str(at.same_label) for at in curve))
     table.add_row("re-identification rate", *(_score(at.rate) for at in curve))
     return table
+
+
+def _event_lines(events: EventQuality) -> str:
+    delay = (
+        "" if events.median_delay_frames is None else f", told {events.median_delay_frames:.0f} frames after (median)"
+    )
+    lines = [
+        f"events: {events.events} true, {events.reported} reported, {events.right} of them right "
+        f"(precision {_score(events.precision)}, recall {_score(events.recall)}){delay}",
+        f"labels given to people: {', '.join(map(str, events.agent_labels)) or 'none'}",
+        *(f"not reported: {one}" for one in events.missed),
+        *(f"not true: {one}" for one in events.wrong),
+    ]
+    return "\n".join(lines)
 
 
 def _heat_line(heat: HeatQuality) -> str:

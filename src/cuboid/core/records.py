@@ -77,7 +77,7 @@ class Column:
         """Return the value of a record for each of `names`, numbers with all their digits."""
         value = getattr(record, self.name)
         if self.parts:
-            return tuple(value.tolist())
+            return (None,) * len(self.parts) if value is None else tuple(value.tolist())
         return (list(value) if isinstance(value, tuple) else value,)
 
     def cells(self, record: Any) -> Iterator[str]:
@@ -89,7 +89,9 @@ class Column:
         """Return the value for a record from that of a file, which has been validated."""
         if self.optional and value in (UNSET, ""):
             return None
-        return np.array(value) if self.parts else value
+        if self.parts:
+            return None if value[0] is None else np.array(value)
+        return value
 
 
 def column(
@@ -144,7 +146,7 @@ def _types(kind: Any) -> Iterator[Any]:
     """Iterate over the plain types in an annotation."""
     inside = getattr(kind, "__origin__", None), *get_args(kind)
     if get_origin(kind) is None:
-        yield kind
+        yield str if isinstance(kind, str) else kind  # a text of a Literal
     for one in inside:
         if one is not None and one is not kind:
             yield from _types(one)

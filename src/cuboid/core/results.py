@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.core.records import LEVEL, PIXEL, column
-from cuboid.core.values import Count, Fraction, FrameNumber, Label, LabelOrNone, Level, Pixel
+from cuboid.core.values import Count, EventName, Fraction, FrameNumber, Label, LabelOrNone, Level, Metres, Pixel
 from cuboid.geometry.box import Box
 
 # The rectangle of a record in its frame's image.
@@ -75,6 +75,61 @@ class Sighting:
 
 
 @dataclass(frozen=True, slots=True)
+class ObjectEvent:
+    """A change of an object while the camera watched.
+
+    Attributes
+    ----------
+    event : {"appeared", "moved", "gone", "back"}
+        "appeared": it stands where nothing stood. "moved": it stands elsewhere. "gone": its place is empty. "back": it
+        was gone, and is there again.
+    label : int
+    from_m, to_m : (3,) float64 or None
+        Middle of its box before and after, in the world; None where it was not, or is not, there.
+    score : float
+        How sure it is that this is the object, 0..1.
+    """
+
+    event: EventName = field(metadata=column("what happened"))
+    label: Label = field(metadata=column("of the object, 1 or more"))
+    from_m: Float64Array | None = field(
+        metadata=column("middle of its box before", kind=Metres | None, parts=("from_x", "from_y", "from_z"))
+    )
+    to_m: Float64Array | None = field(
+        metadata=column("middle of its box after", kind=Metres | None, parts=("to_x", "to_y", "to_z"))
+    )
+    score: Fraction = field(metadata=column("how sure it is that this is the object, 0 to 1"))
+
+    def __repr__(self) -> str:
+        places = " to ".join(
+            "nowhere" if at is None else f"({at[0]:z.2f}, {at[1]:z.2f}, {at[2]:z.2f})"
+            for at in (self.from_m, self.to_m)
+        )
+        return f"ObjectEvent({tag_of(self.label)} {self.event}: {places}; score {self.score:.2f})"
+
+
+@dataclass(frozen=True, slots=True)
+class MovingRegion:
+    """A part of a frame in which something moves: a hand, a person, a thing that is carried.
+
+    Attributes
+    ----------
+    low, high : (3,) float64
+        Corners of the upright box around it, in the axes of the world, metres.
+    rect_xyxy : (4,) float64
+        Rectangle in the frame's image, pixels, end exclusive.
+    """
+
+    low: Float64Array
+    high: Float64Array
+    rect_xyxy: Float64Array
+
+    def __repr__(self) -> str:
+        x0, y0, x1, y1 = self.rect_xyxy
+        return f"MovingRegion(pixels {x0:.0f}, {y0:.0f} to {x1:.0f}, {y1:.0f})"
+
+
+@dataclass(frozen=True, slots=True)
 class FrameResult:
     """The result of `Tracker.update` for one frame.
 
@@ -97,6 +152,10 @@ class FrameResult:
         How many proposals, clusters (segments) and candidates were more than a frame may bring, see `core.limits`.
     size : (int, int) or None
         Width and height of the frame, pixels; None is the heat's.
+    events : tuple of ObjectEvent
+        What has happened to objects, as this frame shows.
+    moving : tuple of MovingRegion
+        Where something moves.
     """
 
     index: int
@@ -109,6 +168,8 @@ class FrameResult:
     milliseconds: dict[str, float]
     left_out: Mapping[str, int] = field(default_factory=dict)
     size: tuple[int, int] | None = None
+    events: tuple[ObjectEvent, ...] = ()
+    moving: tuple[MovingRegion, ...] = ()
 
     def __repr__(self) -> str:
         labels = ", ".join(f"#{seen.label}" for seen in self.sightings) or "nothing"

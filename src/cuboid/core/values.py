@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import msgspec
 import numpy as np
@@ -40,6 +40,7 @@ Count: TypeAlias = Annotated[int, Meta(ge=0, le=LAST_NUMBER)]
 Label: TypeAlias = Annotated[int, Meta(ge=1, le=LAST_NUMBER, description="1 or more")]
 LabelOrNone: TypeAlias = Annotated[int, Meta(ge=0, le=LAST_NUMBER, description="0: none")]
 ImageSide: TypeAlias = Annotated[int, Meta(ge=1, le=LARGEST_IMAGE_PX, description="pixels")]
+EventName: TypeAlias = Literal["appeared", "moved", "gone", "back"]
 Text: TypeAlias = Annotated[str, Meta(max_length=1000)]
 Name: TypeAlias = Annotated[str, Meta(max_length=200)]
 

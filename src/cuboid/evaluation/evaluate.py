@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections import Counter
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from cuboid.evaluation.boxes import (
     proposal_quality,
 )
 from cuboid.evaluation.clear import Clear, clear, correspondences
+from cuboid.evaluation.events import EventQuality, event_quality, labels_on_agents, objects_of_labels
 from cuboid.evaluation.hota import Hota, hota
 from cuboid.evaluation.labels import (
     ObjectLabels,
@@ -110,6 +112,8 @@ class Evaluation:
         None without a labelled cloud.
     names : NameQuality or None
         None where no detector named objects.
+    events : EventQuality or None
+        None where the truth says nothing of events, or of visibility.
     """
 
     result: str
@@ -122,12 +126,15 @@ class Evaluation:
     objects: tuple[ObjectOutcome, ...]
     heat: HeatQuality | None
     names: NameQuality | None = None
+    events: EventQuality | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything, ready for JSON: numbers have six decimals, what is undefined is None."""
         document = asdict(self)
         if self.names is None:
             del document["names"]
+        if self.events is None:
+            del document["events"]
         return {"format": FORMAT, "version": VERSION, **plain(document)}
 
 
@@ -164,8 +171,9 @@ def evaluate(
     scope = Scope(truth, frames)
     quality, boxes = map_quality(scope, result.objects)
     labels: list[ObjectLabels | None] = [None] * len(boxes)
-    identity, proposals = None, None
+    identity, proposals, events = None, None, None
     if scope.shown is not None:
+        events = None if truth.events is None else _events(scope, truth, result)
         identity, labels[:] = _identity(scope, result.tracks)
         proposals = _proposals(scope, result.proposals)
     return Evaluation(
@@ -188,6 +196,7 @@ def evaluate(
                 for item, box in zip(scope.objects, boxes, strict=True)
             ],
         ),
+        events=events,
     )
 
 
@@ -224,6 +233,19 @@ def _identity(scope: Scope, tracks: BoxRows) -> tuple[Identity, list[ObjectLabel
         median_frames_to_first_label=float(np.median(waits)) if waits else None,
     )
     return identity, labels
+
+
+def _events(scope: Scope, truth: Truth, result: Result) -> EventQuality:
+    tracks, names = result.tracks, np.unique(result.tracks.label).tolist()
+    frames = scope.frame_overlaps(tracks)
+    pairs = correspondences(frames, FOUND_IOU)
+    ids = [item.id for item in scope.objects]
+    objects = {names[k]: number for k, number in objects_of_labels(frames, pairs, ids).items()}
+    counted = {names[k] for frame in frames for k in frame.found.tolist()}
+    paired = Counter(names[label] for here in pairs for _, label in here)
+    aside = [label for label in names if label not in counted]
+    quality = event_quality(truth, objects, aside, result.events)
+    return replace(quality, agent_labels=labels_on_agents(truth, tracks, scope.frames, paired))
 
 
 def _proposals(scope: Scope, rows: BoxRows | None) -> ProposalQuality | None:

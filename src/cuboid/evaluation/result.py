@@ -16,7 +16,8 @@ from cuboid.formats.table_validation import read_table
 from cuboid.geometry.overlap import pack
 from cuboid.geometry.se3 import rotation_from_quat_wxyz
 from cuboid.outputs import Results
-from cuboid.outputs.folder import MAP, PROPOSALS, TRACKS, TRAJECTORY
+from cuboid.outputs.folder import EVENTS, MAP, PROPOSALS, TRACKS, TRAJECTORY
+from cuboid.outputs.rows import EventRow, read_events
 
 IntArray = npt.NDArray[np.int64]
 
@@ -90,6 +91,8 @@ class Result:
         "given", "estimated", or "" where the result does not say.
     map_points, trajectory : Path or None
         Files beside the tracks.
+    events : tuple of EventRow
+        What happened to objects; empty where there is no such file.
     T_truth_result : (4, 4) float64
         The motion by which the boxes were transformed to the world of the truth; the files are as they were.
     """
@@ -103,6 +106,7 @@ class Result:
     poses: str = ""
     map_points: Path | None = None
     trajectory: Path | None = None
+    events: tuple[EventRow, ...] = ()
     T_truth_result: Float64Array = field(default_factory=lambda: np.eye(4))
 
     def moved(self, T_truth_result: Float64Array) -> Result:
@@ -113,6 +117,7 @@ class Result:
             tracks=replace(tracks, boxes=_moved(tracks.boxes, T_truth_result)),
             objects=replace(objects, boxes=_moved(objects.boxes, T_truth_result)),
             proposals=proposals and replace(proposals, boxes=_moved(proposals.boxes, T_truth_result)),
+            events=tuple(one.moved(T_truth_result) for one in self.events),
             T_truth_result=T_truth_result @ self.T_truth_result,
         )
 
@@ -148,6 +153,7 @@ def read_result(path: PathLike) -> Result:
         poses=report.poses,
         map_points=path / MAP if (path / MAP).exists() else None,
         trajectory=path / TRAJECTORY if (path / TRAJECTORY).exists() else None,
+        events=tuple(read_events(path / EVENTS)) if (path / EVENTS).exists() else (),
     )
 
 

@@ -52,6 +52,10 @@ class Boxes:
     on_judged: BoolArray
     left_out: BoolArray
 
+    def of(self, rows: slice) -> Boxes:
+        """Return how some of the boxes lie."""
+        return Boxes(self.iou[rows], self.on_judged[rows], self.left_out[rows])
+
 
 class Scope:
     """The judged objects of a truth, and what else matters for the judgement.
@@ -67,7 +71,7 @@ class Scope:
     objects : tuple of TruthObject
         The judged ones.
     packed : (G, 15) float64
-        Their boxes.
+        Their boxes in the end.
     frames : (T,) int64
     shown : (T, G) float64 or None
         Their visible fractions in the judged frames.
@@ -83,33 +87,42 @@ class Scope:
         self._aside = pack([*aside, *truth.ignored])
         self._region = truth.region
         self._round = np.flatnonzero([item.round for item in self.objects])
-        self._turned = [_turned(self.packed[self._round], angle) for angle in TURNS_RAD[1:]]
+        self._truth = truth
+        self._gone = np.array([item.id in truth.gone for item in self.objects], bool)
+        self._moves = any(item.path is not None for item in truth.objects)
 
-    def boxes(self, found: Float64Array) -> Boxes:
-        """Return how found boxes (N, 15) lie to the truth."""
-        on_aside = _stands_on(found, self._aside, iou_matrix(found, self._aside)).any(1)
+    def _in_frame(self, frame: int) -> tuple[Float64Array, Float64Array]:
+        """Return the boxes of the judged objects in a frame, and of all that counts neither way."""
+        aside = [item.at(frame) for item in self._truth.objects if not item.judged]
+        return pack([item.at(frame) for item in self.objects]), pack([*aside, *self._truth.ignored])
+
+    def boxes(self, found: Float64Array, frame: int | None = None) -> Boxes:
+        """Return how found boxes (N, 15) lie to the truth: as it is in a frame, in the end unless given."""
+        packed, aside = (self.packed, self._aside) if frame is None else self._in_frame(frame)
+        on_aside = _stands_on(found, aside, iou_matrix(found, aside)).any(1)
         outside = np.zeros(len(found), bool)
         if self._region is not None:
             outside = ~self._region.contains(found[:, :3])
-        iou = self.iou(found)
-        return Boxes(iou, _stands_on(found, self.packed, iou), on_aside | outside)
+        iou = self._iou(found, packed)
+        return Boxes(iou, _stands_on(found, packed, iou), on_aside | outside)
 
-    def iou(self, found: Float64Array) -> Float64Array:
-        """Return the IoU (N, G) of found boxes (N, 15) with the judged objects.
+    def _iou(self, found: Float64Array, packed: Float64Array) -> Float64Array:
+        """Return the IoU (N, G) of found boxes (N, 15) with those of the judged objects (G, 15).
 
         That of a round object is the largest over turns about its third axis, as Objectron's for cups and bottles
         (Ahmadyan et al., CVPR 2021): where it points to says nothing.
         """
-        iou = iou_matrix(found, self.packed)
-        for turned in self._turned if len(self._round) else ():
+        iou = iou_matrix(found, packed)
+        for angle in TURNS_RAD[1:] if len(self._round) else ():
+            turned = _turned(packed[self._round], angle)
             iou[:, self._round] = np.maximum(iou[:, self._round], iou_matrix(found, turned))
         return iou
 
     def must_map(self) -> BoolArray:
         """Tell which judged objects the map must have: those that some judged frame must find, (G,)."""
         if self.shown is None:
-            return np.ones(len(self.objects), bool)
-        return np.asarray((self.shown > MUST_SEE_FRACTION).any(0))
+            return ~self._gone
+        return np.asarray((self.shown > MUST_SEE_FRACTION).any(0) & ~self._gone)
 
     def frame_overlaps(self, rows: BoxRows) -> list[FrameOverlap]:
         """Return for each judged frame what must be found in it, and what was found that counts.
@@ -118,15 +131,16 @@ class Scope:
         """
         assert self.shown is not None
         _, number = np.unique(rows.label, return_inverse=True)
-        lie = self.boxes(rows.boxes)
+        lie = None if self._moves else self.boxes(rows.boxes)
         start, end = (np.searchsorted(rows.frame, self.frames, side) for side in ("left", "right"))
         overlaps = []
         for t, frame in enumerate(self.frames.tolist()):
             here = slice(int(start[t]), int(end[t]))
             must = np.flatnonzero(self.shown[t] > MUST_SEE_FRACTION)
             may = (self.shown[t] > 0) & (self.shown[t] <= MUST_SEE_FRACTION)
-            iou = lie.iou[here][:, must].T
-            counts = counted(iou, lie.left_out[here] | lie.on_judged[here][:, may].any(1))
+            now = self.boxes(rows.boxes[here], frame) if lie is None else lie.of(here)
+            iou = now.iou[:, must].T
+            counts = counted(iou, now.left_out | now.on_judged[:, may].any(1))
             overlaps.append(FrameOverlap(frame, must, number[here][counts], iou[:, counts]))
         return overlaps
 

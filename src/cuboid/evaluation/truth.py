@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,8 +16,9 @@ from cuboid.core.errors import printable
 from cuboid.core.frame import Float64Array
 from cuboid.core.paths import PathLike, as_path
 from cuboid.formats.json_validation import read_json
-from cuboid.formats.truth_file import BoxOfTruth, RegionOfTruth, TruthDocument, VisibilityOfTruth
+from cuboid.formats.truth_file import BoxOfTruth, EventOfTruth, Move, RegionOfTruth, TruthDocument, VisibilityOfTruth
 from cuboid.geometry.box import Box
+from cuboid.geometry.se3 import compose
 
 NAME = "truth.json"
 
@@ -37,6 +39,8 @@ class TruthObject:
         In the world of the truth.
     round : bool
         Whether it looks alike from all sides: its box may be turned about the third axis.
+    path : Path3D or None
+        Where it is in each frame; None where it stays. `box` is where it is in the end.
     """
 
     id: int
@@ -44,6 +48,11 @@ class TruthObject:
     judged: bool
     box: Box
     round: bool = False
+    path: Path3D | None = None
+
+    def at(self, frame: int) -> Box:
+        """Return its box in a frame."""
+        return self.box if self.path is None else self.path.at(frame, self.box.size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +92,63 @@ class JudgedRegion:
 
 
 @dataclass(frozen=True, slots=True)
+class Path3D:
+    """Where a box is in each frame.
+
+    Attributes
+    ----------
+    frames : (K,) int64
+        Ascending; from each on the box is there until the next one.
+    T_truth_box : (K, 4, 4) float64
+    """
+
+    frames: npt.NDArray[np.int64]
+    T_truth_box: Float64Array
+
+    def at(self, frame: int, size: Float64Array) -> Box:
+        """Return a box of a size in a frame."""
+        T = self.T_truth_box[max(int(np.searchsorted(self.frames, frame, "right")) - 1, 0)]
+        return Box(T[:3, 3], size, T[:3, :3])
+
+
+@dataclass(frozen=True, slots=True)
+class TruthEvent:
+    """What happens to an object while the camera runs.
+
+    Attributes
+    ----------
+    event : str
+        "appeared", "moved", "gone" or "back".
+    id : int
+    begin, end : int
+        Frames in which it leaves its place, and in which it is at rest again or out of the scene.
+    from_m, to_m : (3,) float64 or None
+        Middle of its box before and after; None where it was not, or is not, there.
+    """
+
+    event: str
+    id: int
+    begin: int
+    end: int
+    from_m: Float64Array | None
+    to_m: Float64Array | None
+
+
+@dataclass(frozen=True, slots=True)
+class TruthAgent:
+    """A rigid part of a person.
+
+    Attributes
+    ----------
+    size : (3,) float64
+    path : Path3D
+    """
+
+    size: Float64Array
+    path: Path3D
+
+
+@dataclass(frozen=True, slots=True)
 class Truth:
     """The contents of a truth file.
 
@@ -100,6 +166,10 @@ class Truth:
         Places where finding something counts neither way.
     visibility : (frames, objects) float64 or None
         Visible fraction of each object in each frame, 0..1; None where the file does not say.
+    events : tuple of TruthEvent or None
+        What happens to objects, in the order in which it ends; None where the file does not say.
+    agents : tuple of TruthAgent
+        People, in rigid parts.
     """
 
     path: Path
@@ -109,6 +179,14 @@ class Truth:
     region: JudgedRegion | None
     ignored: tuple[Box, ...]
     visibility: Float64Array | None
+    events: tuple[TruthEvent, ...] | None = None
+    agents: tuple[TruthAgent, ...] = ()
+
+    @property
+    def gone(self) -> frozenset[int]:
+        """Objects that are not there in the end."""
+        last = {one.id: one.event for one in self.events or ()}
+        return frozenset(number for number, event in last.items() if event == "gone")
 
 
 def read_truth(path: PathLike) -> Truth:
@@ -129,16 +207,36 @@ def read_truth(path: PathLike) -> Truth:
         name=document.name or printable(path.stem),
         frames=document.frames if seen is None else seen.frames,
         objects=tuple(
-            TruthObject(item.id, item.name or str(item.id), item.judged, _box(item), item.round) for item in objects
+            TruthObject(
+                item.id,
+                item.name or str(item.id),
+                item.judged,
+                _box(item),
+                item.round,
+                _path(item.moves) if item.moves else None,
+            )
+            for item in objects
         ),
         region=None if document.judged_region is None else _region(document.judged_region),
         ignored=tuple(map(_box, document.ignore or ())),
         visibility=None if seen is None else _visibility(seen, [item.id for item in objects]),
+        events=None if document.events is None else tuple(map(_event, document.events)),
+        agents=tuple(TruthAgent(np.array(one.size), _path(one.moves)) for one in document.agents or () if one.moves),
     )
 
 
 def _box(item: BoxOfTruth) -> Box:
     return Box(np.array(item.center), np.array(item.size), np.array(item.rotation))
+
+
+def _path(moves: Sequence[Move]) -> Path3D:
+    poses = np.array([compose(turn, place) for _, *rest in moves for place, turn in [(rest[:3], rest[3:])]])
+    return Path3D(np.array([frame for frame, *_ in moves], np.int64), poses)
+
+
+def _event(item: EventOfTruth) -> TruthEvent:
+    places = (None if at is None else np.array(at) for at in (item.begun_at, item.to))
+    return TruthEvent(item.event, item.id, item.begin, item.end, *places)
 
 
 def _region(item: RegionOfTruth) -> JudgedRegion:

@@ -1,4 +1,4 @@
-"""The tables of a result folder: `tracks.csv`, `proposals.csv`, `trajectory.txt`; and boxes of other trackers."""
+"""The tables of a result folder (`tracks.csv`, `proposals.csv`, `events.csv`, `trajectory.txt`); boxes of others."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, get_type_hints
 import msgspec
 
 from cuboid.core.records import columns_of
-from cuboid.core.results import Proposal3D, Sighting
+from cuboid.core.results import ObjectEvent, Proposal3D, Sighting
 from cuboid.core.values import (
     Count,
     FrameNumber,
@@ -75,9 +75,18 @@ def _line_of(record: type) -> Any:
     )
 
 
+def _event_line() -> Any:
+    """Return the kind of a line with an event and the frame that told it."""
+    columns = [(name, one.kind) for one in columns_of(ObjectEvent) for name in one.names]
+    return msgspec.defstruct(
+        "_Event", [("frame", FrameNumber), ("timestamp", Seconds), *columns], bases=(Row,), frozen=True
+    )
+
+
 _SEEN_IN = ("frame", "label")
 _Track: Any = _line_of(Sighting)
 _Proposal: Any = _line_of(Proposal3D)
+_Event: Any = _event_line()
 
 
 class TrackEntry(_Track, frozen=True):  # type: ignore[misc, call-arg]
@@ -92,6 +101,15 @@ class ProposalEntry(_Proposal, frozen=True):  # type: ignore[misc, call-arg]
 
     def __post_init__(self) -> None:
         _refuse_line(self)
+
+
+class EventEntry(_Event, frozen=True):  # type: ignore[misc, call-arg]
+    """A change of an object while the camera watched: `events.csv`."""
+
+    def __post_init__(self) -> None:
+        for name in ("from", "to"):
+            if len({getattr(self, f"{name}_{axis}") is None for axis in "xyz"}) > 1:
+                raise ValueError(f"expected {name}_x, {name}_y and {name}_z, or none of them")
 
 
 class ProposalLabel(Row, frozen=True):

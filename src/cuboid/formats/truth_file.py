@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+import msgspec
 import numpy as np
 from msgspec import Meta
 
 from cuboid.core.values import (
     Count,
     Entry,
+    EventName,
     Fraction,
+    FrameNumber,
     Label,
     Metres,
     Name,
     Point,
+    QuaternionPart,
     Rotation,
+    refuse_no_quaternion,
     refuse_no_rotation,
     refuse_twice,
 )
@@ -27,6 +32,11 @@ MAX_FRACTIONS = 20_000_000
 
 Run = tuple[Fraction, Count]
 FrameCount = Annotated[int, Meta(ge=0, le=MAX_FRAMES)]
+Move = tuple[FrameNumber, Metres, Metres, Metres, QuaternionPart, QuaternionPart, QuaternionPart, QuaternionPart]
+Moves = Annotated[
+    list[Move],
+    Meta(description="where its box is from a frame on, until the next one: frame, centre, quaternion (w first)"),
+]
 PositiveSide = Annotated[float, Meta(gt=0.0, le=FARTHEST_M, description="metres")]
 
 
@@ -48,6 +58,39 @@ class ObjectOfTruth(BoxOfTruth, frozen=True, kw_only=True):
     name: Annotated[Name | None, Meta(description="for people")] = None
     judged: Annotated[bool, Meta(description="false where finding it counts neither way")] = True
     round: Annotated[bool, Meta(description="looks alike from all sides of its third axis")] = False
+    moves: Moves | None = None
+
+    def __post_init__(self) -> None:
+        refuse_no_rotation(self.rotation)
+        _refuse_moves(self.moves or [])
+
+
+class AgentOfTruth(Entry, frozen=True):
+    """A rigid part of a person: no object, wherever it is."""
+
+    size: tuple[PositiveSide, PositiveSide, PositiveSide]
+    moves: Moves
+    name: Annotated[Name | None, Meta(description="for people")] = None
+
+    def __post_init__(self) -> None:
+        _refuse_moves(self.moves)
+
+
+class EventOfTruth(Entry, frozen=True):
+    """What happens to an object while the camera runs."""
+
+    event: EventName
+    id: Annotated[Label, Meta(description="of the object")]
+    begin: Annotated[FrameNumber, Meta(description="frame in which it leaves its place")]
+    end: Annotated[FrameNumber, Meta(description="frame in which it is at rest again, or out of the scene")]
+    begun_at: Annotated[Point | None, Meta(description="middle of its box before, metres; null: not in the scene")] = (
+        msgspec.field(default=None, name="from")
+    )
+    to: Annotated[Point | None, Meta(description="middle of its box after, metres; null: not in the scene")] = None
+
+    def __post_init__(self) -> None:
+        if self.end < self.begin:
+            raise ValueError(f"the event ends in frame {self.end}, before it begins in frame {self.begin}")
 
 
 class RegionOfTruth(Entry, frozen=True):
@@ -82,11 +125,25 @@ class TruthDocument(Entry, frozen=True):
     judged_region: Annotated[RegionOfTruth | None, Meta(description="null: everything is judged")] = None
     ignore: list[BoxOfTruth] | None = None
     visibility: VisibilityOfTruth | None = None
+    events: Annotated[list[EventOfTruth] | None, Meta(description="in the order in which they end")] = None
+    agents: Annotated[list[AgentOfTruth] | None, Meta(description="people, in rigid parts")] = None
 
     def __post_init__(self) -> None:
         refuse_twice("object id", [item.id for item in self.objects])
+        known = {item.id for item in self.objects}
+        for happened in self.events or []:
+            if happened.id not in known:
+                raise ValueError(f"an event is of object {happened.id}, which is not there")
         if self.visibility is not None:
             _refuse_visibility(self.visibility, self.objects, self.frames)
+
+
+def _refuse_moves(moves: list[Move]) -> None:
+    """Raise ValueError where frames do not increase, or a turn is none."""
+    for k, (frame, _, _, _, *turn) in enumerate(moves):
+        refuse_no_quaternion(*turn)
+        if k and frame <= moves[k - 1][0]:
+            raise ValueError(f"moves: frame {frame} comes after frame {moves[k - 1][0]}")
 
 
 def _refuse_visibility(seen: VisibilityOfTruth, objects: list[ObjectOfTruth], frames: int | None) -> None:

@@ -34,6 +34,7 @@ PROPOSALS = "proposals.csv"
 TRAJECTORY = "trajectory.txt"
 TRAJECTORY_ONLINE = "trajectory_online.txt"
 MAP = "map.ply"
+EVENTS = "events.csv"
 VIDEO = "labelled.mp4"
 REPORT = "report.html"
 
@@ -43,7 +44,7 @@ COMPLETE = ".complete"
 YOUNG_S = 5.0
 NAMES = "names"
 
-OUTPUT_NAMES = (OBJECTS, TRACKS, PROPOSALS, TRAJECTORY, TRAJECTORY_ONLINE, MAP, VIDEO, REPORT, RUN)
+OUTPUT_NAMES = (OBJECTS, TRACKS, PROPOSALS, TRAJECTORY, TRAJECTORY_ONLINE, EVENTS, MAP, VIDEO, REPORT, RUN)
 
 
 @contextmanager

@@ -1,26 +1,27 @@
-"""The files with a line a sighting, a proposal, a pose: `tracks.csv`, `proposals.csv`, `trajectory.txt`."""
+"""The files with a line a sighting, a proposal, an event, a pose: `tracks.csv`, `proposals.csv`, `events.csv`, ..."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from cuboid.core.frame import Float64Array
 from cuboid.core.records import box_numbers, columns_of
-from cuboid.core.results import Proposal3D, Sighting, tag_of
-from cuboid.formats.rows_files import PoseEntry, ProposalEntry, ProposalLabel, TrackEntry
+from cuboid.core.results import ObjectEvent, Proposal3D, Sighting, tag_of
+from cuboid.formats.rows_files import EventEntry, PoseEntry, ProposalEntry, ProposalLabel, TrackEntry
 from cuboid.formats.table_validation import header_of, read_lines, read_table
 from cuboid.geometry.box import Box
-from cuboid.geometry.se3 import compose, quat_wxyz_from_rotation, rotation_from_quat_wxyz
+from cuboid.geometry.se3 import compose, quat_wxyz_from_rotation, rotation_from_quat_wxyz, transform
 from cuboid.outputs.text import DIRECTION, LENGTH, number, numbers
 
 R = TypeVar("R", "TrackRow", "ProposalRow")
 
 TRACKS_HEADER = header_of(TrackEntry)
 PROPOSALS_HEADER = header_of(ProposalEntry)
+EVENTS_HEADER = header_of(EventEntry)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -74,6 +75,35 @@ class ProposalRow(Proposal3D):
         return _line(self)
 
 
+@dataclass(frozen=True, slots=True, repr=False)
+class EventRow(ObjectEvent):
+    """An event with the frame that told it: a line of `events.csv`; the other attributes are those of `ObjectEvent`.
+
+    Attributes
+    ----------
+    frame : int
+        Number of the frame in the recording.
+    timestamp_s : float
+        Seconds.
+    """
+
+    frame: int
+    timestamp_s: float
+
+    def __repr__(self) -> str:
+        return f"EventRow(frame {self.frame}, {tag_of(self.label)} {self.event})"
+
+    def line(self) -> str:
+        """Return the line without its end."""
+        cells = (cell for column in columns_of(ObjectEvent) for cell in column.cells(self))
+        return ",".join((str(self.frame), number(self.timestamp_s, LENGTH), *cells))
+
+    def moved(self, T_new_old: Float64Array) -> EventRow:
+        """Return it in another world, by a rigid motion (4, 4)."""
+        from_m, to_m = (None if at is None else transform(T_new_old, at) for at in (self.from_m, self.to_m))
+        return replace(self, from_m=from_m, to_m=to_m)
+
+
 @dataclass(frozen=True, slots=True)
 class PoseRow:
     """A line of `trajectory.txt`, in the order that the TUM benchmark uses.
@@ -124,6 +154,14 @@ def read_proposals(path: Path) -> list[ProposalRow]:
     return [_row(ProposalRow, row) for _, row in read_table(path, ProposalEntry)]
 
 
+def read_events(path: Path) -> list[EventRow]:
+    """Read `events.csv`; parameters and errors are those of `read_tracks`."""
+    return [
+        EventRow(frame=row.frame, timestamp_s=row.timestamp, **_values(EventRow, row))
+        for _, row in read_table(path, EventEntry)
+    ]
+
+
 def read_proposal_labels(path: Path) -> list[int]:
     """Read the labels alone of `proposals.csv`; parameters and errors are those of `read_tracks`."""
     return [row.label for _, row in read_table(path, ProposalLabel, any_order=True)]
@@ -150,10 +188,14 @@ def _row(kind: type[R], line: TrackEntry | ProposalEntry) -> R:
         np.array((line.length, line.width, line.height)),
         rotation_from_quat_wxyz((line.qw, line.qx, line.qy, line.qz)),
     )
-    values = {
+    return kind(box=box, frame=line.frame, timestamp_s=line.timestamp, **_values(kind, line))
+
+
+def _values(kind: type, line: Any) -> dict[str, Any]:
+    """Return the described fields of a record from those of a line."""
+    return {
         column.name: column.read(
             [getattr(line, name) for name in column.names] if column.parts else getattr(line, column.name)
         )
         for column in columns_of(kind)
     }
-    return kind(box=box, frame=line.frame, timestamp_s=line.timestamp, **values)

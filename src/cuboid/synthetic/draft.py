@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from cuboid.synthetic import furniture as made
 from cuboid.synthetic.mesh import shift, turn
 from cuboid.synthetic.paths import CAMERAS, STEP_M, Style, around, fly
 from cuboid.synthetic.placement import Arrangement
-from cuboid.synthetic.scene import Furniture, Scene, Surface
+from cuboid.synthetic.scene import Agent, Furniture, Scene, SceneEvent, Surface
 from cuboid.synthetic.shapes import MAKERS, Model
 
 # Gap between objects where nothing else is said, metres.
@@ -45,6 +45,8 @@ class Draft:
         How the camera is carried; that of `camera` unless given.
     roll_rad : float
         By which the camera is turned about its sight.
+    agents : list of Agent
+    events : list of SceneEvent
     """
 
     rng: np.random.Generator
@@ -57,6 +59,8 @@ class Draft:
     whole: bool = False
     style: Style | None = None
     roll_rad: float = 0.0
+    agents: list[Agent] = field(default_factory=list)
+    events: list[SceneEvent] = field(default_factory=list)
 
     def add(self, model: Model, T_room_model: Float64Array, *, doubtful: bool = False) -> None:
         """Put up furniture."""
@@ -85,6 +89,8 @@ def finish(draft: Draft, name: str, kind: str, seed: int, T_world_room: Float64A
         T_world_room=T_world_room,
         T_room_camera=poses,
         focal_px=focal_px,
+        agents=tuple(draft.agents),
+        events=tuple(sorted(draft.events, key=lambda one: one.end)),
     )
 
 

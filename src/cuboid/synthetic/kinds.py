@@ -12,6 +12,7 @@ from cuboid.core.frame import Float64Array
 from cuboid.synthetic import furniture as made
 from cuboid.synthetic.draft import APART_M, SMALL, Draft, add_middle_table, add_room, circling, finish, on_floor
 from cuboid.synthetic.mesh import shift, turn
+from cuboid.synthetic.moving import build_moving
 from cuboid.synthetic.paths import CAMERAS, STEP_M, STEP_RAD, around, random_motion
 from cuboid.synthetic.placement import Arrangement
 from cuboid.synthetic.places import build_bin, build_counter, build_overhead, build_shelf, build_stacks
@@ -178,6 +179,7 @@ KINDS: Mapping[str, Builder] = MappingProxyType(
         "counter": build_counter,
         "stacks": build_stacks,
         "shelf": build_shelf,
+        "moving": build_moving,
     }
 )
 # How the camera goes where a place is visited again.
@@ -187,7 +189,7 @@ WAYS: Mapping[str, Builder] = MappingProxyType(
 # Frames of a recording where none are asked for: what the way of the kind takes.
 FRAMES: Mapping[str, int] = MappingProxyType(
     {"table": 160, "occluders": 200, "leave": 220, "tables": 360, "clutter": 160, "room": 460}
-    | {"overhead": 90, "bin": 120, "counter": 120, "stacks": 160, "shelf": 120}
+    | {"overhead": 90, "bin": 120, "counter": 120, "stacks": 160, "shelf": 120, "moving": 420}
 )
 
 

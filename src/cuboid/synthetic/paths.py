@@ -50,6 +50,10 @@ CAMERAS = {
 }
 
 
+# A camera on a stand: it trembles by a fraction of a millimetre.
+STILL = Style(0.0002, np.radians(0.01), 0.5, 0.0)
+
+
 def look_at(eye: npt.ArrayLike, target: npt.ArrayLike, roll_rad: float = 0.0) -> Float64Array:
     """Return T_room_camera (4, 4) of a camera at `eye` that looks at `target`, upright but for a roll."""
     place = np.asarray(eye, np.float64)

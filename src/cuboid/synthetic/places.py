@@ -11,13 +11,11 @@ from cuboid.synthetic import furniture as made
 from cuboid.synthetic.draft import SMALL, Draft, add_middle_table, add_room, circling, on_floor
 from cuboid.synthetic.material import Material, Texture, two_paints
 from cuboid.synthetic.mesh import Mesh, box, shift
-from cuboid.synthetic.paths import Style
+from cuboid.synthetic.paths import STILL
 from cuboid.synthetic.placement import Arrangement
 from cuboid.synthetic.scene import SceneObject, Surface
 from cuboid.synthetic.shapes import Model
 
-# A camera on a stand: it trembles by a fraction of a millimetre.
-FIXED = Style(0.0002, np.radians(0.01), 0.5, 0.0)
 # Thickness of the walls of a tote, metres.
 TOTE_WALL_M = 0.012
 # Things that stand upright on a counter.
@@ -35,7 +33,7 @@ def build_overhead(draft: Draft) -> None:
     aim = np.array([*top.at(*rng.uniform(-0.35, 0.35, 2)), top.height_m])
     eye = aim + np.array([*rng.uniform(-0.12, 0.12, 2), rng.uniform(0.75, 1.05)])
     draft.waypoints = np.array([[*eye, *aim], [*(eye + 1e-4), *aim]])
-    draft.style, draft.roll_rad, draft.whole = FIXED, float(rng.uniform(-np.pi, np.pi)), True
+    draft.style, draft.roll_rad, draft.whole = STILL, float(rng.uniform(-np.pi, np.pi)), True
 
 
 def build_bin(draft: Draft) -> None:

@@ -101,7 +101,8 @@ class _Renderer:
     def _cloud(self, rendered: Rendered) -> CloudPart:
         each = (slice(None, None, CLOUD_EVERY_PIXELS),) * 2
         hits, depth = rendered.hits, rendered.hits.depth_m[each]
-        seen = depth > 0
+        # What moves is in another place in another frame: it is in no cloud.
+        seen = (depth > 0) & ~self._view.face_moves[hits.face[each]]
         points = se3.transform(self._T_world_room, (hits.eye + hits.rays[each] * depth[..., None])[seen])
         return points.astype(np.float32), rendered.color[each][seen], self._view.labels(hits)[each][seen]
 

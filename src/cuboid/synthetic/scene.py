@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
@@ -63,14 +64,22 @@ class Placed:
     ----------
     model : Model
     T_room_model : (4, 4) float64
+        Of what moves, where it stands in the end.
+    path : (N, 4, 4) float64 or None
+        T_room_model in each frame; None for what stays.
     """
 
     model: Model
     T_room_model: Float64Array
+    path: Float64Array | None = field(default=None, kw_only=True)
 
     def mesh(self) -> Mesh:
         """Return all its parts in the room."""
         return self.model.mesh().moved(self.T_room_model)
+
+    def at(self, frame: int) -> Self:
+        """Return it as it is in a frame."""
+        return self if self.path is None else replace(self, T_room_model=self.path[frame])
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +118,35 @@ class Furniture(Placed):
 
 
 @dataclass(frozen=True, slots=True)
+class Agent(Placed):
+    """A rigid part of a person: it moves by itself, and is no object."""
+
+
+@dataclass(frozen=True, slots=True)
+class SceneEvent:
+    """A change of an object while the camera runs.
+
+    Attributes
+    ----------
+    event : str
+        "appeared", "moved", "gone" or "back".
+    id : int
+        Of the object.
+    begin, end : int
+        Frames in which it leaves its place, and in which it is at rest again, or out of the scene.
+    T_room_from, T_room_to : (4, 4) float64 or None
+        Where it stood, and stands; None where it was, or is, not in the scene.
+    """
+
+    event: str
+    id: int
+    begin: int
+    end: int
+    T_room_from: Float64Array | None
+    T_room_to: Float64Array | None
+
+
+@dataclass(frozen=True, slots=True)
 class Scene:
     """A room, and the path of a camera through it.
 
@@ -129,6 +167,10 @@ class Scene:
         Points of the lamp, in the room.
     ghosts : tuple of SceneObject
         What stood there at an earlier visit and does not any more.
+    agents : tuple of Agent
+        Parts of people.
+    events : tuple of SceneEvent
+        What happens to objects, in the order in which it ends.
     """
 
     name: str
@@ -144,6 +186,13 @@ class Scene:
         default_factory=lambda: np.array([[1.0, -0.7, 2.55], [0.65, -0.5, 2.6], [0.75, -0.95, 2.6]])
     )
     ghosts: tuple[SceneObject, ...] = ()
+    agents: tuple[Agent, ...] = ()
+    events: tuple[SceneEvent, ...] = ()
+
+    @property
+    def placed(self) -> tuple[Placed, ...]:
+        """All bodies: objects, furniture, agents."""
+        return (*self.objects, *self.furniture, *self.agents)
 
     @property
     def frames(self) -> int:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from cuboid.geometry import se3
 from cuboid.geometry.box import Box
 from cuboid.outputs.ply import write_map
 from cuboid.outputs.text import DIRECTION, LENGTH, number, numbers, rounded, rounded_list
-from cuboid.synthetic.scene import FRAMES_PER_S, Scene
+from cuboid.synthetic.scene import FRAMES_PER_S, Agent, Scene, SceneEvent, SceneObject
 
 TRUTH, TRAJECTORY, CLOUD = "truth.json", "true_trajectory.txt", "true_cloud.ply"
 
@@ -59,6 +60,9 @@ def write_truth(path: Path, scene: Scene, intrinsics: Intrinsics, fractions: Flo
             "objects": {str(body.id): run_lengths(fractions[:, k]) for k, body in enumerate(scene.objects)},
         },
     }
+    if scene.events or scene.agents:
+        truth["events"] = [_event(scene, one) for one in scene.events]
+        truth["agents"] = [_agent(scene, one) for one in scene.agents]
     path.write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
 
 
@@ -90,6 +94,51 @@ def _box(box: Box) -> dict[str, Any]:
     }
 
 
+def _moves(scene: Scene, path: Float64Array, T_model_box: Float64Array) -> list[list[float | int]]:
+    """Return where a box is that moves with a model, [frame, x, y, z, qw, qx, qy, qz], for each change."""
+    rows: list[list[float | int]] = []
+    for frame, T in enumerate(scene.T_world_room @ path @ T_model_box):
+        if frame == 0 or (path[frame] != path[frame - 1]).any():
+            turn = se3.quat_wxyz_from_rotation(T[:3, :3])
+            rows.append([frame, *rounded_list(T[:3, 3], LENGTH), *rounded_list(turn, DIRECTION)])
+    return rows
+
+
+def _pose(box: Box) -> Float64Array:
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = box.rotation, box.center
+    return T
+
+
+def _moved_object(scene: Scene, body: SceneObject) -> dict[str, Any]:
+    if body.path is None:
+        return {}
+    T_world_model = scene.T_world_room @ body.T_room_model
+    return {"moves": _moves(scene, body.path, se3.inverse(T_world_model) @ _pose(scene.box(body)))}
+
+
+def _agent(scene: Scene, body: Agent) -> dict[str, Any]:
+    vertices = body.model.mesh().vertices
+    low, high = vertices.min(0), vertices.max(0)
+    path = np.repeat(body.T_room_model[None], scene.frames, 0) if body.path is None else body.path
+    moves = _moves(scene, path, _pose(Box((low + high) / 2, high - low, np.eye(3))))
+    return {"name": body.model.name, "size": rounded_list(high - low, LENGTH), "moves": moves}
+
+
+def _event(scene: Scene, one: SceneEvent) -> dict[str, Any]:
+    body = next(body for body in scene.objects if body.id == one.id)
+    places = (one.T_room_from, one.T_room_to)
+    old, new = (None if T is None else scene.box(replace(body, T_room_model=T)).center for T in places)
+    return {
+        "event": one.event,
+        "id": one.id,
+        "begin": one.begin,
+        "end": one.end,
+        "from": None if old is None else rounded_list(old, LENGTH),
+        "to": None if new is None else rounded_list(new, LENGTH),
+    }
+
+
 def _objects(scene: Scene, fractions: Float64Array) -> list[dict[str, Any]]:
     needed = min(SHOWN_FRAMES, max(1, scene.frames // 4))
     rows = []
@@ -105,6 +154,7 @@ def _objects(scene: Scene, fractions: Float64Array) -> list[dict[str, Any]]:
                 "plane": body.surface,
                 "touches": list(body.touches),
                 "frames_present": int((fractions[:, k] > 0).sum()),
+                **_moved_object(scene, body),
             }
         )
     return rows

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from cuboid.core.frame import Float32Array, Float64Array, Intrinsics, UInt8Array
 from cuboid.geometry import se3
-from cuboid.synthetic.mesh import corner_normals, merged, sample_surface
+from cuboid.synthetic.mesh import Mesh, corner_normals, merged, sample_surface
 from cuboid.synthetic.raycast import SHADOW_BIAS_M, Hits, RayCaster, pixel_rays
 from cuboid.synthetic.scene import Placed, Scene, SceneObject
 from cuboid.synthetic.sensors import SENSORS
@@ -74,31 +74,48 @@ class SceneView:
         self._seed = scene.seed
         self._poses = scene.T_room_camera
         self._intrinsics = intrinsics
-        placed: tuple[Placed, ...] = (*scene.objects, *scene.furniture)
-        meshes, materials, T_body_room, labels = [], [], [], []
-        for body in placed:
-            for mesh, material in body.model.parts:
-                meshes.append(mesh.moved(body.T_room_model))
-                materials.append(material)
-                T_body_room.append(se3.inverse(body.T_room_model))
-                labels.append(body.id if isinstance(body, SceneObject) else 0)
-        faces = [len(mesh.faces) for mesh in meshes]
-        whole = merged(meshes)
-        self._caster = RayCaster(whole.corners())
+        self._placed = scene.placed
+        self._moves = any(body.path is not None for body in self._placed)
+        parts = [(body, part) for body in self._placed for part in body.model.parts]
+        materials = [material for _, (_, material) in parts]
+        faces = [len(mesh.faces) for _, (mesh, _) in parts]
+        labels = [body.id if isinstance(body, SceneObject) else 0 for body, _ in parts]
         self.face_label: npt.NDArray[np.int32] = np.repeat(np.array(labels, np.int32), faces)
-        self._look = ShadingParameters(
-            face_part=np.repeat(np.arange(len(meshes), dtype=np.int32), faces),
-            normals=np.concatenate([corner_normals(mesh) for mesh in meshes]).astype(np.float32),
-            parts=part_rows(materials, T_body_room),
-            lamp=scene.lamp,
-        )
+        moving = [body.path is not None for body, _ in parts]
+        self.face_moves: npt.NDArray[np.bool_] = np.repeat(np.array(moving, np.bool_), faces)
+        self._face_part = np.repeat(np.arange(len(parts), dtype=np.int32), faces)
+        self._materials, self._lamp = materials, scene.lamp
+        # Each part as it stands, with the normals of its corners.
+        self._standing: dict[int, tuple[Mesh, Float32Array]] = {}
+        self._stand(0)
         self._mirrors = np.array([material.mirror for material in materials], np.float32)
         self._patches = np.random.default_rng([scene.seed, 3]).random((PATCHES, PATCHES), np.float32)
+        self._objects = scene.objects
         self._surfaces = [_surface(scene, body) for body in scene.objects]
         self._ghosts = [_surface(scene, body) for body in scene.ghosts]
 
+    def _stand(self, frame: int) -> None:
+        """Let everything stand where it is in a frame."""
+        parts, poses = [], []
+        every = [(body, mesh) for body in self._placed for mesh, _ in body.model.parts]
+        for k, (body, mesh) in enumerate(every):
+            if body.path is not None or k not in self._standing:
+                there = mesh.moved(body.at(frame).T_room_model)
+                self._standing[k] = there, corner_normals(there).astype(np.float32)
+            parts.append(self._standing[k])
+            poses.append(se3.inverse(body.at(frame).T_room_model))
+        self._caster = RayCaster(merged(mesh for mesh, _ in parts).corners())
+        self._look = ShadingParameters(
+            face_part=self._face_part,
+            normals=np.concatenate([normals for _, normals in parts]),
+            parts=part_rows(self._materials, poses),
+            lamp=self._lamp,
+        )
+
     def render(self, frame: int, sensor: str) -> Rendered:
         """Render a frame with a sensor of `SENSORS`."""
+        if self._moves:
+            self._stand(frame)
         T = self._poses[frame]
         rays = pixel_rays(self._intrinsics, T)
         hits = self._caster.first_hits(T[:3, 3].astype(np.float32), rays)
@@ -138,7 +155,12 @@ class SceneView:
     def visible_fractions(self, frame: int, hits: Hits) -> Float64Array:
         """Return for each object the fraction of its points facing the camera that is seen, in 0.05 steps."""
         T_camera_room = se3.inverse(self._poses[frame])
-        return np.array([self._share(points, normals, T_camera_room, hits) for points, normals in self._surfaces])
+        return np.array(
+            [
+                self._share(points, normals, T_camera_room @ _moved_since(body, frame), hits)
+                for body, (points, normals) in zip(self._objects, self._surfaces, strict=True)
+            ]
+        )
 
     def empty_fractions(self, frame: int, hits: Hits) -> Float64Array:
         """Return for each ghost the fraction of its points facing the camera at or through which the camera sees."""
@@ -167,6 +189,13 @@ class SceneView:
         off = depth - front[inside, 2]
         agrees = (off >= -AGREES_M if through else np.abs(off) <= AGREES_M) & (depth > 0)
         return round(float(agrees.sum() / facing.sum()) * FRACTION_STEPS) / FRACTION_STEPS
+
+
+def _moved_since(body: Placed, frame: int) -> Float64Array:
+    """Return the motion (4, 4) in the room from where a body stands in the end to where it is in a frame."""
+    if body.path is None:
+        return np.eye(4)
+    return np.asarray(body.path[frame] @ se3.inverse(body.T_room_model))
 
 
 def _surface(scene: Scene, body: SceneObject) -> tuple[Float64Array, Float64Array]:

@@ -1,0 +1,123 @@
+"""What a result says of things that move while the camera runs, against what happens."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cuboid.evaluation.clear import Pairs
+from cuboid.evaluation.matching import FrameOverlap, ratio
+from cuboid.evaluation.result import BoxRows, IntArray
+from cuboid.evaluation.truth import Truth, TruthEvent
+from cuboid.geometry.overlap import overlap_min_matrix, pack
+from cuboid.outputs.rows import EventRow
+
+# A reported event is a true one if it comes no later than this many frames after that has ended (four seconds at
+# 30 Hz), and not before it has begun.
+LATEST_FRAMES = 120
+# A thing stands where an event says, if it stands within this, metres.
+PLACE_M = 0.1
+# A box lies on a person where it shares this fraction of the smaller of it and a part of the person.
+ON_AGENT = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class EventQuality:
+    """How well events are reported.
+
+    Attributes
+    ----------
+    events, reported, right : int
+        True events, reported ones that are judged, and the reported ones that are true.
+    precision, recall : float or None
+    median_delay_frames : float or None
+        From the end of a true event to its report, over the right ones.
+    agent_labels : tuple of int
+        Labels given to people: most of their sightings that lie on an object or on a person lie on a person.
+    missed, wrong : tuple of str
+        What was not reported, and what was and is not true, for people.
+    """
+
+    events: int
+    reported: int
+    right: int
+    precision: float | None
+    recall: float | None
+    median_delay_frames: float | None
+    agent_labels: tuple[int, ...]
+    missed: tuple[str, ...]
+    wrong: tuple[str, ...]
+
+
+def event_quality(
+    truth: Truth, objects: Mapping[int, int], unjudged: Sequence[int], reported: Sequence[EventRow]
+) -> EventQuality:
+    """Compare reported events with those that happen.
+
+    Parameters
+    ----------
+    truth : Truth
+    objects : mapping of int to int
+        The object (id) that each label means.
+    unjudged : sequence of int
+        Labels that mean what counts neither way.
+    reported : sequence of EventRow
+    """
+    judged = {item.id for item in truth.objects if item.judged}
+    open_events = [one for one in truth.events or () if one.id in judged]
+    true, delays, wrong = len(open_events), [], []
+    counted = [one for one in reported if one.label not in unjudged]
+    for one in sorted(counted, key=lambda row: row.frame):
+        fits = [event for event in open_events if _is(one, event, objects.get(one.label))]
+        if fits:
+            open_events.remove(fits[0])
+            delays.append(one.frame - fits[0].end)
+        else:
+            wrong.append(f"frame {one.frame}: #{one.label} {one.event}")
+    missed = tuple(f"frames {one.begin} to {one.end}: object {one.id} {one.event}" for one in open_events)
+    right = len(delays)
+    delay = float(np.median(delays)) if delays else None
+    precision, recall = ratio(right, len(counted)), ratio(right, true)
+    return EventQuality(true, len(counted), right, precision, recall, delay, (), missed, tuple(wrong))
+
+
+def _is(one: EventRow, event: TruthEvent, number: int | None) -> bool:
+    """Tell whether a reported event is a true one."""
+    if one.event != event.event or number != event.id or not event.begin <= one.frame <= event.end + LATEST_FRAMES:
+        return False
+    if event.to_m is None:
+        return True
+    return one.to_m is not None and float(np.linalg.norm(one.to_m - event.to_m)) <= PLACE_M
+
+
+def objects_of_labels(frames: Sequence[FrameOverlap], pairs: Sequence[Pairs], ids: Sequence[int]) -> dict[int, int]:
+    """Return the object (id) that each label (numbered as in `frames`) is most often paired with."""
+    counts: dict[int, Counter[int]] = {}
+    for here in pairs:
+        for thing, label in here:
+            counts.setdefault(label, Counter())[ids[thing]] += 1
+    return {label: found.most_common(1)[0][0] for label, found in counts.items()}
+
+
+def labels_on_agents(truth: Truth, tracks: BoxRows, frames: IntArray, paired: Mapping[int, int]) -> tuple[int, ...]:
+    """Return the labels that are people's.
+
+    Parameters
+    ----------
+    truth : Truth
+    tracks : BoxRows
+    frames : (T,) int64
+        Those that are judged.
+    paired : mapping of int to int
+        In how many frames each label is paired with an object.
+    """
+    on: Counter[int] = Counter()
+    for frame in frames.tolist() if truth.agents else ():
+        here = slice(*np.searchsorted(tracks.frame, [frame, frame + 1]))
+        parts = pack([agent.path.at(frame, agent.size) for agent in truth.agents])
+        shared = overlap_min_matrix(tracks.boxes[here], parts)
+        on.update(tracks.label[here][(shared >= ON_AGENT).any(1)].tolist())
+    return tuple(sorted(label for label, count in on.items() if count > paired.get(label, 0)))
