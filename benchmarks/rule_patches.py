@@ -1,0 +1,481 @@
+"""The rules of the method that can be left out one by one, each as a change of the source that neutralises it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+Change = tuple[str, str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """A rule of the method.
+
+    Attributes
+    ----------
+    name : str
+    lines : int
+        Lines of code that the rule takes, about, without docstrings and comments.
+    changes : tuple of (str, str, str)
+        File under `src/cuboid`, a text that stands there once, and what stands there without the rule.
+    """
+
+    name: str
+    lines: int
+    changes: tuple[Change, ...]
+
+
+CONFIRMATION, OUTLINE = "objects/confirmation.py", "objects/outline.py"
+OBJECT_MAP, FITTING, BOXING = "objects/object_map.py", "objects/fitting.py", "objects/boxing.py"
+BODIES, EXTENTS, OUTLINES = "boxes/kernels/bodies.py", "boxes/kernels/extents.py", "surfaces/kernels/outlines.py"
+
+
+def _conjunct(name: str, lines: int, condition: str) -> Rule:
+    return Rule(name, lines, ((CONFIRMATION, f"        and {condition}\n", ""),))
+
+
+RULES: tuple[Rule, ...] = (
+    # Conditions of confirmation.
+    _conjunct("confirmed: not hanging", 9, "not _floats(entry, planes)"),
+    _conjunct("confirmed: no foot", 27, "not _may_be_foot(entry, store, planes)"),
+    Rule(
+        "confirmed: low foot",
+        8,
+        ((CONFIRMATION, "plane is None or (above and ends_beside(entry.outline))", "plane is None or above"),),
+    ),
+    _conjunct("confirmed: no end", 19, "not _may_be_end(entry, store, planes)"),
+    Rule(
+        "confirmed: two by frames",
+        4,
+        (
+            (
+                CONFIRMATION,
+                "if any(other.number in unsure and touch(entry.points, other.points, DRIFT_M) for other in labelled):",
+                "if False:",
+            ),
+        ),
+    ),
+    Rule(
+        "confirmed: shares no room",
+        2,
+        ((CONFIRMATION, "return bool(store.overlapping([entry], labelled).any())", "return False"),),
+    ),
+    _conjunct("confirmed: no rim", 6, "not _may_be_rim(entry, planes)"),
+    _conjunct("confirmed: no plane on top", 1, "not planes.has_plane_on_top(entry.box)"),
+    _conjunct("confirmed: bears no plane", 1, "not entry.supports_plane"),
+    _conjunct("confirmed: nothing holds it", 1, "not entry.holder"),
+    Rule(
+        "confirmed: cut off",
+        5,
+        ((CONFIRMATION, "cut_off=2.0 * entry.box.size.max() <= config.max_size_m", "cut_off=False"),),
+    ),
+    Rule("confirmed: hidden beside", 8, ((CONFIRMATION, "beside=_is_beside(entry, store)", "beside=False"),)),
+    Rule(
+        "confirmed: sides end",
+        8,
+        ((OUTLINE, "return bool(ends[TOP] and sides.all() and ends[[LEFT, RIGHT]].any())", "return bool(ends[TOP])"),),
+    ),
+    Rule(
+        "confirmed: top ends",
+        4,
+        (
+            (
+                OUTLINE,
+                "return bool(ends[TOP] and sides.all() and ends[[LEFT, RIGHT]].any())",
+                "return bool(sides.all() and ends[[LEFT, RIGHT]].any())",
+            ),
+        ),
+    ),
+    Rule(
+        "confirmed: no contact",
+        3,
+        ((OUTLINE, "structure = outline[:, CONTACT] > MAJORITY * judged", "structure = np.zeros(4, bool)"),),
+    ),
+    # Evidence of outlines.
+    Rule(
+        "evidence: filled counts less",
+        3,
+        ((OUTLINE, "evidence * np.minimum(1.0, read / FULLY_READ_FRACTION)", "evidence"),),
+    ),
+    Rule(
+        "evidence: contact beneath",
+        2,
+        (
+            (
+                OUTLINE,
+                "    kinds[:, SUPPORT] += outlines[:, BOTTOM, CONTACT]\n"
+                "    kinds[:, CONTACT] -= outlines[:, BOTTOM, CONTACT]\n",
+                "",
+            ),
+        ),
+    ),
+    Rule(
+        "evidence: hidden bottom",
+        1,
+        ((OUTLINE, "kinds.sum(1) - outlines[:, BOTTOM, HIDDEN:].sum(1)", "kinds.sum(1)"),),
+    ),
+    Rule(
+        "evidence: new viewpoint",
+        6,
+        (
+            (
+                OUTLINE,
+                "    return evidence + max(0.0, evidence) * evidence / CLEAR * min(1.0, viewpoint_angle / NEW_VIEW_RAD)",
+                "    return evidence",
+            ),
+        ),
+    ),
+    Rule(
+        "evidence: wrong size",
+        2,
+        ((OBJECT_MAP, "if entry.confirmed and not fits_object(entry.box, self._config):", "if False:"),),
+    ),
+    Rule("evidence: missed", 6, ((OBJECT_MAP, "        self._penalise_missed(found)\n", ""),)),
+    Rule(
+        "outlines: ends alone",
+        6,
+        ((OUTLINES, "if far > max(1.0, END_FRACTION * (high - low)):", "if far < 0.0:"),),
+    ),
+    Rule(
+        "outlines: color",
+        10,
+        ((OUTLINES, "edge = edge or change >= EDGE_LEVELS", "edge = False"),),
+    ),
+    Rule(
+        "outlines: hole inwards",
+        11,
+        ((OUTLINES, "return FREE if edge or own + n <= reach else UNSURE, b", "return FREE, b"),),
+    ),
+    # Segments.
+    Rule(
+        "segments: prior of the map",
+        45,
+        (("tracking/posed_tracker.py", "prior = prior_of(objects, voxels.owner, weighed)", "prior = np.ones(len(proposals))"),),
+    ),
+    Rule(
+        "segments: two surfaces join",
+        14,
+        (("surfaces/kernels/pieces.py", "become[k] = m if joins else k", "become[k] = m if joins and m == k else k"),),
+    ),
+    Rule(
+        "segments: parts beside",
+        8,
+        (
+            (
+                OBJECT_MAP,
+                "elif part[i] >= 0 and not self._are_separate(frame_segments, i, partner.get(part[i])):",
+                "elif part[i] >= 0:",
+            ),
+        ),
+    ),
+    Rule(
+        "holes: color",
+        20,
+        (("core/kernels/holes.py", "total = cost + (step + np.float32(change) * per_level)", "total = cost + step"),),
+    ),
+    # What two objects are to each other.
+    Rule(
+        "pairs: held by another",
+        75,
+        ((FITTING, "entry.holder = 0 if rests is None else find_holder(entry, *rests, near, voxels)", "entry.holder = 0"),),
+    ),
+    Rule("pairs: shared room", 12, ((OBJECT_MAP, "        self._add_overlaps(objects, novelty)\n", ""),)),
+    Rule(
+        "pairs: hollow",
+        14,
+        (("objects/store.py", "found[i, j] = not _is_inside_hollow(some[i], others[j])", "pass"),),
+    ),
+    Rule(
+        "pairs: novelty",
+        4,
+        (
+            (
+                OBJECT_MAP,
+                "novelty = min(1.0, max(MIN_NOVELTY, seen.viewpoint_angle_rad / NEW_SIDE_RAD))",
+                "novelty = 1.0",
+            ),
+        ),
+    ),
+    # Structure.
+    Rule(
+        "structure: goes on beside",
+        65,
+        ((FITTING, "            or is_structure(box, entry.points, voxels, owned)\n", ""),),
+    ),
+    Rule(
+        "structure: goes on below",
+        17,
+        (
+            (
+                FITTING,
+                "if entry.plane is not None and rests is not None and continues_below(entry.points, *rests, self._voxels):",
+                "if False:",
+            ),
+        ),
+    ),
+    Rule(
+        "structure: plane beside its top",
+        8,
+        ((FITTING, "if self._planes.is_extended_by_plane(entry.box):", "if False:"),),
+    ),
+    Rule(
+        "structure: plane on its top",
+        2,
+        ((FITTING, "return self._planes.has_plane_on_top(entry.box) and not ends_above(entry.outline)", "return False"),),
+    ),
+    Rule("structure: thin as noise", 2, ((FITTING, "            or box.size.min() < SIGMAS * noise_m\n", ""),)),
+    Rule(
+        "structure: counts for each fit",
+        9,
+        ((FITTING, "while (times := times - 1) > 0 and entry.log_odds > 0:", "while False:"),),
+    ),
+    Rule(
+        "structure: bears a plane twice",
+        2,
+        (
+            (
+                FITTING,
+                "if too_large(box, self._config) or (entry.confirmed and entry.supports_plane and supports_plane):",
+                "if too_large(box, self._config):",
+            ),
+        ),
+    ),
+    # Which points are an object's, and what it stands on.
+    Rule(
+        "points: rim of the support",
+        80,
+        (
+            (
+                FITTING,
+                "own = above_support_rim(points, *rests, voxels.voxel_m)",
+                "own = np.ones(len(points), bool)",
+            ),
+        ),
+    ),
+    Rule("points: above the plane", 6, ((FITTING, "            rows, points = rows[above], points[above]\n", ""),)),
+    Rule(
+        "support: asked again",
+        2,
+        ((FITTING, "if plane is not None and rests is not None and box.foot_m(*rests) > DRIFT_M:", "if False:"),),
+    ),
+    Rule(
+        "seats",
+        85,
+        (
+            (
+                FITTING,
+                "if plane is not None and rests is not None and not structure and not entry.holder:",
+                "if False:",
+            ),
+            (
+                FITTING,
+                "None if plane is None else self._planes.supporting_plane(points[:: 1 + len(points) // SAMPLE_POINTS], plane)",
+                "plane",
+            ),
+        ),
+    ),
+    Rule(
+        "seats: plane beneath",
+        14,
+        (
+            (
+                FITTING,
+                "None if plane is None else self._planes.supporting_plane(points[:: 1 + len(points) // SAMPLE_POINTS], plane)",
+                "plane",
+            ),
+        ),
+    ),
+    # Boxes.
+    Rule(
+        "box: hidden foot",
+        24,
+        ((FITTING, "box = bare if rests is None else with_foot(bare, *rests, others, voxels)", "box = bare"),),
+    ),
+    Rule(
+        "box: foot always",
+        20,
+        (
+            (
+                "boxes/hidden.py",
+                "if gap > MIN_GAP_M and foot_is_hidden(box, normal, offset, near, voxels):",
+                "if gap > MIN_GAP_M:",
+            ),
+        ),
+    ),
+    Rule("box: far side", 50, ((BOXING, "return with_hidden(box, points, *plane, others, self._voxels)", "return box"),)),
+    Rule("box: denoised", 45, ((BOXING, "points, noise_m = denoised(points, trust, eye, noise_m, voxel_m)", "pass"),)),
+    Rule(
+        "box: as deep as wide",
+        17,
+        ((BOXING, "return as_deep_as_wide(box, eye, others, 2.0 * voxel_m), noise_m", "return box, noise_m"),),
+    ),
+    Rule(
+        "box: faces",
+        38,
+        (
+            (BOXING, "return to_faces(round_box, points, trust, noise_m, top_alone=True)", "return round_box"),
+            (BOXING, "        box = to_faces(box, points, trust, noise_m, top_alone=False)\n", ""),
+        ),
+    ),
+    Rule(
+        "box: sides that fit",
+        40,
+        ((EXTENTS, "    if points.shape[0] == 0:\n        return best\n", "    if points.shape[0] >= 0:\n        return best\n"),),
+    ),
+    Rule(
+        "box: disc",
+        36,
+        (("boxes/kernels/resting.py", "    if radius > 0.0:\n", "    if radius > 1e9:\n"),),
+    ),
+    Rule(
+        "box: trust",
+        3,
+        (
+            (
+                BOXING,
+                "trust = np.minimum(hits, _middle(hits)) * np.minimum(precision, usual)",
+                "trust = np.ones(len(hits))",
+            ),
+        ),
+    ),
+    # Round bodies.
+    Rule(
+        "round: all",
+        300,
+        (
+            (
+                BOXING,
+                "round_box = revolved(box, points, trust, *plane, noise_m, self._voxels.voxel_m, STRAY_FRACTION)",
+                "round_box = None",
+            ),
+        ),
+    ),
+    Rule(
+        "round: trimmed fit",
+        30,
+        (
+            (
+                "boxes/revolved.py",
+                "find_body(*seen, True, center, part) or find_body(*seen, False, center, part)",
+                "find_body(*seen, False, center, part)",
+            ),
+        ),
+    ),
+    Rule(
+        "round: fit of all points",
+        3,
+        (
+            (
+                "boxes/revolved.py",
+                "find_body(*seen, True, center, part) or find_body(*seen, False, center, part)",
+                "find_body(*seen, True, center, part)",
+            ),
+        ),
+    ),
+    Rule(
+        "round: along what sticks out",
+        14,
+        (("boxes/revolved.py", "        towards = _lengthwise(plan[beyond] - center, trust[beyond])\n", ""),),
+    ),
+    Rule("round: rim all round", 12, ((BODIES, "rim[k] = out > RIM_FRACTION * known", "rim[k] = False"),)),
+    Rule(
+        "round: better than a rectangle",
+        12,
+        ((BODIES, "if spread >= off_rectangle(plan, weights, rectangle):", "if spread < 0.0:"),),
+    ),
+    Rule(
+        "round: same all round",
+        15,
+        ((BODIES, "return known >= MIN_ARC * SECTORS and not high - low > limit", "return known >= MIN_ARC * SECTORS"),),
+    ),
+    Rule(
+        "round: beside neighbours",
+        1,
+        ((BOXING, "if round_box is not None and is_clear_of(round_box, others):", "if round_box is not None:"),),
+    ),
+    # Planes and up.
+    Rule(
+        "planes: lids",
+        17,
+        (
+            (
+                "surfaces/planes.py",
+                "if is_lid(plane, self._config.max_size_m**2, partial(self._at, plane.mean[None])):",
+                "if False:",
+            ),
+        ),
+    ),
+    Rule(
+        "planes: gaps",
+        15,
+        (
+            (
+                "surfaces/plane_rules.py",
+                "    return np.asarray(members[group == np.argmax(np.bincount(group, area_m2[members]))])",
+                "    return np.asarray(members[group >= 0])",
+            ),
+        ),
+    ),
+    Rule(
+        "planes: as the frame sees them",
+        32,
+        (("surfaces/planes.py", "own = self._as_seen.get(plane.identity)", "own = None"),),
+    ),
+    Rule("planes: level", 11, (("surfaces/planes.py", "        self._level()\n", ""),)),
+    Rule(
+        "up: faces of things",
+        6,
+        (("surfaces/standing.py", "faces = area_m2 <= FACE_FRACTION * area_m2[:, None]", "faces = area_m2 < 0.0 * area_m2[:, None]"),),
+    ),
+    Rule("up: camera turns about it", 4, (("surfaces/up.py", "self.seen[:, 4] * constancy**4", "self.seen[:, 4]"),)),
+    Rule("up: level in the images", 8, (("surfaces/up.py", "self.up if known else self._level_in_images()", "self.up if known else None"),)),
+    # Sightings.
+    Rule(
+        "sighting: blended rectangle",
+        8,
+        (
+            (
+                "objects/visibility.py",
+                "rect_xyxy = blended_rectangle(view.rect_xyxy, rect.get(entry.number))",
+                "rect_xyxy = view.rect_xyxy",
+            ),
+        ),
+    ),
+    Rule(
+        "sighting: edges of points",
+        14,
+        ((EXTENTS, "    if high <= low or values.size == 0:\n", "    if high <= low or values.size >= 0:\n"),),
+    ),
+    Rule(
+        "sighting: color where no depth",
+        6,
+        (("objects/kernels/sightings.py", "reading, row, same = depth[y, x], slots[y, x], True", "reading, row, same = depth[y, x], slots[y, x], False"),),
+    ),
+    Rule(
+        "sighting: down to the foot",
+        12,
+        (("objects/kernels/sightings.py", "total = count + (count + 1) // 2", "total = count"),),
+    ),
+)  # fmt: skip
+
+
+def write_variant(source: Path, rules: Iterable[Rule], folder: Path) -> None:
+    """Write the package `source` into a folder, without some of its rules.
+
+    Raises
+    ------
+    ValueError
+        A text that a rule changes does not stand in its file once.
+    """
+    target = folder / source.name
+    shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__"))
+    for rule in rules:
+        for name, old, new in rule.changes:
+            file = target / name
+            text = file.read_text()
+            if text.count(old) != 1:
+                raise ValueError(f"{rule.name}: stands {text.count(old)} times in {name}: {old!r}")
+            file.write_text(text.replace(old, new))
