@@ -26,13 +26,16 @@ class Export:
         For a folder: regular expression of the names of its files.
     extra : str
         The extra that it needs.
+    options : tuple of str
+        Names of the options that `write` takes besides.
     """
 
     suffix: str
     purpose: str
-    write: Callable[[Results, Path], list[str]]
+    write: Callable[..., list[str]]
     names: str = ""
     extra: str = ""
+    options: tuple[str, ...] = ()
 
 
 EXPORTS: Registry[Export] = Registry("export", "cuboid.exports")

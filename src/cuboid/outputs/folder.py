@@ -36,6 +36,7 @@ TRAJECTORY_ONLINE = "trajectory_online.txt"
 MAP = "map.ply"
 VIDEO = "labelled.mp4"
 REPORT = "report.html"
+VIEWS = "views.zip"
 
 # Complete results inside an output folder whose old ones they are about to replace, and the list of their files.
 COMPLETE = ".complete"
@@ -43,7 +44,7 @@ COMPLETE = ".complete"
 YOUNG_S = 5.0
 NAMES = "names"
 
-OUTPUT_NAMES = (OBJECTS, TRACKS, PROPOSALS, TRAJECTORY, TRAJECTORY_ONLINE, MAP, VIDEO, REPORT, RUN)
+OUTPUT_NAMES = (OBJECTS, TRACKS, PROPOSALS, TRAJECTORY, TRAJECTORY_ONLINE, MAP, VIDEO, REPORT, VIEWS, RUN)
 
 
 @contextmanager
