@@ -116,8 +116,8 @@ def main() -> None:
     rows = [row for seed in args.seeds for row in judge(args.work, args.kind, seed, args.poses)]
     for row in rows:
         print(
-            f"{row['scene']:10} {row['object']:12} #{row['label']:<3} {row['maker']:8} median {row['median_mm']:5.2f} mm"
-            f"  95 % {row['p95_mm']:6.2f} mm  complete {row['complete']:.2f}"
+            f"{row['scene']:10} {row['object']:12} #{row['label']:<3} {row['maker']:8} "
+            f"median {row['median_mm']:5.2f} mm  95 % {row['p95_mm']:6.2f} mm  complete {row['complete']:.2f}"
         )
     for maker in sorted({str(row["maker"]) for row in rows}):
         own = [row for row in rows if row["maker"] == maker]

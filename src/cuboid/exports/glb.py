@@ -48,7 +48,7 @@ def _add(scene: Any, trimesh: Any, body: Body) -> None:
     """Add the node of an object, and those below it."""
     turned = Y_UP @ body.T_scene_body @ np.linalg.inv(Y_UP)
     extras = {"label": body.item.label, "name": body.item.name, "size_m": body.size_m.tolist()}
-    scene.graph.update(frame_from="scene", frame_to=body.name, matrix=turned, extras=extras)
+    scene.graph.update(frame_from="scene", frame_to=body.name, matrix=turned, metadata=extras)
 
     def put(name: str, vertices: Float64Array, faces: Any, colors: Any) -> None:
         mesh = trimesh.Trimesh(se3.transform(Y_UP, vertices), faces, process=False, vertex_colors=colors)

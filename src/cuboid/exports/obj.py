@@ -21,7 +21,8 @@ HEADER = "# Cuboid: metres, y up, vertex colors 0 to 1 behind the coordinates"
 
 def write(run: Results, path: Path, **options: Any) -> list[str]:
     """Write the file."""
-    made, groups = shape_scene(run, **options), []
+    made = shape_scene(run, **options)
+    groups: list[tuple[str, Float64Array, Any, UInt8Array | None]] = []
     for body in made.bodies:
         T = Y_UP @ body.T_scene_body
         for suffix, part in seen_and_guessed(body.mesh):
@@ -41,9 +42,9 @@ def obj_text(groups: Iterable[tuple[str, Float64Array, Any, UInt8Array | None]])
     lines, count = [HEADER], 1
     for name, vertices, faces, rgb in groups:
         lines.append(f"o {name}")
-        colors = [""] * len(vertices) if rgb is None else [" %.3f %.3f %.3f" % tuple(row) for row in rgb / 255.0]
-        lines += ["v %.5f %.5f %.5f" % tuple(row) + color for row, color in zip(vertices, colors, strict=True)]
-        lines += ["f %d %d %d" % tuple(row) for row in np.asarray(faces) + count]
+        colors = [""] * len(vertices) if rgb is None else [" {:.3f} {:.3f} {:.3f}".format(*row) for row in rgb / 255.0]
+        lines += ["v {:.5f} {:.5f} {:.5f}".format(*row) + color for row, color in zip(vertices, colors, strict=True)]
+        lines += ["f {} {} {}".format(*row) for row in np.asarray(faces) + count]
         count += len(vertices)
     return "\n".join(lines) + "\n"
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 from cuboid.core.registry import Registry
-from cuboid.outputs import Results
 
 
 @dataclass(frozen=True, slots=True)

@@ -137,16 +137,15 @@ def upright(up: Float64Array | None) -> Float64Array:
     return se3.exp(motion)
 
 
-def collision_of(
-    mesh: ObjectMesh, item: TrackedObject, kind: str
-) -> list[tuple[Float64Array, npt.NDArray[np.int64]]]:
+def collision_of(mesh: ObjectMesh, item: TrackedObject, kind: str) -> list[tuple[Float64Array, npt.NDArray[np.int64]]]:
     """Return the convex bodies of an object in its own frame: its box, the hull of its mesh, or several parts."""
     if kind == NONE:
         return []
     trimesh = require("trimesh", "--collision", EXTRA)
     if kind == BOX:
         box = trimesh.creation.box(item.box.size)
-        return [(np.asarray(box.vertices) + (0.0, 0.0, item.box.size[2] / 2.0), np.asarray(box.faces))]
+        foot = np.array([0.0, 0.0, item.box.size[2] / 2.0])
+        return [(np.asarray(box.vertices) + foot, np.asarray(box.faces))]
     if kind == HULL:
         return [_hull(mesh.vertices)]
     coacd = require("coacd", "--collision parts", EXTRA)

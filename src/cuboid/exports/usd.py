@@ -3,7 +3,7 @@
 ::
 
     /World                                 customData: T_scene_world
-      object_003_cup                       Xform, its own frame: origin in the middle of its foot; customData: label, name
+      object_003_cup                       Xform, origin in the middle of its foot; customData: label, name
         surface, guessed                   Mesh; guessed with `--close` or `--complete`
         collision_0                        Mesh, purpose guide, a convex collider
       plane_0                              Mesh, a collider

@@ -138,7 +138,9 @@ def track_recording(
     with ExitStack() as results:
         corrected = plan.poses == ESTIMATED if into is None else into.corrects(plan.poses)
         writer = _writer(results, taken, output, force, corrected)
-        tracker, source, session = _tracking(results, taken, plan, settings, writer, make_tracker, into, memory_mb, shapes)
+        tracker, source, session = _tracking(
+            results, taken, plan, settings, writer, make_tracker, into, memory_mb, shapes
+        )
         if session is not None:
             frames = session.go_on(frames, writer)
         planned = None if isinstance(taken, Stream) else len(frames)

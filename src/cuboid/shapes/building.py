@@ -16,7 +16,7 @@ from cuboid.core.results import MapPoints, SupportPlane, TrackedObject
 from cuboid.geometry import se3
 from cuboid.geometry.box import Box
 from cuboid.shapes.coloring import colors_of
-from cuboid.shapes.fusion import TRUNCATION_VOXELS, Volume, fuse
+from cuboid.shapes.fusion import PLANE_LAYER, TRUNCATION_VOXELS, Volume, fuse
 from cuboid.shapes.mesh import EXTRA, ObjectMesh
 from cuboid.shapes.views import MARGIN_M, ObjectView
 
@@ -68,7 +68,7 @@ def object_mesh(
         return _empty(item, len(views))
     grid, faces, _, _ = measure.marching_cubes(field, 0.0, gradient_direction="descent")
     guessed = ~(_at(seen, np.floor(grid)) & _at(seen, np.ceil(grid)))
-    foot = grid[:, 2] <= 0.5 + SUPPORT_M / volume.voxel_m
+    foot = grid[:, 2] <= PLANE_LAYER + SUPPORT_M / volume.voxel_m
     vertices = se3.transform(volume.T_world_grid, grid * volume.voxel_m)
     mesh = ObjectMesh(
         item.label, item.name, vertices, faces.astype(np.int32), np.zeros((len(vertices), 3), np.uint8), guessed, 0
@@ -98,9 +98,9 @@ def _solid(volume: Volume, item: TrackedObject, points: MapPoints) -> tuple[Floa
     distance[~seen & ~inside] = 1.0
     foreign = _foreign(volume, seen & (np.abs(distance) < 1.0), item, points)
     distance[foreign], seen[foreign] = 1.0, False
-    above = int(np.ceil(0.5 + SUPPORT_M / voxel_m))
+    above = int(np.ceil(PLANE_LAYER + SUPPORT_M / voxel_m))
     distance[:, :, :above], seen[:, :, :above] = distance[:, :, above : above + 1], False
-    height_m = (np.arange(distance.shape[2]) - 0.5) * voxel_m
+    height_m = (np.arange(distance.shape[2]) - PLANE_LAYER) * voxel_m
     field = np.maximum(distance, (-height_m / (TRUNCATION_VOXELS * voxel_m)).astype(np.float32))
     # A layer of air around all, so that what is solid up to the margin ends there.
     for axis in range(3):
@@ -145,7 +145,7 @@ def _foreign(
 
 def _at(values: npt.NDArray[np.bool_], grid: Float64Array) -> npt.NDArray[np.bool_]:
     i, j, k = grid.astype(np.int64).T
-    return values[i, j, k]
+    return np.asarray(values[i, j, k])
 
 
 def _wanted(mesh: ObjectMesh, foot: npt.NDArray[np.bool_], *, close: bool, complete: bool) -> npt.NDArray[np.bool_]:

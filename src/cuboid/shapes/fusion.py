@@ -30,6 +30,8 @@ TRUNCATION_VOXELS = 3.0
 MIN_COSINE = 0.17
 # Normals are those of neighbours this many pixels apart to both sides, 2 cm at 1 m with common cameras.
 NORMAL_PIXELS = 4
+# The plane of the support lies halfway between the second and the third layer from below; the lowest one is air.
+PLANE_LAYER = 1.5
 # Room before or behind a surface is told by this many views: one alone may err at an edge.
 MIN_VIEWS = 2
 
@@ -63,12 +65,11 @@ def grid_of(box: Box, foot_m: float) -> tuple[Float64Array, float, tuple[int, in
     ----------
     box : Box
     foot_m : float
-        Height of the box's lower face above the plane of its support, metres: the plane then lies halfway between
-        the two lowest layers.
+        Height of the box's lower face above the plane of its support, metres; the plane lies at `PLANE_LAYER`.
     """
     voxel_m = float(np.clip(box.size.max() / VOXELS_ALONG, FINEST_M, COARSEST_M))
     low = -box.size / 2.0 - MARGIN_M
-    low[2] = -box.size[2] / 2.0 - foot_m - voxel_m / 2.0
+    low[2] = -box.size[2] / 2.0 - foot_m - PLANE_LAYER * voxel_m
     high = box.size / 2.0 + MARGIN_M
     T = np.eye(4)
     T[:3, :3] = box.rotation

@@ -133,7 +133,8 @@ class ViewKeeper:
 
     def content(self) -> bytes:
         """Return the file `views.zip`."""
-        rows, target = [], io.BytesIO()
+        rows: list[dict[str, Any]] = []
+        target = io.BytesIO()
         with zipfile.ZipFile(target, "w", zipfile.ZIP_STORED) as archive:
             for label, views in sorted(self._views.items()):
                 for view in views:
@@ -168,9 +169,7 @@ def read_views(
                 box = unpack(np.array([row["box"]], np.float64).reshape(1, 15))[0]
                 png, jpeg = (archive.read(f"{number:06d}.{kind}") for kind in ("png", "jpg"))
                 x0, y0 = (int(value) for value in row["at"])
-                kept.append(
-                    KeptView(int(row["frame"]), box, float(row["visible"]), np.eye(4), (x0, y0), png, jpeg)
-                )
+                kept.append(KeptView(int(row["frame"]), box, float(row["visible"]), np.eye(4), (x0, y0), png, jpeg))
         return opened(kept, camera, item.box, T_world_camera)
     except (OSError, zipfile.BadZipFile, KeyError, TypeError, ValueError, cv2.error, InputError) as error:
         raise InputError(f"{path}: expected views of objects, as 'cuboid track --shapes' keeps them: {error}") from None

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from cuboid.core.errors import OutputError
 from cuboid.core.extras import require
 from cuboid.core.frame import Float64Array, UInt8Array
-from cuboid.core.paths import PathLike, as_path
 from cuboid.geometry import se3
 
 EXTRA = "shapes"
@@ -69,8 +68,10 @@ class ObjectMesh:
             self.views,
         )
 
-    def to_trimesh(self) -> object:
-        """Return it as `trimesh.Trimesh` with vertex colors, in the world.
+    def to_trimesh(self) -> Any:
+        """Return it as `trimesh.Trimesh` with vertex colors, in the world; its method `export` writes files.
+
+        Its `vertex_attributes` have "guessed", which a PLY file keeps.
 
         Raises
         ------
@@ -78,43 +79,7 @@ class ObjectMesh:
             trimesh is not installed.
         """
         trimesh = require("trimesh", "ObjectMesh.to_trimesh", EXTRA)
-        return trimesh.Trimesh(self.vertices, self.faces, vertex_colors=self.rgb, process=False)
-
-    def save(self, path: PathLike) -> None:
-        """Write a binary PLY file, which Open3D, MeshLab, CloudCompare and Blender read; replaces the file.
-
-        Each vertex has x y z in metres in the world, red green blue, and guessed (0 or 1).
-
-        Parameters
-        ----------
-        path : path
-            Name that ends in ``.ply``.
-
-        Raises
-        ------
-        OutputError
-            The name does not end in ``.ply``, or the file cannot be written.
-        """
-        from cuboid.outputs.pending import write_whole
-
-        file = as_path(path)
-        if file.suffix.lower() != ".ply":
-            raise OutputError(f"{file}: expected a name that ends in .ply")
-        write_whole(file, self._ply())
-
-    def _ply(self) -> bytes:
-        vertex = np.zeros(len(self.vertices), [("xyz", "<f4", 3), ("rgb", "u1", 3), ("guessed", "u1")])
-        vertex["xyz"], vertex["rgb"], vertex["guessed"] = self.vertices, self.rgb, self.guessed
-        face = np.zeros(len(self.faces), [("count", "u1"), ("corners", "<i4", 3)])
-        face["count"], face["corners"] = 3, self.faces
-        header = [
-            "ply",
-            "format binary_little_endian 1.0",
-            f"element vertex {len(vertex)}",
-            *(f"property float {axis}" for axis in "xyz"),
-            *(f"property uchar {field}" for field in ("red", "green", "blue", "guessed")),
-            f"element face {len(face)}",
-            "property list uchar int vertex_indices",
-            "end_header",
-        ]
-        return ("\n".join(header) + "\n").encode("ascii") + vertex.tobytes() + face.tobytes()
+        guessed = {"guessed": self.guessed.astype(np.uint8)}
+        return trimesh.Trimesh(
+            self.vertices, self.faces, vertex_colors=self.rgb, vertex_attributes=guessed, process=False
+        )
