@@ -27,6 +27,7 @@ PACKAGES = (
         "surfaces",
         "boxes",
         "objects",
+        "shapes",
         "outputs",
     ),
     *("views", "calibration", "tracking", "scene", "pipeline", "recordings", "cameras", "exports", "synthetic"),

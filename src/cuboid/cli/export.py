@@ -18,6 +18,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     takes_names(parser.add_argument("--to", required=True, metavar="NAME", help="the form"), export_names)
     add_output(parser, type=Path, required=True, metavar="PATH", help="the file; for ply the folder of its files")
     parser.add_argument("--recording", type=Path, metavar="PATH", help="the recording, where it is not where it was")
+    shapes = parser.add_argument_group("shapes: glb, obj, stl, urdf, usd")
+    shapes.add_argument("--close", action="store_true", help="let walls go down to the support, and close the foot")
+    complete = "close all holes: space that no view saw empty is solid; what is guessed is marked"
+    shapes.add_argument("--complete", action="store_true", help=complete)
+    collision = "convex bodies for simulators beside each mesh (default: none; hull for urdf)"
+    shapes.add_argument("--collision", choices=("none", "box", "hull", "parts"), help=collision)
     add_results(parser)
 
 
@@ -30,7 +36,8 @@ def run(args: argparse.Namespace) -> int:
     from cuboid.exports import export
     from cuboid.outputs import Results
 
-    notes = export(Results(args.results, args.recording), args.to, args.output, force=args.force)
+    given = {name: value for name in ("close", "complete", "collision") if (value := getattr(args, name))}
+    notes = export(Results(args.results, args.recording), args.to, args.output, force=args.force, **given)
     lines = "\n".join((f"{args.to} written to {args.output}", *notes))
     document = {"output": str(args.output), "form": args.to, "notes": notes}
     give(args, document, lambda: console().print(lines, markup=False))

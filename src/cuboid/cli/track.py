@@ -115,6 +115,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(results, type=Path, required=True, metavar="DIR", help="folder of the results")
     add_results(results)
     results.add_argument("--video", action="store_true", help="also write labelled.mp4")
+    shapes = "also keep views of the objects, for their meshes where the recording is gone later"
+    results.add_argument("--shapes", action="store_true", help=shapes)
     add_live(results)
     add_scene(parser)
     memory = "beyond this much, parts of the map that are out of view are put aside, in the scene or a temporary file"
@@ -141,6 +143,7 @@ def run(args: argparse.Namespace) -> int:
                     source,
                     args.output,
                     video=args.video,
+                    shapes=args.shapes,
                     force=args.force,
                     progress=shown,
                     stop=interruption if args.camera is None else never,

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-from cuboid.core.errors import OutputError
+from cuboid.core.errors import InputError, OutputError
 from cuboid.core.paths import PathLike, as_path
-from cuboid.exports import coco, csv_table, kitti, mcap, plain_json, ply, rerun_file
+from cuboid.exports import coco, csv_table, glb, kitti, mcap, obj, plain_json, ply, rerun_file, stl, urdf, usd
 from cuboid.exports.registry import EXPORTS, Export
 from cuboid.formats.reading import real_path
 from cuboid.outputs import OUTPUT_NAMES, Results
@@ -19,15 +20,20 @@ __all__ = [
     "coco",
     "csv_table",
     "export",
+    "glb",
     "kitti",
     "mcap",
+    "obj",
     "plain_json",
     "ply",
     "rerun_file",
+    "stl",
+    "urdf",
+    "usd",
 ]
 
 
-def export(run: Results, name: str, path: PathLike, *, force: bool = False) -> list[str]:
+def export(run: Results, name: str, path: PathLike, *, force: bool = False, **options: Any) -> list[str]:
     """Write results in another form.
 
     Parameters
@@ -40,6 +46,9 @@ def export(run: Results, name: str, path: PathLike, *, force: bool = False) -> l
         The file, or for PLY the folder, to write; it appears when it is whole.
     force : bool
         Whether what lies there is replaced.
+    **options
+        Those of shapes (glb, obj, stl, urdf, usd): close and complete as of `Results.mesh`; and, but for stl,
+        collision: "none", "box", "hull" or "parts".
 
     Returns
     -------
@@ -49,7 +58,7 @@ def export(run: Results, name: str, path: PathLike, *, force: bool = False) -> l
     Raises
     ------
     InputError
-        There is no such form, or a file of the results is missing or malformed.
+        There is no such form, it has no such option, or a file of the results is missing or malformed.
     OutputError
         The name does not fit the form, exists without `force`, is a file of the results, or cannot be written.
     MissingExtraError
@@ -57,11 +66,15 @@ def export(run: Results, name: str, path: PathLike, *, force: bool = False) -> l
     """
     form, path = EXPORTS.get(name), as_path(path)
     _refuse(run, name, form, path)
+    for option in options:
+        if option not in form.options:
+            with_it = ", ".join(key for key, one in EXPORTS.items() if option in one.options)
+            raise InputError(f"'{name}' has no option {option}; of the exports these have: {with_it or 'none'}")
     if form.suffix:
         with new_file(path, force=force) as file:
-            return form.write(run, file)
+            return form.write(run, file, **options)
     with new_folder(path, force=force, replaces=form.names) as folder:
-        return form.write(run, folder)
+        return form.write(run, folder, **options)
 
 
 def _refuse(run: Results, name: str, form: Export, path: Path) -> None:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 from cuboid.core.registry import Registry
-from cuboid.outputs import Results
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,13 +24,16 @@ class Export:
         For a folder: regular expression of the names of its files.
     extra : str
         The extra that it needs.
+    options : tuple of str
+        Names of the options that `write` takes besides.
     """
 
     suffix: str
     purpose: str
-    write: Callable[[Results, Path], list[str]]
+    write: Callable[..., list[str]]
     names: str = ""
     extra: str = ""
+    options: tuple[str, ...] = ()
 
 
 EXPORTS: Registry[Export] = Registry("export", "cuboid.exports")

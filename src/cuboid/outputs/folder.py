@@ -37,6 +37,7 @@ MAP = "map.ply"
 EVENTS = "events.csv"
 VIDEO = "labelled.mp4"
 REPORT = "report.html"
+VIEWS = "views.zip"
 
 # Complete results inside an output folder whose old ones they are about to replace, and the list of their files.
 COMPLETE = ".complete"
@@ -44,7 +45,7 @@ COMPLETE = ".complete"
 YOUNG_S = 5.0
 NAMES = "names"
 
-OUTPUT_NAMES = (OBJECTS, TRACKS, PROPOSALS, TRAJECTORY, TRAJECTORY_ONLINE, EVENTS, MAP, VIDEO, REPORT, RUN)
+OUTPUT_NAMES = (OBJECTS, TRACKS, PROPOSALS, TRAJECTORY, TRAJECTORY_ONLINE, EVENTS, MAP, VIDEO, REPORT, VIEWS, RUN)
 
 
 @contextmanager

@@ -9,11 +9,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
-from cuboid.core.errors import InputError, shown
-from cuboid.core.frame import Float64Array
+from cuboid.core.errors import FrameError, InputError, shown
+from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.core.paths import PathLike, as_path
 from cuboid.core.results import MapPoints, SupportPlane, TrackedObject
-from cuboid.outputs.folder import MAP, OBJECTS, PROPOSALS, RUN, TRACKS, TRAJECTORY, finish_replacing
+from cuboid.outputs.folder import MAP, OBJECTS, PROPOSALS, RUN, TRACKS, TRAJECTORY, VIEWS, finish_replacing
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.objects import ObjectsFile, read_objects
 from cuboid.outputs.ply import read_map
@@ -31,6 +31,8 @@ from cuboid.outputs.rows import (
 from cuboid.poses.sources import LOST
 from cuboid.readers.recording import Recording
 from cuboid.readers.reopen import reopen_recording
+from cuboid.shapes.keeping import read_views
+from cuboid.shapes.views import Candidate, ObjectView, chosen, view_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -194,6 +196,32 @@ class Results(MapQueries):
             self.last_frame,
             report.depth_units_per_metre,
         )
+
+    def _views(self, item: TrackedObject) -> list[ObjectView]:
+        """Return the views of an object: those that the run kept, else read from the recording."""
+        kept = self.folder / VIEWS
+        if kept.is_file():
+            poses = {frame: pose.T_world_camera for frame, pose in self.poses.items()}
+            return read_views(kept, item, self._camera, poses)
+        candidates = [
+            Candidate(row.frame, row.box, row.visible, self.poses[row.frame].T_world_camera)
+            for row in self.sightings(item.label)
+        ]
+        views = []
+        for one in chosen(candidates, item.box):
+            try:
+                frame = self.recording.read(one.frame)
+            except FrameError:
+                continue
+            view = view_of(frame, self.found.intrinsics, one.T_world_camera, item.box)
+            if view is not None:
+                views.append(view)
+        return views
+
+    @property
+    def _camera(self) -> Intrinsics:
+        """The camera of the frames as they were tracked."""
+        return self.found.intrinsics.downscaled(int(self.report.config.get("scale", 1)))
 
     @cached_property
     def poses(self) -> dict[int, PoseRow]:

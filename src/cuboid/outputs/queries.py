@@ -13,8 +13,9 @@ import numpy.typing as npt
 
 from cuboid.core.errors import InputError, OutputError, shown
 from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
-from cuboid.core.results import MapPoints, SupportPlane
+from cuboid.core.results import MapPoints, SupportPlane, TrackedObject
 from cuboid.outputs.object_table import ObjectTable
+from cuboid.shapes import ObjectMesh, ObjectView, object_mesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,6 +107,38 @@ class MapQueries(ABC):
         item, points = self.objects.find(label), self.map_points()
         own = points.label == item.label
         return PointCloud(points.xyz[own], points.rgb[own])
+
+    def mesh(self, label: int, *, close: bool = False, complete: bool = False) -> ObjectMesh:
+        """Return the surface of one object, fused from the depth of its views.
+
+        Parameters
+        ----------
+        label : int
+            Its label, or one that was merged into it.
+        close : bool
+            Let its walls go down to its support, and close its foot.
+        complete : bool
+            Close all holes: space that no view saw empty is solid, within its box. It closes the foot too.
+
+        Returns
+        -------
+        ObjectMesh
+            World, metres; it says which vertices are guessed. Without faces where no view shows the object.
+
+        Raises
+        ------
+        InputError
+            No object of the map has the label, or no views of it are there.
+        MissingExtraError
+            scikit-image is not installed.
+        """
+        item = self.objects.find(label)
+        views = self._views(item)
+        return object_mesh(item, views, self.planes, self.map_points(), close=close, complete=complete)
+
+    def _views(self, item: TrackedObject) -> list[ObjectView]:
+        """Return the views of an object; raises InputError where none are kept."""
+        raise InputError(f"{type(self).__name__} keeps no views of its objects")
 
     def near(self, point: npt.ArrayLike, within_m: float) -> ObjectTable:
         """Return the objects near a point, nearest first.

@@ -22,6 +22,7 @@ from cuboid.outputs.folder import (
     TRACKS,
     TRAJECTORY,
     TRAJECTORY_ONLINE,
+    VIEWS,
     ResultFolder,
     writing,
 )
@@ -29,6 +30,7 @@ from cuboid.outputs.objects import ObjectsFile, write_objects
 from cuboid.outputs.ply import write_map
 from cuboid.outputs.report import RunReport, write_run
 from cuboid.outputs.rows import PROPOSALS_HEADER, TRACKS_HEADER, PoseRow, ProposalRow, TrackRow
+from cuboid.shapes.keeping import ViewKeeper
 
 # Rows of a run without an output folder are kept in memory up to this size, a file; beyond it on disk.
 MAX_IN_MEMORY_BYTES = 1 << 22
@@ -136,7 +138,12 @@ class ResultWriter:
         self._keep(name, text)
 
     def finish(
-        self, objects: ObjectsFile, points: MapPoints, report: RunReport, corrected: Sequence[PoseRow] | None = None
+        self,
+        objects: ObjectsFile,
+        points: MapPoints,
+        report: RunReport,
+        corrected: Sequence[PoseRow] | None = None,
+        views: ViewKeeper | None = None,
     ) -> None:
         """Write the files of the run as a whole and let all results appear.
 
@@ -147,6 +154,8 @@ class ResultWriter:
         report : RunReport
         corrected : sequence of PoseRow, optional
             The poses as corrected since.
+        views : ViewKeeper, optional
+            The views of the objects, where they were kept.
 
         Raises
         ------
@@ -156,6 +165,8 @@ class ResultWriter:
         self._write(OBJECTS, lambda path: write_objects(path, objects))
         self._write(MAP, lambda path: write_map(path, points))
         self._write(RUN, lambda path: write_run(path, report))
+        if views is not None:
+            self._write(VIEWS, lambda path: path.write_bytes(views.content()))
         if corrected is not None:
             lines = "".join(row.line() + "\n" for row in corrected)
             self._write(TRAJECTORY, lambda path: _write_text(path, lines))
@@ -169,7 +180,7 @@ class ResultWriter:
     def _open(self, name: str) -> TextIO:
         return self._folder.file(name).open("w", encoding="utf-8", newline="\n")
 
-    def _write(self, name: str, write: Callable[[Path], None]) -> None:
+    def _write(self, name: str, write: Callable[[Path], object]) -> None:
         with writing(self._folder.file(name), self._shown / name):
             write(self._folder.file(name))
 

@@ -59,6 +59,7 @@ def track_recording(
     memory_mb: float = MEMORY_MB,
     detector: str | Detector | None = None,
     detector_every: int | None = None,
+    shapes: bool = False,
 ) -> RunOutcome:
     """Track the objects of a recording and write the results.
 
@@ -108,6 +109,8 @@ def track_recording(
         `Detections`. Objects get names from it.
     detector_every : int, optional
         It looks at each n-th used frame; 3 unless given.
+    shapes : bool
+        Also keep views of the objects, as of `Tracker`.
 
     Returns
     -------
@@ -135,7 +138,9 @@ def track_recording(
     with ExitStack() as results:
         corrected = plan.poses == ESTIMATED if into is None else into.corrects(plan.poses)
         writer = _writer(results, taken, output, force, corrected)
-        tracker, source, session = _tracking(results, taken, plan, settings, writer, make_tracker, into, memory_mb)
+        tracker, source, session = _tracking(
+            results, taken, plan, settings, writer, make_tracker, into, memory_mb, shapes
+        )
         if session is not None:
             frames = session.go_on(frames, writer)
         planned = None if isinstance(taken, Stream) else len(frames)
@@ -154,7 +159,7 @@ def track_recording(
         points = tracker.map_points()
         found = ObjectsFile(tracker.up, taken.intrinsics, tuple(tracker.planes), points.counted(tracker.objects))
         if writer is not None:
-            writer.finish(found, points, report, tracker.corrected_trajectory())
+            writer.finish(found, points, report, tracker.corrected_trajectory(), tracker.kept_views)
         if session is not None:
             session.finish(complete=complete)
     if output is not None and page:
@@ -184,6 +189,7 @@ def _tracking(
     make_tracker: MakeTracker | None,
     into: IntoScene | None,
     memory_mb: float,
+    shapes: bool,
 ) -> tuple[Tracker, Poses, SceneRun | None]:
     """Return the tracker, where its poses come from, and the run within a scene where the recording goes into one."""
     camera = recording.intrinsics.downscaled(plan.scale)
@@ -194,7 +200,7 @@ def _tracking(
         mapper = make(camera, plan.config, plan.proposals)
         if plan.detector is not None:
             _use_detector(mapper, plan)
-        return Tracker.of_parts(camera, plan.config, mapper, source, write), source, None
+        return Tracker.of_parts(camera, plan.config, mapper, source, write, shapes=shapes), source, None
     from cuboid.scene import Source
 
     live = isinstance(recording, Stream)
@@ -203,7 +209,7 @@ def _tracking(
     session = results.enter_context(into.session(visit, camera, plan.config, plan.proposals, memory_mb))
     session.tracker.use_detector(plan.detector, plan.detector_every)
     source = session.poses(source)
-    tracker = Tracker.of_parts(camera, plan.config, session.tracker, source, write)
+    tracker = Tracker.of_parts(camera, plan.config, session.tracker, source, write, shapes=shapes)
     tracker.resume(session.begun.T_world_camera, session.begun.times_s, session.begun.skipped)
     return tracker, source, session
 

@@ -83,7 +83,7 @@ def save_results(
         )
         points = tracker.map_points()
         found = ObjectsFile(tracker.up, tracker.intrinsics, tuple(tracker.planes), points.counted(tracker.objects))
-        writer.finish(found, points, report, corrected)
+        writer.finish(found, points, report, corrected, tracker.kept_views)
     write_page(Results(output), read)
 
 

@@ -10,16 +10,18 @@ import numpy as np
 
 from cuboid.core.compiletime import working_s
 from cuboid.core.config import TrackerConfig
-from cuboid.core.errors import CuboidError, FrameError, shown
+from cuboid.core.errors import CuboidError, FrameError, InputError, shown
 from cuboid.core.frame import Float64Array, Frame, Intrinsics, SkippedFrame
 from cuboid.core.limits import MEMORY_MB
 from cuboid.core.paths import PathLike, as_path
-from cuboid.core.results import FrameResult
+from cuboid.core.results import FrameResult, TrackedObject
 from cuboid.core.tolerances import DETECT_EVERY
 from cuboid.outputs import PoseRow
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.writer import RowLog
 from cuboid.poses.sources import ESTIMATED, GIVEN, Poses, checked_origin, source_of_poses
+from cuboid.shapes import ObjectView
+from cuboid.shapes.keeping import ViewKeeper
 from cuboid.tracking.checks import run_facts
 from cuboid.tracking.diagnosis import Counts, diagnose
 from cuboid.tracking.measuring import FrameClock, FrameLog
@@ -55,6 +57,8 @@ class Tracker(KeptMap):
         `Detections`. Objects get names from it.
     detector_every : int
         It looks at each n-th frame.
+    shapes : bool
+        Keep views of the objects, in memory and in the results, so that `mesh` needs no recording.
 
     Raises
     ------
@@ -84,6 +88,7 @@ class Tracker(KeptMap):
         memory_mb: float = MEMORY_MB,
         detector: str | Detector | None = None,
         detector_every: int = DETECT_EVERY,
+        shapes: bool = False,
     ) -> None:
         from cuboid.tracking.posed_tracker import PosedTracker
 
@@ -91,7 +96,7 @@ class Tracker(KeptMap):
         origin = None if poses is None else checked_origin(poses)
         mapper = PosedTracker(intrinsics, config, proposals, memory_mb=memory_mb)
         mapper.use_detector(detector, detector_every)
-        self._start(intrinsics, config, mapper, None, rows.add)
+        self._start(intrinsics, config, mapper, None, rows.add, shapes=shapes)
         self._origin, self._proposals, self._rows = origin, proposals, rows
         self._detector, self._detector_every = detector, detector_every
 
@@ -109,6 +114,8 @@ class Tracker(KeptMap):
         mapper: TrackerLike,
         source: Poses,
         write: Callable[[FrameResult], None] | None,
+        *,
+        shapes: bool = False,
     ) -> Tracker:
         """Return a tracker made of a tracker of posed frames and a source of poses, for the loop over a recording.
 
@@ -121,9 +128,11 @@ class Tracker(KeptMap):
         source : Poses
         write : callable, optional
             Gets the result of each used frame, in order; writes its rows.
+        shapes : bool
+            As of the class.
         """
         tracker = cls.__new__(cls)
-        tracker._start(intrinsics, config, mapper, source, write)
+        tracker._start(intrinsics, config, mapper, source, write, shapes=shapes)
         return tracker
 
     def _start(
@@ -133,8 +142,11 @@ class Tracker(KeptMap):
         mapper: TrackerLike,
         source: Poses | None,
         write: Callable[[FrameResult], None] | None,
+        *,
+        shapes: bool,
     ) -> None:
         self.intrinsics, self._config = intrinsics, config
+        self.kept_views = ViewKeeper(intrinsics) if shapes else None
         self._mapper, self._source, self._write = mapper, source, write
         self._busy = threading.Lock()
         self._begun_s = working_s()
@@ -196,6 +208,9 @@ class Tracker(KeptMap):
         self.T_world_camera[frame.index] = posed.T_world_camera
         clock.laps(result.milliseconds)
         self.counts.add(frame, result)
+        if self.kept_views is not None:
+            self.kept_views.add(frame, posed.T_world_camera, result.sightings)
+            clock.lap("views")
         if self._write is not None:
             self._write(result)
             clock.lap("write")
@@ -288,6 +303,12 @@ class Tracker(KeptMap):
         """T_world_camera (4, 4) of each used frame, by its index, as corrected since it came."""
         poses = None if self._source is None else self._source.trajectory()
         return {k: T if poses is None else poses.get(k, T) for k, T in self.T_world_camera.items()}
+
+    def _views(self, item: TrackedObject) -> list[ObjectView]:
+        """Return the views of an object that were kept."""
+        if self.kept_views is None:
+            raise InputError("this tracker keeps no views of its objects: make it with shapes=True")
+        return self.kept_views.views(item, self.trajectory)
 
     def save(self, output: PathLike, *, recording: RecordingLike | None = None, force: bool = False) -> None:
         """Write the result folder that `cuboid track` writes: objects, sightings, poses, map, report, 3D page.

@@ -1,0 +1,188 @@
+"""The mesh of an object from its views: fused, cut to the object, closed where asked, colored."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from cuboid.core.extras import require
+from cuboid.core.frame import Float32Array, Float64Array
+from cuboid.core.results import MapPoints, SupportPlane, TrackedObject
+from cuboid.geometry import se3
+from cuboid.geometry.box import Box
+from cuboid.shapes.coloring import colors_of
+from cuboid.shapes.fusion import PLANE_LAYER, TRUNCATION_VOXELS, Volume, fuse
+from cuboid.shapes.mesh import EXTRA, ObjectMesh
+from cuboid.shapes.views import MARGIN_M, ObjectView
+
+# A box whose foot is this far from its plane, metres, does not stand on it: the map's voxels are half as large.
+MAX_FOOT_M = 0.02
+# Up to this height above the support, metres, depth shows the support as well: noise, and the rim where both meet.
+SUPPORT_M = 0.005
+# A surface belongs to the object within this distance of a point of the map that does, metres: two voxels of the map.
+OWN_M = 0.02
+# A piece with less than this fraction of the seen surface is none: a few readings that err together, or a guess alone.
+MIN_PIECE = 0.02
+
+
+def object_mesh(
+    item: TrackedObject,
+    views: Sequence[ObjectView],
+    planes: Sequence[SupportPlane],
+    points: MapPoints,
+    *,
+    close: bool = False,
+    complete: bool = False,
+) -> ObjectMesh:
+    """Return the surface of an object as its views show it.
+
+    Parameters
+    ----------
+    item : TrackedObject
+    views : sequence of ObjectView
+    planes : sequence of SupportPlane
+        `item.plane` is an index into them.
+    points : MapPoints
+        The map: points of an object say which surfaces are its own.
+    close : bool
+        Let the walls go down to the support, and close the foot.
+    complete : bool
+        Close all holes: space that no view saw empty is solid, within the box. It closes the foot too.
+
+    Raises
+    ------
+    MissingExtraError
+        scikit-image is not installed.
+    """
+    measure = require("skimage.measure", "mesh", EXTRA)
+    plane = None if item.plane is None else planes[item.plane]
+    foot_m = _foot_m(item.box, plane)
+    volume = fuse(views, item.box, foot_m)
+    field, seen = _solid(volume, item, points)
+    if field.min() >= 0 or not seen.any():
+        return _empty(item, len(views))
+    grid, faces, _, _ = measure.marching_cubes(field, 0.0, gradient_direction="descent")
+    guessed = ~(_at(seen, np.floor(grid)) & _at(seen, np.ceil(grid)))
+    foot = grid[:, 2] <= PLANE_LAYER + SUPPORT_M / volume.voxel_m
+    vertices = se3.transform(volume.T_world_grid, grid * volume.voxel_m)
+    mesh = ObjectMesh(
+        item.label, item.name, vertices, faces.astype(np.int32), np.zeros((len(vertices), 3), np.uint8), guessed, 0
+    )
+    kept = _wanted(mesh, foot, close=close, complete=complete)
+    whole = mesh.part(kept & _large_pieces(mesh, kept))
+    rgb = colors_of(whole, views, item.mean_color)
+    return ObjectMesh(item.label, item.name, whole.vertices, whole.faces, rgb, whole.guessed, len(views))
+
+
+def _foot_m(box: Box, plane: SupportPlane | None) -> float:
+    """Return the height of a box's foot above the plane that it stands on; 0 where it stands on none."""
+    if plane is None:
+        return 0.0
+    foot_m = box.foot_m(plane.normal, plane.offset)
+    return foot_m if abs(foot_m) <= MAX_FOOT_M else 0.0
+
+
+def _solid(volume: Volume, item: TrackedObject, points: MapPoints) -> tuple[Float32Array, npt.NDArray[np.bool_]]:
+    """Return the distance that is negative in the solid object, (X, Y, Z), and where it was seen.
+
+    What no view tells of is solid within the object's box. The distance ends at the plane of the support; the layers
+    just above it, where depth shows the support, are those above them.
+    """
+    distance, seen, voxel_m = volume.distance.copy(), volume.seen.copy(), volume.voxel_m
+    inside = _inside(volume, item.box)
+    distance[~seen & ~inside] = 1.0
+    foreign = _foreign(volume, seen & (np.abs(distance) < 1.0), item, points)
+    distance[foreign], seen[foreign] = 1.0, False
+    above = int(np.ceil(PLANE_LAYER + SUPPORT_M / voxel_m))
+    distance[:, :, :above], seen[:, :, :above] = distance[:, :, above : above + 1], False
+    height_m = (np.arange(distance.shape[2]) - PLANE_LAYER) * voxel_m
+    field = np.maximum(distance, (-height_m / (TRUNCATION_VOXELS * voxel_m)).astype(np.float32))
+    # A layer of air around all, so that what is solid up to the margin ends there.
+    for axis in range(3):
+        for side in (0, -1):
+            np.moveaxis(field, axis, 0)[side] = 1.0
+            np.moveaxis(seen, axis, 0)[side] = False
+    return field, seen
+
+
+def _inside(volume: Volume, box: Box) -> npt.NDArray[np.bool_]:
+    """Return which voxels lie in a box of the volume's axes, or below it."""
+    T = volume.T_world_grid
+    origin = box.rotation.T @ (T[:3, 3] - box.center)
+    sides = [
+        np.abs(origin[axis] + np.arange(n) * volume.voxel_m) <= box.size[axis] / 2.0
+        for axis, n in enumerate(volume.distance.shape)
+    ]
+    sides[2] = origin[2] + np.arange(volume.distance.shape[2]) * volume.voxel_m <= box.size[2] / 2.0
+    return np.asarray(sides[0][:, None, None] & sides[1][None, :, None] & sides[2][None, None, :])
+
+
+def _foreign(
+    volume: Volume, band: npt.NDArray[np.bool_], item: TrackedObject, points: MapPoints
+) -> npt.NDArray[np.bool_]:
+    """Return which voxels near a surface are not the object's: far from its points, or nearer to another's."""
+    near = item.box
+    reach = Box(near.center, near.size + 2 * (MARGIN_M + OWN_M), near.rotation)
+    around = reach.contains(points.xyz, MARGIN_M)
+    own = points.xyz[around & (points.label == item.label)]
+    others = points.xyz[around & (points.label != item.label) & (points.label > 0)]
+    foreign = np.zeros(band.shape, np.bool_)
+    if not len(own):
+        return foreign
+    places = se3.transform(volume.T_world_grid, np.argwhere(band) * volume.voxel_m)
+    distance = cKDTree(own).query(places, distance_upper_bound=OWN_M)[0]
+    away = ~np.isfinite(distance)
+    if len(others):
+        away |= cKDTree(others).query(places, distance_upper_bound=OWN_M)[0] < distance
+    foreign[band] = away
+    return foreign
+
+
+def _at(values: npt.NDArray[np.bool_], grid: Float64Array) -> npt.NDArray[np.bool_]:
+    i, j, k = grid.astype(np.int64).T
+    return np.asarray(values[i, j, k])
+
+
+def _wanted(mesh: ObjectMesh, foot: npt.NDArray[np.bool_], *, close: bool, complete: bool) -> npt.NDArray[np.bool_]:
+    """Return the faces that are asked for: those seen, with `close` those at the foot (V,), with `complete` all."""
+    if complete:
+        return np.ones(len(mesh.faces), np.bool_)
+    seen = ~mesh.guessed_faces
+    if not close:
+        return seen
+    at_foot = (foot | ~mesh.guessed)[mesh.faces].all(axis=1)
+    return seen | at_foot
+
+
+def _large_pieces(mesh: ObjectMesh, kept: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Return the faces (F,) of pieces that are no specks."""
+    faces = mesh.faces[kept]
+    large = np.zeros(len(mesh.faces), np.bool_)
+    if not len(faces):
+        return large
+    ends = np.concatenate([faces[:, :2], faces[:, 1:]])
+    count = len(mesh.vertices)
+    graph = coo_array((np.ones(len(ends), np.int8), (ends[:, 0], ends[:, 1])), shape=(count, count))
+    piece = connected_components(graph, directed=False)[1][faces[:, 0]]
+    seen = ~mesh.guessed_faces[kept]
+    sizes = np.bincount(piece, seen)
+    large[kept] = sizes[piece] >= MIN_PIECE * seen.sum()
+    return large
+
+
+def _empty(item: TrackedObject, views: int) -> ObjectMesh:
+    none = np.zeros((0, 3))
+    return ObjectMesh(
+        item.label,
+        item.name,
+        none,
+        none.astype(np.int32),
+        none.astype(np.uint8),
+        np.zeros(0, np.bool_),
+        views,
+    )

@@ -1,0 +1,67 @@
+"""Colors of the vertices of a mesh: those of the views that see them, the nearest and most frontal most."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cuboid.core.frame import Float64Array, UInt8Array
+from cuboid.core.tolerances import JUMP_M, NEAREST_M
+from cuboid.geometry import se3
+from cuboid.shapes.mesh import ObjectMesh
+from cuboid.shapes.views import ObjectView
+
+# The weight of a view is the cosine of its angle to the power of this: sharp views count, grazing ones do not.
+SHARPNESS = 4
+
+
+def colors_of(mesh: ObjectMesh, views: Sequence[ObjectView], otherwise: Float64Array) -> UInt8Array:
+    """Return the colors (V, 3) of a mesh's vertices.
+
+    Parameters
+    ----------
+    mesh : ObjectMesh
+    views : sequence of ObjectView
+    otherwise : (3,) float64
+        The color, 0..255, of vertices that no view sees.
+    """
+    total, weights = np.zeros((len(mesh.vertices), 3)), np.zeros(len(mesh.vertices))
+    normals = _normals(mesh)
+    for view in views:
+        _add(mesh.vertices, normals, view, total, weights)
+    seen = weights > 0
+    rgb = np.where(seen[:, None], total / np.maximum(weights, 1e-12)[:, None], otherwise)
+    return np.rint(rgb).astype(np.uint8)
+
+
+def _add(vertices: Float64Array, normals: Float64Array, view: ObjectView, total: Float64Array, w: Float64Array) -> None:
+    camera = view.camera
+    place = se3.transform(se3.inverse(view.T_world_camera), vertices)
+    z = np.maximum(place[:, 2], NEAREST_M)
+    u = np.rint(camera.fx * place[:, 0] / z + camera.cx).astype(np.int64)
+    v = np.rint(camera.fy * place[:, 1] / z + camera.cy).astype(np.int64)
+    inside = (place[:, 2] > NEAREST_M) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+    rows = np.flatnonzero(inside)
+    u, v, z = u[rows], v[rows], z[rows]
+    rows = rows[np.abs(view.depth_m[v, u] - z) < JUMP_M]
+    towards = view.T_world_camera[:3, 3] - vertices[rows]
+    distance = np.linalg.norm(towards, axis=1)
+    cosine = np.einsum("ij,ij->i", towards, normals[rows]) / np.maximum(distance, 1e-9)
+    rows, weight = rows[cosine > 0], cosine[cosine > 0] ** SHARPNESS / distance[cosine > 0] ** 2
+    u = np.rint(camera.fx * place[rows, 0] / place[rows, 2] + camera.cx).astype(np.int64)
+    v = np.rint(camera.fy * place[rows, 1] / place[rows, 2] + camera.cy).astype(np.int64)
+    total[rows] += weight[:, None] * view.color[v, u]
+    w[rows] += weight
+
+
+def _normals(mesh: ObjectMesh) -> Float64Array:
+    """Return the unit normal of each vertex (V, 3): the mean of its faces', by area."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    of_face = np.cross(b - a, c - a)
+    normals = np.zeros_like(mesh.vertices)
+    for k in range(3):
+        np.add.at(normals, mesh.faces[:, k], of_face)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    result: Float64Array = normals / np.maximum(length, 1e-12)
+    return result
