@@ -27,6 +27,7 @@ PACKAGES = (
         "surfaces",
         "boxes",
         "objects",
+        "relations",
         "outputs",
     ),
     *("views", "calibration", "tracking", "scene", "pipeline", "recordings", "cameras", "exports", "synthetic"),

@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
 EXAMPLE = "cuboid synth --kind clutter --seed 7 --output DIR"
 
-KINDS = ("table", "occluders", "leave", "tables", "clutter", "room", "overhead", "bin", "counter", "stacks", "shelf")
+KINDS = (
+    *("table", "occluders", "leave", "tables", "clutter", "room", "overhead", "bin", "counter", "stacks", "shelf"),
+    *("containers", "sideboard"),
+)
 CAMERAS = ("orbit", "handheld", "drone")
 SENSORS = ("structured-light", "time-of-flight", "clean")
 POSE_NOISES = ("none", "drift", "jumps")

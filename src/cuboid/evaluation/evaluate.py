@@ -31,11 +31,12 @@ from cuboid.evaluation.labels import (
 )
 from cuboid.evaluation.names import NameQuality, name_quality
 from cuboid.evaluation.points import HeatQuality, heat_quality, read_labelled_cloud
+from cuboid.evaluation.relations import RelationsAt, relation_quality
 from cuboid.evaluation.result import BoxRows, IntArray, Result, read_result
 from cuboid.evaluation.scope import FOUND_IOU, Scope
 from cuboid.evaluation.truth import Truth, read_truth
 from cuboid.geometry.se3 import transform
-from cuboid.outputs import read_map
+from cuboid.outputs import Results, read_map
 from cuboid.outputs.text import LENGTH, rounded
 
 FORMAT, VERSION = "cuboid-evaluation", 1
@@ -110,6 +111,8 @@ class Evaluation:
         None without a labelled cloud.
     names : NameQuality or None
         None where no detector named objects.
+    relations : tuple of RelationsAt or None
+        Kind by kind; None where the truth says nothing of relations, or the result is no folder of `cuboid track`.
     """
 
     result: str
@@ -122,12 +125,15 @@ class Evaluation:
     objects: tuple[ObjectOutcome, ...]
     heat: HeatQuality | None
     names: NameQuality | None = None
+    relations: tuple[RelationsAt, ...] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything, ready for JSON: numbers have six decimals, what is undefined is None."""
         document = asdict(self)
         if self.names is None:
             del document["names"]
+        if self.relations is None:
+            del document["relations"]
         return {"format": FORMAT, "version": VERSION, **plain(document)}
 
 
@@ -188,6 +194,11 @@ def evaluate(
                 for item, box in zip(scope.objects, boxes, strict=True)
             ],
         ),
+        relations=_relations(
+            result,
+            truth,
+            {item.id: box.label for item, box in zip(scope.objects, boxes, strict=True) if box is not None},
+        ),
     )
 
 
@@ -230,6 +241,13 @@ def _proposals(scope: Scope, rows: BoxRows | None) -> ProposalQuality | None:
     if rows is None:
         return None
     return proposal_quality(scope.frame_overlaps(rows), int(np.isin(rows.frame, scope.frames).sum()))
+
+
+def _relations(result: Result, truth: Truth, label_of: dict[int, int]) -> tuple[RelationsAt, ...] | None:
+    if truth.relations is None or not result.path.is_dir():
+        return None
+    run = Results(result.path)
+    return relation_quality(truth, run.relations, label_of, run.planes, run.walls, result.T_truth_result)
 
 
 def _heat(result: Result, cloud: PathLike, truth: Truth) -> HeatQuality:

@@ -47,6 +47,28 @@ class TruthObject:
 
 
 @dataclass(frozen=True, slots=True)
+class TruthRelation:
+    """A relation that holds.
+
+    Attributes
+    ----------
+    subject : int
+        Id of the object.
+    kind : str
+        What it is to the other: one of `core.results.RELATIONS`.
+    to : int or str
+        Id of the other; "plane:k" or "wall:k" for one of the truth's planes or walls.
+    judged : bool
+        False where it is open whether it holds.
+    """
+
+    subject: int
+    kind: str
+    to: int | str
+    judged: bool
+
+
+@dataclass(frozen=True, slots=True)
 class JudgedRegion:
     """The part of the world that the truth speaks about: a prism over a polygon on a plane.
 
@@ -100,6 +122,10 @@ class Truth:
         Places where finding something counts neither way.
     visibility : (frames, objects) float64 or None
         Visible fraction of each object in each frame, 0..1; None where the file does not say.
+    relations : tuple of TruthRelation or None
+        None where the file does not say.
+    planes, walls : tuple of ((3,) float64, float)
+        Normal and offset of the surfaces that relations name.
     """
 
     path: Path
@@ -109,6 +135,9 @@ class Truth:
     region: JudgedRegion | None
     ignored: tuple[Box, ...]
     visibility: Float64Array | None
+    relations: tuple[TruthRelation, ...] | None = None
+    planes: tuple[tuple[Float64Array, float], ...] = ()
+    walls: tuple[tuple[Float64Array, float], ...] = ()
 
 
 def read_truth(path: PathLike) -> Truth:
@@ -134,6 +163,11 @@ def read_truth(path: PathLike) -> Truth:
         region=None if document.judged_region is None else _region(document.judged_region),
         ignored=tuple(map(_box, document.ignore or ())),
         visibility=None if seen is None else _visibility(seen, [item.id for item in objects]),
+        relations=None
+        if document.relations is None
+        else tuple(TruthRelation(one.subject, one.kind, one.to, one.judged) for one in document.relations),
+        planes=tuple((np.array(one.normal), one.offset) for one in document.planes),
+        walls=tuple((np.array(one.normal), one.offset) for one in document.walls),
     )
 
 

@@ -19,6 +19,7 @@ from cuboid.core.values import (
     refuse_no_rotation,
     refuse_twice,
 )
+from cuboid.formats.relations import PlaneOfTruth, RelationOfTruth, refuse_unknown
 from cuboid.formats.run_file import MAX_FRAMES
 from cuboid.geometry.se3 import FARTHEST_M
 
@@ -82,9 +83,17 @@ class TruthDocument(Entry, frozen=True):
     judged_region: Annotated[RegionOfTruth | None, Meta(description="null: everything is judged")] = None
     ignore: list[BoxOfTruth] | None = None
     visibility: VisibilityOfTruth | None = None
+    relations: Annotated[
+        list[RelationOfTruth] | None, Meta(description="of the objects; null: relations are not judged")
+    ] = None
+    planes: Annotated[tuple[PlaneOfTruth, ...], Meta(description="level surfaces that relations name")] = ()
+    walls: Annotated[tuple[PlaneOfTruth, ...], Meta(description="walls that relations name")] = ()
 
     def __post_init__(self) -> None:
         refuse_twice("object id", [item.id for item in self.objects])
+        if self.relations is not None:
+            ends = [(end, f"object {one.subject}") for one in self.relations for end in (one.subject, one.to)]
+            refuse_unknown(ends, {item.id for item in self.objects}, len(self.planes), len(self.walls))
         if self.visibility is not None:
             _refuse_visibility(self.visibility, self.objects, self.frames)
 
