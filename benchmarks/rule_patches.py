@@ -1,3 +1,4 @@
+# ruff: noqa: E501 - texts of the source stand here as they are.
 """The rules of the method that can be left out one by one, each as a change of the source that neutralises it."""
 
 from __future__ import annotations

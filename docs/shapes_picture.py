@@ -1,4 +1,6 @@
-"""Make docs/shapes.png, meshes of a made table's objects as seen, closed and completed: ``python docs/shapes_picture.py``.
+"""Make docs/shapes.png, meshes of a made table's objects as seen, closed and completed.
+
+``python docs/shapes_picture.py``
 
 Needs the development requirements. The recording is made and tracked anew.
 """
@@ -44,6 +46,7 @@ def draw(axes: Any, mesh: ObjectMesh, item: cuboid.TrackedObject, elevation_deg:
 
 
 def main() -> None:
+    """Make the recording, track it, and draw its meshes."""
     mpl.use("Agg")
     with tempfile.TemporaryDirectory() as work:
         recording, folder = Path(work) / "recording", Path(work) / "results"

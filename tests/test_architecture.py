@@ -28,6 +28,7 @@ PACKAGES = (
         "boxes",
         "objects",
         "shapes",
+        "relations",
         "outputs",
     ),
     *("views", "calibration", "tracking", "scene", "pipeline", "recordings", "cameras", "exports", "synthetic"),

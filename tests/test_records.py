@@ -48,9 +48,9 @@ def test_a_record_is_written_as_its_fields_say() -> None:
 
 def test_each_field_of_an_object_is_in_every_file_and_table() -> None:
     described = columns_of(TrackedObject)
-    # The classes of a detector are lists, which only some files hold.
-    of_detector = {"name_score", "names", "kind"}
-    declared = {one.name for one in described} | {"center", "size", "rotation"} | of_detector
+    # The classes of a detector and relations are lists, which only some files hold.
+    lists = {"name_score", "names", "kind", "relations"}
+    declared = {one.name for one in described} | {"center", "size", "rotation"} | lists
     assert declared == {*ObjectEntry.__struct_fields__}
     assert {*names_in(described)} < {*COLUMNS}
     assert {*names_in(described)} < {*next(csv.reader([csv_table.HEADER]))}

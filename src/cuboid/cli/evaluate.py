@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from cuboid.evaluation.evaluate import Identity
     from cuboid.evaluation.events import EventQuality
     from cuboid.evaluation.points import HeatQuality
+    from cuboid.evaluation.relations import RelationsAt
     from cuboid.evaluation.visits import VisitsQuality
 
 EXAMPLE = "cuboid evaluate DIR truth.json"
@@ -117,6 +119,8 @@ def print_evaluation(found: Evaluation) -> None:
         from cuboid.cli.keyframes import print_names
 
         print_names(found.names)
+    if found.relations is not None:
+        out.print(_relations_table(found.relations))
     if found.heat is not None:
         out.print(_heat_line(found.heat), markup=False)
 
@@ -249,6 +253,16 @@ def _heat_line(heat: HeatQuality) -> str:
             f", F {_score(at.f)} at heat {at.heat:.2f} (precision {_score(at.precision)}, recall {_score(at.recall)})"
         )
     return line
+
+
+def _relations_table(relations: Sequence[RelationsAt]) -> Table:
+    from cuboid.cli.tables import new_table
+
+    table = new_table("relation", "precision", "recall", "right", "found", "true", "of objects not found")
+    for at in relations:
+        counts = map(str, (at.right, at.found, at.true, at.lost))
+        table.add_row(at.kind, _score(at.precision), _score(at.recall), *counts)
+    return table
 
 
 def _objects_table(found: Evaluation) -> Table:

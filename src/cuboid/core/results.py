@@ -16,6 +16,8 @@ from cuboid.geometry.box import Box
 
 # The rectangle of a record in its frame's image.
 RECTANGLE = column("rectangle in the color image", kind=Pixel, digits=PIXEL, parts=("x0", "y0", "x1", "y1"))
+# Kinds of relations between objects and surfaces.
+RELATIONS = ("on", "in", "beside", "under", "against", "supports")
 # Names that results tell beside the first.
 NEXT_NAMES = 3
 
@@ -183,6 +185,29 @@ class FrameResult:
 
 
 @dataclass(frozen=True, slots=True)
+class Relation:
+    """A relation of an object to another one, to a supporting plane, or to a wall.
+
+    Attributes
+    ----------
+    kind : str
+        One of `RELATIONS`: the object is on, in, beside, under or against the other, or supports it.
+    to : int or str
+        Label of the other object; "plane:k" for the supporting plane k, "wall:k" for the wall k.
+    score : float
+        Probability, 0..1; `cuboid.relations` says of what.
+    """
+
+    kind: str
+    to: int | str
+    score: float
+
+    def __repr__(self) -> str:
+        to = self.to if isinstance(self.to, str) else tag_of(self.to)
+        return f"Relation({self.kind} {to}; score {self.score:.2f})"
+
+
+@dataclass(frozen=True, slots=True)
 class TrackedObject:
     """An object of the map; the fields are those of `objects.json`.
 
@@ -213,6 +238,8 @@ class TrackedObject:
         The next likely classes, at most three, with their probabilities.
     kind : str
         "volume"; of things that depth does not read, "flat" on a plane, or else "box".
+    relations : tuple of Relation
+        Relations to other objects and to surfaces; empty where nobody asked for them.
     """
 
     label: Label = field(metadata=column("of the object, 1 or more"))
@@ -243,6 +270,7 @@ class TrackedObject:
     name_score: float | None = None
     names: tuple[tuple[str, float], ...] = ()
     kind: str = "volume"
+    relations: tuple[Relation, ...] = ()
 
     def with_given_name(self, name: str) -> Self:
         """Return it with a name that a user gave: the class that a detector saw is then the first of the next ones."""

@@ -33,11 +33,12 @@ from cuboid.evaluation.labels import (
 )
 from cuboid.evaluation.names import NameQuality, name_quality
 from cuboid.evaluation.points import HeatQuality, heat_quality, read_labelled_cloud
+from cuboid.evaluation.relations import RelationsAt, relation_quality
 from cuboid.evaluation.result import BoxRows, IntArray, Result, read_result
 from cuboid.evaluation.scope import FOUND_IOU, Scope
 from cuboid.evaluation.truth import Truth, read_truth
 from cuboid.geometry.se3 import transform
-from cuboid.outputs import read_map
+from cuboid.outputs import Results, read_map
 from cuboid.outputs.text import LENGTH, rounded
 
 FORMAT, VERSION = "cuboid-evaluation", 1
@@ -114,6 +115,8 @@ class Evaluation:
         None where no detector named objects.
     events : EventQuality or None
         None where the truth says nothing of events, or of visibility.
+    relations : tuple of RelationsAt or None
+        Kind by kind; None where the truth says nothing of relations, or the result is no folder of `cuboid track`.
     """
 
     result: str
@@ -127,6 +130,7 @@ class Evaluation:
     heat: HeatQuality | None
     names: NameQuality | None = None
     events: EventQuality | None = None
+    relations: tuple[RelationsAt, ...] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything, ready for JSON: numbers have six decimals, what is undefined is None."""
@@ -135,6 +139,8 @@ class Evaluation:
             del document["names"]
         if self.events is None:
             del document["events"]
+        if self.relations is None:
+            del document["relations"]
         return {"format": FORMAT, "version": VERSION, **plain(document)}
 
 
@@ -197,6 +203,11 @@ def evaluate(
             ],
         ),
         events=events,
+        relations=_relations(
+            result,
+            truth,
+            {item.id: box.label for item, box in zip(scope.objects, boxes, strict=True) if box is not None},
+        ),
     )
 
 
@@ -252,6 +263,13 @@ def _proposals(scope: Scope, rows: BoxRows | None) -> ProposalQuality | None:
     if rows is None:
         return None
     return proposal_quality(scope.frame_overlaps(rows), int(np.isin(rows.frame, scope.frames).sum()))
+
+
+def _relations(result: Result, truth: Truth, label_of: dict[int, int]) -> tuple[RelationsAt, ...] | None:
+    if truth.relations is None or not result.path.is_dir():
+        return None
+    run = Results(result.path)
+    return relation_quality(truth, run.relations, label_of, run.planes, run.walls, result.T_truth_result)
 
 
 def _heat(result: Result, cloud: PathLike, truth: Truth) -> HeatQuality:

@@ -56,6 +56,28 @@ class TruthObject:
 
 
 @dataclass(frozen=True, slots=True)
+class TruthRelation:
+    """A relation that holds.
+
+    Attributes
+    ----------
+    subject : int
+        Id of the object.
+    kind : str
+        What it is to the other: one of `core.results.RELATIONS`.
+    to : int or str
+        Id of the other; "plane:k" or "wall:k" for one of the truth's planes or walls.
+    judged : bool
+        False where it is open whether it holds.
+    """
+
+    subject: int
+    kind: str
+    to: int | str
+    judged: bool
+
+
+@dataclass(frozen=True, slots=True)
 class JudgedRegion:
     """The part of the world that the truth speaks about: a prism over a polygon on a plane.
 
@@ -170,6 +192,10 @@ class Truth:
         What happens to objects, in the order in which it ends; None where the file does not say.
     agents : tuple of TruthAgent
         People, in rigid parts.
+    relations : tuple of TruthRelation or None
+        None where the file does not say.
+    planes, walls : tuple of ((3,) float64, float)
+        Normal and offset of the surfaces that relations name.
     """
 
     path: Path
@@ -181,6 +207,9 @@ class Truth:
     visibility: Float64Array | None
     events: tuple[TruthEvent, ...] | None = None
     agents: tuple[TruthAgent, ...] = ()
+    relations: tuple[TruthRelation, ...] | None = None
+    planes: tuple[tuple[Float64Array, float], ...] = ()
+    walls: tuple[tuple[Float64Array, float], ...] = ()
 
     @property
     def gone(self) -> frozenset[int]:
@@ -222,6 +251,11 @@ def read_truth(path: PathLike) -> Truth:
         visibility=None if seen is None else _visibility(seen, [item.id for item in objects]),
         events=None if document.events is None else tuple(map(_event, document.events)),
         agents=tuple(TruthAgent(np.array(one.size), _path(one.moves)) for one in document.agents or () if one.moves),
+        relations=None
+        if document.relations is None
+        else tuple(TruthRelation(one.subject, one.kind, one.to, one.judged) for one in document.relations),
+        planes=tuple((np.array(one.normal), one.offset) for one in document.planes),
+        walls=tuple((np.array(one.normal), one.offset) for one in document.walls),
     )
 
 

@@ -25,6 +25,7 @@ from cuboid.core.values import (
     refuse_no_unit,
     refuse_twice,
 )
+from cuboid.formats.relations import RelationEntry, WallEntry, refuse_unknown
 
 FORMAT: Literal["cuboid-objects"] = "cuboid-objects"
 VERSION: Literal[1] = 1
@@ -54,6 +55,7 @@ class PlaneEntry(Entry, frozen=True):
 
 _Score: Any = Fraction | UnsetType
 _Names: Any = list[tuple[str, Fraction]] | UnsetType
+_Relations: Any = list[RelationEntry] | UnsetType
 _Kind: Any = Literal["volume", "flat", "box", "support"] | UnsetType
 
 
@@ -75,6 +77,7 @@ def _fields() -> Iterator[tuple[str, Any] | tuple[str, Any, UnsetType]]:
         ("name_score", _Score, "probability of its class; absent with a user's name"),
         ("names", _Names, "the next likely classes, at most 3, with their probabilities"),
         ("kind", _Kind, "of what depth does not read, flat on a plane or a box; absent for volumes"),
+        ("relations", _Relations, "to other objects and surfaces; absent where nobody asked for them"),
     ):
         yield name, Annotated[kind, Meta(description=what)], UNSET
 
@@ -100,11 +103,16 @@ class ObjectsDocument(Entry, frozen=True):
     intrinsics: Annotated[IntrinsicsEntry, Meta(description="of the recording's color image at its full size")]
     planes: list[PlaneEntry]
     objects: list[ObjectEntry]
+    walls: Annotated[tuple[WallEntry, ...], Meta(description="that objects are against")] = ()
 
     def __post_init__(self) -> None:
         if self.up is not None:
             refuse_no_unit("up", self.up)
         refuse_twice("label", [item.label for item in self.objects])
+        labels = {item.label for item in self.objects}
         for item in self.objects:
+            if item.relations is not UNSET:
+                named = ((one.to, f"object {item.label}") for one in item.relations)
+                refuse_unknown(named, labels, len(self.planes), len(self.walls))
             if item.plane is not None and item.plane >= len(self.planes):
                 raise ValueError(f"object {item.label} stands on plane {item.plane} of {len(self.planes)} planes")

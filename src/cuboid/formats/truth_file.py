@@ -24,6 +24,7 @@ from cuboid.core.values import (
     refuse_no_rotation,
     refuse_twice,
 )
+from cuboid.formats.relations import PlaneOfTruth, RelationOfTruth, refuse_unknown
 from cuboid.formats.run_file import MAX_FRAMES
 from cuboid.geometry.se3 import FARTHEST_M
 
@@ -127,6 +128,11 @@ class TruthDocument(Entry, frozen=True):
     visibility: VisibilityOfTruth | None = None
     events: Annotated[list[EventOfTruth] | None, Meta(description="in the order in which they end")] = None
     agents: Annotated[list[AgentOfTruth] | None, Meta(description="people, in rigid parts")] = None
+    relations: Annotated[
+        list[RelationOfTruth] | None, Meta(description="of the objects; null: relations are not judged")
+    ] = None
+    planes: Annotated[tuple[PlaneOfTruth, ...], Meta(description="level surfaces that relations name")] = ()
+    walls: Annotated[tuple[PlaneOfTruth, ...], Meta(description="walls that relations name")] = ()
 
     def __post_init__(self) -> None:
         refuse_twice("object id", [item.id for item in self.objects])
@@ -134,6 +140,9 @@ class TruthDocument(Entry, frozen=True):
         for happened in self.events or []:
             if happened.id not in known:
                 raise ValueError(f"an event is of object {happened.id}, which is not there")
+        if self.relations is not None:
+            ends = [(end, f"object {one.subject}") for one in self.relations for end in (one.subject, one.to)]
+            refuse_unknown(ends, {item.id for item in self.objects}, len(self.planes), len(self.walls))
         if self.visibility is not None:
             _refuse_visibility(self.visibility, self.objects, self.frames)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +12,12 @@ from msgspec import UNSET
 
 from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.core.records import columns_of, plain_fields
-from cuboid.core.results import SupportPlane, TrackedObject
+from cuboid.core.results import MapPoints, Relation, SupportPlane, TrackedObject
 from cuboid.formats.json_validation import read_json
 from cuboid.formats.objects_file import FORMAT, VERSION, ObjectEntry, ObjectsDocument
 from cuboid.geometry.box import Box
 from cuboid.outputs.text import DIRECTION, LENGTH, rounded, rounded_list
+from cuboid.relations import Wall, find_relations, find_walls, with_relations
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,12 +33,21 @@ class ObjectsFile:
     planes : tuple of SupportPlane
     objects : tuple of TrackedObject
         By label.
+    walls : tuple of Wall
+        That objects are against; none where nobody asked for relations.
     """
 
     up: Float64Array | None
     intrinsics: Intrinsics
     planes: tuple[SupportPlane, ...]
     objects: tuple[TrackedObject, ...]
+    walls: tuple[Wall, ...] = ()
+
+    def with_relations(self, points: MapPoints) -> ObjectsFile:
+        """Return the same with the relations of the objects; `points` is the map, in which walls are found."""
+        walls = find_walls(points, self.up)
+        found = find_relations(self.objects, self.planes, self.up, walls)
+        return replace(self, objects=with_relations(self.objects, found), walls=walls)
 
 
 def write_objects(path: Path, content: ObjectsFile) -> None:
@@ -61,7 +71,8 @@ def write_objects(path: Path, content: ObjectsFile) -> None:
             "width": K.width,
             "height": K.height,
         },
-        "planes": [_plane_to_json(plane) for plane in content.planes],
+        "planes": [surface_to_json(plane) for plane in content.planes],
+        **({"walls": [surface_to_json(wall) for wall in content.walls]} if content.walls else {}),
         "objects": [object_to_json(item) for item in sorted(content.objects, key=lambda item: item.label)],
     }
     write_json(path, document)
@@ -85,6 +96,7 @@ def read_objects(path: Path) -> ObjectsFile:
             for plane in document.planes
         ),
         objects=tuple(_object(item) for item in document.objects),
+        walls=tuple(Wall(np.array(one.normal), one.offset, np.array(one.extent)) for one in document.walls),
     )
 
 
@@ -108,7 +120,8 @@ def _layout(value: Any, indent: int = 0) -> str:
     return f"{opening}\n{pad}" + f",\n{pad}".join(parts) + f"\n{' ' * indent}{closing}"
 
 
-def _plane_to_json(plane: SupportPlane) -> dict[str, Any]:
+def surface_to_json(plane: SupportPlane | Wall) -> dict[str, Any]:
+    """Return a supporting plane or a wall as `objects.json` holds it."""
     return {
         "normal": rounded_list(plane.normal, DIRECTION),
         "offset": rounded(plane.offset, LENGTH),
@@ -130,7 +143,13 @@ def object_to_json(item: TrackedObject) -> dict[str, Any]:
         **plain_fields(item, columns_of(TrackedObject)[1:]),
         **name_to_json(item),
         **kind,
+        **({"relations": [relation_to_json(one) for one in item.relations]} if item.relations else {}),
     }
+
+
+def relation_to_json(relation: Relation) -> dict[str, Any]:
+    """Return a relation as `objects.json` holds it."""
+    return {"to": relation.to, "is": relation.kind, "score": rounded(relation.score, LENGTH)}
 
 
 def name_to_json(item: TrackedObject) -> dict[str, Any]:
@@ -150,4 +169,7 @@ def _object(item: ObjectEntry) -> TrackedObject:
         name_score=None if item.name_score is UNSET else item.name_score,
         names=() if item.names is UNSET else tuple(item.names),
         kind="volume" if item.kind is UNSET else item.kind,
+        relations=()
+        if item.relations is UNSET
+        else tuple(Relation(one.kind, one.to, one.score) for one in item.relations),
     )

@@ -31,6 +31,7 @@ from cuboid.outputs.rows import (
 from cuboid.poses.sources import LOST
 from cuboid.readers.recording import Recording
 from cuboid.readers.reopen import reopen_recording
+from cuboid.relations import Wall, find_walls
 from cuboid.shapes.keeping import read_views
 from cuboid.shapes.views import Candidate, ObjectView, chosen, view_of
 
@@ -126,6 +127,11 @@ class Results(MapQueries):
     def up(self) -> Float64Array | None:
         """Up in the world, (3,), a unit vector; None while unknown."""
         return self.found.up
+
+    @cached_property
+    def walls(self) -> tuple[Wall, ...]:
+        """The walls that objects may be against: those that the relations were saved with, else found now."""
+        return self.found.walls or find_walls(self.map_points(), self.up)
 
     @cached_property
     def _points(self) -> MapPoints:

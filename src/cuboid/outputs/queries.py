@@ -13,8 +13,9 @@ import numpy.typing as npt
 
 from cuboid.core.errors import InputError, OutputError, shown
 from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
-from cuboid.core.results import MapPoints, SupportPlane, TrackedObject
+from cuboid.core.results import MapPoints, Relation, SupportPlane, TrackedObject
 from cuboid.outputs.object_table import ObjectTable
+from cuboid.relations import Wall, find_relations, find_walls
 from cuboid.shapes import ObjectMesh, ObjectView, object_mesh
 
 
@@ -81,6 +82,19 @@ class MapQueries(ABC):
     @abstractmethod
     def up(self) -> Float64Array | None:
         """Up in the world, (3,), a unit vector; None while unknown."""
+
+    @property
+    def walls(self) -> Sequence[Wall]:
+        """The walls that objects may be against, the largest first; `Relation.to` names them by their index."""
+        return find_walls(self.map_points(), self.up)
+
+    @property
+    def relations(self) -> dict[int, tuple[Relation, ...]]:
+        """The relations of each object to others and to surfaces, by label: those it was saved with, else found now."""
+        objects = self.objects
+        if any(item.relations for item in objects):
+            return {item.label: item.relations for item in objects}
+        return find_relations(objects, self.planes, self.up, self.walls)
 
     @abstractmethod
     def map_points(self) -> MapPoints:

@@ -10,6 +10,7 @@ import numpy as np
 from cuboid.core.errors import InputError
 from cuboid.core.frame import Float64Array
 from cuboid.synthetic import furniture as made
+from cuboid.synthetic.containers import build_containers, build_sideboard
 from cuboid.synthetic.draft import APART_M, SMALL, Draft, add_middle_table, add_room, circling, finish, on_floor
 from cuboid.synthetic.mesh import shift, turn
 from cuboid.synthetic.moving import build_moving
@@ -180,6 +181,8 @@ KINDS: Mapping[str, Builder] = MappingProxyType(
         "stacks": build_stacks,
         "shelf": build_shelf,
         "moving": build_moving,
+        "containers": build_containers,
+        "sideboard": build_sideboard,
     }
 )
 # How the camera goes where a place is visited again.
@@ -189,7 +192,16 @@ WAYS: Mapping[str, Builder] = MappingProxyType(
 # Frames of a recording where none are asked for: what the way of the kind takes.
 FRAMES: Mapping[str, int] = MappingProxyType(
     {"table": 160, "occluders": 200, "leave": 220, "tables": 360, "clutter": 160, "room": 460}
-    | {"overhead": 90, "bin": 120, "counter": 120, "stacks": 160, "shelf": 120, "moving": 420}
+    | {
+        "overhead": 90,
+        "bin": 120,
+        "counter": 120,
+        "stacks": 160,
+        "shelf": 120,
+        "moving": 420,
+        "containers": 160,
+        "sideboard": 120,
+    }
 )
 
 

@@ -102,7 +102,27 @@ class Arrangement:
         """Put a model on the flat top of another."""
         top = float(other.mesh().vertices[:, 2].max())
         added = self._add(model, other.T_room_model[:2, 3], other.surface, top)
-        return self._touching(added, other)
+        added = replace(self._touching(added, other), on=other.id)
+        self.objects[added.id - 1] = added
+        return added
+
+    def put_in(self, model: Model, other: SceneObject, inside: Surface, gap: float) -> SceneObject | None:
+        """Put a model anywhere on the floor of a container, `gap` metres from its walls and from others in it.
+
+        Returns None where there is no room.
+        """
+        model = turned(model, self._rng.uniform(0, 2 * np.pi))
+        outline = hull(model.mesh().vertices[:, :2])
+        within = [self._outlines[o.id] for o in self.objects if o.inside == other.id]
+        for _ in range(TRIES):
+            place = inside.at(*self._rng.uniform(-1, 1, 2))
+            placed = outline + place
+            if inside.contains(placed, gap) and all(gap_m(placed, one) >= gap for one in within):
+                added = self._add(model, place, other.surface, inside.height_m)
+                added = replace(self._touching(added, other), inside=other.id)
+                self.objects[added.id - 1] = added
+                return added
+        return None
 
     def not_judged(self, *ids: int) -> None:
         """Let objects count neither way."""

@@ -96,12 +96,16 @@ class SceneObject(Placed):
         False where it is open whether it is one object: it counts neither way.
     touches : tuple of int
         Objects at no distance.
+    on, inside : int
+        The object that it lies on, and the one that it stands in; 0 for none.
     """
 
     id: int = 0
     surface: int = 0
     judged: bool = True
     touches: tuple[int, ...] = ()
+    on: int = 0
+    inside: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ from cuboid.geometry import se3
 from cuboid.geometry.box import Box
 from cuboid.outputs.ply import write_map
 from cuboid.outputs.text import DIRECTION, LENGTH, number, numbers, rounded, rounded_list
+from cuboid.synthetic.relations import true_relations, true_walls
 from cuboid.synthetic.scene import FRAMES_PER_S, Agent, Scene, SceneEvent, SceneObject
 
 TRUTH, TRAJECTORY, CLOUD = "truth.json", "true_trajectory.txt", "true_cloud.ply"
@@ -50,7 +51,9 @@ def write_truth(path: Path, scene: Scene, intrinsics: Intrinsics, fractions: Flo
         "K": [rounded(value, LENGTH) for value in (intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy)],
         "note": "exact, from the geometry that the recording was rendered from",
         "planes": [_plane(scene, k) for k in range(len(scene.surfaces))],
+        "walls": true_walls(scene),
         "objects": _objects(scene, fractions),
+        "relations": true_relations(scene),
         "judged_region": None,
         "ignore": [{"name": body.model.name, **_box(scene.box(body))} for body in scene.furniture if body.doubtful],
         "visibility": {

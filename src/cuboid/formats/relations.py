@@ -1,0 +1,80 @@
+"""Relations between objects and surfaces, as results and truths hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from typing import Annotated, Literal, TypeAlias
+
+import msgspec
+from msgspec import Meta
+
+from cuboid.core.values import Direction, Entry, Fraction, Label, Metres, Point, refuse_no_unit
+
+Kind: TypeAlias = Literal["on", "in", "beside", "under", "against", "supports"]
+Surface: TypeAlias = Annotated[str, Meta(pattern=r"^(plane|wall):\d{1,9}$", max_length=20)]
+_TO = "label of the other object, or plane:k, or wall:k, counted from 0"
+
+
+class RelationEntry(Entry, frozen=True):
+    """A relation of an object to another one or to a surface."""
+
+    to: Annotated[Label | Surface, Meta(description=_TO)]
+    kind: Annotated[Kind, Meta(description="what the object is to the other")] = msgspec.field(name="is")
+    score: Annotated[Fraction, Meta(description="probability that it holds, 0 to 1")]
+
+
+class WallEntry(Entry, frozen=True):
+    """A wall: normal . p + offset = 0 in the world."""
+
+    normal: Annotated[Direction, Meta(description="level unit vector to the side from which it was seen")]
+    offset: Metres
+    extent: Annotated[
+        tuple[Point, Point, Point, Point], Meta(description="upright rectangle around what was seen of it, metres")
+    ]
+
+    def __post_init__(self) -> None:
+        refuse_no_unit("normal", self.normal)
+
+
+class PlaneOfTruth(Entry, frozen=True):
+    """A level surface or a wall: normal . p + offset = 0."""
+
+    normal: Direction
+    offset: Metres
+
+    def __post_init__(self) -> None:
+        refuse_no_unit("normal", self.normal)
+
+
+class RelationOfTruth(Entry, frozen=True):
+    """A relation that holds, or of which it is open whether it does."""
+
+    subject: Annotated[Label, Meta(description="id of the object")] = msgspec.field(name="from")
+    kind: Annotated[Kind, Meta(description="what the object is to the other")] = msgspec.field(name="is")
+    to: Annotated[Label | Surface, Meta(description="id of the other object, or plane:k, or wall:k, counted from 0")]
+    judged: Annotated[bool, Meta(description="false where finding it counts neither way")] = True
+
+
+def refuse_unknown(
+    relations: Iterable[tuple[int | str, str]], labels: Collection[int], planes: int, walls: int
+) -> None:
+    """Raise ValueError where a relation is to an object or a surface that is not there.
+
+    Parameters
+    ----------
+    relations : iterable of (int or str, str)
+        What each is to, and whose it is, for the message.
+    labels : collection of int
+        The objects that are there.
+    planes, walls : int
+        How many there are.
+    """
+    counts = {"plane": planes, "wall": walls}
+    for to, whose in relations:
+        if isinstance(to, int):
+            there = to in labels
+        else:
+            what, _, number = to.partition(":")
+            there = int(number) < counts[what]
+        if not there:
+            raise ValueError(f"{whose} has a relation to {to}, which is not there")

@@ -1,0 +1,8 @@
+"""Spatial relations between objects and surfaces: on, in, beside, under, against and supports, each with a score."""
+
+from __future__ import annotations
+
+from cuboid.relations.finding import find_relations, with_relations
+from cuboid.relations.walls import Wall, find_walls
+
+__all__ = ["Wall", "find_relations", "find_walls", "with_relations"]

@@ -1,0 +1,140 @@
+"""Walls: wide upright planes among the points of a map that belong to no object."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cuboid.boxes.fit import plane_axes
+from cuboid.core.frame import Float64Array
+from cuboid.core.results import MapPoints
+from cuboid.core.tolerances import BIAS_M, DRIFT_M
+from cuboid.geometry.box import Box
+
+# Points are thinned to one in a cube of this side, metres; a wall is then a plane with so many of them.
+CELL_M = 0.03
+# A wall has at least this much that was seen, square metres, and reaches over at least this height, metres: sides of
+# things and of boxes are smaller.
+MIN_AREA_M2, MIN_HEIGHT_M = 0.3, 0.4
+# Directions in which walls are sought, radians: at two metres from a wall's middle, half a step is off by `DRIFT_M`.
+STEP_RAD = np.radians(1.5)
+# A map has no more walls than this.
+MAX_WALLS = 12
+# What lies so near to a wall, metres, is of the wall: skirtings, frames, folds of a curtain.
+THICK_M = 0.15
+# Fraction of the cells within the outline of a wall that must have been seen: points of many things that lie in one
+# plane by chance fill less.
+MIN_FILLED = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Wall:
+    """A wall, n.p + d = 0 in the world, n level and pointing to the side from which it was seen.
+
+    Attributes
+    ----------
+    normal : (3,) float64
+    offset : float
+        Metres.
+    extent : (4, 3) float64
+        Corners of the upright rectangle around what was seen of it, in the world.
+    """
+
+    normal: Float64Array
+    offset: float
+    extent: Float64Array
+
+    def __repr__(self) -> str:
+        normal = ", ".join(f"{value:z.2f}" for value in self.normal)
+        return f"Wall(normal {normal}; offset {self.offset:z.3f} m)"
+
+
+def find_walls(points: MapPoints, up: Float64Array | None) -> tuple[Wall, ...]:
+    """Find the walls of a map, the largest first.
+
+    Parameters
+    ----------
+    points : MapPoints
+    up : (3,) float64 or None
+        Up in the world; None where it is unknown: no wall is found then.
+    """
+    if up is None:
+        return ()
+    ground = np.column_stack(plane_axes(up))
+    xyz = points.xyz[points.label == 0].astype(np.float64)
+    local = _thinned(np.column_stack([xyz @ ground, xyz @ up]))
+    middle = local.mean(0) if len(local) else np.zeros(3)
+    found: list[Wall] = []
+    while len(found) < MAX_WALLS and len(local) * CELL_M**2 >= MIN_AREA_M2:
+        across, at = _fullest(local)
+        near = np.abs(local[:, :2] @ across - at) <= DRIFT_M
+        if near.sum() * CELL_M**2 < MIN_AREA_M2:
+            break
+        across, at = _fitted(local[near], across)
+        near = np.abs(local[:, :2] @ across - at) <= DRIFT_M
+        if _is_wall(local[near], across):
+            found.append(_wall(local[near], across, at, np.column_stack([ground, up]), middle))
+            near = np.abs(local[:, :2] @ across - at) <= THICK_M
+        local = local[~near]
+    return tuple(found)
+
+
+def _thinned(local: Float64Array) -> Float64Array:
+    cells = np.floor(local / CELL_M).astype(np.int64)
+    return local[np.sort(np.unique(cells, axis=0, return_index=True)[1])]
+
+
+def _fullest(local: Float64Array) -> tuple[Float64Array, float]:
+    """Return the level direction (2,) and the distance along it at which a slab has most points."""
+    best = 0, np.array([1.0, 0.0]), 0.0
+    for angle in np.arange(0.0, np.pi, STEP_RAD):
+        across = np.array([np.cos(angle), np.sin(angle)])
+        slab = np.floor(local[:, :2] @ across / DRIFT_M).astype(np.int64)
+        counts = np.bincount(slab - slab.min())
+        most = int(np.argmax(counts))
+        if counts[most] > best[0]:
+            best = int(counts[most]), across, (most + slab.min() + 0.5) * DRIFT_M
+    return best[1], float(best[2])
+
+
+def _fitted(local: Float64Array, across: Float64Array) -> tuple[Float64Array, float]:
+    """Return the direction across and the distance of the upright plane of least squares through points."""
+    center = local[:, :2].mean(0)
+    least = np.linalg.svd(local[:, :2] - center, full_matrices=False)[2][1]
+    least = least if least @ across >= 0.0 else -least
+    return least, float(center @ least)
+
+
+def _is_wall(local: Float64Array, across: Float64Array) -> bool:
+    """Tell whether points of an upright plane cover enough of it."""
+    along = local[:, :2] @ np.array([-across[1], across[0]])
+    wide, high = (np.ptp(np.quantile(values, [0.02, 0.98])) for values in (along, local[:, 2]))
+    cells = np.unique(np.floor(np.column_stack([along, local[:, 2]]) / CELL_M).astype(np.int64), axis=0)
+    area = len(cells) * CELL_M**2
+    return bool(area >= MIN_AREA_M2 and high >= MIN_HEIGHT_M and area >= MIN_FILLED * wide * high)
+
+
+def _wall(local: Float64Array, across: Float64Array, at: float, frame: Float64Array, middle: Float64Array) -> Wall:
+    """Return the wall of points along the columns of `frame` (3, 3); its normal points to the middle of the map."""
+    direction = np.array([-across[1], across[0]])
+    along = local[:, :2] @ direction
+    (left, right), (low, high) = (np.quantile(values, [0.02, 0.98]) for values in (along, local[:, 2]))
+    corners = [[*(at * across + a * direction), h] for a, h in ((left, low), (right, low), (right, high), (left, high))]
+    sign = 1.0 if middle[:2] @ across >= at else -1.0
+    normal = frame[:, :2] @ across * sign
+    return Wall(normal, -sign * at, np.array(corners) @ frame.T)
+
+
+def depths_of_contact(boxes: Sequence[Box], wall: Wall) -> tuple[Float64Array, Float64Array]:
+    """Return how far boxes are from a wall, metres, and how deep their middles lie within its width, metres, (N,)."""
+    center = np.array([box.center for box in boxes])
+    reach = np.array([np.abs(wall.normal @ box.rotation) @ box.size / 2.0 for box in boxes])
+    gap = center @ wall.normal + wall.offset - reach
+    # A box in front of the wall begins no deeper behind it than the errors of both.
+    gap = np.where(gap >= -DRIFT_M - BIAS_M, np.maximum(gap, 0.0), np.inf)
+    begin, end = wall.extent[0], wall.extent[1]
+    along = (end - begin) / max(float(np.linalg.norm(end - begin)), 1e-9)
+    place = (center - begin) @ along
+    return gap, np.minimum(place, float(np.linalg.norm(end - begin)) - place)
