@@ -5,20 +5,20 @@ import struct
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
-import made_shapes
 import mujoco
 import numpy as np
 import pytest
 import trimesh
-from made_shapes import BOXES
 from pxr import Usd, UsdGeom, UsdPhysics
 
 import cuboid
+import made_shapes
 from cuboid.cli import main
 from cuboid.core.errors import InputError, OutputError
 from cuboid.exports import EXPORTS, export
 from cuboid.exports.shapes import HULL_VERTICES, upright
 from cuboid.outputs import Results
+from made_shapes import BOXES
 
 NAMES = {1: "object_001", 2: "object_002_tea_box"}
 SHAPES = ("glb", "obj", "stl", "urdf", "usd")

@@ -4,13 +4,12 @@ import shutil
 import zipfile
 from pathlib import Path
 
-import made_shapes
 import numpy as np
 import pytest
 import trimesh
-from made_shapes import BOXES, FRAMES
 
 import cuboid
+import made_shapes
 from cuboid.core.errors import InputError
 from cuboid.core.results import MapPoints, Sighting
 from cuboid.geometry.box import Box
@@ -19,6 +18,7 @@ from cuboid.shapes import ObjectMesh, object_mesh
 from cuboid.shapes.keeping import APART_RAD, ViewKeeper
 from cuboid.shapes.views import MAX_VIEWS, Candidate, chosen
 from made_scenes import CAMERA, look_at, upright
+from made_shapes import BOXES, FRAMES
 
 MM = 1e-3
 
@@ -78,9 +78,8 @@ def test_a_hole_stays_until_it_is_asked_to_be_closed_and_what_is_guessed_is_mark
 
 def test_what_belongs_to_another_object_is_left_out() -> None:
     left, right = upright((-0.05, 0.0), (0.1, 0.1, 0.1)), upright((0.055, 0.0), (0.1, 0.1, 0.16))
-    from made_scenes import frame_of
-
     from cuboid.shapes.views import view_of
+    from made_scenes import frame_of
 
     poses = [look_at((0.8 * np.cos(a), 0.8 * np.sin(a), 0.5), (0, 0, 0.05)) for a in np.linspace(0, 5.8, 12)]
     taken = [frame_of([made_shapes.TABLE, left, right], T, k) for k, T in enumerate(poses)]
@@ -132,11 +131,12 @@ def test_a_tracker_answers_with_the_views_that_it_kept() -> None:
     for item in tracker.objects:
         true = min(BOXES.values(), key=lambda box: float(np.linalg.norm(box.center - item.box.center)))
         assert np.median(off_faces_m(tracker.mesh(item.label).vertices, true)) < 2 * MM
+    bare = cuboid.Tracker(CAMERA, poses="given")
+    for frame in made_shapes.frames():
+        bare.update(frame)
+    label = bare.objects[0].label
     with pytest.raises(InputError, match="shapes=True"):
-        bare = cuboid.Tracker(CAMERA, poses="given")
-        for frame in made_shapes.frames():
-            bare.update(frame)
-        bare.mesh(bare.objects[0].label)
+        bare.mesh(label)
 
 
 def test_the_number_of_kept_views_is_bounded() -> None:
