@@ -1,6 +1,4 @@
-"""Make docs/shapes.png, meshes of a made table's objects as seen, closed and completed.
-
-``python docs/shapes_picture.py``
+"""Make docs/shapes.png, meshes of the objects of a made table: ``python docs/shapes_picture.py``.
 
 Needs the development requirements. The recording is made and tracked anew.
 """
@@ -23,7 +21,7 @@ from cuboid.exports.shapes import GUESSED_RGB
 from cuboid.shapes import ObjectMesh
 
 DOCS = Path(__file__).resolve().parent
-# The table, and the objects shown: largest ones first.
+# The table, and the labels shown.
 SEED, SHOWN = 1, (1, 3, 6, 8)
 ROWS = (("as seen", {}, 25), ("--close", {"close": True}, -15), ("--complete", {"complete": True}, 25))
 LIGHT = np.array([0.4, -0.5, 0.77])
@@ -46,7 +44,7 @@ def draw(axes: Any, mesh: ObjectMesh, item: cuboid.TrackedObject, elevation_deg:
 
 
 def main() -> None:
-    """Make the recording, track it, and draw its meshes."""
+    """Make recording, results and picture."""
     mpl.use("Agg")
     with tempfile.TemporaryDirectory() as work:
         recording, folder = Path(work) / "recording", Path(work) / "results"

@@ -24,7 +24,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def frames() -> list[Frame]:
-    """What a camera sees on three quarters of a circle: few see the far side of the boxes, none their feet."""
+    """What a camera sees on half a circle: the far side of the boxes is seen by few, their feet by none."""
     angles = np.linspace(-2.2, 1.2, FRAMES)
     poses = [look_at((0.8 * np.cos(a), 0.8 * np.sin(a), 0.55), (0.0, 0.0, 0.05)) for a in angles]
     return [frame_of([TABLE, *BOXES.values()], T, k) for k, T in enumerate(poses)]

@@ -134,8 +134,9 @@ def test_a_tracker_answers_with_the_views_that_it_kept() -> None:
     bare = cuboid.Tracker(CAMERA, poses="given")
     for frame in made_shapes.frames():
         bare.update(frame)
+    label = bare.objects[0].label
     with pytest.raises(InputError, match="shapes=True"):
-        bare.mesh(bare.objects[0].label)
+        bare.mesh(label)
 
 
 def test_the_number_of_kept_views_is_bounded() -> None:
