@@ -37,8 +37,9 @@ from cuboid.relations.footprints import Footprints, IntArray
 from cuboid.relations.outlines import depths_inside_m
 from cuboid.relations.walls import Wall, depths_of_contact
 
-# Standard deviations of the height of a foot against what it stands on, and of the side of a box, metres: measured on
-# made recordings (benchmarks/relations.py).
+# Standard deviations of the height of a foot against what it stands on, and of the side of a box, metres. On made
+# recordings with a known up 95 of 100 feet err by no more than 9 mm, halves of sides by no more than 11 mm
+# (benchmarks/relations.py, seeds 1, 2, 21, 22), as with 5 mm; the rest errs by more than a normal distribution has.
 HEIGHT_SIGMA_M, SIDE_SIGMA_M = 0.008, 0.008
 # Standard deviation of the edge of what was seen of a plane, metres: the part under objects and behind them is missing.
 EDGE_SIGMA_M = 0.05
