@@ -3,11 +3,10 @@
 python benchmarks/rules.py --data DATA --work WORK [--rules NAME ...] [--together]
     [--sets SET ...] [--seeds N ...] [--noises N] [--jobs N] [--table]
 
-Each rule of `rule_patches.py` is left out alone in a copy of the source; with `--together` all named ones are left
-out at once. Each copy tracks all sets of `rule_sets.py`: real recordings in DATA and made ones, which WORK keeps.
-`--noises` says how many more runs the unchanged source gets on depth with a little more noise: their spread is what
-chance does. Figures go to WORK/results.jsonl as they come, and what is there is not measured again; `--table` prints
-only the table.
+Each rule of `rule_patches.py` is left out alone in a copy of the source; with `--together` all named ones are left out
+at once. Each copy tracks all sets of `rule_sets.py`: real recordings in DATA and made ones, which WORK keeps.
+`--noises` says how many more runs the unchanged source gets on depth with a little more noise: their spread is chance.
+Figures go to WORK/results.jsonl as they come, and what is there is not measured again; `--table` only prints them.
 """
 
 from __future__ import annotations
