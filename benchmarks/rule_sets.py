@@ -3,8 +3,7 @@
 python benchmarks/rule_sets.py SET --data DATA --work WORK [--noise SEED]
 
 Prints a JSON list: a row for each truth of the set. SET is one of the real recordings, or a kind and a seed of a made
-one ("bin-3"). With `--noise` each depth reading gets noise of a third of the sensor's, which changes no more than
-chance.
+one ("bin-3"). With `--noise` each depth reading gets noise of a third of the sensor's: figures change by chance alone.
 """
 
 from __future__ import annotations

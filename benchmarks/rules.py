@@ -1,13 +1,12 @@
 """Leave one rule out: the figures of the tracker without each rule of the method.
 
-python benchmarks/rules.py --data DATA --work WORK [--rules NAME ...] [--together] [--sets SET ...] [--seeds N ...]
-    [--noises N] [--jobs N] [--table]
+python benchmarks/rules.py --data DATA --work WORK [--rules NAME ...] [--together]
+    [--sets SET ...] [--seeds N ...] [--noises N] [--jobs N] [--table]
 
-Each rule of `rule_patches.py` is left out alone in a copy of the source; with `--together` all named ones are left
-out at once. Each copy tracks all sets of `rule_sets.py`: real recordings in DATA and made ones, which WORK keeps.
-`--noises` says how many more runs the unchanged source gets on depth with a little more noise: their spread is what
-chance does. Figures go to WORK/results.jsonl as they come, and what is there is not measured again; `--table` prints
-only the table.
+Each rule of `rule_patches.py` is left out alone in a copy of the source; with `--together` all named ones are left out
+at once. Each copy tracks all sets of `rule_sets.py`: real recordings in DATA and made ones, which WORK keeps.
+`--noises` says how many more runs the unchanged source gets on depth with a little more noise: their spread is chance.
+Figures go to WORK/results.jsonl as they come, and what is there is not measured again; `--table` only prints them.
 """
 
 from __future__ import annotations
@@ -114,33 +113,24 @@ def summed_up(row: dict[str, Any]) -> dict[str, float]:
 def table(lines: list[dict[str, Any]]) -> str:
     """Return the table: by how much each figure is higher without a rule, on the sets that both have.
 
-    Real recordings count as much as made ones: each half is a mean over its sets. The first line is the spread
-    (standard deviation) of the same differences where only chance is at work.
+    The first line is the spread (root mean square) of the same differences where only the noise of depth is another.
     """
     found: dict[tuple[str, int | None], dict[str, dict[str, float]]] = defaultdict(dict)
     for line in lines:
         for row in line["rows"]:
             found[line["variant"], line["noise"]][row["name"]] = summed_up(row)
-    bases = [rows for (variant, _), rows in found.items() if variant == BASE]
-    usual = _mean_of(bases)
-    spread = [_differences(rows, _mean_of([one for one in bases if one is not rows])) for rows in bases]
+    usual = found[BASE, None]
+    spread = [_differences(rows, usual) for (variant, noise), rows in found.items() if variant == BASE and noise]
     lines_of = {rule.name: rule.lines for rule in RULES}
-    body = [["chance", "", len(usual), *_cells({key: _deviation([s[key] for s in spread]) for key in spread[0]})]]
+    body = []
+    if spread:
+        chance = {key: _deviation([one[key] for one in spread]) for key in spread[0]}
+        body.append(["chance", "", len(usual), *_cells(chance)])
     for (variant, noise), rows in found.items():
         if variant != BASE and noise is None:
             body.append([variant, lines_of.get(variant, ""), len(rows), *_cells(_differences(rows, usual))])
     header = ["without", "lines", "sets", *(f"{part} {name}" for part in ("made", "real") for name in FIGURES)]
     return markdown([*header, "least real"], body)
-
-
-def _mean_of(runs: list[dict[str, dict[str, float]]]) -> dict[str, dict[str, float]]:
-    """Return the mean of several runs, by set and figure."""
-    collected: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
-    for run in runs:
-        for name, values in run.items():
-            for key, value in values.items():
-                collected[name][key].append(value)
-    return {name: {key: float(np.mean(v)) for key, v in values.items()} for name, values in collected.items()}
 
 
 def _differences(rows: dict[str, dict[str, float]], usual: dict[str, dict[str, float]]) -> dict[str, Any]:
