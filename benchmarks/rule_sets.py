@@ -140,7 +140,7 @@ def _stills(data: Path, noise: int | None) -> dict[str, Any]:
 
 @contextmanager
 def added_noise(seed: int | None) -> Iterator[None]:
-    """Let recordings give depth with some more noise."""
+    """Add a little noise to the depth of all recordings."""
     if seed is None:
         yield
         return

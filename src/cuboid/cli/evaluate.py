@@ -229,9 +229,8 @@ def _reidentification_table(identity: Identity) -> Table:
 
 
 def _event_lines(events: EventQuality) -> str:
-    delay = (
-        "" if events.median_delay_frames is None else f", told {events.median_delay_frames:.0f} frames after (median)"
-    )
+    frames = events.median_delay_frames
+    delay = "" if frames is None else f", reported {frames:.0f} frames later (median)"
     lines = [
         f"events: {events.events} true, {events.reported} reported, {events.right} of them right "
         f"(precision {_score(events.precision)}, recall {_score(events.recall)}){delay}",

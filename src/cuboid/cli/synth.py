@@ -17,9 +17,8 @@ if TYPE_CHECKING:
 EXAMPLE = "cuboid synth --kind clutter --seed 7 --output DIR"
 
 KINDS = (
-    *("table", "occluders", "leave", "tables", "clutter", "room", "overhead", "bin", "counter", "stacks", "shelf"),
-    "moving",
-    *("containers", "sideboard"),
+    *("table", "occluders", "leave", "tables", "clutter", "room"),
+    *("overhead", "bin", "counter", "stacks", "shelf", "moving", "containers", "sideboard"),
 )
 CAMERAS = ("orbit", "handheld", "drone")
 SENSORS = ("structured-light", "time-of-flight", "clean")

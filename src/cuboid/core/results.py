@@ -4,20 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Self, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.core.records import LEVEL, PIXEL, column
-from cuboid.core.values import Count, EventName, Fraction, FrameNumber, Label, LabelOrNone, Level, Metres, Pixel
+from cuboid.core.values import (
+    Count,
+    EventName,
+    Fraction,
+    FrameNumber,
+    Label,
+    LabelOrNone,
+    Level,
+    Metres,
+    Pixel,
+    RelationKind,
+)
 from cuboid.geometry.box import Box
 
 # The rectangle of a record in its frame's image.
 RECTANGLE = column("rectangle in the color image", kind=Pixel, digits=PIXEL, parts=("x0", "y0", "x1", "y1"))
 # Kinds of relations between objects and surfaces.
-RELATIONS = ("on", "in", "beside", "under", "against", "supports")
+RELATIONS: tuple[RelationKind, ...] = get_args(RelationKind)
 # Names that results tell beside the first.
 NEXT_NAMES = 3
 
@@ -111,27 +122,6 @@ class ObjectEvent:
 
 
 @dataclass(frozen=True, slots=True)
-class MovingRegion:
-    """A part of a frame in which something moves: a hand, a person, a thing that is carried.
-
-    Attributes
-    ----------
-    low, high : (3,) float64
-        Corners of the upright box around it, in the axes of the world, metres.
-    rect_xyxy : (4,) float64
-        Rectangle in the frame's image, pixels, end exclusive.
-    """
-
-    low: Float64Array
-    high: Float64Array
-    rect_xyxy: Float64Array
-
-    def __repr__(self) -> str:
-        x0, y0, x1, y1 = self.rect_xyxy
-        return f"MovingRegion(pixels {x0:.0f}, {y0:.0f} to {x1:.0f}, {y1:.0f})"
-
-
-@dataclass(frozen=True, slots=True)
 class FrameResult:
     """The result of `Tracker.update` for one frame.
 
@@ -154,10 +144,6 @@ class FrameResult:
         How many proposals, clusters (segments) and candidates were more than a frame may bring, see `core.limits`.
     size : (int, int) or None
         Width and height of the frame, pixels; None is the heat's.
-    events : tuple of ObjectEvent
-        What has happened to objects, as this frame shows.
-    moving : tuple of MovingRegion
-        Where something moves.
     """
 
     index: int
@@ -170,8 +156,6 @@ class FrameResult:
     milliseconds: dict[str, float]
     left_out: Mapping[str, int] = field(default_factory=dict)
     size: tuple[int, int] | None = None
-    events: tuple[ObjectEvent, ...] = ()
-    moving: tuple[MovingRegion, ...] = ()
 
     def __repr__(self) -> str:
         labels = ", ".join(f"#{seen.label}" for seen in self.sightings) or "nothing"
@@ -190,15 +174,15 @@ class Relation:
 
     Attributes
     ----------
-    kind : str
-        One of `RELATIONS`: the object is on, in, beside, under or against the other, or supports it.
+    kind : {"on", "in", "beside", "under", "against", "supports"}
+        Of `RELATIONS`: the object is on, in, beside, under or against the other, or supports it.
     to : int or str
         Label of the other object; "plane:k" for the supporting plane k, "wall:k" for the wall k.
     score : float
         Probability, 0..1; `cuboid.relations` says of what.
     """
 
-    kind: str
+    kind: RelationKind
     to: int | str
     score: float
 
@@ -314,6 +298,28 @@ class SupportPlane:
     def __repr__(self) -> str:
         normal = ", ".join(f"{value:z.2f}" for value in self.normal)
         return f"SupportPlane(normal {normal}; offset {self.offset:z.3f} m; outline of {len(self.extent)} points)"
+
+
+@dataclass(frozen=True, slots=True)
+class Wall:
+    """A wall, n.p + d = 0 in the world, n level and pointing to the side from which it was seen.
+
+    Attributes
+    ----------
+    normal : (3,) float64
+    offset : float
+        Metres.
+    extent : (4, 3) float64
+        Corners of the upright rectangle around what was seen of it, in the world.
+    """
+
+    normal: Float64Array
+    offset: float
+    extent: Float64Array
+
+    def __repr__(self) -> str:
+        normal = ", ".join(f"{value:z.2f}" for value in self.normal)
+        return f"Wall(normal {normal}; offset {self.offset:z.3f} m)"
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,6 +41,7 @@ Label: TypeAlias = Annotated[int, Meta(ge=1, le=LAST_NUMBER, description="1 or m
 LabelOrNone: TypeAlias = Annotated[int, Meta(ge=0, le=LAST_NUMBER, description="0: none")]
 ImageSide: TypeAlias = Annotated[int, Meta(ge=1, le=LARGEST_IMAGE_PX, description="pixels")]
 EventName: TypeAlias = Literal["appeared", "moved", "gone", "back"]
+RelationKind: TypeAlias = Literal["on", "in", "beside", "under", "against", "supports"]
 Text: TypeAlias = Annotated[str, Meta(max_length=1000)]
 Name: TypeAlias = Annotated[str, Meta(max_length=200)]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -19,7 +20,7 @@ from cuboid.evaluation.boxes import (
     map_quality,
     proposal_quality,
 )
-from cuboid.evaluation.clear import Clear, clear, correspondences
+from cuboid.evaluation.clear import Clear, Pairs, clear, correspondences
 from cuboid.evaluation.events import EventQuality, event_quality, labels_on_agents, objects_of_labels
 from cuboid.evaluation.hota import Hota, hota
 from cuboid.evaluation.labels import (
@@ -31,6 +32,7 @@ from cuboid.evaluation.labels import (
     reidentification,
     timelines,
 )
+from cuboid.evaluation.matching import FrameOverlap
 from cuboid.evaluation.names import NameQuality, name_quality
 from cuboid.evaluation.points import HeatQuality, heat_quality, read_labelled_cloud
 from cuboid.evaluation.relations import RelationsAt, relation_quality
@@ -179,8 +181,10 @@ def evaluate(
     labels: list[ObjectLabels | None] = [None] * len(boxes)
     identity, proposals, events = None, None, None
     if scope.shown is not None:
-        events = None if truth.events is None else _events(scope, truth, result)
-        identity, labels[:] = _identity(scope, result.tracks)
+        overlaps = scope.frame_overlaps(result.tracks)
+        pairs = {threshold: correspondences(overlaps, threshold) for threshold in THRESHOLDS}
+        events = None if truth.events is None else _events(scope, truth, result, overlaps, pairs[FOUND_IOU])
+        identity, labels[:] = _identity(scope, result.tracks, overlaps, pairs)
         proposals = _proposals(scope, result.proposals)
     return Evaluation(
         result=str(result.path),
@@ -226,10 +230,10 @@ def _judged_frames(result: Result, truth: Truth) -> IntArray:
     return frames
 
 
-def _identity(scope: Scope, tracks: BoxRows) -> tuple[Identity, list[ObjectLabels]]:
+def _identity(
+    scope: Scope, tracks: BoxRows, frames: Sequence[FrameOverlap], pairs: Mapping[float, Sequence[Pairs]]
+) -> tuple[Identity, list[ObjectLabels]]:
     names = np.unique(tracks.label)
-    frames = scope.frame_overlaps(tracks)
-    pairs = {threshold: correspondences(frames, threshold) for threshold in THRESHOLDS}
     lines = timelines(frames, pairs[FOUND_IOU], len(scope.objects), names)
     labels = object_labels(lines)
     found = [item for item in labels if item.labels]
@@ -246,10 +250,10 @@ def _identity(scope: Scope, tracks: BoxRows) -> tuple[Identity, list[ObjectLabel
     return identity, labels
 
 
-def _events(scope: Scope, truth: Truth, result: Result) -> EventQuality:
+def _events(
+    scope: Scope, truth: Truth, result: Result, frames: Sequence[FrameOverlap], pairs: Sequence[Pairs]
+) -> EventQuality:
     tracks, names = result.tracks, np.unique(result.tracks.label).tolist()
-    frames = scope.frame_overlaps(tracks)
-    pairs = correspondences(frames, FOUND_IOU)
     ids = [item.id for item in scope.objects]
     objects = {names[k]: number for k, number in objects_of_labels(frames, pairs, ids).items()}
     counted = {names[k] for frame in frames for k in frame.found.tolist()}

@@ -1,4 +1,4 @@
-"""What a result says of things that move while the camera runs, against what happens."""
+"""Reported events of moving objects, and labels given to people, compared with the truth."""
 
 from __future__ import annotations
 

@@ -14,6 +14,7 @@ import numpy as np
 from cuboid.core.frame import Float64Array
 from cuboid.core.results import RELATIONS, Relation, SupportPlane
 from cuboid.core.tolerances import DRIFT_M
+from cuboid.core.values import RelationKind
 from cuboid.evaluation.matching import ratio
 from cuboid.evaluation.truth import Truth, TruthObject, TruthRelation
 from cuboid.relations import Wall
@@ -22,7 +23,7 @@ from cuboid.relations import Wall
 # normals differ by no more than this, as a cosine.
 SAME_SURFACE_M, SAME_NORMAL = 2.0 * DRIFT_M, 0.97
 
-Key = tuple[int, str, int | str]
+Key = tuple[int, RelationKind, int | str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,7 @@ class RelationsAt:
         right / found, right / true; None where nothing is judged.
     """
 
-    kind: str
+    kind: RelationKind
     true: int
     found: int
     right: int
@@ -58,12 +59,13 @@ def relation_quality(
     planes: Sequence[SupportPlane],
     walls: Sequence[Wall],
     T_truth_result: Float64Array,
-) -> tuple[RelationsAt, ...] | None:
-    """Judge relations; None where the truth says nothing of them.
+) -> tuple[RelationsAt, ...]:
+    """Judge relations.
 
     Parameters
     ----------
     truth : Truth
+        With relations.
     found : mapping of int to sequence of Relation
         By label.
     label_of : mapping of int to int
@@ -73,15 +75,13 @@ def relation_quality(
         Of the result.
     T_truth_result : (4, 4) float64
     """
-    if truth.relations is None:
-        return None
     id_of = {label: number for number, label in label_of.items()}
     body = {item.id: item for item in truth.objects}
     surfaces = _Surfaces(truth, planes, walls, T_truth_result)
     true: set[Key] = set()
     open_ones: set[Key] = set()
     lost = dict.fromkeys(RELATIONS, 0)
-    for one in truth.relations:
+    for one in truth.relations or ():
         ends = [end for end in (one.subject, one.to) if isinstance(end, int)]
         if not one.judged or not all(end in label_of for end in ends):
             lost[one.kind] += one.judged and all(body[end].judged for end in ends)
@@ -98,7 +98,7 @@ def relation_quality(
     return tuple(_at(kind, true, got, lost[kind]) for kind in RELATIONS)
 
 
-def _at(kind: str, true: set[Key], got: set[Key], lost: int) -> RelationsAt:
+def _at(kind: RelationKind, true: set[Key], got: set[Key], lost: int) -> RelationsAt:
     own, said = ({one for one in keys if one[1] == kind} for keys in (true, got))
     right = len(own & said)
     return RelationsAt(kind, len(own), len(said), right, lost, ratio(right, len(said)), ratio(right, len(own)))
@@ -141,6 +141,6 @@ class _Surfaces:
             for n, d in self._true[what]
         ]
         if not away or min(away) > SAME_SURFACE_M:
-            # The truth names the surfaces that bear things, and the walls: of others it cannot be told what is below.
+            # The truth names the surfaces that bear things, and the walls: it does not name what is below others.
             return None if relation.kind == "under" else f"another {what}"
         return f"{what}:{int(np.argmin(away))}"

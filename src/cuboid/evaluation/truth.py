@@ -15,9 +15,11 @@ import numpy.typing as npt
 from cuboid.core.errors import printable
 from cuboid.core.frame import Float64Array
 from cuboid.core.paths import PathLike, as_path
+from cuboid.core.values import RelationKind
 from cuboid.formats.json_validation import read_json
 from cuboid.formats.truth_file import BoxOfTruth, EventOfTruth, Move, RegionOfTruth, TruthDocument, VisibilityOfTruth
 from cuboid.geometry.box import Box
+from cuboid.geometry.polygons import lie_inside
 from cuboid.geometry.se3 import compose
 
 NAME = "truth.json"
@@ -72,7 +74,7 @@ class TruthRelation:
     """
 
     subject: int
-    kind: str
+    kind: RelationKind
     to: int | str
     judged: bool
 
@@ -103,19 +105,13 @@ class JudgedRegion:
         height = points @ self.normal + self.offset
         low, high = self.height_m
         across = np.linalg.svd(self.normal[None])[2][1:].T  # two directions along the plane
-        corners, spots = self.polygon @ across, points @ across
-        inside = np.zeros(len(points), bool)
-        for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-            # Even-odd rule: each edge that a ray along +x crosses takes the point in or out.
-            crossed = np.flatnonzero((y0 > spots[:, 1]) != (y1 > spots[:, 1]))
-            along = (spots[crossed, 1] - y0) / (y1 - y0)  # 0..1
-            inside[crossed] ^= spots[crossed, 0] < x0 + (x1 - x0) * along
+        inside = lie_inside(points @ across, self.polygon @ across)
         return np.asarray(inside & (height >= low) & (height <= high))
 
 
 @dataclass(frozen=True, slots=True)
 class Path3D:
-    """Where a box is in each frame.
+    """The place of a box in each frame.
 
     Attributes
     ----------
@@ -135,7 +131,7 @@ class Path3D:
 
 @dataclass(frozen=True, slots=True)
 class TruthEvent:
-    """What happens to an object while the camera runs.
+    """An event of an object while the camera runs.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the forms of shapes have in common: a mesh an object in a world whose z is up, its collision bodies, names."""
+"""The scene that all exports of shapes write: one mesh per object, its collision bodies and its name; z is up."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Body:
 
     @property
     def size_m(self) -> Float64Array:
-        """Of its box, (3,)."""
+        """Size of its box, (3,)."""
         return self.item.box.size
 
 

@@ -60,7 +60,7 @@ def _write_meshes(body: Body, folder: Path) -> None:
 
 def _robot(name: str) -> Xml.Element:
     robot = Xml.Element("robot", name=name)
-    # MuJoCo drops what is only seen, and merges fixed links, unless told not to.
+    # By default MuJoCo drops visual meshes and merges fixed links: these options keep both.
     mujoco = Xml.SubElement(robot, "mujoco")
     Xml.SubElement(mujoco, "compiler", discardvisual="false", fusestatic="false", balanceinertia="true")
     return robot

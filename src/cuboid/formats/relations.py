@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, TypeAlias
 
 import msgspec
 from msgspec import Meta
 
-from cuboid.core.values import Direction, Entry, Fraction, Label, Metres, Point, refuse_no_unit
+from cuboid.core.values import Direction, Entry, Fraction, Label, Metres, Point, RelationKind, refuse_no_unit
 
-Kind: TypeAlias = Literal["on", "in", "beside", "under", "against", "supports"]
 Surface: TypeAlias = Annotated[str, Meta(pattern=r"^(plane|wall):\d{1,9}$", max_length=20)]
 _TO = "label of the other object, or plane:k, or wall:k, counted from 0"
 
@@ -19,7 +18,7 @@ class RelationEntry(Entry, frozen=True):
     """A relation of an object to another one or to a surface."""
 
     to: Annotated[Label | Surface, Meta(description=_TO)]
-    kind: Annotated[Kind, Meta(description="what the object is to the other")] = msgspec.field(name="is")
+    kind: Annotated[RelationKind, Meta(description="what the object is to the other")] = msgspec.field(name="is")
     score: Annotated[Fraction, Meta(description="probability that it holds, 0 to 1")]
 
 
@@ -50,7 +49,7 @@ class RelationOfTruth(Entry, frozen=True):
     """A relation that holds, or of which it is open whether it does."""
 
     subject: Annotated[Label, Meta(description="id of the object")] = msgspec.field(name="from")
-    kind: Annotated[Kind, Meta(description="what the object is to the other")] = msgspec.field(name="is")
+    kind: Annotated[RelationKind, Meta(description="what the object is to the other")] = msgspec.field(name="is")
     to: Annotated[Label | Surface, Meta(description="id of the other object, or plane:k, or wall:k, counted from 0")]
     judged: Annotated[bool, Meta(description="false where finding it counts neither way")] = True
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +12,11 @@ from msgspec import UNSET
 
 from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.core.records import columns_of, plain_fields
-from cuboid.core.results import MapPoints, Relation, SupportPlane, TrackedObject
+from cuboid.core.results import Relation, SupportPlane, TrackedObject, Wall
 from cuboid.formats.json_validation import read_json
 from cuboid.formats.objects_file import FORMAT, VERSION, ObjectEntry, ObjectsDocument
 from cuboid.geometry.box import Box
 from cuboid.outputs.text import DIRECTION, LENGTH, rounded, rounded_list
-from cuboid.relations import Wall, find_relations, find_walls, with_relations
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,12 +41,6 @@ class ObjectsFile:
     planes: tuple[SupportPlane, ...]
     objects: tuple[TrackedObject, ...]
     walls: tuple[Wall, ...] = ()
-
-    def with_relations(self, points: MapPoints) -> ObjectsFile:
-        """Return the same with the relations of the objects; `points` is the map, in which walls are found."""
-        walls = find_walls(points, self.up)
-        found = find_relations(self.objects, self.planes, self.up, walls)
-        return replace(self, objects=with_relations(self.objects, found), walls=walls)
 
 
 def write_objects(path: Path, content: ObjectsFile) -> None:

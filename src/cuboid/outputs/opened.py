@@ -7,12 +7,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from cuboid.core.errors import FrameError, InputError, shown
 from cuboid.core.frame import Float64Array, Intrinsics
 from cuboid.core.paths import PathLike, as_path
-from cuboid.core.results import MapPoints, SupportPlane, TrackedObject
+from cuboid.core.results import MapPoints, SupportPlane, TrackedObject, Wall
 from cuboid.outputs.folder import MAP, OBJECTS, PROPOSALS, RUN, TRACKS, TRAJECTORY, VIEWS, finish_replacing
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.objects import ObjectsFile, read_objects
@@ -31,9 +31,9 @@ from cuboid.outputs.rows import (
 from cuboid.poses.sources import LOST
 from cuboid.readers.recording import Recording
 from cuboid.readers.reopen import reopen_recording
-from cuboid.relations import Wall, find_walls
-from cuboid.shapes.keeping import read_views
-from cuboid.shapes.views import Candidate, ObjectView, chosen, view_of
+
+if TYPE_CHECKING:
+    from cuboid.shapes import ObjectView
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,9 +129,9 @@ class Results(MapQueries):
         return self.found.up
 
     @cached_property
-    def walls(self) -> tuple[Wall, ...]:
+    def walls(self) -> Sequence[Wall]:
         """The walls that objects may be against: those that the relations were saved with, else found now."""
-        return self.found.walls or find_walls(self.map_points(), self.up)
+        return self.found.walls or super().walls
 
     @cached_property
     def _points(self) -> MapPoints:
@@ -205,6 +205,9 @@ class Results(MapQueries):
 
     def _views(self, item: TrackedObject) -> list[ObjectView]:
         """Return the views of an object: those that the run kept, else read from the recording."""
+        from cuboid.shapes.keeping import read_views
+        from cuboid.shapes.views import Candidate, chosen, view_of
+
         kept = self.folder / VIEWS
         if kept.is_file():
             poses = {frame: pose.T_world_camera for frame, pose in self.poses.items()}

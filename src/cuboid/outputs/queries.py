@@ -7,16 +7,18 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from cuboid.core.errors import InputError, OutputError, shown
 from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
-from cuboid.core.results import MapPoints, Relation, SupportPlane, TrackedObject
+from cuboid.core.results import MapPoints, Relation, SupportPlane, TrackedObject, Wall
 from cuboid.outputs.object_table import ObjectTable
-from cuboid.relations import Wall, find_relations, find_walls
-from cuboid.shapes import ObjectMesh, ObjectView, object_mesh
+
+if TYPE_CHECKING:
+    from cuboid.shapes import ObjectMesh, ObjectView
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,11 +88,15 @@ class MapQueries(ABC):
     @property
     def walls(self) -> Sequence[Wall]:
         """The walls that objects may be against, the largest first; `Relation.to` names them by their index."""
+        from cuboid.relations import find_walls
+
         return find_walls(self.map_points(), self.up)
 
     @property
     def relations(self) -> dict[int, tuple[Relation, ...]]:
         """The relations of each object to others and to surfaces, by label: those it was saved with, else found now."""
+        from cuboid.relations import find_relations
+
         objects = self.objects
         if any(item.relations for item in objects):
             return {item.label: item.relations for item in objects}
@@ -146,6 +152,8 @@ class MapQueries(ABC):
         MissingExtraError
             scikit-image is not installed.
         """
+        from cuboid.shapes import object_mesh
+
         item = self.objects.find(label)
         views = self._views(item)
         return object_mesh(item, views, self.planes, self.map_points(), close=close, complete=complete)

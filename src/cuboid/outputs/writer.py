@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 from cuboid.core.errors import OutputError
 from cuboid.core.paths import PathLike
@@ -30,7 +30,9 @@ from cuboid.outputs.objects import ObjectsFile, write_objects
 from cuboid.outputs.ply import write_map
 from cuboid.outputs.report import RunReport, write_run
 from cuboid.outputs.rows import PROPOSALS_HEADER, TRACKS_HEADER, PoseRow, ProposalRow, TrackRow
-from cuboid.shapes.keeping import ViewKeeper
+
+if TYPE_CHECKING:
+    from cuboid.shapes.keeping import ViewKeeper
 
 # Rows of a run without an output folder are kept in memory up to this size, a file; beyond it on disk.
 MAX_IN_MEMORY_BYTES = 1 << 22

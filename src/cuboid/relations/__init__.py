@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from cuboid.relations.finding import find_relations, with_relations
-from cuboid.relations.walls import Wall, find_walls
+from cuboid.core.results import Wall
+from cuboid.relations.finding import find_relations
+from cuboid.relations.walls import find_walls
 
-__all__ = ["Wall", "find_relations", "find_walls", "with_relations"]
+__all__ = ["Wall", "find_relations", "find_walls"]

@@ -25,17 +25,18 @@ possibility that the foot is not where the box says. Objects at the same height 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtr
 
 from cuboid.core.frame import Float64Array
-from cuboid.core.results import Relation, SupportPlane, TrackedObject
+from cuboid.core.results import RELATIONS, Relation, SupportPlane, TrackedObject, Wall
+from cuboid.core.values import RelationKind
 from cuboid.relations.footprints import Footprints, IntArray
 from cuboid.relations.outlines import depths_inside_m
-from cuboid.relations.walls import Wall, depths_of_contact
+from cuboid.relations.walls import depths_of_contact
 
 # Standard deviations of the height of a foot against what it stands on, and of the side of a box, metres. On made
 # recordings with a known up 95 of 100 feet err by no more than 9 mm, halves of sides by no more than 11 mm
@@ -64,7 +65,7 @@ class _Support:
     """What may be beneath an object: its name and kind, the height of its top, and how likely it is, up to a factor."""
 
     to: int | str
-    kind: str
+    kind: RelationKind
     level_m: float
     likelihood: float
 
@@ -100,13 +101,6 @@ def find_relations(
         place.add_under(found)
         _add_walls(found, objects, walls)
     return {label: _ordered(relations) for label, relations in found.items()}
-
-
-def with_relations(
-    objects: Sequence[TrackedObject], relations: Mapping[int, tuple[Relation, ...]]
-) -> tuple[TrackedObject, ...]:
-    """Return objects with relations, by label."""
-    return tuple(replace(item, relations=relations.get(item.label, ())) for item in objects)
 
 
 class _Place:
@@ -264,6 +258,4 @@ def _likely(one: IntArray, other: IntArray, score: Float64Array) -> list[tuple[i
 
 
 def _ordered(relations: Sequence[Relation]) -> tuple[Relation, ...]:
-    from cuboid.core.results import RELATIONS
-
     return tuple(sorted(relations, key=lambda one: (RELATIONS.index(one.kind), -one.score, str(one.to))))

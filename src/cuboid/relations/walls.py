@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from cuboid.boxes.fit import plane_axes
 from cuboid.core.frame import Float64Array
-from cuboid.core.results import MapPoints
+from cuboid.core.results import MapPoints, Wall
 from cuboid.core.tolerances import BIAS_M, DRIFT_M
 from cuboid.geometry.box import Box
 
@@ -27,28 +26,6 @@ THICK_M = 0.15
 # Fraction of the cells within the outline of a wall that must have been seen: points of many things that lie in one
 # plane by chance fill less.
 MIN_FILLED = 0.3
-
-
-@dataclass(frozen=True, slots=True)
-class Wall:
-    """A wall, n.p + d = 0 in the world, n level and pointing to the side from which it was seen.
-
-    Attributes
-    ----------
-    normal : (3,) float64
-    offset : float
-        Metres.
-    extent : (4, 3) float64
-        Corners of the upright rectangle around what was seen of it, in the world.
-    """
-
-    normal: Float64Array
-    offset: float
-    extent: Float64Array
-
-    def __repr__(self) -> str:
-        normal = ", ".join(f"{value:z.2f}" for value in self.normal)
-        return f"Wall(normal {normal}; offset {self.offset:z.3f} m)"
 
 
 def find_walls(points: MapPoints, up: Float64Array | None) -> tuple[Wall, ...]:

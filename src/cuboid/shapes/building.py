@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -114,20 +115,17 @@ def _inside(volume: Volume, box: Box) -> npt.NDArray[np.bool_]:
     """Return which voxels lie in a box of the volume's axes, or below it."""
     T = volume.T_world_grid
     origin = box.rotation.T @ (T[:3, 3] - box.center)
-    sides = [
-        np.abs(origin[axis] + np.arange(n) * volume.voxel_m) <= box.size[axis] / 2.0
-        for axis, n in enumerate(volume.distance.shape)
-    ]
-    sides[2] = origin[2] + np.arange(volume.distance.shape[2]) * volume.voxel_m <= box.size[2] / 2.0
-    return np.asarray(sides[0][:, None, None] & sides[1][None, :, None] & sides[2][None, None, :])
+    x, y, z = (origin[axis] + np.arange(n) * volume.voxel_m for axis, n in enumerate(volume.distance.shape))
+    half = box.size / 2.0
+    level = (np.abs(x) <= half[0])[:, None] & (np.abs(y) <= half[1])[None, :]
+    return np.asarray(level[:, :, None] & (z <= half[2])[None, None, :])
 
 
 def _foreign(
     volume: Volume, band: npt.NDArray[np.bool_], item: TrackedObject, points: MapPoints
 ) -> npt.NDArray[np.bool_]:
     """Return which voxels near a surface are not the object's: far from its points, or nearer to another's."""
-    near = item.box
-    reach = Box(near.center, near.size + 2 * (MARGIN_M + OWN_M), near.rotation)
+    reach = replace(item.box, size=item.box.size + 2 * (MARGIN_M + OWN_M))
     around = reach.contains(points.xyz, MARGIN_M)
     own = points.xyz[around & (points.label == item.label)]
     others = points.xyz[around & (points.label != item.label) & (points.label > 0)]

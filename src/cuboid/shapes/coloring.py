@@ -44,15 +44,15 @@ def _add(vertices: Float64Array, normals: Float64Array, view: ObjectView, total:
     inside = (place[:, 2] > NEAREST_M) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
     rows = np.flatnonzero(inside)
     u, v, z = u[rows], v[rows], z[rows]
-    rows = rows[np.abs(view.depth_m[v, u] - z) < JUMP_M]
+    shown = np.abs(view.depth_m[v, u] - z) < JUMP_M
+    u, v, rows = u[shown], v[shown], rows[shown]
     towards = view.T_world_camera[:3, 3] - vertices[rows]
     distance = np.linalg.norm(towards, axis=1)
     cosine = np.einsum("ij,ij->i", towards, normals[rows]) / np.maximum(distance, 1e-9)
-    rows, weight = rows[cosine > 0], cosine[cosine > 0] ** SHARPNESS / distance[cosine > 0] ** 2
-    u = np.rint(camera.fx * place[rows, 0] / place[rows, 2] + camera.cx).astype(np.int64)
-    v = np.rint(camera.fy * place[rows, 1] / place[rows, 2] + camera.cy).astype(np.int64)
-    total[rows] += weight[:, None] * view.color[v, u]
-    w[rows] += weight
+    front = cosine > 0
+    weight = cosine[front] ** SHARPNESS / distance[front] ** 2
+    total[rows[front]] += weight[:, None] * view.color[v[front], u[front]]
+    w[rows[front]] += weight
 
 
 def _normals(mesh: ObjectMesh) -> Float64Array:

@@ -32,7 +32,7 @@ MIN_COSINE = 0.17
 NORMAL_PIXELS = 4
 # The plane of the support lies halfway between the second and the third layer from below; the lowest one is air.
 PLANE_LAYER = 1.5
-# Room before or behind a surface is told by this many views: one alone may err at an edge.
+# A voxel is known from this many views: one alone may err at an edge.
 MIN_VIEWS = 2
 
 
@@ -112,7 +112,7 @@ def _add(
     free = distance > 1.0
     used = (reading > 0) & (z > NEAREST_M) & (distance > -1.0) & (free | (slope >= MIN_COSINE))
     angle = np.where(free, np.float32(MIN_COSINE), slope)
-    # Behind the surface its thickness is unknown: less and less is told.
+    # The thickness behind the surface is unknown: the weight falls to zero.
     weight = np.where(used, angle / np.maximum(reading, np.float32(0.1)) ** 2 * np.minimum(1.0, 1.0 + distance), 0.0)
     total += (weight * np.minimum(distance, 1.0)).astype(np.float32)
     weights += weight.astype(np.float32)

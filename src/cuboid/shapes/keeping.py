@@ -82,12 +82,9 @@ class ViewKeeper:
     ----------
     camera : Intrinsics
         Of the frames.
-    full : bool
-        Whether views were left out, because all together have `MAX_BYTES`.
     """
 
     camera: Intrinsics
-    full: bool = False
     _views: dict[int, list[KeptView]] = field(default_factory=dict)
     _apart_rad: dict[int, float] = field(default_factory=dict)
     _bytes: int = 0
@@ -112,7 +109,6 @@ class ViewKeeper:
         at = round(self.camera.cx - view.camera.cx), round(self.camera.cy - view.camera.cy)
         png, jpeg = _encoded(view)
         if self._bytes + len(png) + len(jpeg) > MAX_BYTES:
-            self.full = True
             return
         views.append(KeptView(frame.index, seen.box, seen.visible, T_world_camera, at, png, jpeg))
         self._bytes += views[-1].size

@@ -10,7 +10,7 @@ from cuboid.core.frame import Float64Array
 from cuboid.synthetic import furniture as made
 from cuboid.synthetic.draft import SMALL, Draft, add_middle_table, add_room, circling, on_floor
 from cuboid.synthetic.material import CARD, Material, Texture, two_paints
-from cuboid.synthetic.mesh import box, merged
+from cuboid.synthetic.mesh import Mesh, box, merged
 from cuboid.synthetic.placement import Arrangement
 from cuboid.synthetic.scene import SceneObject, Surface
 from cuboid.synthetic.shapes import Model, turned
@@ -80,12 +80,18 @@ def _floor_of(container: SceneObject, table_m: float, inner: Float64Array, angle
     return Surface("container", table_m + FLOOR_M, container.T_room_model[:2, 3], inner / 2.0, angle_rad)
 
 
+def open_walls(inner: Sequence[float], wall_m: float, floor_m: float) -> list[Mesh]:
+    """Return the floor and the four walls around a room `inner`: length, width and height, metres."""
+    x, y, z = inner
+    walls = [box((x + 2 * wall_m, y + 2 * wall_m, floor_m))]
+    for sign in (-1, 1):
+        walls.append(box((wall_m, y + 2 * wall_m, z + floor_m), (sign * (x + wall_m) / 2, 0, 0)))
+        walls.append(box((x, wall_m, z + floor_m), (0, sign * (y + wall_m) / 2, 0)))
+    return walls
+
+
 def open_box(rng: np.random.Generator, inner: Sequence[float]) -> Model:
     """Return a box without a lid, of cardboard or painted: `inner` is its room, length, width and height, metres."""
-    x, y, z = inner
-    walls = [box((x + 2 * WALL_M, y + 2 * WALL_M, FLOOR_M))]
-    for sign in (-1, 1):
-        walls.append(box((WALL_M, y + 2 * WALL_M, z + FLOOR_M), (sign * (x + WALL_M) / 2, 0, 0)))
-        walls.append(box((x, WALL_M, z + FLOOR_M), (0, sign * (y + WALL_M) / 2, 0)))
+    walls = open_walls(inner, WALL_M, FLOOR_M)
     color, second = two_paints(rng) if rng.random() < 0.5 else CARD
     return Model("open box", ((merged(walls), Material(color, second, Texture.MARBLE, 0.05)),))

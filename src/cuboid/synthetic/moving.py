@@ -10,6 +10,7 @@ import numpy as np
 from cuboid.core.frame import Float64Array
 from cuboid.geometry.se3 import inverse
 from cuboid.synthetic.agents import hand, hand_agents, walker
+from cuboid.synthetic.containers import open_walls
 from cuboid.synthetic.draft import Draft, add_middle_table, add_room, circling
 from cuboid.synthetic.footprint import hull, smallest_rectangle
 from cuboid.synthetic.material import CARD, Material, Texture
@@ -317,11 +318,8 @@ def _hand_path(keys: Float64Array, frames: int, rng: np.random.Generator) -> tup
 def open_box(rng: np.random.Generator) -> Model:
     """Return a cardboard box without a lid."""
     x, y, z = OPEN_BOX_M
-    walls = [box((x, y, WALL_M))]
-    for side in (-1, 1):
-        walls.append(box((WALL_M, y, z), (side * (x - WALL_M) / 2, 0, 0)))
-        walls.append(box((x, WALL_M, z), (0, side * (y - WALL_M) / 2, 0)))
     look = Material(*CARD, Texture.MARBLE, 0.04)
+    walls = open_walls((x - 2 * WALL_M, y - 2 * WALL_M, z - WALL_M), WALL_M, WALL_M)
     return Model(OPEN_BOX, tuple((wall, look) for wall in walls))
 
 

@@ -20,8 +20,6 @@ from cuboid.outputs import PoseRow
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.writer import RowLog
 from cuboid.poses.sources import ESTIMATED, GIVEN, Poses, checked_origin, source_of_poses
-from cuboid.shapes import ObjectView
-from cuboid.shapes.keeping import ViewKeeper
 from cuboid.tracking.checks import run_facts
 from cuboid.tracking.diagnosis import Counts, diagnose
 from cuboid.tracking.measuring import FrameClock, FrameLog
@@ -30,6 +28,8 @@ from cuboid.tracking.types import KeptMap, RecordingLike, TrackerLike
 if TYPE_CHECKING:
     from cuboid.detection.types import Detector
     from cuboid.proposals.types import ProposalSource
+    from cuboid.shapes import ObjectView
+    from cuboid.shapes.keeping import ViewKeeper
 
 # Half of the readings of a frame lie beyond this only where depth is not in metres: no RGB-D camera sees so far.
 MAX_MEDIAN_DEPTH_M = 100.0
@@ -146,7 +146,11 @@ class Tracker(KeptMap):
         shapes: bool,
     ) -> None:
         self.intrinsics, self._config = intrinsics, config
-        self.kept_views = ViewKeeper(intrinsics) if shapes else None
+        self.kept_views: ViewKeeper | None = None
+        if shapes:
+            from cuboid.shapes.keeping import ViewKeeper
+
+            self.kept_views = ViewKeeper(intrinsics)
         self._mapper, self._source, self._write = mapper, source, write
         self._busy = threading.Lock()
         self._begun_s = working_s()
