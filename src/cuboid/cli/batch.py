@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from cuboid import __version__
 from cuboid.cli.progress import LINE_EVERY_S
-from cuboid.cli.recording import add_reading_options, add_tracking, config_from, reading_from
+from cuboid.cli.recording import add_reading_options, add_relations, add_tracking, config_from, reading_from
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.workers import add_workers, workers_from
 from cuboid.core.errors import one_line, printable
@@ -133,6 +133,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     results = parser.add_argument_group("results")
     add_output(results, required=True, metavar="STORE", help="folder or URL of the store")
     results.add_argument("--tables-only", action="store_true", help="keep the tables alone, no folder a recording")
+    add_relations(results)
     results.add_argument("--retry", action="store_true", help="try again what failed or was set aside")
     results.add_argument(
         "--tag", metavar="NAME", help="name this version, as in 1.0+NAME: it is done anew, and compared"
@@ -209,6 +210,7 @@ def settings_from(args: argparse.Namespace) -> dict[str, Any]:
         # only where asked for: the settings are part of what a run in the store is known by
         **({"detector": args.detector} if args.detector else {}),
         **({"detector_every": args.detector_every} if args.detector_every else {}),
+        **({"relations": True} if args.relations else {}),
     }
 
 

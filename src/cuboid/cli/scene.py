@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from cuboid.cli.names import scene_export_names
 from cuboid.cli.parser import takes_names
 from cuboid.cli.results import add_output, add_results, give
-from cuboid.cli.scene_documents import change_document, object_document
+from cuboid.cli.scene_documents import change_document, object_document, relation_document
 from cuboid.cli.workers import positive
 
 if TYPE_CHECKING:
@@ -165,13 +165,19 @@ def _show_object(scene: Scene, args: argparse.Namespace) -> Answer:
         )
         place = "{:.3f}, {:.3f}, {:.3f}".format(*own[-1].box.center)
         lines.append(f"  recording {number}: frames {first} to {last}, {len(own)} of them, at {place} m")
+    past = scene.relation_history(args.label)
+    for one in past:
+        to = tag_of(one.to) if isinstance(one.to, int) else one.to
+        when = f"recordings {one.first_recording} to {one.last_recording}"
+        lines.append(f"  {one.kind} {to}, {when}; score {one.score:.2f}")
     if args.picture is not None:
         picture = scene.picture(args.label)
         if picture is None:
             raise InputError(f"{scene.path}: there is no picture of {args.label}")
         write_whole(args.picture, picture)
         lines.append(f"picture in {args.picture}")
-    return {"object": object_document(item), "recordings": visits}, lines
+    relations = [relation_document(one) for one in past]
+    return {"object": object_document(item), "recordings": visits, "relations": relations}, lines
 
 
 def _changes(scene: Scene, args: argparse.Namespace) -> Answer:

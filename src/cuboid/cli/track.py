@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from cuboid.cli.live import add_live, watching
 from cuboid.cli.names import camera_names
 from cuboid.cli.parser import takes_names
-from cuboid.cli.recording import add_recording, megabytes, open_from, seconds, tracking_from
+from cuboid.cli.recording import add_recording, add_relations, megabytes, open_from, seconds, tracking_from
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.core.errors import InputError
 from cuboid.core.limits import MEMORY_MB
@@ -117,6 +117,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     results.add_argument("--video", action="store_true", help="also write labelled.mp4")
     shapes = "also keep views of the objects, for their meshes where the recording is gone later"
     results.add_argument("--shapes", action="store_true", help=shapes)
+    add_relations(results)
     add_live(results)
     add_scene(parser)
     memory = "beyond this much, parts of the map that are out of view are put aside, in the scene or a temporary file"
@@ -144,6 +145,7 @@ def run(args: argparse.Namespace) -> int:
                     args.output,
                     video=args.video,
                     shapes=args.shapes,
+                    relations=args.relations,
                     force=args.force,
                     progress=shown,
                     stop=interruption if args.camera is None else never,

@@ -18,6 +18,7 @@ from cuboid.core.results import MapPoints, Relation, SupportPlane, TrackedObject
 from cuboid.outputs.object_table import ObjectTable
 
 if TYPE_CHECKING:
+    from cuboid.relations import Branch
     from cuboid.shapes import ObjectMesh, ObjectView
 
 
@@ -101,6 +102,13 @@ class MapQueries(ABC):
         if any(item.relations for item in objects):
             return {item.label: item.relations for item in objects}
         return find_relations(objects, self.planes, self.up, self.walls)
+
+    @property
+    def tree(self) -> tuple[Branch, ...]:
+        """The tree of the place: surfaces, what is on them, and what is on and in that; from `relations`."""
+        from cuboid.relations import place_tree
+
+        return place_tree(self.objects, self.relations, self.planes, self.up)
 
     @abstractmethod
     def map_points(self) -> MapPoints:

@@ -18,7 +18,7 @@ from cuboid.core.results import MapPoints, SceneChange, SupportPlane
 from cuboid.objects.naming import chosen_name
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.queries import MapQueries
-from cuboid.scene.answers import SceneObject, ScenePast, SceneRecording
+from cuboid.scene.answers import PastRelation, SceneObject, ScenePast, SceneRecording
 from cuboid.scene.classes import KEY, read_classes
 from cuboid.scene.database import complaining, open_to_read
 from cuboid.scene.schema import BOX, DESCRIBED, TABLES
@@ -164,6 +164,25 @@ class SceneReader(MapQueries):
         )
         with complaining(self.path):
             return [_past_of(row) for row in self._rows(_PAST, rest, labels)]
+
+    def relation_history(self, label: int) -> list[PastRelation]:
+        """Return the relations that an object has and had, by kind and time: of recordings tracked with relations.
+
+        Raises
+        ------
+        InputError
+            No object ever had the label.
+        """
+        from cuboid.scene.relations import KEY as RELATION
+        from cuboid.scene.relations import read_relations
+
+        labels = self._labels_of(label)
+        rows = self._rows(("scene.key", "scene.value"), "scene WHERE key GLOB ? ORDER BY key", (f"{RELATION}/*",))
+        known = [item for item in self.all_objects if item.state != "merged"]
+        survivor = {old: item.label for item in known for old in item.merged_labels}
+        plane = {identity: k for k, identity in enumerate(self._plane_identities())}
+        with complaining(self.path):
+            return read_relations(rows, labels, survivor, plane)
 
     def changes(self, since: str | int | None = None) -> list[SceneChange]:
         """Return what each recording found changed, by recording and label.

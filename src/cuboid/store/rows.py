@@ -223,6 +223,7 @@ def _objects(results: Results, pictures: Mapping[int, Picture], begin: datetime)
                 "name_score": item.name_score,
                 "names": [{"name": name, "score": score} for name, score in item.names],
                 "kind": item.kind,
+                "relations": _relations(item),
                 **values_of(item),
                 "first_seen": moment(item.first_frame),
                 "last_seen": moment(item.last_frame),
@@ -231,6 +232,17 @@ def _objects(results: Results, pictures: Mapping[int, Picture], begin: datetime)
             }
         )
     return rows
+
+
+def _relations(item: TrackedObject) -> list[dict[str, Any]] | None:
+    """Return the relations of an object; None where it has none, or nobody asked for them."""
+    rows = [
+        {"kind": one.kind, "label": one.to, "surface": None, "score": one.score}
+        if isinstance(one.to, int)
+        else {"kind": one.kind, "label": None, "surface": one.to, "score": one.score}
+        for one in item.relations
+    ]
+    return rows or None
 
 
 def _look(item: TrackedObject, results: Results) -> dict[str, Any]:

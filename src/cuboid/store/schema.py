@@ -83,6 +83,7 @@ _BOX = (
 )
 _SKIPPED = pa.list_(pa.struct([("frame", COUNT), ("reason", TEXT)]))
 _CLASSES = pa.list_(pa.struct([("name", TEXT), ("score", SMALL)]))
+_RELATIONS = pa.list_(pa.struct([("kind", TEXT), ("label", COUNT), ("surface", TEXT), ("score", SMALL)]))
 _STAGES = pa.list_(pa.struct([("stage", TEXT), ("median_ms", REAL), ("p95_ms", REAL)]))
 
 
@@ -186,6 +187,7 @@ TABLES = {
                 Column("name_score", SMALL, "probability of the class, 0 to 1", added=True),
                 Column("names", _CLASSES, "the next likely classes", added=True),
                 Column("kind", TEXT, "volume; flat or box of what depth does not read", added=True),
+                Column("relations", _RELATIONS, "to objects and surfaces; null without `--relations`", added=True),
                 Column("first_seen", TIME, "time of its first frame"),
                 Column("last_seen", TIME, "time of its last frame"),
                 Column("red", pa.uint8(), "mean color of its points, 0 to 255"),

@@ -6,14 +6,33 @@ class Panel {
     this.chosen = chosen;
     this.moved = moved;
     this.named = named;
+    this.arranged = "label";
+    find("arranged").hidden = !data.tree;
+    for (const button of document.querySelectorAll("[data-arranged]"))
+      button.addEventListener("click", () => this.arrange(button.dataset.arranged));
     this.list();
     this.search = new Search((wanted) => wished(wanted));
     find("search").hidden = !this.rows.length;
   }
 
   list() {
+    this.rows = [];
+    const items = this.arranged === "place" ? data.tree.map((branch) => branchItem(branch, this.chosen, this.rows)) : this.items();
+    find("objects").replaceChildren(...items);
+  }
+
+  items() {
     this.rows = data.objects.map((object) => objectRow(object, this.chosen));
-    find("objects").replaceChildren(...this.rows.map((row) => element("li", {}, row)));
+    return this.rows.map((row) => element("li", {}, row));
+  }
+
+  /** List the objects by label, or as the tree of the place. */
+  arrange(arranged) {
+    this.arranged = arranged;
+    for (const button of document.querySelectorAll("[data-arranged]"))
+      button.setAttribute("aria-pressed", String(button.dataset.arranged === arranged));
+    this.list();
+    this.update();
   }
 
   /** Show the new name of an object wherever its label is; its card stays, and the field in it. */
@@ -30,9 +49,11 @@ class Panel {
     for (const row of this.rows) {
       const label = Number(row.dataset.label);
       row.setAttribute("aria-pressed", String(label === selected));
-      row.parentElement.hidden = !isWanted(this.state, label);
+      row.hidden = !isWanted(this.state, label);
       row.classList.toggle("hidden-now", frame !== null && stateIn(objectOf.get(label), frames[frame]) !== "seen");
     }
+    // What bears something that is asked for stays.
+    for (const item of find("objects").querySelectorAll("li")) item.hidden = !item.querySelector(".object:not([hidden])");
     find("object-count").textContent = countOf(wanted);
     find("none").textContent = this.rows.length ? "No object is like that." : "No object was found.";
     find("none").hidden = wanted ? wanted.size > 0 : this.rows.length > 0;
@@ -92,7 +113,7 @@ class Panel {
       ["Score", this.meter(object.score, object.color), object.score.toFixed(2)],
       ["Heat", this.meter(object.heat, object.color), object.heat.toFixed(2)],
       ["Points", object.points.toLocaleString("en"), " ", swatch],
-      ["Stands on plane", plane],
+      ...(object.relations ? relationLines(object, this.chosen) : [["Stands on plane", plane]]),
     ];
     lines.unshift(...this.classes(object));
     if (object.merged_labels.length) lines.push(["Also was", object.merged_labels.map((label) => `#${label}`).join(", ")]);
