@@ -44,7 +44,7 @@ GROUPS = {
     },
     "many recordings": {
         "batch": "track many recordings into one store of objects",
-        "find": "find objects in a store by size, place, time, color or likeness",
+        "find": "find objects in a scene, results or a store by size, place, time, color, or what they are on",
         "sql": "ask the tables of a store in SQL",
         "serve": "serve the pages of a store and a read-only API of its tables",
         "store compact": "gather the small files of a store into large ones, and remove leftovers of killed tasks",

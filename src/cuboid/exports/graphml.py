@@ -36,9 +36,10 @@ def write(run: Results, path: Path) -> list[str]:
     relations = run.relations
     for item in run.objects:
         _with_data(graph, "node", {"id": f"object:{item.label}"}, _object(item))
-    for what, surfaces in (("plane", run.planes), ("wall", run.walls)):
-        for number, surface in enumerate(surfaces):
-            _with_data(graph, "node", {"id": f"{what}:{number}"}, _surface(what, surface))
+    for number, plane in enumerate(run.planes):
+        _with_data(graph, "node", {"id": f"plane:{number}"}, _surface("plane", plane))
+    for number, wall in enumerate(run.walls):
+        _with_data(graph, "node", {"id": f"wall:{number}"}, _surface("wall", wall))
     for label, found in sorted(relations.items()):
         for one in found:
             ends = {"source": f"object:{label}", "target": f"object:{one.to}" if isinstance(one.to, int) else one.to}

@@ -69,6 +69,15 @@ class SceneReader(MapQueries):
             return {row[0]: (row[1], _pose(row[2:])) for row in rows}
 
     @property
+    def version(self) -> int:
+        """A number that changes when another program commits."""
+        if not self.path.exists():
+            return 0
+        with complaining(self.path):
+            number: int = self._connection().execute("PRAGMA data_version").fetchone()[0]
+            return number
+
+    @property
     def recordings(self) -> list[SceneRecording]:
         """The recordings, by number."""
         columns = columns_of("recordings", ("id", "path", "format", "poses", "begun", "complete", "frames"))
@@ -94,7 +103,8 @@ class SceneReader(MapQueries):
                 merged[merged_into].append(label)
             of_class = "scene WHERE key GLOB ? ORDER BY key"
             classes = read_classes(self._rows(("scene.key", "scene.value"), of_class, (f"{KEY}/*",)))
-            return [self._object(row, merged.get(row[0], ()), place, classes.get(row[0], [])) for row in rows]
+            begins = self._rows(("recordings.id", "recordings.first_frame"), "recordings ORDER BY id")
+            return [self._object(row, merged.get(row[0], ()), place, classes.get(row[0], []), begins) for row in rows]
 
     @property
     def planes(self) -> tuple[SupportPlane, ...]:
@@ -236,7 +246,12 @@ class SceneReader(MapQueries):
         return found
 
     def _object(
-        self, row: Row, merged: Iterable[int], place: Mapping[int, int], classes: list[tuple[str, float]]
+        self,
+        row: Row,
+        merged: Iterable[int],
+        place: Mapping[int, int],
+        classes: list[tuple[str, float]],
+        begins: Sequence[Row],
     ) -> SceneObject:
         of = dict(zip(_COLUMNS, row, strict=True))
         name = of["name"]
@@ -247,17 +262,10 @@ class SceneReader(MapQueries):
             box=box_of([of[name] for name in BOX], "objects"),
             plane=None if of["plane"] is None else place.get(of["plane"]),
             mean_color=np.array((of["red"], of["green"], of["blue"])),
-            first_seen=self._place(of["first_frame"]),
-            last_seen=self._place(of["last_frame"]),
+            first_seen=_seen(begins, of["first_frame"]),
+            last_seen=_seen(begins, of["last_frame"]),
         )
         return found if name is None else found.with_given_name(name)
-
-    def _place(self, frame: int) -> tuple[int, int]:
-        """Return recording and frame of a frame by the scene's count."""
-        columns = ("recordings.id", "recordings.first_frame")
-        rows = self._rows(columns, "recordings WHERE first_frame <= ? ORDER BY id DESC LIMIT 1", (frame,))
-        number, first = rows[0] if rows else (0, 0)  # its recording was lost with a damaged file
-        return number, frame - first
 
     def _ask(self, query: str) -> list[Any]:
         if not self.path.exists():
@@ -275,6 +283,14 @@ class SceneReader(MapQueries):
         if self._read is None:
             self._read = open_to_read(self.path)
         return self._read
+
+
+def _seen(begins: Sequence[Row], frame: int) -> tuple[int, int]:
+    """Return recording and frame of a frame by the scene's count; `begins` are recordings with their first frames."""
+    for number, first in reversed(begins):
+        if first <= frame:
+            return number, frame - first
+    return 0, frame  # its recording was lost with a damaged file
 
 
 def _plane_of(row: Row) -> SupportPlane:

@@ -21,9 +21,10 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from cuboid import __version__
 from cuboid.core.errors import InputError
 from cuboid.outputs.folder import OUTPUT_NAMES
-from cuboid.store.find import find, plain
+from cuboid.queries.parameters import PARAMETERS, filters_of, given
+from cuboid.queries.rows import plain
+from cuboid.store.find import find
 from cuboid.store.page import MORE, WORST, found_page, summary_page
-from cuboid.store.parameters import PARAMETERS, filters_of, given
 from cuboid.store.place import RESULTS, Place
 from cuboid.store.query import Tables
 from cuboid.store.summary import summarise_store

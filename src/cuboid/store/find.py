@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from datetime import datetime
 from typing import Any
 
 from cuboid.core.errors import InputError
-from cuboid.store.likeness import COLOR_WORDS
+from cuboid.queries.filters import LIKELY, Filters, is_surface, label_of
+from cuboid.queries.likeness import COLOR_WORDS
 from cuboid.store.query import SUPERSEDED, Tables
 from cuboid.store.schema import OBJECTS, RUNS
 
@@ -21,57 +20,10 @@ NEWEST = f"run not in (select run from {SUPERSEDED})"
 # An object is of a color where this many of its points are: of two colors, both find it.
 COLORED = 0.3
 
-# An object is found by a class that is not its name where the class is likely by this.
-LIKELY = 0.2
-
 # Sizes that differ by e in every side, colors that have nothing in common, or shapes that have nothing in common, make
 # two objects equally unlike.
 _SIZE = " + ".join(f"abs(ln(greatest({side}, 1e-3) / greatest(?, 1e-3)))" for side in SIDES)
 UNLIKE = f"({_SIZE}) / 3 + list_distance(colors, ?::FLOAT[]) / sqrt(2) + list_distance(shape, ?::FLOAT[]) / sqrt(2)"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Filters:
-    """A query for objects; None matches everything.
-
-    Attributes
-    ----------
-    size_m : (float, float) or None
-        Least and greatest length of the longest side.
-    near : (float, float, float) or None
-        A place in the world, metres.
-    within_m : float
-        Greatest distance of the centre from `near`.
-    recording : str or None
-        Glob of names of recordings.
-    since, until : datetime or None
-        When it was last seen.
-    color : str or None
-        One of `COLOR_WORDS`.
-    name : str or None
-        Name of its class, or one of the next likely ones with a probability of `LIKELY` and more; in any case.
-    min_score : float or None
-    like : (str, int) or None
-        Recording and label of an object: those most like it come first.
-    limit : int
-        This many at most.
-    """
-
-    size_m: tuple[float, float] | None = None
-    near: tuple[float, float, float] | None = None
-    within_m: float = 0.5
-    recording: str | None = None
-    since: datetime | None = None
-    until: datetime | None = None
-    color: str | None = None
-    name: str | None = None
-    min_score: float | None = None
-    like: tuple[str, int] | None = None
-    limit: int = 50
-
-    def __post_init__(self) -> None:
-        if self.color is not None and self.color not in COLOR_WORDS:
-            raise InputError(f"no color is called '{self.color}'; there are {', '.join(COLOR_WORDS)}")
 
 
 def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[dict[str, Any]]:
@@ -146,7 +98,34 @@ def _conditions(filters: Filters) -> tuple[list[str], list[Any]]:
         add(f"(lower(name) = lower(?) or {also})", filters.name, filters.name, LIKELY)
     if filters.min_score is not None:
         add("score >= ?", filters.min_score)
+    for kind, to in filters.related():
+        add(*_relation(kind, to))
+    if filters.near_object is not None:
+        add(*_near_object(filters.near_object, filters.within_m))
     return where, values
+
+
+def _relation(kind: str, to: str) -> tuple[Any, ...]:
+    """Return the condition that an object has a relation, and the values in it."""
+    label = label_of(to)
+    if label is not None or is_surface(to):
+        end = "surface" if label is None else "label"
+        condition = f"exists (select 1 from unnest(relations) as rel(one) where one.kind = ? and one.{end} = ?)"
+        return condition, kind, to.strip() if label is None else label
+    each = f"(select run, unnest(relations) as one, label from {OBJECTS})"
+    others = f"{each} as a join {OBJECTS} as b on b.run = a.run and b.label = a.one.label"
+    named = "a.one.kind = ? and lower(b.name) = lower(?)"
+    return f"(run, label) in (select a.run, a.label from {others} where {named})", kind, to.strip()
+
+
+def _near_object(to: str, within_m: float) -> tuple[Any, ...]:
+    """Return the condition that an object is near another one of its recording, and the values in it."""
+    label = label_of(to)
+    which = "lower(b.name) = lower(?)" if label is None else "b.label = ?"
+    away = " + ".join(f"(a.center_{axis}_m - b.center_{axis}_m)**2" for axis in "xyz")
+    others = f"{OBJECTS} as a join {OBJECTS} as b on b.run = a.run and b.label <> a.label"
+    condition = f"(run, label) in (select a.run, a.label from {others} where {which} and sqrt({away}) <= ?)"
+    return condition, to.strip() if label is None else label, within_m
 
 
 def _distance(near: tuple[float, float, float]) -> str:
@@ -169,16 +148,3 @@ def _the_one(tables: Tables, recording: str, label: int) -> dict[str, Any]:
     known = tables.rows(f"select 1 from {RUNS} where recording = ? limit 1", [recording])
     what = f"recording '{recording}' has no object {label}" if known else f"there is no recording '{recording}'"
     raise InputError(f"--like: {what} in {tables.url}")
-
-
-def plain(row: dict[str, Any]) -> dict[str, Any]:
-    """Return a row ready for JSON, without its picture."""
-    kept = {name: value for name, value in row.items() if name != "picture"}
-    return {
-        name: value.isoformat()
-        if isinstance(value, datetime)
-        else round(value, 6)
-        if isinstance(value, float)
-        else value
-        for name, value in kept.items()
-    }

@@ -8,7 +8,8 @@ from html import escape
 from typing import Any
 from urllib.parse import quote, urlencode
 
-from cuboid.store.parameters import PARAMETERS
+from cuboid.queries.parameters import PARAMETERS
+from cuboid.queries.rows import cells_of
 from cuboid.store.place import Place
 from cuboid.store.query import Tables
 from cuboid.store.search_form import STYLE as FORM_STYLE
@@ -164,16 +165,6 @@ def _similar(row: Mapping[str, Any]) -> str:
     """Return a link to the objects most similar to one."""
     question = urlencode({"like": f"{row['recording']}#{row['label']}"})
     return f'<a href="objects?{escape(question)}">similar</a>'
-
-
-def cells_of(row: Mapping[str, Any]) -> list[str]:
-    """Return what tables show of an object: name, size, place, color, frames, when."""
-    size = " x ".join(f"{100 * row[side]:.1f}" for side in ("longest_m", "middle_m", "shortest_m"))
-    place = ", ".join(f"{row[f'center_{axis}_m']:z.2f}" for axis in "xyz")
-    seen = row["last_seen"]
-    when = "" if seen is None else f"{seen:%Y-%m-%d %H:%M:%S}"
-    name = f" {row['name']}" if row.get("name") else ""
-    return [f"{row['recording']}#{row['label']}{name}", size, place, row["color"] or "", str(row["frames_seen"]), when]
 
 
 def _table(names: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> str:

@@ -18,13 +18,11 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import quats_wxyz_from_rotations
 from cuboid.outputs import Results, RunReport
 from cuboid.poses.sources import LOST
+from cuboid.queries.likeness import color_fractions, color_word, shape_distribution
+from cuboid.queries.sources import CALENDAR_S
 from cuboid.store.indicators import indicators
-from cuboid.store.likeness import color_fractions, color_word, shape_distribution
 from cuboid.store.schema import DONE, OBJECTS, RECORDINGS, RUNS, SIGHTINGS, TABLES, values_of
 from cuboid.views.report.pictures import Picture, encode_jpeg
-
-# Times from here on (2001) are those of a calendar; cameras that start at zero stay below for thirty years.
-CALENDAR_S = 1.0e9
 
 # A picture in a table is so wide at most: a line of a list shows it, and a million of them are three gigabytes.
 PICTURE_PX, PICTURE_QUALITY = 120, 75

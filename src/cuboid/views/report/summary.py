@@ -104,6 +104,7 @@ class Summary:
 
     def _object(self, item: TrackedObject, seen: list[tuple[int, int]]) -> dict[str, Any]:
         picture = self.pictures.get(item.label)
+        relations = [[one.kind, one.to, round(one.score, 2)] for one in item.relations]
         return {
             **label_colors(item.label),
             "label": item.label,
@@ -122,11 +123,7 @@ class Summary:
             "merged_labels": list(item.merged_labels),
             "spans": seen,
             "picture": None if picture is None else _picture(picture),
-            **(
-                {"relations": [[one.kind, one.to, round(one.score, 2)] for one in item.relations]}
-                if item.relations
-                else {}
-            ),
+            **({"relations": relations} if relations else {}),
         }
 
     def _survivor(self, label: int) -> int | None:
