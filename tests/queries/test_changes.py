@@ -14,7 +14,7 @@ from cuboid.queries.changes import KEPT, MOVED_M, ChangeLog
 
 
 def moved(item: TrackedObject, by_m: float) -> TrackedObject:
-    return replace(item, box=replace(item.box, center=item.box.center + [by_m, 0.0, 0.0]))
+    return replace(item, box=replace(item.box, center=item.box.center + np.array([by_m, 0.0, 0.0])))
 
 
 def test_each_kind_of_change() -> None:

@@ -115,9 +115,8 @@ def test_the_nearest_free_place_is_free_and_near(place: Place) -> None:
     assert np.linalg.norm(along) == pytest.approx(1.0)
     across = np.cross([0, 0, 1.0], along)
     corners = [center + a * 0.1 * along + b * 0.05 * across for a in (-1, 1) for b in (-1, 1)]
-    inside = [
-        center + a * 0.1 * along + b * 0.05 * across for a in np.linspace(-1, 1, 9) for b in np.linspace(-1, 1, 9)
-    ]
+    steps = np.linspace(-1, 1, 9)
+    inside = [center + a * 0.1 * along + b * 0.05 * across for a in steps for b in steps]
     assert np.abs(corners).max(axis=0)[:2] == pytest.approx(np.minimum(np.abs(corners).max(axis=0)[:2], 1.0))
     for item in (OBJECTS[0], OBJECTS[2]):
         away = np.abs(np.array(inside) - item.box.center)[:, :2] - item.box.size[:2] / 2

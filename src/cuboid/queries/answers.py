@@ -72,7 +72,7 @@ class FoundObject:
         Of its box in the world, metres; length, width and height along the box's own axes.
     quat_wxyz : (4,)
         Rotation from the box's axes to the world.
-    color : str
+    color : str or None
         The color word of its mean color.
     plane : int or None
         Index of the supporting plane that it stands on.
@@ -93,7 +93,7 @@ class FoundObject:
     center_m: Vector
     size_m: Vector
     quat_wxyz: Quaternion
-    color: str
+    color: str | None
     plane: int | None
     first_seen: Seen
     last_seen: Seen

@@ -117,7 +117,7 @@ def _footprint(length: float, width: float, turn: float) -> UInt8Array:
     reach = int(np.ceil(np.hypot(length, width) / 2.0))
     x, y = np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1))
     along, across = x * np.cos(turn) + y * np.sin(turn), -x * np.sin(turn) + y * np.cos(turn)
-    return ((np.abs(along) <= length / 2.0) & (np.abs(across) <= width / 2.0)).astype(np.uint8)
+    return np.asarray((np.abs(along) <= length / 2.0) & (np.abs(across) <= width / 2.0), np.uint8)
 
 
 def _vector(values: Float64Array) -> Vector:

@@ -1,4 +1,8 @@
-"""Questions to one place and their answers: the layer below `cuboid find`, the HTTP server and the MCP server."""
+"""Questions to one place and their answers: the layer below `cuboid find`, the HTTP server and the MCP server.
+
+Objects are answered from lists that are made anew when the map has changed. What takes long (relations, up, clouds,
+meshes) is found aside, from the place opened a second time: other questions do not wait for it.
+"""
 
 from __future__ import annotations
 
@@ -53,11 +57,11 @@ class Place:
 
     def __init__(self, source: Source) -> None:
         self._source = source
-        self._lock = threading.RLock()
+        self._lock, self._aside_lock = threading.Lock(), threading.Lock()
         self.changes = ChangeLog()
         self._objects: _Kept[_Objects] = _Kept(lambda: _Objects(source))
         self._relations: _Kept[dict[int, tuple[Relation, ...]]] = _Kept(self._find_relations)
-        self._up: _Kept[Float64Array | None] = _Kept(lambda: source.map.up)
+        self._up: _Kept[Float64Array | None] = _Kept(lambda: source.aside.up)
         self.refresh()
 
     def refresh(self) -> None:
@@ -68,8 +72,8 @@ class Place:
 
     def about(self) -> About:
         """Return what the place is."""
+        up = self._known_up()
         with self._lock:
-            up = self._up.get(self._source.version())
             found = self._now().living
             running, last = self._source.running, self.changes.last
             title, kind = self._source.title, self._source.kind
@@ -86,14 +90,14 @@ class Place:
         for name in ONLY_IN_A_STORE:
             if getattr(filters, name) is not None:
                 raise InputError(f"{name}: only the objects of a store are found by it")
+        related = any(True for _ in filters.related())
+        relations = self._known_relations() if related else {}
         with self._lock:
             now = self._now()
             kept = now.kept(filters)
             for kind, to in filters.related():
-                ends, relations = self._ends(now, to), self._known_relations()
-                kept &= np.array(
-                    [any(r.kind == kind and r.to in ends for r in relations.get(k, ())) for k in now.labels]
-                )
+                ends = self._ends(now, to)
+                kept &= np.array([_holds(relations.get(k, ()), kind, ends) for k in now.labels.tolist()], bool)
             distances = self._distances(now, filters)
             if distances is not None:
                 kept &= distances <= filters.within_m
@@ -101,9 +105,9 @@ class Place:
             if distances is not None:
                 rows = rows[np.argsort(distances[rows], kind="stable")]
             away = dict(zip(rows.tolist(), [] if distances is None else distances[rows].tolist(), strict=False))
-            related = any(True for _ in filters.related())
             return [
-                self._answer(now, now.living[k], away.get(k), related=related) for k in rows[: filters.limit].tolist()
+                self._answer(now, now.living[k], away.get(k), relations if related else None)
+                for k in rows[: filters.limit].tolist()
             ]
 
     def object(self, label: int) -> FoundObject:
@@ -114,10 +118,11 @@ class Place:
         InputError
             No object has, or had, the label.
         """
+        relations = self._known_relations()
         with self._lock:
             now = self._now()
             item, state = now.find(label)
-            return self._answer(now, item, None, related=state == "present", state=state)
+            return self._answer(now, item, None, relations if state == "present" else None, state)
 
     def last_seen(self, what: str) -> list[FoundObject]:
         """Return where objects were seen last, those that are gone as well, the latest first.
@@ -131,7 +136,7 @@ class Place:
             now = self._now()
             found = [one for one in now.all if one[1] in ("present", "gone") and _is_called(one[0], what)]
             found.sort(key=lambda one: (one[0].last_frame, one[0].label), reverse=True)
-            return [self._answer(now, item, None, related=False, state=state) for item, state in found]
+            return [self._answer(now, item, None, None, state) for item, state in found]
 
     def history(self, label: int, limit: int = SIGHTINGS) -> History:
         """Return the sightings of an object, and which relations it had when; raises as `object`."""
@@ -145,9 +150,10 @@ class Place:
 
     def surfaces(self) -> list[Surface]:
         """Return the supporting planes."""
+        up = self._known_up()
         with self._lock:
             planes, now = tuple(self._source.map.planes), self._now()
-            heights = plane_heights_m(planes, self._up.get(self._source.version()))
+            heights = plane_heights_m(planes, up)
             return [_surface(k, plane, heights[k], now.living) for k, plane in enumerate(planes)]
 
     def free_place(
@@ -178,39 +184,61 @@ class Place:
 
     def tree(self) -> tuple[TreeNode, ...]:
         """Return the tree of the place: surfaces, what is on them, and what is on and in that."""
+        relations, up = self._known_relations(), self._known_up()
         with self._lock:
-            now, up = self._now(), self._up.get(self._source.version())
-            found = place_tree(now.living, self._known_relations(), self._source.map.planes, up)
+            now = self._now()
+            found = place_tree(now.living, relations, self._source.map.planes, up)
             names = {item.label: item.name for item in now.living}
             return tuple(_node(branch, names) for branch in found)
 
     def picture(self, label: int) -> bytes | None:
         """Return an object's picture, JPEG; None where there is none; raises as `object`."""
-        with self._lock:
-            return self._source.picture(self._now().find(label)[0])
+        item = self._item(label)
+        with self._aside_lock:
+            return self._source.picture(item)
 
     def cloud(self, label: int) -> PointCloud:
         """Return the points of an object that is there; InputError where it is not."""
-        with self._lock:
-            return self._source.map.cloud(label)
+        label = self._item(label).label
+        with self._aside_lock:
+            return self._source.aside.cloud(label)
 
     def mesh(self, label: int, *, close: bool = False, complete: bool = False) -> ObjectMesh:
         """Return the surface of an object, as of `MapQueries.mesh`."""
+        label = self._item(label).label
+        with self._aside_lock:
+            return self._source.aside.mesh(label, close=close, complete=complete)
+
+    def _item(self, label: int) -> TrackedObject:
         with self._lock:
-            return self._source.map.mesh(label, close=close, complete=complete)
+            return self._now().find(label)[0]
 
     def _now(self) -> _Objects:
         return self._objects.get(self._source.version())
 
     def _known_relations(self) -> dict[int, tuple[Relation, ...]]:
-        return self._relations.get(self._source.version())
+        """Return the relations; not to be called by who holds the lock."""
+        return self._found_aside(self._relations)
+
+    def _known_up(self) -> Float64Array | None:
+        """Return up in the world; not to be called by who holds the lock."""
+        return self._found_aside(self._up)
+
+    def _found_aside(self, kept: _Kept[T]) -> T:
+        with self._lock:
+            version = self._source.version()
+        known = kept.known(version)
+        if known:
+            return known[0]
+        with self._aside_lock:
+            return kept.get(version)
 
     def _find_relations(self) -> dict[int, tuple[Relation, ...]]:
-        living = self._now().living
+        with self._lock:
+            living, planes = self._now().living, tuple(self._source.map.planes)
         if any(item.relations for item in living):
             return {item.label: item.relations for item in living}
-        place = self._source.map
-        return find_relations(living, place.planes, place.up, place.walls)
+        return find_relations(living, planes, self._source.aside.up, self._source.walls())
 
     def _ends(self, now: _Objects, to: str) -> set[int | str]:
         """Return what a relation may be to: a surface, or the objects of a label or a name."""
@@ -242,9 +270,14 @@ class Place:
         return np.asarray(now.called(near)[0].box.center)
 
     def _answer(
-        self, now: _Objects, item: TrackedObject, distance_m: float | None, *, related: bool, state: State = "present"
+        self,
+        now: _Objects,
+        item: TrackedObject,
+        distance_m: float | None,
+        relations: Mapping[int, Sequence[Relation]] | None,
+        state: State = "present",
     ) -> FoundObject:
-        relations = self._known_relations().get(item.label, ()) if related else None
+        own = None if relations is None else relations.get(item.label, ())
         w, x, y, z = (round(float(value), 6) for value in quat_wxyz_from_rotation(item.box.rotation))
         return FoundObject(
             label=item.label,
@@ -262,7 +295,7 @@ class Place:
             last_seen=self._source.last_seen(item),
             frames_seen=item.frames_seen,
             distance_m=None if distance_m is None else round(distance_m, 4),
-            relations=None if relations is None else tuple(_related(one, now) for one in relations),
+            relations=None if own is None else tuple(_related(one, now) for one in own),
         )
 
 
@@ -275,14 +308,21 @@ class _Kept(Generic[T]):
         self._value: list[T] = []
         self._again_s = 0.0
 
+    def known(self, version: object) -> list[T]:
+        """Return it in a list where it need not be found again; else an empty list."""
+        fresh = version == self._version or time.monotonic() < self._again_s
+        return self._value if fresh else []
+
     def get(self, version: object) -> T:
         """Return it for a version of the map, or as it was for an earlier one."""
+        known = self.known(version)
+        if known:
+            return known[0]
         begun_s = time.monotonic()
-        if not self._value or (version != self._version and begun_s >= self._again_s):
-            self._value, self._version = [self._find()], version
-            took_s = time.monotonic() - begun_s
-            self._again_s = begun_s + REST * took_s
-        return self._value[0]
+        found = self._find()
+        self._value, self._version = [found], version
+        self._again_s = begun_s + REST * (time.monotonic() - begun_s)
+        return found
 
 
 class _Objects:
@@ -346,6 +386,10 @@ class _Objects:
         return np.asarray(np.linalg.norm(np.maximum(local - self._size / 2.0, 0.0), axis=1))
 
 
+def _holds(relations: Sequence[Relation], kind: str, ends: set[int | str]) -> bool:
+    return any(one.kind == kind and one.to in ends for one in relations)
+
+
 def _has_name(item: TrackedObject, name: str) -> bool:
     """Tell whether an object has a name, in any case, or may well be of that class."""
     wanted = name.strip().lower()
@@ -360,7 +404,7 @@ def _is_called(item: TrackedObject, what: str) -> bool:
 
 
 @cache
-def _color(mean_rgb: bytes) -> str:
+def _color(mean_rgb: bytes) -> str | None:
     """Return the word of a mean color, (3,) float64 as bytes."""
     rgb = np.clip(np.frombuffer(mean_rgb, np.float64).round(), 0, 255).astype(np.uint8)
     return color_word(color_fractions(rgb[None]))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, Protocol
 
 from cuboid.core.errors import InputError
 from cuboid.core.frame import Float64Array
-from cuboid.core.results import SupportPlane, TrackedObject
+from cuboid.core.results import TrackedObject, Wall
 from cuboid.outputs import Results
 from cuboid.outputs.folder import OBJECTS
 from cuboid.outputs.queries import MapQueries
@@ -38,6 +38,13 @@ class Source(Protocol):
     @property
     def map(self) -> MapQueries:
         """The map as it is now."""
+
+    @property
+    def aside(self) -> MapQueries:
+        """The same map for what takes long, asked by another thread."""
+
+    def walls(self) -> Sequence[Wall]:
+        """Return the walls that objects may be against, where finding them is cheap enough."""
 
     def version(self) -> object:
         """Return what differs once the map has changed."""
@@ -78,7 +85,7 @@ class ResultsSource:
 
     def _open(self) -> None:
         self._stamp = self._read_stamp()
-        self.map = Results(self._folder)
+        self.map, self.aside = Results(self._folder), Results(self._folder)
         self.title = str(self._folder)
         self._pictures: dict[int, bytes | None] = {}
 
@@ -94,6 +101,10 @@ class ResultsSource:
         if self._read_stamp() != self._stamp:
             self._open()
         return self._stamp
+
+    def walls(self) -> Sequence[Wall]:
+        """Return the walls that objects may be against."""
+        return self.aside.walls
 
     def objects(self) -> list[tuple[TrackedObject, State]]:
         """Return the objects, by label."""
@@ -116,7 +127,7 @@ class ResultsSource:
         from cuboid.views.report.pictures import best_sightings, cut_pictures
 
         if item.label not in self._pictures:
-            results = self.map
+            results = self.aside
             best = best_sightings(results.sightings(item.label))
             rows = {item.label: best[item.label]} if item.label in best else {}
             try:
@@ -152,7 +163,7 @@ class SceneSource:
     def __init__(self, path: Path) -> None:
         if not path.is_file():
             raise InputError(f"{path}: there is no such scene file")
-        self.map = Scene.open(path)
+        self.map, self.aside = Scene.open(path), Scene.open(path)
         self.title = str(path)
         self._begun: dict[int, str] = {}
         self.running = False
@@ -164,6 +175,10 @@ class SceneSource:
         self._begun = {one.number: one.begun for one in recordings}
         self.running = bool(recordings) and not recordings[-1].complete
         return self.map.version, tuple(self._begun)
+
+    def walls(self) -> Sequence[Wall]:
+        """Return none: the whole map would have to be read."""
+        return ()
 
     def objects(self) -> list[tuple[TrackedObject, State]]:
         """Return all objects that ever had a label, by label."""
@@ -211,9 +226,3 @@ def vector(values: Float64Array | Sequence[float]) -> Vector:
     """Return three numbers, to a micrometre."""
     x, y, z = (round(float(value), 6) for value in values)
     return x, y, z
-
-
-def planes_of(source: Source) -> Iterator[tuple[str, SupportPlane]]:
-    """Iterate over the supporting planes of a place with their names."""
-    for k, plane in enumerate(source.map.planes):
-        yield f"plane:{k}", plane
