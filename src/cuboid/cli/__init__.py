@@ -46,7 +46,7 @@ GROUPS = {
         "batch": "track many recordings into one store of objects",
         "find": "find objects in a scene, results or a store by size, place, time, color, or what they are on",
         "sql": "ask the tables of a store in SQL",
-        "serve": "serve the pages of a store and a read-only API of its tables",
+        "serve": "serve a scene, results or a store: pages and a read-only API over HTTP",
         "store compact": "gather the small files of a store into large ones, and remove leftovers of killed tasks",
     },
     "make": {
