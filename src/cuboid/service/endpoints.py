@@ -80,9 +80,9 @@ def _find(place: Place, asked: Asked) -> list[FoundObject]:
 
 
 def _free(place: Place, asked: Asked) -> FreePlace | None:
-    sides = (_read(asked, name, length, 0.0) for name in ("length", "width"))
+    length_m, width_m = (_read(asked, name, length, 0.0) for name in ("length", "width"))
     height_m = _read(asked, "height", length, FREE_HEIGHT_M)
-    return place.free_place(f"plane:{asked['number']}", *sides, height_m, asked.get("near") or None)
+    return place.free_place(f"plane:{asked['number']}", length_m, width_m, height_m, asked.get("near") or None)
 
 
 def _mesh(place: Place, asked: Asked) -> tuple[bytes, str]:

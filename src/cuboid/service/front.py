@@ -21,8 +21,9 @@ STYLE = """
 td img { display: block; height: 44px; width: 58px; object-fit: cover; border-radius: 4px; background: var(--raised); }
 td:has(img) { width: 1px; }
 a { color: inherit; text-decoration-color: var(--muted); text-underline-offset: 3px; }
-h1 { max-width: none; flex: 1; }
-.note { color: var(--muted); padding-top: 8px; }
+h1 { max-width: none; }
+.note { color: var(--muted); }
+.document .note { padding-top: 8px; }
 code { font-size: 12.5px; }
 """
 _HEAD = ("", "object", "size, cm", "position, m", "frames", "last seen", "")
@@ -40,7 +41,7 @@ def front_page(place: Place) -> str:
     addresses.append((f"<code>{SOCKET}</code>", "a WebSocket: each change of the map as it happens"))
     addresses.append((_address("/openapi.json"), "all of this for programs, as an OpenAPI document"))
     lines = [f"<tr><td>{address}</td><td class=wide>{what}</td></tr>" for address, what in addresses]
-    title = f"<h1>{escape(about.title)} <small>{'running, ' if about.running else ''}{count}</small></h1>"
+    title = f"<h1>{escape(about.title)}</h1><p class=note>{'running, ' if about.running else ''}{count}</p>"
     return (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(about.title)} - cuboid</title>'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
