@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from cuboid.views.serving import PageServer
 
 
+# This machine alone.
+HOST = "127.0.0.1"
 # Where the token may be, so that it stands in no list of processes.
 TOKEN = "CUBOID_TOKEN"
 
@@ -55,7 +57,7 @@ def port(text: str) -> int:
 def add_address(parser: argparse.ArgumentParser, default_port: int) -> None:
     """Add where a server listens, and the secret that requests must carry."""
     parser.add_argument(
-        "--host", default="127.0.0.1", metavar="ADDRESS", help="address to listen at (default: this machine alone)"
+        "--host", default=HOST, metavar="ADDRESS", help="address to listen at (default: this machine alone)"
     )
     ports = f"port, 0 for a free one (default: {default_port})"
     parser.add_argument("--port", type=port, default=default_port, metavar="N", help=ports)

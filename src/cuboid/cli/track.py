@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cuboid.cli.live import add_live, watching
+from cuboid.cli.live import add_live, add_serve, watching
 from cuboid.cli.names import camera_names
 from cuboid.cli.parser import takes_names
 from cuboid.cli.recording import add_recording, add_relations, megabytes, open_from, seconds, tracking_from
@@ -119,6 +119,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     results.add_argument("--shapes", action="store_true", help=shapes)
     add_relations(results)
     add_live(results)
+    add_serve(results)
     add_scene(parser)
     memory = "beyond this much, parts of the map that are out of view are put aside, in the scene or a temporary file"
     memory += f" (default: {MEMORY_MB:g})"

@@ -103,7 +103,7 @@ class Records:
         self._written: dict[int, tuple[object, ...]] = {}
         self._merged = {k for (k,) in connection.execute("SELECT label FROM objects WHERE merged_into IS NOT NULL")}
         self._pixels = pixels
-        self._quality: dict[int, float] = dict(connection.execute("SELECT label, picture_share FROM objects"))
+        self._pictures = BestPictures(dict(connection.execute("SELECT label, picture_share FROM objects")))
         # Of each object that this recording has seen: its first frame, and in how many it was.
         self.seen: dict[int, tuple[int, int]] = {
             label: (first, count)
@@ -123,7 +123,10 @@ class Records:
             self._rows.sightings.append((self._recording, frame.index, seen.label, box, seen.iou, seen.visible, *rect))
             first, count = self.seen.get(seen.label, (frame.index, 0))
             self.seen[seen.label] = first, count + 1
-        self._picture(frame, result.sightings)
+        picture = self._pictures.take(frame, result.sightings)
+        if picture is not None:
+            label, quality, jpeg = picture
+            self._rows.pictures[label] = quality, jpeg
 
     def take(self, tracker: PosedTracker) -> Rows:
         """Return all rows since the last time, those of the tracker's objects and planes as they now are."""
@@ -157,8 +160,21 @@ class Records:
                 self._merged |= {*entry.merged_labels}
                 self._written[entry.label] = now
 
-    def _picture(self, frame: Frame, sightings: Iterable[Sighting]) -> None:
-        """Keep a picture of the object that is seen most times better than on its own so far."""
+
+class BestPictures:
+    """Takes a picture of an object when it is seen much better than before, at most one a frame.
+
+    Parameters
+    ----------
+    quality : dict of int to float, optional
+        How well each object is seen on the picture that there is, by label.
+    """
+
+    def __init__(self, quality: dict[int, float] | None = None) -> None:
+        self._quality = {} if quality is None else quality
+
+    def take(self, frame: Frame, sightings: Iterable[Sighting]) -> tuple[int, float, bytes] | None:
+        """Return label, quality and picture of the object that is seen most times better than on its own so far."""
         best: tuple[float, Sighting, float] | None = None
         for seen in sightings:
             x0, y0, x1, y1 = seen.rect_xyxy
@@ -166,12 +182,14 @@ class Records:
             times = quality / max(self._quality.get(seen.label, 0.0), 1.0)
             if times > BETTER and (best is None or times > best[0]):
                 best = times, seen, quality
-        if best is not None:
-            _, seen, quality = best
-            picture = picture_of(frame, seen.rect_xyxy)
-            if picture:
-                self._quality[seen.label] = quality
-                self._rows.pictures[seen.label] = quality, picture
+        if best is None:
+            return None
+        _, seen, quality = best
+        picture = picture_of(frame, seen.rect_xyxy)
+        if not picture:
+            return None
+        self._quality[seen.label] = quality
+        return seen.label, quality, picture
 
 
 def picture_of(frame: Frame, rect_xyxy: Float64Array) -> bytes:

@@ -125,7 +125,10 @@ async def _changes(place: Place, socket: WebSocket) -> None:
                 return
             waiting.put_nowait(one)
 
-    stop = place.changes.listen(lambda changes: loop.call_soon_threadsafe(take, changes))
+    def hear(changes: Sequence[MapChange]) -> None:
+        loop.call_soon_threadsafe(take, changes)
+
+    stop = place.changes.listen(hear)
     tasks = {
         asyncio.create_task(_send(socket, place, waiting, int(after) if after.isdecimal() else None)),
         asyncio.create_task(_until_gone(socket)),
