@@ -15,24 +15,28 @@ from starlette.websockets import WebSocket
 from cuboid.views.serving import headers
 
 COOKIE = "cuboid-token"
+# Methods that change nothing.
+READING = ("GET", "HEAD")
 # How a WebSocket is closed to who may not have it (RFC 6455: policy violation).
 POLICY_VIOLATION = 1008
 
 
 class Guard:
-    """Lets in who knows the token, answers nothing but GET, and tells browsers what the pages may do.
+    """Lets in who knows the token, and tells browsers what the pages may do.
 
-    A WebSocket is opened only by programs and by pages of this server.
+    A WebSocket is opened, and anything but GET answered, only for programs and pages of this server.
 
     Parameters
     ----------
     app : ASGIApp
     token : str or None
         None lets everybody in.
+    methods : tuple of str
+        That are answered.
     """
 
-    def __init__(self, app: ASGIApp, token: str | None) -> None:
-        self._app, self._token = app, token
+    def __init__(self, app: ASGIApp, token: str | None, methods: tuple[str, ...] = READING) -> None:
+        self._app, self._token, self._methods = app, token, methods
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, or pass on to the application."""
@@ -44,8 +48,10 @@ class Guard:
             return
         request = Request(scope)
         answer: Awaitable[None] | None = None
-        if request.method not in ("GET", "HEAD"):
+        if request.method not in self._methods:
             answer = PlainTextResponse("read-only", 405)(scope, receive, send)
+        elif request.method not in READING and not _is_own(request):
+            answer = PlainTextResponse("not for pages of others", 403)(scope, receive, send)
         elif not self._knows(request):
             answer = PlainTextResponse("a token is needed", 401, {"WWW-Authenticate": "Bearer"})(scope, receive, send)
         elif "token" in request.query_params:
@@ -54,9 +60,7 @@ class Guard:
 
     async def _open_socket(self, scope: Scope, receive: Receive, send: Send) -> None:
         connection = HTTPConnection(scope)
-        origin = connection.headers.get("origin")
-        own = origin is None or origin.partition("://")[2] == connection.headers.get("host", "")
-        if own and self._knows(connection):
+        if _is_own(connection) and self._knows(connection):
             await self._app(scope, receive, send)
         else:
             await WebSocket(scope, receive, send).close(POLICY_VIOLATION)
@@ -75,6 +79,12 @@ class Guard:
         if self._token is not None:
             answer.set_cookie(COOKIE, self._token, httponly=True, samesite="strict")
         return answer
+
+
+def _is_own(connection: HTTPConnection) -> bool:
+    """Tell whether a page of this server asks, or no page at all."""
+    origin = connection.headers.get("origin")
+    return origin is None or origin.partition("://")[2] == connection.headers.get("host", "")
 
 
 def _with_headers(send: Send) -> Send:
