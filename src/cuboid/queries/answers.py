@@ -1,4 +1,7 @@
-"""Typed answers of a place: plain data in metres, seconds and the world, the same over HTTP, MCP and in Python."""
+"""Typed answers of a place: plain data in metres, seconds and the world, the same over HTTP, MCP and in Python.
+
+The classes have no slots: the SDK of MCP takes their schemas from the attributes of the class.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ State = Literal["present", "gone", "merged", "forgotten"]
 ChangeName = Literal["confirmed", "moved", "gone", "renamed", "merged", "appeared", "back"]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Seen:
     """When an object was seen.
 
@@ -32,7 +35,7 @@ class Seen:
     time: str | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Related:
     """A relation of an object.
 
@@ -53,7 +56,7 @@ class Related:
     score: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class FoundObject:
     """An object of a place.
 
@@ -102,7 +105,7 @@ class FoundObject:
     relations: tuple[Related, ...] | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Surface:
     """A supporting plane.
 
@@ -130,7 +133,7 @@ class Surface:
     objects: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class FreePlace:
     """The nearest free place on a surface.
 
@@ -154,7 +157,7 @@ class FreePlace:
     distance_m: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class SightingAnswer:
     """A sighting of an object."""
 
@@ -165,7 +168,7 @@ class SightingAnswer:
     visible: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class PastRelated:
     """A relation that an object has or had, and at the end of which recordings of the scene."""
 
@@ -176,7 +179,7 @@ class PastRelated:
     score: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class History:
     """The history of a label.
 
@@ -200,7 +203,7 @@ class History:
     relations: tuple[PastRelated, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class TreeNode:
     """A surface or an object with what is on it and in it: `cuboid.relations.Branch` with names."""
 
@@ -211,7 +214,7 @@ class TreeNode:
     children: tuple[TreeNode, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class MapChange:
     """A change of the map.
 
@@ -238,7 +241,7 @@ class MapChange:
     into: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class About:
     """A place at this moment.
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Annotated, TypeVar
 
 from mcp.server.mcpserver import Image, MCPServer
 from mcp.server.mcpserver.exceptions import ToolError
 from mcp.types import ToolAnnotations
 from pydantic import Field
-from pydantic.dataclasses import dataclass
 from starlette.concurrency import run_in_threadpool
 
 from cuboid import __version__
@@ -30,7 +30,7 @@ Thing = Annotated[str | None, Field(description="label or name of an object")]
 Length = Annotated[float, Field(gt=0.0, description="metres")]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Described:
     """What a place is, its surfaces, and the tree of what is on and in what."""
 
