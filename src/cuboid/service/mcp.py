@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, TypeVar
 
 from mcp.server.mcpserver import Image, MCPServer
@@ -81,7 +82,8 @@ def _add_finding(server: MCPServer, place: Place) -> None:
         limit: Annotated[int, Field(ge=1, le=1000)] = 20,
     ) -> list[FoundObject]:
         """Find objects by name, size, color, nearness, and what they are on, in or beside; all must hold."""
-        filters = Filters(
+        filters = partial(
+            Filters,
             name=name,
             on=on,
             inside=inside,
@@ -93,7 +95,7 @@ def _add_finding(server: MCPServer, place: Place) -> None:
             color=color,
             limit=limit,
         )
-        return await _asked(place.find, filters)
+        return await _asked(lambda: place.find(filters()))
 
     @server.tool(annotations=READ_ONLY)
     async def last_seen(what: Annotated[str, Field(description="label or name")]) -> list[FoundObject]:
