@@ -39,7 +39,7 @@ from tables import dump, show
 
 FIRST = 100_000  # labels of made objects
 ASK_EVERY_S = 0.2
-WARM_UP_FRAMES = 20
+FRAMES, WARM_UP_FRAMES = 480, 100
 SPACING_M = 0.25
 QUESTIONS = {
     "name": lambda rng, labels: {"name": f"thing {rng.choice(labels) % 50}"},
@@ -95,7 +95,8 @@ class Padded:
 
     @property
     def objects(self) -> list[TrackedObject]:
-        return [*self.tracker.objects, *(replace(item) for item in self.more)]  # made anew, as a tracker's are
+        """All objects, made anew, as a tracker's are."""
+        return [*self.tracker.objects, *(replace(item) for item in self.more)]
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.tracker, name)
@@ -175,7 +176,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
-    (case,) = cases(["clutter"], [1], args.work, None)
+    (case,) = cases(["clutter"], [1], args.work, FRAMES)
     more, results = made_objects(args.objects), args.work / f"service-{args.objects}"
     if not results.is_dir():
         write_results(results, more)

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_place import OBJECTS, PLANES, write_place
 
 from cuboid.cli import main
 from cuboid.core.errors import InputError
@@ -18,6 +17,7 @@ from cuboid.outputs.naming import name_object
 from cuboid.queries.filters import Filters
 from cuboid.queries.opening import is_place, open_place
 from cuboid.queries.place import Place
+from made_place import OBJECTS, PLANES, write_place
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +58,19 @@ def labels(place: Place, **filters: Any) -> list[int]:
 )
 def test_filters(place: Place, filters: dict[str, Any], expected: list[int]) -> None:
     assert labels(place, **filters) == expected
+
+
+@pytest.mark.parametrize(
+    "filters", [{"on": "3"}, {"inside": "crate"}, {"beside": "mug"}, {"on": "plane:1", "name": "crate"}]
+)
+def test_in_a_large_map_relations_around_a_thing_are_those_of_the_whole(
+    results: Path, place: Place, filters: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cuboid.queries.place.SMALL", 1)
+    monkeypatch.setattr("cuboid.queries.place.AROUND_M", 0.3)
+    large = open_place(str(results))
+    assert large.find(Filters(**filters)) == place.find(Filters(**filters))
+    assert [large.object(k).relations for k in (1, 2, 5)] == [place.object(k).relations for k in (1, 2, 5)]
 
 
 def test_an_answer_has_box_times_and_relations(place: Place) -> None:

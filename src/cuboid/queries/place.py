@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
 from functools import cache
 from typing import Any, Generic, TypeVar
@@ -34,6 +35,9 @@ T = TypeVar("T")
 # What takes long to find is found again, after the map has changed, when it is this many times as old as it took.
 # So it takes a tenth of the time at most, and is no older than ten times what it takes.
 REST = 10.0
+# With more objects, relations are found only around those that are asked for, in boxes nearer than this, metres: what
+# things are on, in and beside is decided by what is within `BESIDE_M` of them, and of what these are on.
+SMALL, AROUND_M = 300, 1.0
 # Sightings of a history that are answered unless others are asked for.
 SIGHTINGS = 20
 # Free height over a footprint unless another is asked for, metres: that of most things on tables.
@@ -90,8 +94,9 @@ class Place:
         for name in ONLY_IN_A_STORE:
             if getattr(filters, name) is not None:
                 raise InputError(f"{name}: only the objects of a store are found by it")
-        related = any(True for _ in filters.related())
-        relations = self._known_relations() if related else {}
+        asked = dict(filters.related())
+        related = bool(asked)
+        relations = self._relations_to(asked.values()) if related else {}
         with self._lock:
             now = self._now()
             kept = now.kept(filters)
@@ -118,7 +123,7 @@ class Place:
         InputError
             No object has, or had, the label.
         """
-        relations = self._known_relations()
+        relations = self._relations_to([str(self._item(label).label)])
         with self._lock:
             now = self._now()
             item, state = now.find(label)
@@ -220,6 +225,23 @@ class Place:
         """Return the relations; not to be called by who holds the lock."""
         return self._found_aside(self._relations)
 
+    def _relations_to(self, what: Iterable[str]) -> Mapping[int, Sequence[Relation]]:
+        """Return the relations of what is on, in or beside some things; not to be called by who holds the lock.
+
+        In a large map those around the things alone are found, unless all are known.
+        """
+        with self._lock:
+            now, version, planes = self._now(), self._source.version(), tuple(self._source.map.planes)
+            named = [to for to in what if not is_surface(to)]
+            ends = [item for to in named for item in now.called(to, gone=True)]
+            near = now.around(ends)
+        all_known = self._relations.known(version, fresh=True)
+        if all_known or len(near) == len(now.living) or len(now.living) <= SMALL or not named:
+            return self._known_relations()
+        if any(item.relations for item in near):
+            return {item.label: item.relations for item in near}
+        return find_relations(near, planes, self._known_up(), ())
+
     def _known_up(self) -> Float64Array | None:
         """Return up in the world; not to be called by who holds the lock."""
         return self._found_aside(self._up)
@@ -308,10 +330,13 @@ class _Kept(Generic[T]):
         self._value: list[T] = []
         self._again_s = 0.0
 
-    def known(self, version: object) -> list[T]:
-        """Return it in a list where it need not be found again; else an empty list."""
-        fresh = version == self._version or time.monotonic() < self._again_s
-        return self._value if fresh else []
+    def known(self, version: object, *, fresh: bool = False) -> list[T]:
+        """Return it in a list where it need not be found again; else an empty list.
+
+        With `fresh` that of an earlier version is none.
+        """
+        rests = not fresh and time.monotonic() < self._again_s
+        return self._value if version == self._version or rests else []
 
     def get(self, version: object) -> T:
         """Return it for a version of the map, or as it was for an earlier one."""
@@ -342,6 +367,10 @@ class _Objects:
         merged = {old: item.label for item, state in self.all if state != "merged" for old in item.merged_labels}
         self._survivor = merged
         self.names: Mapping[int, str | None] = {item.label: item.name for item in self.living}
+        self._called: dict[str, list[TrackedObject]] = defaultdict(list)
+        for item in self.living:
+            for name in _names_of(item):
+                self._called[name].append(item)
 
     def find(self, label: int) -> tuple[TrackedObject, State]:
         """Return an object by its label, or by one that was merged into it, and its state; InputError for none."""
@@ -350,12 +379,30 @@ class _Objects:
             raise InputError(f"no object has the label {label}")
         return found
 
-    def called(self, what: str) -> list[TrackedObject]:
-        """Return the objects that are there with a label or a name; InputError where there is none."""
-        found = [item for item in self.living if _is_called(item, what)]
+    def called(self, what: str, *, gone: bool = False) -> list[TrackedObject]:
+        """Return the objects that are there, or with `gone` ever were, with a label or a name.
+
+        Raises
+        ------
+        InputError
+            There is none.
+        """
+        label = label_of(what)
+        if label is None:
+            found = self._called.get(what.strip().lower(), [])
+        else:
+            one = self._by_label.get(self._survivor.get(label, label))
+            found = [] if one is None or not (gone or one[1] == "present") else [one[0]]
         if not found:
             raise InputError(f"no object that is there has the label or the name {shown(what)}")
         return found
+
+    def around(self, items: Sequence[TrackedObject]) -> list[TrackedObject]:
+        """Return the objects that are there whose boxes are near those of others, these included."""
+        near = np.zeros(len(self.living), bool)
+        for item in items:
+            near |= self.distances_m(item.box.center) <= AROUND_M + float(np.linalg.norm(item.box.size)) / 2.0
+        return [self.living[k] for k in np.flatnonzero(near)]
 
     def kept(self, filters: Filters) -> Any:
         """Tell which objects (N,) the filters let pass that look at each object alone."""
@@ -366,7 +413,8 @@ class _Objects:
         if filters.min_score is not None:
             kept &= self._score >= filters.min_score
         if filters.name is not None:
-            kept &= np.array([_has_name(item, filters.name) for item in self.living], bool)
+            called = [item.label for item in self._called.get(filters.name.strip().lower(), [])]
+            kept &= np.isin(self.labels, called)
         if filters.color is not None:
             kept &= np.array([_color(item.mean_color.tobytes()) == filters.color for item in self.living], bool)
         if filters.since is not None or filters.until is not None:
@@ -390,17 +438,15 @@ def _holds(relations: Sequence[Relation], kind: str, ends: set[int | str]) -> bo
     return any(one.kind == kind and one.to in ends for one in relations)
 
 
-def _has_name(item: TrackedObject, name: str) -> bool:
-    """Tell whether an object has a name, in any case, or may well be of that class."""
-    wanted = name.strip().lower()
-    if item.name is not None and item.name.lower() == wanted:
-        return True
-    return any(one.lower() == wanted and score >= LIKELY for one, score in item.names)
+def _names_of(item: TrackedObject) -> set[str]:
+    """Return the names of an object, in small letters: its own, and the classes that it may well be of."""
+    own = set() if item.name is None else {item.name.lower()}
+    return own | {name.lower() for name, score in item.names if score >= LIKELY}
 
 
 def _is_called(item: TrackedObject, what: str) -> bool:
     label = label_of(what)
-    return _has_name(item, what) if label is None else label == item.label or label in item.merged_labels
+    return what.strip().lower() in _names_of(item) if label is None else label in (item.label, *item.merged_labels)
 
 
 @cache
