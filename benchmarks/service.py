@@ -176,7 +176,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
-    (case,) = cases(["clutter"], [1], args.work, FRAMES)
+    (case,) = cases(["clutter"], [1], args.work, None, FRAMES)
     more, results = made_objects(args.objects), args.work / f"service-{args.objects}"
     if not results.is_dir():
         write_results(results, more)

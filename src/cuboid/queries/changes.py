@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cuboid.core.frame import Float64Array
 from cuboid.core.results import ObjectEvent, TrackedObject
 from cuboid.core.tolerances import DRIFT_M
 from cuboid.queries.answers import MapChange
@@ -26,6 +27,7 @@ class ChangeLog:
 
     def __init__(self) -> None:
         self._known: dict[int, TrackedObject] = {}
+        self._at: dict[int, Float64Array] = {}
         self._began = False
         self._lock = threading.Lock()
         self._kept: deque[MapChange] = deque(maxlen=KEPT)
@@ -47,15 +49,13 @@ class ChangeLog:
         """Compare the objects that are there with those before, and note what changed; the first time nothing has."""
         now = {item.label: item for item in objects}
         found = self._found(now) if self._began else []
-        for change in found:
-            if change.change == "moved":
-                self._known[change.label] = now[change.label]
         # Where an object was said to be stays until it has moved: it may drift in small steps.
-        self._known = {
-            label: replace(item, box=self._known[label].box) if label in self._known else item
+        moved = {one.label for one in found if one.change == "moved"}
+        self._at = {
+            label: item.box.center if label in moved else self._at.get(label, item.box.center)
             for label, item in now.items()
         }
-        self._began = True
+        self._known, self._began = now, True
         self._tell(found)
 
     def add_events(self, events: Iterable[ObjectEvent]) -> None:
@@ -81,20 +81,22 @@ class ChangeLog:
         into = {old: item.label for item in now.values() for old in item.merged_labels}
         found = []
         for label, item in now.items():
-            old, at = self._known.get(label), vector(item.box.center)
+            old = self._known.get(label)
+            if old is item:
+                continue
+            at = vector(item.box.center)
             if old is None:
                 found.append(MapChange(0, "confirmed", label, item.name, None, at))
                 continue
-            before = vector(old.box.center)
-            if np.linalg.norm(item.box.center - old.box.center) > MOVED_M:
-                found.append(MapChange(0, "moved", label, item.name, before, at))
+            if np.linalg.norm(item.box.center - self._at[label]) > MOVED_M:
+                found.append(MapChange(0, "moved", label, item.name, vector(self._at[label]), at))
             if item.name != old.name:
                 found.append(MapChange(0, "renamed", label, item.name, None, at))
         for label, old in self._known.items():
             if label in into and label not in now:
-                found.append(MapChange(0, "merged", label, old.name, vector(old.box.center), None, into[label]))
+                found.append(MapChange(0, "merged", label, old.name, vector(self._at[label]), None, into[label]))
             elif label not in now:
-                found.append(MapChange(0, "gone", label, old.name, vector(old.box.center), None))
+                found.append(MapChange(0, "gone", label, old.name, vector(self._at[label]), None))
         return found
 
     def _tell(self, found: Iterable[MapChange]) -> None:

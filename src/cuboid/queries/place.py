@@ -63,6 +63,7 @@ class Place:
         self._source = source
         self._lock, self._aside_lock = threading.Lock(), threading.Lock()
         self.changes = ChangeLog()
+        self._compared: _Objects | None = None
         self._objects: _Kept[_Objects] = _Kept(lambda: _Objects(source))
         self._relations: _Kept[dict[int, tuple[Relation, ...]]] = _Kept(self._find_relations)
         self._up: _Kept[Float64Array | None] = _Kept(lambda: source.aside.up)
@@ -72,7 +73,9 @@ class Place:
         """Take the map as it is now, and note its changes; what asks for changes calls it now and then."""
         with self._lock:
             now = self._now()
-            self.changes.update(now.living)
+            if now is not self._compared:
+                self.changes.update(now.living)
+                self._compared = now
 
     def about(self) -> About:
         """Return what the place is."""

@@ -58,7 +58,8 @@ class MapFeed:
         self._last = frame, result, tracker
         if not self._busy and not self._ended and self._ration.due:
             self._ration.begin()
-            self._take(frame, result, tracker)
+            with self._ration.charged():
+                self._take(frame, result, tracker)
 
     def add_events(self, events: Iterable[ObjectEvent]) -> None:
         """Take events that the run tells; they go with the next update."""
