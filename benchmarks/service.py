@@ -2,22 +2,22 @@
 
 python benchmarks/service.py --work DIR [--objects N] [--clients N] [--rounds N] [--json]
 
-A made recording is tracked again and again, in turn without and with `--serve`. The served map has N made objects more
-than the run finds. Clients in a process of their own ask it over HTTP, and `cuboid mcp --http` of results with N
-objects, each five times a second.
+A made recording is tracked again and again, in turn: alone; beside servers of results with N objects, which clients in a
+process of their own ask (what the machine's cores share); and served itself, with N made objects more than it finds,
+asked by the same clients. Each client asks five times a second; those over MCP always ask the results.
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
-import json
 import multiprocessing
 import random
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -39,7 +39,8 @@ from tables import dump, show
 
 FIRST = 100_000  # labels of made objects
 ASK_EVERY_S = 0.2
-FRAMES, WARM_UP_FRAMES = 480, 100
+STARTING_S = 5.0  # until the processes are there
+FRAMES, WARM_UP_FRAMES = 300, 50
 SPACING_M = 0.25
 QUESTIONS = {
     "name": lambda rng, labels: {"name": f"thing {rng.choice(labels) % 50}"},
@@ -150,22 +151,33 @@ def tracked(case: Case, watch: Any) -> float:
     return float(np.median(outcome.milliseconds["frame"][WARM_UP_FRAMES:]))
 
 
-def served(case: Case, more: tuple[TrackedObject, ...], mcp: str, count: int) -> tuple[float, dict[str, list[float]]]:
-    """Track the recording while it is served and asked; return the median frame, and the times of answers, ms."""
+@contextmanager
+def asked(http: str, mcp: str, count: int, labels: range, found: dict[str, list[float]]) -> Iterator[None]:
+    """Let clients ask meanwhile, and gather the times of the answers, ms."""
     context = multiprocessing.get_context("spawn")
     out, stop = context.Queue(), context.Event()
-    address = listen(HOST, 0, None)
-    with ServedRun("made", address.listening, address.token, address.hosts) as run:
-        asking = context.Process(
-            target=clients, args=(address.url, mcp, count, range(FIRST, FIRST + len(more)), out, stop), daemon=True
-        )
-        asking.start()
-        time.sleep(5.0)  # until both processes are there
-        median = tracked(case, lambda frame, result, tracker: run(frame, result, Padded(tracker, more)))
-        stop.set()
-        found = out.get(timeout=60)
-        asking.join(60)
-    return median, found
+    asking = context.Process(target=clients, args=(http, mcp, count, labels, out, stop), daemon=True)
+    asking.start()
+    time.sleep(STARTING_S)
+    yield
+    stop.set()
+    for what, several in out.get(timeout=60).items():
+        found.setdefault(what, []).extend(several)
+    asking.join(60)
+
+
+@contextmanager
+def server(*words: str) -> Iterator[str]:
+    """Run a server of ours, and give its address."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cuboid", *words, "--port", "0"], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stdout is not None
+        yield process.stdout.readline().split(" at ")[1].split(" (")[0]
+    finally:
+        process.kill()
+        process.communicate()
 
 
 def main() -> None:
@@ -180,28 +192,21 @@ def main() -> None:
     more, results = made_objects(args.objects), args.work / f"service-{args.objects}"
     if not results.is_dir():
         write_results(results, more)
-    command = [sys.executable, "-m", "cuboid", "mcp", str(results), "--http", "--port", "0"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout is not None
-        mcp = process.stdout.readline().split(" at ")[1].split(" (")[0]
-        alone, beside, times = [], [], dict[str, list[float]]()
+    labels, times, other = range(FIRST, FIRST + len(more)), dict[str, list[float]](), dict[str, list[float]]()
+    frames: dict[str, list[float]] = {"alone": [], "beside servers that are asked": [], "served and asked": []}
+    with server("mcp", str(results), "--http") as mcp:
         tracked(case, None)
         for _ in range(args.rounds):
+            alone, beside, served = frames.values()
             alone.append(tracked(case, None))
-            median, found = served(case, more, mcp, args.clients)
-            beside.append(median)
-            for what, several in found.items():
-                times.setdefault(what, []).extend(several)
-    finally:
-        process.kill()
-        process.communicate()
-    frames = {
-        "frame_ms_alone": round(min(alone), 2),
-        "frame_ms_served": round(min(beside), 2),
-        "alone": alone,
-        "served": beside,
-    }
+            with server("serve", str(results)) as http, asked(http, mcp, args.clients, labels, other):
+                beside.append(tracked(case, None))
+            address = listen(HOST, 0, None)
+            with (
+                ServedRun("made", address.listening, address.token, address.hosts) as run,
+                asked(address.url, mcp, args.clients, labels, times),
+            ):
+                served.append(tracked(case, lambda frame, result, tracker: run(frame, result, Padded(tracker, more))))
     answers = {
         what: {
             "median_ms": float(np.median(several)),
@@ -211,14 +216,15 @@ def main() -> None:
         for what, several in sorted(times.items())
     }
     if args.json:
-        dump({**frames, "answers": answers})
+        dump({"frames_ms": frames, "answers": answers})
         return
-    ratio = frames["frame_ms_served"] / frames["frame_ms_alone"]
-    rows = [(frames["frame_ms_alone"], frames["frame_ms_served"], round(ratio, 3))]
-    show("median frame, ms, the least of the rounds", ("alone", "served", "ratio"), rows)
+    least = {what: min(several) for what, several in frames.items()}
+    rows = [(what, round(one, 2), round(one / least["alone"], 3), frames[what]) for what, one in least.items()]
+    show("median frame, ms: the least of the rounds", ("run", "least", "ratio", "each"), rows)
     lines = [(what, round(one["median_ms"], 1), round(one["p95_ms"], 1), one["count"]) for what, one in answers.items()]
-    show(f"answers about {args.objects} objects, ms", ("question", "median", "95 %", "asked"), lines)
-    print(json.dumps({"alone": alone, "served": beside}))
+    show(
+        f"answers about {args.objects} objects while a run goes on, ms", ("question", "median", "95 %", "asked"), lines
+    )
 
 
 if __name__ == "__main__":

@@ -79,7 +79,7 @@ def _add_finding(server: MCPServer, place: Place) -> None:
         min_size_m: Annotated[float, Field(ge=0.0, description="of the longest side")] = 0.0,
         max_size_m: Annotated[float, Field(gt=0.0, description="of the longest side")] = 1e9,
         color: Annotated[str | None, Field(description="one of the eleven basic color words")] = None,
-        limit: Annotated[int, Field(ge=1, le=1000)] = 20,
+        limit: Annotated[int, Field(ge=1, le=1000)] = 10,
     ) -> list[FoundObject]:
         """Find objects by name, size, color, nearness, and what they are on, in or beside; all must hold."""
         filters = partial(
