@@ -2,8 +2,8 @@
 
 python benchmarks/service.py --work DIR [--objects N] [--clients N] [--rounds N] [--json]
 
-A made recording is tracked again and again, in turn: alone; beside servers of results with N objects, which clients in a
-process of their own ask (what the machine's cores share); and served itself, with N made objects more than it finds,
+A made recording is tracked again and again, in turn: alone; beside servers of results with N objects, which clients in
+a process of their own ask (what the machine's cores share); and served itself, with N made objects more than it finds,
 asked by the same clients. Each client asks five times a second; those over MCP always ask the results.
 """
 

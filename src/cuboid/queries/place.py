@@ -37,7 +37,7 @@ T = TypeVar("T")
 REST = 10.0
 # With more objects, relations are found only around those that are asked for, in boxes nearer than this, metres: what
 # things are on, in and beside is decided by what is within `BESIDE_M` of them, and of what these are on.
-SMALL, AROUND_M = 300, 0.5
+SMALL, AROUND_M = 300, 0.3
 # Sightings of a history that are answered unless others are asked for.
 SIGHTINGS = 20
 # Free height over a footprint unless another is asked for, metres: that of most things on tables.
@@ -105,7 +105,7 @@ class Place:
             kept = now.kept(filters)
             for kind, to in filters.related():
                 ends = self._ends(now, to)
-                kept &= np.array([_holds(relations.get(k, ()), kind, ends) for k in now.labels.tolist()], bool)
+                kept &= np.isin(now.labels, [k for k, those in relations.items() if _holds(those, kind, ends)])
             distances = self._distances(now, filters)
             if distances is not None:
                 kept &= distances <= filters.within_m
