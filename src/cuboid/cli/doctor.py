@@ -50,8 +50,10 @@ PACKAGES = (
     ("distributed", "distributed", "cluster"),
     ("pyarrow", "pyarrow", "cluster"),
     ("duckdb", "duckdb", "cluster"),
-    ("starlette", "starlette", "cluster"),
-    ("uvicorn", "uvicorn", "cluster"),
+    ("starlette", "starlette", "serve"),
+    ("uvicorn", "uvicorn", "serve"),
+    ("websockets", "websockets", "serve"),
+    ("mcp", "mcp", "mcp"),
 )
 
 OK, MISSING, BAD = "ok", "missing", "BAD"
