@@ -36,6 +36,8 @@ class Session:
     threads : int
     provider : str
         Of ONNX Runtime, such as CPUExecutionProvider.
+    extra : str
+        The extra that brings ONNX Runtime.
 
     Raises
     ------
@@ -45,21 +47,15 @@ class Session:
         The file is not there, is no model, or takes something else than one image of three colors.
     """
 
-    def __init__(self, path: Path, feature: str, threads: int = 1, provider: str = "CPUExecutionProvider") -> None:
-        onnxruntime = require("onnxruntime", feature, "onnx")
-        if not path.is_file():
-            raise InputError(f"no model at {path}")
-        if provider not in onnxruntime.get_available_providers():
-            there = ", ".join(onnxruntime.get_available_providers())
-            raise InputError(f"ONNX Runtime has no provider '{provider}' here; there are {there}")
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads
-        options.inter_op_num_threads = 1
-        options.log_severity_level = 4  # errors come as exceptions
-        try:
-            self._session = onnxruntime.InferenceSession(str(path), options, providers=[provider])
-        except Exception as error:  # ONNX Runtime has no common class of its own for what a file can have wrong
-            raise InputError(f"{path} is no ONNX model that can be run: {_line(error)}") from None
+    def __init__(
+        self,
+        path: Path,
+        feature: str,
+        threads: int = 1,
+        provider: str = "CPUExecutionProvider",
+        extra: str = "onnx",
+    ) -> None:
+        self._session = start(path, feature, threads, provider, extra)
         self.path = path
         self.outputs = tuple(str(one.name) for one in self._session.get_outputs())
         inputs = self._session.get_inputs()
@@ -120,6 +116,26 @@ class Session:
         except Exception as error:
             raise InputError(f"{self.path} cannot be run: {_line(error)}") from None
         return [np.asarray(output) for output in outputs]
+
+
+def start(
+    path: Path, feature: str, threads: int = 1, provider: str = "CPUExecutionProvider", extra: str = "onnx"
+) -> Any:
+    """Return the session of ONNX Runtime of a model; parameters and errors as of `Session`, whatever its inputs."""
+    onnxruntime = require("onnxruntime", feature, extra)
+    if not path.is_file():
+        raise InputError(f"no model at {path}")
+    if provider not in onnxruntime.get_available_providers():
+        there = ", ".join(onnxruntime.get_available_providers())
+        raise InputError(f"ONNX Runtime has no provider '{provider}' here; there are {there}")
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.log_severity_level = 4  # errors come as exceptions
+    try:
+        return onnxruntime.InferenceSession(str(path), options, providers=[provider])
+    except Exception as error:  # ONNX Runtime has no common class of its own for what a file can have wrong
+        raise InputError(f"{path} is no ONNX model that can be run: {_line(error)}") from None
 
 
 def _line(error: Exception) -> str:

@@ -196,6 +196,8 @@ TABLES = {
                 Column("shape", pa.list_(SMALL), "distances between its points, 16 bins of the box's diagonal"),
                 Column("picture_frame", COUNT, "frame of its picture"),
                 Column("picture", pa.binary(), "its best picture, a small JPEG; null where the recording has none"),
+                Column("embedding", pa.list_(SMALL), "its pictures by an image-text model, of length 1", added=True),
+                Column("embedding_model", TEXT, "digits of that model; null where none was used", added=True),
             ),
             ("longest_m", "run", "label"),
             group_rows=1 << 13,  # sorted by size: who looks for a size reads few of them
