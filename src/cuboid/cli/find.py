@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from cuboid.cli.results import add_results, give
+from cuboid.cli.text_model import add_text, query_from
 from cuboid.cli.workers import positive
 from cuboid.store.filter_words import length, moment, place, sizes, thing
 
@@ -51,6 +52,7 @@ def run(args: argparse.Namespace) -> int:
         name=args.name,
         min_score=args.min_score,
         like=args.like,
+        text=query_from(args),
         limit=args.limit,
     )
     rows = find(Tables(args.store), filters, pictures=args.html is not None)
@@ -70,7 +72,7 @@ def _table(rows: list[dict[str, Any]]) -> Table:
     from cuboid.cli.tables import new_table
     from cuboid.store.page import cells_of
 
-    last = next((name for name in ("unlike", "distance_m") if name in rows[0]), None)
+    last = next((name for name in ("text_score", "unlike", "distance_m") if name in rows[0]), None)
     names = ["size L x M x S (cm)", "position x, y, z (m)", "color", "frames", "last seen (UTC)"]
     table = new_table("object", *names, *([last] if last else []))
     for row in rows:
@@ -95,6 +97,7 @@ def _add_filters(parser: argparse.ArgumentParser) -> None:
     which.add_argument("--until", type=_word(moment), metavar="WHEN", help="last seen before")
     which.add_argument("--color", metavar="WORD", help="red, blue, grey, ...: of which a third of it is")
     which.add_argument("--name", metavar="NAME", help="of this class, as a detector saw it")
+    add_text(which)
     which.add_argument("--min-score", type=float, metavar="S", help="confidence that it is an object, 0 to 1")
     which.add_argument(
         "--like", type=_word(thing), metavar="RECORDING#LABEL", help="the most like this one, by size, shape and colors"

@@ -11,6 +11,7 @@ from cuboid.cli.names import scene_export_names
 from cuboid.cli.parser import takes_names
 from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.scene_documents import change_document, object_document
+from cuboid.cli.text_model import add_text
 from cuboid.cli.workers import positive
 
 if TYPE_CHECKING:
@@ -39,6 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     showing = verb("show", "show what the scene holds, or one object and where it was seen")
     showing.add_argument("label", type=positive, nargs="?", metavar="LABEL", help="an object")
     showing.add_argument("--picture", type=Path, metavar="JPG", help="write the object's picture")
+    finding = verb("find", "rank the objects by how well their pictures fit a text")
+    add_text(finding, required=True)
+    finding.add_argument("--limit", type=positive, default=10, metavar="N", help="the best N (default: 10)")
     changing = verb("changes", "tell what changed since the visit before: moved, gone, new")
     changing.add_argument("--since", metavar="DATE", help="of all recordings begun since then (default: the last one)")
     changing.add_argument("--all", action="store_true", help="also what is unchanged, and what was not looked at")
@@ -174,6 +178,26 @@ def _show_object(scene: Scene, args: argparse.Namespace) -> Answer:
     return {"object": object_document(item), "recordings": visits}, lines
 
 
+def _find(scene: Scene, args: argparse.Namespace) -> Answer:
+    from rich.markup import escape
+
+    from cuboid.cli.tables import new_table
+    from cuboid.core.errors import printable
+    from cuboid.scene import SceneObject
+
+    found = scene.find(args.text, args.text_model)[: args.limit]
+    known = {item.label: item for item in scene.objects if isinstance(item, SceneObject)}
+    rows = [{**object_document(known[item.label]), "text_score": round(score, 6)} for item, score in found]
+    if not found:
+        return {"objects": rows}, ["no object"]
+    table = new_table("label", "name", "size L x W x H (cm)", "position x, y, z (m)", "text score", left=2)
+    for item, score in found:
+        size = " x ".join(f"{side * 100:.1f}" for side in item.box.size)
+        place = ", ".join(f"{value:z.2f}" for value in item.box.center)
+        table.add_row(str(item.label), escape(printable(item.name or "")), size, place, f"{score:.3f}")
+    return {"objects": rows}, [table]
+
+
 def _changes(scene: Scene, args: argparse.Namespace) -> Answer:
     from rich.markup import escape
 
@@ -277,6 +301,7 @@ def _check(args: argparse.Namespace) -> int:
 VERBS = {
     "list": _list,
     "show": _show,
+    "find": _find,
     "changes": _changes,
     "name": _name,
     "merge": _merge,

@@ -6,6 +6,7 @@ import argparse
 import os
 
 from cuboid.cli.serving import port
+from cuboid.cli.text_model import add_text_model, serving_model
 
 EXAMPLE = "cuboid serve STORE"
 
@@ -25,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="TEXT",
         help=f"secret that a request must carry (default: ${TOKEN}; where others can reach it, a new one is printed)",
     )
+    add_text_model(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -44,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     alone = args.host in LOCAL_NAMES or args.host == "::1"
     token = args.token or os.environ.get(TOKEN) or (None if alone else secrets.token_urlsafe(16))
     hosts = (*LOCAL_NAMES, "[::1]") if alone else ("*",)  # who is reached under other names has a token
-    app = application(args.store, token=token, hosts=hosts)
+    app = application(args.store, token=token, hosts=hosts, model=serving_model(args))
     family = socket.AF_INET6 if ":" in args.host else socket.AF_INET
     listening = socket.socket(family)
     try:

@@ -124,6 +124,7 @@ def found_page(
     links: Mapping[str, str] | None = None,
     asked: Mapping[str, str] | None = None,
     fault: str = "",
+    names: Sequence[str] = tuple(PARAMETERS),
 ) -> str:
     """Return objects that were found, with their pictures, as HTML.
 
@@ -138,9 +139,11 @@ def found_page(
         Parameters of the request, which the search form begins with; a page that is a file has no form.
     fault : str
         Why the request was refused.
+    names : sequence of str
+        Parameters that the form has a field for.
     """
-    last = next((name for name in ("unlike", "distance_m") if rows and name in rows[0]), None)
-    names = ["object", "", "size, cm", "position, m", "color", "frames", "last seen", *([last] if last else [])]
+    last = next((name for name in ("text_score", "unlike", "distance_m") if rows and name in rows[0]), None)
+    heads = ["object", "", "size, cm", "position, m", "color", "frames", "last seen", *([last] if last else [])]
     lines = []
     for row in rows:
         picture = base64.b64encode(row["picture"]).decode("ascii") if row.get("picture") else None
@@ -150,9 +153,9 @@ def found_page(
         similar = f"<td class=number>{_similar(row)}</td>" if asked is not None else ""
         lines.append(f"<tr><td>{escape(cells_of(row)[0])}</td><td>{shown}</td>{tail}{similar}</tr>")
     if asked is not None:
-        names.append("")
-    form = search_form("objects", tuple(PARAMETERS), asked, fault) if asked is not None else ""
-    table = _lines(names, lines, left=2) if rows else '<p class="empty">No object matches.</p>'
+        heads.append("")
+    form = search_form("objects", names, asked, fault) if asked is not None else ""
+    table = _lines(heads, lines, left=2) if rows else '<p class="empty">No object matches.</p>'
     return html(title, form if fault else f"{form}<h2>{_counted(len(rows))}</h2>{table}", links)
 
 
