@@ -188,9 +188,7 @@ class MapQueries(ABC):
         from cuboid.text_search import embed_views
         from cuboid.text_search.pictures import PICTURED_VIEWS
 
-        found = {
-            item.label: embed_views(model, self._views(item, PICTURED_VIEWS), item.box) for item in self.objects
-        }
+        found = {item.label: embed_views(model, self._views(item, PICTURED_VIEWS), item.box) for item in self.objects}
         return {label: vector for label, vector in found.items() if vector is not None}
 
     def _views(self, item: TrackedObject, most: int | None = None) -> list[ObjectView]:

@@ -85,9 +85,7 @@ class Embeddings:
         return Embeddings(model, dict(zip(labels.tolist(), vectors, strict=True)))
 
 
-def ranked(
-    items: Iterable[TrackedObject], vectors: Mapping[int, Float32Array], query: TextQuery
-) -> list[TextMatch]:
+def ranked(items: Iterable[TrackedObject], vectors: Mapping[int, Float32Array], query: TextQuery) -> list[TextMatch]:
     """Return the objects that have a vector, those that fit a text best first.
 
     Parameters

@@ -6,14 +6,35 @@ class Panel {
     this.chosen = chosen;
     this.moved = moved;
     this.named = named;
+    this.fits = null; // how well each object fits the text that was asked for, by label
+    this.wished = wished;
     this.list();
-    this.search = new Search((wanted) => wished(wanted));
+    this.search = new Search((wanted) => wished(wanted), data.live && data.live.text ? (text) => this.rank(text) : null);
     find("search").hidden = !this.rows.length;
   }
 
   list() {
-    this.rows = data.objects.map((object) => objectRow(object, this.chosen));
+    const { fits } = this;
+    const objects = fits ? data.objects.filter(({ label }) => fits.has(label)) : data.objects;
+    const ordered = fits ? objects.sort((a, b) => fits.get(b.label) - fits.get(a.label)) : objects;
+    this.rows = ordered.map((object) => objectRow(object, this.chosen, fits && fits.get(object.label)));
     find("objects").replaceChildren(...this.rows.map((row) => element("li", {}, row)));
+    find("last-column").textContent = fits ? "fit" : "frames";
+  }
+
+  /** Order the list by how well the objects fit a text, as the server tells; by label again with none. */
+  async rank(text) {
+    if (!text && !this.fits) return;
+    this.asked = text;
+    const answer = text ? await post(data.live.text, { text }) : null;
+    if (this.asked !== text) return; // something else is asked for by now
+    const found = answer && answer.ok ? (await answer.json()).objects : null;
+    this.fits = found && new Map(found);
+    this.list();
+    this.wished(found && new Set(this.fits.keys()));
+    if (!text || found) return;
+    find("none").textContent = answer ? await answer.text() : "The text could not be sent: is 'cuboid view' still running?";
+    find("none").hidden = false;
   }
 
   /** Show the new name of an object wherever its label is; its card stays, and the field in it. */
