@@ -29,8 +29,9 @@ LIKELY = 0.2
 # two objects equally unlike.
 _SIZE = " + ".join(f"abs(ln(greatest({side}, 1e-3) / greatest(?, 1e-3)))" for side in SIDES)
 UNLIKE = f"({_SIZE}) / 3 + list_distance(colors, ?::FLOAT[]) / sqrt(2) + list_distance(shape, ?::FLOAT[]) / sqrt(2)"
-# Cosine of the angle between an object's vector and another one, both of length 1.
-FITTING = "list_inner_product(embedding, ?::FLOAT[])"
+# Cosine of the angle between an object's vector and another one, both of length 1; lists that lie beside nulls are
+# refused by DuckDB, arrays are not.
+FITTING = "array_inner_product(try_cast(embedding as FLOAT[{n}]), ?::FLOAT[{n}])"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,7 +117,7 @@ def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[di
     if filters.text is not None:
         _refuse_other_model(tables, filters.text)
         front.append(filters.text.vector.tolist())
-        extra, order = [*extra, f"{FITTING} as text_score"], ["text_score desc"]
+        extra, order = [*extra, f"{FITTING.format(n=len(filters.text.vector))} as text_score"], ["text_score desc"]
         where.append("embedding_model = ?")
         values.append(filters.text.model)
     chosen = ", ".join([*SHOWN, *extra, *(["picture"] if pictures else [])])
