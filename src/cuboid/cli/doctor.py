@@ -37,6 +37,7 @@ PACKAGES = (
     ("depthai", "", "oak"),
     ("cyclonedds", "cyclonedds", "ros2"),
     ("onnxruntime", "onnxruntime", "onnx"),
+    ("tokenizers", "tokenizers", "names"),
     ("rerun-sdk", "rerun", "rerun"),
     ("matplotlib", "matplotlib", "plot"),
     ("scikit-image", "skimage", "shapes"),

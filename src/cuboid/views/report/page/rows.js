@@ -51,7 +51,7 @@ class Search {
       change(null);
     });
     if (!described) return;
-    this.field.placeholder = "Search: name, #label, > 10 cm; or describe it, Enter";
+    this.field.placeholder = "Name, #label, > 10 cm; text and Enter";
     this.field.title += "; Enter ranks all by how well their pictures fit the text";
   }
 
