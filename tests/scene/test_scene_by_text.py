@@ -132,3 +132,20 @@ def test_the_page_of_a_scene_ranks_its_objects(path: Path, model: Path, tmp_path
         expected = [item.label for item, _ in scene.find("green", model)]
     assert [label for label, _ in viewer.fits("green")] == expected
     assert b'"text":"/text"' in viewer.page
+
+
+def test_a_run_leaves_its_vectors_in_results_and_scene(tmp_path: Path, model: Path) -> None:
+    recording, output, scene = (str(tmp_path / name) for name in ("table", "results", "kitchen.cuboid"))
+    size = ("--frames", "24", "--size", "160x120", "--sensor", "clean", "--workers", "1")
+    assert cli.main(["synth", *size, "--output", recording]) == 0
+    words = ["track", recording, "--output", output, "--scene", scene]
+    assert cli.main([*words, "--text-model", str(model)]) == 0
+    kept = Embeddings.read(tmp_path / "results" / "embeddings.npz").vectors
+    assert kept
+    with sqlite3.connect(scene) as connection:
+        rows = connection.execute("SELECT label, picture FROM embeddings").fetchall()
+    assert sorted(rows) == [(label, None) for label in sorted(kept)]
+    assert cli.main([*words[:3], str(tmp_path / "other"), "--text-model", str(tmp_path)]) == 2
+    assert not (tmp_path / "other").exists()  # refused before the work
+    assert cli.main([*words[:4], "--force"]) == 0
+    assert not (tmp_path / "results" / "embeddings.npz").exists()  # of the results that were replaced
