@@ -25,7 +25,7 @@ from cuboid.geometry.rectangles import rect_iou_matrix
 from cuboid.geometry.se3 import transform
 from cuboid.objects.affinity import CERTAIN_LOG_ODDS, MAX_LOG_ODDS
 from cuboid.objects.entry import MapObject
-from cuboid.objects.naming import LEAST_SCORE, MISSED, SAME_IOU, add_evidence, merged_evidence, score_gain
+from cuboid.objects.naming import MISSED, SAME_IOU, add_evidence, likely_classes, merged_evidence, score_gain
 from cuboid.objects.rectangles import (
     Predicted,
     distance_of,
@@ -128,8 +128,7 @@ class UnreadMap:
 
     def _add_hit(self, one: UnreadObject, found: Detections, k: int, seen: Observation) -> None:
         box, scores = found.boxes_xyxy[k].astype(np.float64), found.scores[k]
-        likely = {found.names[c]: float(scores[c]) for c in np.flatnonzero(scores >= LEAST_SCORE).tolist()}
-        weight = add_evidence(one, likely, 1.0, seen.eye)
+        weight = add_evidence(one, likely_classes(found.names, scores), 1.0, seen.eye)
         one.log_odds = min(MAX_LOG_ODDS, one.log_odds + weight * (HIT + score_gain(float(scores.max()))))
         one.hits, one.keyframe = one.hits + 1, seen.keyframe
         one.read += (read_fraction(box, seen) - one.read) / one.hits

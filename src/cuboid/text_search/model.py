@@ -14,9 +14,9 @@ import numpy as np
 from cuboid.core.errors import InputError, one_line
 from cuboid.core.frame import Float32Array, UInt8Array
 from cuboid.core.paths import PathLike, as_path
-from cuboid.detection.session import KINDS, Session, start
+from cuboid.detection.session import IDS, KINDS, MASK, Session, start
+from cuboid.detection.tokens import Tokens
 from cuboid.text_search.preparation import Preparation, read_preparation
-from cuboid.text_search.tokens import Tokens
 
 # Names that the two models have: ours, and those in folders that are published.
 IMAGE_NAMES = ("image.onnx", "vision_model.onnx", "onnx/vision_model.onnx")
@@ -24,8 +24,6 @@ TEXT_NAMES = ("text.onnx", "text_model.onnx", "onnx/text_model.onnx")
 # Outputs that hold the vector, the first of these that there is: CLIP's, and SigLIP's.
 IMAGE_OUTPUTS = ("image_embeds", "pooler_output")
 TEXT_OUTPUTS = ("text_embeds", "pooler_output")
-# Inputs of text models.
-IDS, MASK = "input_ids", "attention_mask"
 # The folder of the model, where nobody names one.
 MODEL_VARIABLE = "CUBOID_TEXT_MODEL"
 EXTRA = "names"

@@ -13,12 +13,11 @@ from msgspec import Meta
 
 from cuboid.core.errors import InputError
 from cuboid.core.frame import UInt8Array
+from cuboid.detection.images import CLIP_DEVIATION, CLIP_MEAN
 from cuboid.formats.json_validation import read_json
 
 PREPROCESSOR = "preprocessor_config.json"
-# Mean and deviation of the images that CLIP was trained on, of levels 0..1 (Radford et al., "Learning transferable
-# visual models from natural language supervision", 2021), and its side, pixels.
-CLIP_MEAN, CLIP_DEVIATION = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
+# Side of CLIP's images, pixels.
 CLIP_SIDE = 224
 # Filters by their number in Pillow, which the file names them by; the others are taken as bicubic.
 FILTERS = {0: cv2.INTER_NEAREST, 2: cv2.INTER_LINEAR}

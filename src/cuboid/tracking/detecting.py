@@ -77,7 +77,7 @@ class Detecting:
             raise ValueError(
                 f"detections of frame {given.index} lie outside its {camera.width} x {camera.height} pixels"
             )
-        self.vocabulary = self.vocabulary or found.names
+        self.vocabulary = self.vocabulary or tuple(name for name in found.names if name)
         turned = roll.detections(found)
         name_objects(turned, [(entry, view.visible, view.rect_xyxy) for entry, view in visible], seen.eye)
         if self.follows_unread:
