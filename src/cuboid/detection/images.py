@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -85,6 +85,7 @@ IMAGENET_FORM = ImageForm(place="stretched", mean=IMAGENET_MEAN, deviation=IMAGE
 NANODET_FORM = ImageForm(
     place="stretched", blue_first=True, mean=IMAGENET_MEAN[::-1], deviation=IMAGENET_DEVIATION[::-1]
 )
-_CLIP_LEVELS = tuple(255.0 * level for level in CLIP_MEAN), tuple(255.0 * level for level in CLIP_DEVIATION)
-OWL_FORM = ImageForm(place="stretched", mean=_CLIP_LEVELS[0], deviation=_CLIP_LEVELS[1])
-OWL_2_FORM = ImageForm(place="corner", mean=_CLIP_LEVELS[0], deviation=_CLIP_LEVELS[1])
+OWL_FORM = ImageForm(
+    place="stretched", mean=(122.7709383, 116.7460125, 104.09373615), deviation=(68.5005327, 66.6321579, 70.32316305)
+)
+OWL_2_FORM = replace(OWL_FORM, place="corner")

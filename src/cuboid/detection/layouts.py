@@ -247,7 +247,8 @@ class Final:
 class Masks:
     """Masks without classes, as SAM and its like give.
 
-    Logits (1, N, h, w) and scores (1, N), or logits (1, Q, M, h, w) and scores (1, Q, M). Of the M masks of a query, that with the best score counts. `masks`, `scores` are the places of the outputs.
+    Logits (1, N, h, w) and scores (1, N), or logits (1, Q, M, h, w) and scores (1, Q, M): of the M masks of a query,
+    that with the best score counts. `masks`, `scores` are the places of the outputs.
     """
 
     masks: int

@@ -13,6 +13,7 @@ and where the map's object is hardly read, its rectangle is that of the thing.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 
 import numpy as np
 
@@ -77,6 +78,22 @@ class UnreadMap:
         self._next_number = 1
         # The rectangle of each thing that the last look hit, by its number, until the frame's sightings are told.
         self._hit: dict[int, Float64Array] = {}
+
+    def state(self) -> tuple[UnreadObject, ...]:
+        """Return the things as they are now; nothing in them changes any more."""
+        return tuple([copy(one) for one in self._things])
+
+    def restore(self, things: Sequence[UnreadObject]) -> None:
+        """Go on from a state."""
+        self._things = list(things)
+        self._next_number = 1 + max((one.number for one in things), default=0)
+
+    def forget(self, label: int) -> bool:
+        """Let a thing be none, as somebody says; tell whether one had the label."""
+        left = [one for one in self._things if one.label != label]
+        found = len(left) < len(self._things)
+        self._things = left
+        return found
 
     def confirmed(self) -> list[UnreadObject]:
         """Return the things that have a label of their own and are there, by label."""
@@ -189,8 +206,8 @@ class UnreadMap:
             if one.meetings[entry.number] >= MIN_MEETINGS:
                 one.partner = entry.number
                 if one.label:
-                    self._store.take_label(entry, one.label)
-                    one.label = entry.label
+                    self._store.take_label(entry, one.label, one.merged_labels, one.first_frame)
+                    one.label, one.merged_labels = entry.label, []
 
     def _merge_doubles(self, seen: Observation) -> None:
         """Make one thing of two that have the same rectangle; the older label, or else the older thing, stays."""
@@ -203,6 +220,8 @@ class UnreadMap:
                 if iou.max() >= SAME_IOU:
                     other = known[int(iou.argmax())][0]
                     other.name_log_odds = merged_evidence(other.name_log_odds, one.name_log_odds)
+                    if one.label and not one.partner:
+                        other.merged_labels = sorted({*other.merged_labels, *one.merged_labels, one.label})
                     other.log_odds, other.hits = max(other.log_odds, one.log_odds), max(other.hits, one.hits)
                     continue
             kept.append((one, view))

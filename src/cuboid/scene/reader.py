@@ -6,6 +6,7 @@ import sqlite3
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ from cuboid.objects.naming import chosen_name
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.queries import MapQueries
 from cuboid.scene.answers import SceneObject, ScenePast, SceneRecording
-from cuboid.scene.classes import KEY, read_classes
+from cuboid.scene.classes import KEY, read_classes, read_kinds
 from cuboid.scene.database import complaining, open_to_read
 from cuboid.scene.schema import BOX, DESCRIBED, TABLES
 from cuboid.scene.validation import Outline, Row, box_of, columns_of, document, read_rows, rotation_of
@@ -97,7 +98,9 @@ class SceneReader(MapQueries):
                 merged[merged_into].append(label)
             of_class = "scene WHERE key GLOB ? ORDER BY key"
             classes = read_classes(self._rows(("scene.key", "scene.value"), of_class, (f"{KEY}/*",)))
-            return [self._object(row, merged.get(row[0], ()), place, classes.get(row[0], [])) for row in rows]
+            kinds = read_kinds(self._connection()) if rows else {}
+            found = [self._object(row, merged.get(row[0], ()), place, classes.get(row[0], [])) for row in rows]
+            return [replace(item, kind=kinds[item.label]) if item.label in kinds else item for item in found]
 
     @property
     def planes(self) -> tuple[SupportPlane, ...]:
