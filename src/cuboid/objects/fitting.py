@@ -17,7 +17,7 @@ from cuboid.core.tolerances import DRIFT_M, MIN_READINGS, SIGMAS
 from cuboid.geometry.box import Box
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.boxing import Boxing
-from cuboid.objects.continuation import continues_below, is_structure
+from cuboid.objects.continuation import is_structure
 from cuboid.objects.entry import MapObject
 from cuboid.objects.outline import CLEAR, ends_above
 from cuboid.objects.store import ObjectStore
@@ -141,8 +141,6 @@ class Fitting:
         One that was seen to end above may be as high as the board that it stands beneath; the side of a shelf is as
         high as the plane itself, which goes on from there.
         """
-        if entry.plane is not None and rests is not None and continues_below(entry.points, *rests, self._voxels):
-            return True
         if self._planes.is_extended_by_plane(entry.box):
             return True
         return self._planes.has_plane_on_top(entry.box) and not ends_above(entry.outline)

@@ -20,7 +20,7 @@ from cuboid.core.frame import Float32Array, Float64Array, Intrinsics
 from cuboid.core.state import Record, snapshot
 from cuboid.core.tolerances import DRIFT_M, DRIFT_RAD, SIGMAS
 from cuboid.geometry.box import Box
-from cuboid.geometry.se3 import inverse, transform
+from cuboid.geometry.se3 import inverse, level_rotation, transform
 from cuboid.surfaces import seats
 from cuboid.surfaces.cells import MIN_CELLS, Cells
 from cuboid.surfaces.frustum_planes import FrustumPlanes, crop_planes, frustum
@@ -185,11 +185,8 @@ class PlaneTracker:
             self.T_plan_world = None
             self._clear()
         elif self.T_plan_world is None or self._vote.changed:
-            side = np.eye(3)[int(np.argmin(np.abs(up)))]
-            first = np.cross(side, up)
-            first /= np.linalg.norm(first)
             self.T_plan_world = np.eye(4)
-            self.T_plan_world[:3, :3] = np.stack([first, np.cross(up, first), up])
+            self.T_plan_world[:3, :3] = level_rotation(up)
             self._clear()
             return True
         return self._vote.changed
