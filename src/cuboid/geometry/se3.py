@@ -300,7 +300,7 @@ def mean_motion(T_a_camera: Float64Array, T_b_camera: Float64Array) -> Float64Ar
 
 
 def level_rotation(up: Float64Array) -> Float64Array:
-    """Return a rotation (3, 3) that turns the unit vector `up` (3,) into (0, 0, 1); its rows are two level axes and up."""
+    """Return a rotation (3, 3) whose rows are two level axes and the unit vector `up` (3,): it turns up into +z."""
     first = np.cross(np.eye(3)[int(np.argmin(np.abs(up)))], up)
     first /= np.linalg.norm(first)
     return np.stack([first, np.cross(up, first), up])

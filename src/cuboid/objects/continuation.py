@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cuboid.boxes.kernels.extents import beyond_sides
-from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
+from cuboid.core.frame import Float32Array, UInt8Array
 from cuboid.core.limits import SAMPLE_POINTS
 from cuboid.core.tolerances import DRIFT_M
 from cuboid.geometry.box import Box

@@ -115,7 +115,7 @@ class Fitting:
         entry.holder = 0 if rests is None else find_holder(entry, *rests, near, voxels)
         owned = np.zeros(self._store.numbers, np.uint8)
         owned[[entry.number, *(o.number for o in near if o.confirmed)]] = 1
-        supports_plane = self._supports_plane(entry, rests)
+        supports_plane = self._supports_plane(entry)
         # A thinner or flatter object may be the noise of a surface.
         structure = (
             supports_plane
@@ -135,8 +135,8 @@ class Fitting:
             self._store.retire(entry)
         entry.supports_plane = supports_plane
 
-    def _supports_plane(self, entry: MapObject, rests: tuple[Float64Array, float] | None) -> bool:
-        """Tell whether an object goes on below its plane, or up to a plane that lies on it.
+    def _supports_plane(self, entry: MapObject) -> bool:
+        """Tell whether an object reaches up to a plane that lies on it.
 
         One that was seen to end above may be as high as the board that it stands beneath; the side of a shelf is as
         high as the plane itself, which goes on from there.
