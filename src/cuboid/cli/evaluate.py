@@ -164,10 +164,10 @@ def _length(value_cm: float | None) -> str:
 def _map_table(found: Evaluation) -> Table:
     from cuboid.cli.tables import new_table
 
-    table = new_table("map", "precision", "recall", "F1", "AP", "found", "wrong", "mean IoU", "centre off", "size off")
+    table = new_table("map, IoU", "precision", "recall", "F1", "AP", "found", "wrong", "mean IoU", "centre off", "size off")
     for at in found.map.at:
         table.add_row(
-            f"IoU {at.threshold:.2f}",
+            f"{at.threshold:.2f}",
             *map(_score, (at.precision, at.recall, at.f1, at.ap)),
             f"{at.found} of {at.found + at.missed}",
             str(at.wrong),
@@ -196,10 +196,10 @@ def _map_line(found: Evaluation) -> str:
 def _identity_table(identity: Identity) -> Table:
     from cuboid.cli.tables import new_table
 
-    table = new_table("over time", "IDF1", "IDP", "IDR", "MOTA", "MOTP", "switches", "fragm.", "missed", "wrong")
+    table = new_table("over time, IoU", "IDF1", "IDP", "IDR", "MOTA", "MOTP", "switches", "fragm.", "missed", "wrong")
     for at in identity.at:
         table.add_row(
-            f"IoU {at.threshold:.2f}",
+            f"{at.threshold:.2f}",
             *map(_score, (at.idf1, at.id_precision, at.id_recall, at.mota, at.motp)),
             *map(str, (at.switches, at.fragmentations, at.misses, at.false_positives)),
         )
