@@ -223,7 +223,8 @@ def _no_object(facts: RunFacts) -> str:
     if facts.frames_used < FEW_FRAMES:
         advice = "--every 1 reads all" if facts.every > 1 else "record more"
         return (
-            f"no object found in {facts.frames_used} frames: a thing must be seen clearly about three times; {advice}"
+            f"no object found in {facts.frames_used} frame{'' if facts.frames_used == 1 else 's'}: an object must be seen "
+            f"clearly about three times; {advice}"
         )
     if facts.depth_median_m is not None and facts.depth_median_m > REACH_M:
         return (
