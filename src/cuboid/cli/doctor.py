@@ -18,7 +18,7 @@ from cuboid.core.threads import cores
 
 EXAMPLE = "cuboid doctor"
 
-# Each package: distribution, and module ("" where importing it writes to the terminal). No run is possible without these:
+# Packages that each run needs: distribution, and module ("" where importing it writes to the terminal).
 PACKAGES = (
     ("numpy", "numpy"),
     ("msgspec", "msgspec"),

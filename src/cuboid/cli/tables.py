@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from cuboid.core.errors import printable
+from cuboid.core.errors import counted, printable
 from cuboid.core.results import TrackedObject
 from cuboid.outputs import RunReport, Timing
 
@@ -31,7 +31,10 @@ class _Console(Console):
     def print(self, *objects: Any, **options: Any) -> None:
         """Print as usual; escape what is not printable in texts; wrap the headings of a table that is too wide."""
         for item in objects:
-            if isinstance(item, Table) and self.measure(item, options=self.options.update(width=WIDE)).maximum > self.width:
+            if (
+                isinstance(item, Table)
+                and self.measure(item, options=self.options.update(width=WIDE)).maximum > self.width
+            ):
                 _wrap_headings(item)
         super().print(*(_lines(item) if isinstance(item, str) else item for item in objects), **options)
 
@@ -90,7 +93,7 @@ def timings_table(milliseconds: Mapping[str, Timing]) -> Table:
 
 
 def skipped_lines(report: RunReport) -> list[str]:
-    """Return the lines that say which frames were skipped, and why."""
+    """Return the lines about skipped frames, with their reasons."""
     if not report.skipped:
         return []
     kinds = report.skipped_kinds()
@@ -104,8 +107,8 @@ def skipped_lines(report: RunReport) -> list[str]:
 
 
 def limit_lines(report: RunReport) -> list[str]:
-    """Return the lines that say what frames had too much of."""
+    """Return the lines about limits that frames exceeded."""
     return [
-        f"{limit.frames} frames had more than {limit.most} {what}: {limit.left_out} of them were left out"
+        f"{counted(limit.frames, 'frame')} had more than {limit.most} {what}: {limit.left_out} of them were left out"
         for what, limit in report.limits.items()
     ]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cuboid.core.errors import counted
 from cuboid.core.frame import Frame
 from cuboid.core.results import FrameResult
 
@@ -222,10 +223,8 @@ def _no_object(facts: RunFacts) -> str:
     """Return the line about an empty result that no other warning explains, with the most likely reason."""
     if facts.frames_used < FEW_FRAMES:
         advice = "--every 1 reads all" if facts.every > 1 else "record more"
-        return (
-            f"no object found in {facts.frames_used} frame{'' if facts.frames_used == 1 else 's'}: an object must be seen "
-            f"clearly about three times; {advice}"
-        )
+        frames = counted(facts.frames_used, "frame")
+        return f"no object found in {frames}: an object must be seen clearly about three times; {advice}"
     if facts.depth_median_m is not None and facts.depth_median_m > REACH_M:
         return (
             f"no object found: the median depth is {facts.depth_median_m:.1f} m, objects are found up to "
