@@ -149,7 +149,7 @@ def test_mistakes_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str
     path = str(write_recording(tmp_path / "recording", 4))
     for words, says in (
         (["--output", str(tmp_path / "camera.txt")], "must be a .json file"),
-        (["--output", str(tmp_path / "no" / "camera.json")], "there is no folder"),
+        (["--output", str(tmp_path / "no" / "camera.json")], "does not exist"),
         (["--output", str(tmp_path / "a.json")], "pairs of"),
         (["--output", str(tmp_path / "a.json"), "--intrinsics", str(tmp_path / "none.json")], "cannot be read"),
     ):

@@ -80,7 +80,8 @@ def print_names(names: NameQuality) -> None:
     out = console()
     out.print(
         f"names: {names.right} of {names.judged} objects of known classes named correctly "
-        f"(accuracy {_score(names.accuracy)}, top 3 {_score(names.top3)}), {names.named} named (precision {_score(names.precision)})",
+        f"(accuracy {_score(names.accuracy)}, top 3 {_score(names.top3)}), {names.named} named "
+        f"(precision {_score(names.precision)})",
         markup=False,
     )
     if names.confusion:

@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--show",
         choices=tuple(DEFAULT_NAMES),
         default="boxes",
-        help="labelled boxes, heat of the map, depth, 3D proposals of each frame, or supporting planes (default: boxes)",
+        help="labelled boxes, heat of the map, depth, 3D proposals of a frame, or supporting planes (default: boxes)",
     )
     parser.add_argument("--gif", action="store_true", help="write a small GIF instead of an MP4")
     add_results(parser)
