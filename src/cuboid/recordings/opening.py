@@ -87,5 +87,6 @@ def _said(found: Misregistration, registered: Recording) -> str:
     return (
         f"depth was displaced from color by {found.off_px:.0f} px and is registered now: depth camera fx "
         f"{camera.fx:.1f} fy {camera.fy:.1f} cx {camera.cx:.1f} cy {camera.cy:.1f}, "
-        f"{100 * camera.T_color_depth[0, 3]:.1f} cm away; color camera fx {K.fx:.1f}; --register off leaves depth unchanged"
+        f"{100 * camera.T_color_depth[0, 3]:.1f} cm away; color camera fx {K.fx:.1f}; "
+        "--register off leaves depth unchanged"
     )
