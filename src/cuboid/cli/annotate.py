@@ -61,5 +61,5 @@ def _path(output: Path | None, recording: Recording) -> Path:
     if path.suffix != ".json":
         raise OutputError(f"{path}: the name of a file of keyframes must end with .json")
     if not os.access(path.parent, os.W_OK):
-        raise OutputError(f"{path}: the folder is not writable; choose another file with --output")
+        raise OutputError(f"{path}: its folder is missing or not writable; choose another file with --output")
     return path
