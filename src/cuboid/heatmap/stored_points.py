@@ -30,16 +30,16 @@ SPARE_MB = 8.0
 
 @dataclass(frozen=True, slots=True)
 class StoredPointsState(Record):
-    """State of `StoredPoints`, but for the rows: these are saved block by block.
+    """State of `StoredPoints`, except for the rows, which are saved block by block.
 
     Attributes
     ----------
     visit : int
-        Visits of the place before this one.
+        Number of earlier visits of the place.
     most_hits : int
-        As how many sightings those of earlier visits count, at most.
+        Maximum weight of the sightings of earlier visits, in sightings.
     carving_passes : int
-        Frames that have carved free space.
+        Number of frames that have carved free space.
     owned_blocks : RowBlocksState
     """
 

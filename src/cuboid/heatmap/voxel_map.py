@@ -52,7 +52,7 @@ class PixelVoxels:
 
 @dataclass(frozen=True, slots=True)
 class VoxelMapState(Record):
-    """State of a `VoxelMap`, but for its rows: these are saved block by block.
+    """State of a `VoxelMap`, except for its rows, which are saved block by block.
 
     Attributes
     ----------
@@ -60,11 +60,11 @@ class VoxelMapState(Record):
     anchors : AnchorsState
     levels : LevelsState
     waiting : int
-        Frames since the last carving pass.
+        Number of frames since the last carving pass.
     next_look : int
-        The cube that the next one begins with.
+        First cube of the next carving pass.
     next_fine_look : int
-        The fine cube that it begins with.
+        First fine cube of the next carving pass.
     """
 
     stored: StoredPointsState

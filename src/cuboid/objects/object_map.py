@@ -54,7 +54,7 @@ NEW_SIDE_RAD = 0.05
 
 @dataclass(frozen=True, slots=True)
 class ObjectMapState(Record):
-    """State of an `ObjectMap`: that of its store."""
+    """State of an `ObjectMap`: the state of its store."""
 
     store: ObjectStoreState
 

@@ -36,14 +36,14 @@ class ObjectStoreState(Record):
     Attributes
     ----------
     objects : dict of int to MapObject
-        By number; those that are retired and have a label too.
+        The objects by number, with the retired ones that have a label.
     next_number : int
-        That of the next object.
+        Number of the next object.
     next_label : int
-        That of the next object that is confirmed.
+        Label of the next confirmed object.
     affinity : AffinityState
     boxes : (capacity, 15) float64
-        A row a number: centre, size, rotation; NaN where no object lives.
+        A row per number: centre, size, rotation; NaN without a living object.
     """
 
     objects: dict[int, MapObject]

@@ -71,30 +71,31 @@ class LevelCells:
 
 @dataclass(frozen=True, slots=True)
 class PlaneTrackerState(Record):
-    """State of a `PlaneTracker`; planes are named by their identities.
+    """State of a `PlaneTracker`; other records refer to planes by identity.
 
     Attributes
     ----------
     vote : UpVote
     next_identity : int
-        That of the next plane.
+        Identity of the next plane.
     T_plan_world : (4, 4) float64 or None
-        None while up is unknown.
+        Pose of the world in the plan frame; None while up is unknown.
     planes : dict of int to Plane
-        In the order of their indices.
+        The planes, in the order of their indices.
     of : dict of int to int
-        By each identity ever given: the plane, or the one that absorbed it. Identities of removed planes are left out.
+        Identity of the plane for each identity ever given: the same one, or that of the plane that absorbed it.
+        Identities of removed planes are left out.
     windows : Windows
     main : int or None
-        The plane that most is known of.
+        Identity of the plane with the most evidence.
     last_update : int
-        The last frame whose cells were used.
+        Number of the last frame whose cells were used.
     as_seen : dict of int to (4,) float64
-        Normal and offset of the planes as that frame saw them, in the plan frame.
+        Normal and offset of the planes at that frame, in the plan frame, by identity.
     stale : tuple of int
-        Planes with readings that are not processed yet.
+        Planes with unprocessed readings.
     changed : tuple of int
-        Planes that were processed since duplicates were searched for.
+        Planes that were processed since the last search for duplicates.
     """
 
     vote: UpVote

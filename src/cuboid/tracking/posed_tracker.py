@@ -58,20 +58,20 @@ POSE_DECIMALS = 9
 
 @dataclass(frozen=True, slots=True)
 class PosedTrackerState(Record):
-    """State of a `PosedTracker`: all that it needs to go on, but for the rows of the voxel map.
+    """State of a `PosedTracker`: all that it needs to continue, except for the rows of the voxel map.
 
     Attributes
     ----------
     config : TrackerConfig
-        As it is in use.
+        The configuration in use.
     turns : int or None
-        Quarter turns by which images are rolled; None before the first frame with depth.
+        Number of quarter turns by which images are rolled; None before the first frame with depth.
     T_world_map : (4, 4) float64 or None
-        Frame of the map in the world; None before the first frame.
+        Pose of the map in the world; None before the first frame.
     count : int
-        Frames so far.
+        Number of frames so far.
     position : (3,) float64 or None
-        Where the camera was in the last one.
+        Position of the camera in the last frame.
     viewpoint : (4, 4) float64 or None
         T_world_camera of the last frame from a new viewpoint.
     due : bool
