@@ -27,6 +27,7 @@ from cuboid.detection.types import Detector
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse, moved_beyond, transform
 from cuboid.heatmap.anchors import LAST_KEYFRAME
+from cuboid.heatmap.motion import Motion
 from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap, VoxelMapState
 from cuboid.objects.association import Association, prior_of
@@ -123,6 +124,8 @@ class PosedTracker(MapQueries):
             *("intrinsics", "_memory_mb", "_propose", "_world_boxes"),
             # Things that depth does not read are not followed in a scene.
             "_detecting",
+            # The frames of two seconds.
+            "_motion",
         }
     )
 
@@ -180,6 +183,7 @@ class PosedTracker(MapQueries):
         self._planes = PlaneTracker(c)
         self._voxels = VoxelMap(c.voxel_m, c.depth_noise_per_m, c.max_depth_m, self._memory_mb)
         self._map = ObjectMap(c, self._voxels, self._planes)
+        self._motion = Motion(c.depth_noise_per_m)
         self._detecting.begin(self._map.store, c.max_depth_m)
 
     def state(self) -> PosedTrackerState:
@@ -279,7 +283,7 @@ class PosedTracker(MapQueries):
         watch.lap("proposals")
         planes = self._find_planes(seen)
         watch.lap("planes")
-        candidate = self._candidates(solid, planes)
+        candidate = self._candidates(seen, planes)
         weighed = weigh(solid, candidate, proposals, self.config)
         heat = pixel_heat(solid, weighed)
         watch.lap("heat")
@@ -287,7 +291,7 @@ class PosedTracker(MapQueries):
         due, self._due = self._due, seen.new_viewpoint
         # On a later visit every frame may show a change: nothing is deferred.
         refresh_map = due or self._voxels.stored.revisited
-        slots = self._voxels.fuse(image, heat, seen.T_world_camera, seen.frame, seen.keyframe, refresh_map)
+        slots = self._voxels.fuse(seen.still, heat, seen.T_world_camera, seen.frame, seen.keyframe, refresh_map)
         self._voxels.carve_free_space(image, T_camera_world, refresh_map)
         voxels = self._voxels.look_up(slots)
         watch.lap("fuse")
@@ -338,6 +342,7 @@ class PosedTracker(MapQueries):
         image = thin(frame, camera, self.config.working_width_px, self._count)
         if self._count == 0:
             self._estimate_noise(image)
+        moving = self._motion.find(image, T_world_camera, frame.timestamp_s)
         return Observation(
             frame=frame.index,
             image=image,
@@ -347,6 +352,7 @@ class PosedTracker(MapQueries):
             keyframe=keyframe,
             new_viewpoint=self._is_new_viewpoint(T_world_camera),
             viewpoint_angle_rad=self._viewpoint_angle(image, T_world_camera),
+            moving=moving,
         )
 
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
@@ -366,6 +372,7 @@ class PosedTracker(MapQueries):
         self._planes.apply_correction(in_map)
         self._map.apply_correction(in_map)
         self._detecting.apply_correction(in_map)
+        self._motion.forget()
 
     def _estimate_noise(self, image: WorkingImage) -> None:
         """Estimate from the first frame how much noisier the sensor is than configured."""
@@ -403,7 +410,7 @@ class PosedTracker(MapQueries):
 
     def _find_planes(self, seen: Observation) -> PixelPlanes:
         """Track the supporting planes; return those on and beneath which pixels lie."""
-        c, planes, image, T_world_camera = self.config, self._planes, seen.image, seen.T_world_camera
+        c, planes, image, T_world_camera = self.config, self._planes, seen.still, seen.T_world_camera
         seen_by = image.depth, T_world_camera, c.depth_noise_per_m, c.max_depth_m
         if planes.vote_is_due():
             areas = find_flat_areas(image.depth, c)
@@ -430,10 +437,13 @@ class PosedTracker(MapQueries):
             planes.add_readings(view, seen.keyframe)
         return PixelPlanes(on_plane, support, view.identities)
 
-    def _candidates(self, image: WorkingImage, planes: PixelPlanes) -> UInt8Array:
-        """Return which readings may belong to an object: all within range but those on a supporting plane."""
-        within = (image.depth_m > 0) & (image.depth_m <= self.config.max_depth_m)
-        return np.asarray(within & (planes.on_plane < 0), dtype=np.uint8)
+    def _candidates(self, seen: Observation, planes: PixelPlanes) -> UInt8Array:
+        """Return which readings may belong to an object: all within range but what is on a supporting plane or moves."""
+        depth_m = seen.solid.depth_m
+        found = (depth_m > 0) & (depth_m <= self.config.max_depth_m) & (planes.on_plane < 0)
+        if seen.moving is not None:
+            found &= seen.moving == 0
+        return np.asarray(found, dtype=np.uint8)
 
     def _sides(self, T_world_camera: Float64Array) -> npt.NDArray[np.int64]:
         """Return which side of a segment lies below, above, right and left of it in the image, for any up."""
@@ -578,6 +588,7 @@ class PosedTracker(MapQueries):
         """Expect the place at another time: things may have been moved, taken and brought."""
         self._map.begin_visit()
         self._position = self._viewpoint = self._turns = None  # the camera may be held another way
+        self._motion.forget()
         self._due = True
 
     def adopt(self, entry: MapObject, old: MapObject) -> None:
