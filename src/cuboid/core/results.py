@@ -24,6 +24,7 @@ from cuboid.core.values import (
     RelationKind,
 )
 from cuboid.geometry.box import Box
+from cuboid.geometry.se3 import transform
 
 # The rectangle of a record in its frame's image.
 RECTANGLE = column("rectangle in the color image", kind=Pixel, digits=PIXEL, parts=("x0", "y0", "x1", "y1"))
@@ -113,6 +114,11 @@ class ObjectEvent:
     )
     score: Fraction = field(metadata=column("how sure it is that this is the object, 0 to 1"))
 
+    def moved(self, T_new_old: Float64Array) -> Self:
+        """Return it in another world, by a rigid motion (4, 4)."""
+        from_m, to_m = (None if at is None else transform(T_new_old, at) for at in (self.from_m, self.to_m))
+        return replace(self, from_m=from_m, to_m=to_m)
+
     def __repr__(self) -> str:
         places = " to ".join(
             "nowhere" if at is None else f"({at[0]:z.2f}, {at[1]:z.2f}, {at[2]:z.2f})"
@@ -144,6 +150,8 @@ class FrameResult:
         How many proposals, clusters (segments) and candidates were more than a frame may bring, see `core.limits`.
     size : (int, int) or None
         Width and height of the frame, pixels; None is the heat's.
+    events : tuple of ObjectEvent
+        What this frame told of objects that move.
     """
 
     index: int
@@ -156,6 +164,7 @@ class FrameResult:
     milliseconds: dict[str, float]
     left_out: Mapping[str, int] = field(default_factory=dict)
     size: tuple[int, int] | None = None
+    events: tuple[ObjectEvent, ...] = ()
 
     def __repr__(self) -> str:
         labels = ", ".join(f"#{seen.label}" for seen in self.sightings) or "nothing"

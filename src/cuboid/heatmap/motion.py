@@ -71,9 +71,7 @@ class Motion:
         height, width = image.depth_m.shape
         return np.ascontiguousarray(moving.repeat(STEP, 0).repeat(STEP, 1)[:height, :width])
 
-    def _moving(
-        self, depth_m: Float32Array, pinhole: Float64Array, T_world_camera: Float64Array
-    ) -> UInt8Array | None:
+    def _moving(self, depth_m: Float32Array, pinhole: Float64Array, T_world_camera: Float64Array) -> UInt8Array | None:
         known = self._references
         T = np.array([inverse(one.T_world_camera) @ T_world_camera for one in known])
         shift_m = np.linalg.norm(T[:, :3, 3], axis=1)
@@ -109,7 +107,7 @@ def _without_small(marked: UInt8Array) -> UInt8Array | None:
     """Return marks (h, w) without groups that may be noise; None where nothing is left."""
     if np.count_nonzero(marked) < MIN_GROUP:
         return None
-    count, group, table, _ = cv2.connectedComponentsWithStats(marked, connectivity=8)
+    _, group, table, _ = cv2.connectedComponentsWithStats(marked, connectivity=8)
     large: npt.NDArray[np.bool_] = table[:, cv2.CC_STAT_AREA] >= MIN_GROUP
     large[0] = False
     return large[group].astype(np.uint8) if large.any() else None

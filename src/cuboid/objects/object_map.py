@@ -343,15 +343,32 @@ class ObjectMap:
             [o for o in entries if -o.log_odds >= (CERTAIN_LOG_ODDS if o.confirmed else CERTAIN_LOG_ODDS / 2.0)]
         )
 
-    def record_seen(self, frame: int, seen: Sequence[MapObject]) -> None:
-        """Record that a frame shows these objects; confirm the candidates among them that meet all criteria."""
+    def record_seen(self, frame: int, seen: Sequence[MapObject], restless: frozenset[int]) -> list[MapObject]:
+        """Record that a frame shows these objects; confirm the candidates among them that meet all criteria.
+
+        Parameters
+        ----------
+        frame : int
+        seen : sequence of MapObject
+        restless : frozenset of int
+            Numbers of those that have not rested for long enough to get a label.
+
+        Returns
+        -------
+        list of MapObject
+            Those that got a label.
+        """
+        confirmed = []
         for entry in seen:
             if (
                 entry.state is State.CANDIDATE
+                and entry.number not in restless
                 and entry.log_odds >= CERTAIN_LOG_ODDS
                 and is_confirmable(entry, self.store, self._planes, self._config)
             ):
                 self.store.confirm(entry)
+                confirmed.append(entry)
         for entry in seen:
             entry.frames_seen += 1
             entry.last_frame = frame
+        return confirmed

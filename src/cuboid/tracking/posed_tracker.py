@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -32,6 +33,7 @@ from cuboid.heatmap.pixel_heat import pixel_heat, weigh
 from cuboid.heatmap.voxel_map import VoxelMap, VoxelMapState
 from cuboid.objects.association import Association, prior_of
 from cuboid.objects.entry import MapObject
+from cuboid.objects.following import Following
 from cuboid.objects.naming import chosen_name, name_scores
 from cuboid.objects.object_map import ObjectMap, ObjectMapState
 from cuboid.objects.unread_object import Planes
@@ -53,6 +55,8 @@ from cuboid.tracking.detecting import Detecting
 from cuboid.tracking.measuring import FrameClock
 from cuboid.tracking.rolling import Roll, farther_up
 
+# What moves touches a segment where it comes so near, working pixels.
+TOUCHING_PX = 7
 # Poses in the map have this many decimals, metres: the last bits, which another world changes, are cut off.
 POSE_DECIMALS = 9
 
@@ -124,8 +128,8 @@ class PosedTracker(MapQueries):
             *("intrinsics", "_memory_mb", "_propose", "_world_boxes"),
             # Things that depth does not read are not followed in a scene.
             "_detecting",
-            # The frames of two seconds.
-            "_motion",
+            # What moves is followed within a recording.
+            *("_motion", "_following"),
         }
     )
 
@@ -183,8 +187,13 @@ class PosedTracker(MapQueries):
         self._planes = PlaneTracker(c)
         self._voxels = VoxelMap(c.voxel_m, c.depth_noise_per_m, c.max_depth_m, self._memory_mb)
         self._map = ObjectMap(c, self._voxels, self._planes)
-        self._motion = Motion(c.depth_noise_per_m)
+        self._begin_motion()
         self._detecting.begin(self._map.store, c.max_depth_m)
+
+    def _begin_motion(self) -> None:
+        """Know nothing of what moves."""
+        self._motion = Motion(self.config.depth_noise_per_m)
+        self._following = Following(self.config, self._map.store, self._voxels, self._planes)
 
     def state(self) -> PosedTrackerState:
         """Return the state of now; see `ObjectStore.state`."""
@@ -215,6 +224,7 @@ class PosedTracker(MapQueries):
         tracker._planes = PlaneTracker.from_state(state.planes, c)
         tracker._voxels = VoxelMap.from_state(state.voxels, c.voxel_m, c.depth_noise_per_m, c.max_depth_m, memory_mb)
         tracker._map = ObjectMap.from_state(state.map, c, tracker._voxels, tracker._planes)
+        tracker._begin_motion()
         tracker._turns, tracker._T_world_map = state.turns, state.T_world_map
         tracker._count, tracker._due = state.count, state.due
         tracker._position, tracker._viewpoint = state.position, state.viewpoint
@@ -252,6 +262,7 @@ class PosedTracker(MapQueries):
                 [dataclasses.replace(one, box=self._box_in_world(one.label, one.box)) for one in result.sightings]
             ),
             proposals=tuple([dataclasses.replace(one, box=self.in_world(one.box)) for one in result.proposals]),
+            events=tuple([one.moved(self.T_world_map) for one in result.events]),
         )
 
     @property
@@ -277,6 +288,9 @@ class PosedTracker(MapQueries):
         """Take in a frame turned by `_roll`; see `update`."""
         watch, camera = FrameClock(), self._roll.camera
         seen = self._observe(frame, camera, anchor if anchor <= LAST_KEYFRAME else 0)
+        time_s = frame.timestamp_s
+        seen = self._following.begin_frame(seen, time_s)
+        watch.lap("motion")
         image, solid, T_camera_world = seen.image, seen.solid, seen.T_camera_world
         every = self._proposals(frame, given)
         proposals = every.best(MAX_PROPOSALS)
@@ -290,9 +304,10 @@ class PosedTracker(MapQueries):
         # Deferred to the next frame: a frame from a new viewpoint has planes and boxes to update already.
         due, self._due = self._due, seen.new_viewpoint
         # On a later visit every frame may show a change: nothing is deferred.
-        refresh_map = due or self._voxels.stored.revisited
+        refresh_map = due or self._voxels.stored.revisited or seen.moving is not None
         slots = self._voxels.fuse(seen.still, heat, seen.T_world_camera, seen.frame, seen.keyframe, refresh_map)
         self._voxels.carve_free_space(image, T_camera_world, refresh_map)
+        self._following.claim(slots, seen)
         voxels = self._voxels.look_up(slots)
         watch.lap("fuse")
         in_frustum = self._map.objects_in_frustum(image, T_camera_world)
@@ -307,8 +322,9 @@ class PosedTracker(MapQueries):
         if due:
             self._refine(seen, heat, slots, in_frustum)
         watch.lap("map")
-        visible = self._visible(seen, slots, in_frustum)
-        sightings = sightings_of(visible, segments, found)
+        self._following.note_touched(_touched(seen, segments, found), time_s)
+        visible = self._visible(seen, slots, in_frustum, time_s)
+        sightings = self._following.sightings(sightings_of(visible, segments, found), seen, slots)
         own = self._frame_boxes(segments, boxes, found)
         watch.lap("matching")
         if self._detecting.is_due(self._count):
@@ -333,6 +349,7 @@ class PosedTracker(MapQueries):
                 "candidates": left_out,
             },
             size=(camera.width, camera.height),
+            events=tuple(self._following.take_events()),
         )
 
     def _observe(self, frame: Frame, camera: Intrinsics, keyframe: int) -> Observation:
@@ -372,7 +389,7 @@ class PosedTracker(MapQueries):
         self._planes.apply_correction(in_map)
         self._map.apply_correction(in_map)
         self._detecting.apply_correction(in_map)
-        self._motion.forget()
+        self._begin_motion()
 
     def _estimate_noise(self, image: WorkingImage) -> None:
         """Estimate from the first frame how much noisier the sensor is than configured."""
@@ -438,7 +455,7 @@ class PosedTracker(MapQueries):
         return PixelPlanes(on_plane, support, view.identities)
 
     def _candidates(self, seen: Observation, planes: PixelPlanes) -> UInt8Array:
-        """Return which readings may belong to an object: all within range but what is on a supporting plane or moves."""
+        """Return which readings may belong to an object: within range, on no supporting plane, not moving."""
         depth_m = seen.solid.depth_m
         found = (depth_m > 0) & (depth_m <= self.config.max_depth_m) & (planes.on_plane < 0)
         if seen.moving is not None:
@@ -495,14 +512,16 @@ class PosedTracker(MapQueries):
             voxels.fine.refine(seen, heat, slots, numbers, far_m)
 
     def _visible(
-        self, seen: Observation, slots: npt.NDArray[np.int32], in_frustum: Sequence[MapObject]
+        self, seen: Observation, slots: npt.NDArray[np.int32], in_frustum: Sequence[MapObject], time_s: float
     ) -> list[tuple[MapObject, Visibility]]:
         """Record which objects of the map the frame shows, and return them with how they are seen."""
         objects = [o for o in in_frustum if len(o.points)]
         boxes, owner = self._map.store.boxes_of(objects), self._voxels.stored.owner
         visibilities = measure_visibility(objects, boxes, seen, slots, owner, self.config.depth_noise_per_m)
         visible = [(entry, view) for entry, view in zip(objects, visibilities, strict=True) if view.seen]
-        self._map.record_seen(seen.frame, [entry for entry, _ in visible])
+        restless = self._following.restless(time_s)
+        labelled = self._map.record_seen(seen.frame, [entry for entry, _ in visible], restless)
+        self._following.note_labels(labelled, time_s)
         return visible
 
     def _frame_boxes(
@@ -588,7 +607,7 @@ class PosedTracker(MapQueries):
         """Expect the place at another time: things may have been moved, taken and brought."""
         self._map.begin_visit()
         self._position = self._viewpoint = self._turns = None  # the camera may be held another way
-        self._motion.forget()
+        self._begin_motion()
         self._due = True
 
     def adopt(self, entry: MapObject, old: MapObject) -> None:
@@ -636,6 +655,15 @@ class PosedTracker(MapQueries):
         in_world = transform(self.T_world_map, places).astype(np.float32)
         labels = np.concatenate([label[kept], label[whole]])
         return MapPoints(in_world, stored.rgb(every), stored.heat(every), labels)
+
+
+def _touched(seen: Observation, segments: FrameSegments, found: Association) -> list[int]:
+    """Return the objects, by number, whose segments something that moves touches."""
+    if seen.moving is None or not len(found.objects):
+        return []
+    around = cv2.dilate(seen.moving, np.ones((TOUCHING_PX, TOUCHING_PX), np.uint8))
+    at = np.unique(segments.claim[(around > 0) & (segments.claim >= 0)])
+    return [found.objects[j].number for j in np.where(found.match >= 0, found.match, found.part)[at].tolist() if j >= 0]
 
 
 def _median_depth_m(depth_m: Float32Array) -> float:
