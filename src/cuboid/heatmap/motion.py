@@ -12,7 +12,7 @@ import numpy.typing as npt
 from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
 from cuboid.core.tolerances import BIAS_M, DRIFT_M, DRIFT_RAD, JUMP_M
 from cuboid.core.working import WorkingImage
-from cuboid.geometry.se3 import angle, inverse
+from cuboid.geometry.se3 import inverse
 from cuboid.heatmap.kernels.motion import grow, mark_freed
 
 # What has rested for this long is still, seconds; frames are remembered at this interval.
@@ -35,7 +35,7 @@ class _Reference:
     near_m: Float32Array
     nearest_m: Float32Array
     pinhole: Float64Array
-    T_world_camera: Float64Array
+    T_camera_world: Float64Array
 
 
 class Motion:
@@ -73,9 +73,9 @@ class Motion:
 
     def _moving(self, depth_m: Float32Array, pinhole: Float64Array, T_world_camera: Float64Array) -> UInt8Array | None:
         known = self._references
-        T = np.array([inverse(one.T_world_camera) @ T_world_camera for one in known])
+        T = np.array([one.T_camera_world @ T_world_camera for one in known])
         shift_m = np.linalg.norm(T[:, :3, 3], axis=1)
-        turn_rad = np.array([angle(one) for one in T])
+        turn_rad = np.arccos(np.clip((np.trace(T[:, :3, :3], axis1=1, axis2=2) - 1.0) / 2.0, -1.0, 1.0))
         stands = (shift_m < STANDS_M) & (turn_rad < STANDS_RAD)
         near_m = np.array([one.near_m if still else one.nearest_m for one, still in zip(known, stands, strict=True)])
         # A turn shifts what is a metre away by as many metres as it has radians.
@@ -94,7 +94,7 @@ class Motion:
 def _reference(image: WorkingImage, pinhole: Float64Array, T_world_camera: Float64Array, time_s: float) -> _Reference:
     wide = 1 + int(np.ceil(DRIFT_RAD * image.camera.fx))
     near_m, nearest_m = (_nearest_around(image.depth_m, reach) for reach in (STEP + 1, wide))
-    return _Reference(time_s, near_m, nearest_m, pinhole, T_world_camera)
+    return _Reference(time_s, near_m, nearest_m, pinhole, inverse(T_world_camera))
 
 
 def _nearest_around(depth_m: Float32Array, reach: int) -> Float32Array:

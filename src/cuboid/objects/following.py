@@ -24,7 +24,7 @@ from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse, transform
 from cuboid.heatmap.motion import REST_S
 from cuboid.heatmap.voxel_map import VoxelMap
-from cuboid.objects.cluster import Cluster, levels_of
+from cuboid.objects.cluster import Cluster, Fit, levels_of
 from cuboid.objects.entry import MapObject
 from cuboid.objects.kernels.leaving import count_passed
 from cuboid.objects.similarity import ColorProfile, color_profile_of, most_similar, similarity
@@ -36,6 +36,10 @@ from cuboid.surfaces.planes import PlaneTracker
 # An object begins to move when frames see through this fraction of what is seen of its place, and has left when they
 # see through most of it, so many frames in a row.
 STIRS, LEFT, IN_A_ROW = 0.2, 0.5, 3
+# How far an object may be from where it stirred when this is seen first, and from where it is expected, metres.
+FIRST_REACH_M, REACH_M = 0.08, 0.04
+# A followed object has moved on where so much more of it is seen there than in its last place, as a fraction.
+BETTER = 0.05
 # What moves is at an object where it comes so near, metres.
 NEAR_M = 2.0 * DRIFT_M
 # A followed object that is not found in this many frames in a row is lost.
@@ -155,7 +159,7 @@ class Following:
             enough = passed >= MIN_READINGS
             self._count(self._stirs, entry, enough and passed >= STIRS * (stays + passed))
             self._count(self._leaves, entry, enough and passed >= LEFT * (stays + passed))
-            if self._stirs.get(entry.number, 0) >= 2 or self._leaves.get(entry.number, 0) >= IN_A_ROW:
+            if self._stirs.get(entry.number, 0):
                 self._let_go(entry, seen, time_s)
 
     @staticmethod
@@ -168,9 +172,10 @@ class Following:
     def _let_go(self, entry: MapObject, seen: Observation, time_s: float) -> None:
         """Follow an object that stirs, where it is found again; let its label wait where it has left and is not."""
         young = self._is_young(entry, time_s)
-        cluster = Cluster(entry.points, entry.colors, seen.image, seen.T_camera_world)
-        found = None if young else cluster.find(self._levels_of(seen), seen.T_camera_world, np.eye(4))
-        if found is not None and _shift_m(found.T_now_start, entry.box) > STILL_M:
+        noise = self._config.depth_noise_per_m
+        cluster = Cluster(entry.points, entry.colors, seen.image, seen.T_camera_world, noise)
+        found = None if young else cluster.find(seen, self._levels_of(seen), np.eye(4), FIRST_REACH_M)
+        if found is not None and _is_elsewhere(found, cluster.fit_at(seen, np.eye(4)), entry.box):
             profile, box = color_profile_of(entry), entry.box
             self._remove(entry)
             one = _Followed(entry, profile, cluster, box, entry.points, time_s)
@@ -198,7 +203,10 @@ class Following:
 
     def _follow(self, one: _Followed, seen: Observation, time_s: float) -> None:
         expected = one.step @ one.T
-        found = one.cluster.find(self._levels_of(seen), seen.T_camera_world, expected)
+        stays = one.cluster.fit_at(seen, one.T)
+        found = one.cluster.find(seen, self._levels_of(seen), expected, REACH_M)
+        if stays is not None and (found is None or found.balance < stays.balance + BETTER):
+            found = stays
         if found is None:
             one.missed += 1
             if one.missed >= LOST_FRAMES:
@@ -359,5 +367,7 @@ def _keys(points: Float32Array) -> list[int]:
     return np.unique(keys).tolist()
 
 
-def _shift_m(T: Float64Array, box: Box) -> float:
-    return float(np.linalg.norm(transform(T, box.center) - box.center))
+def _is_elsewhere(found: Fit, there: Fit | None, box: Box) -> bool:
+    """Tell whether an object was found elsewhere, and not as well in its place."""
+    far = np.linalg.norm(transform(found.T_now_start, box.center) - box.center) > STILL_M
+    return bool(far and (there is None or found.balance >= there.balance + STIRS))

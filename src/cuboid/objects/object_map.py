@@ -117,6 +117,7 @@ class ObjectMap:
         objects: Sequence[MapObject],
         voxels: PixelVoxels,
         candidate: UInt8Array,
+        touched: npt.NDArray[np.bool_],
     ) -> Association:
         """Update the map of objects with a frame.
 
@@ -131,6 +132,8 @@ class ObjectMap:
         voxels : PixelVoxels
         candidate : (h, w) uint8
             Pixels off every supporting plane.
+        touched : (n,) bool
+            Segments that something moves at: their outlines tell nothing.
 
         Returns
         -------
@@ -140,7 +143,7 @@ class ObjectMap:
             entry.keyframe = -1  # the points that this frame fused are anchored to another one now
         found = associate(frame_segments, pack(boxes), objects, self.store.boxes_of(objects), voxels)
         novelty = min(1.0, max(MIN_NOVELTY, seen.viewpoint_angle_rad / NEW_SIDE_RAD))
-        number_of = self._update_objects(seen, frame_segments, boxes, found)
+        number_of = self._update_objects(seen, frame_segments, boxes, found, touched)
         self._voxels.vote_owners(
             frame_segments.claim, number_of, *self._allowed_transfers(number_of, found), candidate, voxels.slots
         )
@@ -156,14 +159,20 @@ class ObjectMap:
         return found
 
     def _update_objects(
-        self, seen: Observation, frame_segments: FrameSegments, boxes: Sequence[Box], found: Association
+        self,
+        seen: Observation,
+        frame_segments: FrameSegments,
+        boxes: Sequence[Box],
+        found: Association,
+        touched: npt.NDArray[np.bool_],
     ) -> npt.NDArray[np.int32]:
         """Update the matched objects and begin candidates; return the object each segment votes for, 0 for none."""
         number_of = np.zeros(len(frame_segments.segments), np.int32)
         match, part = found.match.tolist(), found.part.tolist()
         partner = {j: i for i, j in enumerate(match) if j >= 0}
         outlines = np.array([c.outline for c in frame_segments.segments]).reshape(-1, 4, KINDS)
-        evidence = log_odds_of(outlines, np.array([c.read for c in frame_segments.segments])).tolist()
+        evidence = log_odds_of(outlines, np.array([c.read for c in frame_segments.segments]))
+        evidence = np.where(touched, 0.0, evidence).tolist()
         for i, segment in enumerate(frame_segments.segments):
             if match[i] >= 0:
                 entry = found.objects[match[i]]
@@ -246,12 +255,15 @@ class ObjectMap:
     def _add_attachments(self, objects: Sequence[MapObject], novelty: float) -> None:
         """Add evidence that objects without support from below are parts of what they are attached to."""
         for entry in objects:
+            if entry.moved:
+                continue
             if entry.holder and entry.holder in self.store and self.store[entry.holder].state is not State.RETIRED:
                 self.store.affinity.add_attachment(entry.number, entry.holder, novelty)
 
     def _add_overlaps(self, objects: Sequence[MapObject], novelty: float) -> None:
         """Add evidence that objects which overlap in space are one: solids do not interpenetrate."""
-        entries = [o for o in objects if len(o.points)]
+        # What was seen to move by itself is no part of what it lies in now.
+        entries = [o for o in objects if len(o.points) and not o.moved]
         labelled = [o for o in entries if o.confirmed]
         if not labelled:
             return

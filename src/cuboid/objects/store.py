@@ -206,7 +206,7 @@ class ObjectStore:
         entry.state = State.CONFIRMED
         self._confirmed[entry.number] = entry
         entry.plane, entry.supports, entry.supports_plane, entry.holder = None, {}, False, 0
-        entry.fitted = entry.sightings
+        entry.fitted, entry.moved = entry.sightings, True
         self.place(entry, box)
 
     def adopt(self, entry: MapObject, old: MapObject) -> None:

@@ -7,7 +7,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -55,8 +54,6 @@ from cuboid.tracking.detecting import Detecting
 from cuboid.tracking.measuring import FrameClock
 from cuboid.tracking.rolling import Roll, farther_up
 
-# What moves touches a segment where it comes so near, working pixels.
-TOUCHING_PX = 7
 # Poses in the map have this many decimals, metres: the last bits, which another world changes, are cut off.
 POSE_DECIMALS = 9
 
@@ -288,13 +285,13 @@ class PosedTracker(MapQueries):
         """Take in a frame turned by `_roll`; see `update`."""
         watch, camera = FrameClock(), self._roll.camera
         seen = self._observe(frame, camera, anchor if anchor <= LAST_KEYFRAME else 0)
-        time_s = frame.timestamp_s
-        seen = self._following.begin_frame(seen, time_s)
-        watch.lap("motion")
         image, solid, T_camera_world = seen.image, seen.solid, seen.T_camera_world
         every = self._proposals(frame, given)
         proposals = every.best(MAX_PROPOSALS)
         watch.lap("proposals")
+        time_s = frame.timestamp_s
+        seen = self._find_motion(seen, time_s)
+        watch.lap("motion")
         planes = self._find_planes(seen)
         watch.lap("planes")
         candidate = self._candidates(seen, planes)
@@ -317,12 +314,14 @@ class PosedTracker(MapQueries):
         segments = segment_frame(seen, planes, heat, weighed, prior, self._sides(seen.T_world_camera), self.config)
         boxes = self._boxes(segments.segments, image, seen.T_world_camera)
         watch.lap("boxes")
-        found = self._map.update(seen, segments, boxes, objects, voxels, candidate)
+        touched = segments.touched_by(seen.moving)
+        found = self._map.update(seen, segments, boxes, objects, voxels, candidate, touched)
         in_frustum = self._map.objects_in_frustum(image, T_camera_world)
         if due:
             self._refine(seen, heat, slots, in_frustum)
         watch.lap("map")
-        self._following.note_touched(_touched(seen, segments, found), time_s)
+        at = np.where(found.match >= 0, found.match, found.part)[touched].tolist()
+        self._following.note_touched([found.objects[j].number for j in at if j >= 0], time_s)
         visible = self._visible(seen, slots, in_frustum, time_s)
         sightings = self._following.sightings(sightings_of(visible, segments, found), seen, slots)
         own = self._frame_boxes(segments, boxes, found)
@@ -359,7 +358,6 @@ class PosedTracker(MapQueries):
         image = thin(frame, camera, self.config.working_width_px, self._count)
         if self._count == 0:
             self._estimate_noise(image)
-        moving = self._motion.find(image, T_world_camera, frame.timestamp_s)
         return Observation(
             frame=frame.index,
             image=image,
@@ -369,8 +367,14 @@ class PosedTracker(MapQueries):
             keyframe=keyframe,
             new_viewpoint=self._is_new_viewpoint(T_world_camera),
             viewpoint_angle_rad=self._viewpoint_angle(image, T_world_camera),
-            moving=moving,
         )
+
+    def _find_motion(self, seen: Observation, time_s: float) -> Observation:
+        """Return a frame with what moves in it; objects that move are followed."""
+        moving = self._motion.find(seen.image, seen.T_world_camera, time_s)
+        if moving is not None:
+            seen = dataclasses.replace(seen, moving=moving)
+        return self._following.begin_frame(seen, time_s)
 
     def apply_correction(self, moved: Mapping[int, Float64Array]) -> None:
         """Move the map, its planes and its objects after a pose correction (loop closure, relocalisation).
@@ -655,15 +659,6 @@ class PosedTracker(MapQueries):
         in_world = transform(self.T_world_map, places).astype(np.float32)
         labels = np.concatenate([label[kept], label[whole]])
         return MapPoints(in_world, stored.rgb(every), stored.heat(every), labels)
-
-
-def _touched(seen: Observation, segments: FrameSegments, found: Association) -> list[int]:
-    """Return the objects, by number, whose segments something that moves touches."""
-    if seen.moving is None or not len(found.objects):
-        return []
-    around = cv2.dilate(seen.moving, np.ones((TOUCHING_PX, TOUCHING_PX), np.uint8))
-    at = np.unique(segments.claim[(around > 0) & (segments.claim >= 0)])
-    return [found.objects[j].number for j in np.where(found.match >= 0, found.match, found.part)[at].tolist() if j >= 0]
 
 
 def _median_depth_m(depth_m: Float32Array) -> float:

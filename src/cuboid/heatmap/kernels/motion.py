@@ -8,7 +8,7 @@ from cuboid.core.compiled import kernel
 from cuboid.core.tolerances import JUMP_SIGMAS, NEAREST_M
 
 
-@kernel
+@kernel(error_model="numpy")
 def mark_freed(depth, camera, references, cameras, T_reference_camera, error_m, noise, freed):
     """Mark the readings of an image that lie where earlier images saw free space.
 
@@ -31,32 +31,36 @@ def mark_freed(depth, camera, references, cameras, T_reference_camera, error_m, 
         Bit k is set where reference k saw what lies behind the reading.
     """
     height, width = depth.shape
-    freed[:] = 0
+    fx, fy = 1.0 / camera[0], 1.0 / camera[1]
+    # Motions to pixels of each reference.
+    P = np.empty((references.shape[0], 3, 4))
     for k in range(references.shape[0]):
-        T, reference = T_reference_camera[k], references[k]
-        xx, xy, xz, x0 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
-        yx, yy, yz, y0 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
-        zx, zy, zz, z0 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
-        fx, fy, cx, cy = cameras[k, 0], cameras[k, 1], cameras[k, 2], cameras[k, 3]
-        bit = np.uint8(1 << k)
-        for v in range(height):
-            ray_y = (v - camera[3]) / camera[1]
-            for u in range(width):
-                z = depth[v, u]
-                if z <= 0.0:
-                    continue
-                x, y = (u - camera[2]) / camera[0] * z, ray_y * z
-                there = zx * x + zy * y + zz * z + z0
+        for i in range(4):
+            P[k, 0, i] = cameras[k, 0] * T_reference_camera[k, 0, i] + cameras[k, 2] * T_reference_camera[k, 2, i]
+            P[k, 1, i] = cameras[k, 1] * T_reference_camera[k, 1, i] + cameras[k, 3] * T_reference_camera[k, 2, i]
+            P[k, 2, i] = T_reference_camera[k, 2, i]
+    for v in range(height):
+        for u in range(width):
+            z, bits = depth[v, u], 0
+            freed[v, u] = 0
+            if z <= 0.0:
+                continue
+            x, y = (u - camera[2]) * fx * z, (v - camera[3]) * fy * z
+            for k in range(references.shape[0]):
+                there = P[k, 2, 0] * x + P[k, 2, 1] * y + P[k, 2, 2] * z + P[k, 2, 3]
                 if there < NEAREST_M:
                     continue
-                column = int(np.rint((xx * x + xy * y + xz * z + x0) / there * fx + cx))
-                row = int(np.rint((yx * x + yy * y + yz * z + y0) / there * fy + cy))
-                if column < 0 or row < 0 or column >= width or row >= height:
+                scale = 1.0 / there
+                # To the nearest pixel.
+                column = (P[k, 0, 0] * x + P[k, 0, 1] * y + P[k, 0, 2] * z + P[k, 0, 3]) * scale + 0.5
+                row = (P[k, 1, 0] * x + P[k, 1, 1] * y + P[k, 1, 2] * z + P[k, 1, 3]) * scale + 0.5
+                if column < 0.0 or row < 0.0 or column >= width or row >= height:
                     continue
-                behind = reference[row, column]
+                behind = references[k, int(row), int(column)]
                 # Both readings err: the farther one more.
                 if behind - there > error_m[k] + JUMP_SIGMAS * noise * behind * behind:
-                    freed[v, u] |= bit
+                    bits |= 1 << k
+            freed[v, u] = bits
 
 
 @kernel
