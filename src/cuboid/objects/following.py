@@ -107,8 +107,9 @@ class Following:
         self._settled: list[tuple[MapObject, float]] = []
         # When something that moves was last seen at a candidate, by number.
         self._touched_s: dict[int, float] = {}
-        # Objects with a new label, and since when.
-        self._new: list[tuple[MapObject, float, bool]] = []
+        # Since when objects have a label, by number: those with a new one; and of these those that came.
+        self._labelled_s: dict[int, float] = {}
+        self._came: list[MapObject] = []
         self._cells: dict[int, None] = {}
         self._events: list[ObjectEvent] = []
         self._levels: tuple[Level, ...] | None = None
@@ -186,7 +187,8 @@ class Following:
                 self._gone.append(_Gone(entry, color_profile_of(entry), entry.box, time_s))
 
     def _is_young(self, entry: MapObject, time_s: float) -> bool:
-        return any(one is entry and time_s - since_s < REST_S for one, since_s, _ in self._new)
+        since_s = self._labelled_s.get(entry.number)
+        return since_s is not None and time_s - since_s < REST_S
 
     def _remove(self, entry: MapObject) -> None:
         for counts in (self._stirs, self._leaves):
@@ -260,19 +262,18 @@ class Following:
                 self._tell("gone", one.entry, one.from_box, None, 1.0)
 
     def note_labels(self, entries: Sequence[MapObject], time_s: float) -> None:
-        """Take note of objects with a new label: what waits may be one of them; others came, or were there before."""
-        self._new += [(entry, time_s, self._came(entry)) for entry in entries]
-        waits = []
-        for entry, since_s, came in self._new:
-            if not entry.confirmed:
+        """Take note of objects with a new label: those that came may be what waits; else they have appeared."""
+        self._labelled_s |= {entry.number: time_s for entry in entries}
+        self._labelled_s = {k: at_s for k, at_s in self._labelled_s.items() if time_s - at_s < REST_S}
+        came = [*self._came, *(entry for entry in entries if self._has_come(entry))]
+        self._came = []
+        for entry in came:
+            if not entry.confirmed or self._know_again(entry):
                 continue
-            if came and self._know_again(entry):
-                continue
-            if time_s - since_s < REST_S:
-                waits.append((entry, since_s, came))
-            elif came:
+            if time_s - self._labelled_s.get(entry.number, -KNOWN_AGAIN_S) < KNOWN_AGAIN_S:
+                self._came.append(entry)
+            else:
                 self._tell("appeared", entry, None, entry.box, entry.score)
-        self._new = waits
 
     def _know_again(self, entry: MapObject) -> bool:
         """Let an object with a new label be one that left, where it is like that one and like no other."""
@@ -289,7 +290,7 @@ class Following:
             self._tell("moved", entry, one.from_box, entry.box, scores[best])
         return True
 
-    def _came(self, entry: MapObject) -> bool:
+    def _has_come(self, entry: MapObject) -> bool:
         if not self._cells or not len(entry.points):
             return False
         keys = _keys(entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS])
@@ -310,8 +311,8 @@ class Following:
             self._touched_s[number] = time_s
 
     def restless(self, time_s: float) -> frozenset[int]:
-        """Return the objects (by number) at which something has moved within the last two seconds."""
-        self._touched_s = {number: at_s for number, at_s in self._touched_s.items() if time_s - at_s < REST_S}
+        """Return the objects (by number) at which something moves, or did just now."""
+        self._touched_s = {number: at_s for number, at_s in self._touched_s.items() if time_s - at_s < SET_DOWN_S}
         return frozenset(self._touched_s)
 
     # --- results ---------------------------------------------------------------------------------------------------
