@@ -40,8 +40,8 @@ STIRS, LEFT, IN_A_ROW = 0.2, 0.5, 3
 FIRST_REACH_M, REACH_M = 0.08, 0.04
 # A followed object has moved on where so much more of it is seen there than in its last place, as a fraction.
 BETTER = 0.05
-# What moves is at an object where it comes so near, metres.
-NEAR_M = 2.0 * DRIFT_M
+# A reading that lies within this of a point, and noise, is the point's, metres.
+IN_PLACE_M = DRIFT_M / 2.0
 # A followed object that is not found in this many frames in a row is lost.
 LOST_FRAMES = 6
 # It rests when it has stood on something for the first time, or has not moved for two seconds; within the second it
@@ -100,6 +100,8 @@ class Following:
         self._config, self._store, self._voxels, self._planes = config, store, voxels, planes
         self._followed: list[_Followed] = []
         self._gone: list[_Gone] = []
+        # When something was last seen to move, seconds.
+        self._moved_s = -np.inf
         # Frames in a row in which each object stirred, and was left, by number.
         self._stirs: dict[int, int] = {}
         self._leaves: dict[int, int] = {}
@@ -126,6 +128,9 @@ class Following:
         self._levels = None
         self._settled = [(entry, until_s) for entry, until_s in self._settled if time_s < until_s]
         if seen.moving is not None:
+            self._moved_s = time_s
+            self._note_cells(_points_of(seen))
+        if time_s - self._moved_s < GONE_S:
             self._find_leaving(seen, time_s)
         for one in list(self._followed):
             self._follow(one, seen, time_s)
@@ -145,18 +150,11 @@ class Following:
         return moving if moving.any() else None
 
     def _find_leaving(self, seen: Observation, time_s: float) -> None:
-        places = _points_of(seen)
-        self._note_cells(places)
-        centers = places[:: 1 + len(places) // SAMPLE_POINTS]
+        image, noise = seen.image, self._config.depth_noise_per_m
+        pinhole, T = image.camera.pinhole, np.ascontiguousarray(seen.T_camera_world)
         for entry in self._store.confirmed():
-            if not len(entry.points) or not entry.box.contains(centers, NEAR_M).any():
-                self._stirs.pop(entry.number, None)
-                self._leaves.pop(entry.number, None)
-                continue
             points = np.ascontiguousarray(entry.points[:: 1 + len(entry.points) // SAMPLE_POINTS])
-            T, image = np.ascontiguousarray(seen.T_camera_world), seen.image
-            margin_m, noise = DRIFT_M / 2, self._config.depth_noise_per_m
-            stays, passed = count_passed(points, image.depth_m, image.camera.pinhole, T, margin_m, noise)
+            stays, passed = count_passed(points, image.depth_m, pinhole, T, IN_PLACE_M, noise)
             enough = passed >= MIN_READINGS
             self._count(self._stirs, entry, enough and passed >= STIRS * (stays + passed))
             self._count(self._leaves, entry, enough and passed >= LEFT * (stays + passed))
