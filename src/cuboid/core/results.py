@@ -152,6 +152,8 @@ class FrameResult:
         Width and height of the frame, pixels; None is the heat's.
     events : tuple of ObjectEvent
         What this frame told of objects that move.
+    agents : tuple of Box
+        Where something moves that is no object: people, hands, doors.
     """
 
     index: int
@@ -165,6 +167,7 @@ class FrameResult:
     left_out: Mapping[str, int] = field(default_factory=dict)
     size: tuple[int, int] | None = None
     events: tuple[ObjectEvent, ...] = ()
+    agents: tuple[Box, ...] = ()
 
     def __repr__(self) -> str:
         labels = ", ".join(f"#{seen.label}" for seen in self.sightings) or "nothing"

@@ -105,9 +105,14 @@ def _nearest_around(depth_m: Float32Array, reach: int) -> Float32Array:
 
 def _without_small(marked: UInt8Array) -> UInt8Array | None:
     """Return marks (h, w) without groups that may be noise; None where nothing is left."""
-    if np.count_nonzero(marked) < MIN_GROUP:
-        return None
+    groups = groups_of(marked, MIN_GROUP)
+    return np.any(groups, axis=0).astype(np.uint8) if groups else None
+
+
+def groups_of(marked: UInt8Array, least: int = MIN_GROUP * STEP**2) -> list[npt.NDArray[np.bool_]]:
+    """Return the groups (h, w) of at least so many marked pixels side by side."""
+    if np.count_nonzero(marked) < least:
+        return []
     _, group, table, _ = cv2.connectedComponentsWithStats(marked, connectivity=8)
-    large: npt.NDArray[np.bool_] = table[:, cv2.CC_STAT_AREA] >= MIN_GROUP
-    large[0] = False
-    return large[group].astype(np.uint8) if large.any() else None
+    large = np.flatnonzero(table[1:, cv2.CC_STAT_AREA] >= least) + 1
+    return [group == k for k in large]

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from cuboid.core.config import TrackerConfig
 from cuboid.core.frame import Float32Array, Float64Array, UInt8Array
@@ -20,9 +21,10 @@ from cuboid.core.limits import SAMPLE_POINTS
 from cuboid.core.observation import Observation
 from cuboid.core.results import ObjectEvent, Sighting
 from cuboid.core.tolerances import BIAS_M, DRIFT_M, MIN_READINGS
+from cuboid.core.values import EventName
 from cuboid.geometry.box import Box
 from cuboid.geometry.se3 import inverse, transform
-from cuboid.heatmap.motion import REST_S
+from cuboid.heatmap.motion import REST_S, groups_of
 from cuboid.heatmap.voxel_map import VoxelMap
 from cuboid.objects.cluster import Cluster, Fit, levels_of
 from cuboid.objects.entry import MapObject
@@ -53,6 +55,8 @@ MOVED_M = 0.05
 GONE_S = 5.0
 # An object that comes to stand is held against what waits for this long, seconds: its box and colors get better.
 KNOWN_AGAIN_S = 1.0
+# Fraction of the points of what moves that may be outliers, at each side.
+AGENT_OUTLIERS = 0.02
 # An object came while the camera watched where this fraction of its points lies in cells that were seen to move.
 CAME, CELL_M = 0.5, 0.02
 
@@ -94,6 +98,11 @@ class Following:
     store : ObjectStore
     voxels : VoxelMap
     planes : PlaneTracker
+
+    Attributes
+    ----------
+    agents : list of Box
+        Where something moves in the last frame that is no object, in the world of the map.
     """
 
     def __init__(self, config: TrackerConfig, store: ObjectStore, voxels: VoxelMap, planes: PlaneTracker) -> None:
@@ -115,6 +124,7 @@ class Following:
         self._cells: dict[int, None] = {}
         self._events: list[ObjectEvent] = []
         self._levels: tuple[Level, ...] | None = None
+        self.agents: list[Box] = []
 
     def take_events(self) -> list[ObjectEvent]:
         """Return what happened since this was asked last, in the world of the map."""
@@ -135,9 +145,25 @@ class Following:
         for one in list(self._followed):
             self._follow(one, seen, time_s)
         self._tell_gone(time_s)
+        self.agents = self._find_agents(seen)
         if seen.moving is None and not self._followed:
             return seen
         return replace(seen, moving=self._moving(seen))
+
+    def _find_agents(self, seen: Observation) -> list[Box]:
+        """Return the boxes, along the axes of the map, of what moves and is no object."""
+        if seen.moving is None:
+            return []
+        moving = np.asarray(seen.moving & (seen.image.depth_m > 0), np.uint8)
+        for entry in [entry for entry, _ in self._settled] + [one.entry for one in self._followed]:
+            _mark_inside(entry.box, DRIFT_M, seen, moving, 0)
+        boxes = []
+        for group in groups_of(moving):
+            v, u = np.nonzero(group)
+            points = _places(v, u, seen)
+            low, high = np.quantile(points, [AGENT_OUTLIERS, 1.0 - AGENT_OUTLIERS], axis=0)
+            boxes.append(Box((low + high) / 2, np.maximum(high - low, BIAS_M), np.eye(3)))
+        return boxes
 
     def _moving(self, seen: Observation) -> UInt8Array | None:
         """Return which readings move: those of followed objects too, but not those of settled ones."""
@@ -243,12 +269,12 @@ class Following:
         if np.linalg.norm(one.entry.box.center - one.from_box.center) > MOVED_M:
             self._tell("moved", one.entry, one.from_box, one.entry.box, one.score)
 
-    def claim(self, slots: np.ndarray, seen: Observation) -> None:
+    def claim(self, slots: npt.NDArray[np.int32], seen: Observation) -> None:
         """Give the voxels of a frame that lie in objects that have come to rest to these."""
         for entry, _ in self._settled:
             inside = np.zeros(slots.shape, np.uint8)
             _mark_inside(entry.box, BIAS_M, seen, inside, 1)
-            rows = slots[(inside > 0) & (slots >= 0)]
+            rows = slots[(inside > 0) & (slots >= 0)].astype(np.int64)
             self._voxels.claim(rows, entry.number)
 
     # --- what waits ------------------------------------------------------------------------------------------------
@@ -297,9 +323,9 @@ class Following:
     def _note_cells(self, places: Float32Array) -> None:
         self._cells.update(dict.fromkeys(_keys(places)))
 
-    def _tell(self, event: str, entry: MapObject, before: Box | None, after: Box | None, score: float) -> None:
-        places = (None if box is None else box.center for box in (before, after))
-        self._events.append(ObjectEvent(event, entry.label, *places, score))
+    def _tell(self, event: EventName, entry: MapObject, before: Box | None, after: Box | None, score: float) -> None:
+        from_m, to_m = (None if box is None else box.center for box in (before, after))
+        self._events.append(ObjectEvent(event, entry.label, from_m, to_m, score))
 
     # --- candidates ------------------------------------------------------------------------------------------------
 
@@ -315,7 +341,9 @@ class Following:
 
     # --- results ---------------------------------------------------------------------------------------------------
 
-    def sightings(self, shown: tuple[Sighting, ...], seen: Observation, slots: np.ndarray) -> tuple[Sighting, ...]:
+    def sightings(
+        self, shown: tuple[Sighting, ...], seen: Observation, slots: npt.NDArray[np.int32]
+    ) -> tuple[Sighting, ...]:
         """Return the sightings of a frame with those of followed objects."""
         here = [one.entry for one in self._followed if not one.missed]
         if not here:
@@ -338,7 +366,7 @@ def _points_of(seen: Observation) -> Float32Array:
     return _places(3 * v, 3 * u, seen)
 
 
-def _places(v: np.ndarray, u: np.ndarray, seen: Observation) -> Float32Array:
+def _places(v: npt.NDArray[np.int64], u: npt.NDArray[np.int64], seen: Observation) -> Float32Array:
     c, z = seen.image.camera, seen.image.depth_m[v, u]
     points = np.stack([(u - c.cx) / c.fx * z, (v - c.cy) / c.fy * z, z], 1)
     return transform(seen.T_world_camera, points).astype(np.float32)
@@ -363,7 +391,8 @@ def _mark_inside(box: Box, beyond_m: float, seen: Observation, marks: UInt8Array
 def _keys(points: Float32Array) -> list[int]:
     cells = np.floor(points.astype(np.float64) / CELL_M).astype(np.int64) + (1 << 20)
     keys = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
-    return np.unique(keys).tolist()
+    found: list[int] = np.unique(keys).tolist()
+    return found
 
 
 def _is_elsewhere(found: Fit, there: Fit | None, box: Box) -> bool:

@@ -151,11 +151,11 @@ class ObjectMap:
         self._add_overlaps(objects, novelty)
         self._add_attachments(objects, novelty)
         self._penalise_missed(found)
-        touched = [o.number for o in objects] + [int(n) for n in number_of if n]
-        self._fitting.fit_grown(touched, seen.eye, seen.new_viewpoint)
+        changed = [o.number for o in objects] + [int(n) for n in number_of if n]
+        self._fitting.fit_grown(changed, seen.eye, seen.new_viewpoint)
         self._retire_removed(found)
-        self._merge(touched, seen.eye)
-        self._retire_unlikely(touched)
+        self._merge(changed, seen.eye)
+        self._retire_unlikely(changed)
         return found
 
     def _update_objects(

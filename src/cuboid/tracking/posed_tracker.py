@@ -260,6 +260,7 @@ class PosedTracker(MapQueries):
             ),
             proposals=tuple([dataclasses.replace(one, box=self.in_world(one.box)) for one in result.proposals]),
             events=tuple([one.moved(self.T_world_map) for one in result.events]),
+            agents=tuple([self.in_world(box) for box in result.agents]),
         )
 
     @property
@@ -349,6 +350,7 @@ class PosedTracker(MapQueries):
             },
             size=(camera.width, camera.height),
             events=tuple(self._following.take_events()),
+            agents=tuple(self._following.agents),
         )
 
     def _observe(self, frame: Frame, camera: Intrinsics, keyframe: int) -> Observation:
