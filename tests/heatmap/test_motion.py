@@ -29,12 +29,12 @@ def test_what_comes_moves_until_it_has_rested_for_two_seconds() -> None:
     for index in range(20):
         assert not marks(motion, [FLOOR, TABLE], STANDING, index).any()
     truth = cast([FLOOR, TABLE, thing(0.0)], STANDING)[1] == 2
-    for index in range(20, 20 + int(30 * (REST_S - 0.5))):
+    early, late = 20 + int(30 * (REST_S - 0.5)), 20 + int(30 * (REST_S + 1.0))
+    for index in range(20, early):
         found = marks(motion, [FLOOR, TABLE, thing(0.0)], STANDING, index)
         assert (found & truth).sum() > 0.7 * truth.sum()
         assert (found & ~truth).sum() < 0.1 * truth.sum()
-    late = 20 + int(30 * (REST_S + 1.0))
-    for index in range(index, late):
+    for index in range(early, late):
         found = marks(motion, [FLOOR, TABLE, thing(0.0)], STANDING, index)
     assert not found.any()
 

@@ -57,7 +57,7 @@ def test_a_thing_that_is_carried_keeps_its_label_on_the_way_and_is_told_to_have_
     stage = Stage([0, 2])
     stage.show(frames=75)
     label, other = stage.label_of(0), stage.label_of(1)
-    assert label and other
+    assert None not in (label, other)
     stage.carry(0, (FREE_X[4], 0.05, 0.0))
     result = stage.show(frames=30)
     assert stage.label_of(0) == label
@@ -65,7 +65,8 @@ def test_a_thing_that_is_carried_keeps_its_label_on_the_way_and_is_told_to_have_
     assert {seen.label for seen in result.sightings} == {label, other}
     (event,) = stage.events
     assert (event.event, event.label) == ("moved", label)
-    assert event.from_m is not None and event.to_m is not None
+    assert event.from_m is not None
+    assert event.to_m is not None
     np.testing.assert_allclose(event.from_m[:2], (FREE_X[0], 0.0), atol=0.03)
     np.testing.assert_allclose(event.to_m[:2], (FREE_X[4], 0.05), atol=0.03)
 
@@ -174,7 +175,7 @@ class Stages(RuleBasedStateMachine):
 
 TestStages = Stages.TestCase
 TestStages.settings = settings(
-    max_examples=6,
+    max_examples=4,
     stateful_step_count=5,
     deadline=None,
     derandomize=True,
