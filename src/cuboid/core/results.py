@@ -24,6 +24,7 @@ from cuboid.core.values import (
     RelationKind,
 )
 from cuboid.geometry.box import Box
+from cuboid.geometry.se3 import transform
 
 # The rectangle of a record in its frame's image.
 RECTANGLE = column("rectangle in the color image", kind=Pixel, digits=PIXEL, parts=("x0", "y0", "x1", "y1"))
@@ -115,6 +116,11 @@ class ObjectEvent:
     )
     score: Fraction = field(metadata=column("confidence that it is the same object, 0 to 1"))
 
+    def moved(self, T_new_old: Float64Array) -> Self:
+        """Return it in another world, by a rigid motion (4, 4)."""
+        from_m, to_m = (None if at is None else transform(T_new_old, at) for at in (self.from_m, self.to_m))
+        return replace(self, from_m=from_m, to_m=to_m)
+
     def __repr__(self) -> str:
         places = " to ".join(
             "nowhere" if at is None else f"({at[0]:z.2f}, {at[1]:z.2f}, {at[2]:z.2f})"
@@ -146,6 +152,10 @@ class FrameResult:
         Numbers of proposals, clusters (segments) and candidates beyond the limits of a frame, see `core.limits`.
     size : (int, int) or None
         Width and height of the frame, pixels; None: the size of the heat.
+    events : tuple of ObjectEvent
+        Events of objects at this frame.
+    agents : tuple of Box
+        Where something moves that is no object: people, hands, doors.
     """
 
     index: int
@@ -158,6 +168,8 @@ class FrameResult:
     milliseconds: dict[str, float]
     left_out: Mapping[str, int] = field(default_factory=dict)
     size: tuple[int, int] | None = None
+    events: tuple[ObjectEvent, ...] = ()
+    agents: tuple[Box, ...] = ()
 
     def __repr__(self) -> str:
         labels = ", ".join(f"#{seen.label}" for seen in self.sightings) or "nothing"

@@ -453,6 +453,14 @@ class StoredPoints:
         self.cubes.changed[rows >> BLOCK_BITS] = True
         self.owned_blocks.transfer(gone, kept)
 
+    def remove(self, number: int) -> None:
+        """Remove all rows of an object: there is nothing where it was."""
+        rows = self.rows_of(number)
+        p, blocks = self.points, rows >> BLOCK_BITS
+        p.weight[rows], p.hits[rows], p.passes[rows] = 0.0, 0, 0
+        np.add.at(self.cubes.dead, self.cubes.cube_of[blocks], 1)
+        self.cubes.changed[blocks] = True
+
     def release(self, numbers: Sequence[int]) -> None:
         """Let objects have no rows: these are no one's, and no votes hold them."""
         if not numbers:

@@ -18,7 +18,7 @@ from cuboid.heatmap.fine_points import FinePoints
 from cuboid.heatmap.kernels import claims as kernel_claims
 from cuboid.heatmap.kernels import lookup, owners
 from cuboid.heatmap.kernels import voxels as kernel
-from cuboid.heatmap.kernels.cubes import BLOCK_ROWS
+from cuboid.heatmap.kernels.cubes import BLOCK_BITS, BLOCK_ROWS
 from cuboid.heatmap.levels import Levels, LevelsState
 from cuboid.heatmap.moving_points import MovingPoints
 from cuboid.heatmap.stored_points import Rows, StoredPoints, StoredPointsState
@@ -264,6 +264,12 @@ class VoxelMap:
         pairs = kernel_claims.vote_owners(*frame, p.hits, MAX_VOTES, p.owner, p.confidence, p.mark)
         pairs = np.unique(pairs)
         self.stored.owned_blocks.add(pairs >> 32, pairs & 0xFFFFFFFF)
+
+    def claim(self, rows: Rows, number: int) -> None:
+        """Let an object have rows (N,) that are no one's: as many votes as there can be say so."""
+        rows = np.unique(rows[self.stored.owner[rows] == 0])
+        self.stored.owner[rows], self.stored.points.confidence[rows] = number, MAX_VOTES
+        self.stored.owned_blocks.add_rows(self.stored.owner[rows], rows >> BLOCK_BITS)
 
     def look_up(self, slots: npt.NDArray[np.int32]) -> PixelVoxels:
         """Return what the map knows of the voxel (h, w) of each pixel, -1 none."""

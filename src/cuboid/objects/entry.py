@@ -74,6 +74,8 @@ class MapObject(Record):
         Evidence for each class from a detector, by name; see `naming`. Empty without a detector.
     views : (V, 4) float64
         Directions from which a detector saw it (unit vectors), with the number of times for each.
+    moved : bool
+        Whether it was seen to move by itself.
     taken_by : MapObject or None
         The one that it turned out to be a part of.
     """
@@ -100,6 +102,7 @@ class MapObject(Record):
     holder: int = 0
     name_log_odds: dict[str, float] = field(default_factory=dict, metadata=ADDED)
     views: Float64Array = field(default_factory=lambda: np.zeros((0, 4)), metadata=ADDED)
+    moved: bool = field(default_factory=bool, metadata=ADDED)
     taken_by: MapObject | None = field(default=None, metadata=TRANSIENT)
 
     @property

@@ -201,6 +201,14 @@ class ObjectStore:
             if not entry.label:
                 del self._objects[entry.number]
 
+    def set_down(self, entry: MapObject, box: Box) -> None:
+        """Let a labelled object that was retired live on with another box: it was moved, and rests again."""
+        entry.state = State.CONFIRMED
+        self._confirmed[entry.number] = entry
+        entry.plane, entry.supports, entry.supports_plane, entry.holder = None, {}, False, 0
+        entry.fitted, entry.moved = entry.sightings, True
+        self.place(entry, box)
+
     def adopt(self, entry: MapObject, old: MapObject) -> None:
         """Let a labelled object be one that was retired: it was moved, and its older label stays."""
         entry.merged_labels = sorted({*entry.merged_labels, *old.merged_labels, entry.label})

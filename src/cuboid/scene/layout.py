@@ -16,8 +16,7 @@ from scipy.spatial import cKDTree
 from cuboid.core.frame import Float32Array, Float64Array
 from cuboid.geometry.se3 import inverse, level_rotation, transform
 from cuboid.objects.entry import MapObject
-from cuboid.scene.changes import MIN_SIMILARITY
-from cuboid.scene.similarity import color_profile_of, similarity
+from cuboid.objects.similarity import MIN_SIMILARITY, color_profile_of, similarity
 
 # Objects of the part that are looked for, those seen most often, and known ones that each is held against.
 LOOKED_FOR, CANDIDATES = 16, 20
