@@ -1,4 +1,4 @@
-"""`cuboid serve`: a store in the browser, and as a read-only API."""
+"""`cuboid serve`: serve a store as pages and as a read-only API."""
 
 from __future__ import annotations
 
@@ -15,16 +15,18 @@ TOKEN = "CUBOID_TOKEN"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    parser.add_argument("store", metavar="STORE", help="what 'cuboid batch' wrote: a folder or URL")
+    """Add the arguments of the command."""
+    parser.add_argument("store", metavar="STORE", help="the store of 'cuboid batch': a folder or URL")
     parser.add_argument(
-        "--host", default="127.0.0.1", metavar="ADDRESS", help="address to listen at (default: this machine alone)"
+        "--host", default="127.0.0.1", metavar="ADDRESS", help="address to listen at (default: this machine only)"
     )
-    parser.add_argument("--port", type=port, default=8765, metavar="N", help="port, 0 for a free one (default: 8765)")
+    parser.add_argument(
+        "--port", type=port, default=8765, metavar="N", help="port; 0 chooses a free one (default: 8765)"
+    )
     parser.add_argument(
         "--token",
         metavar="TEXT",
-        help=f"secret that a request must carry (default: ${TOKEN}; where others can reach it, a new one is printed)",
+        help=f"secret that each request must contain (default: ${TOKEN}, or a new one if other machines can connect)",
     )
     add_text_model(parser)
 

@@ -10,13 +10,13 @@ if TYPE_CHECKING:
 
 
 def add_page(parser: argparse.ArgumentParser) -> None:
-    """Add where the page is, and whether it is opened."""
+    """Add the options for the port and the browser."""
     parser.add_argument("--port", type=port, default=0, metavar="N", help="port of this machine (default: a free one)")
-    parser.add_argument("--no-browser", action="store_true", help="only say the address, open no browser")
+    parser.add_argument("--no-browser", action="store_true", help="print the address only, open no browser")
 
 
 def serve(args: argparse.Namespace, what: str, page: PageServer) -> int:
-    """Serve a page until Ctrl-C, and say where; return the exit status."""
+    """Serve a page until Ctrl-C, and print its address; return the exit status."""
     import webbrowser
 
     from cuboid.cli.tables import console

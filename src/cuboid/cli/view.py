@@ -1,4 +1,4 @@
-"""`cuboid view`: finished results or a scene in the browser, image and map side by side, names to give."""
+"""`cuboid view`: show finished results or a scene in the browser, and give names to objects."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ EXAMPLE = "cuboid view DIR"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    parser.add_argument("results", type=Path, metavar="DIR", help="what 'cuboid track' left behind, or a scene")
-    parser.add_argument("--recording", type=Path, metavar="PATH", help="the recording, where it is not where it was")
+    """Add the arguments of the command."""
+    parser.add_argument("results", type=Path, metavar="DIR", help="results of 'cuboid track', or a scene file")
+    parser.add_argument("--recording", type=Path, metavar="PATH", help="the recording, if it has moved since the run")
     add_text_model(parser)
     add_page(parser)
 

@@ -83,13 +83,13 @@ def summary_page(
             (str(row["count"]), row["state"], row["recording"], row["reason"] or "")
             for row in summary.failed[: WORST + MORE]
         ]
-        parts.append("<h2>Not done</h2>" + _table(("how many", "state", "such as", "why"), rows, left=4))
+        parts.append("<h2>Not done</h2>" + _table(("count", "state", "example", "reason"), rows, left=4))
     worst, more = summary.worst[:WORST], summary.worst[WORST:]
-    parts.append(f"<h2>To look at first</h2>{_recordings(worst)}")
+    parts.append(f"<h2>To check first</h2>{_recordings(worst)}")
     parts.append(
-        '<p class="note">The order is the sum of the fractions at the right: frames that were not used; objects that '
-        "overlap another by a third or more, stand in free space, or were seen in fewer than five frames; labels that "
-        "did not last; and 1 where nothing was found.</p>"
+        '<p class="note">The order is the sum of the fractions at the right: unused frames; objects that overlap '
+        "another one by a third or more, stand in free space, or were seen in fewer than five frames; labels that did "
+        "not last; and 1 if no object was found.</p>"
     )
     if more:
         parts.append(f"<h2>The next {len(more)}</h2>{_recordings(more)}")
