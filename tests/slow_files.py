@@ -48,6 +48,7 @@ SLOW_FILES = frozenset(
         "heatmap/test_moving_points.py",
         "kernels/test_registration_kernels.py",
         "kernels/test_voxels.py",
+        "objects/test_following.py",
         "outputs/test_full_disk.py",
         "outputs/test_results_api.py",
         "poses/test_drift.py",

@@ -29,6 +29,7 @@ PACKAGES = (
         "objects",
         "shapes",
         "relations",
+        "text_search",
         "outputs",
     ),
     *("views", "calibration", "tracking", "scene", "pipeline", "recordings", "cameras", "exports", "synthetic"),

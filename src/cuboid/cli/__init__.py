@@ -22,23 +22,23 @@ from cuboid.core.errors import CuboidError, one_line, printable
 # The commands by what they are for, as the help lists them; a line each.
 GROUPS = {
     "run": {
-        "track": "track the objects of a recording and write what was found",
+        "track": "track the objects of a recording and write the results",
         "slam": "estimate the camera poses of a recording from its images and write the trajectory",
         "demo": "make a recording, track it, and compare with the truth",
     },
     "look": {
-        "info": "show what was recognised in a recording, and which frames will be skipped",
-        "view": "look at finished results in the browser, image and map side by side",
+        "info": "describe a recording: layout, camera, depth, poses, and frames that will be skipped",
+        "view": "show finished results in the browser, image and map side by side",
         "report": "write the 3D page of finished results (report.html)",
-        "render": "draw the results of a run into its recording, as a video",
-        "scene": "list, show and change what is in a scene file",
-        "export": "write the results of a run in the form of another program",
+        "render": "draw the results of a run into the images of its recording, as a video",
+        "scene": "list, show and change the objects of a scene file",
+        "export": "write the results of a run in the format of another program",
     },
     "judge": {
-        "evaluate": "judge a result by the truth: boxes, labels over time",
+        "evaluate": "compare a result with the truth: boxes, and labels over time",
         "evaluate trajectory": "compare an estimated camera path with the true one",
         "annotate": "draw rectangles of objects into some frames of a recording, in the browser",
-        "bench": "measure milliseconds a stage, frames/s and memory on a recording",
+        "bench": "measure time per stage, frames/s and memory on a recording",
         "doctor": "check packages, compiled kernels, extras and threads",
         "compile": "compile all kernels that tracking uses, ahead of the first run",
     },
@@ -49,15 +49,15 @@ GROUPS = {
     },
     "many recordings": {
         "batch": "track many recordings into one store of objects",
-        "sql": "ask the tables of a store in SQL",
-        "store compact": "gather the small files of a store into large ones, and remove leftovers of killed tasks",
+        "sql": "query the tables of a store in SQL",
+        "store compact": "merge the small files of a store into large ones, and remove the leftovers of killed tasks",
     },
     "make": {
-        "synth": "make a recording whose truth is known exactly",
-        "convert": "write a recording in another form: a plain folder, TUM's, or a bag of ROS 2",
-        "calibrate": "find focal length, optical centre and depth scale of a recording",
-        "models": "list detectors that have a name, and fetch them from their publishers",
-        "completion": "print the script that lets a shell complete commands and options",
+        "synth": "make a recording with an exact truth",
+        "convert": "convert a recording to another format: plain folder, TUM, or ROS 2 bag",
+        "calibrate": "estimate focal length, optical centre and depth scale of a recording",
+        "models": "list the known detectors, and download them from their publishers",
+        "completion": "print the script for a shell that completes commands and options",
     },
 }
 COMMANDS = tuple(name for group in GROUPS.values() for name in group)

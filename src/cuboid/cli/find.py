@@ -1,4 +1,4 @@
-"""`cuboid find`: where is a thing like this, in a scene, in results, or over all recordings of a store."""
+"""`cuboid find`: find objects in a scene, in results, or over all recordings of a store."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from cuboid.cli.results import add_results, give
+from cuboid.cli.text_model import add_text, query_from
 from cuboid.cli.workers import positive
 from cuboid.queries.words import length, moment, place, sizes, thing
 
@@ -22,12 +23,12 @@ T = TypeVar("T")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the arguments of the command."""
     parser.add_argument("place", metavar="SCENE|RESULTS|STORE", help="a scene file, a result folder, or a store")
     _add_filters(parser)
-    shown = parser.add_argument_group("answer")
-    shown.add_argument("--limit", type=positive, default=50, metavar="N", help="at most N objects (default: 50)")
-    shown.add_argument("--html", type=Path, metavar="FILE", help="write the table with pictures as a page")
+    shown = parser.add_argument_group("output")
+    shown.add_argument("--limit", type=positive, default=50, metavar="N", help="print at most N objects (default: 50)")
+    shown.add_argument("--html", type=Path, metavar="FILE", help="also write the table with pictures as an HTML page")
     add_results(parser)
 
 
@@ -56,6 +57,7 @@ def run(args: argparse.Namespace) -> int:
         name=args.name,
         min_score=args.min_score,
         like=args.like,
+        text=query_from(args),
         limit=args.limit,
     )
     of_one = is_place(args.place)
@@ -68,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     def show() -> None:
         console().print(_table(rows) if rows else "no object found")
         if args.html is not None:
-            console().print(f"with pictures in {args.html}", markup=False, soft_wrap=True)
+            console().print(f"the page with pictures is {args.html}", markup=False, soft_wrap=True)
 
     give(args, {"objects": [plain(row) for row in rows]}, show)
     return 0
@@ -100,7 +102,7 @@ def _table(rows: list[dict[str, Any]]) -> Table:
     from cuboid.cli.tables import new_table
     from cuboid.queries.rows import cells_of
 
-    last = next((name for name in ("unlike", "distance_m") if name in rows[0]), None)
+    last = next((name for name in ("text_score", "unlike", "distance_m") if name in rows[0]), None)
     names = ["size L x M x S (cm)", "position x, y, z (m)", "color", "frames", "last seen (UTC)"]
     table = new_table("object", *names, *([last] if last else []))
     for row in rows:
@@ -109,34 +111,49 @@ def _table(rows: list[dict[str, Any]]) -> Table:
 
 
 def _add_filters(parser: argparse.ArgumentParser) -> None:
-    """Add the conditions on objects, in the words of people."""
-    which = parser.add_argument_group("which objects")
+    """Add the conditions on objects."""
+    which = parser.add_argument_group("conditions")
     which.add_argument(
-        "--size", type=_word(sizes), metavar="A..B", help="length of the longest side, as 8..14cm or 0.5m.."
+        "--size", type=_word(sizes), metavar="A..B", help="range of the longest side, such as 8..14cm or 0.5m.."
     )
     which.add_argument(
-        "--near", type=_word(place), metavar="X,Y,Z", help="near a place in the recordings' world, metres"
+        "--near", type=_word(place), metavar="X,Y,Z", help="near a point in the world of the recordings, metres"
     )
-    which.add_argument("--within", type=_word(length), default=0.5, metavar="D", help="so near (default: 0.5m)")
-    which.add_argument("--near-object", metavar="LABEL|NAME", help="near another object, not farther than --within")
+    which.add_argument(
+        "--within",
+        type=_word(length),
+        default=0.5,
+        metavar="D",
+        help="largest distance from that point (default: 0.5m)",
+    )
+    which.add_argument("--near-object", metavar="LABEL|NAME", help="near another object, at most --within away")
     which.add_argument("--on", metavar="LABEL|NAME|plane:N", help="on an object or a surface")
     which.add_argument("--in", dest="inside", metavar="LABEL|NAME", help="in an object")
     which.add_argument("--beside", metavar="LABEL|NAME", help="beside an object")
-    which.add_argument("--recording", metavar="GLOB", help="in recordings of this name, as 'kitchen*'")
+    which.add_argument("--recording", metavar="GLOB", help="in recordings with this name, such as 'kitchen*'")
     which.add_argument(
-        "--since", type=_word(moment), metavar="WHEN", help="last seen since 2026-03-01, or for 7d, 12h, 30min"
+        "--since",
+        type=_word(moment),
+        metavar="WHEN",
+        help="last seen after this date or time, such as 2026-03-01, or within the last 7d, 12h, 30min",
     )
-    which.add_argument("--until", type=_word(moment), metavar="WHEN", help="last seen before")
-    which.add_argument("--color", metavar="WORD", help="red, blue, grey, ...: of which a third of it is")
-    which.add_argument("--name", metavar="NAME", help="of this name, or of this class, as a detector saw it")
-    which.add_argument("--min-score", type=float, metavar="S", help="confidence that it is an object, 0 to 1")
+    which.add_argument("--until", type=_word(moment), metavar="WHEN", help="last seen before this date or time")
     which.add_argument(
-        "--like", type=_word(thing), metavar="RECORDING#LABEL", help="the most like this one, by size, shape and colors"
+        "--color", metavar="WORD", help="at least 30 %% of the object has this color: red, blue, grey, ..."
+    )
+    which.add_argument("--name", metavar="NAME", help="name of the object, or class that a detector gave")
+    add_text(which)
+    which.add_argument("--min-score", type=float, metavar="S", help="least confidence that it is an object, 0 to 1")
+    which.add_argument(
+        "--like",
+        type=_word(thing),
+        metavar="RECORDING#LABEL",
+        help="most similar to this object first, by size, shape and colors",
     )
 
 
 def _word(read: Callable[[str], T]) -> Callable[[str], T]:
-    """Return a reader whose complaint argparse prints as it is."""
+    """Return a reader whose message argparse prints unchanged."""
 
     def read_word(text: str) -> T:
         try:

@@ -1,4 +1,4 @@
-"""`--live` and `--rerun`: a look at a run from the browser, or from the rerun viewer, while it goes."""
+"""`--live` and `--rerun`: show a run in the browser or in the rerun viewer as it proceeds."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ if TYPE_CHECKING:
 
 def add_live(parser: argparse._ActionsContainer) -> None:
     """Add `--live`, `--live-host` and `--rerun`."""
-    parser.add_argument("--live", action="store_true", help="show the run in the browser while it goes")
+    parser.add_argument("--live", action="store_true", help="show the run in the browser as it proceeds")
     parser.add_argument(
         "--live-host",
         metavar="ADDRESS",
-        help="address of this machine that shows it to others too, 0.0.0.0 for all (default: to nobody else)",
+        help="address at which other machines see the live page, 0.0.0.0 for all (default: this machine only)",
     )
     parser.add_argument(
         "--rerun",
         nargs="?",
         const=OPTIONAL["--rerun"][0],
         metavar="FILE.rrd|ADDRESS",
-        help="show the run in the rerun viewer while it goes; or write a file for it, or reach it at its address",
+        help="show the run in the rerun viewer as it proceeds; or write a file for it, or connect to its address",
     )
 
 
@@ -78,7 +78,7 @@ def served_run(args: argparse.Namespace, name: str) -> Iterator[ServedRun | None
 
 @contextmanager
 def watching(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> Iterator[Watching]:
-    """Open what the arguments ask for; gives what looks at the run."""
+    """Open the views that the arguments ask for."""
     with ExitStack() as stack:
         live = stack.enter_context(live_view(args, name, intrinsics))
         looks: list[Watch] = [] if live is None else [live]
@@ -93,7 +93,7 @@ def watching(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> Ite
 
 @dataclass(frozen=True, slots=True)
 class Watching:
-    """All that look at a run."""
+    """All views of a run."""
 
     live: LiveView | None
     looks: Sequence[Watch]
@@ -104,19 +104,19 @@ class Watching:
             look(frame, result, tracker)
 
     def end(self, report: RunReport) -> None:
-        """Tell that the run is over."""
+        """Report the end of the run."""
         if self.live is not None:
             self.live.end(report.complete, report.warnings)
 
 
 @contextmanager
 def live_view(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> Iterator[LiveView | None]:
-    """Serve the run where `--live` asks for it, and say where; gives what looks at the run."""
+    """Serve the run if `--live` is given, and print the address; gives the view, or None."""
     if not args.live:
         if args.live_host is not None:
             from cuboid.core.errors import InputError
 
-            raise InputError("--live-host says where --live is seen; give --live too")
+            raise InputError("--live-host is an option of --live; give --live too")
         yield None
         return
     from cuboid.views.live import LiveServer, LiveView

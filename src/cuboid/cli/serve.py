@@ -1,4 +1,4 @@
-"""`cuboid serve`: a scene, results or a store for browsers and programs, over HTTP."""
+"""`cuboid serve`: serve a scene, results or a store to browsers and programs, over HTTP."""
 
 from __future__ import annotations
 
@@ -6,36 +6,42 @@ import argparse
 from typing import TYPE_CHECKING
 
 from cuboid.cli.serving import add_address, listen
+from cuboid.cli.text_model import add_text_model, serving_model
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
 
     from cuboid.cli.serving import Address
+    from cuboid.text_search import TextModel
 
 EXAMPLE = "cuboid serve kitchen.cuboid"
 PORT = 8765
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the arguments of the command."""
     parser.add_argument("place", metavar="SCENE|RESULTS|STORE", help="a scene file, a result folder, or a store")
     add_address(parser, PORT)
+    add_text_model(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C."""
+    from cuboid.core.errors import InputError
     from cuboid.core.extras import need_cluster, need_serve
     from cuboid.core.threads import limit_threads
     from cuboid.queries.opening import is_place
 
     of_one = is_place(args.place)
+    if of_one and args.text_model is not None:
+        raise InputError("--text-model is for a store; 'cuboid scene find' and 'cuboid view' rank objects by a text")
     (need_serve if of_one else need_cluster)("cuboid serve")
     limit_threads(1)
     import uvicorn
 
     address = listen(args.host, args.port, args.token)
     try:
-        app = _app(args.place, address, of_one=of_one)
+        app = _app(args.place, address, None if of_one else serving_model(args), of_one=of_one)
         print(f"{args.place} at {address.url} (Ctrl-C ends it)", flush=True)
         server = uvicorn.Server(uvicorn.Config(app, log_level="warning", server_header=False, access_log=False))
         server.run(sockets=[address.listening])
@@ -46,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _app(path: str, address: Address, *, of_one: bool) -> Starlette:
+def _app(path: str, address: Address, model: TextModel | None, *, of_one: bool) -> Starlette:
     if of_one:
         from cuboid.queries.opening import open_place
         from cuboid.service.app import application as place_application
@@ -54,4 +60,4 @@ def _app(path: str, address: Address, *, of_one: bool) -> Starlette:
         return place_application(open_place(path), token=address.token, hosts=address.hosts)
     from cuboid.store.asgi import application as store_application
 
-    return store_application(path, token=address.token, hosts=address.hosts)
+    return store_application(path, token=address.token, hosts=address.hosts, model=model)

@@ -20,13 +20,13 @@ TOKEN = "CUBOID_TOKEN"
 
 
 def add_page(parser: argparse.ArgumentParser) -> None:
-    """Add where the page is, and whether it is opened."""
+    """Add the options for the port and the browser."""
     parser.add_argument("--port", type=port, default=0, metavar="N", help="port of this machine (default: a free one)")
-    parser.add_argument("--no-browser", action="store_true", help="only say the address, open no browser")
+    parser.add_argument("--no-browser", action="store_true", help="print the address only, open no browser")
 
 
 def serve(args: argparse.Namespace, what: str, page: PageServer) -> int:
-    """Serve a page until Ctrl-C, and say where; return the exit status."""
+    """Serve a page until Ctrl-C, and print its address; return the exit status."""
     import webbrowser
 
     from cuboid.cli.tables import console
@@ -57,14 +57,14 @@ def port(text: str) -> int:
 def add_address(parser: argparse.ArgumentParser, default_port: int) -> None:
     """Add where a server listens, and the secret that requests must carry."""
     parser.add_argument(
-        "--host", default=HOST, metavar="ADDRESS", help="address to listen at (default: this machine alone)"
+        "--host", default=HOST, metavar="ADDRESS", help="address to listen at (default: this machine only)"
     )
-    ports = f"port, 0 for a free one (default: {default_port})"
+    ports = f"port; 0 chooses a free one (default: {default_port})"
     parser.add_argument("--port", type=port, default=default_port, metavar="N", help=ports)
     parser.add_argument(
         "--token",
         metavar="TEXT",
-        help=f"secret that a request must carry (default: ${TOKEN}; where others can reach it, a new one is printed)",
+        help=f"secret that each request must contain (default: ${TOKEN}, or a new one if other machines can connect)",
     )
 
 

@@ -101,4 +101,4 @@ def _feature(name: str, ring: Float64Array, properties: dict[str, Any]) -> dict[
     }
 
 
-EXPORTS.register("json")(Export(".json", "everything else: footprints and sizes in centimetres", write))
+EXPORTS.register("json")(Export(".json", "other programs: footprints and sizes in centimetres", write))

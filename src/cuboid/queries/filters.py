@@ -10,6 +10,7 @@ from datetime import datetime
 from cuboid.core.errors import InputError, shown
 from cuboid.core.values import RelationKind
 from cuboid.queries.likeness import COLOR_WORDS
+from cuboid.text_search import TextQuery
 
 # An object is found by a class that is not its name where the class is likely by this.
 LIKELY = 0.2
@@ -44,6 +45,8 @@ class Filters:
     min_score : float or None
     like : (str, int) or None
         Recording and label of an object: those most like it come first.
+    text : TextQuery or None
+        Objects are ranked by how well their pictures fit it; those without a vector of its model are left out.
     limit : int
         This many at most.
     """
@@ -62,6 +65,7 @@ class Filters:
     name: str | None = None
     min_score: float | None = None
     like: tuple[str, int] | None = None
+    text: TextQuery | None = None
     limit: int = 50
 
     def __post_init__(self) -> None:

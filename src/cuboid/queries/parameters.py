@@ -10,9 +10,12 @@ from cuboid.core.errors import InputError
 from cuboid.queries.filters import Filters
 from cuboid.queries.likeness import COLOR_WORDS
 from cuboid.queries.words import length, moment, place, thing
+from cuboid.text_search import TextModel
 
 T = TypeVar("T")
 
+# The parameter that only a server with an image-text model takes.
+TEXT = "text"
 MAX_ROWS = 1000
 MAX_SIZE_M = 1e9
 
@@ -37,6 +40,11 @@ class Parameter:
 
 # The names are those of the command line, the order is that of the form.
 PARAMETERS: dict[str, Parameter] = {
+    TEXT: Parameter(
+        {"type": "string", "example": "something to drink from"},
+        "objects ranked by how well their pictures fit a text; the server needs an image-text model",
+        "text",
+    ),
     "name": Parameter({"type": "string", "example": "cup"}, "name of the object, or a likely class of it", "name"),
     "color": Parameter({"type": "string", "enum": list(COLOR_WORDS)}, "color of 30 % of its points or more", "color"),
     "min_size": Parameter(
@@ -85,14 +93,16 @@ def given(asked: Mapping[str, str]) -> dict[str, str]:
     return {name: value.strip() for name, value in asked.items() if value.strip()}
 
 
-def filters_of(asked: Mapping[str, str]) -> Filters:
-    """Return a request's parameters, from `given`, as filters.
+def filters_of(asked: Mapping[str, str], model: TextModel | None = None) -> Filters:
+    """Return a request's parameters, from `given`, as filters; `model` is what texts are understood by.
 
     Raises
     ------
     InputError
-        A value cannot be understood.
+        A value cannot be understood, or there is a text and no model.
     """
+    if TEXT in asked and model is None:
+        raise InputError("text: this server has no image-text model; 'cuboid serve STORE --text-model DIR' has one")
 
     def read(name: str, reader: Callable[[str], T], otherwise: T) -> T:
         try:
@@ -116,6 +126,7 @@ def filters_of(asked: Mapping[str, str]) -> Filters:
         inside=asked.get("in"),
         beside=asked.get("beside"),
         near_object=asked.get("near_object"),
+        text=model.query(asked[TEXT]) if model is not None and TEXT in asked else None,
         limit=int(min(MAX_ROWS, max(1.0, read("limit", _number, 50.0)))),
     )
 

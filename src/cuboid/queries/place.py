@@ -42,8 +42,8 @@ SMALL, AROUND_M = 300, 0.3
 SIGHTINGS = 20
 # Free height over a footprint unless another is asked for, metres: that of most things on tables.
 FREE_HEIGHT_M = 0.3
-# Filters that need more than one recording.
-ONLY_IN_A_STORE = ("recording", "like")
+# Filters that need more than one recording, or the vectors that a store has.
+ONLY_IN_A_STORE = ("recording", "like", "text")
 
 
 class Place:

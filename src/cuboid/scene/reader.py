@@ -6,6 +6,7 @@ import sqlite3
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -19,12 +20,15 @@ from cuboid.objects.naming import chosen_name
 from cuboid.outputs.object_table import ObjectTable
 from cuboid.outputs.queries import MapQueries
 from cuboid.scene.answers import PastRelation, SceneObject, ScenePast, SceneRecording
-from cuboid.scene.classes import KEY, read_classes
+from cuboid.scene.classes import KEY, read_classes, read_kinds
 from cuboid.scene.database import complaining, open_to_read
 from cuboid.scene.schema import BOX, DESCRIBED, TABLES
 from cuboid.scene.validation import Outline, Row, box_of, columns_of, document, read_rows, rotation_of
 
 if TYPE_CHECKING:
+    from cuboid.core.frame import Float32Array
+    from cuboid.scene.vectors import SceneVector
+    from cuboid.text_search import TextModel
     from cuboid.tracking.posed_tracker import PosedTracker
 
 _COLUMNS = tuple(name for name in TABLES["objects"].columns if not name.endswith("_spread") and "picture" not in name)
@@ -103,8 +107,10 @@ class SceneReader(MapQueries):
                 merged[merged_into].append(label)
             of_class = "scene WHERE key GLOB ? ORDER BY key"
             classes = read_classes(self._rows(("scene.key", "scene.value"), of_class, (f"{KEY}/*",)))
+            kinds = read_kinds(self._connection()) if rows else {}
             begins = self._rows(("recordings.id", "recordings.first_frame"), "recordings ORDER BY id")
-            return [self._object(row, merged.get(row[0], ()), place, classes.get(row[0], []), begins) for row in rows]
+            found = [self._object(row, merged.get(row[0], ()), place, classes.get(row[0], []), begins) for row in rows]
+            return [replace(item, kind=kinds[item.label]) if item.label in kinds else item for item in found]
 
     @property
     def planes(self) -> tuple[SupportPlane, ...]:
@@ -234,6 +240,25 @@ class SceneReader(MapQueries):
         """Return an object's picture as JPEG; None where there is none."""
         rows = self._rows(("objects.picture",), "objects WHERE label = ?", (label,))
         return rows[0][0] if rows else None
+
+    def _vectors(self, model: TextModel) -> Mapping[int, Float32Array]:
+        """Return the vectors of the objects: those that were kept, else of the scene's own pictures."""
+        from cuboid.scene.vectors import is_of, read_vectors, vector_of_picture
+
+        with complaining(self.path):
+            known = read_vectors(self._connection(), model.identity) if self.path.exists() else {}
+        pictures = {item.label: self.picture(item.label) for item in self.objects}
+        found = {label: known[label] for label, jpeg in pictures.items() if is_of(known.get(label), jpeg)}
+        others = {
+            label: vector_of_picture(model, jpeg) for label, jpeg in pictures.items() if jpeg and label not in found
+        }
+        made = {label: one for label, one in others.items() if one is not None}
+        if made:
+            self._keep_made(model, made)
+        return {label: one.vector for label, one in {**found, **made}.items()}
+
+    def _keep_made(self, model: TextModel, made: Mapping[int, SceneVector]) -> None:
+        """Keep vectors that were made of pictures, where the scene can be written."""
 
     def _labels_of(self, label: int) -> list[int]:
         """Return a label and those that were merged into it."""

@@ -116,15 +116,12 @@ class SceneTracker(KeptMap):
         return self._tracker
 
     def use_detector(self, detector: str | Detector | None, every: int = DETECT_EVERY) -> None:
-        """Let a detector look at each n-th frame; see `Tracker`. It is asked about frames by their own numbers.
-
-        Things that depth does not read get no labels in a scene.
-        """
+        """Let a detector look at each n-th frame; see `Tracker`. It is asked about frames by their own numbers."""
         if detector is None:
             return self._tracker.use_detector(None, every)
         detect = OwnFrames(make_detector(detector))
         detect.first_frame = self._visit.first_frame
-        return self._tracker.use_detector(detect, every, unread=False)
+        return self._tracker.use_detector(detect, every)
 
     @property
     def vocabulary(self) -> tuple[str, ...]:

@@ -18,13 +18,14 @@ from starlette.routing import Route
 from cuboid import __version__
 from cuboid.core.errors import InputError
 from cuboid.outputs.folder import OUTPUT_NAMES
-from cuboid.queries.parameters import PARAMETERS, filters_of, given
+from cuboid.queries.parameters import PARAMETERS, TEXT, filters_of, given
 from cuboid.queries.rows import plain
 from cuboid.store.find import find
 from cuboid.store.page import MORE, WORST, found_page, summary_page
 from cuboid.store.place import RESULTS, Place
 from cuboid.store.query import Tables
 from cuboid.store.summary import summarise_store
+from cuboid.text_search import TextModel
 from cuboid.views.guard import Guard
 from cuboid.views.serving import LOCAL_NAMES
 
@@ -61,7 +62,9 @@ class Store:
                 return JSONResponse({"error": str(error)}, 400)
 
 
-def application(url: str, *, token: str | None, hosts: tuple[str, ...] = LOCAL_NAMES) -> Starlette:
+def application(
+    url: str, *, token: str | None, hosts: tuple[str, ...] = LOCAL_NAMES, model: TextModel | None = None
+) -> Starlette:
     """Return the application.
 
     Parameters
@@ -72,6 +75,8 @@ def application(url: str, *, token: str | None, hosts: tuple[str, ...] = LOCAL_N
         What who asks must know; None lets everybody in who can reach it.
     hosts : tuple of str
         Names under which it is answered; ``*`` for any.
+    model : TextModel, optional
+        What texts are understood by, which objects are ranked by.
 
     Raises
     ------
@@ -96,18 +101,19 @@ def application(url: str, *, token: str | None, hosts: tuple[str, ...] = LOCAL_N
             rows: list[dict[str, Any]] = []
             fault = ""
             try:
-                rows = find(tables, filters_of(given(asked)), pictures=True)
+                rows = find(tables, filters_of(given(asked), model), pictures=True)
             except InputError as error:  # the form shows it, with the values to correct
                 fault = str(error)
             links = {"Recordings": ".", "Objects": ""}
-            page = found_page(rows, "Objects of the store", links, asked, fault)
+            names = tuple(name for name in PARAMETERS if name != TEXT or model is not None)
+            page = found_page(rows, "Objects of the store", links, asked, fault, names)
             return HTMLResponse(page, 400 if fault else 200)
 
         return await store.ask(answer)
 
     async def objects(request: Request) -> Response:
-        filters = filters_of(given(request.query_params))
-        return await store.ask(lambda tables: _rows("objects", find(tables, filters)))
+        asked = given(request.query_params)
+        return await store.ask(lambda tables: _rows("objects", find(tables, filters_of(asked, model))))
 
     async def recordings(request: Request) -> Response:
         filters = filters_of(given(request.query_params))

@@ -9,6 +9,7 @@ from cuboid.queries.filters import LIKELY, Filters, is_surface, label_of
 from cuboid.queries.likeness import COLOR_WORDS
 from cuboid.store.query import SUPERSEDED, Tables
 from cuboid.store.schema import OBJECTS, RUNS
+from cuboid.text_search import TextQuery
 
 SIDES, CENTER = ("longest_m", "middle_m", "shortest_m"), ("center_x_m", "center_y_m", "center_z_m")
 # Columns that every answer has; and all that are shown.
@@ -24,10 +25,13 @@ COLORED = 0.3
 # two objects equally unlike.
 _SIZE = " + ".join(f"abs(ln(greatest({side}, 1e-3) / greatest(?, 1e-3)))" for side in SIDES)
 UNLIKE = f"({_SIZE}) / 3 + list_distance(colors, ?::FLOAT[]) / sqrt(2) + list_distance(shape, ?::FLOAT[]) / sqrt(2)"
+# Cosine of the angle between an object's vector and another one, both of length 1; lists that lie beside nulls are
+# refused by DuckDB, arrays are not.
+FITTING = "array_inner_product(try_cast(embedding as FLOAT[{n}]), ?::FLOAT[{n}])"
 
 
 def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[dict[str, Any]]:
-    """Return objects of the newest runs as rows: the nearest, the most alike, or else the last seen come first.
+    """Return objects of the newest runs as rows: the nearest, most alike or best fitting, or the last seen come first.
 
     Parameters
     ----------
@@ -39,12 +43,14 @@ def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[di
     Returns
     -------
     list of dict
-        The columns `SHOWN`; with `near` also ``distance_m``, with `like` also ``unlike`` (0: the same).
+        The columns `SHOWN`; with `near` also ``distance_m``, with `like` also ``unlike`` (0: the same), with `text`
+        also ``text_score`` (the cosine of the angle between the vectors).
 
     Raises
     ------
     InputError
-        The object that others are to be like is not there, or there are several; or the store is damaged.
+        The object that others are to be like is not there, or there are several; no object has a vector of the
+        text's model; or the store is damaged.
     """
     where, values = _conditions(filters)
     extra, order = [], ["last_seen desc"]
@@ -57,6 +63,12 @@ def find(tables: Tables, filters: Filters, *, pictures: bool = False) -> list[di
         extra, order = [*extra, f"{UNLIKE} as unlike"], ["unlike"]
         where.append("not (run = ? and label = ?)")
         values += [one["run"], one["label"]]
+    if filters.text is not None:
+        _refuse_other_model(tables, filters.text)
+        front.append(filters.text.vector.tolist())
+        extra, order = [*extra, f"{FITTING.format(n=len(filters.text.vector))} as text_score"], ["text_score desc"]
+        where.append("embedding_model = ?")
+        values.append(filters.text.model)
     chosen = ", ".join([*SHOWN, *extra, *(["picture"] if pictures else [])])
     question = (
         f"select {chosen} from {OBJECTS} where {' and '.join([*where, NEWEST])} "
@@ -148,3 +160,18 @@ def _the_one(tables: Tables, recording: str, label: int) -> dict[str, Any]:
     known = tables.rows(f"select 1 from {RUNS} where recording = ? limit 1", [recording])
     what = f"recording '{recording}' has no object {label}" if known else f"there is no recording '{recording}'"
     raise InputError(f"--like: {what} in {tables.url}")
+
+
+def _refuse_other_model(tables: Tables, query: TextQuery) -> None:
+    """Raise InputError where no object has a vector of the length that the text's model gives."""
+    found = tables.rows(
+        f"select len(embedding) as n from {OBJECTS} where embedding_model = ? and len(embedding) > 0 limit 1",
+        [query.model],
+    )
+    if not found:
+        raise InputError(f"{tables.url}: no object has a vector of this model; 'cuboid batch --text-model' makes them")
+    if found[0]["n"] != len(query.vector):
+        raise InputError(
+            f"{tables.url}: vectors have {found[0]['n']} numbers, that of the text {len(query.vector)}: "
+            "the model's two files are not of one model"
+        )

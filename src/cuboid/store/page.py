@@ -84,13 +84,13 @@ def summary_page(
             (str(row["count"]), row["state"], row["recording"], row["reason"] or "")
             for row in summary.failed[: WORST + MORE]
         ]
-        parts.append("<h2>Not done</h2>" + _table(("how many", "state", "such as", "why"), rows, left=4))
+        parts.append("<h2>Not done</h2>" + _table(("count", "state", "example", "reason"), rows, left=4))
     worst, more = summary.worst[:WORST], summary.worst[WORST:]
-    parts.append(f"<h2>To look at first</h2>{_recordings(worst)}")
+    parts.append(f"<h2>To check first</h2>{_recordings(worst)}")
     parts.append(
-        '<p class="note">The order is the sum of the fractions at the right: frames that were not used; objects that '
-        "overlap another by a third or more, stand in free space, or were seen in fewer than five frames; labels that "
-        "did not last; and 1 where nothing was found.</p>"
+        '<p class="note">The order is the sum of the fractions at the right: unused frames; objects that overlap '
+        "another one by a third or more, stand in free space, or were seen in fewer than five frames; labels that did "
+        "not last; and 1 if no object was found.</p>"
     )
     if more:
         parts.append(f"<h2>The next {len(more)}</h2>{_recordings(more)}")
@@ -125,6 +125,7 @@ def found_page(
     links: Mapping[str, str] | None = None,
     asked: Mapping[str, str] | None = None,
     fault: str = "",
+    names: Sequence[str] = tuple(PARAMETERS),
 ) -> str:
     """Return objects that were found, with their pictures, as HTML.
 
@@ -139,9 +140,11 @@ def found_page(
         Parameters of the request, which the search form begins with; a page that is a file has no form.
     fault : str
         Why the request was refused.
+    names : sequence of str
+        Parameters that the form has a field for.
     """
-    last = next((name for name in ("unlike", "distance_m") if rows and name in rows[0]), None)
-    names = ["object", "", "size, cm", "position, m", "color", "frames", "last seen", *([last] if last else [])]
+    last = next((name for name in ("text_score", "unlike", "distance_m") if rows and name in rows[0]), None)
+    heads = ["object", "", "size, cm", "position, m", "color", "frames", "last seen", *([last] if last else [])]
     lines = []
     for row in rows:
         picture = base64.b64encode(row["picture"]).decode("ascii") if row.get("picture") else None
@@ -151,9 +154,9 @@ def found_page(
         similar = f"<td class=number>{_similar(row)}</td>" if asked is not None else ""
         lines.append(f"<tr><td>{escape(cells_of(row)[0])}</td><td>{shown}</td>{tail}{similar}</tr>")
     if asked is not None:
-        names.append("")
-    form = search_form("objects", tuple(PARAMETERS), asked, fault) if asked is not None else ""
-    table = _lines(names, lines, left=2) if rows else '<p class="empty">No object matches.</p>'
+        heads.append("")
+    form = search_form("objects", names, asked, fault) if asked is not None else ""
+    table = _lines(heads, lines, left=2) if rows else '<p class="empty">No object matches.</p>'
     return html(title, form if fault else f"{form}<h2>{_counted(len(rows))}</h2>{table}", links)
 
 

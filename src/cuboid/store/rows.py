@@ -22,6 +22,7 @@ from cuboid.queries.likeness import color_fractions, color_word, shape_distribut
 from cuboid.queries.sources import CALENDAR_S
 from cuboid.store.indicators import indicators
 from cuboid.store.schema import DONE, OBJECTS, RECORDINGS, RUNS, SIGHTINGS, TABLES, values_of
+from cuboid.text_search import Embeddings
 from cuboid.views.report.pictures import Picture, encode_jpeg
 
 # A picture in a table is so wide at most: a line of a list shows it, and a million of them are three gigabytes.
@@ -99,7 +100,12 @@ def failure(head: RunHead, state: str, reason: str) -> pa.Table:
 
 
 def tables_of(
-    head: RunHead, results: Results, read_as: ReadAs, pictures: Mapping[int, Picture], folder: str | None
+    head: RunHead,
+    results: Results,
+    read_as: ReadAs,
+    pictures: Mapping[int, Picture],
+    folder: str | None,
+    embeddings: Embeddings | None = None,
 ) -> dict[str, pa.Table]:
     """Return the rows of a run that is done, by table.
 
@@ -112,13 +118,15 @@ def tables_of(
         By label.
     folder : str or None
         Where the result files are in the store.
+    embeddings : Embeddings, optional
+        Of the objects.
     """
     whose = {"run": head.run, "recording": head.recording}
     begin = recorded(head, results)
     rows = {
         RUNS: [{**head.row(DONE, None), "results": folder, **_run(results)}],
         RECORDINGS: [{**whose, **_recording(head, results, read_as, begin)}],
-        OBJECTS: [{**whose, **row} for row in _objects(results, pictures, begin)],
+        OBJECTS: [{**whose, **row, **_embedding(row, embeddings)} for row in _objects(results, pictures, begin)],
         SIGHTINGS: [{**whose, **row} for row in _sightings(results)],
     }
     return {name: TABLES[name].table(rows[name]) for name in TABLES}
@@ -270,6 +278,13 @@ def _picture(picture: Picture | None) -> dict[str, Any]:
         "picture_frame": picture.frame,
         "picture": encode_jpeg(color[..., ::-1], PICTURE_QUALITY),
     }
+
+
+def _embedding(row: Mapping[str, Any], embeddings: Embeddings | None) -> dict[str, Any]:
+    vector = None if embeddings is None else embeddings.vectors.get(row["label"])
+    if embeddings is None or vector is None:
+        return {}
+    return {"embedding": vector.tolist(), "embedding_model": embeddings.model}
 
 
 def _sightings(results: Results) -> list[dict[str, Any]]:

@@ -28,22 +28,22 @@ REFRESH_FRAMES = 8
 
 @dataclass(slots=True, eq=False)
 class UpVote(Record):
-    """Collects directions in which flat areas face, with the evidence that things stand on them.
+    """Collects the directions of flat areas, with the evidence that objects stand on them.
 
     Attributes
     ----------
     seen : (N, 5) float64
-        A row a direction: unit vector (3), area, evidence.
+        A row per direction: unit vector (3), area, evidence.
     axes : (3, 3) float64
         Sum of the rotations of the cameras.
     measured : (3,) float64
-        Sum of the directions that were measured as up.
+        Sum of the measured up directions.
     up : (3,) float64 or None
         In the world.
     frames : int
         Frames so far.
     votes : int
-        Those of them that voted.
+        Number of frames that voted.
     changed : bool
         Whether the last vote has changed `up`.
     """

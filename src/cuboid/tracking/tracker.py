@@ -308,11 +308,11 @@ class Tracker(KeptMap):
         poses = None if self._source is None else self._source.trajectory()
         return {k: T if poses is None else poses.get(k, T) for k, T in self.T_world_camera.items()}
 
-    def _views(self, item: TrackedObject) -> list[ObjectView]:
+    def _views(self, item: TrackedObject, most: int | None = None) -> list[ObjectView]:
         """Return the views of an object that were kept."""
         if self.kept_views is None:
             raise InputError("this tracker keeps no views of its objects: make it with shapes=True")
-        return self.kept_views.views(item, self.trajectory)
+        return self.kept_views.views(item, self.trajectory, most)
 
     def save(
         self,

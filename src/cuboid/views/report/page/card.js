@@ -10,19 +10,26 @@ class Panel {
     find("arranged").hidden = !data.tree;
     for (const button of document.querySelectorAll("[data-arranged]"))
       button.addEventListener("click", () => this.arrange(button.dataset.arranged));
+    this.fits = null; // how well each object fits the text that was asked for, by label
+    this.wished = wished;
     this.list();
-    this.search = new Search((wanted) => wished(wanted));
+    this.search = new Search((wanted) => wished(wanted), data.live && data.live.text ? (text) => this.rank(text) : null);
     find("search").hidden = !this.rows.length;
   }
 
   list() {
     this.rows = [];
-    const items = this.arranged === "place" ? data.tree.map((branch) => branchItem(branch, this.chosen, this.rows)) : this.items();
+    const isTree = this.arranged === "place" && !this.fits;
+    const items = isTree ? data.tree.map((branch) => branchItem(branch, this.chosen, this.rows)) : this.items();
     find("objects").replaceChildren(...items);
+    find("last-column").textContent = this.fits ? "fit" : "frames";
   }
 
   items() {
-    this.rows = data.objects.map((object) => objectRow(object, this.chosen));
+    const { fits } = this;
+    const objects = fits ? data.objects.filter(({ label }) => fits.has(label)) : data.objects;
+    const ordered = fits ? objects.sort((a, b) => fits.get(b.label) - fits.get(a.label)) : objects;
+    this.rows = ordered.map((object) => objectRow(object, this.chosen, fits && fits.get(object.label)));
     return this.rows.map((row) => element("li", {}, row));
   }
 
@@ -33,6 +40,21 @@ class Panel {
       button.setAttribute("aria-pressed", String(button.dataset.arranged === arranged));
     this.list();
     this.update();
+  }
+
+  /** Order the list by how well the objects fit a text, as the server tells; by label again with none. */
+  async rank(text) {
+    if (!text && !this.fits) return;
+    this.asked = text;
+    const answer = text ? await post(data.live.text, { text }) : null;
+    if (this.asked !== text) return; // something else is asked for by now
+    const found = answer && answer.ok ? (await answer.json()).objects : null;
+    this.fits = found && new Map(found);
+    this.list();
+    this.wished(found && new Set(this.fits.keys()));
+    if (!text || found) return;
+    find("none").textContent = answer ? await answer.text() : "The text could not be sent: is 'cuboid view' still running?";
+    find("none").hidden = false;
   }
 
   /** Show the new name of an object wherever its label is; its card stays, and the field in it. */
