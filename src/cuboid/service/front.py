@@ -20,6 +20,7 @@ STYLE = """
 .scrolls { overflow-x: auto; }
 td img { display: block; height: 44px; width: 58px; object-fit: cover; border-radius: 4px; background: var(--raised); }
 td:has(img) { width: 1px; }
+td .chip { vertical-align: middle; }
 a { color: inherit; text-decoration-color: var(--muted); text-underline-offset: 3px; }
 h1 { max-width: none; }
 .note { color: var(--muted); }
