@@ -18,7 +18,7 @@ from cuboid.outputs import RunReport, Timing
 # A pipe has no width: tables take what they need, and no cell is cut.
 WIDE = 200
 
-# Of a text in a table that is too wide, at least this many characters are shown.
+# A table that is too wide shortens its texts to no fewer characters than this.
 TEXT_KEPT = 12
 
 # This many kinds of skipped frames are shown; run.json has every frame.
