@@ -13,7 +13,8 @@ from playwright.sync_api import Browser, Page
 from served import served
 
 from browser import Watched, browser
-from cuboid.store.find import Filters, find
+from cuboid.queries.filters import Filters
+from cuboid.store.find import find
 from cuboid.store.page import found_page, summary_page
 from cuboid.store.place import Place
 from cuboid.store.query import Tables
