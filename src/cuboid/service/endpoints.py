@@ -76,7 +76,7 @@ def _flag(asked: Asked, name: str) -> bool:
 
 
 def _find(place: Place, asked: Asked) -> list[FoundObject]:
-    return place.find(filters_of({name: value.strip() for name, value in asked.items() if value.strip()}))
+    return place.find(filters_of({name: value.strip() for name, value in asked.items() if value.strip()}, place.model))
 
 
 def _free(place: Place, asked: Asked) -> FreePlace | None:

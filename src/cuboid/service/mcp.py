@@ -14,9 +14,10 @@ from pydantic import Field
 from starlette.concurrency import run_in_threadpool
 
 from cuboid import __version__
-from cuboid.core.errors import InputError
+from cuboid.core.errors import InputError, MissingExtraError
 from cuboid.queries.answers import About, FoundObject, FreePlace, History, MapChange, Surface, TreeNode
 from cuboid.queries.filters import Filters
+from cuboid.queries.parameters import text_query
 from cuboid.queries.place import FREE_HEIGHT_M, SIGHTINGS, Place
 
 T = TypeVar("T")
@@ -24,6 +25,7 @@ INSTRUCTIONS = (
     "A place seen by an RGB-D camera: objects with labels that last, 3D boxes, and what is on, in or beside what. "
     "Lengths are metres, in the world of the place; times are UTC. Begin with describe_place."
 )
+TEXT = "description such as 'something to drink from'; the server needs --text-model"
 READ_ONLY = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 
 Label = Annotated[int, Field(ge=1, description="label of an object")]
@@ -44,7 +46,7 @@ async def _asked(question: Callable[..., T], *values: object) -> T:
     """Answer in a thread; what is wrong with the question is told to the assistant in one line."""
     try:
         return await run_in_threadpool(question, *values)
-    except InputError as error:
+    except (InputError, MissingExtraError) as error:
         raise ToolError(str(error)) from None
 
 
@@ -79,9 +81,13 @@ def _add_finding(server: MCPServer, place: Place) -> None:
         min_size_m: Annotated[float, Field(ge=0.0, description="of the longest side")] = 0.0,
         max_size_m: Annotated[float, Field(gt=0.0, description="of the longest side")] = 1e9,
         color: Annotated[str | None, Field(description="one of the eleven basic color words")] = None,
+        text: Annotated[str | None, Field(description=TEXT)] = None,
         limit: Annotated[int, Field(ge=1, le=1000)] = 10,
     ) -> list[FoundObject]:
-        """Find objects by name, size, color, nearness, and what they are on, in or beside; all must hold."""
+        """Find objects by name, size, color, nearness, and what they are on, in or beside; all must hold.
+
+        With a text, they are ranked by how well their pictures fit it.
+        """
         filters = partial(
             Filters,
             name=name,
@@ -95,7 +101,7 @@ def _add_finding(server: MCPServer, place: Place) -> None:
             color=color,
             limit=limit,
         )
-        return await _asked(lambda: place.find(filters()))
+        return await _asked(lambda: place.find(filters(text=text_query(text, place.model))))
 
     @server.tool(annotations=READ_ONLY)
     async def last_seen(what: Annotated[str, Field(description="label or name")]) -> list[FoundObject]:
