@@ -109,6 +109,11 @@ class RosCamera:
         self.calibration = self._calibration(chosen["color"], info)
         self.depth_units_per_metre = self._units(chosen["depth"])
 
+    @property
+    def world(self) -> str:
+        """The frame that poses are in; empty where they come from elsewhere."""
+        return "" if self._poses is None else self._poses.found_world
+
     def stamp_ns(self, timestamp_s: float) -> int:
         """Return the stamp of the image of a frame to the nanosecond, of one of the last frames."""
         return self._stamps_ns[timestamp_s]
@@ -250,9 +255,9 @@ def _candidates(topics: Mapping[str, str], kind: str) -> list[str]:
     return sorted(named, key=rank)
 
 
-def domain_of(named: str | None, feature: str) -> int:
+def domain_of(named: str | None) -> int:
     """Return ROS_DOMAIN_ID as it is named, or as the environment has it; raises InputError where it is no number."""
-    return whole_number(feature, "domain", named or os.environ.get("ROS_DOMAIN_ID", "0"))
+    return whole_number(NAME, "domain", named or os.environ.get("ROS_DOMAIN_ID", "0"))
 
 
 def open_ros2(options: Mapping[str, str]) -> RosCamera:
@@ -271,7 +276,7 @@ def open_ros2(options: Mapping[str, str]) -> RosCamera:
     from cuboid.middleware.dds import DdsTransport
 
     messages = RosMessages(f"--camera {NAME}", "ros2")
-    transport = DdsTransport(domain_of(options.get("domain"), NAME), messages)
+    transport = DdsTransport(domain_of(options.get("domain")), messages)
     try:
         return RosCamera(
             transport, messages, color=options.get("color"), depth=options.get("depth"), info=options.get("info")

@@ -1,4 +1,4 @@
-"""`--live` and `--rerun`: a look at a run from the browser, or from the rerun viewer, while it goes."""
+"""`--live`, `--rerun` and `--foxglove`: a look at a run from the browser, or from a viewer, while it goes."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cuboid.cli.names import OPTIONAL
+from cuboid.cli.serving import port
 
 if TYPE_CHECKING:
     from cuboid.core.frame import Frame, Intrinsics
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def add_live(parser: argparse._ActionsContainer) -> None:
-    """Add `--live`, `--live-host` and `--rerun`."""
+    """Add `--live`, `--live-host`, `--rerun` and `--foxglove`."""
     parser.add_argument("--live", action="store_true", help="show the run in the browser while it goes")
     parser.add_argument(
         "--live-host",
@@ -34,6 +35,34 @@ def add_live(parser: argparse._ActionsContainer) -> None:
         metavar="FILE.rrd|ADDRESS",
         help="show the run in the rerun viewer while it goes; or write a file for it, or reach it at its address",
     )
+    add_foxglove(parser)
+
+
+def add_foxglove(parser: argparse._ActionsContainer) -> None:
+    """Add `--foxglove`."""
+    parser.add_argument(
+        "--foxglove",
+        nargs="?",
+        type=address,
+        const=OPTIONAL["--foxglove"][0],
+        metavar="HOST:PORT",
+        help="show the run in Foxglove while it goes: serve it at this address of this machine, 0.0.0.0:8765 for all "
+        f"(default: {OPTIONAL['--foxglove'][0]}, for nobody else)",
+    )
+
+
+def address(text: str) -> tuple[str, int]:
+    """Read HOST:PORT from the command line."""
+    host, _, number = text.rpartition(":")
+    if not host:
+        raise argparse.ArgumentTypeError(f"expected HOST:PORT, got '{text}'")
+    return host, port(number)
+
+
+def say_foxglove(host: str, number: int) -> None:
+    """Say where Foxglove finds the run."""
+    shown = "localhost" if host == "127.0.0.1" else host
+    print(f"cuboid: Foxglove connects to ws://{shown}:{number}", file=sys.stderr, flush=True)
 
 
 @contextmanager
@@ -46,6 +75,12 @@ def watching(args: argparse.Namespace, name: str, intrinsics: Intrinsics) -> Ite
             from cuboid.views.rerun_view import RerunView
 
             looks.append(stack.enter_context(RerunView(args.rerun, name, intrinsics)))
+        if args.foxglove is not None:
+            from cuboid.views.foxglove_view import FoxgloveView
+
+            view = stack.enter_context(FoxgloveView(intrinsics, *args.foxglove))
+            say_foxglove(args.foxglove[0], view.port)
+            looks.append(view)
         yield Watching(live, looks)
 
 

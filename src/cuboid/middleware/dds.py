@@ -12,7 +12,7 @@ Python does not reach: nodes on Fast DDS cannot call these services.
 from __future__ import annotations
 
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -162,6 +162,9 @@ class DdsTransport:
                 if len(data) >= ENCODING_BYTES + CALL_BYTES:
                     head, call, rest = data[:4], data[4 : 4 + CALL_BYTES], data[4 + CALL_BYTES :]
                     yield Request(service, head + rest, partial(_answer, writer, reply, call))
+
+    def declare(self, values: Mapping[str, Any], change: Callable[[str, Any], None]) -> None:
+        """Nothing: ROS asks for parameters by services of its own; here the command `set` changes them."""
 
     def wait(self, seconds: float) -> None:
         """Return as soon as a message waits, or the time is over."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import TimeoutError as AnswerTimeoutError
 from typing import Any
 
@@ -51,16 +51,22 @@ class FoxgloveServer:
         self._messages, self._context = messages, sdk.Context()
         self._calls = PendingCalls(ANSWER_S)
         self._latched: dict[int, _Channel] = {}
-        listener = type("Listener", (websocket.ServerListener,), {"on_subscribe": self._subscribed})()
+        self._parameters: dict[str, Any] = {}
+        self._change: Callable[[str, Any], None] = lambda name, value: None
+        told = {
+            "on_subscribe": lambda _, client, channel: self._subscribed(channel.id),
+            "on_get_parameters": lambda _, client, names, request=None: self._given(names),
+            "on_set_parameters": lambda _, client, parameters, request=None: self._changed(parameters),
+        }
         try:
             self._server: Any = sdk.start_server(
                 name="cuboid",
                 host=host,
                 port=port,
-                capabilities=[sdk.Capability.Services],
+                capabilities=[sdk.Capability.Services, sdk.Capability.Parameters],
                 supported_encodings=[ENCODING],
                 context=self._context,
-                server_listener=listener,
+                server_listener=type("Listener", (websocket.ServerListener,), told)(),
                 message_backlog_size=BACKLOG,
             )
         except Exception as error:  # of a library in Rust, which names no kinds
@@ -101,10 +107,30 @@ class FoxgloveServer:
         except AnswerTimeoutError:
             raise RuntimeError(f"no answer within {ANSWER_S:g} s") from None
 
-    def _subscribed(self, listener: Any, client: Any, channel: Any) -> None:
+    def declare(self, values: Mapping[str, Any], change: Callable[[str, Any], None]) -> None:
+        """Offer parameters."""
+        self._parameters, self._change = dict(values), change
+        self._server.publish_parameter_values(self._given([]))
+
+    def _given(self, names: Sequence[str]) -> list[Any]:
+        """Return parameters, all where none is named."""
+        shown = names or list(self._parameters)
+        return [self._sdk.Parameter(name, value=self._parameters[name]) for name in shown if name in self._parameters]
+
+    def _changed(self, parameters: Sequence[Any]) -> list[Any]:
+        """Change parameters, and return them as they are then: one that cannot be so stays as it was."""
+        for one in parameters:
+            try:
+                self._change(one.name, one.get_value())
+                self._parameters[one.name] = one.get_value()
+            except InputError as error:
+                self._server.publish_status(str(error), self._sdk.StatusLevel.Warning)
+        return self._given([one.name for one in parameters])
+
+    def _subscribed(self, channel: int) -> None:
         """Send who comes later the last message of a latched topic."""
-        if channel.id in self._latched:
-            self._latched[channel.id].repeat()
+        if channel in self._latched:
+            self._latched[channel].repeat()
 
 
 class _Channel:

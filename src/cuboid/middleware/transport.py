@@ -7,7 +7,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from enum import Enum
 from queue import Empty, SimpleQueue
-from typing import Protocol
+from typing import Any, Protocol
 
 
 class Qos(Enum):
@@ -81,13 +81,24 @@ class Outlets(Protocol):
 
 
 class Services(Protocol):
-    """Carries calls of services in and their answers out."""
+    """Carries calls of services in and their answers out, and parameters."""
 
     def serve(self, service: str, kind: str) -> None:
         """Offer a service, by its full name and that of its type ("std_srvs/srv/Trigger")."""
 
     def requests(self) -> Iterator[Request]:
         """Give the calls that have come."""
+
+    def declare(self, values: Mapping[str, Any], change: Callable[[str, Any], None]) -> None:
+        """Offer parameters, where it can.
+
+        Parameters
+        ----------
+        values : mapping
+            By name, as they are now.
+        change : callable
+            Told of a name and a new value; raises InputError where it cannot be one.
+        """
 
 
 class Transport(Outlets, Services, Protocol):

@@ -16,6 +16,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from cuboid.core.frame import Float32Array, Frame, Intrinsics, UInt8Array
 from cuboid.core.results import FrameResult, TrackedObject
 from cuboid.formats.ros_messages import OPTICAL_FRAME, TRANSFORMS, RosMessages, nanoseconds
@@ -172,6 +174,10 @@ class RosStream:
     def cloud(self, xyz: Float32Array, rgb: UInt8Array, time_ns: int) -> Any:
         """Return points (N, 3) with colors as sensor_msgs/PointCloud2."""
         return cloud_message(self._messages, xyz, rgb, time_ns, self.world)
+
+    def empty_cloud(self, time_ns: int) -> Any:
+        """Return a sensor_msgs/PointCloud2 without points."""
+        return self.cloud(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8), time_ns)
 
     def send_cloud(self, cloud: Any, time_ns: int) -> None:
         """Send points that were asked for."""
