@@ -75,7 +75,7 @@ class RosMessages:
         self.store: Any = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
         known = dict(VISION)
         for name, (request, answer) in SERVICES.items():
-            known |= {f"{name}_Request": request, f"{name}_Response": answer}
+            known |= {request_of(name): request, response_of(name): answer}
         for name, text in known.items():
             self.store.register(typesys.get_types_from_msg(text, name))
 
@@ -202,6 +202,16 @@ class RosBag(RosMessages):
             kind = message.__msgtype__
             self._connections[topic] = self._writer.add_connection(topic, kind, typestore=self.store)
         self._writer.write(self._connections[topic], time_ns, self.encode(message))
+
+
+def request_of(service: str) -> str:
+    """Return the name that the request of a type of service ("std_srvs/srv/Trigger") has in rosbags."""
+    return f"{service.replace('/srv/', '/srv/msg/')}_Request"
+
+
+def response_of(service: str) -> str:
+    """Return the name that the answer of a type of service has in rosbags."""
+    return request_of(service).removesuffix("_Request") + "_Response"
 
 
 def nanoseconds(time_s: float) -> int:

@@ -31,7 +31,7 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 from cuboid.core.errors import InputError
-from cuboid.formats.ros_messages import RosMessages
+from cuboid.formats.ros_messages import RosMessages, request_of, response_of
 from cuboid.middleware.transport import Inlet, Outlet, Qos, Request
 
 TOPIC, REQUEST, REPLY = "rt", "rq", "rr"
@@ -62,7 +62,7 @@ class WireTypes:
     def of(self, kind: str, *, called: bool = False) -> Any:
         """Return the type of a message, with the numbers of a call before it where it is one of a service."""
         if (kind, called) not in self._made:
-            package, group, name = kind.split("/")
+            package, group, *_, name = kind.split("/")  # of a service "pkg/srv/msg/Name_Request"
             numbers = {"guid": idl.uint64, "seq": idl.int64} if called else {}
             fields = numbers | {field: self._field(*described) for field, described in self._fields[kind][1]}
             namespace = {"__annotations__": fields, "__module__": __name__}
@@ -151,7 +151,7 @@ class DdsTransport:
 
     def serve(self, service: str, kind: str) -> None:
         """Offer a service."""
-        request, reply = (self._types.carried(f"{kind}_{part}", called=True) for part in ("Request", "Response"))
+        request, reply = (self._types.carried(part, called=True) for part in (request_of(kind), response_of(kind)))
         reader = self._reader(f"{REQUEST}{service}Request", request, Qos.RELIABLE, CALLS_KEPT)
         self._services[service] = reader, self._writer(f"{REPLY}{service}Reply", reply, Qos.RELIABLE), reply
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from cuboid.core.errors import InputError
 from cuboid.core.extras import require
-from cuboid.formats.ros_messages import RosMessages
+from cuboid.formats.ros_messages import RosMessages, request_of, response_of
 from cuboid.middleware.transport import Outlet, PendingCalls, Qos, Request
 
 FEATURE, EXTRA = "--foxglove", "foxglove"
@@ -84,8 +84,8 @@ class FoxgloveServer:
     def serve(self, service: str, kind: str) -> None:
         """Offer a service."""
         request, response = (
-            self._sdk.MessageSchema(encoding=ENCODING, schema=self._schema(f"{kind}_{part}"))
-            for part in ("Request", "Response")
+            self._sdk.MessageSchema(encoding=ENCODING, schema=self._schema(part))
+            for part in (request_of(kind), response_of(kind))
         )
         schema = self._sdk.ServiceSchema(kind, request=request, response=response)
         self._server.add_services([self._sdk.Service(service, schema=schema, handler=self._answer)])
@@ -99,7 +99,9 @@ class FoxgloveServer:
         self._server.stop()
 
     def _schema(self, kind: str) -> Any:
-        return self._sdk.Schema(name=kind, encoding=SCHEMA, data=self._messages.definition(kind).encode())
+        return self._sdk.Schema(
+            name=kind.replace("/srv/msg/", "/srv/"), encoding=SCHEMA, data=self._messages.definition(kind).encode()
+        )
 
     def _answer(self, request: Any) -> bytes:
         try:

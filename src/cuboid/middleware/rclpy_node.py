@@ -14,7 +14,7 @@ from importlib import import_module
 from typing import Any
 
 from cuboid.core.errors import InputError, MissingExtraError
-from cuboid.formats.ros_messages import RosMessages
+from cuboid.formats.ros_messages import RosMessages, request_of, response_of
 from cuboid.middleware.transport import Inlet, Outlet, PendingCalls, Qos, Request
 
 # Kept for those that listen.
@@ -84,9 +84,9 @@ class RclpyTransport:
             raise _missing(kind, error) from None
 
         def answer(request: Any, response: Any) -> Any:
-            data = self._encoded(request, f"{kind}_Request")
+            data = self._encoded(request, request_of(kind))
             try:
-                replied = self._messages.decode(self._calls.call(service, data), f"{kind}_Response")
+                replied = self._messages.decode(self._calls.call(service, data), response_of(kind))
             except AnswerTimeoutError:
                 response.success, response.message = False, f"no answer within {ANSWER_S:g} s"
                 return response

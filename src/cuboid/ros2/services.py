@@ -21,7 +21,7 @@ from typing import Any
 import msgspec
 
 from cuboid.core.results import TrackedObject
-from cuboid.formats.ros_messages import RosMessages
+from cuboid.formats.ros_messages import RosMessages, request_of, response_of
 from cuboid.middleware.transport import Qos, Request, Services, Transport
 from cuboid.outputs.naming import renamed_object
 from cuboid.outputs.objects import object_to_json
@@ -99,11 +99,11 @@ class NodeServices:
     def _replied(self, request: Request) -> bytes:
         """Return the answer to a call of a service."""
         kind, command_of = SERVICES[request.service.removeprefix(f"/{self._node}/")]
-        answer = self._answer(command_of(self._messages.decode(request.data, f"{kind}_Request")))
+        answer = self._answer(command_of(self._messages.decode(request.data, request_of(kind))))
         fields: dict[str, Any] = {"success": answer.success, "message": answer.message}
         types, now_ns = self._messages.store.types, self._now_ns()
-        response = types[f"{kind}_Response"]
-        names = {name for name, _ in self._messages.store.fielddefs[f"{kind}_Response"][1]}
+        response = types[response_of(kind)]
+        names = {name for name, _ in self._messages.store.fielddefs[response_of(kind)][1]}
         if "objects" in names:
             fields["objects"] = self._stream.detections(answer.objects or (), now_ns)
         if "cloud" in names:
