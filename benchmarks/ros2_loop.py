@@ -88,7 +88,7 @@ def play(args: argparse.Namespace) -> None:
         while not outlets[wanted].wanted():
             # the node asks for the camera before it listens to color
             for message in frames[0]:
-                outlets[message.topic].send(message.at(time.time_ns()), 0)
+                outlets[message.topic].send(message.at(args.first_ns or time.time_ns()), 0)
             time.sleep(1 / args.hertz)
     print("playing", flush=True)
     begun_s, late = time.monotonic(), 0
