@@ -36,6 +36,7 @@ PACKAGES = (
     ("pyrealsense2", "pyrealsense2", "realsense"),
     ("depthai", "", "oak"),
     ("cyclonedds", "cyclonedds", "ros2"),
+    ("foxglove-sdk", "foxglove", "foxglove"),
     ("onnxruntime", "onnxruntime", "onnx"),
     ("rerun-sdk", "rerun", "rerun"),
     ("matplotlib", "matplotlib", "plot"),
