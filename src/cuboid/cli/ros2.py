@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from cuboid.cli.live import add_foxglove, say_foxglove
 from cuboid.cli.recording import add_method, config_from
-from cuboid.cli.results import add_output
+from cuboid.cli.results import add_output, add_results, give
 from cuboid.cli.workers import add_threads, positive
 from cuboid.core.tolerances import DETECT_EVERY
 
@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     node.add_argument("--limit", type=positive, metavar="N", help="end after N frames")
     results = parser.add_argument_group("results")
     add_output(results, type=Path, metavar="DIR", help="folder of the results, written at the end and on request")
-    results.add_argument("--force", action="store_true", help="replace files that an earlier call wrote")
+    add_results(results)
     tracking = parser.add_argument_group("tracking")
     add_method(tracking)
     add_threads(tracking, 1)
@@ -125,7 +125,8 @@ def end(args: argparse.Namespace, opened: OpenNode) -> None:
     """Write the results where they are wanted, and say how it went."""
     for warning in opened.live.warnings:
         say(f"warning: {warning}")
-    say(", ".join(f"{name} {value}" for name, value in opened.node.figures().items()))
+    figures = opened.node.figures()
+    give(args, figures, lambda: say(", ".join(f"{name} {value}" for name, value in figures.items())))
     saved = opened.node.finish()
     if saved is not None:
         say(f"results in {saved}")
